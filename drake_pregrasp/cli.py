@@ -1,0 +1,211 @@
+"""The command `drake-pregrasp`."""
+
+import argparse
+import contextlib
+import logging
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NoReturn
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+import drake_pregrasp
+from drake_pregrasp.errors import PregraspError, ScenarioError
+from drake_pregrasp.simulation.run import RunResult, make_diagram, run, write_graphviz
+from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario_file import (
+    load_scenario,
+    only_name,
+    shipped_scenarios,
+)
+from drake_pregrasp.simulation.schema_check import check_mapping
+from drake_pregrasp.simulation.summary import MEASURES
+from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
+from drake_pregrasp.systems.tick_logger import TickRecord
+
+BAD_INPUT = 2
+INTERRUPTED = 130
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Runs the command and returns its exit status: 2 for bad input, 130 if interrupted."""
+    logging.getLogger("drake").setLevel(logging.WARNING)
+    options = _parser().parse_args(arguments)
+    try:
+        status: int = options.command(options)
+    except PregraspError as error:
+        print(f"drake-pregrasp: {error}", file=sys.stderr)
+        return BAD_INPUT
+    return status
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = _OneLineParser(
+        prog="drake-pregrasp",
+        description="Dynamic pre-grasp planning for multi-finger hands that track a moving object.",
+    )
+    parser.add_argument(
+        "--version", action="version", version=f"drake-pregrasp {drake_pregrasp.__version__}"
+    )
+    commands = parser.add_subparsers(required=True, metavar="COMMAND")
+
+    listing = commands.add_parser("list", help="list the shipped scenarios")
+    listing.set_defaults(command=_list)
+
+    runner = commands.add_parser("run", help="simulate a scenario and write its run folder")
+    runner.set_defaults(command=_run)
+    runner.add_argument("scenario", nargs="?", help="name of a shipped scenario")
+    runner.add_argument("--scenario_file", metavar="FILE", help="YAML file to load it from instead")
+    runner.add_argument(
+        "--scenario_name", metavar="NAME", help="its entry in that file; may be left out of one"
+    )
+    runner.add_argument(
+        "--scenario_text",
+        metavar="YAML",
+        help="overrides single keys, for example '{planner: {period: 0.1}}'",
+    )
+    runner.add_argument(
+        "--simulation_duration", metavar="SECONDS", type=float, help="overrides that key"
+    )
+    runner.add_argument(
+        "--out", default="runs", metavar="FOLDER", help="where run folders go (default: %(default)s)"
+    )
+    runner.add_argument("--no-recording", action="store_true", help="leave out recording.html")
+    runner.add_argument(
+        "--graphviz", metavar="FILE", help="write the diagram to this file and don't simulate"
+    )
+    return parser
+
+
+def _list(options: argparse.Namespace) -> int:
+    shipped = shipped_scenarios()
+    width = max(len(name) for name in shipped)
+    for name, (_, description) in shipped.items():
+        print(f"{name:{width}}  {description}".rstrip())
+    return 0
+
+
+def _run(options: argparse.Namespace) -> int:
+    name, scenario = _load(options)
+    if options.graphviz is not None:
+        diagram = make_diagram(scenario, scenario.make_surface())
+        write_graphviz(diagram, Path(options.graphviz))
+        return 0
+    with _stop_on_signals() as should_stop, _progress(scenario) as on_tick:
+        result = run(
+            scenario,
+            name=name,
+            out=options.out,
+            recording=not options.no_recording,
+            on_tick=on_tick,
+            should_stop=should_stop,
+        )
+    _report(result, options)
+    return 0 if result.completed else INTERRUPTED
+
+
+def _load(options: argparse.Namespace) -> tuple[str, Scenario]:
+    file: str | None = options.scenario_file
+    name: str | None = options.scenario_name
+    if options.scenario is not None:
+        if file is not None or name is not None:
+            raise ScenarioError(
+                "", options.scenario, "give either a shipped scenario's name or --scenario_file"
+            )
+        name = options.scenario
+    if name is None:
+        if file is None:
+            raise ScenarioError("", "run", "needs a shipped scenario's name, or --scenario_file")
+        name = only_name(file)
+    scenario = load_scenario(name, file=file, text=options.scenario_text)
+    if options.simulation_duration is not None:
+        scenario.simulation_duration = options.simulation_duration
+        check_mapping(
+            "--simulation_duration",
+            "",
+            {"simulation_duration": options.simulation_duration},
+            Scenario,
+        )
+    return name, scenario
+
+
+@contextlib.contextmanager
+def _stop_on_signals() -> Iterator[Callable[[], bool]]:
+    """Turns the first SIGINT or SIGTERM into a request to stop; a second one ends the process."""
+    requested = False
+
+    def request(number: int, frame: object) -> None:
+        nonlocal requested
+        requested = True
+        signal.signal(number, signal.SIG_DFL)
+
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, request) for number in numbers]
+    try:
+        yield lambda: requested
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _progress(scenario: Scenario) -> Iterator[Callable[[TickRecord], None] | None]:
+    """Shows a bar on a terminal, and nothing when the output goes elsewhere."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield None
+        return
+    columns = (
+        TextColumn("{task.completed:5.1f} s of {task.total:g} s"),
+        BarColumn(),
+        TextColumn("{task.fields[factor]:5.1f} x real time   Q_GII {task.fields[q_gii]:.4f}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("", total=scenario.simulation_duration, factor=0.0, q_gii=0.0)
+        start = time.perf_counter()
+
+        def on_tick(record: TickRecord) -> None:
+            bar.update(
+                task,
+                completed=record.time,
+                factor=record.time / (time.perf_counter() - start),
+                q_gii=GraspQualityView(record.grasp_quality).q_gii,
+            )
+
+        yield on_tick
+        bar.update(task, completed=scenario.simulation_duration)
+
+
+def _report(result: RunResult, options: argparse.Namespace) -> None:
+    summary = result.summary
+    for phase in ("static", "max"):
+        values = summary[phase]
+        if values["q_msv"] is not None:
+            shown = "   ".join(f"{m.upper()} {values[m]:.4f}" for m in MEASURES)
+            print(f"{'static' if phase == 'static' else 'best'!s:8}{shown}")
+    print(
+        f"speed   {summary['real_time_factor']:.1f} x real time,"
+        f" planning tick {summary['tick_time_p50_ms']:.2f} ms (median)"
+    )
+    if not result.completed:
+        print(
+            f"interrupted at {summary['simulated_seconds']:g} s:"
+            f" the log up to that tick is in {result.folder / 'log.csv'}"
+        )
+    if options.no_recording:
+        print(f"results in {result.folder}")
+    else:
+        print(f"recording in {result.folder / 'recording.html'}: open it in a browser")
+
+
+class _OneLineParser(argparse.ArgumentParser):
+    """Says what is wrong in one line, without the usage before it."""
+
+    def error(self, message: str) -> NoReturn:
+        print(f"{self.prog}: {message}", file=sys.stderr)
+        sys.exit(BAD_INPUT)

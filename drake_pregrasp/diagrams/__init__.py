@@ -1,0 +1,1 @@
+"""Wiring: the systems put together into diagrams."""

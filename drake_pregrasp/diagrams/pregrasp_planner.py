@@ -1,0 +1,168 @@
+"""The thinking side: estimator, partitioner and selector as one diagram with exported ports."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.contact_selection import STRATEGIES
+from drake_pregrasp.planning.pose_filter import PoseFilterNoise
+from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.systems.centroid_selector import CentroidSelector
+from drake_pregrasp.systems.pose_estimator import PoseEstimator
+from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
+
+
+@dataclass
+class EstimatorConfig:
+    """What the pose filter assumes; standard deviations are per axis."""
+
+    # Noise of a measured position, in metres.
+    position_std: float = field(default=0.0005, metadata={"above": 0})
+
+    # Noise of a measured orientation, in radians.
+    orientation_std: float = field(default=0.0035, metadata={"above": 0})
+
+    # Root of the density of the object's random acceleration, in m/s^2/sqrt(Hz).
+    acceleration: float = field(default=0.001, metadata={"above": 0})
+
+    # The same for its angular acceleration, in rad/s^2/sqrt(Hz).
+    angular_acceleration: float = field(default=0.01, metadata={"above": 0})
+
+    # Velocity to expect before the first measurement, in m/s.
+    initial_velocity_std: float = field(default=0.1, metadata={"above": 0})
+
+    # Angular velocity to expect before the first measurement, in rad/s.
+    initial_angular_velocity_std: float = field(default=0.5, metadata={"above": 0})
+
+    # Seconds by which the estimate is predicted ahead.
+    lookahead: float = field(default=0.0, metadata={"at_least": 0})
+
+
+@dataclass
+class PlannerConfig:
+    """How contact goals are planned."""
+
+    # Seconds between planning ticks.
+    period: float = field(default=0.05, metadata={"above": 0})
+
+    # Seconds for which the initial contacts are held on the object before they adapt.
+    static_duration: float = field(default=4.0, metadata={"at_least": 0})
+
+    # How a contact moves inside its safe region.
+    strategy: str = field(default="position", metadata={"one_of": tuple(STRATEGIES)})
+
+    # Standard deviation added to the filter's covariance in Eq. 3, in metres.
+    position_spread: float = field(default=0.04, metadata={"above": 0})
+
+    estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
+
+
+class PregraspPlanner(Diagram):
+    """From pose measurements to contact goals.
+
+    .. pydrake_system::
+
+        name: PregraspPlanner
+        input_ports:
+        - X_WO_measured
+        - contact_weights
+        - obstacles
+        output_ports:
+        - p_WC
+        - contact_status
+        - fingertip_targets
+        - X_WO_estimated
+        - V_WO_estimated
+        - p_WO_covariance
+        - safe_regions
+
+    The ports are those of the systems inside, which document them: `X_WO_measured`,
+    `X_WO_estimated`, `V_WO_estimated` and `p_WO_covariance` of `PoseEstimator`; `contact_weights`,
+    `obstacles` (both optional) and `safe_regions` of `SafeRegionPartitioner`; `p_WC`,
+    `contact_status` and `fingertip_targets` of `CentroidSelector`.
+
+    Args:
+        config: Planning rate and settings.
+        surface: The object's surface.
+        p_OC: Initial contact points in O, shape (n, 3), in metres.
+    """
+
+    def __init__(self, config: PlannerConfig, surface: ObjectSurface, p_OC: FloatArray) -> None:
+        super().__init__()
+        builder = DiagramBuilder()
+        assumed = config.estimator
+        estimator = builder.AddNamedSystem(
+            "pose_estimator",
+            PoseEstimator(
+                period=config.period,
+                noise=PoseFilterNoise(
+                    position=assumed.position_std,
+                    orientation=assumed.orientation_std,
+                    acceleration=assumed.acceleration,
+                    angular_acceleration=assumed.angular_acceleration,
+                    initial_velocity=assumed.initial_velocity_std,
+                    initial_angular_velocity=assumed.initial_angular_velocity_std,
+                ),
+                p_OCoM=surface.p_OCoM,
+                lookahead=assumed.lookahead,
+            ),
+        )
+        partitioner = builder.AddNamedSystem(
+            "safe_region_partitioner",
+            SafeRegionPartitioner(surface=surface, num_contacts=len(p_OC)),
+        )
+        selector = builder.AddNamedSystem(
+            "centroid_selector",
+            CentroidSelector(
+                surface=surface,
+                p_OC=p_OC,
+                period=config.period,
+                strategy=config.strategy,
+                position_spread=config.position_spread,
+                static_duration=config.static_duration,
+            ),
+        )
+        for source, output, target, target_input in (
+            (estimator, "X_WO_estimated", partitioner, "X_WO_estimated"),
+            (estimator, "X_WO_estimated", selector, "X_WO_estimated"),
+            (estimator, "p_WO_covariance", selector, "p_WO_covariance"),
+            (partitioner, "safe_regions", selector, "safe_regions"),
+            (selector, "p_WC_previous", partitioner, "p_WC"),
+        ):
+            builder.Connect(source.GetOutputPort(output), target.GetInputPort(target_input))
+
+        builder.ExportInput(estimator.GetInputPort("X_WO_measured"), "X_WO_measured")
+        for name in ("contact_weights", "obstacles"):
+            builder.ExportInput(partitioner.GetInputPort(name), name)
+        for name in ("p_WC", "contact_status", "fingertip_targets"):
+            builder.ExportOutput(selector.GetOutputPort(name), name)
+        for name in ("X_WO_estimated", "V_WO_estimated", "p_WO_covariance"):
+            builder.ExportOutput(estimator.GetOutputPort(name), name)
+        builder.ExportOutput(partitioner.GetOutputPort("safe_regions"), "safe_regions")
+        builder.BuildInto(self)
+
+
+def AddPregraspPlanner(
+    builder: DiagramBuilder,
+    config: PlannerConfig,
+    surface: ObjectSurface,
+    p_OC: FloatArray,
+    *,
+    name: str = "pregrasp_planner",
+) -> PregraspPlanner:
+    """Adds a `PregraspPlanner` to anybody's diagram.
+
+    Its input `X_WO_measured` must then be connected, the others may be.
+
+    Args:
+        builder: Where to add it.
+        config: Planning rate and settings.
+        surface: The object's surface, in the object frame O.
+        p_OC: Initial contact points in O, shape (n, 3), in metres.
+        name: Name of the system.
+    """
+    planner = PregraspPlanner(config, surface, np.asarray(p_OC, dtype=float))
+    builder.AddNamedSystem(name, planner)
+    return planner

@@ -1,0 +1,29 @@
+"""The errors this package raises on purpose; everything else is a defect."""
+
+
+class PregraspError(Exception):
+    """Base of all errors raised on purpose by `drake_pregrasp`."""
+
+
+class InvalidArgumentError(PregraspError, ValueError):
+    """An argument of a function, a class or a port is unusable."""
+
+
+class ScenarioError(PregraspError):
+    """A scenario can't be used.
+
+    Args:
+        source: The file, or the name of the text, that holds the scenario.
+        key: Dotted path of the key at fault, for example `planner.period`.
+        problem: What is there and what would be right, in one line.
+    """
+
+    def __init__(self, source: str, key: str, problem: str) -> None:
+        self.source = source
+        self.key = key
+        self.problem = problem
+        super().__init__(": ".join(part for part in (source, key, problem) if part))
+
+
+class OutputError(PregraspError):
+    """A run folder can't be written."""

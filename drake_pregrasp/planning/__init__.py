@@ -1,0 +1,1 @@
+"""The mathematics of dynamic pre-grasp planning, equation by equation, without Drake."""

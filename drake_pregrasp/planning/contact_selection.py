@@ -1,0 +1,144 @@
+"""Eq. 3-4: the next contact point of each safe region."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from drake_pregrasp.planning.arrays import BoolArray, FloatArray
+from drake_pregrasp.planning.safe_regions import SafeRegions
+from drake_pregrasp.planning.surface import ObjectSurface
+
+
+class ContactStatus(IntEnum):
+    """What has become of a contact at a tick."""
+
+    LOST = -1
+    """The finger is gone (its weight h_i is -inf); its goal is void."""
+    INACTIVE = 0
+    """The safe region is empty: the goal is held on the object and doesn't count in G."""
+    ACTIVE = 1
+    """The goal lies on the allowed surface, at the centroid of its safe region."""
+
+
+@dataclass(frozen=True, eq=False)
+class SelectionInput:
+    """What a strategy may look at when it weighs candidate points.
+
+    Attributes:
+        surface: The object's surface, in the frame of its estimated pose. Its centre of mass is
+            there by definition the mean mu of Eq. 3.
+        p_OC: Contact points as they are, shape (n, 3), in metres.
+        regions: Their safe regions.
+        covariance_O: Sigma of Eq. 3, expressed in O, shape (3, 3), in m².
+    """
+
+    surface: ObjectSurface
+    p_OC: FloatArray
+    regions: SafeRegions
+    covariance_O: FloatArray
+
+
+WeightFunction = Callable[[SelectionInput], FloatArray]
+"""Maps a selection's input to log(b_n) for each candidate, shape (N,), up to a constant."""
+
+
+def gaussian_log_weights(
+    points: FloatArray, mean: FloatArray, covariance: FloatArray
+) -> FloatArray:
+    """Returns log(b_n) of the Gaussian of Eq. 3, without its constant factor, shape (N,).
+
+    The logarithm keeps apart what the density itself rounds to zero: with a covariance of
+    millimetres, exp(-(0.05/0.001)²/2) underflows on the whole surface and Eq. 4 would be 0/0. A tiny
+    covariance thus selects the candidate nearest to the mean, a huge one the plain centroid.
+
+    Args:
+        points: q_n, shape (N, 3), in metres.
+        mean: mu, shape (3,), in metres.
+        covariance: Sigma, symmetric and positive definite, shape (3, 3), in m².
+    """
+    whitened = (points - mean) @ np.linalg.inv(np.linalg.cholesky(covariance)).T
+    log_weights: FloatArray = -0.5 * np.einsum("ij,ij->i", whitened, whitened)
+    return log_weights
+
+
+def position_tracking(selection: SelectionInput) -> FloatArray:
+    """Returns the weights of the position-tracking strategy: Eq. 3 about the centre of mass."""
+    surface = selection.surface
+    return gaussian_log_weights(surface.p_OQ, surface.p_OCoM, selection.covariance_O)
+
+
+STRATEGIES: Mapping[str, WeightFunction] = {"position": position_tracking}
+"""The strategies that move a contact inside its safe region, by the name a scenario uses."""
+
+
+def weighted_centroid(points: FloatArray, log_weights: FloatArray, areas: FloatArray) -> FloatArray:
+    """Returns the centroid of Eq. 4, shape (3,), of points weighted by b_n and their areas.
+
+    The areas make the sum an integral over the surface, so that uneven sampling has no pull.
+
+    Args:
+        points: Shape (k, 3) with k >= 1, in metres.
+        log_weights: log(b_n) up to a constant, shape (k,).
+        areas: Surface area each point stands for, shape (k,).
+    """
+    weights = np.exp(log_weights - np.max(log_weights)) * areas
+    centroid: FloatArray = weights @ points / np.sum(weights)
+    return centroid
+
+
+@dataclass(frozen=True, eq=False)
+class ContactGoals:
+    """Contact goals of one tick, in the object frame.
+
+    Attributes:
+        p_OC: Contact points, shape (n, 3), in metres.
+        status: A `ContactStatus` for each, shape (n,).
+    """
+
+    p_OC: FloatArray
+    status: FloatArray
+
+    @property
+    def active(self) -> BoolArray:
+        """Mask of the active contacts, shape (n,)."""
+        mask: BoolArray = self.status == ContactStatus.ACTIVE
+        return mask
+
+
+def select_contacts(selection: SelectionInput, strategy: WeightFunction) -> ContactGoals:
+    """Moves each contact to the centroid of its safe region (Eq. 4), projected onto the surface.
+
+    The centroid of a region that bends round an edge is a point of a chord, inside the object:
+    what becomes the goal is its projection onto the allowed surface. A contact whose region is
+    empty stays where it is on the object.
+
+    Args:
+        selection: Surface, contacts, regions and estimate of this tick.
+        strategy: One of `STRATEGIES`, or a weight function of your own.
+    """
+    goals = hold_contacts(selection.p_OC, selection.regions)
+    active = np.flatnonzero(goals.active)
+    if len(active) == 0:
+        return goals
+    surface, log_weights = selection.surface, strategy(selection)
+    centroids = []
+    for contact in active:
+        q = selection.regions.members(contact)
+        centroids.append(weighted_centroid(surface.p_OQ[q], log_weights[q], surface.areas[q]))
+    p_OC = goals.p_OC.copy()
+    p_OC[active], _ = surface.project(np.array(centroids))
+    return ContactGoals(p_OC=p_OC, status=goals.status)
+
+
+def hold_contacts(p_OC: FloatArray, regions: SafeRegions) -> ContactGoals:
+    """Returns goals that stay where they are on the object, with their status.
+
+    Args:
+        p_OC: Contact points, shape (n, 3), in metres.
+        regions: Their safe regions.
+    """
+    status = np.where(regions.sizes() > 0, ContactStatus.ACTIVE, ContactStatus.INACTIVE)
+    status = np.where(regions.lost, ContactStatus.LOST, status)
+    return ContactGoals(p_OC=p_OC, status=status.astype(float))

@@ -1,0 +1,46 @@
+"""`metrics.png`: a run at a glance."""
+
+from pathlib import Path
+from typing import Any
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from drake_pregrasp.simulation.run_log import RunLog
+from drake_pregrasp.simulation.scenario import Scenario
+
+# Colours of Okabe and Ito's colour-blind-safe set.
+_PANELS = (
+    ("q_msv", "$Q_{MSV}$", "#0072B2"),
+    ("q_gii", "$Q_{GII}$", "#D55E00"),
+    ("q_vew", "$Q_{VEW}$", "#009E73"),
+)
+
+
+def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary: Any) -> None:
+    """Plots the three measures and the contacts' displacement over time."""
+    figure = Figure(figsize=(8.0, 7.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(4, 1, sharex=True)
+    time = log.column("time")
+    for axis, (measure, label, color) in zip(axes, _PANELS, strict=False):
+        axis.plot(time, log.column(measure), color=color, linewidth=1.2)
+        static = summary["static"][measure]
+        if static is not None:
+            axis.axhline(static, color="0.35", linestyle="--", linewidth=1, label="static mean")
+        axis.set_ylabel(label)
+        axis.ticklabel_format(axis="y", useOffset=False)
+    axes[3].plot(time, 1e3 * log.column("displacement"), color="#56B4E9", linewidth=1.0)
+    axes[3].set_ylabel("displacement\n[mm per tick]")
+    axes[3].set_xlabel("time [s]")
+    for axis in axes:
+        if scenario.planner.static_duration > 0:
+            axis.axvspan(0, scenario.planner.static_duration, color="0.92", label="static phase")
+        axis.set_xlim(0, max(time[-1], scenario.planner.period))
+        axis.grid(True, color="0.9", linewidth=0.6)
+        axis.set_axisbelow(True)
+        axis.spines[["top", "right"]].set_visible(False)
+    axes[0].legend(loc="lower right", frameon=False)
+    figure.align_ylabels(axes)
+    figure.suptitle(f"{name}: {scenario.description}" if scenario.description else name)
+    figure.savefig(path, dpi=130)

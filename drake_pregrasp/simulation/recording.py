@@ -1,0 +1,95 @@
+"""The Meshcat recording of a run."""
+
+from pathlib import Path
+
+from pydrake.geometry import (
+    Meshcat,
+    MeshcatParams,
+    MeshcatVisualizer,
+    MeshcatVisualizerParams,
+)
+from pydrake.systems.framework import DiagramBuilder
+
+from drake_pregrasp.diagrams.object_plant import ObjectPlant
+from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
+from drake_pregrasp.errors import OutputError
+from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
+
+# Bright from all sides: the regions' colours have to be told apart on every face.
+_LIGHTS = {
+    "AmbientLight": 2.1,
+    "FillLight": 0.5,
+    "SpotLight": 3.0,
+    "PointLightNegativeX": 0.0,
+    "PointLightPositiveX": 0.0,
+}
+
+
+def start_meshcat() -> Meshcat:
+    """Starts a viewer on this machine only, at any free port, with its stage set.
+
+    Raises:
+        OutputError: If Drake may not open a port.
+    """
+    try:
+        meshcat = Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
+    except RuntimeError as error:
+        raise OutputError(f"Meshcat can't start ({error}); run without a recording") from error
+    meshcat.SetProperty("/Grid", "visible", False)
+    meshcat.SetProperty("/Axes", "visible", False)
+    meshcat.SetProperty("/Background", "top_color", [1.0, 1.0, 1.0])
+    meshcat.SetProperty("/Background", "bottom_color", [0.86, 0.88, 0.91])
+    for light, intensity in _LIGHTS.items():
+        meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
+    return meshcat
+
+
+def add_recording(
+    builder: DiagramBuilder,
+    meshcat: Meshcat,
+    *,
+    object_plant: ObjectPlant,
+    planner: PregraspPlanner,
+    surface: ObjectSurface,
+    num_contacts: int,
+    publish_period: float,
+) -> None:
+    """Adds visualizers of the plant and the planner, looks at the object, and starts recording."""
+    MeshcatVisualizer.AddToBuilder(
+        builder,
+        object_plant.GetOutputPort("query_object"),
+        meshcat,
+        MeshcatVisualizerParams(publish_period=publish_period),
+    )
+    visualizer = builder.AddNamedSystem(
+        "pregrasp_visualizer",
+        PregraspVisualizer(
+            meshcat=meshcat,
+            surface=surface,
+            num_contacts=num_contacts,
+            publish_period=publish_period,
+        ),
+    )
+    for name in (
+        "X_WO_estimated",
+        "p_WC",
+        "contact_status",
+        "safe_regions",
+        "p_WO_covariance",
+    ):
+        builder.Connect(planner.GetOutputPort(name), visualizer.GetInputPort(name))
+    extent = max(0.1, float(surface.mesh.extents.max()))
+    meshcat.SetCameraPose(
+        [2.2 * extent, -2.7 * extent, 2.6 * extent], [0.3 * extent, 0.0, 0.5 * extent]
+    )
+    meshcat.StartRecording(
+        frames_per_second=1 / publish_period, set_visualizations_while_recording=True
+    )
+
+
+def save_recording(meshcat: Meshcat, path: Path) -> None:
+    """Ends the recording and writes it as one self-contained HTML file."""
+    meshcat.StopRecording()
+    meshcat.PublishRecording()
+    path.write_text(meshcat.StaticHtml(), encoding="utf-8")

@@ -1,0 +1,248 @@
+"""A scenario in, a run folder out."""
+
+import contextlib
+import json
+import re
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus
+from pydrake.systems.primitives import ConstantVectorSource
+
+from drake_pregrasp.diagrams.object_plant import ObjectPlant
+from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
+from drake_pregrasp.errors import OutputError, ScenarioError
+from drake_pregrasp.planning.grasp_quality import GraspQuality
+from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.simulation.metrics_plot import plot_metrics
+from drake_pregrasp.simulation.recording import add_recording, save_recording, start_meshcat
+from drake_pregrasp.simulation.run_log import RunLog
+from drake_pregrasp.simulation.scenario import Scenario, validate
+from drake_pregrasp.simulation.scenario_file import dump_scenario
+from drake_pregrasp.simulation.summary import summarize
+from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
+from drake_pregrasp.systems.noise_source import NoiseSource
+from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
+from drake_pregrasp.systems.tick_logger import TickLogger, TickRecord
+
+RUN_FILES = (
+    "recording.html",
+    "log.csv",
+    "summary.json",
+    "metrics.png",
+    "diagram.dot",
+    "diagram.svg",
+    "scenario.yaml",
+)
+"""What a run folder may hold; a new run into it replaces these and touches nothing else."""
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What a run has left.
+
+    Attributes:
+        folder: The run folder.
+        summary: The content of its `summary.json`.
+    """
+
+    folder: Path
+    summary: dict[str, Any]
+
+    @property
+    def completed(self) -> bool:
+        """Whether the run went on to its end."""
+        return bool(self.summary["completed"])
+
+
+def run(
+    scenario: Scenario,
+    *,
+    name: str,
+    out: str | Path = "runs",
+    recording: bool = True,
+    on_tick: Callable[[TickRecord], None] | None = None,
+    should_stop: Callable[[], bool] | None = None,
+) -> RunResult:
+    """Simulates a scenario and writes the run folder `out/name`.
+
+    Args:
+        scenario: What to simulate.
+        name: Name of the run folder: letters, digits, `_`, `-` and `.`.
+        out: Folder for run folders; made if it isn't there.
+        recording: Whether to record `recording.html`.
+        on_tick: Called at each planning tick.
+        should_stop: Asked after each step; the run ends early once it returns true.
+
+    Raises:
+        ScenarioError: If the scenario or its name can't be used.
+        OutputError: If the run folder can't be written.
+    """
+    validate(scenario)
+    surface = scenario.make_surface()
+    folder = _prepare_folder(Path(out), name)
+    with _writing(folder), RunLog(folder / "log.csv", len(scenario.initial_contacts)) as log:
+        meshcat = start_meshcat() if recording else None
+
+        def sink(record: TickRecord) -> None:
+            log.append(record)
+            if on_tick is not None:
+                on_tick(record)
+
+        diagram = make_diagram(scenario, surface, sink=sink, meshcat=meshcat)
+        (folder / "scenario.yaml").write_text(dump_scenario(name, scenario), encoding="utf-8")
+        write_graphviz(diagram, folder / "diagram.dot")
+        _draw_graphviz(folder / "diagram.dot")
+        completed, wall_seconds = _simulate(diagram, scenario, should_stop)
+        if meshcat is not None:
+            save_recording(meshcat, folder / "recording.html")
+        summary = summarize(
+            name, scenario, surface, log, wall_seconds=wall_seconds, completed=completed
+        )
+        (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+        plot_metrics(folder / "metrics.png", name, scenario, log, summary)
+    return RunResult(folder=folder, summary=summary)
+
+
+def make_diagram(
+    scenario: Scenario,
+    surface: ObjectSurface,
+    *,
+    sink: Callable[[TickRecord], None] | None = None,
+    meshcat: Meshcat | None = None,
+) -> Diagram:
+    """Wires a scenario's diagram.
+
+    Args:
+        scenario: What to simulate.
+        surface: The object's surface, from `scenario.make_surface()`.
+        sink: Gets a record of each planning tick.
+        meshcat: Where to draw and record, if at all.
+    """
+    config = scenario.planner
+    n = len(scenario.initial_contacts)
+    builder = DiagramBuilder()
+    object_plant = builder.AddNamedSystem(
+        "object_plant", ObjectPlant(scenario.object, scenario.motion, scenario.plant_config)
+    )
+    noise = builder.AddNamedSystem(
+        "noise",
+        NoiseSource(
+            size=NoisyPoseSensor.NOISE_SIZE, period=config.period, seed=scenario.random_seed
+        ),
+    )
+    sensor = builder.AddNamedSystem(
+        "pose_sensor",
+        NoisyPoseSensor(
+            position_std=scenario.sensor.position_std,
+            orientation_std=scenario.sensor.orientation_std,
+        ),
+    )
+    weights = builder.AddNamedSystem(
+        "contact_weights", ConstantVectorSource(scenario.contact_weights or [0.0] * n)
+    )
+    planner = AddPregraspPlanner(builder, config, surface, scenario.initial_p_OC())
+    monitor = builder.AddNamedSystem(
+        "grasp_quality_monitor", GraspQualityMonitor(num_contacts=n, p_OCoM=surface.p_OCoM)
+    )
+    X_WO = object_plant.GetOutputPort("X_WO")
+    builder.Connect(X_WO, sensor.GetInputPort("X_WO"))
+    builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
+    builder.Connect(sensor.get_output_port(), planner.GetInputPort("X_WO_measured"))
+    builder.Connect(weights.get_output_port(), planner.GetInputPort("contact_weights"))
+    builder.Connect(X_WO, monitor.GetInputPort("X_WO"))
+    for port in ("p_WC", "contact_status"):
+        builder.Connect(planner.GetOutputPort(port), monitor.GetInputPort(port))
+    if sink is not None:
+        logger = builder.AddNamedSystem(
+            "tick_logger",
+            TickLogger(
+                num_contacts=n,
+                quality_size=len(GraspQuality.names()),
+                period=config.period,
+                sink=sink,
+            ),
+        )
+        builder.Connect(X_WO, logger.GetInputPort("X_WO"))
+        builder.Connect(monitor.get_output_port(), logger.GetInputPort("grasp_quality"))
+        for port in ("p_WC", "contact_status", "safe_regions", "X_WO_estimated"):
+            builder.Connect(planner.GetOutputPort(port), logger.GetInputPort(port))
+    if meshcat is not None:
+        add_recording(
+            builder,
+            meshcat,
+            object_plant=object_plant,
+            planner=planner,
+            surface=surface,
+            num_contacts=n,
+            publish_period=scenario.recording.publish_period,
+        )
+    diagram = builder.Build()
+    diagram.set_name("pregrasp_simulation")
+    return diagram
+
+
+def write_graphviz(diagram: Diagram, path: Path) -> None:
+    """Writes a diagram's Graphviz text.
+
+    Raises:
+        OutputError: If the file can't be written.
+    """
+    with _writing(path):
+        path.write_text(diagram.GetGraphvizString(max_depth=2), encoding="utf-8")
+
+
+def _draw_graphviz(path: Path) -> None:
+    """Draws a Graphviz file as SVG beside it, where Graphviz is installed."""
+    dot = shutil.which("dot")
+    if dot is not None:
+        command = [dot, "-Tsvg", "-o", str(path.with_suffix(".svg")), str(path)]
+        subprocess.run(command, check=False, capture_output=True)
+
+
+def _simulate(
+    diagram: Diagram, scenario: Scenario, should_stop: Callable[[], bool] | None
+) -> tuple[bool, float]:
+    simulator = Simulator(diagram)
+    ApplySimulatorConfig(scenario.simulator_config, simulator)
+    stopped = False
+
+    def monitor(context: Context) -> EventStatus:
+        nonlocal stopped
+        stopped = should_stop is not None and should_stop()
+        if stopped:
+            return EventStatus.ReachedTermination(diagram, "stopped on request")
+        return EventStatus.DidNothing()
+
+    simulator.set_monitor(monitor)
+    start = time.perf_counter()
+    simulator.Initialize()
+    simulator.AdvanceTo(scenario.simulation_duration)
+    return not stopped, time.perf_counter() - start
+
+
+def _prepare_folder(out: Path, name: str) -> Path:
+    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", name):
+        raise ScenarioError("", name, "a run's name is made of letters, digits, '_', '-' and '.'")
+    folder = out / name
+    with _writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+        for file in RUN_FILES:
+            (folder / file).unlink(missing_ok=True)
+    return folder
+
+
+@contextlib.contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        where = error.filename or path
+        raise OutputError(f"{where}: can't be written: {error.strerror}") from error

@@ -1,0 +1,107 @@
+"""The log of a run: one row a planning tick, in memory and in `log.csv`."""
+
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.contact_selection import ContactStatus
+from drake_pregrasp.planning.grasp_quality import GraspQuality
+from drake_pregrasp.systems.tick_logger import TickRecord
+
+
+class RunLog:
+    """Writes each tick to `log.csv` as it comes, so that an interrupted run keeps what it has.
+
+    Numbers are written with all their digits: reading them gives the same floats.
+
+    Args:
+        path: The file to write; what was there is replaced.
+        num_contacts: n.
+    """
+
+    def __init__(self, path: Path, num_contacts: int) -> None:
+        self.columns = log_columns(num_contacts)
+        self.records: list[TickRecord] = []
+        self.rows: list[list[float]] = []
+        self._file = path.open("w", encoding="utf-8", newline="\n")
+        self._file.write(",".join(self.columns) + "\n")
+
+    def __enter__(self) -> "RunLog":
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._file.close()
+
+    def append(self, record: TickRecord) -> None:
+        """Adds a tick."""
+        previous = self.records[-1] if self.records else record
+        row = _row(record, previous)
+        self.records.append(record)
+        self.rows.append(row)
+        self._file.write(",".join(_text(value) for value in row) + "\n")
+        self._file.flush()
+
+    def column(self, name: str) -> FloatArray:
+        """Returns a column's values over the ticks."""
+        index = self.columns.index(name)
+        return np.array([row[index] for row in self.rows])
+
+
+def log_columns(num_contacts: int) -> list[str]:
+    """Returns the names of the columns of `log.csv`, in their order."""
+    contacts = range(num_contacts)
+    return [
+        "time",
+        *(f"c{i}_{axis}" for i in contacts for axis in "xyz"),
+        *(f"c{i}_active" for i in contacts),
+        *GraspQuality.names(),
+        "displacement",
+        "energy",
+        *(f"region{i}_size" for i in contacts),
+        *_pose_columns("wo"),
+        "yaw_wo",
+        *_pose_columns("wo_estimated"),
+        "position_error",
+    ]
+
+
+def _pose_columns(frames: str) -> list[str]:
+    return [f"{coordinate}_{frames}" for coordinate in ("x", "y", "z", "qw", "qx", "qy", "qz")]
+
+
+def _row(record: TickRecord, previous: TickRecord) -> list[float]:
+    active = record.contact_status == ContactStatus.ACTIVE
+    dt = record.time - previous.time
+    moved = active & (previous.contact_status == ContactStatus.ACTIVE)
+    steps = np.linalg.norm((record.p_WC - previous.p_WC)[moved], axis=1)
+    error = record.X_WO_estimated.translation() - record.X_WO.translation()
+    return [
+        record.time,
+        *record.p_WC.ravel(),
+        *active.astype(float),
+        *record.grasp_quality,
+        float(np.sum(steps)),
+        float(np.sum(steps**2) / (2 * dt**2)) if dt > 0 else 0.0,
+        *record.region_sizes.astype(float),
+        *_pose_values(record.X_WO),
+        float(RollPitchYaw(record.X_WO.rotation()).yaw_angle()),
+        *_pose_values(record.X_WO_estimated),
+        float(np.linalg.norm(error)),
+    ]
+
+
+def _pose_values(X: RigidTransform) -> list[float]:
+    return [*X.translation(), *X.rotation().ToQuaternion().wxyz()]
+
+
+def _text(value: float) -> str:
+    value = float(value)
+    return str(int(value)) if value.is_integer() else repr(value)

@@ -1,0 +1,174 @@
+"""What a simulation is made of: the schema of scenario files."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from drake_pregrasp.diagrams.object_plant import MotionConfig, ObjectConfig
+from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
+from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.surface import BOX_FACES, ObjectSurface, box_surface
+
+CONTACT_TOLERANCE = 1e-4
+"""Farthest an initial contact may be off the object's surface, in metres."""
+
+
+@dataclass
+class SensorConfig:
+    """White noise of the simulated pose measurements, per axis."""
+
+    # Standard deviation of the position, in metres.
+    position_std: float = field(default=0.0005, metadata={"at_least": 0})
+
+    # Standard deviation of the orientation's rotation vector, in radians.
+    orientation_std: float = field(default=0.0035, metadata={"at_least": 0})
+
+
+@dataclass
+class SurfaceConfig:
+    """How the object's surface is sampled."""
+
+    # Largest distance between neighbouring candidate points Y, in metres.
+    spacing: float = field(default=0.005, metadata={"at_least": 0.0005})
+
+    # Faces that become forbidden points Z, by their outward normals in the object frame.
+    forbidden_faces: list[str] = field(
+        default_factory=lambda: ["-z", "+z"], metadata={"one_of": BOX_FACES}
+    )
+
+    # Largest distance between neighbouring forbidden points, in metres.
+    forbidden_spacing: float = field(default=0.02, metadata={"at_least": 0.0005})
+
+    # Radius R_j of each forbidden point, in metres.
+    forbidden_radius: float = field(default=0.005, metadata={"at_least": 0})
+
+
+@dataclass
+class RecordingConfig:
+    """The Meshcat recording."""
+
+    # Seconds between frames.
+    publish_period: float = field(default=0.05, metadata={"above": 0})
+
+
+@dataclass
+class Scenario:
+    """One simulation. Every field has a default; `scenarios/paper.yaml` shows how to differ."""
+
+    # One line for lists and titles.
+    description: str = ""
+
+    # Seed of the measurement noise. A run is a function of its scenario: the same gives the same.
+    random_seed: int = field(default=0, metadata={"at_least": 0})
+
+    # Seconds to simulate.
+    simulation_duration: float = field(default=60.0, metadata={"above": 0})
+
+    # Drake's own settings.
+    simulator_config: SimulatorConfig = field(default_factory=SimulatorConfig)
+
+    # Drake's own settings. The time step is a quarter of the planning period, so that both fall on
+    # exactly the same times; without sampled output ports, the plant steps in the same pass as the
+    # planner, which then sees the pose that loggers and visualizers see.
+    plant_config: MultibodyPlantConfig = field(
+        default_factory=lambda: MultibodyPlantConfig(
+            time_step=0.0125,
+            use_sampled_output_ports=False,
+            contact_model="point",
+            discrete_contact_approximation="sap",
+        )
+    )
+
+    object: ObjectConfig = field(default_factory=ObjectConfig)
+    motion: MotionConfig = field(default_factory=MotionConfig)
+    sensor: SensorConfig = field(default_factory=SensorConfig)
+    surface: SurfaceConfig = field(default_factory=SurfaceConfig)
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
+
+    # Where the contacts start, one row each, in half edge lengths of the object: 1 and -1 are its
+    # faces. The default is calibrated to the static rows of the paper's Table II, for all its sizes.
+    initial_contacts: list[list[float]] = field(
+        default_factory=lambda: [
+            [0.221, 1.0, -0.248],
+            [0.073, 1.0, 0.7],
+            [-0.649, 1.0, -0.7],
+            [0.7, -1.0, -0.7],
+            [1.0, 0.16, 0.661],
+        ],
+        metadata={"min_length": 1, "elements": {"length": 3}},
+    )
+
+    # h_i of Eq. 1 for each contact, in m^2: larger ones have larger regions. Empty: all zero.
+    contact_weights: list[float] = field(default_factory=list)
+
+    recording: RecordingConfig = field(default_factory=RecordingConfig)
+
+    def make_surface(self) -> ObjectSurface:
+        """Returns the object's surface, sampled as `surface` says."""
+        return box_surface(
+            self.object.size,
+            spacing=self.surface.spacing,
+            forbidden_faces=self.surface.forbidden_faces,
+            forbidden_spacing=self.surface.forbidden_spacing,
+            forbidden_radius=self.surface.forbidden_radius,
+        )
+
+    def initial_p_OC(self) -> FloatArray:
+        """Returns the initial contacts in the object frame O, shape (n, 3), in metres."""
+        return np.array(self.initial_contacts) * np.array(self.object.size) / 2
+
+
+def validate(scenario: Scenario, source: str = "scenario") -> None:
+    """Checks what no single key shows.
+
+    Args:
+        scenario: Loaded, with keys and types checked.
+        source: Where it is from, for the message.
+
+    Raises:
+        ScenarioError: If the scenario can't be simulated.
+    """
+    try:
+        distances = scenario.make_surface().distance(scenario.initial_p_OC())
+    except InvalidArgumentError as error:
+        raise ScenarioError(source, "surface.forbidden_faces", str(error)) from error
+    for index, distance in enumerate(distances):
+        if distance > CONTACT_TOLERANCE:
+            raise ScenarioError(
+                source,
+                f"initial_contacts[{index}]",
+                f"{scenario.initial_contacts[index]} is {1e3 * distance:.3g} mm off the surface;"
+                f" at most {1e3 * CONTACT_TOLERANCE} mm, so one coordinate must be 1 or -1"
+                " and none beyond",
+            )
+    count = len(scenario.initial_contacts)
+    if scenario.contact_weights and len(scenario.contact_weights) != count:
+        raise ScenarioError(
+            source,
+            "contact_weights",
+            f"{scenario.contact_weights} must be empty or one number for each of the"
+            f" {count} initial_contacts",
+        )
+    try:
+        AddMultibodyPlant(scenario.plant_config, DiagramBuilder())
+    except RuntimeError as error:
+        raise ScenarioError(source, "plant_config", _first_line(error)) from error
+    if not scenario.plant_config.time_step > 0:
+        raise ScenarioError(
+            source,
+            "plant_config.time_step",
+            f"{scenario.plant_config.time_step} must be above 0: contact needs a discrete plant",
+        )
+    try:
+        ApplySimulatorConfig(scenario.simulator_config, Simulator(ConstantVectorSource([0.0])))
+    except (RuntimeError, ValueError) as error:
+        raise ScenarioError(source, "simulator_config", _first_line(error)) from error
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0]

@@ -1,0 +1,112 @@
+"""Scenarios from YAML files, with Drake's habits: named entries, texts that override, `_` anchors."""
+
+from pathlib import Path
+
+import yaml
+from pydrake.common.yaml import yaml_dump_typed, yaml_load_data, yaml_load_typed
+
+from drake_pregrasp.errors import ScenarioError
+from drake_pregrasp.resources import resource_folder
+from drake_pregrasp.simulation.scenario import Scenario, validate
+from drake_pregrasp.simulation.schema_check import check_mapping
+
+SCENARIO_TEXT = "scenario text"
+"""What error messages call the text that overrides a scenario."""
+
+
+def shipped_scenarios() -> dict[str, tuple[Path, str]]:
+    """Returns, for each shipped scenario's name, its file and description."""
+    shipped = {}
+    for file in sorted(resource_folder("scenarios").glob("*.yaml")):
+        for name, entry in _entries(file).items():
+            shipped[name] = (file, str(entry.get("description", "")))
+    return shipped
+
+
+def find_scenario(name: str) -> Path:
+    """Returns the file that holds the shipped scenario of that name.
+
+    Raises:
+        ScenarioError: If there is none; the message lists the names there are.
+    """
+    shipped = shipped_scenarios()
+    if name not in shipped:
+        raise ScenarioError("", name, f"no such scenario; there are: {', '.join(shipped)}")
+    return shipped[name][0]
+
+
+def load_scenario(
+    name: str | None = None, *, file: str | Path | None = None, text: str | None = None
+) -> Scenario:
+    """Loads a scenario.
+
+    Args:
+        name: Its name: an entry of `file`, or of the shipped files if no file is given.
+        file: A YAML file. With one entry only, `name` can be left out.
+        text: YAML that overrides single keys, for example `{planner: {period: 0.1}}`.
+
+    Raises:
+        ScenarioError: If anything is wrong with it; the message names file, key and value.
+    """
+    if file is None:
+        if name is None:
+            raise ScenarioError("", "", "a scenario needs a name or a file")
+        file = find_scenario(name)
+    file = Path(file)
+    entries = _entries(file)
+    name = name or only_name(file)
+    if name not in entries:
+        raise ScenarioError(str(file), name, f"no such entry; there are: {', '.join(entries)}")
+    check_mapping(str(file), name, entries[name], Scenario)
+    scenario: Scenario = yaml_load_typed(
+        schema=Scenario, filename=str(file), child_name=name, defaults=Scenario()
+    )
+    source, key = str(file), f"{name}."
+    if text is not None:
+        source, key = SCENARIO_TEXT, ""
+        check_mapping(source, "", _parse(SCENARIO_TEXT, text), Scenario)
+        scenario = yaml_load_typed(schema=Scenario, data=text, defaults=scenario)
+    try:
+        validate(scenario, source)
+    except ScenarioError as error:
+        raise ScenarioError(source, key + error.key, error.problem) from error
+    return scenario
+
+
+def only_name(file: str | Path) -> str:
+    """Returns the name of a file's only entry.
+
+    Raises:
+        ScenarioError: If there are several, or none.
+    """
+    entries = _entries(Path(file))
+    if len(entries) != 1:
+        raise ScenarioError(
+            str(file), "", f"choose one scenario by its name; there are: {', '.join(entries)}"
+        )
+    return next(iter(entries))
+
+
+def dump_scenario(name: str, scenario: Scenario) -> str:
+    """Returns a scenario as YAML with every key; loading it gives the same scenario."""
+    text: str = yaml_dump_typed(scenario, child_name=name)
+    return text
+
+
+def _entries(file: Path) -> dict[str, dict[str, object]]:
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise ScenarioError(str(file), "", f"can't be read: {error}") from error
+    return _parse(str(file), text)
+
+
+def _parse(source: str, text: str) -> dict[str, dict[str, object]]:
+    try:
+        data = yaml_load_data(text, private=True)
+    except yaml.YAMLError as error:
+        problem = " ".join(str(error).split())
+        raise ScenarioError(source, "", f"is no YAML: {problem}") from error
+    if not isinstance(data, dict):
+        raise ScenarioError(source, "", "must be a mapping from names to values")
+    return {key: value for key, value in data.items() if not str(key).startswith("_")}

@@ -1,0 +1,117 @@
+"""Checks raw YAML against a dataclass schema, with errors that name the key and the way out.
+
+Drake's own loader rejects unknown keys and wrong types, but without saying where, and it knows
+nothing of ranges. A schema's field states its range in its metadata:
+
+    period: float = field(default=0.05, metadata={"above": 0})
+
+with any of `above`, `at_least`, `at_most` (of a number, or of each number in a list), `length` and
+`min_length` (of a list) and `one_of` (of a string, or of each string in a list).
+"""
+
+import dataclasses
+import difflib
+import math
+import typing
+from collections.abc import Mapping
+from typing import Any
+
+from drake_pregrasp.errors import ScenarioError
+
+_NUMBER_RULES = {
+    "above": lambda value, bound: value > bound,
+    "at_least": lambda value, bound: value >= bound,
+    "at_most": lambda value, bound: value <= bound,
+}
+_TYPE_NAMES = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}
+
+
+def check_mapping(source: str, key: str, data: object, schema: Any) -> None:
+    """Raises a `ScenarioError` unless `data` fits into an instance of `schema`.
+
+    Args:
+        source: What the data was read from, for the message.
+        key: Dotted path of the data in it.
+        data: What YAML made of it.
+        schema: A dataclass, or one of Drake's configuration classes.
+    """
+    if not isinstance(data, Mapping):
+        _reject(source, key, data, f"a mapping with keys out of: {', '.join(_fields(schema))}")
+    fields = _fields(schema)
+    for name, value in data.items():
+        path = f"{key}.{name}" if key else str(name)
+        if name not in fields:
+            close = difflib.get_close_matches(str(name), fields, n=1)
+            hint = f"did you mean {close[0]}?" if close else f"keys are: {', '.join(fields)}"
+            raise ScenarioError(source, path, f"unknown key (value {_short(value)}); {hint}")
+        _check_value(source, path, value, *fields[name])
+
+
+def _fields(schema: Any) -> dict[str, tuple[Any, Mapping[str, Any]]]:
+    if dataclasses.is_dataclass(schema):
+        hints = typing.get_type_hints(schema)
+        return {f.name: (hints[f.name], f.metadata) for f in dataclasses.fields(schema)}
+    return {f.name: (f.type, {}) for f in schema.__fields__}
+
+
+def _check_value(
+    source: str, key: str, value: object, kind: Any, rules: Mapping[str, Any]
+) -> None:
+    if typing.get_origin(kind) is list:
+        (element_kind,) = typing.get_args(kind)
+        if not isinstance(value, list):
+            _reject(source, key, value, "a list")
+        for rule, fits in (
+            ("length", len(value) == rules.get("length")),
+            ("min_length", len(value) >= rules.get("min_length", 0)),
+        ):
+            if rule in rules and not fits:
+                count = "exactly" if rule == "length" else "at least"
+                _reject(source, key, value, f"a list of {count} {rules[rule]} elements")
+        element_rules = rules.get("elements", rules)
+        for index, element in enumerate(value):
+            _check_value(source, f"{key}[{index}]", element, element_kind, element_rules)
+    elif kind in _TYPE_NAMES:
+        _check_scalar(source, key, value, kind, rules)
+    else:
+        check_mapping(source, key, value, kind)
+
+
+def _check_scalar(
+    source: str, key: str, value: object, kind: Any, rules: Mapping[str, Any]
+) -> None:
+    expected = " ".join(
+        [_TYPE_NAMES[kind]]
+        + [f"{rule.replace('_', ' ')} {rules[rule]}" for rule in _NUMBER_RULES if rule in rules]
+    )
+    if "one_of" in rules:
+        expected = "one of: " + ", ".join(rules["one_of"])
+    if kind in (float, int):
+        number = _number(value, kind)
+        if number is None or not math.isfinite(number):
+            _reject(source, key, value, expected)
+        for rule, holds in _NUMBER_RULES.items():
+            if rule in rules and not holds(number, rules[rule]):
+                _reject(source, key, value, expected)
+    elif not isinstance(value, kind) or value not in rules.get("one_of", (value,)):
+        _reject(source, key, value, expected)
+
+
+def _number(value: object, kind: Any) -> float | int | None:
+    if isinstance(value, bool) or not isinstance(value, int | float | str):
+        return None
+    if isinstance(value, int) or kind is int:
+        return value if isinstance(value, int) else None
+    try:
+        return float(value)  # YAML 1.1 reads 1e-3, without a point, as a text.
+    except ValueError:
+        return None
+
+
+def _short(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _reject(source: str, key: str, value: object, expected: str) -> typing.NoReturn:
+    raise ScenarioError(source, key, f"{_short(value)} must be {expected}")

@@ -1,0 +1,86 @@
+"""`summary.json`: what a run comes to."""
+
+import importlib.metadata
+import platform
+from typing import Any
+
+import numpy as np
+
+import drake_pregrasp
+from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.contact_selection import ContactStatus
+from drake_pregrasp.planning.force_closure import min_weight_margin
+from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.simulation.run_log import RunLog
+from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.systems.tick_logger import TickRecord
+
+MEASURES = ("q_msv", "q_gii", "q_vew")
+"""The measures of Table II, by their columns in `log.csv`."""
+
+MARGIN_FRICTION = 0.7
+"""Coulomb's coefficient that the force-closure margins are stated for."""
+
+
+def summarize(
+    name: str,
+    scenario: Scenario,
+    surface: ObjectSurface,
+    log: RunLog,
+    *,
+    wall_seconds: float,
+    completed: bool,
+) -> dict[str, Any]:
+    """Returns the content of `summary.json`.
+
+    `static` holds means over the phase in which the initial contacts are held, `max` and `mean` are
+    over the phase in which they adapt, and `final` is the last tick; null where there is no tick.
+    """
+    time = log.column("time")
+    static_ticks = round(scenario.planner.static_duration / scenario.planner.period)
+    static, adapting = slice(0, static_ticks), slice(static_ticks, None)
+    tick_ms = 1e3 * np.array([record.wall_seconds for record in log.records])
+    return {
+        "scenario": name,
+        "seed": scenario.random_seed,
+        "completed": completed,
+        "versions": _versions(),
+        "static": _measures(log, static, np.mean),
+        "max": _measures(log, adapting, np.max),
+        "mean": _measures(log, adapting, np.mean),
+        "final": _measures(log, slice(-1, None), np.mean),
+        "force_closure_margin": {
+            "friction": MARGIN_FRICTION,
+            "static": _margin(surface, log.records[static][-1:]),
+            "final": _margin(surface, log.records[-1:]),
+        },
+        "ticks": len(log.rows),
+        "simulated_seconds": float(time[-1]) if len(time) else 0.0,
+        "tick_time_p50_ms": float(np.percentile(tick_ms, 50)) if len(tick_ms) else None,
+        "tick_time_p99_ms": float(np.percentile(tick_ms, 99)) if len(tick_ms) else None,
+        "real_time_factor": float(time[-1]) / wall_seconds if len(time) else 0.0,
+    }
+
+
+def _measures(log: RunLog, ticks: slice, reduce: Any) -> dict[str, float | None]:
+    values = {name: log.column(name)[ticks] for name in MEASURES}
+    return {name: float(reduce(v)) if len(v) else None for name, v in values.items()}
+
+
+def _margin(surface: ObjectSurface, records: list[TickRecord]) -> float | None:
+    if not records:
+        return None
+    record = records[-1]
+    active = record.contact_status == ContactStatus.ACTIVE
+    p_OC: FloatArray = (record.X_WO_estimated.inverse() @ record.p_WC[active].T).T
+    _, normals = surface.project(p_OC)
+    return min_weight_margin(p_OC - surface.p_OCoM, normals, MARGIN_FRICTION)
+
+
+def _versions() -> dict[str, str]:
+    packages = ("drake", "numpy", "scipy", "trimesh")
+    return {
+        "drake_pregrasp": drake_pregrasp.__version__,
+        "python": platform.python_version(),
+        **{package: importlib.metadata.version(package) for package in packages},
+    }

@@ -1,0 +1,217 @@
+"""The second stage of the planner: each contact's goal inside its safe region."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.framework import (
+    BasicVector,
+    BusValue,
+    Context,
+    DiscreteValues,
+    LeafSystem,
+    ValueProducer,
+)
+
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.contact_selection import (
+    STRATEGIES,
+    ContactGoals,
+    ContactStatus,
+    SelectionInput,
+    hold_contacts,
+    select_contacts,
+)
+from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.systems.tick import tick_index
+
+
+class CentroidSelector(LeafSystem):
+    """Moves each contact goal inside its safe region (Eq. 3-4). It is the planner's only memory.
+
+    .. pydrake_system::
+
+        name: CentroidSelector
+        input_ports:
+        - X_WO_estimated
+        - p_WO_covariance
+        - safe_regions
+        output_ports:
+        - p_WC
+        - contact_status
+        - fingertip_targets
+        - p_WC_previous
+
+    Port `X_WO_estimated` accepts a `RigidTransform`: where the object O is believed to be in W.
+
+    Port `p_WO_covariance` accepts a vector of 9: the estimate's covariance in W, row-major, in m².
+
+    Port `safe_regions` accepts the `SafeRegions` of the contacts at `p_WC_previous`.
+
+    Port `p_WC` emits a vector of 3n: the contact goals in W, one after another, in metres. At a
+    tick they are that tick's new goals, before and after the discrete update that stores them;
+    between ticks they are carried with the object's estimated pose.
+
+    Port `contact_status` emits a vector of n `ContactStatus` values, for the goals of `p_WC`.
+
+    Port `fingertip_targets` emits a `BusValue` that maps each name of `fingertip_frames` to a
+    `RigidTransform` in W: its origin is the contact goal, its z axis the inward normal of the
+    surface there, its x axis lies as near to the object's z axis as that allows. It fits the port
+    `desired_cartesian_poses` of Drake's `DifferentialInverseKinematicsSystem`.
+
+    Port `p_WC_previous` emits a vector of 3n: the stored goals, carried with the estimated pose. It
+    does not depend on `safe_regions`, so it closes the loop to `SafeRegionPartitioner`.
+
+    The state holds the goals in O, so that what is held moves rigidly with the object.
+
+    Args:
+        surface: The object's surface.
+        p_OC: Initial contact points in O, shape (n, 3), in metres, n at least 1.
+        period: Seconds between ticks, greater than zero.
+        strategy: Name of one of `STRATEGIES`.
+        position_spread: Standard deviation in metres, added to the estimate's covariance in Eq. 3:
+            the filter's own is of millimetres, and would pick the candidate nearest to the centre.
+        static_duration: Seconds for which the initial contacts are held on the object.
+        fingertip_frames: Names for `fingertip_targets`; by default `fingertip_0`, `fingertip_1`, ...
+
+    Raises:
+        InvalidArgumentError: If an argument is out of its range.
+    """
+
+    def __init__(
+        self,
+        *,
+        surface: ObjectSurface,
+        p_OC: FloatArray,
+        period: float,
+        strategy: str = "position",
+        position_spread: float = 0.04,
+        static_duration: float = 0.0,
+        fingertip_frames: Sequence[str] | None = None,
+    ) -> None:
+        super().__init__()
+        p_OC = np.array(p_OC, dtype=float)
+        if p_OC.ndim != 2 or p_OC.shape[1] != 3 or len(p_OC) == 0:
+            raise InvalidArgumentError(f"p_OC must have shape (n, 3), n >= 1, not {p_OC.shape}")
+        if not period > 0:
+            raise InvalidArgumentError(f"period must be greater than 0 s, not {period}")
+        if not position_spread > 0:
+            raise InvalidArgumentError(
+                f"position_spread must be greater than 0 m, not {position_spread}"
+            )
+        if strategy not in STRATEGIES:
+            raise InvalidArgumentError(f"no strategy {strategy!r}; there are {list(STRATEGIES)}")
+        n = len(p_OC)
+        if fingertip_frames is None:
+            fingertip_frames = [f"fingertip_{i}" for i in range(n)]
+        if len(fingertip_frames) != n:
+            raise InvalidArgumentError(f"{n} contacts need {n} fingertip frames")
+        self._surface = surface
+        self._period = period
+        self._strategy = STRATEGIES[strategy]
+        self._spread_covariance = position_spread**2 * np.eye(3)
+        self._static_duration = static_duration
+        self._fingertip_frames = list(fingertip_frames)
+
+        self._time_index = self.DeclareDiscreteState(np.array([-np.inf]))
+        self._p_OC_index = self.DeclareDiscreteState(p_OC.ravel())
+        self._status_index = self.DeclareDiscreteState(np.full(n, float(ContactStatus.INACTIVE)))
+        self._X_WO_estimated = self.DeclareAbstractInputPort(
+            "X_WO_estimated", AbstractValue.Make(RigidTransform())
+        )
+        self._p_WO_covariance = self.DeclareVectorInputPort("p_WO_covariance", 9)
+        self._safe_regions = self.DeclareAbstractInputPort(
+            "safe_regions", AbstractValue.Make(object())
+        )
+        self._goals = self.DeclareCacheEntry(
+            "contact goals at the Context's time",
+            ValueProducer(
+                lambda: AbstractValue.Make(ContactGoals(p_OC, np.zeros(n))), self._calc_goals
+            ),
+            {self.time_ticket(), self.xd_ticket(), self.all_input_ports_ticket()},
+        )
+        posed_goals = {self._goals.ticket(), self._X_WO_estimated.ticket()}
+        self.DeclareVectorOutputPort("p_WC", 3 * n, self._calc_p_WC, posed_goals)
+        self.DeclareVectorOutputPort(
+            "contact_status", n, self._calc_status, {self._goals.ticket()}
+        )
+        self.DeclareAbstractOutputPort(
+            "fingertip_targets",
+            lambda: AbstractValue.Make(BusValue()),
+            self._calc_fingertip_targets,
+            posed_goals,
+        )
+        self.DeclareVectorOutputPort(
+            "p_WC_previous",
+            3 * n,
+            self._calc_p_WC_previous,
+            {self.discrete_state_ticket(self._p_OC_index), self._X_WO_estimated.ticket()},
+        )
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_goals)
+
+    def _stored_p_OC(self, context: Context) -> FloatArray:
+        p_OC: FloatArray = context.get_discrete_state(self._p_OC_index).value().reshape(-1, 3)
+        return p_OC
+
+    def _calc_goals(self, context: Context, output: AbstractValue) -> None:
+        time = context.get_time()
+        stored_time = context.get_discrete_state(self._time_index)[0]
+        p_OC = self._stored_p_OC(context)
+        if tick_index(time, self._period) == tick_index(stored_time, self._period):
+            status = context.get_discrete_state(self._status_index).value()
+            output.set_value(ContactGoals(p_OC, status))
+            return
+        regions = self._safe_regions.Eval(context)
+        if tick_index(time, self._period) < round(self._static_duration / self._period):
+            output.set_value(hold_contacts(p_OC, regions))
+            return
+        R_WO: FloatArray = self._X_WO_estimated.Eval(context).rotation().matrix()
+        covariance_W: FloatArray = self._p_WO_covariance.Eval(context).reshape(3, 3)
+        selection = SelectionInput(
+            surface=self._surface,
+            p_OC=p_OC,
+            regions=regions,
+            covariance_O=R_WO.T @ covariance_W @ R_WO + self._spread_covariance,
+        )
+        output.set_value(select_contacts(selection, self._strategy))
+
+    def _store_goals(self, context: Context, discrete_state: DiscreteValues) -> None:
+        goals: ContactGoals = self._goals.Eval(context)
+        discrete_state.set_value(self._time_index, [context.get_time()])
+        discrete_state.set_value(self._p_OC_index, goals.p_OC.ravel())
+        discrete_state.set_value(self._status_index, goals.status)
+
+    def _in_world(self, context: Context, p_OC: FloatArray) -> FloatArray:
+        X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
+        p_WC: FloatArray = (X_WO @ p_OC.T).T
+        return p_WC
+
+    def _calc_p_WC(self, context: Context, output: BasicVector) -> None:
+        goals: ContactGoals = self._goals.Eval(context)
+        output.SetFromVector(self._in_world(context, goals.p_OC).ravel())
+
+    def _calc_p_WC_previous(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._in_world(context, self._stored_p_OC(context)).ravel())
+
+    def _calc_status(self, context: Context, output: BasicVector) -> None:
+        goals: ContactGoals = self._goals.Eval(context)
+        output.SetFromVector(goals.status)
+
+    def _calc_fingertip_targets(self, context: Context, output: AbstractValue) -> None:
+        goals: ContactGoals = self._goals.Eval(context)
+        X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
+        _, normals = self._surface.project(goals.p_OC)
+        targets = BusValue()
+        for name, p_OCi, normal in zip(self._fingertip_frames, goals.p_OC, normals, strict=True):
+            X_OC = RigidTransform(_frame_with_z_along(-normal), p_OCi)
+            targets.Set(name, AbstractValue.Make(X_WO @ X_OC))
+        output.set_value(targets)
+
+
+def _frame_with_z_along(z: FloatArray) -> RotationMatrix:
+    up = np.array([0.0, 0.0, 1.0]) if abs(z[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
+    x = up - z * (up @ z)
+    x /= np.linalg.norm(x)
+    return RotationMatrix(np.column_stack([x, np.cross(z, x), z]))

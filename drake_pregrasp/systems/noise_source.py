@@ -1,0 +1,48 @@
+"""Seeded noise that holds still while a tick is worked on."""
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, NumericParameterIndex
+
+from drake_pregrasp.systems.tick import tick_index
+
+
+class NoiseSource(LeafSystem):
+    """Emits independent standard normal numbers, new ones at each tick.
+
+    .. pydrake_system::
+
+        name: NoiseSource
+        output_ports:
+        - noise
+
+    Port `noise` emits a vector of `size` numbers: a pure function of the seed and of the index of
+    the last tick. So a Context that is set back, or copied, repeats its noise, and publish and
+    update events of one tick see the same numbers. Drake's `RandomSource` moves on between them:
+    it changes in an unrestricted update, after the publish events and before the discrete updates
+    of that time, so the measurement that is logged there is not the one that is used.
+
+    The seed is the numeric parameter 0 of the Context; its default is the argument `seed`.
+
+    Args:
+        size: How many numbers to emit.
+        period: Seconds between ticks.
+        seed: Default of the seed, an integer >= 0.
+    """
+
+    def __init__(self, *, size: int, period: float, seed: int = 0) -> None:
+        super().__init__()
+        self._period = period
+        self._seed_index = NumericParameterIndex(
+            self.DeclareNumericParameter(BasicVector([float(seed)]))
+        )
+        self.DeclareVectorOutputPort(
+            "noise",
+            size,
+            self._calc_noise,
+            {self.time_ticket(), self.numeric_parameter_ticket(self._seed_index)},
+        )
+
+    def _calc_noise(self, context: Context, output: BasicVector) -> None:
+        seed = int(context.get_numeric_parameter(self._seed_index)[0])
+        generator = np.random.default_rng((seed, tick_index(context.get_time(), self._period)))
+        output.SetFromVector(generator.standard_normal(output.size()))

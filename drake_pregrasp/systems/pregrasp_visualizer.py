@@ -1,0 +1,196 @@
+"""Safe regions, contact goals, their trails and the estimate's covariance in Meshcat."""
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import Meshcat, Sphere
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
+from scipy.spatial import cKDTree
+
+from drake_pregrasp.planning.arrays import FloatArray, IntArray
+from drake_pregrasp.planning.contact_selection import ContactStatus
+from drake_pregrasp.planning.safe_regions import NO_REGION, SafeRegions
+from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.systems.palette import NO_REGION_COLOR, contact_color, linear_rgb, tint
+
+ROOT = "/drake/pregrasp"
+"""Meshcat path under which everything is drawn."""
+
+_REGION_LIFT = 8e-4  # Metres off the surface: more than the estimate errs, or the object hides tiles.
+
+
+class PregraspVisualizer(LeafSystem):
+    """Draws what the planner thinks, live and in recordings.
+
+    .. pydrake_system::
+
+        name: PregraspVisualizer
+        input_ports:
+        - X_WO_estimated
+        - p_WC
+        - contact_status
+        - safe_regions
+        - p_WO_covariance
+
+    Port `X_WO_estimated` accepts a `RigidTransform`: where the regions are drawn.
+
+    Port `p_WC` accepts a vector of 3n: the contact goals in W, in metres.
+
+    Port `contact_status` accepts a vector of n `ContactStatus` values: only active goals are drawn.
+
+    Port `safe_regions` accepts the `SafeRegions` over the surface's candidates.
+
+    Port `p_WO_covariance` accepts a vector of 9, in m²: drawn as an ellipsoid of three standard
+    deviations, magnified by `covariance_magnification`, hovering over the object.
+
+    A recording keeps only transforms and properties. So all objects are made once, with the system,
+    and at each publish only what has changed is set.
+
+    Args:
+        meshcat: Where to draw.
+        surface: The object's surface.
+        num_contacts: n.
+        publish_period: Seconds between frames, greater than zero.
+        marker_radius: Radius of a contact goal's marker, in metres.
+        trail_length: How many past goals of each contact stay visible.
+        trail_period: Seconds between two of them.
+        covariance_magnification: See above.
+    """
+
+    def __init__(
+        self,
+        *,
+        meshcat: Meshcat,
+        surface: ObjectSurface,
+        num_contacts: int,
+        publish_period: float,
+        marker_radius: float = 0.005,
+        trail_length: int = 20,
+        trail_period: float = 1.0,
+        covariance_magnification: float = 10.0,
+    ) -> None:
+        super().__init__()
+        self._meshcat = meshcat
+        self._surface = surface
+        self._num_contacts = num_contacts
+        self._period = publish_period
+        self._trail_length = trail_length
+        self._trail_stride = max(1, round(trail_period / publish_period))
+        self._magnification = covariance_magnification
+        self._hover = 0.045 + float(np.max(surface.p_OQ[:, 2]))
+        # What Meshcat shows by now: a cache of the outside world, no part of the simulated state.
+        self._shown: dict[tuple[str, str], bool | list[float]] = {}
+        self._shown_labels = np.full(len(surface.p_OQ), NO_REGION - 1)
+        self._colors = {i: linear_rgb(tint(contact_color(i), 0.35)) for i in range(num_contacts)}
+        self._colors[NO_REGION] = linear_rgb(NO_REGION_COLOR)
+
+        self._X_WO_estimated = self.DeclareAbstractInputPort(
+            "X_WO_estimated", AbstractValue.Make(RigidTransform())
+        )
+        self._p_WC = self.DeclareVectorInputPort("p_WC", 3 * num_contacts)
+        self._contact_status = self.DeclareVectorInputPort("contact_status", num_contacts)
+        self._safe_regions = self.DeclareAbstractInputPort(
+            "safe_regions", AbstractValue.Make(object())
+        )
+        self._p_WO_covariance = self.DeclareVectorInputPort("p_WO_covariance", 9)
+        self._make_objects(marker_radius)
+        self.DeclareInitializationPublishEvent(self._forget)
+        self.DeclarePeriodicPublishEvent(publish_period, 0.0, self._draw)
+
+    def _make_objects(self, marker_radius: float) -> None:
+        self._meshcat.Delete(ROOT)
+        tiles = _tiles(self._surface)
+        for k, corners in enumerate(tiles):
+            self._meshcat.SetTriangleMesh(
+                _tile_path(k), corners.T, np.array([[0, 0], [1, 2], [2, 3]]), NO_REGION_COLOR
+            )
+        for i in range(self._num_contacts):
+            color = contact_color(i)
+            self._meshcat.SetObject(_goal_path(i), Sphere(marker_radius), tint(color, 0.0))
+            for slot in range(self._trail_length):
+                path = _trail_path(i, slot)
+                self._meshcat.SetObject(path, Sphere(0.25 * marker_radius), color)
+        ellipsoid_color = tint(contact_color(5), 0.2)
+        ellipsoid_color.set(ellipsoid_color.r(), ellipsoid_color.g(), ellipsoid_color.b(), 0.55)
+        self._meshcat.SetObject(f"{ROOT}/covariance/axes", Sphere(1.0), ellipsoid_color)
+
+    def _forget(self, context: Context) -> EventStatus:
+        self._shown.clear()
+        self._shown_labels = np.full(len(self._surface.p_OQ), NO_REGION - 1)
+        return EventStatus.Succeeded()
+
+    def _draw(self, context: Context) -> EventStatus:
+        time = context.get_time()
+        X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
+        regions: SafeRegions = self._safe_regions.Eval(context)
+        covariance: FloatArray = self._p_WO_covariance.Eval(context).reshape(3, 3)
+        p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
+        active = self._contact_status.Eval(context) == ContactStatus.ACTIVE
+        self._meshcat.SetTransform(f"{ROOT}/regions", X_WO, time)
+        self._color_tiles(regions.labels, time)
+        self._draw_goals(p_WC, active, time)
+        self._draw_covariance(X_WO, covariance, time)
+        return EventStatus.Succeeded()
+
+    def _color_tiles(self, labels: IntArray, time: float) -> None:
+        changed = np.flatnonzero(labels != self._shown_labels)
+        for tile, label in zip(changed.tolist(), labels[changed].tolist(), strict=True):
+            self._set(f"{_tile_path(tile)}/<object>", "material.color", self._colors[label], time)
+        self._shown_labels = labels
+
+    def _draw_goals(self, p_WC: FloatArray, active: FloatArray, time: float) -> None:
+        frame = round(time / self._period)
+        slot = frame // self._trail_stride % self._trail_length
+        for i in range(self._num_contacts):
+            at_goal = RigidTransform(p_WC[i])
+            self._meshcat.SetTransform(_goal_path(i), at_goal, time)
+            self._set(_goal_path(i), "visible", bool(active[i]), time)
+            if frame == 0:
+                for unused in range(self._trail_length):
+                    self._set(_trail_path(i, unused), "visible", False, time)
+            if frame % self._trail_stride == 0:
+                self._meshcat.SetTransform(_trail_path(i, slot), at_goal, time)
+                self._set(_trail_path(i, slot), "visible", bool(active[i]), time)
+
+    def _draw_covariance(self, X_WO: RigidTransform, covariance: FloatArray, time: float) -> None:
+        variances, axes = np.linalg.eigh(covariance)
+        axes *= np.sign(np.linalg.det(axes))
+        p_WE = X_WO @ self._surface.p_OCoM + [0.0, 0.0, self._hover]
+        X_WE = RigidTransform(RotationMatrix.ProjectToRotationMatrix(axes), p_WE)
+        radii = 3 * self._magnification * np.sqrt(np.maximum(variances, 0))
+        self._meshcat.SetTransform(f"{ROOT}/covariance", X_WE, time)
+        self._set(f"{ROOT}/covariance/axes", "scale", [float(r) for r in radii], time)
+
+    def _set(self, path: str, name: str, value: bool | list[float], time: float) -> None:
+        """Sets a property if it changes, held till one frame before: a recording interpolates."""
+        before = self._shown.get((path, name))
+        if before == value:
+            return
+        if isinstance(before, list):
+            self._meshcat.SetProperty(path, name, before, max(0.0, time - self._period))
+        self._meshcat.SetProperty(path, name, value, time)
+        self._shown[path, name] = value
+
+
+def _tile_path(tile: int) -> str:
+    return f"{ROOT}/regions/{tile}"
+
+
+def _goal_path(contact: int) -> str:
+    return f"{ROOT}/goals/{contact}"
+
+
+def _trail_path(contact: int, slot: int) -> str:
+    return f"{ROOT}/trails/{contact}/{slot}"
+
+
+def _tiles(surface: ObjectSurface) -> FloatArray:
+    """Returns a square about each candidate, of its area, as corners in O, shape (N, 4, 3)."""
+    n = surface.nhat_OQ
+    # A tangent that runs along the edges of a box: the axis after that of the largest component.
+    along = np.eye(3)[(np.argmax(np.abs(n), axis=1) + 1) % 3]
+    u = along - n * np.sum(along * n, axis=1, keepdims=True)
+    u *= (np.sqrt(surface.areas) / 2 / np.linalg.norm(u, axis=1))[:, None]
+    v = np.cross(n, u)
+    centres = surface.p_OQ + _REGION_LIFT * n
+    return np.stack([centres - u - v, centres + u - v, centres + u + v, centres - u + v], axis=1)
