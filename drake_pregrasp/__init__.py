@@ -1,4 +1,4 @@
-"""Dynamic pre-grasp planning for multi-finger hands that track a moving object, made of Drake systems."""
+"""Dynamic pre-grasp planning for hands that track a moving object, made of Drake systems."""
 
 __version__ = "0.1.0"
 

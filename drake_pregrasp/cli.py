@@ -72,7 +72,10 @@ def _parser() -> argparse.ArgumentParser:
         "--simulation_duration", metavar="SECONDS", type=float, help="overrides that key"
     )
     runner.add_argument(
-        "--out", default="runs", metavar="FOLDER", help="where run folders go (default: %(default)s)"
+        "--out",
+        default="runs",
+        metavar="FOLDER",
+        help="where run folders go; %(default)s if not set",
     )
     runner.add_argument("--no-recording", action="store_true", help="leave out recording.html")
     runner.add_argument(

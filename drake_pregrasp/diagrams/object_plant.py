@@ -17,10 +17,9 @@ from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.systems.body_pose import BodyPose
 from drake_pregrasp.systems.object_motion import ObjectMotion
 
-
 FIRST_TOUCH = 1e-6
-"""Depth in metres by which the object starts in the table: without any contact, it would fall freely
-for one time step, and start with a bounce."""
+"""Depth in metres by which the object starts in the table: without any contact, it would fall
+freely for one time step, and start with a bounce."""
 
 
 @dataclass
@@ -57,8 +56,8 @@ class ObjectPlant(Diagram):
         - X_WO
         - query_object
 
-    Port `X_WO` emits a `RigidTransform`: the true pose of the object O in the world W. The table's top
-    is the plane z = 0 of W; the object starts at its centre, at rest, with the axes of W.
+    Port `X_WO` emits a `RigidTransform`: the true pose of the object O in the world W. The table's
+    top is the plane z = 0 of W; the object starts at its centre, at rest, with the axes of W.
 
     Port `query_object` emits SceneGraph's `QueryObject`, for visualizers.
 

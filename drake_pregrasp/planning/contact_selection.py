@@ -50,8 +50,8 @@ def gaussian_log_weights(
     """Returns log(b_n) of the Gaussian of Eq. 3, without its constant factor, shape (N,).
 
     The logarithm keeps apart what the density itself rounds to zero: with a covariance of
-    millimetres, exp(-(0.05/0.001)²/2) underflows on the whole surface and Eq. 4 would be 0/0. A tiny
-    covariance thus selects the candidate nearest to the mean, a huge one the plain centroid.
+    millimetres, exp(-(0.05/0.001)²/2) underflows on the whole surface and Eq. 4 would be 0/0. A
+    tiny covariance thus selects the candidate nearest to the mean, a huge one the plain centroid.
 
     Args:
         points: q_n, shape (N, 3), in metres.
@@ -125,7 +125,7 @@ def select_contacts(selection: SelectionInput, strategy: WeightFunction) -> Cont
     surface, log_weights = selection.surface, strategy(selection)
     centroids = []
     for contact in active:
-        q = selection.regions.members(contact)
+        q = selection.regions.members(int(contact))
         centroids.append(weighted_centroid(surface.p_OQ[q], log_weights[q], surface.areas[q]))
     p_OC = goals.p_OC.copy()
     p_OC[active], _ = surface.project(np.array(centroids))

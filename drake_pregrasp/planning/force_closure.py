@@ -13,8 +13,8 @@ def min_weight_margin(p_CoMC: FloatArray, nhat: FloatArray, friction: float) -> 
     """Returns the normalised min-weight margin of point contacts with friction, in [0, 1].
 
     The forces along the edges of all friction pyramids, m wrenches in all, are to balance with
-    weights a >= 0 that add up to one; the margin is m times the largest possible least weight. It is
-    above zero if and only if the grasp has force closure (given wrenches of full rank), which
+    weights a >= 0 that add up to one; the margin is m times the largest possible least weight. It
+    is above zero if and only if the grasp has force closure (given wrenches of full rank), which
     Q_MSV, Q_GII and Q_VEW don't see. Torques are divided by the longest lever arm.
 
     Args:

@@ -147,9 +147,7 @@ def update(
     belief: PoseBelief, p_WCoM_measured: FloatArray, R_WO_measured: Rotation, noise: PoseFilterNoise
 ) -> PoseBelief:
     """Returns the posterior after a measured pose at the belief's own time."""
-    dx, P_position = _correct(
-        belief.P_position, p_WCoM_measured - belief.p_WCoM, noise.position
-    )
+    dx, P_position = _correct(belief.P_position, p_WCoM_measured - belief.p_WCoM, noise.position)
     theta = (R_WO_measured * belief.R_WO.inv()).as_rotvec()
     de, P_orientation = _correct(belief.P_orientation, theta, noise.orientation)
     return PoseBelief(
@@ -175,7 +173,8 @@ def _correct(P: FloatArray, innovation: FloatArray, std: float) -> tuple[FloatAr
 def _process_noise(dt: float, density: float) -> FloatArray:
     """Covariance that white acceleration of that density adds to (position, velocity) in dt."""
     block = density**2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-    return np.kron(block, np.eye(3))
+    covariance: FloatArray = np.kron(block, np.eye(3)).astype(float)
+    return covariance
 
 
 def _diagonal(first: float, second: float) -> FloatArray:

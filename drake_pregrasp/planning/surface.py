@@ -1,4 +1,4 @@
-"""The object's surface as the planner sees it: candidate points Y, forbidden points Z, projection."""
+"""The object's surface for the planner: candidate points Y, forbidden points Z, projection."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -99,7 +99,7 @@ def _nearest_on_triangles(
     points: FloatArray, triangles: FloatArray, normals: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     count = len(triangles)
-    nearest = trimesh.triangles.closest_point(
+    nearest: FloatArray = trimesh.triangles.closest_point(
         np.tile(triangles, (len(points), 1, 1)), np.repeat(points, count, axis=0)
     ).reshape(len(points), count, 3)
     which = np.argmin(np.sum((nearest - points[:, None]) ** 2, axis=2), axis=1)

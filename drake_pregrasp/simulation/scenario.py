@@ -91,7 +91,7 @@ class Scenario:
     planner: PlannerConfig = field(default_factory=PlannerConfig)
 
     # Where the contacts start, one row each, in half edge lengths of the object: 1 and -1 are its
-    # faces. The default is calibrated to the static rows of the paper's Table II, for all its sizes.
+    # faces. The default is calibrated to the static rows of the paper's Table II, for all sizes.
     initial_contacts: list[list[float]] = field(
         default_factory=lambda: [
             [0.221, 1.0, -0.248],
@@ -120,7 +120,8 @@ class Scenario:
 
     def initial_p_OC(self) -> FloatArray:
         """Returns the initial contacts in the object frame O, shape (n, 3), in metres."""
-        return np.array(self.initial_contacts) * np.array(self.object.size) / 2
+        p_OC: FloatArray = np.array(self.initial_contacts) * np.array(self.object.size) / 2
+        return p_OC
 
 
 def validate(scenario: Scenario, source: str = "scenario") -> None:

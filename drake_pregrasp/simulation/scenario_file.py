@@ -1,4 +1,4 @@
-"""Scenarios from YAML files, with Drake's habits: named entries, texts that override, `_` anchors."""
+"""Scenarios from YAML files in Drake's manner: named entries, overriding texts, `_` anchors."""
 
 from pathlib import Path
 

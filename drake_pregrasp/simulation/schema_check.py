@@ -13,12 +13,12 @@ import dataclasses
 import difflib
 import math
 import typing
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from drake_pregrasp.errors import ScenarioError
 
-_NUMBER_RULES = {
+_NUMBER_RULES: Mapping[str, Callable[[float, float], bool]] = {
     "above": lambda value, bound: value > bound,
     "at_least": lambda value, bound: value >= bound,
     "at_most": lambda value, bound: value <= bound,
@@ -54,9 +54,7 @@ def _fields(schema: Any) -> dict[str, tuple[Any, Mapping[str, Any]]]:
     return {f.name: (f.type, {}) for f in schema.__fields__}
 
 
-def _check_value(
-    source: str, key: str, value: object, kind: Any, rules: Mapping[str, Any]
-) -> None:
+def _check_value(source: str, key: str, value: object, kind: Any, rules: Mapping[str, Any]) -> None:
     if typing.get_origin(kind) is list:
         (element_kind,) = typing.get_args(kind)
         if not isinstance(value, list):

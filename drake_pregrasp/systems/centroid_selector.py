@@ -74,7 +74,7 @@ class CentroidSelector(LeafSystem):
         position_spread: Standard deviation in metres, added to the estimate's covariance in Eq. 3:
             the filter's own is of millimetres, and would pick the candidate nearest to the centre.
         static_duration: Seconds for which the initial contacts are held on the object.
-        fingertip_frames: Names for `fingertip_targets`; by default `fingertip_0`, `fingertip_1`, ...
+        fingertip_frames: Names for `fingertip_targets`; by default `fingertip_0` and so on.
 
     Raises:
         InvalidArgumentError: If an argument is out of its range.
@@ -134,9 +134,7 @@ class CentroidSelector(LeafSystem):
         )
         posed_goals = {self._goals.ticket(), self._X_WO_estimated.ticket()}
         self.DeclareVectorOutputPort("p_WC", 3 * n, self._calc_p_WC, posed_goals)
-        self.DeclareVectorOutputPort(
-            "contact_status", n, self._calc_status, {self._goals.ticket()}
-        )
+        self.DeclareVectorOutputPort("contact_status", n, self._calc_status, {self._goals.ticket()})
         self.DeclareAbstractOutputPort(
             "fingertip_targets",
             lambda: AbstractValue.Make(BusValue()),

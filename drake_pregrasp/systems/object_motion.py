@@ -29,6 +29,4 @@ class ObjectMotion(LeafSystem):
         )
 
     def _calc_desired_state(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(
-            np.concatenate([self._velocity * context.get_time(), self._velocity])
-        )
+        output.SetFromVector(np.concatenate([self._velocity * context.get_time(), self._velocity]))

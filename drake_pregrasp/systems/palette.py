@@ -1,4 +1,4 @@
-"""One colour for each contact, told apart with any kind of colour vision, on screen and in plots."""
+"""One colour for each contact, told apart with any kind of colour vision."""
 
 from pydrake.geometry import Rgba
 

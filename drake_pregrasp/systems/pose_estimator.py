@@ -26,7 +26,7 @@ from drake_pregrasp.systems.tick import tick_index
 
 
 class PoseEstimator(LeafSystem):
-    """Estimates pose and twist of the object O in the world W by a Kalman and an error-state filter.
+    """Estimates pose and twist of the object O in the world W.
 
     .. pydrake_system::
 
@@ -47,9 +47,10 @@ class PoseEstimator(LeafSystem):
     Port `p_WO_covariance` emits a vector of 9: the covariance Sigma of the position estimate, which
     is made at the object's centre of mass, expressed in W, row-major, in m² (Eq. 3).
 
-    There is no lag: at a tick the outputs are the posterior of that tick's measurement, whether they
-    are evaluated before the discrete update stores it or after (the stored belief carries its
-    time, so that no measurement counts twice). Between ticks they are predictions.
+    A Kalman filter follows the centre of mass, an error-state filter the orientation. There is no
+    lag: at a tick the outputs are the posterior of that tick's measurement, whether they are
+    evaluated before the discrete update stores it or after (the stored belief carries its time, so
+    that no measurement counts twice). Between ticks they are predictions.
 
     Args:
         period: Seconds between measurements, greater than zero.

@@ -5,9 +5,8 @@ from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
-from scipy.spatial import cKDTree
 
-from drake_pregrasp.planning.arrays import FloatArray, IntArray
+from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.planning.contact_selection import ContactStatus
 from drake_pregrasp.planning.safe_regions import NO_REGION, SafeRegions
 from drake_pregrasp.planning.surface import ObjectSurface
@@ -16,7 +15,9 @@ from drake_pregrasp.systems.palette import NO_REGION_COLOR, contact_color, linea
 ROOT = "/drake/pregrasp"
 """Meshcat path under which everything is drawn."""
 
-_REGION_LIFT = 8e-4  # Metres off the surface: more than the estimate errs, or the object hides tiles.
+_REGION_LIFT = (
+    8e-4  # Metres off the surface: more than the estimate errs, or the object hides tiles.
+)
 
 
 class PregraspVisualizer(LeafSystem):
@@ -138,7 +139,7 @@ class PregraspVisualizer(LeafSystem):
             self._set(f"{_tile_path(tile)}/<object>", "material.color", self._colors[label], time)
         self._shown_labels = labels
 
-    def _draw_goals(self, p_WC: FloatArray, active: FloatArray, time: float) -> None:
+    def _draw_goals(self, p_WC: FloatArray, active: BoolArray, time: float) -> None:
         frame = round(time / self._period)
         slot = frame // self._trail_stride % self._trail_length
         for i in range(self._num_contacts):

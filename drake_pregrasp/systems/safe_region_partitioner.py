@@ -31,7 +31,7 @@ class SafeRegionPartitioner(LeafSystem):
     Port `contact_weights` (optional) accepts a vector of n: h_i in m²; -inf says that the finger
     is lost. Unconnected, all are zero.
 
-    Port `obstacles` (optional) accepts `ForbiddenPoints` in W, which are joined to the surface's own.
+    Port `obstacles` (optional) accepts `ForbiddenPoints` in W, which join the surface's own.
 
     Port `safe_regions` emits `SafeRegions` over the surface's candidate points.
 

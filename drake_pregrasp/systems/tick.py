@@ -4,7 +4,7 @@ import math
 
 
 def tick_index(time: float, period: float) -> int:
-    """Returns the number of the last tick at or before `time`; ticks are at 0, period, 2 period, ...
+    """Returns the number of the last tick at or before `time`; tick k is at k * period.
 
     The slack of a millionth of a period keeps the tick at k * period from counting as k - 1 when
     the product is rounded. Time -inf, before the first tick, has index -1.

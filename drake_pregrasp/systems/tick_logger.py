@@ -91,6 +91,7 @@ class TickLogger(LeafSystem):
         p_WC: FloatArray = self._p_WC.Eval(context)
         wall_seconds = time.perf_counter() - start
         regions: SafeRegions = self._safe_regions.Eval(context)
+        # Evaluating an abstract port gives the cached object itself, which later ticks overwrite.
         self._sink(
             TickRecord(
                 time=context.get_time(),
@@ -98,8 +99,8 @@ class TickLogger(LeafSystem):
                 contact_status=self._contact_status.Eval(context).copy(),
                 grasp_quality=self._grasp_quality.Eval(context).copy(),
                 region_sizes=regions.sizes(),
-                X_WO=self._X_WO.Eval(context),
-                X_WO_estimated=self._X_WO_estimated.Eval(context),
+                X_WO=RigidTransform(self._X_WO.Eval(context)),
+                X_WO_estimated=RigidTransform(self._X_WO_estimated.Eval(context)),
                 wall_seconds=wall_seconds,
             )
         )
