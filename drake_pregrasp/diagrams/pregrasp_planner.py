@@ -59,6 +59,18 @@ class PlannerConfig:
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
 
+def filter_noise(config: EstimatorConfig) -> PoseFilterNoise:
+    """Returns the noise that the pose filter assumes."""
+    return PoseFilterNoise(
+        position=config.position_std,
+        orientation=config.orientation_std,
+        acceleration=config.acceleration,
+        angular_acceleration=config.angular_acceleration,
+        initial_velocity=config.initial_velocity_std,
+        initial_angular_velocity=config.initial_angular_velocity_std,
+    )
+
+
 class PregraspPlanner(Diagram):
     """From pose measurements to contact goals.
 
@@ -92,21 +104,13 @@ class PregraspPlanner(Diagram):
     def __init__(self, config: PlannerConfig, surface: ObjectSurface, p_OC: FloatArray) -> None:
         super().__init__()
         builder = DiagramBuilder()
-        assumed = config.estimator
         estimator = builder.AddNamedSystem(
             "pose_estimator",
             PoseEstimator(
                 period=config.period,
-                noise=PoseFilterNoise(
-                    position=assumed.position_std,
-                    orientation=assumed.orientation_std,
-                    acceleration=assumed.acceleration,
-                    angular_acceleration=assumed.angular_acceleration,
-                    initial_velocity=assumed.initial_velocity_std,
-                    initial_angular_velocity=assumed.initial_angular_velocity_std,
-                ),
+                noise=filter_noise(config.estimator),
                 p_OCoM=surface.p_OCoM,
-                lookahead=assumed.lookahead,
+                lookahead=config.estimator.lookahead,
             ),
         )
         partitioner = builder.AddNamedSystem(

@@ -81,7 +81,7 @@ def add_recording(
         builder.Connect(planner.GetOutputPort(name), visualizer.GetInputPort(name))
     extent = max(0.1, float(surface.mesh.extents.max()))
     meshcat.SetCameraPose(
-        [2.2 * extent, -2.7 * extent, 2.6 * extent], [0.3 * extent, 0.0, 0.5 * extent]
+        [2.0 * extent, 1.5 * extent, 1.5 * extent], [0.25 * extent, 0.0, 0.5 * extent]
     )
     meshcat.StartRecording(
         frames_per_second=1 / publish_period, set_visualizations_while_recording=True

@@ -2,7 +2,7 @@
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.geometry import Meshcat, Sphere
+from pydrake.geometry import Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
@@ -18,6 +18,9 @@ ROOT = "/drake/pregrasp"
 _REGION_LIFT = (
     8e-4  # Metres off the surface: more than the estimate errs, or the object hides tiles.
 )
+
+
+_ELLIPSOID_COLOR = Rgba(0.35, 0.37, 0.40, 0.6)
 
 
 class PregraspVisualizer(LeafSystem):
@@ -56,6 +59,8 @@ class PregraspVisualizer(LeafSystem):
         trail_length: How many past goals of each contact stay visible.
         trail_period: Seconds between two of them.
         covariance_magnification: See above.
+        record: Whether the regions' colours go into the recording that `meshcat` keeps as well.
+            (Its switch, `Meshcat.StartRecording`, holds for everything else.)
     """
 
     def __init__(
@@ -65,10 +70,11 @@ class PregraspVisualizer(LeafSystem):
         surface: ObjectSurface,
         num_contacts: int,
         publish_period: float,
-        marker_radius: float = 0.005,
+        marker_radius: float = 0.006,
         trail_length: int = 20,
         trail_period: float = 1.0,
         covariance_magnification: float = 10.0,
+        record: bool = True,
     ) -> None:
         super().__init__()
         self._meshcat = meshcat
@@ -77,13 +83,14 @@ class PregraspVisualizer(LeafSystem):
         self._period = publish_period
         self._trail_length = trail_length
         self._trail_stride = max(1, round(trail_period / publish_period))
+        self._record = record
         self._magnification = covariance_magnification
         self._hover = 0.045 + float(np.max(surface.p_OQ[:, 2]))
         # What Meshcat shows by now: a cache of the outside world, no part of the simulated state.
         self._shown: dict[tuple[str, str], bool | list[float]] = {}
         self._shown_labels = np.full(len(surface.p_OQ), NO_REGION - 1)
-        self._colors = {i: linear_rgb(tint(contact_color(i), 0.35)) for i in range(num_contacts)}
-        self._colors[NO_REGION] = linear_rgb(NO_REGION_COLOR)
+        self._colors = {i: tint(contact_color(i), 0.3) for i in range(num_contacts)}
+        self._colors[NO_REGION] = NO_REGION_COLOR
 
         self._X_WO_estimated = self.DeclareAbstractInputPort(
             "X_WO_estimated", AbstractValue.Make(RigidTransform())
@@ -97,6 +104,7 @@ class PregraspVisualizer(LeafSystem):
         self._make_objects(marker_radius)
         self.DeclareInitializationPublishEvent(self._forget)
         self.DeclarePeriodicPublishEvent(publish_period, 0.0, self._draw)
+        self.DeclareForcedPublishEvent(self._draw)
 
     def _make_objects(self, marker_radius: float) -> None:
         self._meshcat.Delete(ROOT)
@@ -107,13 +115,11 @@ class PregraspVisualizer(LeafSystem):
             )
         for i in range(self._num_contacts):
             color = contact_color(i)
-            self._meshcat.SetObject(_goal_path(i), Sphere(marker_radius), tint(color, 0.0))
+            self._meshcat.SetObject(_goal_path(i), Sphere(marker_radius), color)
             for slot in range(self._trail_length):
                 path = _trail_path(i, slot)
                 self._meshcat.SetObject(path, Sphere(0.25 * marker_radius), color)
-        ellipsoid_color = tint(contact_color(5), 0.2)
-        ellipsoid_color.set(ellipsoid_color.r(), ellipsoid_color.g(), ellipsoid_color.b(), 0.55)
-        self._meshcat.SetObject(f"{ROOT}/covariance/axes", Sphere(1.0), ellipsoid_color)
+        self._meshcat.SetObject(f"{ROOT}/covariance/axes", Sphere(1.0), _ELLIPSOID_COLOR)
 
     def _forget(self, context: Context) -> EventStatus:
         self._shown.clear()
@@ -135,8 +141,22 @@ class PregraspVisualizer(LeafSystem):
 
     def _color_tiles(self, labels: IntArray, time: float) -> None:
         changed = np.flatnonzero(labels != self._shown_labels)
-        for tile, label in zip(changed.tolist(), labels[changed].tolist(), strict=True):
-            self._set(f"{_tile_path(tile)}/<object>", "material.color", self._colors[label], time)
+        animation = self._meshcat.get_mutable_recording()
+        frame = animation.frame(time)
+        for tile, label, before in zip(
+            changed.tolist(),
+            labels[changed].tolist(),
+            self._shown_labels[changed].tolist(),
+            strict=True,
+        ):
+            color = self._colors[label]
+            self._meshcat.SetProperty(_tile_path(tile), "color", list(_rgba(color)))
+            if self._record:
+                # A recording interpolates: the old colour is held till one frame before.
+                target = f"{_tile_path(tile)}/<object>", "material.color"
+                if before in self._colors:
+                    animation.SetProperty(frame - 1, *target, linear_rgb(self._colors[before]))
+                animation.SetProperty(frame, *target, linear_rgb(color))
         self._shown_labels = labels
 
     def _draw_goals(self, p_WC: FloatArray, active: BoolArray, time: float) -> None:
@@ -163,14 +183,10 @@ class PregraspVisualizer(LeafSystem):
         self._set(f"{ROOT}/covariance/axes", "scale", [float(r) for r in radii], time)
 
     def _set(self, path: str, name: str, value: bool | list[float], time: float) -> None:
-        """Sets a property if it changes, held till one frame before: a recording interpolates."""
-        before = self._shown.get((path, name))
-        if before == value:
-            return
-        if isinstance(before, list):
-            self._meshcat.SetProperty(path, name, before, max(0.0, time - self._period))
-        self._meshcat.SetProperty(path, name, value, time)
-        self._shown[path, name] = value
+        """Sets a property if it changes."""
+        if self._shown.get((path, name)) != value:
+            self._meshcat.SetProperty(path, name, value, time)
+            self._shown[path, name] = value
 
 
 def _tile_path(tile: int) -> str:
@@ -183,6 +199,10 @@ def _goal_path(contact: int) -> str:
 
 def _trail_path(contact: int, slot: int) -> str:
     return f"{ROOT}/trails/{contact}/{slot}"
+
+
+def _rgba(color: Rgba) -> tuple[float, float, float, float]:
+    return color.r(), color.g(), color.b(), color.a()
 
 
 def _tiles(surface: ObjectSurface) -> FloatArray:

@@ -1,0 +1,41 @@
+"""What many tests stand on."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drake_pregrasp import RunResult, Scenario, box_surface, load_scenario, run
+from drake_pregrasp.planning.surface import ObjectSurface
+
+
+@pytest.fixture(scope="session")
+def scenario() -> Scenario:
+    return load_scenario("a_base")
+
+
+@pytest.fixture(scope="session")
+def surface() -> ObjectSurface:
+    return box_surface([0.1, 0.1, 0.1], spacing=0.01)
+
+
+@pytest.fixture(scope="session")
+def p_OC(scenario: Scenario) -> np.ndarray:
+    return scenario.initial_p_OC()
+
+
+@pytest.fixture(scope="session")
+def base_run(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
+    """The base case, through the static phase and well into the adapting one."""
+    scenario = load_scenario("a_base", text="{simulation_duration: 8.0}")
+    return run(scenario, name="a_base", out=tmp_path_factory.mktemp("runs"), recording=False)
+
+
+@pytest.fixture(scope="session")
+def base_log(base_run: RunResult) -> dict[str, np.ndarray]:
+    return read_log(base_run.folder / "log.csv")
+
+
+def read_log(path: Path) -> dict[str, np.ndarray]:
+    table = np.genfromtxt(path, delimiter=",", names=True)
+    return {name: table[name] for name in table.dtype.names}

@@ -1,0 +1,80 @@
+import numpy as np
+import pytest
+
+from drake_pregrasp import ForbiddenPoints, InvalidArgumentError, box_surface
+
+SIZES = [(0.1, 0.1, 0.1), (0.07, 0.07, 0.075), (0.2, 0.2, 0.1), (0.03, 0.05, 0.11)]
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_areas_add_up_to_the_allowed_faces(size):
+    surface = box_surface(size, spacing=0.007, forbidden_faces=["-z", "+x"])
+    x, y, z = size
+    assert np.sum(surface.areas) == pytest.approx(x * y + y * z + 2 * x * z, rel=1e-12)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_candidates_lie_on_allowed_faces_with_their_normals(size):
+    surface = box_surface(size, spacing=0.006)
+    half = np.array(size) / 2
+    axis = np.argmax(np.abs(surface.nhat_OQ), axis=1)
+    rows = np.arange(len(axis))
+    np.testing.assert_allclose(
+        surface.p_OQ[rows, axis], surface.nhat_OQ[rows, axis] * half[axis], atol=1e-15
+    )
+    assert np.all(np.abs(surface.p_OQ) <= half + 1e-15)
+    assert set(axis) == {0, 1}
+
+
+def test_candidates_are_no_further_apart_than_the_spacing():
+    surface = box_surface([0.07, 0.07, 0.075], spacing=0.005)
+    for p_OQ in surface.p_OQ[::37]:
+        others = np.linalg.norm(surface.p_OQ - p_OQ, axis=1)
+        assert np.sort(others)[1] <= 0.005 + 1e-12
+
+
+def test_forbidden_points_reach_the_rims_of_forbidden_faces_only():
+    forbidden = box_surface([0.1, 0.1, 0.1], spacing=0.01).forbidden.points
+    np.testing.assert_allclose(np.abs(forbidden[:, 2]), 0.05)
+    np.testing.assert_allclose(
+        [forbidden.min(axis=0), forbidden.max(axis=0)], [[-0.05] * 3] * 1 + [[0.05] * 3]
+    )
+
+
+def test_projection_is_the_nearest_allowed_point(surface):
+    rng = np.random.default_rng(3)
+    points = rng.uniform(-0.12, 0.12, (50, 3))
+    nearest, normals = surface.project(points)
+    dense = box_surface([0.1, 0.1, 0.1], spacing=0.002).p_OQ
+    for p, q, n in zip(points, nearest, normals, strict=True):
+        assert np.linalg.norm(q - p) <= np.min(np.linalg.norm(dense - p, axis=1)) + 1e-12
+        assert n @ q == pytest.approx(0.05, abs=1e-12)
+        assert abs(q[2]) <= 0.05 + 1e-12
+
+
+def test_projection_of_a_point_on_an_allowed_face_is_itself(surface):
+    nearest, normals = surface.project(surface.p_OQ)
+    np.testing.assert_allclose(nearest, surface.p_OQ, atol=1e-15)
+    np.testing.assert_allclose(normals, surface.nhat_OQ, atol=1e-15)
+
+
+def test_distance_counts_forbidden_faces_as_surface(surface):
+    np.testing.assert_allclose(
+        surface.distance(np.array([[0, 0, 0.05], [0, 0, 0.07], [0.04, 0, 0]])),
+        [0, 0.02, 0.01],
+        atol=1e-15,
+    )
+
+
+def test_unknown_and_exhausted_faces_are_refused():
+    with pytest.raises(InvalidArgumentError, match="'top' is no face"):
+        box_surface([0.1] * 3, spacing=0.01, forbidden_faces=["top"])
+    with pytest.raises(InvalidArgumentError, match="none is left"):
+        box_surface([0.1] * 3, spacing=0.01, forbidden_faces=["+x", "-x", "+y", "-y", "+z", "-z"])
+
+
+def test_forbidden_points_refuse_shapes_and_negative_radii():
+    with pytest.raises(InvalidArgumentError):
+        ForbiddenPoints(np.zeros((2, 2)), np.zeros(2))
+    with pytest.raises(InvalidArgumentError):
+        ForbiddenPoints(np.zeros((2, 3)), np.array([0.0, -1.0]))

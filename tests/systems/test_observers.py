@@ -1,0 +1,90 @@
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.systems.analysis import Simulator
+
+from drake_pregrasp import ContactStatus
+from drake_pregrasp.planning.grasp_quality import grasp_quality
+from drake_pregrasp.planning.safe_regions import compute_safe_regions
+from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor, GraspQualityView
+from drake_pregrasp.systems.pregrasp_visualizer import ROOT, PregraspVisualizer
+from drake_pregrasp.systems.tick_logger import TickLogger
+
+X_WO = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [1.0, 2.0, 3.0])
+
+
+def quality(p_OC, status=None, p_OCoM=None):
+    monitor = GraspQualityMonitor(num_contacts=len(p_OC), p_OCoM=p_OCoM)
+    context = monitor.CreateDefaultContext()
+    monitor.GetInputPort("p_WC").FixValue(context, (X_WO @ p_OC.T).T.ravel())
+    monitor.GetInputPort("X_WO").FixValue(context, X_WO)
+    if status is not None:
+        monitor.GetInputPort("contact_status").FixValue(context, status)
+    return monitor.get_output_port().Eval(context)
+
+
+def test_monitor_measures_about_the_true_centre_of_mass(p_OC):
+    np.testing.assert_allclose(quality(p_OC), grasp_quality(p_OC).to_vector(), rtol=1e-12)
+    p_OCoM = np.array([0.01, 0.0, -0.01])
+    expected = grasp_quality(p_OC - p_OCoM).to_vector()
+    np.testing.assert_allclose(quality(p_OC, p_OCoM=p_OCoM), expected, rtol=1e-12)
+
+
+def test_monitor_counts_active_contacts_only(p_OC):
+    status = np.array([1.0, ContactStatus.INACTIVE, 1.0, ContactStatus.LOST, 1.0])
+    expected = grasp_quality(p_OC[[0, 2, 4]]).to_vector()
+    np.testing.assert_allclose(quality(p_OC, status), expected, rtol=1e-12)
+
+
+def test_monitor_elements_have_names(p_OC):
+    view = GraspQualityView(quality(p_OC))
+    assert view.q_msv == quality(p_OC)[0]
+    assert view.graspable == 1
+
+
+def fix_planner_outputs(system, context, surface, p_OC):
+    regions = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(len(p_OC)), surface.forbidden)
+    values = {
+        "X_WO_estimated": X_WO,
+        "X_WO": X_WO,
+        "p_WC": (X_WO @ p_OC.T).T.ravel(),
+        "contact_status": np.ones(len(p_OC)),
+        "safe_regions": AbstractValue.Make(regions),
+        "p_WO_covariance": 1e-6 * np.eye(3).ravel(),
+        "grasp_quality": np.arange(5.0),
+    }
+    for index in range(system.num_input_ports()):
+        port = system.get_input_port(index)
+        port.FixValue(context, values[port.get_name()])
+    return regions
+
+
+def test_logger_hands_over_each_tick(surface, p_OC):
+    records = []
+    logger = TickLogger(num_contacts=5, quality_size=5, period=0.1, sink=records.append)
+    context = logger.CreateDefaultContext()
+    regions = fix_planner_outputs(logger, context, surface, p_OC)
+    Simulator(logger, context).Initialize()
+    (record,) = records
+    np.testing.assert_allclose(record.p_WC, (X_WO @ p_OC.T).T)
+    np.testing.assert_array_equal(record.region_sizes, regions.sizes())
+    assert record.X_WO.IsExactlyEqualTo(X_WO)
+    assert record.wall_seconds >= 0
+
+
+def test_visualizer_draws_once_and_then_only_moves(surface, p_OC):
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
+    visualizer = PregraspVisualizer(
+        meshcat=meshcat, surface=surface, num_contacts=5, publish_period=0.1, trail_length=3
+    )
+    for tile in (0, len(surface.p_OQ) - 1):
+        assert meshcat.HasPath(f"{ROOT}/regions/{tile}")
+    assert not meshcat.HasPath(f"{ROOT}/regions/{len(surface.p_OQ)}")
+    assert meshcat.HasPath(f"{ROOT}/trails/4/2")
+    context = visualizer.CreateDefaultContext()
+    fix_planner_outputs(visualizer, context, surface, p_OC)
+    meshcat.StartRecording(frames_per_second=10)
+    before = len(meshcat.StaticHtml())
+    visualizer.ForcedPublish(context)
+    assert len(meshcat.StaticHtml()) > before

@@ -1,0 +1,130 @@
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from drake_pregrasp import ContactStatus, ForbiddenPoints, InvalidArgumentError
+from drake_pregrasp.planning.contact_selection import STRATEGIES, SelectionInput, select_contacts
+from drake_pregrasp.planning.safe_regions import compute_safe_regions
+from drake_pregrasp.systems.centroid_selector import CentroidSelector
+from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
+
+X_WO = RigidTransform(RollPitchYaw(0.2, -0.4, 1.0), [0.5, -0.3, 0.2])
+PERIOD = 0.05
+COVARIANCE = 1e-6 * np.eye(3)
+
+
+def in_world(p_OC):
+    return (X_WO @ p_OC.T).T.ravel()
+
+
+def partition(surface, p_OC, weights=None, obstacles=None):
+    system = SafeRegionPartitioner(surface=surface, num_contacts=len(p_OC))
+    context = system.CreateDefaultContext()
+    system.GetInputPort("X_WO_estimated").FixValue(context, X_WO)
+    system.GetInputPort("p_WC").FixValue(context, in_world(p_OC))
+    if weights is not None:
+        system.GetInputPort("contact_weights").FixValue(context, weights)
+    if obstacles is not None:
+        system.GetInputPort("obstacles").FixValue(context, AbstractValue.Make(obstacles))
+    return system.get_output_port().Eval(context)
+
+
+def test_partitioner_computes_in_the_object_frame(surface, p_OC):
+    expected = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(5), surface.forbidden)
+    regions = partition(surface, p_OC)
+    assert np.mean(regions.labels != expected.labels) < 0.01  # Rounding may decide ties.
+
+
+def test_partitioner_uses_weights(surface, p_OC):
+    weights = np.array([0, 0, 1e-3, 0, -np.inf])
+    expected = compute_safe_regions(surface.p_OQ, p_OC, weights, surface.forbidden)
+    regions = partition(surface, p_OC, weights=weights)
+    assert np.mean(regions.labels != expected.labels) < 0.01
+    assert regions.sizes()[4] == 0
+
+
+def test_partitioner_takes_obstacles_in_the_world(surface, p_OC):
+    p_OZ = np.array([[0.06, 0.0, 0.0]])
+    radii = np.array([0.03])
+    obstacles = ForbiddenPoints((X_WO @ p_OZ.T).T, radii)
+    expected = compute_safe_regions(
+        surface.p_OQ, p_OC, np.zeros(5), surface.forbidden.joined(ForbiddenPoints(p_OZ, radii))
+    )
+    regions = partition(surface, p_OC, obstacles=obstacles)
+    assert np.mean(regions.labels != expected.labels) < 0.01
+    assert regions.sizes()[4] < partition(surface, p_OC).sizes()[4]
+
+
+def selector_and_context(surface, p_OC, **arguments):
+    system = CentroidSelector(surface=surface, p_OC=p_OC, period=PERIOD, **arguments)
+    context = system.CreateDefaultContext()
+    regions = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(len(p_OC)), surface.forbidden)
+    system.GetInputPort("X_WO_estimated").FixValue(context, X_WO)
+    system.GetInputPort("p_WO_covariance").FixValue(context, COVARIANCE.ravel())
+    system.GetInputPort("safe_regions").FixValue(context, AbstractValue.Make(regions))
+    selection = SelectionInput(surface, p_OC, regions, COVARIANCE + 0.04**2 * np.eye(3))
+    return system, context, select_contacts(selection, STRATEGIES["position"])
+
+
+def test_selector_emits_the_goals_of_this_tick(surface, p_OC):
+    system, context, expected = selector_and_context(surface, p_OC)
+    p_WC = system.GetOutputPort("p_WC").Eval(context)
+    np.testing.assert_allclose(p_WC, in_world(expected.p_OC), atol=1e-15)
+    status = system.GetOutputPort("contact_status").Eval(context)
+    np.testing.assert_array_equal(status, ContactStatus.ACTIVE)
+
+
+def test_selector_emits_the_same_goals_before_and_after_storing_them(surface, p_OC):
+    system, context, _ = selector_and_context(surface, p_OC)
+    before = system.GetOutputPort("p_WC").Eval(context).copy()
+    previous = system.GetOutputPort("p_WC_previous")
+    np.testing.assert_allclose(previous.Eval(context), in_world(p_OC), atol=1e-15)
+    context.SetDiscreteState(system.EvalUniquePeriodicDiscreteUpdate(context))
+    np.testing.assert_array_equal(system.GetOutputPort("p_WC").Eval(context), before)
+    np.testing.assert_array_equal(previous.Eval(context), before)
+
+
+def test_selector_holds_the_static_contacts_on_the_object(surface, p_OC):
+    system, context, _ = selector_and_context(surface, p_OC, static_duration=4.0)
+    for k in (0, 1, 79):
+        context.SetTime(k * PERIOD)
+        p_WC = system.GetOutputPort("p_WC").Eval(context)
+        np.testing.assert_array_equal(p_WC, in_world(p_OC))
+    context.SetTime(80 * PERIOD)
+    assert np.max(np.abs(system.GetOutputPort("p_WC").Eval(context) - in_world(p_OC))) > 1e-3
+
+
+def test_selector_breaks_the_loop_to_the_partitioner(surface, p_OC):
+    system, _, _ = selector_and_context(surface, p_OC)
+    regions = system.GetInputPort("safe_regions").get_index()
+    for name, depends in (("p_WC", True), ("p_WC_previous", False)):
+        output = system.GetOutputPort(name).get_index()
+        assert system.HasDirectFeedthrough(regions, output) == depends
+
+
+def test_fingertip_targets_look_into_the_object(surface, p_OC):
+    names = [f"hand::tip_{i}" for i in range(5)]
+    system, context, expected = selector_and_context(surface, p_OC, fingertip_frames=names)
+    targets = system.GetOutputPort("fingertip_targets").Eval(context)
+    _, normals = surface.project(expected.p_OC)
+    for name, p_OCi, normal in zip(names, expected.p_OC, normals, strict=True):
+        X_WF = targets.Find(name)
+        np.testing.assert_allclose(X_WF.translation(), X_WO @ p_OCi, atol=1e-15)
+        z = X_WF.rotation().col(2)
+        np.testing.assert_allclose(z, X_WO.rotation() @ -normal, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"period": 0.0},
+        {"position_spread": 0.0},
+        {"strategy": "telepathy"},
+        {"p_OC": np.zeros((0, 3))},
+        {"fingertip_frames": ["only_one"]},
+    ],
+)
+def test_selector_refuses_bad_arguments(surface, p_OC, arguments):
+    with pytest.raises(InvalidArgumentError):
+        CentroidSelector(**{"surface": surface, "p_OC": p_OC, "period": 0.1, **arguments})

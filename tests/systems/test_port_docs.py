@@ -1,0 +1,91 @@
+"""The port block in each system's docstring equals the real ports, in their order."""
+
+import importlib
+import inspect
+import pkgutil
+
+import numpy as np
+import pytest
+import yaml
+from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.multibody.plant import MultibodyPlantConfig
+from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.framework import System
+
+import drake_pregrasp.diagrams
+import drake_pregrasp.systems
+from drake_pregrasp import ObjectPlant, PlannerConfig, PregraspPlanner
+from drake_pregrasp.diagrams.object_plant import MotionConfig, ObjectConfig
+from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
+from drake_pregrasp.systems.body_pose import BodyPose
+from drake_pregrasp.systems.centroid_selector import CentroidSelector
+from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
+from drake_pregrasp.systems.noise_source import NoiseSource
+from drake_pregrasp.systems.object_motion import ObjectMotion
+from drake_pregrasp.systems.pose_estimator import PoseEstimator
+from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
+from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
+from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
+from drake_pregrasp.systems.tick_logger import TickLogger
+
+PLANT = MultibodyPlantConfig(time_step=0.0125, discrete_contact_approximation="sap")
+MAKERS = {
+    BodyPose: lambda s, c: BodyPose(BodyIndex(1)),
+    CentroidSelector: lambda s, c: CentroidSelector(surface=s, p_OC=c, period=0.1),
+    GraspQualityMonitor: lambda s, c: GraspQualityMonitor(num_contacts=len(c)),
+    NoiseSource: lambda s, c: NoiseSource(size=2, period=0.1),
+    NoisyPoseSensor: lambda s, c: NoisyPoseSensor(position_std=0, orientation_std=0),
+    ObjectMotion: lambda s, c: ObjectMotion(linear_velocity=0, angular_velocity=0),
+    ObjectPlant: lambda s, c: ObjectPlant(ObjectConfig(), MotionConfig(), PLANT),
+    PoseEstimator: lambda s, c: PoseEstimator(period=0.1, noise=filter_noise(EstimatorConfig())),
+    PregraspPlanner: lambda s, c: PregraspPlanner(PlannerConfig(), s, c),
+    PregraspVisualizer: lambda s, c: PregraspVisualizer(
+        meshcat=Meshcat(MeshcatParams(host="localhost")),
+        surface=s,
+        num_contacts=len(c),
+        publish_period=0.1,
+    ),
+    SafeRegionPartitioner: lambda s, c: SafeRegionPartitioner(surface=s, num_contacts=len(c)),
+    TickLogger: lambda s, c: TickLogger(
+        num_contacts=len(c), quality_size=5, period=0.1, sink=lambda record: None
+    ),
+}
+
+
+def system_classes() -> set[type]:
+    found = set()
+    for package in (drake_pregrasp.systems, drake_pregrasp.diagrams):
+        for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
+            for _, member in inspect.getmembers(importlib.import_module(module.name)):
+                ours = getattr(member, "__module__", "").startswith("drake_pregrasp")
+                if ours and inspect.isclass(member) and issubclass(member, System):
+                    found.add(member)
+    return found
+
+
+def test_every_system_is_looked_at() -> None:
+    assert system_classes() == set(MAKERS)
+
+
+@pytest.mark.parametrize("system_class", MAKERS, ids=lambda c: c.__name__)
+def test_port_block_equals_ports(system_class: type, surface, p_OC: np.ndarray) -> None:
+    doc = inspect.getdoc(system_class)
+    assert doc is not None
+    block = doc.split(".. pydrake_system::\n\n")[1].split("\n\n")[0]
+    documented = yaml.safe_load(inspect.cleandoc(block))
+    system = MAKERS[system_class](surface, p_OC)
+    assert documented["name"] == system_class.__name__
+    inputs = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
+    outputs = [system.get_output_port(i).get_name() for i in range(system.num_output_ports())]
+    assert documented.get("input_ports", []) == inputs
+    assert documented.get("output_ports", []) == outputs
+
+
+@pytest.mark.parametrize("system_class", MAKERS, ids=lambda c: c.__name__)
+def test_every_port_has_a_sentence(system_class: type, surface, p_OC: np.ndarray) -> None:
+    doc = inspect.getdoc(system_class) or ""
+    system = MAKERS[system_class](surface, p_OC)
+    names = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
+    names += [system.get_output_port(i).get_name() for i in range(system.num_output_ports())]
+    prose = doc.split("\n\n", 3)[-1]
+    assert [name for name in names if f"`{name}`" not in prose and "TickLogger" not in doc] == []

@@ -1,0 +1,112 @@
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from scipy.spatial.transform import Rotation
+
+from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
+from drake_pregrasp.planning.pose_filter import first_belief, predict, update
+from drake_pregrasp.systems.pose_estimator import PoseEstimator
+
+PERIOD = 0.05
+NOISE = filter_noise(EstimatorConfig())
+X_0 = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.1, 0.2, 0.3])
+X_1 = RigidTransform(RollPitchYaw(0.1, 0.2, 0.31), [0.101, 0.2, 0.3])
+
+
+def estimator_and_context(X_WO_measured, time=0.0, **arguments):
+    estimator = PoseEstimator(period=PERIOD, noise=NOISE, **arguments)
+    context = estimator.CreateDefaultContext()
+    context.SetTime(time)
+    estimator.GetInputPort("X_WO_measured").FixValue(context, X_WO_measured)
+    return estimator, context
+
+
+def tick(estimator, context):
+    context.SetDiscreteState(estimator.EvalUniquePeriodicDiscreteUpdate(context))
+
+
+def pose(estimator, context):
+    return estimator.GetOutputPort("X_WO_estimated").Eval(context)
+
+
+def test_before_any_tick_the_first_measurement_is_the_estimate():
+    estimator, context = estimator_and_context(X_0)
+    assert pose(estimator, context).IsNearlyEqualTo(X_0, 1e-12)
+
+
+@pytest.mark.parametrize("p_OCoM", [np.zeros(3), np.array([0.01, -0.02, 0.03])])
+def test_ticks_do_what_the_filter_does(p_OCoM):
+    estimator, context = estimator_and_context(X_0, p_OCoM=p_OCoM)
+    belief = first_belief(0, X_0 @ p_OCoM, rotation(X_0), NOISE)
+    tick(estimator, context)
+    context.SetTime(PERIOD)
+    estimator.GetInputPort("X_WO_measured").FixValue(context, X_1)
+    belief = update(predict(belief, PERIOD, NOISE), X_1 @ p_OCoM, rotation(X_1), NOISE)
+    np.testing.assert_allclose(pose(estimator, context) @ p_OCoM, belief.p_WCoM, atol=1e-15)
+    V_WO = estimator.GetOutputPort("V_WO_estimated").Eval(context)
+    np.testing.assert_allclose(V_WO.rotational(), belief.w_WO, atol=1e-15)
+    p_OCoM_W = belief.R_WO.apply(p_OCoM)
+    v_WCoM = V_WO.translational() + np.cross(belief.w_WO, p_OCoM_W)
+    np.testing.assert_allclose(v_WCoM, belief.v_WCoM, atol=1e-15)
+    covariance = estimator.GetOutputPort("p_WO_covariance").Eval(context).reshape(3, 3)
+    np.testing.assert_allclose(covariance, belief.p_WCoM_covariance, rtol=1e-12)
+
+
+def rotation(X):
+    return Rotation.from_matrix(X.rotation().matrix())
+
+
+def test_outputs_are_the_same_before_and_after_the_tick_stores_them():
+    estimator, context = estimator_and_context(X_0)
+    tick(estimator, context)
+    context.SetTime(PERIOD)
+    estimator.GetInputPort("X_WO_measured").FixValue(context, X_1)
+    before = RigidTransform(pose(estimator, context))
+    tick(estimator, context)
+    assert pose(estimator, context).IsNearlyEqualTo(before, 1e-15)
+
+
+def test_a_measurement_is_used_once():
+    estimator, context = estimator_and_context(X_0)
+    tick(estimator, context)
+    estimator.GetInputPort("X_WO_measured").FixValue(context, X_1)  # The same tick: ignored.
+    assert pose(estimator, context).IsNearlyEqualTo(X_0, 1e-12)
+
+
+def test_between_ticks_the_estimate_moves_on_with_the_estimated_twist():
+    estimator, context = estimator_and_context(X_0)
+    for k, X in enumerate([X_0, X_1]):
+        context.SetTime(k * PERIOD)
+        estimator.GetInputPort("X_WO_measured").FixValue(context, X)
+        tick(estimator, context)
+    at_tick = RigidTransform(pose(estimator, context))
+    V_WO = estimator.GetOutputPort("V_WO_estimated").Eval(context)
+    context.SetTime(1.5 * PERIOD)
+    moved = pose(estimator, context).translation() - at_tick.translation()
+    np.testing.assert_allclose(moved, V_WO.translational() * PERIOD / 2, atol=1e-15)
+
+
+def test_lookahead_is_prediction_with_a_grown_covariance():
+    (now, context), (ahead, _) = (estimator_and_context(X_0, lookahead=t) for t in (0.0, 0.2))
+    later = ahead.CreateDefaultContext()
+    ahead.GetInputPort("X_WO_measured").FixValue(later, X_0)
+    for system, c in ((now, context), (ahead, later)):
+        tick(system, c)
+        c.SetTime(PERIOD)
+        system.GetInputPort("X_WO_measured").FixValue(c, X_1)
+        tick(system, c)
+    context.SetTime(PERIOD + 0.2 - 1e-9)
+    context_pose = now.GetOutputPort("X_WO_estimated")
+    V_WO = now.GetOutputPort("V_WO_estimated")
+    context.SetTime(PERIOD)
+    expected = context_pose.Eval(context).translation() + 0.2 * V_WO.Eval(context).translational()
+    np.testing.assert_allclose(pose(ahead, later).translation(), expected, atol=1e-12)
+    grown = ahead.GetOutputPort("p_WO_covariance").Eval(later)
+    assert grown[0] > now.GetOutputPort("p_WO_covariance").Eval(context)[0]
+
+
+@pytest.mark.parametrize("arguments", [{"period": 0.0}, {"period": 0.1, "lookahead": -1.0}])
+def test_bad_arguments_are_refused(arguments):
+    with pytest.raises(InvalidArgumentError):
+        PoseEstimator(noise=NOISE, **arguments)

@@ -1,0 +1,95 @@
+import numpy as np
+import pytest
+from pydrake.common import RandomGenerator
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.tree import BodyIndex
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import AddRandomInputs
+
+from drake_pregrasp.systems.body_pose import BodyPose
+from drake_pregrasp.systems.noise_source import NoiseSource
+from drake_pregrasp.systems.object_motion import ObjectMotion
+from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
+
+
+def noise_at(source, time, seed=None):
+    context = source.CreateDefaultContext()
+    context.SetTime(time)
+    if seed is not None:
+        context.get_mutable_numeric_parameter(0).SetAtIndex(0, seed)
+    return source.get_output_port().Eval(context)
+
+
+def test_motion_commands_position_and_rate():
+    motion = ObjectMotion(linear_velocity=0.1, angular_velocity=-0.5)
+    context = motion.CreateDefaultContext()
+    context.SetTime(3.0)
+    np.testing.assert_allclose(motion.get_output_port().Eval(context), [0.3, -1.5, 0.1, -0.5])
+
+
+def test_body_pose_picks_its_body():
+    poses = [RigidTransform(np.full(3, float(k))) for k in range(3)]
+    system = BodyPose(BodyIndex(2))
+    context = system.CreateDefaultContext()
+    system.get_input_port().FixValue(context, AbstractValue.Make(poses))
+    assert system.get_output_port().Eval(context).IsExactlyEqualTo(poses[2])
+
+
+def test_noise_holds_for_a_period_and_then_changes():
+    source = NoiseSource(size=4, period=0.05, seed=3)
+    np.testing.assert_array_equal(noise_at(source, 0.15), noise_at(source, 3 * 0.05))
+    np.testing.assert_array_equal(noise_at(source, 0.15), noise_at(source, 0.1999))
+    assert np.all(noise_at(source, 0.15) != noise_at(source, 0.2))
+
+
+def test_noise_is_a_function_of_the_seed_which_a_context_may_set():
+    source = NoiseSource(size=4, period=0.05, seed=3)
+    other = NoiseSource(size=4, period=0.05, seed=4)
+    assert np.all(noise_at(source, 0.1) != noise_at(other, 0.1))
+    np.testing.assert_array_equal(noise_at(source, 0.1, seed=4), noise_at(other, 0.1))
+
+
+def test_noise_is_standard_normal_and_independent():
+    source = NoiseSource(size=6, period=0.1)
+    x = np.array([noise_at(source, 0.1 * k) for k in range(2000)])
+    np.testing.assert_allclose(np.cov(x.T), np.eye(6), atol=0.12)
+    np.testing.assert_allclose(x.mean(axis=0), 0, atol=0.1)
+    assert abs(np.mean(x[1:] * x[:-1])) < 0.05
+
+
+def measured(sensor, X_WO, noise):
+    context = sensor.CreateDefaultContext()
+    sensor.GetInputPort("X_WO").FixValue(context, X_WO)
+    sensor.GetInputPort("noise").FixValue(context, noise)
+    return sensor.get_output_port().Eval(context)
+
+
+X_WO = RigidTransform(RollPitchYaw(0.3, -0.2, 2.0), [0.4, 0.5, 0.6])
+
+
+def test_sensor_without_noise_measures_the_truth():
+    sensor = NoisyPoseSensor(position_std=0.1, orientation_std=0.1)
+    assert measured(sensor, X_WO, np.zeros(6)).IsNearlyEqualTo(X_WO, 1e-15)
+
+
+def test_sensor_adds_noise_in_the_world_frame():
+    sensor = NoisyPoseSensor(position_std=0.1, orientation_std=0.2)
+    X_WM = measured(sensor, X_WO, np.array([1.0, 0, -1, 0, 0, 0.5]))
+    np.testing.assert_allclose(X_WM.translation() - X_WO.translation(), [0.1, 0, -0.1], atol=1e-15)
+    expected = RotationMatrix.MakeZRotation(0.1) @ X_WO.rotation()
+    assert (X_WM.rotation().inverse() @ expected).IsNearlyIdentity(1e-12)
+
+
+def test_sensor_takes_drakes_random_inputs():
+    builder = DiagramBuilder()
+    sensor = builder.AddSystem(NoisyPoseSensor(position_std=0.1, orientation_std=0.2))
+    builder.ExportInput(sensor.GetInputPort("X_WO"), "X_WO")
+    builder.ExportOutput(sensor.get_output_port(), "X_WM")
+    assert AddRandomInputs(0.1, builder) == 1
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    diagram.SetRandomContext(context, RandomGenerator(5))
+    diagram.GetInputPort("X_WO").FixValue(context, X_WO)
+    X_WM = diagram.GetOutputPort("X_WM").Eval(context)
+    assert np.linalg.norm(X_WM.translation() - X_WO.translation()) == pytest.approx(0.2, abs=0.19)

@@ -1,0 +1,38 @@
+"""Floors import only from those above them, and the mathematics never imports Drake."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parent.parent / "drake_pregrasp"
+FLOORS = ["errors", "resources", "planning", "systems", "diagrams", "simulation", "studies", "cli"]
+FILES = [path for path in PACKAGE.rglob("*.py") if path.parent != PACKAGE or path.stem in FLOORS]
+
+
+def imported_modules(path: Path) -> set[str]:
+    modules = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            modules |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            modules.add(node.module or "")
+    return modules
+
+
+def floor(parts: tuple[str, ...]) -> int:
+    return FLOORS.index(parts[0].removesuffix(".py"))
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_go_up_only(path: Path) -> None:
+    own = floor(path.relative_to(PACKAGE).parts)
+    for module in imported_modules(path):
+        parts = module.split(".")
+        if parts[0] == "drake_pregrasp" and len(parts) > 1:
+            assert floor(tuple(parts[1:])) <= own, f"{path.name} imports {module}"
+
+
+@pytest.mark.parametrize("path", sorted((PACKAGE / "planning").glob("*.py")), ids=lambda p: p.name)
+def test_mathematics_without_drake(path: Path) -> None:
+    assert not any(module.split(".")[0] == "pydrake" for module in imported_modules(path))
