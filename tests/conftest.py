@@ -27,8 +27,18 @@ def p_OC(scenario: Scenario) -> np.ndarray:
 @pytest.fixture(scope="session")
 def base_run(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
     """The base case, through the static phase and well into the adapting one."""
+    return run_base_case(tmp_path_factory.mktemp("runs"), recording=False)
+
+
+@pytest.fixture(scope="session")
+def recorded_run(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
+    """The same with a recording."""
+    return run_base_case(tmp_path_factory.mktemp("recorded"), recording=True)
+
+
+def run_base_case(out: Path, *, recording: bool) -> RunResult:
     scenario = load_scenario("a_base", text="{simulation_duration: 8.0}")
-    return run(scenario, name="a_base", out=tmp_path_factory.mktemp("runs"), recording=False)
+    return run(scenario, name="a_base", out=out, recording=recording)
 
 
 @pytest.fixture(scope="session")

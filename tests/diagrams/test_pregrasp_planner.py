@@ -1,0 +1,107 @@
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput
+
+from drake_pregrasp import AddPregraspPlanner, ContactStatus, PlannerConfig, PregraspPlanner
+
+CONFIG = PlannerConfig(static_duration=0.0)
+X_0 = RigidTransform(RollPitchYaw(0, 0, 0.2), [0.1, 0.2, 0.05])
+X_1 = RigidTransform(RollPitchYaw(0, 0, 0.25), [0.11, 0.2, 0.05])
+
+
+def planner_and_context(surface, p_OC, config=CONFIG):
+    planner = PregraspPlanner(config, surface, p_OC)
+    context = planner.CreateDefaultContext()
+    planner.GetInputPort("X_WO_measured").FixValue(context, X_0)
+    return planner, context
+
+
+def goals_in_estimate(planner, context):
+    X_WO = planner.GetOutputPort("X_WO_estimated").Eval(context)
+    p_WC = planner.GetOutputPort("p_WC").Eval(context).reshape(-1, 3)
+    return (X_WO.inverse() @ p_WC.T).T
+
+
+def tick(planner, context):
+    context.SetDiscreteState(planner.EvalUniquePeriodicDiscreteUpdate(context))
+
+
+def test_a_measurement_shapes_the_goals_of_its_own_tick(surface, p_OC):
+    planner, context = planner_and_context(surface, p_OC)
+    for k, X_WO in enumerate([X_0, X_1]):
+        context.SetTime(k * CONFIG.period)
+        planner.GetInputPort("X_WO_measured").FixValue(context, X_WO)
+        before_update = planner.GetOutputPort("p_WC").Eval(context).copy()
+        tick(planner, context)
+        np.testing.assert_allclose(
+            planner.GetOutputPort("p_WC").Eval(context), before_update, atol=1e-15
+        )
+    estimate = planner.GetOutputPort("X_WO_estimated").Eval(context)
+    # The first two measurements fix position and velocity, so the second one is nearly adopted.
+    np.testing.assert_allclose(estimate.translation(), X_1.translation(), atol=1e-4)
+    p_OC_now = goals_in_estimate(planner, context)
+    nearest, _ = surface.project(p_OC_now)
+    np.testing.assert_allclose(p_OC_now, nearest, atol=1e-12)
+    assert 0.005 < np.mean(before_update.reshape(-1, 3)[:, 0] - 0.1) < 0.03
+
+
+def test_goals_settle_on_the_object(surface, p_OC):
+    planner, context = planner_and_context(surface, p_OC)
+    previous = None
+    for k in range(60):
+        context.SetTime(k * CONFIG.period)
+        tick(planner, context)
+        previous, now = goals_in_estimate(planner, context) if k == 58 else previous, None
+    now = goals_in_estimate(planner, context)
+    np.testing.assert_allclose(now, previous, atol=1e-12)
+    assert np.all(planner.GetOutputPort("contact_status").Eval(context) == ContactStatus.ACTIVE)
+
+
+def test_between_ticks_goals_ride_on_the_object(surface, p_OC):
+    planner, context = planner_and_context(surface, p_OC)
+    for k, X_WO in enumerate([X_0, X_1]):
+        context.SetTime(k * CONFIG.period)
+        planner.GetInputPort("X_WO_measured").FixValue(context, X_WO)
+        tick(planner, context)
+    on_object = goals_in_estimate(planner, context)
+    at_tick = planner.GetOutputPort("p_WC").Eval(context).copy()
+    context.SetTime(1.5 * CONFIG.period)
+    np.testing.assert_allclose(goals_in_estimate(planner, context), on_object, atol=1e-12)
+    assert np.max(np.abs(planner.GetOutputPort("p_WC").Eval(context) - at_tick)) > 1e-3
+
+
+def test_a_lost_finger_reaches_the_planner_through_its_port(surface, p_OC):
+    planner, context = planner_and_context(surface, p_OC)
+    weights = planner.GetInputPort("contact_weights")
+    weights.FixValue(context, np.zeros(5))
+    tick(planner, context)
+    context.SetTime(CONFIG.period)
+    weights.FixValue(context, [0, -np.inf, 0, 0, 0])
+    tick(planner, context)
+    status = planner.GetOutputPort("contact_status").Eval(context)
+    assert list(status) == [1, ContactStatus.LOST, 1, 1, 1]
+
+
+@pytest.mark.parametrize("period", [0.05, 0.01, 1 / 64])
+def test_the_period_sets_the_planning_rate(surface, p_OC, period):
+    planner, _ = planner_and_context(surface, p_OC, PlannerConfig(period=period))
+    attribute = planner.GetUniquePeriodicDiscreteUpdateAttribute()
+    assert attribute.period_sec() == period
+    assert attribute.offset_sec() == 0
+
+
+def test_it_drops_into_anybodys_diagram(surface, p_OC):
+    builder = DiagramBuilder()
+    planner = AddPregraspPlanner(builder, CONFIG, surface, p_OC)
+    builder.ExportInput(planner.GetInputPort("X_WO_measured"), "X_WO_measured")
+    logger = LogVectorOutput(planner.GetOutputPort("p_WC"), builder, 0.01)
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    diagram.GetInputPort("X_WO_measured").FixValue(simulator.get_mutable_context(), X_0)
+    simulator.AdvanceTo(0.5)
+    log = logger.FindLog(simulator.get_context())
+    assert log.data().shape == (15, 51)
+    assert np.all(np.isfinite(log.data()))

@@ -1,0 +1,71 @@
+"""The recording, as someone sees it who opens it in a browser."""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
+pytestmark = pytest.mark.skipif(BROWSER is None, reason="needs Chromium (Debian: chromium)")
+
+FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--hide-scrollbars",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--enable-unsafe-swiftshader",
+    "--window-size=900,700",
+    "--virtual-time-budget=5000",
+]
+
+
+def picture(recording: Path, time: float, folder: Path) -> np.ndarray:
+    """Returns the recording at a moment, shape (height, width, 3), between 0 and 1."""
+    seek = f"viewer.animator.pause(); viewer.animator.seek({time});"
+    page = folder / f"at_{time}.html"
+    script = f"<script>setTimeout(() => {{ {seek} }}, 500);</script></body>"
+    page.write_text(recording.read_text(encoding="utf-8").replace("</body>", script))
+    png = folder / f"at_{time}.png"
+    profile = f"--user-data-dir={folder / f'profile_{time}'}"
+    command = [BROWSER, *FLAGS, profile, f"--screenshot={png}", page.as_uri()]
+    subprocess.run(command, check=True, capture_output=True, timeout=120)
+    return imread(png)[:, :, :3]
+
+
+def colored(image: np.ndarray) -> np.ndarray:
+    """Mask of saturated pixels: the regions and goals; everything else in the scene is greyish."""
+    return image.max(axis=2) - image.min(axis=2) > 0.15
+
+
+@pytest.fixture(scope="module")
+def pictures(recorded_run, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pictures")
+    recording = recorded_run.folder / "recording.html"
+    return {time: picture(recording, time, folder) for time in (1.0, 3.0, 7.5)}
+
+
+def test_regions_are_seen(pictures):
+    for image in pictures.values():
+        assert 0.01 < np.mean(colored(image)) < 0.3
+
+
+def test_regions_keep_their_colors_while_contacts_are_held(pictures):
+    early, late = colored(pictures[1.0]), colored(pictures[3.0])
+    assert np.sum(early != late) < 0.3 * np.sum(early)  # The object turns by 2 degrees.
+    assert np.sum(late) == pytest.approx(np.sum(early), rel=0.1)
+
+
+def test_regions_grow_when_contacts_adapt(pictures, base_log):
+    """The log says that regions cover more of the surface then; so must the picture."""
+    covered = sum(base_log[f"region{i}_size"] for i in range(5))
+    assert covered[-1] > 1.3 * covered[0]
+    assert np.sum(colored(pictures[7.5])) > 1.2 * np.sum(colored(pictures[3.0]))
+    assert np.mean(np.any(np.abs(pictures[7.5] - pictures[3.0]) > 0.1, axis=2)) > 0.01

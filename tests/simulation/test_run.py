@@ -1,0 +1,193 @@
+import json
+import math
+
+import numpy as np
+import pytest
+from conftest import read_log
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform
+from scipy.spatial.transform import Rotation
+
+from drake_pregrasp import OutputError, ScenarioError, box_surface, load_scenario, run
+from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
+from drake_pregrasp.planning.pose_filter import first_belief, predict, update
+from drake_pregrasp.simulation.run import RUN_FILES
+from drake_pregrasp.systems.noise_source import NoiseSource
+
+STATIC_PUBLISHED = {"q_msv": (2.2089, 0.001), "q_gii": (0.9749, 0.001), "q_vew": (125.4176, 0.005)}
+
+
+def contacts(log, row):
+    return np.array([[log[f"c{i}_{axis}"][row] for axis in "xyz"] for i in range(5)])
+
+
+def pose(log, row, frames):
+    q = Quaternion(*(log[f"q{c}_{frames}"][row] for c in "wxyz"))
+    return RigidTransform(q, [log[f"{c}_{frames}"][row] for c in "xyz"])
+
+
+def test_the_run_folder_is_complete(base_run):
+    files = {path.name for path in base_run.folder.iterdir()}
+    assert files - {"diagram.svg"} == set(RUN_FILES) - {"diagram.svg", "recording.html"}
+    assert json.loads((base_run.folder / "summary.json").read_text()) == base_run.summary
+
+
+def test_static_phase_meets_table_2(base_run, base_log):
+    static = base_log["time"] < 4
+    for measure, (published, tolerance) in STATIC_PUBLISHED.items():
+        assert base_run.summary["static"][measure] == pytest.approx(published, abs=tolerance)
+        assert np.max(base_log[measure][static]) == pytest.approx(published, abs=tolerance)
+
+
+def test_adapting_phase_meets_table_2(base_run):
+    best = base_run.summary["max"]
+    assert best["q_msv"] >= 2.225
+    assert best["q_gii"] >= 0.989
+    assert 125.30 <= best["q_vew"] <= 125.60
+    assert best["q_gii"] > base_run.summary["static"]["q_gii"]
+
+
+def test_measures_follow_from_the_log_alone(base_log):
+    """G_i = [[I, 0], [[r_i]x, I]] of the active contacts about the true centre, once more."""
+    for row in range(0, len(base_log["time"]), 7):
+        centre = np.array([base_log[f"{c}_wo"][row] for c in "xyz"])
+        blocks = []
+        for i, (x, y, z) in enumerate(contacts(base_log, row) - centre):
+            if base_log[f"c{i}_active"][row]:
+                cross = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
+                blocks.append(
+                    np.block([[np.eye(3), np.zeros((3, 3))], [np.array(cross), np.eye(3)]])
+                )
+        G = np.hstack(blocks)
+        sigma = np.sqrt(np.linalg.eigvalsh(G @ G.T))
+        assert base_log["q_msv"][row] == pytest.approx(sigma[0], rel=1e-9)
+        assert base_log["q_gii"][row] == pytest.approx(sigma[0] / sigma[-1], rel=1e-9)
+        volume = math.sqrt(np.linalg.det(G @ G.T))
+        assert base_log["q_vew"][row] == pytest.approx(volume, rel=1e-9)
+
+
+def test_active_contacts_lie_on_allowed_faces(base_log):
+    surface = box_surface([0.1, 0.1, 0.1], spacing=0.01)
+    for row in range(len(base_log["time"])):
+        X_WO = pose(base_log, row, "wo_estimated")
+        p_OC = (X_WO.inverse() @ contacts(base_log, row).T).T
+        nearest, _ = surface.project(p_OC)
+        assert np.max(np.linalg.norm(nearest - p_OC, axis=1)) < 1e-12
+
+
+def test_static_contacts_are_rigid_with_the_object(base_log, p_OC):
+    for row in range(80):
+        X_WO = pose(base_log, row, "wo_estimated")
+        np.testing.assert_allclose(X_WO @ p_OC.T, contacts(base_log, row).T, atol=1e-14)
+    X_WO = pose(base_log, 80, "wo_estimated")
+    assert np.max(np.abs(X_WO @ p_OC.T - contacts(base_log, 80).T)) > 1e-3
+
+
+def test_the_logged_estimate_is_the_filter_on_each_ticks_own_measurement(scenario, base_log):
+    """No lag anywhere: pose and noise of tick k are in the estimate, and so the goals, of tick k."""
+    noise = filter_noise(scenario.planner.estimator)
+    source = NoiseSource(size=6, period=scenario.planner.period, seed=scenario.random_seed)
+    context = source.CreateDefaultContext()
+    belief = None
+    for row, time in enumerate(base_log["time"]):
+        context.SetTime(time)
+        n = source.get_output_port().Eval(context)
+        X_WO = pose(base_log, row, "wo")
+        p = X_WO.translation() + scenario.sensor.position_std * n[:3]
+        turn = Rotation.from_rotvec(scenario.sensor.orientation_std * n[3:])
+        R = turn * Rotation.from_matrix(X_WO.rotation().matrix())
+        if belief is None:
+            belief = first_belief(time, p, R, noise)
+        else:
+            belief = update(predict(belief, time - belief.time, noise), p, R, noise)
+        estimate = pose(base_log, row, "wo_estimated")
+        np.testing.assert_allclose(estimate.translation(), belief.p_WCoM, atol=1e-12)
+        np.testing.assert_allclose(
+            estimate.rotation().matrix(), belief.R_WO.as_matrix(), atol=1e-10
+        )
+
+
+def test_displacement_and_energy_follow_from_the_contacts(base_log):
+    rows = [79, 80, 81, 120]
+    for row in rows:
+        steps = np.linalg.norm(contacts(base_log, row) - contacts(base_log, row - 1), axis=1)
+        assert base_log["displacement"][row] == pytest.approx(np.sum(steps), rel=1e-9)
+        energy = np.sum((steps / 0.05) ** 2) / 2
+        assert base_log["energy"][row] == pytest.approx(energy, rel=1e-6)
+    assert base_log["displacement"][0] == base_log["energy"][0] == 0
+
+
+def test_one_row_a_tick(base_run, base_log):
+    np.testing.assert_allclose(base_log["time"], 0.05 * np.arange(161), rtol=1e-12)
+    assert base_run.summary["ticks"] == 161
+
+
+def test_same_scenario_same_bytes(base_run, tmp_path):
+    again = load_scenario(file=base_run.folder / "scenario.yaml")
+    result = run(again, name="again", out=tmp_path, recording=False)
+    assert (result.folder / "log.csv").read_bytes() == (base_run.folder / "log.csv").read_bytes()
+
+
+def test_a_recording_changes_no_byte_of_the_log(base_run, recorded_run):
+    logs = [(result.folder / "log.csv").read_bytes() for result in (base_run, recorded_run)]
+    assert logs[0] == logs[1]
+
+
+def test_another_seed_is_another_run(base_run, tmp_path):
+    scenario = load_scenario("a_base", text="{random_seed: 1, simulation_duration: 0.5}")
+    result = run(scenario, name="seeded", out=tmp_path, recording=False)
+    other, base = (read_log(r.folder / "log.csv") for r in (result, base_run))
+    assert np.all(other["position_error"] != base["position_error"][:11])
+
+
+@pytest.mark.parametrize("name", ["b_slower", "c_faster", "d_smaller", "e_bigger"])
+def test_other_cases_beat_their_static_contacts(name, tmp_path):
+    scenario = load_scenario(name, text="{simulation_duration: 6.0}")
+    summary = run(scenario, name=name, out=tmp_path, recording=False).summary
+    assert summary["max"]["q_msv"] > summary["static"]["q_msv"] + 0.01
+    assert summary["max"]["q_gii"] > summary["static"]["q_gii"] + 0.01
+    assert summary["force_closure_margin"]["final"] > summary["force_closure_margin"]["static"]
+
+
+def test_poor_start_recovers(base_run, tmp_path):
+    """Row g of Table II: four contacts on one face to begin with, the fifth on forbidden ground."""
+    scenario = load_scenario("g_poor_start", text="{simulation_duration: 8.0}")
+    result = run(scenario, name="g", out=tmp_path, recording=False)
+    log = read_log(result.folder / "log.csv")
+    static = log["time"] < 4
+    assert np.all(log["c4_active"][static] == 0)
+    assert log["c4_active"][-1] == 1
+    assert result.summary["static"]["q_msv"] == pytest.approx(1.9508, abs=1e-3)
+    assert result.summary["static"]["q_gii"] == pytest.approx(0.9512, abs=1e-3)
+    for measure in STATIC_PUBLISHED:
+        assert result.summary["max"][measure] > 0.99 * base_run.summary["max"][measure]
+
+
+def test_a_run_that_is_stopped_keeps_its_log(tmp_path):
+    ticks = []
+    result = run(
+        load_scenario("a_base"),
+        name="stopped",
+        out=tmp_path,
+        recording=False,
+        on_tick=ticks.append,
+        should_stop=lambda: len(ticks) >= 5,
+    )
+    assert not result.completed
+    log = read_log(result.folder / "log.csv")
+    assert len(log["time"]) == len(ticks) == result.summary["ticks"]
+    assert result.summary["max"]["q_msv"] is None
+
+
+def test_an_unwritable_folder_is_refused_and_keeps_what_is_there(tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("precious")
+    with pytest.raises(OutputError, match=r"file.*can't be written"):
+        run(load_scenario("a_base"), name="a", out=blocked)
+    assert blocked.read_text() == "precious"
+
+
+def test_a_name_cannot_leave_the_folder(tmp_path):
+    for name in ("../up", "", ".", "a/b"):
+        with pytest.raises(ScenarioError, match="name is made of"):
+            run(load_scenario("a_base"), name=name, out=tmp_path)

@@ -1,0 +1,133 @@
+import dataclasses
+
+import pytest
+
+from drake_pregrasp import Scenario, ScenarioError, load_scenario, shipped_scenarios
+from drake_pregrasp.simulation.scenario_file import dump_scenario
+
+TEMPLATE = "case:\n  description: for a test\n"
+
+BAD = [
+    (
+        "planner: {perod: 0.1}",
+        "case.planner.perod",
+        "unknown key (value 0.1); did you mean period?",
+    ),
+    ("zzz: 1", "case.zzz", "unknown key"),
+    ("planner: {period: -0.1}", "case.planner.period", "-0.1 must be a number above 0"),
+    ("planner: {period: 0}", "case.planner.period", "0 must be a number above 0"),
+    ("planner: {period: .nan}", "case.planner.period", "nan must be a number above 0"),
+    ("planner: {period: .inf}", "case.planner.period", "inf must be"),
+    ("planner: {period: fast}", "case.planner.period", "'fast' must be a number above 0"),
+    ("planner: {period: [1]}", "case.planner.period", "[1] must be a number"),
+    ("planner: {period: true}", "case.planner.period", "True must be a number"),
+    ("planner: {strategy: luck}", "case.planner.strategy", "'luck' must be one of: position"),
+    ("planner: 3", "case.planner", "3 must be a mapping with keys out of: period"),
+    ("planner: {estimator: {lookahead: -1}}", "planner.estimator.lookahead", "at least 0"),
+    ("random_seed: 1.5", "case.random_seed", "1.5 must be a whole number at least 0"),
+    ("description: 7", "case.description", "7 must be a text"),
+    ("object: {size: [0.1, 0.1]}", "case.object.size", "a list of exactly 3 elements"),
+    ("object: {size: [0.1, 0.1, -1]}", "case.object.size[2]", "-1 must be a number above 0"),
+    ("initial_contacts: []", "case.initial_contacts", "a list of at least 1 elements"),
+    ("initial_contacts: [[1, 0]]", "case.initial_contacts[0]", "a list of exactly 3 elements"),
+    ("initial_contacts: [[1, 0, .nan]]", "case.initial_contacts[0][2]", "nan must be a number"),
+    ("initial_contacts: [[1, 0, 0], [0.9, 0, 0]]", "case.initial_contacts[1]", "5 mm off the surf"),
+    ("contact_weights: [1, 2]", "case.contact_weights", "one number for each of the 5"),
+    ("surface: {forbidden_faces: [top]}", "surface.forbidden_faces[0]", "must be one of: +x, -x"),
+    (
+        "surface: {forbidden_faces: [+x, -x, +y, -y, +z, -z]}",
+        "case.surface.forbidden_faces",
+        "none is left",
+    ),
+    ("plant_config: {contact_model: magic}", "case.plant_config", "magic"),
+    ("plant_config: {time_step: 0}", "case.plant_config.time_step", "above 0"),
+    ("simulator_config: {integration_scheme: magic}", "case.simulator_config", "magic"),
+    ("simulator_config: {max_step_size: big}", "case.simulator_config.max_step_size", "'big'"),
+]
+
+
+@pytest.mark.parametrize(("text", "key", "problem"), BAD, ids=[case[0] for case in BAD])
+def test_bad_keys_are_named_in_one_line(tmp_path, text, key, problem):
+    file = tmp_path / "bad.yaml"
+    file.write_text(f"{TEMPLATE}  {text}\n" if "description" not in text else f"case:\n  {text}\n")
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(file=file)
+    message = str(caught.value)
+    assert message.startswith(str(file))
+    assert key in message
+    assert problem in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"),
+    [
+        (b"case: [1", "is no YAML"),
+        (b"- a\n- b\n", "must be a mapping"),
+        (b"\xff\xfe\x00", "can't be read"),
+        (b"", "must be a mapping"),
+        (b"a: {}\nb: {}\n", "there are: a, b"),
+        (b"case: 3\n", "3 must be a mapping"),
+    ],
+)
+def test_bad_files_are_named_in_one_line(tmp_path, content, problem):
+    file = tmp_path / "bad.yaml"
+    file.write_bytes(content)
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario(file=file)
+    assert str(file) in str(caught.value)
+    assert problem in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_files_and_names_are_named(tmp_path):
+    with pytest.raises(ScenarioError, match="can't be read"):
+        load_scenario(file=tmp_path / "none.yaml")
+    with pytest.raises(ScenarioError, match="no such scenario; there are: a_base"):
+        load_scenario("z_none")
+    with pytest.raises(ScenarioError, match="needs a name or a file"):
+        load_scenario()
+    file = tmp_path / "one.yaml"
+    file.write_text(TEMPLATE)
+    with pytest.raises(ScenarioError, match="no such entry; there are: case"):
+        load_scenario("other", file=file)
+
+
+def test_texts_override_single_keys_and_are_checked(tmp_path):
+    scenario = load_scenario("c_faster", text="{planner: {period: 1e-1}, random_seed: 4}")
+    assert scenario.planner.period == 0.1
+    assert scenario.random_seed == 4
+    assert scenario.motion.angular_velocity == 0.0349
+    with pytest.raises(ScenarioError, match=r"^scenario text: planner.period: -1 must"):
+        load_scenario("a_base", text="{planner: {period: -1}}")
+    with pytest.raises(ScenarioError, match=r"^scenario text: contact_weights"):
+        load_scenario("a_base", text="{contact_weights: [1.0]}")
+
+
+@pytest.mark.parametrize("name", shipped_scenarios())
+def test_shipped_scenarios_survive_being_written_and_read(name, tmp_path):
+    scenario = load_scenario(name)
+    file = tmp_path / "scenario.yaml"
+    file.write_text(dump_scenario(name, scenario))
+    assert dump_scenario(name, load_scenario(file=file)) == file.read_text()
+    assert scenario.description
+
+
+def test_cases_differ_from_the_base_by_what_table_1_says():
+    base = plain(load_scenario("a_base"))
+    differences = {
+        name: {key for key, value in plain(load_scenario(name)).items() if value != base[key]}
+        for name in shipped_scenarios()
+    }
+    assert differences == {
+        "a_base": set(),
+        "b_slower": {"description", "motion"},
+        "c_faster": {"description", "motion"},
+        "d_smaller": {"description", "object"},
+        "e_bigger": {"description", "object"},
+        "g_poor_start": {"description", "initial_contacts"},
+    }
+
+
+def plain(scenario: Scenario) -> dict[str, str]:
+    return {f.name: repr(getattr(scenario, f.name)) for f in dataclasses.fields(scenario)}

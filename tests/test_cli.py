@@ -1,0 +1,107 @@
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from drake_pregrasp import shipped_scenarios
+from drake_pregrasp.cli import main
+
+SHORT = ["--simulation_duration", "0.5", "--no-recording"]
+
+
+def test_list_names_every_scenario(capsys):
+    assert main(["list"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == list(shipped_scenarios())
+
+
+def test_run_says_where_the_results_are(tmp_path, capsys):
+    assert main(["run", "a_base", "--out", str(tmp_path), *SHORT]) == 0
+    captured = capsys.readouterr()
+    assert str(tmp_path / "a_base") in captured.out
+    assert captured.err == ""  # Quiet when it is no terminal.
+    assert json.loads((tmp_path / "a_base" / "summary.json").read_text())["ticks"] == 11
+
+
+def test_run_from_a_file_with_drakes_flags(tmp_path):
+    file = tmp_path / "mine.yaml"
+    file.write_text("_hidden: &d {description: anchored}\none: {<<: *d}\ntwo: {<<: *d}\n")
+    flags = ["--scenario_file", str(file), "--scenario_name", "two", "--out", str(tmp_path)]
+    assert main(["run", *flags, "--scenario_text", "{random_seed: 8}", *SHORT]) == 0
+    assert json.loads((tmp_path / "two" / "summary.json").read_text())["seed"] == 8
+
+
+def test_graphviz_writes_the_diagram_and_simulates_nothing(tmp_path):
+    file = tmp_path / "diagram.dot"
+    assert main(["run", "a_base", "--graphviz", str(file), "--out", str(tmp_path / "runs")]) == 0
+    assert "safe_region_partitioner" in file.read_text()
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (["run", "z_none"], "z_none: no such scenario; there are: a_base"),
+        (["run"], "needs a shipped scenario's name"),
+        (["run", "a_base", "--scenario_file", "x.yaml"], "give either"),
+        (["run", "--scenario_file", "nowhere.yaml"], "nowhere.yaml: can't be read"),
+        (["run", "a_base", "--simulation_duration", "-1"], "-1.0 must be a number above 0"),
+        (["run", "a_base", "--simulation_duration", "nan"], "nan must be a number above 0"),
+        (["run", "a_base", "--simulation_duration", "long"], "invalid float value: 'long'"),
+        (["run", "a_base", "--scenario_text", "{planner: {perod: 1}}"], "did you mean period?"),
+        (["run", "a_base", "--out", "/dev/null/x"], "/dev/null/x/a_base: can't be written"),
+        (["run", "a_base", "--graphviz", "/dev/null/x"], "/dev/null/x: can't be written"),
+        (["dance"], "invalid choice: 'dance'"),
+        (["run", "a_base", "--speed", "9"], "unrecognized arguments: --speed 9"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else None,
+)
+def test_bad_input_is_one_line_and_status_2(arguments, problem, capsys):
+    try:
+        status = main(arguments)
+    except SystemExit as error:
+        status = error.code
+    captured = capsys.readouterr()
+    assert status == 2
+    assert captured.out == ""
+    assert problem in captured.err
+    assert captured.err.count("\n") == 1
+
+
+COMMAND = [sys.executable, "-m", "drake_pregrasp", "run", "a_base", "--no-recording", "--out"]
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_keeps_its_log_and_says_so(tmp_path, number):
+    log = tmp_path / "a_base" / "log.csv"
+    with subprocess.Popen(
+        [*COMMAND, str(tmp_path), "--simulation_duration", "100000"], stdout=subprocess.PIPE
+    ) as process:
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline and not (log.exists() and log.stat().st_size > 5000):
+            time.sleep(0.05)
+        process.send_signal(number)
+        output, _ = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert f"the log up to that tick is in {log}" in output.decode()
+    rows = log.read_text().splitlines()
+    assert len({row.count(",") for row in rows}) == 1
+    assert json.loads((log.parent / "summary.json").read_text())["completed"] is False
+
+
+def test_a_terminal_gets_a_progress_bar(tmp_path):
+    ours, theirs = pty.openpty()
+    command = [*COMMAND, str(tmp_path), "--simulation_duration", "2"]
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120"}
+    subprocess.run(command, stderr=theirs, stdout=subprocess.DEVNULL, env=environment, check=True)
+    os.close(theirs)
+    shown = os.read(ours, 100000).decode()
+    os.close(ours)
+    assert "of 2 s" in shown
+    assert "x real time" in shown
+    assert "Q_GII 0.97" in shown
