@@ -84,7 +84,7 @@ def test_static_contacts_are_rigid_with_the_object(base_log, p_OC):
 
 
 def test_the_logged_estimate_is_the_filter_on_each_ticks_own_measurement(scenario, base_log):
-    """No lag anywhere: pose and noise of tick k are in the estimate, and so the goals, of tick k."""
+    """No lag anywhere: pose and noise of tick k are in the estimate and the goals of tick k."""
     noise = filter_noise(scenario.planner.estimator)
     source = NoiseSource(size=6, period=scenario.planner.period, seed=scenario.random_seed)
     context = source.CreateDefaultContext()
