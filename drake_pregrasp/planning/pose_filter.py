@@ -173,7 +173,7 @@ def _correct(P: FloatArray, innovation: FloatArray, std: float) -> tuple[FloatAr
 def _process_noise(dt: float, density: float) -> FloatArray:
     """Covariance that white acceleration of that density adds to (position, velocity) in dt."""
     block = density**2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-    covariance: FloatArray = np.kron(block, np.eye(3)).astype(float)
+    covariance: FloatArray = (block[:, None, :, None] * np.eye(3)[:, None, :]).reshape(6, 6)
     return covariance
 
 

@@ -69,9 +69,10 @@ def compute_safe_regions(
         if lost[i]:  # Owns candidates only if every contact is lost.
             labels[own] = NO_REGION
             continue
+        from_contact = p_OQ[own] - p_OCi
         to_obstacles = forbidden.points - p_OCi
-        d = np.sqrt(np.sum(to_obstacles**2, axis=1))
+        d = np.sqrt(np.einsum("ij,ij->i", to_obstacles, to_obstacles))
         limits = d * (d - forbidden.radii)
-        beyond = to_obstacles @ (p_OQ[own] - p_OCi).T > limits[:, None]
+        beyond = to_obstacles @ from_contact.T > limits[:, None]
         labels[own[np.any(beyond, axis=0)]] = NO_REGION
     return SafeRegions(labels=labels, lost=lost)

@@ -117,7 +117,8 @@ class PoseEstimator(LeafSystem):
         if tick_index(time, self._period) > tick_index(belief.time, self._period):
             X_WO: RigidTransform = self._X_WO_measured.Eval(context)
             p_WCoM = X_WO @ self._p_OCoM
-            R_WO = Rotation.from_matrix(X_WO.rotation().matrix())
+            w, x, y, z = X_WO.rotation().ToQuaternion().wxyz()
+            R_WO = Rotation.from_quat([x, y, z, w])
             if belief.is_empty:
                 belief = first_belief(time, p_WCoM, R_WO, self._noise)
             else:

@@ -1,0 +1,1 @@
+"""Studies made with the simulations: benchmarks and experiments."""
