@@ -11,9 +11,10 @@ from drake_pregrasp.diagrams.pregrasp_planner import (
 from drake_pregrasp.errors import InvalidArgumentError, OutputError, PregraspError, ScenarioError
 from drake_pregrasp.planning.contact_selection import ContactStatus
 from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface, box_surface
-from drake_pregrasp.simulation.run import RunResult, make_diagram, run
+from drake_pregrasp.simulation.run import RunResult, run
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
+from drake_pregrasp.simulation.simulation_diagram import make_diagram
 
 __all__ = [
     "AddPregraspPlanner",

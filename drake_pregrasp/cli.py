@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 import drake_pregrasp
 from drake_pregrasp.errors import PregraspError, ScenarioError
-from drake_pregrasp.simulation.run import RunResult, make_diagram, run, write_graphviz
+from drake_pregrasp.simulation.run import RunResult, run, write_graphviz
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import (
     load_scenario,
@@ -23,6 +23,7 @@ from drake_pregrasp.simulation.scenario_file import (
     shipped_scenarios,
 )
 from drake_pregrasp.simulation.schema_check import check_mapping
+from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.summary import MEASURES
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.tick_logger import TickRecord

@@ -52,6 +52,7 @@ def add_recording(
     object_plant: ObjectPlant,
     planner: PregraspPlanner,
     surface: ObjectSurface,
+    tile_surface: ObjectSurface,
     num_contacts: int,
     publish_period: float,
 ) -> None:
@@ -67,6 +68,7 @@ def add_recording(
         PregraspVisualizer(
             meshcat=meshcat,
             surface=surface,
+            tile_surface=tile_surface,
             num_contacts=num_contacts,
             publish_period=publish_period,
         ),

@@ -55,6 +55,9 @@ class RecordingConfig:
     # Seconds between frames.
     publish_period: float = field(default=0.05, metadata={"above": 0})
 
+    # Largest edge of the tiles that draw the regions, in metres. A few thousand tiles are light.
+    tile_size: float = field(default=0.005, metadata={"at_least": 0.001})
+
 
 @dataclass
 class Scenario:
@@ -110,11 +113,11 @@ class Scenario:
 
     recording: RecordingConfig = field(default_factory=RecordingConfig)
 
-    def make_surface(self) -> ObjectSurface:
-        """Returns the object's surface, sampled as `surface` says."""
+    def make_surface(self, spacing: float | None = None) -> ObjectSurface:
+        """Returns the object's surface, sampled as `surface` says, or with another spacing."""
         return box_surface(
             self.object.size,
-            spacing=self.surface.spacing,
+            spacing=self.surface.spacing if spacing is None else spacing,
             forbidden_faces=self.surface.forbidden_faces,
             forbidden_spacing=self.surface.forbidden_spacing,
             forbidden_radius=self.surface.forbidden_radius,

@@ -5,6 +5,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
+from scipy.spatial import cKDTree
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.planning.contact_selection import ContactStatus
@@ -52,7 +53,9 @@ class PregraspVisualizer(LeafSystem):
 
     Args:
         meshcat: Where to draw.
-        surface: The object's surface.
+        surface: The object's surface, over which the regions are.
+        tile_surface: The same with another spacing, for the tiles that draw the regions: a tile has
+            the colour of the candidate nearest to it. By default, `surface`.
         num_contacts: n.
         publish_period: Seconds between frames, greater than zero.
         marker_radius: Radius of a contact goal's marker, in metres.
@@ -68,6 +71,7 @@ class PregraspVisualizer(LeafSystem):
         *,
         meshcat: Meshcat,
         surface: ObjectSurface,
+        tile_surface: ObjectSurface | None = None,
         num_contacts: int,
         publish_period: float,
         marker_radius: float = 0.006,
@@ -79,6 +83,8 @@ class PregraspVisualizer(LeafSystem):
         super().__init__()
         self._meshcat = meshcat
         self._surface = surface
+        self._tile_surface = tile_surface or surface
+        _, self._tile_candidates = cKDTree(surface.p_OQ).query(self._tile_surface.p_OQ)
         self._num_contacts = num_contacts
         self._period = publish_period
         self._trail_length = trail_length
@@ -88,7 +94,7 @@ class PregraspVisualizer(LeafSystem):
         self._hover = 0.045 + float(np.max(surface.p_OQ[:, 2]))
         # What Meshcat shows by now: a cache of the outside world, no part of the simulated state.
         self._shown: dict[tuple[str, str], bool | list[float]] = {}
-        self._shown_labels = np.full(len(surface.p_OQ), NO_REGION - 1)
+        self._shown_labels = np.full(len(self._tile_candidates), NO_REGION - 1)
         self._colors = {i: tint(contact_color(i), 0.3) for i in range(num_contacts)}
         self._colors[NO_REGION] = NO_REGION_COLOR
 
@@ -108,7 +114,7 @@ class PregraspVisualizer(LeafSystem):
 
     def _make_objects(self, marker_radius: float) -> None:
         self._meshcat.Delete(ROOT)
-        tiles = _tiles(self._surface)
+        tiles = _tiles(self._tile_surface)
         for k, corners in enumerate(tiles):
             self._meshcat.SetTriangleMesh(
                 _tile_path(k), corners.T, np.array([[0, 0], [1, 2], [2, 3]]), NO_REGION_COLOR
@@ -123,7 +129,7 @@ class PregraspVisualizer(LeafSystem):
 
     def _forget(self, context: Context) -> EventStatus:
         self._shown.clear()
-        self._shown_labels = np.full(len(self._surface.p_OQ), NO_REGION - 1)
+        self._shown_labels = np.full(len(self._tile_candidates), NO_REGION - 1)
         return EventStatus.Succeeded()
 
     def _draw(self, context: Context) -> EventStatus:
@@ -134,7 +140,7 @@ class PregraspVisualizer(LeafSystem):
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
         active = self._contact_status.Eval(context) == ContactStatus.ACTIVE
         self._meshcat.SetTransform(f"{ROOT}/regions", X_WO, time)
-        self._color_tiles(regions.labels, time)
+        self._color_tiles(regions.labels[self._tile_candidates], time)
         self._draw_goals(p_WC, active, time)
         self._draw_covariance(X_WO, covariance, time)
         return EventStatus.Succeeded()

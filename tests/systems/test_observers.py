@@ -4,7 +4,7 @@ from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
-from drake_pregrasp import ContactStatus
+from drake_pregrasp import ContactStatus, box_surface
 from drake_pregrasp.planning.grasp_quality import grasp_quality
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor, GraspQualityView
@@ -71,6 +71,16 @@ def test_logger_hands_over_each_tick(surface, p_OC):
     np.testing.assert_array_equal(record.region_sizes, regions.sizes())
     assert record.X_WO.IsExactlyEqualTo(X_WO)
     assert record.wall_seconds >= 0
+
+
+def test_tiles_have_a_spacing_of_their_own(surface):
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
+    tiles = box_surface([0.1, 0.1, 0.1], spacing=0.02)
+    PregraspVisualizer(
+        meshcat=meshcat, surface=surface, tile_surface=tiles, num_contacts=1, publish_period=0.1
+    )
+    assert meshcat.HasPath(f"{ROOT}/regions/{len(tiles.p_OQ) - 1}")
+    assert not meshcat.HasPath(f"{ROOT}/regions/{len(tiles.p_OQ)}")
 
 
 def test_visualizer_draws_once_and_then_only_moves(surface, p_OC):

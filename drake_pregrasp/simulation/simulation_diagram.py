@@ -1,0 +1,97 @@
+"""A scenario's diagram: plant, sensor, planner, and those who watch."""
+
+from collections.abc import Callable
+
+from pydrake.geometry import Meshcat
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+
+from drake_pregrasp.diagrams.object_plant import ObjectPlant
+from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
+from drake_pregrasp.planning.grasp_quality import GraspQuality
+from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.simulation.recording import add_recording
+from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
+from drake_pregrasp.systems.noise_source import NoiseSource
+from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
+from drake_pregrasp.systems.tick_logger import TickLogger, TickRecord
+
+
+def make_diagram(
+    scenario: Scenario,
+    surface: ObjectSurface,
+    *,
+    sink: Callable[[TickRecord], None] | None = None,
+    meshcat: Meshcat | None = None,
+) -> Diagram:
+    """Wires a scenario's diagram.
+
+    Args:
+        scenario: What to simulate.
+        surface: The object's surface, from `scenario.make_surface()`.
+        sink: Gets a record of each planning tick.
+        meshcat: Where to draw and record, if at all.
+    """
+    config = scenario.planner
+    n = len(scenario.initial_contacts)
+    builder = DiagramBuilder()
+    object_plant = builder.AddNamedSystem(
+        "object_plant", ObjectPlant(scenario.object, scenario.motion, scenario.plant_config)
+    )
+    noise = builder.AddNamedSystem(
+        "noise",
+        NoiseSource(
+            size=NoisyPoseSensor.NOISE_SIZE, period=config.period, seed=scenario.random_seed
+        ),
+    )
+    sensor = builder.AddNamedSystem(
+        "pose_sensor",
+        NoisyPoseSensor(
+            position_std=scenario.sensor.position_std,
+            orientation_std=scenario.sensor.orientation_std,
+        ),
+    )
+    weights = builder.AddNamedSystem(
+        "contact_weights", ConstantVectorSource(scenario.contact_weights or [0.0] * n)
+    )
+    planner = AddPregraspPlanner(builder, config, surface, scenario.initial_p_OC())
+    monitor = builder.AddNamedSystem(
+        "grasp_quality_monitor", GraspQualityMonitor(num_contacts=n, p_OCoM=surface.p_OCoM)
+    )
+    X_WO = object_plant.GetOutputPort("X_WO")
+    builder.Connect(X_WO, sensor.GetInputPort("X_WO"))
+    builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
+    builder.Connect(sensor.get_output_port(), planner.GetInputPort("X_WO_measured"))
+    builder.Connect(weights.get_output_port(), planner.GetInputPort("contact_weights"))
+    builder.Connect(X_WO, monitor.GetInputPort("X_WO"))
+    for port in ("p_WC", "contact_status"):
+        builder.Connect(planner.GetOutputPort(port), monitor.GetInputPort(port))
+    if sink is not None:
+        logger = builder.AddNamedSystem(
+            "tick_logger",
+            TickLogger(
+                num_contacts=n,
+                quality_size=len(GraspQuality.names()),
+                period=config.period,
+                sink=sink,
+            ),
+        )
+        builder.Connect(X_WO, logger.GetInputPort("X_WO"))
+        builder.Connect(monitor.get_output_port(), logger.GetInputPort("grasp_quality"))
+        for port in ("p_WC", "contact_status", "safe_regions", "X_WO_estimated"):
+            builder.Connect(planner.GetOutputPort(port), logger.GetInputPort(port))
+    if meshcat is not None:
+        add_recording(
+            builder,
+            meshcat,
+            object_plant=object_plant,
+            planner=planner,
+            surface=surface,
+            tile_surface=scenario.make_surface(scenario.recording.tile_size),
+            num_contacts=n,
+            publish_period=scenario.recording.publish_period,
+        )
+    diagram = builder.Build()
+    diagram.set_name("pregrasp_simulation")
+    return diagram
