@@ -6,8 +6,8 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_selection import STRATEGIES
 from drake_pregrasp.planning.pose_filter import PoseFilterNoise
+from drake_pregrasp.planning.strategies import READINGS, STRATEGIES
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
@@ -50,8 +50,17 @@ class PlannerConfig:
     # Seconds for which the initial contacts are held on the object before they adapt.
     static_duration: float = field(default=4.0, metadata={"at_least": 0})
 
-    # How a contact moves inside its safe region.
-    strategy: str = field(default="position", metadata={"one_of": tuple(STRATEGIES)})
+    # How a contact moves inside its safe region: position tracking (Eq. 3) or a measure (Eq. 5-7).
+    strategy: str = field(default="position", metadata={"one_of": STRATEGIES})
+
+    # For measures: the matrix of the candidate alone, or that of the hand with it.
+    reading: str = field(default="hand", metadata={"one_of": READINGS})
+
+    # For measures: whether weights are stretched over each region, b_n - min b.
+    stretch: bool = True
+
+    # Whether a contact moves to the candidate of the largest weight, not to the centroid of Eq. 4.
+    best_point: bool = False
 
     # Standard deviation added to the filter's covariance in Eq. 3, in metres.
     position_spread: float = field(default=0.04, metadata={"above": 0})
@@ -124,6 +133,9 @@ class PregraspPlanner(Diagram):
                 p_OC=p_OC,
                 period=config.period,
                 strategy=config.strategy,
+                reading=config.reading,
+                stretch=config.stretch,
+                best_point=config.best_point,
                 position_spread=config.position_spread,
                 static_duration=config.static_duration,
             ),

@@ -1,6 +1,6 @@
 """Eq. 3-4: the next contact point of each safe region."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -63,16 +63,6 @@ def gaussian_log_weights(
     return log_weights
 
 
-def position_tracking(selection: SelectionInput) -> FloatArray:
-    """Returns the weights of the position-tracking strategy: Eq. 3 about the centre of mass."""
-    surface = selection.surface
-    return gaussian_log_weights(surface.p_OQ, surface.p_OCoM, selection.covariance_O)
-
-
-STRATEGIES: Mapping[str, WeightFunction] = {"position": position_tracking}
-"""The strategies that move a contact inside its safe region, by the name a scenario uses."""
-
-
 def weighted_centroid(points: FloatArray, log_weights: FloatArray, areas: FloatArray) -> FloatArray:
     """Returns the centroid of Eq. 4, shape (3,), of points weighted by b_n and their areas.
 
@@ -80,10 +70,13 @@ def weighted_centroid(points: FloatArray, log_weights: FloatArray, areas: FloatA
 
     Args:
         points: Shape (k, 3) with k >= 1, in metres.
-        log_weights: log(b_n) up to a constant, shape (k,).
+        log_weights: log(b_n) up to a constant, shape (k,); -inf for a weight of zero.
         areas: Surface area each point stands for, shape (k,).
     """
-    weights = np.exp(log_weights - np.max(log_weights)) * areas
+    highest = float(np.max(log_weights))
+    if highest == -np.inf:  # All weights are zero: none stands out.
+        log_weights, highest = np.zeros(len(points)), 0.0
+    weights = np.exp(log_weights - highest) * areas
     centroid: FloatArray = weights @ points / np.sum(weights)
     return centroid
 
@@ -107,7 +100,9 @@ class ContactGoals:
         return mask
 
 
-def select_contacts(selection: SelectionInput, strategy: WeightFunction) -> ContactGoals:
+def select_contacts(
+    selection: SelectionInput, strategy: WeightFunction, *, best_point: bool = False
+) -> ContactGoals:
     """Moves each contact to the centroid of its safe region (Eq. 4), projected onto the surface.
 
     The centroid of a region that bends round an edge is a point of a chord, inside the object:
@@ -116,19 +111,23 @@ def select_contacts(selection: SelectionInput, strategy: WeightFunction) -> Cont
 
     Args:
         selection: Surface, contacts, regions and estimate of this tick.
-        strategy: One of `STRATEGIES`, or a weight function of your own.
+        strategy: From `make_strategy`, or a weight function of your own.
+        best_point: Whether to move to the candidate of the largest weight instead of the centroid.
     """
     goals = hold_contacts(selection.p_OC, selection.regions)
     active = np.flatnonzero(goals.active)
     if len(active) == 0:
         return goals
     surface, log_weights = selection.surface, strategy(selection)
-    centroids = []
+    points = []
     for contact in active:
         q = selection.regions.members(int(contact))
-        centroids.append(weighted_centroid(surface.p_OQ[q], log_weights[q], surface.areas[q]))
+        if best_point:
+            points.append(surface.p_OQ[q[np.argmax(log_weights[q])]])
+        else:
+            points.append(weighted_centroid(surface.p_OQ[q], log_weights[q], surface.areas[q]))
     p_OC = goals.p_OC.copy()
-    p_OC[active], _ = surface.project(np.array(centroids))
+    p_OC[active], _ = surface.project(np.array(points))
     return ContactGoals(p_OC=p_OC, status=goals.status)
 
 

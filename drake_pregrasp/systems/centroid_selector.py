@@ -17,19 +17,19 @@ from pydrake.systems.framework import (
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.contact_selection import (
-    STRATEGIES,
     ContactGoals,
     ContactStatus,
     SelectionInput,
     hold_contacts,
     select_contacts,
 )
+from drake_pregrasp.planning.strategies import make_strategy
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.systems.tick import tick_index
 
 
 class CentroidSelector(LeafSystem):
-    """Moves each contact goal inside its safe region (Eq. 3-4). It is the planner's only memory.
+    """Moves each contact goal inside its safe region (Eq. 3-7). It is the planner's only memory.
 
     .. pydrake_system::
 
@@ -70,7 +70,10 @@ class CentroidSelector(LeafSystem):
         surface: The object's surface.
         p_OC: Initial contact points in O, shape (n, 3), in metres, n at least 1.
         period: Seconds between ticks, greater than zero.
-        strategy: Name of one of `STRATEGIES`.
+        strategy: `position` tracking (Eq. 3), or a measure: `msv`, `gii` or `vew` (Eq. 5-7).
+        reading: Of the partial grasp matrix, for a measure: `contact` or `hand`.
+        stretch: Whether to stretch a measure's weights over each region.
+        best_point: Whether to move to the candidate of the largest weight, not to the centroid.
         position_spread: Standard deviation in metres, added to the estimate's covariance in Eq. 3:
             the filter's own is of millimetres, and would pick the candidate nearest to the centre.
         static_duration: Seconds for which the initial contacts are held on the object.
@@ -87,6 +90,9 @@ class CentroidSelector(LeafSystem):
         p_OC: FloatArray,
         period: float,
         strategy: str = "position",
+        reading: str = "hand",
+        stretch: bool = True,
+        best_point: bool = False,
         position_spread: float = 0.04,
         static_duration: float = 0.0,
         fingertip_frames: Sequence[str] | None = None,
@@ -101,8 +107,6 @@ class CentroidSelector(LeafSystem):
             raise InvalidArgumentError(
                 f"position_spread must be greater than 0 m, not {position_spread}"
             )
-        if strategy not in STRATEGIES:
-            raise InvalidArgumentError(f"no strategy {strategy!r}; there are {list(STRATEGIES)}")
         n = len(p_OC)
         if fingertip_frames is None:
             fingertip_frames = [f"fingertip_{i}" for i in range(n)]
@@ -110,7 +114,8 @@ class CentroidSelector(LeafSystem):
             raise InvalidArgumentError(f"{n} contacts need {n} fingertip frames")
         self._surface = surface
         self._period = period
-        self._strategy = STRATEGIES[strategy]
+        self._strategy = make_strategy(strategy, reading=reading, stretch=stretch)
+        self._best_point = best_point
         self._spread_covariance = position_spread**2 * np.eye(3)
         self._static_duration = static_duration
         self._fingertip_frames = list(fingertip_frames)
@@ -173,7 +178,7 @@ class CentroidSelector(LeafSystem):
             regions=regions,
             covariance_O=R_WO.T @ covariance_W @ R_WO + self._spread_covariance,
         )
-        output.set_value(select_contacts(selection, self._strategy))
+        output.set_value(select_contacts(selection, self._strategy, best_point=self._best_point))
 
     def _store_goals(self, context: Context, discrete_state: DiscreteValues) -> None:
         goals: ContactGoals = self._goals.Eval(context)

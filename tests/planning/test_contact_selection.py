@@ -3,7 +3,6 @@ import pytest
 
 from drake_pregrasp import ContactStatus
 from drake_pregrasp.planning.contact_selection import (
-    STRATEGIES,
     SelectionInput,
     gaussian_log_weights,
     hold_contacts,
@@ -11,6 +10,7 @@ from drake_pregrasp.planning.contact_selection import (
     weighted_centroid,
 )
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
+from drake_pregrasp.planning.strategies import position_tracking
 
 
 def selection(surface, p_OC, std=0.04, weights=None):
@@ -59,7 +59,7 @@ def test_centroid_weighs_by_area_so_that_splitting_a_sample_changes_nothing():
 
 
 def test_goals_lie_on_allowed_faces(surface, p_OC):
-    goals = select_contacts(selection(surface, p_OC), STRATEGIES["position"])
+    goals = select_contacts(selection(surface, p_OC), position_tracking)
     assert np.all(goals.active)
     nearest, _ = surface.project(goals.p_OC)
     np.testing.assert_allclose(goals.p_OC, nearest, atol=1e-15)
@@ -69,7 +69,7 @@ def test_goals_lie_on_allowed_faces(surface, p_OC):
 def test_iterating_settles(surface, p_OC):
     step = np.inf
     for _ in range(60):
-        goals = select_contacts(selection(surface, p_OC), STRATEGIES["position"])
+        goals = select_contacts(selection(surface, p_OC), position_tracking)
         step = np.max(np.abs(goals.p_OC - p_OC))
         p_OC = goals.p_OC
     assert step < 1e-12
@@ -78,7 +78,7 @@ def test_iterating_settles(surface, p_OC):
 def test_a_contact_without_region_stays_and_is_inactive(surface, p_OC):
     p_OC = p_OC.copy()
     p_OC[1] = p_OC[0]
-    goals = select_contacts(selection(surface, p_OC), STRATEGIES["position"])
+    goals = select_contacts(selection(surface, p_OC), position_tracking)
     np.testing.assert_array_equal(goals.p_OC[1], p_OC[1])
     assert goals.status[1] == ContactStatus.INACTIVE
     assert list(goals.active) == [True, False, True, True, True]
@@ -86,14 +86,14 @@ def test_a_contact_without_region_stays_and_is_inactive(surface, p_OC):
 
 def test_a_lost_contact_says_so(surface, p_OC):
     weights = np.array([0, 0, 0, 0, -np.inf])
-    goals = select_contacts(selection(surface, p_OC, weights=weights), STRATEGIES["position"])
+    goals = select_contacts(selection(surface, p_OC, weights=weights), position_tracking)
     assert goals.status[4] == ContactStatus.LOST
     assert np.sum(goals.active) == 4
 
 
 def test_with_no_active_contact_nothing_moves(surface, p_OC):
     weights = np.full(5, -np.inf)
-    goals = select_contacts(selection(surface, p_OC, weights=weights), STRATEGIES["position"])
+    goals = select_contacts(selection(surface, p_OC, weights=weights), position_tracking)
     np.testing.assert_array_equal(goals.p_OC, p_OC)
 
 
@@ -108,6 +108,6 @@ def test_the_planner_turns_with_the_object(surface, p_OC, turns):
     """A quarter turn maps the cube's surface onto itself, so goals must turn with the contacts."""
     c, s = round(np.cos(turns * np.pi / 2)), round(np.sin(turns * np.pi / 2))
     R = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]])
-    here = select_contacts(selection(surface, p_OC), STRATEGIES["position"]).p_OC
-    there = select_contacts(selection(surface, p_OC @ R.T), STRATEGIES["position"]).p_OC
+    here = select_contacts(selection(surface, p_OC), position_tracking).p_OC
+    there = select_contacts(selection(surface, p_OC @ R.T), position_tracking).p_OC
     np.testing.assert_allclose(there, here @ R.T, atol=2e-3)  # Ties at cell borders go by index.

@@ -4,8 +4,9 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from drake_pregrasp import ContactStatus, ForbiddenPoints, InvalidArgumentError
-from drake_pregrasp.planning.contact_selection import STRATEGIES, SelectionInput, select_contacts
+from drake_pregrasp.planning.contact_selection import SelectionInput, select_contacts
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
+from drake_pregrasp.planning.strategies import position_tracking
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
 
@@ -64,7 +65,7 @@ def selector_and_context(surface, p_OC, **arguments):
     system.GetInputPort("p_WO_covariance").FixValue(context, COVARIANCE.ravel())
     system.GetInputPort("safe_regions").FixValue(context, AbstractValue.Make(regions))
     selection = SelectionInput(surface, p_OC, regions, COVARIANCE + 0.04**2 * np.eye(3))
-    return system, context, select_contacts(selection, STRATEGIES["position"])
+    return system, context, select_contacts(selection, position_tracking)
 
 
 def test_selector_emits_the_goals_of_this_tick(surface, p_OC):
