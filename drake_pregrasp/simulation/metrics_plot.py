@@ -36,6 +36,9 @@ def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary
     for axis in axes:
         if scenario.planner.static_duration > 0:
             axis.axvspan(0, scenario.planner.static_duration, color="0.92", label="static phase")
+        for index, event in enumerate(scenario.damage):
+            name_once = None if index else "fingers lost"
+            axis.axvline(event.at, color="#CC79A7", linestyle=":", linewidth=1.5, label=name_once)
         axis.set_xlim(0, max(time[-1], scenario.planner.period))
         axis.grid(True, color="0.9", linewidth=0.6)
         axis.set_axisbelow(True)

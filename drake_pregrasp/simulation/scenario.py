@@ -49,6 +49,17 @@ class SurfaceConfig:
 
 
 @dataclass
+class DamageEvent:
+    """Fingers that are lost during the run."""
+
+    # When, in seconds.
+    at: float = field(default=0.0, metadata={"at_least": 0})
+
+    # Which contacts, by their index in initial_contacts.
+    contacts: list[int] = field(default_factory=list, metadata={"min_length": 1, "at_least": 0})
+
+
+@dataclass
 class RecordingConfig:
     """The Meshcat recording."""
 
@@ -111,6 +122,9 @@ class Scenario:
     # h_i of Eq. 1 for each contact, in m^2: larger ones have larger regions. Empty: all zero.
     contact_weights: list[float] = field(default_factory=list)
 
+    # Fingers that are lost, which the planner hears of through its port contact_weights.
+    damage: list[DamageEvent] = field(default_factory=list)
+
     recording: RecordingConfig = field(default_factory=RecordingConfig)
 
     def make_surface(self, spacing: float | None = None) -> ObjectSurface:
@@ -122,6 +136,11 @@ class Scenario:
             forbidden_spacing=self.surface.forbidden_spacing,
             forbidden_radius=self.surface.forbidden_radius,
         )
+
+    def remaining_contacts(self) -> list[int]:
+        """Returns the indices of the contacts that no damage event takes."""
+        lost = {contact for event in self.damage for contact in event.contacts}
+        return [i for i in range(len(self.initial_contacts)) if i not in lost]
 
     def initial_p_OC(self) -> FloatArray:
         """Returns the initial contacts in the object frame O, shape (n, 3), in metres."""
@@ -160,6 +179,7 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
             f"{scenario.contact_weights} must be empty or one number for each of the"
             f" {count} initial_contacts",
         )
+    _validate_damage(scenario, source)
     try:
         AddMultibodyPlant(scenario.plant_config, DiagramBuilder())
     except RuntimeError as error:
@@ -174,6 +194,32 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
         ApplySimulatorConfig(scenario.simulator_config, Simulator(ConstantVectorSource([0.0])))
     except (RuntimeError, ValueError) as error:
         raise ScenarioError(source, "simulator_config", _first_line(error)) from error
+
+
+def _validate_damage(scenario: Scenario, source: str) -> None:
+    left = set(range(len(scenario.initial_contacts)))
+    for index, event in enumerate(scenario.damage):
+        key = f"damage[{index}]"
+        if event.at > scenario.simulation_duration:
+            raise ScenarioError(
+                source,
+                f"{key}.at",
+                f"{event.at} is after the end; simulation_duration is"
+                f" {scenario.simulation_duration}",
+            )
+        for contact in event.contacts:
+            if contact not in left:
+                raise ScenarioError(
+                    source,
+                    f"{key}.contacts",
+                    f"there is no contact {contact} left to lose"
+                    f"; there are: {', '.join(map(str, sorted(left)))}",
+                )
+            left.remove(contact)
+        if not left:
+            raise ScenarioError(
+                source, f"{key}.contacts", f"{event.contacts} leaves no contact; one must stay"
+            )
 
 
 def _first_line(error: Exception) -> str:

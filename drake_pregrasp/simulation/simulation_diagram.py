@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 
+import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
 
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
@@ -12,6 +12,7 @@ from drake_pregrasp.planning.grasp_quality import GraspQuality
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.recording import add_recording
 from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.systems.contact_weights import ContactWeights
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
 from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
@@ -53,7 +54,11 @@ def make_diagram(
         ),
     )
     weights = builder.AddNamedSystem(
-        "contact_weights", ConstantVectorSource(scenario.contact_weights or [0.0] * n)
+        "contact_weights",
+        ContactWeights(
+            np.array(scenario.contact_weights or [0.0] * n),
+            [(event.at, event.contacts) for event in scenario.damage],
+        ),
     )
     planner = AddPregraspPlanner(builder, config, surface, scenario.initial_p_OC())
     monitor = builder.AddNamedSystem(

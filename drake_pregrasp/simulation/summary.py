@@ -10,6 +10,7 @@ import drake_pregrasp
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.contact_selection import ContactStatus
 from drake_pregrasp.planning.force_closure import min_weight_margin
+from drake_pregrasp.planning.grasp_quality import grasp_quality
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.run_log import RunLog
 from drake_pregrasp.simulation.scenario import Scenario
@@ -35,10 +36,13 @@ def summarize(
 
     `static` holds means over the phase in which the initial contacts are held, `max` and `mean` are
     over the phase in which they adapt, and `final` is the last tick; null where there is no tick.
+    With damage, `max` and `mean` end before the first loss, and `after_damage` follows the last.
     """
     time = log.column("time")
     static_ticks = round(scenario.planner.static_duration / scenario.planner.period)
-    static, adapting = slice(0, static_ticks), slice(static_ticks, None)
+    loss = min((event.at for event in scenario.damage), default=np.inf)
+    adapting = slice(static_ticks, int(np.searchsorted(time, loss - 1e-9)))
+    static = slice(0, static_ticks)
     tick_ms = 1e3 * np.array([record.wall_seconds for record in log.records])
     return {
         "scenario": name,
@@ -54,11 +58,29 @@ def summarize(
             "static": _margin(surface, log.records[static][-1:]),
             "final": _margin(surface, log.records[-1:]),
         },
+        **_after_damage(scenario, surface, log),
         "ticks": len(log.rows),
         "simulated_seconds": float(time[-1]) if len(time) else 0.0,
         "tick_time_p50_ms": float(np.percentile(tick_ms, 50)) if len(tick_ms) else None,
         "tick_time_p99_ms": float(np.percentile(tick_ms, 99)) if len(tick_ms) else None,
         "real_time_factor": float(time[-1]) / wall_seconds if len(time) else 0.0,
+    }
+
+
+def _after_damage(
+    scenario: Scenario, surface: ObjectSurface, log: RunLog
+) -> dict[str, dict[str, dict[str, float | None]]]:
+    """Returns the measures after the last loss: the static contacts' that are left, and the best."""
+    if not scenario.damage:
+        return {}
+    start = int(np.searchsorted(log.column("time"), max(e.at for e in scenario.damage) - 1e-9))
+    left = scenario.initial_p_OC()[scenario.remaining_contacts()]
+    static = grasp_quality(left - surface.p_OCoM)
+    return {
+        "after_damage": {
+            "static": {name: getattr(static, name) for name in MEASURES},
+            "max": _measures(log, slice(start, None), np.max),
+        }
     }
 
 

@@ -163,6 +163,30 @@ def test_poor_start_recovers(base_run, tmp_path):
         assert result.summary["max"][measure] > 0.99 * base_run.summary["max"][measure]
 
 
+def test_damage_is_recovered_from(tmp_path):
+    """Row f of Table II: both sets are measured after the loss; Q_VEW can't be below 3³ = 27."""
+    text = "{simulation_duration: 9.0, damage: [{at: 7.0, contacts: [3, 4]}]}"
+    result = run(load_scenario("f_damage", text=text), name="f", out=tmp_path, recording=False)
+    log = read_log(result.folder / "log.csv")
+    for contact, active in ((2, 1), (3, 0), (4, 0)):
+        assert np.all(log[f"c{contact}_active"][log["time"] < 6.99] == 1)
+        assert np.all(log[f"c{contact}_active"][log["time"] > 6.99] == active)
+    static, best = (result.summary["after_damage"][key] for key in ("static", "max"))
+    for measure in STATIC_PUBLISHED:
+        assert best[measure] > static[measure]
+    assert 27 < static["q_vew"] < 27.2
+    assert result.summary["max"]["q_msv"] > 2.2
+
+
+@pytest.mark.parametrize(("name", "q_vew"), [("h_msv", 125.4), ("i_gii", 125.4), ("j_vew", 125.5)])
+def test_metric_strategies_reach_table_3(name, q_vew, tmp_path):
+    scenario = load_scenario(name, text="{simulation_duration: 8.0}")
+    summary = run(scenario, name=name, out=tmp_path, recording=False).summary
+    assert summary["max"]["q_msv"] > 2.2260
+    assert summary["max"]["q_gii"] > 0.9890
+    assert summary["max"]["q_vew"] > q_vew
+
+
 def test_a_run_that_is_stopped_keeps_its_log(tmp_path):
     ticks = []
     result = run(

@@ -21,7 +21,7 @@ BAD = [
     ("planner: {period: fast}", "case.planner.period", "'fast' must be a number above 0"),
     ("planner: {period: [1]}", "case.planner.period", "[1] must be a number"),
     ("planner: {period: true}", "case.planner.period", "True must be a number"),
-    ("planner: {strategy: luck}", "case.planner.strategy", "'luck' must be one of: position"),
+    ("planner: {strategy: luck}", "case.planner.strategy", "'luck' must be one of: position, msv"),
     ("planner: 3", "case.planner", "3 must be a mapping with keys out of: period"),
     ("planner: {estimator: {lookahead: -1}}", "planner.estimator.lookahead", "at least 0"),
     ("random_seed: 1.5", "case.random_seed", "1.5 must be a whole number at least 0"),
@@ -32,6 +32,12 @@ BAD = [
     ("initial_contacts: [[1, 0]]", "case.initial_contacts[0]", "a list of exactly 3 elements"),
     ("initial_contacts: [[1, 0, .nan]]", "case.initial_contacts[0][2]", "nan must be a number"),
     ("initial_contacts: [[1, 0, 0], [0.9, 0, 0]]", "case.initial_contacts[1]", "5 mm off the surf"),
+    ("damage: [{at: 99, contacts: [1]}]", "case.damage[0].at", "99.0 is after the end; simulation"),
+    ("damage: [{at: 1, contacts: [5]}]", "case.damage[0].contacts", "there is no contact 5 left"),
+    ("damage: [{at: 1, contacts: [1, 1]}]", "case.damage[0].contacts", "no contact 1 left to lose"),
+    ("damage: [{at: 1, contacts: [0, 1, 2, 3, 4]}]", "damage[0].contacts", "leaves no contact"),
+    ("damage: [{at: 1, contacts: []}]", "case.damage[0].contacts", "at least 1 elements"),
+    ("damage: [{at: 1, fingers: [1]}]", "case.damage[0].fingers", "unknown key"),
     ("contact_weights: [1, 2]", "case.contact_weights", "one number for each of the 5"),
     ("surface: {forbidden_faces: [top]}", "surface.forbidden_faces[0]", "must be one of: +x, -x"),
     (
@@ -125,7 +131,11 @@ def test_cases_differ_from_the_base_by_what_table_1_says():
         "c_faster": {"description", "motion"},
         "d_smaller": {"description", "object"},
         "e_bigger": {"description", "object"},
+        "f_damage": {"description", "damage"},
         "g_poor_start": {"description", "initial_contacts"},
+        "h_msv": {"description", "planner"},
+        "i_gii": {"description", "planner"},
+        "j_vew": {"description", "planner"},
     }
 
 

@@ -19,6 +19,7 @@ from drake_pregrasp.diagrams.object_plant import MotionConfig, ObjectConfig
 from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
 from drake_pregrasp.systems.body_pose import BodyPose
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
+from drake_pregrasp.systems.contact_weights import ContactWeights
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
 from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.object_motion import ObjectMotion
@@ -32,6 +33,7 @@ PLANT = MultibodyPlantConfig(time_step=0.0125, discrete_contact_approximation="s
 MAKERS = {
     BodyPose: lambda s, c: BodyPose(BodyIndex(1)),
     CentroidSelector: lambda s, c: CentroidSelector(surface=s, p_OC=c, period=0.1),
+    ContactWeights: lambda s, c: ContactWeights(np.zeros(len(c))),
     GraspQualityMonitor: lambda s, c: GraspQualityMonitor(num_contacts=len(c)),
     NoiseSource: lambda s, c: NoiseSource(size=2, period=0.1),
     NoisyPoseSensor: lambda s, c: NoisyPoseSensor(position_std=0, orientation_std=0),

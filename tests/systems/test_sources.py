@@ -7,7 +7,9 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import AddRandomInputs
 
+from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.systems.body_pose import BodyPose
+from drake_pregrasp.systems.contact_weights import ContactWeights
 from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.object_motion import ObjectMotion
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
@@ -34,6 +36,19 @@ def test_body_pose_picks_its_body():
     context = system.CreateDefaultContext()
     system.get_input_port().FixValue(context, AbstractValue.Make(poses))
     assert system.get_output_port().Eval(context).IsExactlyEqualTo(poses[2])
+
+
+def test_fingers_are_lost_from_their_time_on():
+    weights = ContactWeights(np.array([1.0, 2.0, 3.0]), [(2.0, [1]), (3.0, [0])])
+    context = weights.CreateDefaultContext()
+    for time, expected in ((0.0, [1, 2, 3]), (2.0, [1, -np.inf, 3]), (9.0, [-np.inf, -np.inf, 3])):
+        context.SetTime(time)
+        np.testing.assert_array_equal(weights.get_output_port().Eval(context), expected)
+
+
+def test_a_finger_that_is_not_there_cannot_be_lost():
+    with pytest.raises(InvalidArgumentError, match="no contact 3; there are 0 to 2"):
+        ContactWeights(np.zeros(3), [(1.0, [3])])
 
 
 def test_noise_holds_for_a_period_and_then_changes():
