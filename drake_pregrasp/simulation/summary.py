@@ -70,7 +70,7 @@ def summarize(
 def _after_damage(
     scenario: Scenario, surface: ObjectSurface, log: RunLog
 ) -> dict[str, dict[str, dict[str, float | None]]]:
-    """Returns the measures after the last loss: the static contacts' that are left, and the best."""
+    """Returns the measures after the last loss: of the static contacts left, and the best."""
     if not scenario.damage:
         return {}
     start = int(np.searchsorted(log.column("time"), max(e.at for e in scenario.damage) - 1e-9))
