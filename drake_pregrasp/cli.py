@@ -25,6 +25,8 @@ from drake_pregrasp.simulation.scenario_file import (
 from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.summary import MEASURES
+from drake_pregrasp.studies.published import SCENARIOS
+from drake_pregrasp.studies.reproduce import reproduce
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.tick_logger import TickRecord
 
@@ -82,6 +84,18 @@ def _parser() -> argparse.ArgumentParser:
     runner.add_argument(
         "--graphviz", metavar="FILE", help="write the diagram to this file and don't simulate"
     )
+
+    reproducer = commands.add_parser("reproduce", help="reproduce the paper's tables and figures")
+    reproducer.set_defaults(command=_reproduce)
+    reproducer.add_argument(
+        "--out", default="reproduction", metavar="FOLDER", help="where the report goes"
+    )
+    reproducer.add_argument(
+        "--cases",
+        default=",".join(SCENARIOS),
+        metavar="a,b,...",
+        help="which; %(default)s if not set",
+    )
     return parser
 
 
@@ -110,6 +124,27 @@ def _run(options: argparse.Namespace) -> int:
         )
     _report(result, options)
     return 0 if result.completed else INTERRUPTED
+
+
+def _reproduce(options: argparse.Namespace) -> int:
+    cases = [case.strip() for case in options.cases.split(",")]
+    start = time.perf_counter()
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("{task.completed} of {task.total} runs"),
+        BarColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=None)
+        report = reproduce(
+            options.out,
+            cases,
+            on_progress=lambda done, total: bar.update(task, completed=done, total=total),
+        )
+    print(f"reproduced in {(time.perf_counter() - start) / 60:.1f} minutes")
+    print(f"report in {report}: open it in a browser")
+    return 0
 
 
 def _load(options: argparse.Namespace) -> tuple[str, Scenario]:
