@@ -40,6 +40,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         status: int = options.command(options)
+    except KeyboardInterrupt:
+        print("drake-pregrasp: interrupted before the first tick", file=sys.stderr)
+        return INTERRUPTED
     except PregraspError as error:
         print(f"drake-pregrasp: {error}", file=sys.stderr)
         return BAD_INPUT
@@ -231,6 +234,9 @@ def _report(result: RunResult, options: argparse.Namespace) -> None:
         f"speed   {summary['real_time_factor']:.1f} x real time,"
         f" planning tick {summary['tick_time_p50_ms']:.2f} ms (median)"
     )
+    if summary["inactive_contacts"]:
+        contacts = ", ".join(map(str, summary["inactive_contacts"]))
+        print(f"at the end these contacts have no allowed place, and don't count: {contacts}")
     if not result.completed:
         print(
             f"interrupted at {summary['simulated_seconds']:g} s:"

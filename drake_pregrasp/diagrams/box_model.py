@@ -43,7 +43,8 @@ def resized_box_sdf(path: Path, size: Sequence[float], mass: float) -> str:
             pose.text = _text(values)
 
     inertial = tree.find(".//inertial")
-    assert inertial is not None, f"{path} has no inertial element"
+    if inertial is None:
+        raise InvalidArgumentError(f"{path} has no inertial element")
     squares = np.array(size) ** 2
     moments = mass / 12 * (np.sum(squares) - squares)
     new_values = {"mass": mass, **dict(zip(("ixx", "iyy", "izz"), moments, strict=True))}

@@ -28,11 +28,12 @@ class ObjectConfig:
 
     # Edge lengths along x, y and z of O, in metres.
     size: list[float] = field(
-        default_factory=lambda: [0.1, 0.1, 0.1], metadata={"length": 3, "above": 0, "at_most": 0.25}
+        default_factory=lambda: [0.1, 0.1, 0.1],
+        metadata={"length": 3, "at_least": 0.005, "at_most": 0.25},
     )
 
     # Mass, in kg.
-    mass: float = field(default=0.4, metadata={"above": 0})
+    mass: float = field(default=0.4, metadata={"above": 0, "at_most": 1000})
 
 
 @dataclass
@@ -40,10 +41,10 @@ class MotionConfig:
     """The twist of the table that carries the object by friction."""
 
     # Speed along x of W, in m/s.
-    linear_velocity: float = 0.001
+    linear_velocity: float = field(default=0.001, metadata={"at_least": -10, "at_most": 10})
 
     # Turning rate about z of W, in rad/s.
-    angular_velocity: float = 0.0174
+    angular_velocity: float = field(default=0.0174, metadata={"at_least": -100, "at_most": 100})
 
 
 class ObjectPlant(Diagram):

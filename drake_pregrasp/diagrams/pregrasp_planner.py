@@ -1,5 +1,6 @@
 """The thinking side: estimator, partitioner and selector as one diagram with exported ports."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,25 +20,26 @@ class EstimatorConfig:
     """What the pose filter assumes; standard deviations are per axis."""
 
     # Noise of a measured position, in metres.
-    position_std: float = field(default=0.0005, metadata={"above": 0})
+    position_std: float = field(default=0.0005, metadata={"above": 0, "at_most": 10})
 
     # Noise of a measured orientation, in radians.
-    orientation_std: float = field(default=0.0035, metadata={"above": 0})
+    orientation_std: float = field(default=0.0035, metadata={"above": 0, "at_most": 10})
 
     # Root of the density of the object's random acceleration, in m/s^2/sqrt(Hz).
-    acceleration: float = field(default=0.001, metadata={"above": 0})
+    acceleration: float = field(default=0.001, metadata={"above": 0, "at_most": 1000})
 
     # The same for its angular acceleration, in rad/s^2/sqrt(Hz).
-    angular_acceleration: float = field(default=0.01, metadata={"above": 0})
+    angular_acceleration: float = field(default=0.01, metadata={"above": 0, "at_most": 1000})
 
     # Velocity to expect before the first measurement, in m/s.
-    initial_velocity_std: float = field(default=0.1, metadata={"above": 0})
+    initial_velocity_std: float = field(default=0.1, metadata={"above": 0, "at_most": 1000})
 
     # Angular velocity to expect before the first measurement, in rad/s.
-    initial_angular_velocity_std: float = field(default=0.5, metadata={"above": 0})
+    initial_angular_velocity_std: float = field(default=0.5, metadata={"above": 0, "at_most": 1000})
 
-    # Seconds by which the estimate is predicted ahead.
-    lookahead: float = field(default=0.0, metadata={"at_least": 0})
+    # Seconds by which the estimate, and so the goals, are predicted ahead. Measures and errors
+    # compare them with the object's pose at the time itself all the same.
+    lookahead: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
 
 
 @dataclass
@@ -45,10 +47,10 @@ class PlannerConfig:
     """How contact goals are planned."""
 
     # Seconds between planning ticks.
-    period: float = field(default=0.05, metadata={"above": 0})
+    period: float = field(default=0.05, metadata={"at_least": 1e-4, "at_most": 10})
 
     # Seconds for which the initial contacts are held on the object before they adapt.
-    static_duration: float = field(default=4.0, metadata={"at_least": 0})
+    static_duration: float = field(default=4.0, metadata={"at_least": 0, "at_most": 1e6})
 
     # How a contact moves inside its safe region: position tracking (Eq. 3) or a measure (Eq. 5-7).
     strategy: str = field(default="position", metadata={"one_of": STRATEGIES})
@@ -63,7 +65,7 @@ class PlannerConfig:
     best_point: bool = False
 
     # Standard deviation added to the filter's covariance in Eq. 3, in metres.
-    position_spread: float = field(default=0.04, metadata={"above": 0})
+    position_spread: float = field(default=0.04, metadata={"at_least": 1e-6, "at_most": 1000})
 
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
@@ -107,10 +109,18 @@ class PregraspPlanner(Diagram):
     Args:
         config: Planning rate and settings.
         surface: The object's surface.
-        p_OC: Initial contact points in O, shape (n, 3), in metres.
+        p_OC: Initial contact points on the surface, in O, shape (n, 3), in metres.
+        fingertip_frames: Names for `fingertip_targets`; see `CentroidSelector`.
     """
 
-    def __init__(self, config: PlannerConfig, surface: ObjectSurface, p_OC: FloatArray) -> None:
+    def __init__(
+        self,
+        config: PlannerConfig,
+        surface: ObjectSurface,
+        p_OC: FloatArray,
+        *,
+        fingertip_frames: Sequence[str] | None = None,
+    ) -> None:
         super().__init__()
         builder = DiagramBuilder()
         estimator = builder.AddNamedSystem(
@@ -138,6 +148,7 @@ class PregraspPlanner(Diagram):
                 best_point=config.best_point,
                 position_spread=config.position_spread,
                 static_duration=config.static_duration,
+                fingertip_frames=fingertip_frames,
             ),
         )
         for source, output, target, target_input in (
@@ -166,6 +177,7 @@ def AddPregraspPlanner(
     surface: ObjectSurface,
     p_OC: FloatArray,
     *,
+    fingertip_frames: Sequence[str] | None = None,
     name: str = "pregrasp_planner",
 ) -> PregraspPlanner:
     """Adds a `PregraspPlanner` to anybody's diagram.
@@ -176,9 +188,12 @@ def AddPregraspPlanner(
         builder: Where to add it.
         config: Planning rate and settings.
         surface: The object's surface, in the object frame O.
-        p_OC: Initial contact points in O, shape (n, 3), in metres.
+        p_OC: Initial contact points on the surface, in O, shape (n, 3), in metres.
+        fingertip_frames: Names for `fingertip_targets`, one for each contact.
         name: Name of the system.
     """
-    planner = PregraspPlanner(config, surface, np.asarray(p_OC, dtype=float))
+    planner = PregraspPlanner(
+        config, surface, np.asarray(p_OC, dtype=float), fingertip_frames=fingertip_frames
+    )
     builder.AddNamedSystem(name, planner)
     return planner

@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray
 from drake_pregrasp.planning.safe_regions import SafeRegions
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
 
 
 class ContactStatus(IntEnum):
@@ -17,9 +17,9 @@ class ContactStatus(IntEnum):
     LOST = -1
     """The finger is gone (its weight h_i is -inf); its goal is void."""
     INACTIVE = 0
-    """The safe region is empty: the goal is held on the object and doesn't count in G."""
+    """The safe region is empty, or the goal is held on forbidden ground: it doesn't count in G."""
     ACTIVE = 1
-    """The goal lies on the allowed surface, at the centroid of its safe region."""
+    """The goal lies on the allowed surface and has a safe region."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,30 +114,39 @@ def select_contacts(
         strategy: From `make_strategy`, or a weight function of your own.
         best_point: Whether to move to the candidate of the largest weight instead of the centroid.
     """
-    goals = hold_contacts(selection.p_OC, selection.regions)
-    active = np.flatnonzero(goals.active)
+    surface, regions = selection.surface, selection.regions
+    status = _status(regions.sizes() > 0, regions.lost)
+    active = np.flatnonzero(status == ContactStatus.ACTIVE)
     if len(active) == 0:
-        return goals
-    surface, log_weights = selection.surface, strategy(selection)
+        return ContactGoals(p_OC=selection.p_OC, status=status)
+    log_weights = strategy(selection)
     points = []
     for contact in active:
-        q = selection.regions.members(int(contact))
+        q = regions.members(int(contact))
         if best_point:
             points.append(surface.p_OQ[q[np.argmax(log_weights[q])]])
         else:
             points.append(weighted_centroid(surface.p_OQ[q], log_weights[q], surface.areas[q]))
-    p_OC = goals.p_OC.copy()
+    p_OC = selection.p_OC.copy()
     p_OC[active], _ = surface.project(np.array(points))
-    return ContactGoals(p_OC=p_OC, status=goals.status)
+    return ContactGoals(p_OC=p_OC, status=status)
 
 
-def hold_contacts(p_OC: FloatArray, regions: SafeRegions) -> ContactGoals:
-    """Returns goals that stay where they are on the object, with their status.
+def hold_contacts(selection: SelectionInput) -> ContactGoals:
+    """Returns goals that stay where they are on the object.
+
+    Active are those that have a safe region and lie on the allowed surface.
 
     Args:
-        p_OC: Contact points, shape (n, 3), in metres.
-        regions: Their safe regions.
+        selection: Surface, contacts and regions; the estimate is not used.
     """
-    status = np.where(regions.sizes() > 0, ContactStatus.ACTIVE, ContactStatus.INACTIVE)
-    status = np.where(regions.lost, ContactStatus.LOST, status)
-    return ContactGoals(p_OC=p_OC, status=status.astype(float))
+    p_OC, regions = selection.p_OC, selection.regions
+    nearest, _ = selection.surface.project(p_OC)
+    allowed = np.linalg.norm(nearest - p_OC, axis=1) <= CONTACT_TOLERANCE
+    status = _status(allowed & (regions.sizes() > 0), regions.lost)
+    return ContactGoals(p_OC=p_OC, status=status)
+
+
+def _status(active: BoolArray, lost: BoolArray) -> FloatArray:
+    status = np.where(active, ContactStatus.ACTIVE, ContactStatus.INACTIVE)
+    return np.where(lost, ContactStatus.LOST, status).astype(float)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.grasp_quality import skew
 
@@ -120,7 +121,13 @@ def first_belief(
 
 
 def predict(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief:
-    """Carries a belief `dt` seconds forward; its covariance grows accordingly."""
+    """Carries a belief `dt` seconds forward; its covariance grows accordingly.
+
+    Raises:
+        InvalidArgumentError: If `dt` is negative: knowledge can't be taken back.
+    """
+    if dt < 0:
+        raise InvalidArgumentError(f"a belief can't be carried {dt} s back in time")
     if dt == 0:
         return belief
     turn = belief.w_WO * dt

@@ -13,6 +13,10 @@ BOX_FACES = ("+x", "-x", "+y", "-y", "+z", "-z")
 """Names of a box's faces, by their outward normals in the object frame."""
 
 
+CONTACT_TOLERANCE = 1e-4
+"""Farthest a contact may be off the surface to count as on it, in metres."""
+
+
 @dataclass(frozen=True, eq=False)
 class ForbiddenPoints:
     """Points Z that contacts keep away from (the obstacles of Eq. 1).
@@ -127,8 +131,13 @@ def box_surface(
         forbidden_radius: R_j of each forbidden point, in metres.
 
     Raises:
-        InvalidArgumentError: If a face has no such name, or none is left for contacts.
+        InvalidArgumentError: If a length is not above 0, a face has no such name, or no face is
+            left for contacts.
     """
+    if len(size) != 3 or not all(length > 0 for length in size):
+        raise InvalidArgumentError(f"size must be three lengths above 0 m, not {list(size)}")
+    if not (spacing > 0 and forbidden_spacing > 0):
+        raise InvalidArgumentError("spacings must be above 0 m")
     for face in forbidden_faces:
         if face not in BOX_FACES:
             raise InvalidArgumentError(f"{face!r} is no face of a box: {', '.join(BOX_FACES)}")

@@ -45,5 +45,6 @@ def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary
         axis.spines[["top", "right"]].set_visible(False)
     axes[0].legend(loc="lower right", frameon=False)
     figure.align_ylabels(axes)
-    figure.suptitle(f"{name}: {scenario.description}" if scenario.description else name)
+    title = f"{name}: {scenario.description}" if scenario.description else name
+    figure.suptitle(title, parse_math=False)
     figure.savefig(path, dpi=130)

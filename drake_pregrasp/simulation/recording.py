@@ -1,7 +1,5 @@
 """The Meshcat recording of a run."""
 
-from pathlib import Path
-
 from pydrake.geometry import (
     Meshcat,
     MeshcatParams,
@@ -90,8 +88,9 @@ def add_recording(
     )
 
 
-def save_recording(meshcat: Meshcat, path: Path) -> None:
-    """Ends the recording and writes it as one self-contained HTML file."""
+def recording_html(meshcat: Meshcat) -> str:
+    """Ends the recording and returns it as one self-contained page."""
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    path.write_text(meshcat.StaticHtml(), encoding="utf-8")
+    page: str = meshcat.StaticHtml()
+    return page

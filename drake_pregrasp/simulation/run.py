@@ -1,12 +1,11 @@
 """A scenario in, a run folder out."""
 
-import contextlib
 import json
 import re
 import shutil
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,12 +13,13 @@ from typing import Any
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
-from drake_pregrasp.errors import OutputError, ScenarioError
+from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.simulation.metrics_plot import plot_metrics
-from drake_pregrasp.simulation.recording import save_recording, start_meshcat
+from drake_pregrasp.simulation.output import write_text, writing
+from drake_pregrasp.simulation.recording import recording_html, start_meshcat
 from drake_pregrasp.simulation.run_log import RunLog
-from drake_pregrasp.simulation.scenario import Scenario, validate
-from drake_pregrasp.simulation.scenario_file import dump_scenario
+from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario_file import check_scenario, dump_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.summary import summarize
 from drake_pregrasp.systems.tick_logger import TickRecord
@@ -77,28 +77,30 @@ def run(
         ScenarioError: If the scenario or its name can't be used.
         OutputError: If the run folder can't be written.
     """
-    validate(scenario)
+    check_scenario(scenario)
     surface = scenario.make_surface()
-    folder = _prepare_folder(Path(out), name)
-    with _writing(folder), RunLog(folder / "log.csv", len(scenario.initial_contacts)) as log:
-        meshcat = start_meshcat() if recording else None
+    meshcat = start_meshcat() if recording else None
+    log: RunLog
 
-        def sink(record: TickRecord) -> None:
-            log.append(record)
-            if on_tick is not None:
-                on_tick(record)
+    def sink(record: TickRecord) -> None:
+        log.append(record)
+        if on_tick is not None:
+            on_tick(record)
 
-        diagram = make_diagram(scenario, surface, sink=sink, meshcat=meshcat)
-        (folder / "scenario.yaml").write_text(dump_scenario(name, scenario), encoding="utf-8")
+    diagram = make_diagram(scenario, surface, sink=sink, meshcat=meshcat)
+    folder = _prepare_folder(Path(out), name)  # Not before all else is known to be in order.
+    with RunLog(folder / "log.csv", len(scenario.initial_contacts)) as log:
+        write_text(folder / "scenario.yaml", dump_scenario(name, scenario))
         write_graphviz(diagram, folder / "diagram.dot")
         _draw_graphviz(folder / "diagram.dot")
         completed, wall_seconds = _simulate(diagram, scenario, should_stop)
-        if meshcat is not None:
-            save_recording(meshcat, folder / "recording.html")
-        summary = summarize(
-            name, scenario, surface, log, wall_seconds=wall_seconds, completed=completed
-        )
-        (folder / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    if meshcat is not None:
+        write_text(folder / "recording.html", recording_html(meshcat))
+    summary = summarize(
+        name, scenario, surface, log, wall_seconds=wall_seconds, completed=completed
+    )
+    write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+    with writing(folder):
         plot_metrics(folder / "metrics.png", name, scenario, log, summary)
     return RunResult(folder=folder, summary=summary)
 
@@ -109,8 +111,7 @@ def write_graphviz(diagram: Diagram, path: Path) -> None:
     Raises:
         OutputError: If the file can't be written.
     """
-    with _writing(path):
-        path.write_text(diagram.GetGraphvizString(max_depth=2), encoding="utf-8")
+    write_text(path, diagram.GetGraphvizString(max_depth=2))
 
 
 def _draw_graphviz(path: Path) -> None:
@@ -146,17 +147,8 @@ def _prepare_folder(out: Path, name: str) -> Path:
     if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", name):
         raise ScenarioError("", name, "a run's name is made of letters, digits, '_', '-' and '.'")
     folder = out / name
-    with _writing(folder):
+    with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for file in RUN_FILES:
             (folder / file).unlink(missing_ok=True)
     return folder
-
-
-@contextlib.contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        where = error.filename or path
-        raise OutputError(f"{where}: can't be written: {error.strerror}") from error

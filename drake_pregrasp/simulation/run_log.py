@@ -9,6 +9,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.contact_selection import ContactStatus
 from drake_pregrasp.planning.grasp_quality import GraspQuality
+from drake_pregrasp.simulation.output import writing
 from drake_pregrasp.systems.tick_logger import TickRecord
 
 
@@ -20,14 +21,19 @@ class RunLog:
     Args:
         path: The file to write; what was there is replaced.
         num_contacts: n.
+
+    Raises:
+        OutputError: If the file can't be written.
     """
 
     def __init__(self, path: Path, num_contacts: int) -> None:
         self.columns = log_columns(num_contacts)
         self.records: list[TickRecord] = []
         self.rows: list[list[float]] = []
-        self._file = path.open("w", encoding="utf-8", newline="\n")
-        self._file.write(",".join(self.columns) + "\n")
+        self._path = path
+        with writing(path):
+            self._file = path.open("w", encoding="utf-8", newline="\n")
+            self._file.write(",".join(self.columns) + "\n")
 
     def __enter__(self) -> "RunLog":
         return self
@@ -46,8 +52,9 @@ class RunLog:
         row = _row(record, previous)
         self.records.append(record)
         self.rows.append(row)
-        self._file.write(",".join(_text(value) for value in row) + "\n")
-        self._file.flush()
+        with writing(self._path):
+            self._file.write(",".join(_text(value) for value in row) + "\n")
+            self._file.flush()
 
     def column(self, name: str) -> FloatArray:
         """Returns a column's values over the ticks."""
@@ -103,5 +110,4 @@ def _pose_values(X: RigidTransform) -> list[float]:
 
 
 def _text(value: float) -> str:
-    value = float(value)
-    return str(int(value)) if value.is_integer() else repr(value)
+    return repr(float(value))

@@ -12,10 +12,13 @@ from drake_pregrasp.diagrams.object_plant import MotionConfig, ObjectConfig
 from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.surface import BOX_FACES, ObjectSurface, box_surface
-
-CONTACT_TOLERANCE = 1e-4
-"""Farthest an initial contact may be off the object's surface, in metres."""
+from drake_pregrasp.planning.surface import (
+    BOX_FACES,
+    CONTACT_TOLERANCE,
+    ObjectSurface,
+    box_surface,
+)
+from drake_pregrasp.systems.noise_source import MAX_SEED
 
 
 @dataclass
@@ -23,10 +26,10 @@ class SensorConfig:
     """White noise of the simulated pose measurements, per axis."""
 
     # Standard deviation of the position, in metres.
-    position_std: float = field(default=0.0005, metadata={"at_least": 0})
+    position_std: float = field(default=0.0005, metadata={"at_least": 0, "at_most": 10})
 
     # Standard deviation of the orientation's rotation vector, in radians.
-    orientation_std: float = field(default=0.0035, metadata={"at_least": 0})
+    orientation_std: float = field(default=0.0035, metadata={"at_least": 0, "at_most": 10})
 
 
 @dataclass
@@ -45,7 +48,7 @@ class SurfaceConfig:
     forbidden_spacing: float = field(default=0.02, metadata={"at_least": 0.0005})
 
     # Radius R_j of each forbidden point, in metres.
-    forbidden_radius: float = field(default=0.005, metadata={"at_least": 0})
+    forbidden_radius: float = field(default=0.005, metadata={"at_least": 0, "at_most": 10})
 
 
 @dataclass
@@ -64,7 +67,7 @@ class RecordingConfig:
     """The Meshcat recording."""
 
     # Seconds between frames.
-    publish_period: float = field(default=0.05, metadata={"above": 0})
+    publish_period: float = field(default=0.05, metadata={"at_least": 1e-3})
 
     # Largest edge of the tiles that draw the regions, in metres. A few thousand tiles are light.
     tile_size: float = field(default=0.005, metadata={"at_least": 0.001})
@@ -78,10 +81,10 @@ class Scenario:
     description: str = ""
 
     # Seed of the measurement noise. A run is a function of its scenario: the same gives the same.
-    random_seed: int = field(default=0, metadata={"at_least": 0})
+    random_seed: int = field(default=0, metadata={"at_least": 0, "at_most": MAX_SEED})
 
     # Seconds to simulate.
-    simulation_duration: float = field(default=60.0, metadata={"above": 0})
+    simulation_duration: float = field(default=60.0, metadata={"above": 0, "at_most": 1e6})
 
     # Drake's own settings.
     simulator_config: SimulatorConfig = field(default_factory=SimulatorConfig)
@@ -110,17 +113,19 @@ class Scenario:
     # faces. The default is calibrated to the static rows of the paper's Table II, for all sizes.
     initial_contacts: list[list[float]] = field(
         default_factory=lambda: [
-            [0.221, 1.0, -0.248],
-            [0.073, 1.0, 0.7],
-            [-0.649, 1.0, -0.7],
-            [0.7, -1.0, -0.7],
-            [1.0, 0.16, 0.661],
+            [-0.335, 1.0, -0.7],
+            [0.7, 1.0, -0.246],
+            [-0.201, 1.0, 0.701],
+            [0.568, -1.0, 0.661],
+            [1.0, -0.142, -0.701],
         ],
         metadata={"min_length": 1, "elements": {"length": 3}},
     )
 
     # h_i of Eq. 1 for each contact, in m^2: larger ones have larger regions. Empty: all zero.
-    contact_weights: list[float] = field(default_factory=list)
+    contact_weights: list[float] = field(
+        default_factory=list, metadata={"at_least": -1, "at_most": 1}
+    )
 
     # Fingers that are lost, which the planner hears of through its port contact_weights.
     damage: list[DamageEvent] = field(default_factory=list)
@@ -184,12 +189,6 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
         AddMultibodyPlant(scenario.plant_config, DiagramBuilder())
     except RuntimeError as error:
         raise ScenarioError(source, "plant_config", _first_line(error)) from error
-    if not scenario.plant_config.time_step > 0:
-        raise ScenarioError(
-            source,
-            "plant_config.time_step",
-            f"{scenario.plant_config.time_step} must be above 0: contact needs a discrete plant",
-        )
     try:
         ApplySimulatorConfig(scenario.simulator_config, Simulator(ConstantVectorSource([0.0])))
     except (RuntimeError, ValueError) as error:

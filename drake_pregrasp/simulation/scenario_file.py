@@ -87,6 +87,17 @@ def only_name(file: str | Path) -> str:
     return next(iter(entries))
 
 
+def check_scenario(scenario: Scenario) -> None:
+    """Checks a scenario that was made or changed in Python as thoroughly as one from a file.
+
+    Raises:
+        ScenarioError: If it can't be simulated.
+    """
+    entry = _parse("scenario", dump_scenario("scenario", scenario))["scenario"]
+    check_mapping("scenario", "", entry, Scenario)
+    validate(scenario)
+
+
 def dump_scenario(name: str, scenario: Scenario) -> str:
     """Returns a scenario as YAML with every key; loading it gives the same scenario."""
     text: str = yaml_dump_typed(scenario, child_name=name)
@@ -109,4 +120,7 @@ def _parse(source: str, text: str) -> dict[str, dict[str, object]]:
         raise ScenarioError(source, "", f"is no YAML: {problem}") from error
     if not isinstance(data, dict):
         raise ScenarioError(source, "", "must be a mapping from names to values")
-    return {key: value for key, value in data.items() if not str(key).startswith("_")}
+    for key in data:
+        if not isinstance(key, str):
+            raise ScenarioError(source, str(key), "is no name; quote it if it is meant as one")
+    return {key: value for key, value in data.items() if not key.startswith("_")}

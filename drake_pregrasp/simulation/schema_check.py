@@ -23,6 +23,21 @@ _NUMBER_RULES: Mapping[str, Callable[[float, float], bool]] = {
     "at_least": lambda value, bound: value >= bound,
     "at_most": lambda value, bound: value <= bound,
 }
+# What Drake's own classes would abort over, or what a run here can't do with.
+_DRAKE_RULES: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
+    "SimulatorConfig": {
+        "max_step_size": {"above": 0},
+        "accuracy": {"above": 0},
+        "start_time": {"at_least": 0, "at_most": 0},
+        "target_realtime_rate": {"at_least": 0},
+    },
+    "MultibodyPlantConfig": {
+        "time_step": {"at_least": 1e-5, "at_most": 0.1},
+        "penetration_allowance": {"above": 0},
+        "stiction_tolerance": {"above": 0},
+        "sap_near_rigid_threshold": {"at_least": 0},
+    },
+}
 _TYPE_NAMES = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}
 
 
@@ -39,6 +54,8 @@ def check_mapping(source: str, key: str, data: object, schema: Any) -> None:
         _reject(source, key, data, f"a mapping with keys out of: {', '.join(_fields(schema))}")
     fields = _fields(schema)
     for name, value in data.items():
+        if not isinstance(name, str):
+            raise ScenarioError(source, key, f"the key {_short(name)} must be a name")
         path = f"{key}.{name}" if key else str(name)
         if name not in fields:
             close = difflib.get_close_matches(str(name), fields, n=1)
@@ -51,7 +68,8 @@ def _fields(schema: Any) -> dict[str, tuple[Any, Mapping[str, Any]]]:
     if dataclasses.is_dataclass(schema):
         hints = typing.get_type_hints(schema)
         return {f.name: (hints[f.name], f.metadata) for f in dataclasses.fields(schema)}
-    return {f.name: (f.type, {}) for f in schema.__fields__}
+    rules = _DRAKE_RULES.get(schema.__name__, {})
+    return {f.name: (f.type, rules.get(f.name, {})) for f in schema.__fields__}
 
 
 def _check_value(source: str, key: str, value: object, kind: Any, rules: Mapping[str, Any]) -> None:
@@ -78,10 +96,8 @@ def _check_value(source: str, key: str, value: object, kind: Any, rules: Mapping
 def _check_scalar(
     source: str, key: str, value: object, kind: Any, rules: Mapping[str, Any]
 ) -> None:
-    expected = " ".join(
-        [_TYPE_NAMES[kind]]
-        + [f"{rule.replace('_', ' ')} {rules[rule]}" for rule in _NUMBER_RULES if rule in rules]
-    )
+    bounds = [f"{rule.replace('_', ' ')} {rules[rule]}" for rule in _NUMBER_RULES if rule in rules]
+    expected = " ".join([_TYPE_NAMES[kind], " and ".join(bounds)]).strip()
     if "one_of" in rules:
         expected = "one of: " + ", ".join(rules["one_of"])
     if kind in (float, int):
@@ -101,6 +117,8 @@ def _number(value: object, kind: Any) -> float | int | None:
     if isinstance(value, int) or kind is int:
         return value if isinstance(value, int) else None
     try:
+        if "_" in str(value):  # Python's own notation for thousands.
+            return None
         return float(value)  # YAML 1.1 reads 1e-3, without a point, as a text.
     except ValueError:
         return None

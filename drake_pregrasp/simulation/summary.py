@@ -14,6 +14,7 @@ from drake_pregrasp.planning.grasp_quality import grasp_quality
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.run_log import RunLog
 from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.systems.tick import SLACK
 from drake_pregrasp.systems.tick_logger import TickRecord
 
 MEASURES = ("q_msv", "q_gii", "q_vew")
@@ -36,10 +37,12 @@ def summarize(
 
     `static` holds means over the phase in which the initial contacts are held, `max` and `mean` are
     over the phase in which they adapt, and `final` is the last tick; null where there is no tick.
+    `inactive_contacts` are those without a safe region, or on forbidden ground, at the last tick.
     With damage, `max` and `mean` end before the first loss, and `after_damage` follows the last.
     """
     time = log.column("time")
-    static_ticks = round(scenario.planner.static_duration / scenario.planner.period)
+    config = scenario.planner
+    static_ticks = int(np.searchsorted(time, config.static_duration - SLACK * config.period))
     loss = min((event.at for event in scenario.damage), default=np.inf)
     adapting = slice(static_ticks, int(np.searchsorted(time, loss - 1e-9)))
     static = slice(0, static_ticks)
@@ -59,12 +62,20 @@ def summarize(
             "final": _margin(surface, log.records[-1:]),
         },
         **_after_damage(scenario, surface, log),
+        "inactive_contacts": _inactive_contacts(log),
         "ticks": len(log.rows),
         "simulated_seconds": float(time[-1]) if len(time) else 0.0,
         "tick_time_p50_ms": float(np.percentile(tick_ms, 50)) if len(tick_ms) else None,
         "tick_time_p99_ms": float(np.percentile(tick_ms, 99)) if len(tick_ms) else None,
         "real_time_factor": float(time[-1]) / wall_seconds if len(time) else 0.0,
     }
+
+
+def _inactive_contacts(log: RunLog) -> list[int]:
+    """Returns the contacts that are there at the last tick, but have nowhere to be."""
+    if not log.records:
+        return []
+    return np.flatnonzero(log.records[-1].contact_status == ContactStatus.INACTIVE).tolist()
 
 
 def _after_damage(

@@ -24,8 +24,8 @@ from drake_pregrasp.planning.contact_selection import (
     select_contacts,
 )
 from drake_pregrasp.planning.strategies import make_strategy
-from drake_pregrasp.planning.surface import ObjectSurface
-from drake_pregrasp.systems.tick import tick_index
+from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.systems.tick import SLACK, tick_is_due
 
 
 class CentroidSelector(LeafSystem):
@@ -58,7 +58,8 @@ class CentroidSelector(LeafSystem):
 
     Port `fingertip_targets` emits a `BusValue` that maps each name of `fingertip_frames` to a
     `RigidTransform` in W: its origin is the contact goal, its z axis the inward normal of the
-    surface there, its x axis lies as near to the object's z axis as that allows. It fits the port
+    surface there, its x axis lies as near to the object's z axis as that allows. Lost contacts are
+    left out. With scoped names of a robot's frames, `model_instance::frame`, it fits the port
     `desired_cartesian_poses` of Drake's `DifferentialInverseKinematicsSystem`.
 
     Port `p_WC_previous` emits a vector of 3n: the stored goals, carried with the estimated pose. It
@@ -68,7 +69,7 @@ class CentroidSelector(LeafSystem):
 
     Args:
         surface: The object's surface.
-        p_OC: Initial contact points in O, shape (n, 3), in metres, n at least 1.
+        p_OC: Initial contact points on the object's surface, in O, shape (n, 3), in metres, n >= 1.
         period: Seconds between ticks, greater than zero.
         strategy: `position` tracking (Eq. 3), or a measure: `msv`, `gii` or `vew` (Eq. 5-7).
         reading: Of the partial grasp matrix, for a measure: `contact` or `hand`.
@@ -106,6 +107,16 @@ class CentroidSelector(LeafSystem):
         if not position_spread > 0:
             raise InvalidArgumentError(
                 f"position_spread must be greater than 0 m, not {position_spread}"
+            )
+        if not static_duration >= 0:
+            raise InvalidArgumentError(
+                f"static_duration must be at least 0 s, not {static_duration}"
+            )
+        off = [i for i, d in enumerate(surface.distance(p_OC)) if not d <= CONTACT_TOLERANCE]
+        if off:
+            raise InvalidArgumentError(
+                f"contact {off[0]} at {p_OC[off[0]]} m is farther than {CONTACT_TOLERANCE} m off"
+                " the object's surface"
             )
         n = len(p_OC)
         if fingertip_frames is None:
@@ -162,22 +173,21 @@ class CentroidSelector(LeafSystem):
         time = context.get_time()
         stored_time = context.get_discrete_state(self._time_index)[0]
         p_OC = self._stored_p_OC(context)
-        if tick_index(time, self._period) == tick_index(stored_time, self._period):
+        if not tick_is_due(time, stored_time, self._period):
             status = context.get_discrete_state(self._status_index).value()
             output.set_value(ContactGoals(p_OC, status))
-            return
-        regions = self._safe_regions.Eval(context)
-        if tick_index(time, self._period) < round(self._static_duration / self._period):
-            output.set_value(hold_contacts(p_OC, regions))
             return
         R_WO: FloatArray = self._X_WO_estimated.Eval(context).rotation().matrix()
         covariance_W: FloatArray = self._p_WO_covariance.Eval(context).reshape(3, 3)
         selection = SelectionInput(
             surface=self._surface,
             p_OC=p_OC,
-            regions=regions,
+            regions=self._safe_regions.Eval(context),
             covariance_O=R_WO.T @ covariance_W @ R_WO + self._spread_covariance,
         )
+        if time < self._static_duration - SLACK * self._period:
+            output.set_value(hold_contacts(selection))
+            return
         output.set_value(select_contacts(selection, self._strategy, best_point=self._best_point))
 
     def _store_goals(self, context: Context, discrete_state: DiscreteValues) -> None:
@@ -207,7 +217,11 @@ class CentroidSelector(LeafSystem):
         X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
         _, normals = self._surface.project(goals.p_OC)
         targets = BusValue()
-        for name, p_OCi, normal in zip(self._fingertip_frames, goals.p_OC, normals, strict=True):
+        for name, p_OCi, normal, status in zip(
+            self._fingertip_frames, goals.p_OC, normals, goals.status, strict=True
+        ):
+            if status == ContactStatus.LOST:
+                continue
             X_OC = RigidTransform(_frame_with_z_along(-normal), p_OCi)
             targets.Set(name, AbstractValue.Make(X_WO @ X_OC))
         output.set_value(targets)

@@ -3,7 +3,11 @@
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, NumericParameterIndex
 
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.systems.tick import tick_index
+
+MAX_SEED = 2**53
+"""Largest seed: integers beyond it have no floats of their own."""
 
 
 class NoiseSource(LeafSystem):
@@ -26,11 +30,18 @@ class NoiseSource(LeafSystem):
     Args:
         size: How many numbers to emit.
         period: Seconds between ticks.
-        seed: Default of the seed, an integer >= 0.
+        seed: Default of the seed, an integer from 0 to 2**53: a parameter is a float.
+
+    Raises:
+        InvalidArgumentError: If `period` or `seed` is out of its range.
     """
 
     def __init__(self, *, size: int, period: float, seed: int = 0) -> None:
         super().__init__()
+        if not period > 0:
+            raise InvalidArgumentError(f"period must be greater than 0 s, not {period}")
+        if not 0 <= seed <= MAX_SEED:
+            raise InvalidArgumentError(f"seed must be from 0 to 2**53, not {seed}")
         self._period = period
         self._seed_index = NumericParameterIndex(
             self.DeclareNumericParameter(BasicVector([float(seed)]))
@@ -44,5 +55,6 @@ class NoiseSource(LeafSystem):
 
     def _calc_noise(self, context: Context, output: BasicVector) -> None:
         seed = int(context.get_numeric_parameter(self._seed_index)[0])
-        generator = np.random.default_rng((seed, tick_index(context.get_time(), self._period)))
+        tick = tick_index(context.get_time(), self._period) % 2**63
+        generator = np.random.default_rng((seed, tick))
         output.SetFromVector(generator.standard_normal(output.size()))

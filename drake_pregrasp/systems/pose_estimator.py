@@ -22,7 +22,7 @@ from drake_pregrasp.planning.pose_filter import (
     predict,
     update,
 )
-from drake_pregrasp.systems.tick import tick_index
+from drake_pregrasp.systems.tick import tick_is_due
 
 
 class PoseEstimator(LeafSystem):
@@ -55,7 +55,8 @@ class PoseEstimator(LeafSystem):
     Args:
         period: Seconds between measurements, greater than zero.
         noise: What the filter assumes.
-        p_OCoM: The object's centre of mass in O, shape (3,), in metres.
+        p_OCoM: The object's centre of mass in O, shape (3,), in metres. Where a measured
+            orientation puts it is taken as measured; the noise in that is not modelled.
         lookahead: Seconds by which the outputs are predicted ahead of the time, at least zero.
 
     Raises:
@@ -114,18 +115,18 @@ class PoseEstimator(LeafSystem):
     def _calc_belief(self, context: Context, output: AbstractValue) -> None:
         time = context.get_time()
         belief = PoseBelief.from_vector(context.get_discrete_state(self._state_index).value())
-        if tick_index(time, self._period) > tick_index(belief.time, self._period):
+        if tick_is_due(time, belief.time, self._period):
             X_WO: RigidTransform = self._X_WO_measured.Eval(context)
             p_WCoM = X_WO @ self._p_OCoM
             w, x, y, z = X_WO.rotation().ToQuaternion().wxyz()
             R_WO = Rotation.from_quat([x, y, z, w])
-            if belief.is_empty:
+            if belief.is_empty or belief.time > time:  # The latter if the Context was set back.
                 belief = first_belief(time, p_WCoM, R_WO, self._noise)
             else:
                 prior = predict(belief, time - belief.time, self._noise)
                 belief = update(prior, p_WCoM, R_WO, self._noise)
         else:
-            belief = predict(belief, time - belief.time, self._noise)
+            belief = predict(belief, max(0.0, time - belief.time), self._noise)
         output.set_value(belief)
 
     def _store_belief(self, context: Context, discrete_state: DiscreteValues) -> None:

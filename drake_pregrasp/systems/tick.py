@@ -2,11 +2,23 @@
 
 import math
 
+SLACK = 1e-6
+"""Share of a period by which rounding may move a tick: k * period must not count as k - 1."""
+
+_NEVER = -(10**18)
+
 
 def tick_index(time: float, period: float) -> int:
     """Returns the number of the last tick at or before `time`; tick k is at k * period.
 
-    The slack of a millionth of a period keeps the tick at k * period from counting as k - 1 when
-    the product is rounded. Time -inf, before the first tick, has index -1.
+    The time -inf, which stands for never, comes before every tick.
     """
-    return -1 if time == -math.inf else math.floor(time / period + 1e-6)
+    return _NEVER if time == -math.inf else math.floor(time / period + SLACK)
+
+
+def tick_is_due(time: float, stored_time: float, period: float) -> bool:
+    """Returns whether what was stored at `stored_time` belongs to another tick than `time` does.
+
+    That other tick is an earlier one as a rule, and a later one if a Context was set back in time.
+    """
+    return tick_index(time, period) != tick_index(stored_time, period)

@@ -98,7 +98,7 @@ def test_with_no_active_contact_nothing_moves(surface, p_OC):
 
 
 def test_holding_keeps_contacts_to_the_bit(surface, p_OC):
-    goals = hold_contacts(p_OC, selection(surface, p_OC).regions)
+    goals = hold_contacts(selection(surface, p_OC))
     np.testing.assert_array_equal(goals.p_OC, p_OC)
     assert np.all(goals.active)
 
