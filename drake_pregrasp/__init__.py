@@ -1,10 +1,9 @@
 """Dynamic pre-grasp planning for hands that track a moving object, made of Drake systems."""
 
-__version__ = "0.1.0"
-
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import (
     AddPregraspPlanner,
+    EstimatorConfig,
     PlannerConfig,
     PregraspPlanner,
 )
@@ -15,21 +14,39 @@ from drake_pregrasp.simulation.run import RunResult, run
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.systems.centroid_selector import CentroidSelector
+from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor, GraspQualityView
+from drake_pregrasp.systems.noise_source import NoiseSource
+from drake_pregrasp.systems.pose_estimator import PoseEstimator
+from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
+from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
+from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
+from drake_pregrasp.version import __version__
 
 __all__ = [
     "AddPregraspPlanner",
+    "CentroidSelector",
     "ContactStatus",
+    "EstimatorConfig",
     "ForbiddenPoints",
+    "GraspQualityMonitor",
+    "GraspQualityView",
     "InvalidArgumentError",
+    "NoiseSource",
+    "NoisyPoseSensor",
     "ObjectPlant",
     "ObjectSurface",
     "OutputError",
     "PlannerConfig",
+    "PoseEstimator",
     "PregraspError",
     "PregraspPlanner",
+    "PregraspVisualizer",
     "RunResult",
+    "SafeRegionPartitioner",
     "Scenario",
     "ScenarioError",
+    "__version__",
     "box_surface",
     "load_scenario",
     "make_diagram",

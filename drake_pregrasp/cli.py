@@ -13,7 +13,6 @@ from typing import NoReturn
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-import drake_pregrasp
 from drake_pregrasp.errors import PregraspError, ScenarioError
 from drake_pregrasp.simulation.run import RunResult, run, write_graphviz
 from drake_pregrasp.simulation.scenario import Scenario
@@ -29,6 +28,7 @@ from drake_pregrasp.studies.published import SCENARIOS
 from drake_pregrasp.studies.reproduce import reproduce
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.tick_logger import TickRecord
+from drake_pregrasp.version import __version__
 
 BAD_INPUT = 2
 INTERRUPTED = 130
@@ -54,9 +54,7 @@ def _parser() -> argparse.ArgumentParser:
         prog="drake-pregrasp",
         description="Dynamic pre-grasp planning for multi-finger hands that track a moving object.",
     )
-    parser.add_argument(
-        "--version", action="version", version=f"drake-pregrasp {drake_pregrasp.__version__}"
-    )
+    parser.add_argument("--version", action="version", version=f"drake-pregrasp {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
 
     listing = commands.add_parser("list", help="list the shipped scenarios")

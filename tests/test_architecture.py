@@ -6,7 +6,17 @@ from pathlib import Path
 import pytest
 
 PACKAGE = Path(__file__).parent.parent / "drake_pregrasp"
-FLOORS = ["errors", "resources", "planning", "systems", "diagrams", "simulation", "studies", "cli"]
+FLOORS = [
+    "errors",
+    "resources",
+    "version",
+    "planning",
+    "systems",
+    "diagrams",
+    "simulation",
+    "studies",
+    "cli",
+]
 FILES = [path for path in PACKAGE.rglob("*.py") if path.parent != PACKAGE or path.stem in FLOORS]
 
 
@@ -16,6 +26,7 @@ def imported_modules(path: Path) -> set[str]:
         if isinstance(node, ast.Import):
             modules |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path} has a relative import"
             modules.add(node.module or "")
     return modules
 
@@ -28,6 +39,7 @@ def floor(parts: tuple[str, ...]) -> int:
 def test_imports_go_up_only(path: Path) -> None:
     own = floor(path.relative_to(PACKAGE).parts)
     for module in imported_modules(path):
+        assert module != "drake_pregrasp", "the package's public face is for those outside"
         parts = module.split(".")
         if parts[0] == "drake_pregrasp" and len(parts) > 1:
             assert floor(tuple(parts[1:])) <= own, f"{path.name} imports {module}"

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-import drake_pregrasp
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.contact_selection import ContactStatus
 from drake_pregrasp.planning.force_closure import min_weight_margin
@@ -16,6 +15,7 @@ from drake_pregrasp.simulation.run_log import RunLog
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.tick import SLACK
 from drake_pregrasp.systems.tick_logger import TickRecord
+from drake_pregrasp.version import __version__
 
 MEASURES = ("q_msv", "q_gii", "q_vew")
 """The measures of Table II, by their columns in `log.csv`."""
@@ -113,7 +113,7 @@ def _margin(surface: ObjectSurface, records: list[TickRecord]) -> float | None:
 def _versions() -> dict[str, str]:
     packages = ("drake", "numpy", "scipy", "trimesh")
     return {
-        "drake_pregrasp": drake_pregrasp.__version__,
+        "drake_pregrasp": __version__,
         "python": platform.python_version(),
         **{package: importlib.metadata.version(package) for package in packages},
     }

@@ -59,8 +59,8 @@ class PregraspVisualizer(LeafSystem):
         num_contacts: n.
         publish_period: Seconds between frames, greater than zero.
         marker_radius: Radius of a contact goal's marker, in metres.
-        trail_length: How many past goals of each contact stay visible.
-        trail_period: Seconds between two of them.
+        trail_length: How many dots mark each goal's way over the object; the oldest is taken first.
+        trail_step: Distance of two dots on the object, in metres.
         covariance_magnification: See above.
         record: Whether the regions' colours go into the recording that `meshcat` keeps as well.
             (Its switch, `Meshcat.StartRecording`, holds for everything else.)
@@ -76,7 +76,7 @@ class PregraspVisualizer(LeafSystem):
         publish_period: float,
         marker_radius: float = 0.006,
         trail_length: int = 20,
-        trail_period: float = 1.0,
+        trail_step: float = 0.003,
         covariance_magnification: float = 10.0,
         record: bool = True,
     ) -> None:
@@ -88,13 +88,14 @@ class PregraspVisualizer(LeafSystem):
         self._num_contacts = num_contacts
         self._period = publish_period
         self._trail_length = trail_length
-        self._trail_stride = max(1, round(trail_period / publish_period))
+        self._trail_step = trail_step
         self._record = record
         self._magnification = covariance_magnification
         self._hover = 0.045 + float(np.max(surface.p_OQ[:, 2]))
         # What Meshcat shows by now: a cache of the outside world, no part of the simulated state.
         self._shown: dict[tuple[str, str], bool | list[float]] = {}
         self._shown_labels = np.full(len(self._tile_candidates), NO_REGION - 1)
+        self._trail_heads: list[tuple[int, FloatArray] | None] = [None] * num_contacts
         self._colors = {i: tint(contact_color(i), 0.3) for i in range(num_contacts)}
         self._colors[NO_REGION] = NO_REGION_COLOR
 
@@ -129,6 +130,7 @@ class PregraspVisualizer(LeafSystem):
 
     def _forget(self, context: Context) -> EventStatus:
         self._shown.clear()
+        self._trail_heads = [None] * self._num_contacts
         self._shown_labels = np.full(len(self._tile_candidates), NO_REGION - 1)
         return EventStatus.Succeeded()
 
@@ -139,9 +141,10 @@ class PregraspVisualizer(LeafSystem):
         covariance: FloatArray = self._p_WO_covariance.Eval(context).reshape(3, 3)
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
         active = self._contact_status.Eval(context) == ContactStatus.ACTIVE
-        self._meshcat.SetTransform(f"{ROOT}/regions", X_WO, time)
+        self._meshcat.SetTransform(f"{ROOT}/object", X_WO, time)
         self._color_tiles(regions.labels[self._tile_candidates], time)
         self._draw_goals(p_WC, active, time)
+        self._draw_trails((X_WO.inverse() @ p_WC.T).T, active, time)
         self._draw_covariance(X_WO, covariance, time)
         return EventStatus.Succeeded()
 
@@ -166,18 +169,22 @@ class PregraspVisualizer(LeafSystem):
         self._shown_labels = labels
 
     def _draw_goals(self, p_WC: FloatArray, active: BoolArray, time: float) -> None:
-        frame = round(time / self._period)
-        slot = frame // self._trail_stride % self._trail_length
         for i in range(self._num_contacts):
-            at_goal = RigidTransform(p_WC[i])
-            self._meshcat.SetTransform(_goal_path(i), at_goal, time)
+            self._meshcat.SetTransform(_goal_path(i), RigidTransform(p_WC[i]), time)
             self._set(_goal_path(i), "visible", bool(active[i]), time)
-            if frame == 0:
-                for unused in range(self._trail_length):
-                    self._set(_trail_path(i, unused), "visible", False, time)
-            if frame % self._trail_stride == 0:
-                self._meshcat.SetTransform(_trail_path(i, slot), at_goal, time)
-                self._set(_trail_path(i, slot), "visible", bool(active[i]), time)
+
+    def _draw_trails(self, p_OC: FloatArray, active: BoolArray, time: float) -> None:
+        for i, head in enumerate(self._trail_heads):
+            if head is None:
+                for slot in range(self._trail_length):
+                    self._set(_trail_path(i, slot), "visible", False, time)
+            elif np.linalg.norm(p_OC[i] - head[1]) < self._trail_step or not active[i]:
+                continue
+            count = 0 if head is None else head[0] + 1
+            path = _trail_path(i, count % self._trail_length)
+            self._meshcat.SetTransform(path, RigidTransform(p_OC[i]), time)
+            self._set(path, "visible", True, time)
+            self._trail_heads[i] = count, p_OC[i]
 
     def _draw_covariance(self, X_WO: RigidTransform, covariance: FloatArray, time: float) -> None:
         variances, axes = np.linalg.eigh(covariance)
@@ -196,7 +203,7 @@ class PregraspVisualizer(LeafSystem):
 
 
 def _tile_path(tile: int) -> str:
-    return f"{ROOT}/regions/{tile}"
+    return f"{ROOT}/object/tiles/{tile}"
 
 
 def _goal_path(contact: int) -> str:
@@ -204,7 +211,7 @@ def _goal_path(contact: int) -> str:
 
 
 def _trail_path(contact: int, slot: int) -> str:
-    return f"{ROOT}/trails/{contact}/{slot}"
+    return f"{ROOT}/object/trails/{contact}/{slot}"
 
 
 def _rgba(color: Rgba) -> tuple[float, float, float, float]:

@@ -51,8 +51,9 @@ class TickLogger(LeafSystem):
         - X_WO
         - X_WO_estimated
 
-    The ports accept what the ports of these names emit, of `CentroidSelector`,
-    `GraspQualityMonitor`, `SafeRegionPartitioner`, `ObjectPlant` and `PoseEstimator`.
+    The ports accept what the ports of these names emit: `p_WC` and `contact_status` of
+    `CentroidSelector`, `grasp_quality` of `GraspQualityMonitor`, `safe_regions` of
+    `SafeRegionPartitioner`, `X_WO` of `ObjectPlant` and `X_WO_estimated` of `PoseEstimator`.
 
     Publish events of one time run in the order in which systems were added: to time the planner,
     and not a cache look-up, add this system before visualizers.

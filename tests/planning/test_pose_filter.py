@@ -1,8 +1,11 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
+from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.planning.pose_filter import (
     BELIEF_SIZE,
     PoseBelief,
@@ -123,6 +126,31 @@ def test_errors_are_as_large_as_the_covariance_says():
     low, high = chi2.ppf([0.0005, 0.9995], 6 * runs) / runs
     assert low < np.mean(position) < high
     assert low < np.mean(orientation) < high
+
+
+def test_a_fast_turn_carries_the_errors_with_it():
+    """The predicted covariance of a tumbling object is that of a cloud of samples."""
+    rng = np.random.default_rng(8)
+    quiet = PoseFilterNoise(1e-3, 5e-3, 1e-12, 1e-12, 0.1, 0.5)
+    A = rng.normal(scale=1e-4, size=(6, 6))
+    w = np.array([4.0, -5.0, 3.0])  # 0.35 rad in one step.
+    belief = dataclasses.replace(
+        first_belief(0.0, np.zeros(3), Rotation.identity(), quiet), w_WO=w, P_orientation=A @ A.T
+    )
+    predicted = predict(belief, DT, quiet)
+    e = rng.normal(size=(40000, 6)) @ A.T
+    truth = Rotation.from_rotvec((w + e[:, 3:]) * DT) * Rotation.from_rotvec(e[:, :3])
+    theta = (truth * predicted.R_WO.inv()).as_rotvec()
+    cloud = np.cov(np.hstack([theta, e[:, 3:]]).T)
+    scale = np.sqrt(np.diag(cloud))
+    np.testing.assert_allclose(
+        predicted.P_orientation / np.outer(scale, scale), cloud / np.outer(scale, scale), atol=0.03
+    )
+
+
+def test_a_belief_is_not_carried_back_in_time():
+    with pytest.raises(InvalidArgumentError, match="back in time"):
+        predict(some_belief(), -0.1, NOISE)
 
 
 def white_acceleration_step(rng, x, v, density):

@@ -117,6 +117,11 @@ def test_displacement_and_energy_follow_from_the_contacts(base_log):
     assert base_log["displacement"][0] == base_log["energy"][0] == 0
 
 
+def test_yaw_is_the_turntables_angle(scenario, base_log):
+    w = scenario.motion.angular_velocity
+    np.testing.assert_allclose(base_log["yaw_wo"], w * base_log["time"], atol=2e-3)
+
+
 def test_one_row_a_tick(base_run, base_log):
     np.testing.assert_allclose(base_log["time"], 0.05 * np.arange(161), rtol=1e-12)
     assert base_run.summary["ticks"] == 161
@@ -171,6 +176,9 @@ def test_damage_is_recovered_from(tmp_path):
     for contact, active in ((2, 1), (3, 0), (4, 0)):
         assert np.all(log[f"c{contact}_active"][log["time"] < 6.99] == 1)
         assert np.all(log[f"c{contact}_active"][log["time"] > 6.99] == active)
+    loss = int(np.searchsorted(log["time"], 6.99))
+    steps = np.linalg.norm(contacts(log, loss) - contacts(log, loss - 1), axis=1)
+    assert log["displacement"][loss] == pytest.approx(np.sum(steps[:3]), rel=1e-9)
     static, best = (result.summary["after_damage"][key] for key in ("static", "max"))
     for measure in STATIC_PUBLISHED:
         assert best[measure] > static[measure]
@@ -201,6 +209,38 @@ def test_a_run_that_is_stopped_keeps_its_log(tmp_path):
     log = read_log(result.folder / "log.csv")
     assert len(log["time"]) == len(ticks) == result.summary["ticks"]
     assert result.summary["max"]["q_msv"] is None
+
+
+def test_a_bad_scenario_from_python_is_refused_before_anything_is_touched(tmp_path):
+    good = load_scenario("a_base", text="{simulation_duration: 0.2}")
+    folder = run(good, name="a", out=tmp_path, recording=False).folder
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    for change in ({"period": -1.0}, {"static_duration": float("nan")}, {"strategy": "luck"}):
+        bad = load_scenario("a_base")
+        vars(bad.planner).update(change)
+        with pytest.raises(ScenarioError, match=f"planner.{next(iter(change))}"):
+            run(bad, name="a", out=tmp_path, recording=False)
+    assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
+
+
+def test_errors_of_a_callback_stay_what_they_are(tmp_path):
+    def on_tick(record):
+        raise OSError("mine")
+
+    with pytest.raises(OSError, match=r"^mine$"):
+        run(load_scenario("a_base"), name="a", out=tmp_path, recording=False, on_tick=on_tick)
+
+
+def test_any_description_can_be_plotted(tmp_path):
+    text = "{simulation_duration: 0.2, description: '$\\frac{$'}"
+    result = run(load_scenario("a_base", text=text), name="a", out=tmp_path, recording=False)
+    assert (result.folder / "metrics.png").exists()
+
+
+def test_contacts_without_a_place_are_reported(tmp_path):
+    text = "{simulation_duration: 0.2, initial_contacts: [[0, 0, 1], [1, 0, 0]]}"
+    result = run(load_scenario("a_base", text=text), name="a", out=tmp_path, recording=False)
+    assert result.summary["inactive_contacts"] == [0]
 
 
 def test_an_unwritable_folder_is_refused_and_keeps_what_is_there(tmp_path):

@@ -14,7 +14,11 @@ BAD = [
         "unknown key (value 0.1); did you mean period?",
     ),
     ("zzz: 1", "case.zzz", "unknown key"),
-    ("planner: {period: -0.1}", "case.planner.period", "-0.1 must be a number at least 0.0001 and at"),
+    (
+        "planner: {period: -0.1}",
+        "case.planner.period",
+        "-0.1 must be a number at least 0.0001 and at",
+    ),
     ("planner: {period: 0}", "case.planner.period", "0 must be a number at least 0.0001"),
     ("planner: {period: .nan}", "case.planner.period", "nan must be a number at least"),
     ("planner: {period: .inf}", "case.planner.period", "inf must be"),
@@ -27,7 +31,11 @@ BAD = [
     ("random_seed: 1.5", "case.random_seed", "1.5 must be a whole number at least 0"),
     ("description: 7", "case.description", "7 must be a text"),
     ("object: {size: [0.1, 0.1]}", "case.object.size", "a list of exactly 3 elements"),
-    ("object: {size: [0.1, 0.1, -1]}", "case.object.size[2]", "-1 must be a number at least 0.005 and at most 0.25"),
+    (
+        "object: {size: [0.1, 0.1, -1]}",
+        "case.object.size[2]",
+        "-1 must be a number at least 0.005 and at most 0.25",
+    ),
     ("initial_contacts: []", "case.initial_contacts", "a list of at least 1 elements"),
     ("initial_contacts: [[1, 0]]", "case.initial_contacts[0]", "a list of exactly 3 elements"),
     ("initial_contacts: [[1, 0, .nan]]", "case.initial_contacts[0][2]", "nan must be a number"),
@@ -49,6 +57,14 @@ BAD = [
     ("plant_config: {contact_model: magic}", "case.plant_config", "magic"),
     ("plant_config: {time_step: 0}", "case.plant_config.time_step", "0 must be a number at least"),
     ("simulator_config: {integration_scheme: magic}", "case.simulator_config", "magic"),
+    ("simulator_config: {max_step_size: -1}", "case.simulator_config.max_step_size", "above 0"),
+    ("simulator_config: {start_time: 5}", "case.simulator_config.start_time", "5 must be a number"),
+    ("plant_config: {stiction_tolerance: 0}", "case.plant_config.stiction_tolerance", "above 0"),
+    ("object: {mass: 1.0e+300}", "case.object.mass", "above 0 and at most 1000"),
+    ("planner: {position_spread: 1.0e+200}", "case.planner.position_spread", "at most 1000"),
+    ("planner: {period: '1_0'}", "case.planner.period", "must be a number"),
+    ("1: 2", "case", "the key 1 must be a name"),
+    ("random_seed: 9007199254740993", "case.random_seed", "at most 9007199254740992"),
     ("simulator_config: {max_step_size: big}", "case.simulator_config.max_step_size", "'big'"),
 ]
 
@@ -74,6 +90,7 @@ def test_bad_keys_are_named_in_one_line(tmp_path, text, key, problem):
         (b"\xff\xfe\x00", "can't be read"),
         (b"", "must be a mapping"),
         (b"a: {}\nb: {}\n", "there are: a, b"),
+        (b"1: {}\n", "is no name"),
         (b"case: 3\n", "3 must be a mapping"),
     ],
 )

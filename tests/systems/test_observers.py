@@ -79,8 +79,8 @@ def test_tiles_have_a_spacing_of_their_own(surface):
     PregraspVisualizer(
         meshcat=meshcat, surface=surface, tile_surface=tiles, num_contacts=1, publish_period=0.1
     )
-    assert meshcat.HasPath(f"{ROOT}/regions/{len(tiles.p_OQ) - 1}")
-    assert not meshcat.HasPath(f"{ROOT}/regions/{len(tiles.p_OQ)}")
+    assert meshcat.HasPath(f"{ROOT}/object/tiles/{len(tiles.p_OQ) - 1}")
+    assert not meshcat.HasPath(f"{ROOT}/object/tiles/{len(tiles.p_OQ)}")
 
 
 def test_visualizer_draws_once_and_then_only_moves(surface, p_OC):
@@ -89,9 +89,9 @@ def test_visualizer_draws_once_and_then_only_moves(surface, p_OC):
         meshcat=meshcat, surface=surface, num_contacts=5, publish_period=0.1, trail_length=3
     )
     for tile in (0, len(surface.p_OQ) - 1):
-        assert meshcat.HasPath(f"{ROOT}/regions/{tile}")
-    assert not meshcat.HasPath(f"{ROOT}/regions/{len(surface.p_OQ)}")
-    assert meshcat.HasPath(f"{ROOT}/trails/4/2")
+        assert meshcat.HasPath(f"{ROOT}/object/tiles/{tile}")
+    assert not meshcat.HasPath(f"{ROOT}/object/tiles/{len(surface.p_OQ)}")
+    assert meshcat.HasPath(f"{ROOT}/object/trails/4/2")
     context = visualizer.CreateDefaultContext()
     fix_planner_outputs(visualizer, context, surface, p_OC)
     meshcat.StartRecording(frames_per_second=10)

@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
@@ -86,6 +88,46 @@ def test_selector_emits_the_same_goals_before_and_after_storing_them(surface, p_
     np.testing.assert_array_equal(previous.Eval(context), before)
 
 
+def test_selector_turns_the_covariance_into_the_objects_frame(surface, p_OC):
+    covariance_W = np.diag([4e-3, 1e-4, 1e-3])
+    system, context, _ = selector_and_context(surface, p_OC)
+    system.GetInputPort("p_WO_covariance").FixValue(context, covariance_W.ravel())
+    R_OW = X_WO.rotation().inverse().matrix()
+    regions = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(5), surface.forbidden)
+    covariance_O = R_OW @ covariance_W @ R_OW.T + 0.04**2 * np.eye(3)
+    expected = select_contacts(
+        SelectionInput(surface, p_OC, regions, covariance_O), position_tracking
+    )
+    p_WC = system.GetOutputPort("p_WC").Eval(context)
+    np.testing.assert_allclose(p_WC, in_world(expected.p_OC), atol=1e-12)
+
+
+def test_selector_starts_from_the_state_in_its_context(surface, p_OC):
+    system, context, _ = selector_and_context(surface, p_OC, static_duration=1.0)
+    assert np.max(np.abs(system.GetOutputPort("p_WC").Eval(context) - in_world(p_OC))) < 1e-12
+    moved = -p_OC * [1, 1, -1]
+    context.get_mutable_discrete_state(1).SetFromVector(moved.ravel())
+    assert np.max(np.abs(system.GetOutputPort("p_WC").Eval(context) - in_world(moved))) < 1e-12
+
+
+def test_held_contacts_on_forbidden_ground_are_inactive(surface, p_OC):
+    p_OC = p_OC.copy()
+    p_OC[0] = [0.0, 0.0, 0.05]
+    open_top = dataclasses.replace(surface, forbidden=ForbiddenPoints.none())
+    system, context, _ = selector_and_context(open_top, p_OC, static_duration=1.0)
+    status = system.GetOutputPort("contact_status").Eval(context)
+    assert list(status) == [ContactStatus.INACTIVE, 1, 1, 1, 1]
+
+
+def test_a_lost_contact_has_no_fingertip_target(surface, p_OC):
+    system, context, _ = selector_and_context(surface, p_OC)
+    weights = np.array([0, 0, -np.inf, 0, 0])
+    regions = compute_safe_regions(surface.p_OQ, p_OC, weights, surface.forbidden)
+    system.GetInputPort("safe_regions").FixValue(context, AbstractValue.Make(regions))
+    targets = system.GetOutputPort("fingertip_targets").Eval(context)
+    assert [targets.Find(f"fingertip_{i}") is not None for i in range(5)] == [1, 1, 0, 1, 1]
+
+
 def test_selector_holds_the_static_contacts_on_the_object(surface, p_OC):
     system, context, _ = selector_and_context(surface, p_OC, static_duration=4.0)
     for k in (0, 1, 79):
@@ -122,6 +164,9 @@ def test_fingertip_targets_look_into_the_object(surface, p_OC):
         {"period": 0.0},
         {"position_spread": 0.0},
         {"strategy": "telepathy"},
+        {"static_duration": np.nan},
+        {"p_OC": np.array([[0.0, 0.0, 0.0]])},
+        {"p_OC": np.array([[0.05, 0.0, np.nan]])},
         {"p_OC": np.zeros((0, 3))},
         {"fingertip_frames": ["only_one"]},
     ],

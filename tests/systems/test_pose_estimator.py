@@ -87,6 +87,25 @@ def test_between_ticks_the_estimate_moves_on_with_the_estimated_twist():
     np.testing.assert_allclose(moved, V_WO.translational() * PERIOD / 2, atol=1e-15)
 
 
+def test_a_context_that_is_set_back_in_time_starts_afresh():
+    estimator, context = estimator_and_context(X_0)
+    for k in range(200):
+        context.SetTime(k * PERIOD)
+        tick(estimator, context)
+    context.SetTime(0.0)
+    estimator.GetInputPort("X_WO_measured").FixValue(context, X_1)
+    assert pose(estimator, context).IsNearlyEqualTo(X_1, 1e-12)
+    covariance = estimator.GetOutputPort("p_WO_covariance").Eval(context).reshape(3, 3)
+    np.testing.assert_allclose(covariance, NOISE.position**2 * np.eye(3), rtol=1e-12)
+    tick(estimator, context)
+    assert pose(estimator, context).IsNearlyEqualTo(X_1, 1e-12)
+
+
+def test_times_before_zero_are_times_too():
+    estimator, context = estimator_and_context(X_0, time=-1.0)
+    assert pose(estimator, context).IsNearlyEqualTo(X_0, 1e-12)
+
+
 def test_lookahead_is_prediction_with_a_grown_covariance():
     (now, context), (ahead, _) = (estimator_and_context(X_0, lookahead=t) for t in (0.0, 0.2))
     later = ahead.CreateDefaultContext()

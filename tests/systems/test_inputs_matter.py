@@ -1,0 +1,99 @@
+"""Within one Context, each output follows each input that it depends on: no cache is stale."""
+
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from drake_pregrasp import (
+    CentroidSelector,
+    EstimatorConfig,
+    ForbiddenPoints,
+    GraspQualityMonitor,
+    NoisyPoseSensor,
+    PoseEstimator,
+    SafeRegionPartitioner,
+    box_surface,
+    load_scenario,
+)
+from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
+from drake_pregrasp.planning.safe_regions import SafeRegions, compute_safe_regions
+
+SURFACE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
+P_OC = load_scenario("a_base").initial_p_OC()
+X_A = RigidTransform()
+X_B = RigidTransform(RollPitchYaw(0.1, -0.2, 0.3), [0.02, 0.03, 0.01])
+OTHER = P_OC * [1, -1, 1]
+
+
+def regions(p_OC):
+    labels = compute_safe_regions(SURFACE.p_OQ, p_OC, np.zeros(5), SURFACE.forbidden)
+    return AbstractValue.Make(labels)
+
+
+def obstacles(x):
+    return AbstractValue.Make(ForbiddenPoints(np.array([[x, 0.0, 0.0]]), np.array([0.03])))
+
+
+# For each system: how to make it, two values for each input, and the outputs that follow it.
+CASES = {
+    "sensor": (
+        lambda: NoisyPoseSensor(position_std=0.1, orientation_std=0.1),
+        {
+            "X_WO": (X_A, X_B, ["X_WO_measured"]),
+            "noise": (np.zeros(6), np.ones(6), ["X_WO_measured"]),
+        },
+    ),
+    "estimator": (
+        lambda: PoseEstimator(period=0.1, noise=filter_noise(EstimatorConfig())),
+        {"X_WO_measured": (X_A, X_B, ["X_WO_estimated"])},
+    ),
+    "partitioner": (
+        lambda: SafeRegionPartitioner(surface=SURFACE, num_contacts=5),
+        {
+            "X_WO_estimated": (X_A, X_B, ["safe_regions"]),
+            "p_WC": (P_OC.ravel(), OTHER.ravel(), ["safe_regions"]),
+            "contact_weights": (np.zeros(5), np.array([0, 0, 0, 0, 1e-2]), ["safe_regions"]),
+            "obstacles": (obstacles(9.0), obstacles(0.06), ["safe_regions"]),
+        },
+    ),
+    "selector": (
+        lambda: CentroidSelector(surface=SURFACE, p_OC=P_OC, period=0.1),
+        {
+            "X_WO_estimated": (X_A, X_B, ["p_WC", "p_WC_previous"]),
+            "p_WO_covariance": (1e-6 * np.eye(3).ravel(), 1e-2 * np.eye(3).ravel(), ["p_WC"]),
+            "safe_regions": (regions(P_OC), regions(OTHER), ["p_WC"]),
+        },
+    ),
+    "monitor": (
+        lambda: GraspQualityMonitor(num_contacts=5),
+        {
+            "p_WC": (P_OC.ravel(), 0.5 * P_OC.ravel(), ["grasp_quality"]),
+            "X_WO": (X_A, X_B, ["grasp_quality"]),
+            "contact_status": (np.ones(5), np.array([1.0, 1, 1, 1, 0]), ["grasp_quality"]),
+        },
+    ),
+}
+
+
+def plain(value):
+    if isinstance(value, RigidTransform):
+        return value.GetAsMatrix34()
+    if isinstance(value, SafeRegions):
+        return value.labels.copy()
+    return np.array(value)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_outputs_follow_their_inputs(name):
+    make, inputs = CASES[name]
+    system = make()
+    for changed, (_, second, outputs) in inputs.items():
+        context = system.CreateDefaultContext()
+        for port, (first, _, _) in inputs.items():
+            system.GetInputPort(port).FixValue(context, first)
+        before = [plain(system.GetOutputPort(output).Eval(context)) for output in outputs]
+        system.GetInputPort(changed).FixValue(context, second)
+        for output, value in zip(outputs, before, strict=True):
+            after = plain(system.GetOutputPort(output).Eval(context))
+            assert not np.array_equal(after, value), f"{output} doesn't follow {changed}"
