@@ -49,7 +49,7 @@ def judge_claims(
     Args:
         logs: For each case, its runs with different seeds.
         tick_ms: For each case, the median planning tick, in ms.
-        drops: For each spacing in metres, `largest_drops`.
+        drops: From `largest_drops`.
     """
     judged = [
         (logs, dynamic_beats_static),
@@ -244,4 +244,7 @@ def drops_come_from_spacing(drops: Mapping[float, FloatArray]) -> Claim:
                 for spacing, mean in zip(sorted(drops, reverse=True), means, strict=True)
             }
         },
+        remark="A drop is what one step loses against a much finer surface, from the same contacts."
+        " Falls of Q_GII that the finer surface shows too, because position tracking doesn't climb"
+        " Q_GII, don't count.",
     )

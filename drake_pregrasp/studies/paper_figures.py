@@ -1,5 +1,6 @@
 """The paper's Figures 2c, 4 and 6, from runs."""
 
+import textwrap
 from collections.abc import Mapping
 
 import numpy as np
@@ -17,6 +18,8 @@ from drake_pregrasp.studies.case_runs import CaseLog
 # Okabe and Ito's colour-blind-safe set.
 _BLUE, _ORANGE, _GREEN, _PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 _STRATEGY_COLORS = {"gii": _BLUE, "msv": _PURPLE, "vew": _GREEN, "position": "#E69F00"}
+# Dashes show lines that run on top of each other.
+_STRATEGY_LINES = {"gii": "-", "msv": (0, (4, 3)), "vew": "-", "position": (0, (4, 3))}
 _STRATEGY_TITLES = {
     "position": "position tracking (Eq. 3)",
     "msv": "$b^{MSV}$ (Eq. 5)",
@@ -103,7 +106,8 @@ def figure_4(logs: Mapping[str, CaseLog]) -> Figure:
         axis.axvspan(0, held, color="0.9", label="static phase")
         for event in log.scenario.damage:
             axis.axvline(event.at, color=_PURPLE, linestyle=":", label="fingers lost")
-        axis.set_title(f"{case}) {log.scenario.description}", fontsize=10, loc="left")
+        title = textwrap.shorten(f"{case}) {log.scenario.description}", 55, placeholder=" ...")
+        axis.set_title(title, fontsize=10, loc="left")
         axis.grid(True, color="0.9", linewidth=0.5)
         axis.set_xlim(0, log.time[-1])
         axis.spines[["top", "right"]].set_visible(False)
@@ -128,13 +132,22 @@ def figure_6(logs: Mapping[str, CaseLog]) -> Figure:
     figure = Figure(figsize=(9, 6), layout="constrained")
     upper, lower = figure.subplots(2, 1, sharex=True)
     for name, log in logs.items():
-        style = {"color": _STRATEGY_COLORS[name], "linewidth": 1.0, "label": name}
         moving = slice(1, None)
-        upper.plot(log.time[moving], 1e3 * log.columns["displacement"][moving], **style)
-        lower.plot(log.time[moving], log.columns["energy"][moving], **style)
+        for axis, values in (
+            (upper, 1e3 * log.columns["displacement"]),
+            (lower, log.columns["energy"]),
+        ):
+            axis.plot(
+                log.time[moving],
+                values[moving],
+                color=_STRATEGY_COLORS[name],
+                linestyle=_STRATEGY_LINES[name],
+                linewidth=1.2,
+                label=name if name == "position" else name.upper(),
+            )
         held = log.scenario.planner.static_duration
     for axis in (upper, lower):
-        axis.axvspan(0, held, color="0.92")
+        axis.axvspan(0, held, color="0.92", label="static phase")
         axis.set_yscale("log")
         axis.set_xlim(0, log.time[-1])
         axis.grid(True, color="0.9", linewidth=0.5)
@@ -142,5 +155,5 @@ def figure_6(logs: Mapping[str, CaseLog]) -> Figure:
     upper.set_ylabel("displacement [mm per tick]")
     lower.set_ylabel("energy [J/kg]")
     lower.set_xlabel("time [s]")
-    figure.legend(*upper.get_legend_handles_labels(), loc="outside upper center", ncols=4)
+    figure.legend(*upper.get_legend_handles_labels(), loc="outside upper center", ncols=5)
     return figure

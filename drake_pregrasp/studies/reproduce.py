@@ -16,7 +16,7 @@ from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.studies.case_runs import CaseLog, run_cases
 from drake_pregrasp.studies.claims import STRATEGY_CASES, judge_claims
-from drake_pregrasp.studies.discretisation import SPACINGS, largest_drops
+from drake_pregrasp.studies.discretisation import largest_drops
 from drake_pregrasp.studies.paper_figures import figure_2c, figure_4, figure_6
 from drake_pregrasp.studies.published import SCENARIOS
 from drake_pregrasp.studies.rendered_goals import render_goals
@@ -62,7 +62,7 @@ def reproduce(
             raise ScenarioError("--cases", case, f"no such case; there are: {','.join(SCENARIOS)}")
     start = time.perf_counter()
     out = Path(out)
-    steps = len(cases) * len(seeds) + len(SPACINGS)
+    steps = len(cases) * len(seeds) + 1
     done = 0
 
     def advance() -> None:
@@ -74,10 +74,8 @@ def reproduce(
         out.mkdir(parents=True, exist_ok=True)
         runs = run_cases(cases, seeds, out / "runs", duration=duration, on_done=advance)
         logs = {case: [CaseLog(run) for run in runs if run.case == case] for case in cases}
-        drops = {}
-        for spacing in SPACINGS:
-            drops[spacing] = largest_drops(load_scenario("a_base"), spacing)
-            advance()
+        drops = largest_drops(load_scenario("a_base"))
+        advance()
         tables = make_tables(logs)
         claims = judge_claims(logs, _tick_ms(logs), drops)
         content = {**tables, "claims": [claim.to_dict() for claim in claims]}
