@@ -45,9 +45,28 @@ TABLE_3 = {
 }
 """Table III."""
 
-REMARKS = {
-    "f": "The published static Q_VEW of three contacts, 26.8783, is below its bound 3³ = 27:"
-    " no contacts have it.",
-    "h": "Q_VEW 125.7573 is printed for h and for j: possibly a slip.",
-}
-"""Entries of the tables that can't be, or are doubtful."""
+ACTIVE_CONTACTS = {"f": (3, 3), "g": (4, 5)}
+"""How many contacts are measured, in the static and in the dynamic set, where it isn't five."""
+
+
+def remarks(case: str) -> list[str]:
+    """Returns what is to be said of a case's published entries: impossible or doubtful ones.
+
+    G Gᵀ of n contacts has a determinant of at least n⁶, so Q_VEW >= n³ whatever the contacts.
+    """
+    rows = [table[case] for table in (TABLE_2, TABLE_3) if case in table]
+    found = []
+    counts = ACTIVE_CONTACTS.get(case, (5, 5))
+    for name, n, values in zip(("static", "best"), counts, rows[0], strict=True):
+        q_vew = values[2]
+        if q_vew is not None and q_vew < n**3:
+            found.append(
+                f"The published {name} Q_VEW {q_vew} is impossible: {n} contacts have at least"
+                f" {n}³ = {n**3}."
+            )
+    twins = [other for other, row in TABLE_3.items() if row.dynamic[2] == rows[0].dynamic[2]]
+    if case in twins and len(twins) > 1:
+        found.append(
+            f"Q_VEW {rows[0].dynamic[2]} is printed for {' and '.join(twins)}: possibly a slip."
+        )
+    return found

@@ -90,7 +90,7 @@ def _table_rows(table: dict[str, Row]) -> list[tuple[str, ...]]:
 
 
 def _remarks(table: dict[str, Row]) -> list[str]:
-    return [f"{case}) {row['remark']}" for case, row in table.items() if "remark" in row]
+    return [f"{case}) {remark}" for case, row in table.items() for remark in row["remarks"]]
 
 
 def _html(

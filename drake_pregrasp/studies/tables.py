@@ -8,7 +8,7 @@ import numpy as np
 from drake_pregrasp.planning.grasp_quality import grasp_quality
 from drake_pregrasp.simulation.summary import MEASURES
 from drake_pregrasp.studies.case_runs import CaseLog
-from drake_pregrasp.studies.published import REMARKS, TABLE_2, TABLE_3, Published
+from drake_pregrasp.studies.published import TABLE_2, TABLE_3, Published, remarks
 
 Row = dict[str, Any]
 
@@ -25,9 +25,7 @@ def make_tables(logs: Mapping[str, Sequence[CaseLog]]) -> dict[str, dict[str, Ro
         logs: For each case, its runs with different seeds.
     """
     return {
-        name: {
-            case: _row(table[case], logs[case], REMARKS.get(case)) for case in table if case in logs
-        }
+        name: {case: _row(case, table[case], logs[case]) for case in table if case in logs}
         for name, table in (("table2", TABLE_2), ("table3", TABLE_3))
     }
 
@@ -46,10 +44,10 @@ def static_values(log: CaseLog) -> list[float]:
     return [float(np.mean(log.columns[name][log.static])) for name in MEASURES]
 
 
-def _row(published: Published, logs: Sequence[CaseLog], remark: str | None) -> Row:
+def _row(case: str, published: Published, logs: Sequence[CaseLog]) -> Row:
     best = np.array([best_values(log) for log in logs])
     static = np.array([static_values(log) for log in logs])
-    row: Row = {
+    return {
         "published": list(published.dynamic),
         "ours": np.median(best, axis=0).tolist(),
         "ours_min": np.min(best, axis=0).tolist(),
@@ -57,7 +55,5 @@ def _row(published: Published, logs: Sequence[CaseLog], remark: str | None) -> R
         "static_published": list(published.static),
         "static_ours": np.median(static, axis=0).tolist(),
         "seeds": [log.seed for log in logs],
+        "remarks": remarks(case),
     }
-    if remark is not None:
-        row["remark"] = remark
-    return row

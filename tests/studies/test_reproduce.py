@@ -120,6 +120,14 @@ def test_claims_that_do_not_hold_say_why(tables):
             assert claim["numbers"]
 
 
+def test_impossible_and_doubtful_entries_are_shown(reproduction, tables):
+    (impossible,) = tables["table2"]["f"]["remarks"]
+    assert impossible.startswith("The published static Q_VEW 26.8783 is impossible")
+    assert "125.7573 is printed for h and j" in tables["table3"]["j"]["remarks"][0]
+    assert impossible in (reproduction / "report.md").read_text()
+    assert tables["table2"]["a"]["remarks"] == tables["table2"]["g"]["remarks"] == []
+
+
 def test_some_cases_alone_make_a_smaller_report(tmp_path):
     reproduce(tmp_path, ["a", "g"], seeds=(0,), duration=5.0)
     tables = json.loads((tmp_path / "tables.json").read_text())
