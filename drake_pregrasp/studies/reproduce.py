@@ -87,8 +87,8 @@ def reproduce(
             f" {minutes:.1f} minutes on {os.cpu_count()} processors. A run's value is its maximum"
             " over the adapting phase, as in the paper; shown is the median over the seeds with"
             " their range. All of it follows from the log.csv files in the folder runs.",
-            "The paper's initial contacts are not published. Ours are calibrated to its static rows,"
-            " and chosen among such sets for what the strategies then reach.",
+            "The paper's initial contacts are not published. Ours are calibrated to its static rows"
+            ", and chosen among such sets for what the strategies then reach.",
         ]
         write_report(out, tables, claims, figures, notes)
     except OSError as error:
