@@ -4,9 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from drake_pregrasp import RunResult, Scenario, box_surface, load_scenario, run
 from drake_pregrasp.planning.surface import ObjectSurface
+
+# The same examples every time; machines differ too much for deadlines.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.load_profile("repeatable")
 
 
 @pytest.fixture(scope="session")

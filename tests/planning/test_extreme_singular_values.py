@@ -17,7 +17,7 @@ def check(r, tolerance=1e-9):
     np.testing.assert_allclose(high, exact[:, 0], rtol=tolerance)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(
     seed=st.integers(0, 10**6),
     n=st.integers(1, 10),

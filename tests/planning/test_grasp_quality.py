@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from drake_pregrasp.planning.grasp_quality import (
@@ -17,7 +17,6 @@ def lever_arms(seed, n, scale=0.05):
     return np.random.default_rng(seed).normal(scale=scale, size=(n, 3))
 
 
-@settings(deadline=None)
 @cases
 def test_complete_matrix_maps_contact_wrenches_to_the_wrench_about_the_centre(seed, n):
     r = lever_arms(seed, n)
@@ -28,7 +27,6 @@ def test_complete_matrix_maps_contact_wrenches_to_the_wrench_about_the_centre(se
     np.testing.assert_allclose(complete_grasp_matrix(r) @ w.ravel(), expected, atol=1e-12)
 
 
-@settings(deadline=None)
 @cases
 def test_measures_do_not_depend_on_the_frame(seed, n):
     r = lever_arms(seed, n)
@@ -39,7 +37,6 @@ def test_measures_do_not_depend_on_the_frame(seed, n):
     )
 
 
-@settings(deadline=None)
 @cases
 def test_bounds_of_the_measures(seed, n):
     quality = grasp_quality(lever_arms(seed, n))
@@ -48,7 +45,6 @@ def test_bounds_of_the_measures(seed, n):
     assert quality.q_vew >= n**3 * (1 - 1e-12)
 
 
-@settings(deadline=None)
 @cases
 def test_volume_has_the_closed_form_of_the_spread(seed, n):
     r = lever_arms(seed, n)
@@ -79,7 +75,6 @@ def test_classification_by_the_hard_finger_model(r, graspable, indeterminate):
     assert (quality.graspable, quality.indeterminate) == (graspable, indeterminate)
 
 
-@settings(deadline=None)
 @given(seed=st.integers(0, 10**6), scale=st.sampled_from([1e-6, 1e-3, 1.0, 1e3]))
 def test_classification_does_not_depend_on_the_unit_of_length(seed, scale):
     r = lever_arms(seed, 3)

@@ -21,7 +21,7 @@ def random_case(seed, n, m):
     }
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(seed=st.integers(0, 10**6), n=st.integers(1, 8), m=st.integers(0, 12))
 def test_equals_the_printed_equations_but_for_ties(seed, n, m):
     case = random_case(seed, n, m)
