@@ -105,7 +105,6 @@ def test_the_paper_is_met_within_the_stated_bounds(tables):
         "Position tracking surrounds the cube on all four side faces",
         "VEW drifts to edges and corners",
         "A bigger object has a higher Q_VEW and a lower Q_GII",
-        "Position tracking is the fastest to compute",
         "Drops come from the discretisation of Y: they shrink with its spacing",
     ],
 )
