@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from drake_pregrasp.errors import PregraspError, ScenarioError
 from drake_pregrasp.simulation.run import RunResult, run, write_graphviz
-from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario import Scenario, validate
 from drake_pregrasp.simulation.scenario_file import (
     load_scenario,
     only_name,
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         status: int = options.command(options)
     except KeyboardInterrupt:
-        print("drake-pregrasp: interrupted before the first tick", file=sys.stderr)
+        print("drake-pregrasp: interrupted", file=sys.stderr)
         return INTERRUPTED
     except PregraspError as error:
         print(f"drake-pregrasp: {error}", file=sys.stderr)
@@ -132,7 +132,7 @@ def _reproduce(options: argparse.Namespace) -> int:
     start = time.perf_counter()
     console = Console(stderr=True)
     columns = (
-        TextColumn("{task.completed} of {task.total} runs"),
+        TextColumn("step {task.completed} of {task.total}"),
         BarColumn(),
         TimeRemainingColumn(),
     )
@@ -164,12 +164,9 @@ def _load(options: argparse.Namespace) -> tuple[str, Scenario]:
     scenario = load_scenario(name, file=file, text=options.scenario_text)
     if options.simulation_duration is not None:
         scenario.simulation_duration = options.simulation_duration
-        check_mapping(
-            "--simulation_duration",
-            "",
-            {"simulation_duration": options.simulation_duration},
-            Scenario,
-        )
+        source = "--simulation_duration"
+        check_mapping(source, "", {"simulation_duration": scenario.simulation_duration}, Scenario)
+        validate(scenario, f"{name} with {source}")
     return name, scenario
 
 

@@ -52,6 +52,10 @@ def test_graphviz_writes_the_diagram_and_simulates_nothing(tmp_path):
         (["run", "--scenario_file", "nowhere.yaml"], "nowhere.yaml: can't be read"),
         (["run", "a_base", "--simulation_duration", "-1"], "-1.0 must be a number above 0"),
         (["run", "a_base", "--simulation_duration", "nan"], "nan must be a number above 0"),
+        (
+            ["run", "f_damage", "--simulation_duration", "5"],
+            "f_damage with --simulation_duration: damage[0].at: 10.0 is after the end",
+        ),
         (["run", "a_base", "--simulation_duration", "long"], "invalid float value: 'long'"),
         (["run", "a_base", "--scenario_text", "{planner: {perod: 1}}"], "did you mean period?"),
         (["run", "a_base", "--out", "/dev/null/x"], "/dev/null/x/a_base: can't be written"),

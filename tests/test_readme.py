@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from drake_pregrasp import load_scenario, shipped_scenarios
-from drake_pregrasp.studies.case_runs import CaseLog, run_cases
+from drake_pregrasp.studies.case_runs import CaseLog, case_job, run_jobs
 from drake_pregrasp.studies.published import TABLE_2, TABLE_3
 from drake_pregrasp.studies.reproduce import DURATION
 from drake_pregrasp.studies.tables import best_values, static_values
@@ -58,7 +58,7 @@ def test_the_scenario_in_yaml_loads(tmp_path):
 def test_tables_hold_what_is_published_and_what_runs_give(head, table, tmp_path):
     rows = {row[0].split()[0]: row for row in table_rows(head)}
     assert list(rows) == list(table)
-    for run_of in run_cases(list(table), [0], tmp_path, duration=DURATION):
+    for run_of in run_jobs([case_job(case, 0, DURATION) for case in table], tmp_path):
         log = CaseLog(run_of)
         _, static_published, static_ours, published, ours = rows[log.case]
         assert numbers(static_published) == list(table[log.case].static)

@@ -19,6 +19,7 @@ from drake_pregrasp.planning.surface import (
     box_surface,
 )
 from drake_pregrasp.systems.noise_source import MAX_SEED
+from drake_pregrasp.systems.tick import SLACK, tick_index
 
 
 @dataclass
@@ -56,10 +57,12 @@ class DamageEvent:
     """Fingers that are lost during the run."""
 
     # When, in seconds.
-    at: float = field(default=0.0, metadata={"at_least": 0})
+    at: float = field(default=0.0, metadata={"required": True, "at_least": 0})
 
     # Which contacts, by their index in initial_contacts.
-    contacts: list[int] = field(default_factory=list, metadata={"min_length": 1, "at_least": 0})
+    contacts: list[int] = field(
+        default_factory=list, metadata={"required": True, "min_length": 1, "at_least": 0}
+    )
 
 
 @dataclass
@@ -199,12 +202,14 @@ def _validate_damage(scenario: Scenario, source: str) -> None:
     left = set(range(len(scenario.initial_contacts)))
     for index, event in enumerate(scenario.damage):
         key = f"damage[{index}]"
-        if event.at > scenario.simulation_duration:
+        period = scenario.planner.period
+        last_tick = period * tick_index(scenario.simulation_duration, period)
+        if event.at > last_tick + SLACK * period:
             raise ScenarioError(
                 source,
                 f"{key}.at",
-                f"{event.at} is after the end; simulation_duration is"
-                f" {scenario.simulation_duration}",
+                f"{event.at} is after the end, the last tick is at {last_tick:g} s;"
+                f" simulation_duration is {scenario.simulation_duration}",
             )
         for contact in event.contacts:
             if contact not in left:

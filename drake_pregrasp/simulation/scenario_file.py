@@ -61,15 +61,15 @@ def load_scenario(
     scenario: Scenario = yaml_load_typed(
         schema=Scenario, filename=str(file), child_name=name, defaults=Scenario()
     )
-    source, key = str(file), f"{name}."
+    source = str(file)
     if text is not None:
-        source, key = SCENARIO_TEXT, ""
-        check_mapping(source, "", _parse(SCENARIO_TEXT, text), Scenario)
+        check_mapping(SCENARIO_TEXT, "", _parse(SCENARIO_TEXT, text), Scenario)
         scenario = yaml_load_typed(schema=Scenario, data=text, defaults=scenario)
+        source = f"{file} with {SCENARIO_TEXT}"
     try:
         validate(scenario, source)
     except ScenarioError as error:
-        raise ScenarioError(source, key + error.key, error.problem) from error
+        raise ScenarioError(source, f"{name}.{error.key}", error.problem) from error
     return scenario
 
 

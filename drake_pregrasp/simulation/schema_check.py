@@ -6,7 +6,7 @@ nothing of ranges. A schema's field states its range in its metadata:
     period: float = field(default=0.05, metadata={"above": 0})
 
 with any of `above`, `at_least`, `at_most` (of a number, or of each number in a list), `length` and
-`min_length` (of a list) and `one_of` (of a string, or of each string in a list).
+`min_length` (of a list), `one_of` (of a string, or of each string in a list) and `required`.
 """
 
 import dataclasses
@@ -53,6 +53,9 @@ def check_mapping(source: str, key: str, data: object, schema: Any) -> None:
     if not isinstance(data, Mapping):
         _reject(source, key, data, f"a mapping with keys out of: {', '.join(_fields(schema))}")
     fields = _fields(schema)
+    for name, (_, rules) in fields.items():
+        if rules.get("required") and name not in data:
+            raise ScenarioError(source, key, f"lacks the key {name}; it has no default")
     for name, value in data.items():
         if not isinstance(name, str):
             raise ScenarioError(source, key, f"the key {_short(name)} must be a name")

@@ -9,11 +9,15 @@ import numpy as np
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.contact_selection import ContactStatus
 from drake_pregrasp.planning.force_closure import min_weight_margin
-from drake_pregrasp.planning.grasp_quality import grasp_quality
 from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.simulation.phases import (
+    adapting_phase,
+    last_phase,
+    remaining_static_quality,
+    static_phase,
+)
 from drake_pregrasp.simulation.run_log import RunLog
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.systems.tick import SLACK
 from drake_pregrasp.systems.tick_logger import TickRecord
 from drake_pregrasp.version import __version__
 
@@ -41,11 +45,7 @@ def summarize(
     With damage, `max` and `mean` end before the first loss, and `after_damage` follows the last.
     """
     time = log.column("time")
-    config = scenario.planner
-    static_ticks = int(np.searchsorted(time, config.static_duration - SLACK * config.period))
-    loss = min((event.at for event in scenario.damage), default=np.inf)
-    adapting = slice(static_ticks, int(np.searchsorted(time, loss - 1e-9)))
-    static = slice(0, static_ticks)
+    static, adapting = static_phase(scenario, time), adapting_phase(scenario, time)
     tick_ms = 1e3 * np.array([record.wall_seconds for record in log.records])
     return {
         "scenario": name,
@@ -84,13 +84,11 @@ def _after_damage(
     """Returns the measures after the last loss: of the static contacts left, and the best."""
     if not scenario.damage:
         return {}
-    start = int(np.searchsorted(log.column("time"), max(e.at for e in scenario.damage) - 1e-9))
-    left = scenario.initial_p_OC()[scenario.remaining_contacts()]
-    static = grasp_quality(left - surface.p_OCoM)
+    static = remaining_static_quality(scenario, surface)
     return {
         "after_damage": {
             "static": {name: getattr(static, name) for name in MEASURES},
-            "max": _measures(log, slice(start, None), np.max),
+            "max": _measures(log, last_phase(scenario, log.column("time")), np.max),
         }
     }
 

@@ -2,6 +2,7 @@
 
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
@@ -10,10 +11,14 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.simulation.phases import last_phase, static_phase, ticks_from
 from drake_pregrasp.simulation.run import run
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.studies.published import SCENARIOS
+
+TRAVEL_TIME = 1.5
+"""Seconds within which contacts have come to their places, or into the cycle they stay in."""
 
 
 class CaseRun(NamedTuple):
@@ -24,42 +29,55 @@ class CaseRun(NamedTuple):
     folder: Path
 
 
-def run_cases(
-    cases: Sequence[str],
-    seeds: Sequence[int],
-    out: Path,
-    *,
-    duration: float,
-    on_done: Callable[[], None] = lambda: None,
+class Job(NamedTuple):
+    """A run to make: a case, a seed, what to override in its scenario, and the folder's name."""
+
+    case: str
+    seed: int
+    text: str
+    name: str
+
+
+def case_job(case: str, seed: int, duration: float) -> Job:
+    """Returns the job of a case as it is, with a seed and a duration."""
+    text = f"{{random_seed: {seed}, simulation_duration: {duration}}}"
+    return Job(case, seed, text, f"{SCENARIOS[case]}_seed_{seed}")
+
+
+def run_jobs(
+    jobs: Sequence[Job], out: Path, *, on_done: Callable[[], None] = lambda: None
 ) -> list[CaseRun]:
-    """Runs each case with each seed, as many at a time as there are processors.
+    """Makes runs, as many at a time as there are processors.
 
     Args:
-        cases: Keys of `SCENARIOS`.
-        seeds: Random seeds.
+        jobs: What to run.
         out: Where the run folders go.
-        duration: Seconds to simulate.
         on_done: Called after each run.
     """
-    jobs = [(case, seed, out, duration) for seed in seeds for case in cases]
-    # Fresh processes: Drake's systems in Python outlive their diagram, and threads don't survive a
-    # fork.
+    # Fresh processes: Drake's systems in Python outlive their diagram, and threads don't survive
+    # a fork.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=context) as pool:
-        futures = [pool.submit(_run_one, *job) for job in jobs]
-        for future in as_completed(futures):
-            future.result()
-            on_done()
+    with ProcessPoolExecutor(os.cpu_count(), context, initializer=_ignore_interrupts) as pool:
+        futures = [pool.submit(_run_one, job, out) for job in jobs]
+        try:
+            for future in as_completed(futures):
+                future.result()
+                on_done()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
         return [future.result() for future in futures]
 
 
-def _run_one(case: str, seed: int, out: Path, duration: float) -> CaseRun:
-    scenario = load_scenario(SCENARIOS[case])
-    scenario.random_seed = seed
-    scenario.simulation_duration = duration
-    name = f"{SCENARIOS[case]}_seed_{seed}"
-    result = run(scenario, name=name, out=out, recording=False)
-    return CaseRun(case, seed, result.folder)
+def _ignore_interrupts() -> None:
+    # They reach the parent, which then ends the rest in order.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _run_one(job: Job, out: Path) -> CaseRun:
+    scenario = load_scenario(SCENARIOS[job.case], text=job.text)
+    result = run(scenario, name=job.name, out=out, recording=False)
+    return CaseRun(job.case, job.seed, result.folder)
 
 
 class CaseLog:
@@ -78,20 +96,21 @@ class CaseLog:
         """Times of the ticks, in seconds."""
         return self.columns["time"]
 
-    def after(self, time: float) -> slice:
-        """Returns the ticks from that time on."""
-        return slice(int(np.searchsorted(self.time, time - 1e-9)), None)
-
     @property
     def static(self) -> slice:
-        """The ticks at which the initial contacts are held."""
-        return slice(0, self.adapting.start)
+        """The ticks at which all initial contacts are held."""
+        return static_phase(self.scenario, self.time)
 
     @property
-    def adapting(self) -> slice:
+    def last_phase(self) -> slice:
         """The ticks that the tables are about: after the static phase, and after any damage."""
-        damage = [event.at for event in self.scenario.damage]
-        return self.after(max([self.scenario.planner.static_duration, *damage]))
+        return last_phase(self.scenario, self.time)
+
+    @property
+    def settled(self) -> slice:
+        """That phase without its first seconds, in which contacts travel to their places."""
+        start = self.time[self.last_phase][0] + TRAVEL_TIME
+        return slice(ticks_from(self.scenario, self.time, start), None)
 
     def p_OC(self, tick: int) -> FloatArray:
         """Returns the active contacts' goals at a tick, in O as it is estimated, shape (k, 3)."""

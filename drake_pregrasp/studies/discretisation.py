@@ -17,14 +17,14 @@ REFERENCE_SPACING = 0.00125
 """Spacing of the surface that stands for a continuous one, in metres."""
 
 
-def largest_drops(
+def discretisation_costs(
     scenario: Scenario, *, starts: int = 20, ticks: int = 12
 ) -> dict[float, FloatArray]:
-    """Returns what a spacing costs: the largest drop of Q_GII in a step, shape (starts,), for each.
+    """Returns what each spacing costs: the largest loss of Q_GII in a step, shape (starts,).
 
     Position tracking is iterated on the reference surface, with neither noise nor physics. At each
     tick one step from the same contacts is made on each coarser surface as well; by how much its
-    Q_GII stays below the reference's is the drop that comes from the candidates' finite number.
+    Q_GII stays below the reference's is what the candidates' finite number costs.
 
     Args:
         scenario: Object, surface and spread.
@@ -35,17 +35,17 @@ def largest_drops(
     coarse = {spacing: scenario.make_surface(spacing) for spacing in SPACINGS}
     half = np.array(scenario.object.size) / 2
     covariance = scenario.planner.position_spread**2 * np.eye(3)
-    drops = {spacing: np.zeros(starts) for spacing in SPACINGS}
+    costs = {spacing: np.zeros(starts) for spacing in SPACINGS}
     for start in range(starts):
         p_OC, _ = fine.project(np.random.default_rng(start).uniform(-half, half, (5, 3)))
         for _ in range(ticks):
             p_OC_next = _step(fine, p_OC, covariance)
             reference = grasp_quality(p_OC_next).q_gii
             for spacing, surface in coarse.items():
-                drop = reference - grasp_quality(_step(surface, p_OC, covariance)).q_gii
-                drops[spacing][start] = max(drops[spacing][start], drop)
+                cost = reference - grasp_quality(_step(surface, p_OC, covariance)).q_gii
+                costs[spacing][start] = max(costs[spacing][start], cost)
             p_OC = p_OC_next
-    return drops
+    return costs
 
 
 def _step(surface: ObjectSurface, p_OC: FloatArray, covariance: FloatArray) -> FloatArray:

@@ -12,7 +12,7 @@ from drake_pregrasp.studies.published import SCENARIOS
 from drake_pregrasp.studies.tables import Row
 
 _STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 60rem; margin: 2rem auto; padding: 0 1rem;
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 66rem; margin: 2rem auto; padding: 0 1rem;
        color: #222; }
 h1, h2 { line-height: 1.2; } h2 { margin-top: 2.5rem; }
 table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular-nums; }
@@ -21,6 +21,7 @@ th:first-child, td:first-child { text-align: left; }
 thead th { border-bottom: 2px solid #888; }
 td small { color: #666; display: block; }
 img { max-width: 100%; } figure { margin: 1.5rem 0; } figcaption { color: #555; }
+td.holds, td.fails { white-space: nowrap; }
 .holds { color: #00664b; font-weight: 600; } .fails { color: #a34700; font-weight: 600; }
 pre { background: #f5f5f5; padding: .6rem; overflow-x: auto; font-size: .85rem; }
 """
@@ -56,20 +57,22 @@ def write_report(
     (out / "report.md").write_text(_markdown(tables, claims, figures, notes), encoding="utf-8")
 
 
-def _cells(row: Row) -> list[tuple[str, str, str, str]]:
-    """Returns, for each measure: static published, static ours, published, ours with its range."""
+def _cells(row: Row) -> list[tuple[str, ...]]:
+    """Returns the cells after the first two of `_HEAD` for each measure."""
+    keys = ("static_published", "static_ours", "published", "ours")
     columns = zip(
-        row["static_published"],
-        row["static_ours"],
-        row["published"],
-        row["ours"],
-        row["ours_min"],
-        row["ours_max"],
-        strict=True,
+        *(row[key] for key in (*keys, "ours_min", "ours_max", "ours_settled")), strict=True
     )
     return [
-        (_number(sp), _number(so), _number(p), f"{_number(o)} [{_number(low)}, {_number(high)}]")
-        for sp, so, p, o, low, high in columns
+        (
+            _number(static_published),
+            _number(static),
+            _number(published),
+            f"{_number(best)} [{_number(low)}, {_number(high)}]",
+            f"{100 * (best / published - 1):+.2f} %",
+            _number(settled),
+        )
+        for static_published, static, published, best, low, high, settled in columns
     ]
 
 
@@ -77,7 +80,16 @@ def _number(value: float | None) -> str:
     return "not printed" if value is None else f"{value:.4f}"
 
 
-_HEAD = ("case", "measure", "static, paper", "static, ours", "best, paper", "best, ours [range]")
+_HEAD = (
+    "case",
+    "measure",
+    "static, paper",
+    "static, ours",
+    "best, paper",
+    "best, ours [range]",
+    "difference",
+    "settled, ours",
+)
 
 
 def _table_rows(table: dict[str, Row]) -> list[tuple[str, ...]]:
@@ -101,6 +113,7 @@ def _html(
     notes: Sequence[str],
 ) -> str:
     text = html.escape
+    shown = {key: table for key, table in tables.items() if table}
     parts = [
         "<!DOCTYPE html><html lang='en'><head><meta charset='utf-8'>",
         f"<title>The paper, reproduced</title><style>{_STYLE}</style></head><body>",
@@ -109,13 +122,13 @@ def _html(
         "<h2>Claims</h2><table><thead><tr><th>claim</th><th>verdict</th></tr></thead><tbody>",
     ]
     for claim in claims:
-        kind, verdict = ("holds", "holds") if claim.holds else ("fails", "does not hold")
+        kind = "holds" if claim.holds else "fails"
         remark = f"<small>{text(claim.remark)}</small>" if claim.remark else ""
         parts.append(
-            f"<tr><td>{text(claim.claim)}{remark}</td><td class='{kind}'>{verdict}</td></tr>"
+            f"<tr><td>{text(claim.claim)}{remark}</td><td class='{kind}'>{claim.verdict}</td></tr>"
         )
     parts.append("</tbody></table>")
-    for key, table in tables.items():
+    for key, table in shown.items():
         head = "".join(f"<th>{text(cell)}</th>" for cell in _HEAD)
         parts.append(f"<h2>{text(_TITLES[key])}</h2><table><thead><tr>{head}</tr></thead><tbody>")
         for row in _table_rows(table):
@@ -144,12 +157,14 @@ def _markdown(
     figures: Figures,
     notes: Sequence[str],
 ) -> str:
-    lines = ["# Dynamic pre-grasp planning: the paper, reproduced", "", *notes, "", "## Claims", ""]
+    shown = {key: table for key, table in tables.items() if table}
+    lines = ["# Dynamic pre-grasp planning: the paper, reproduced", ""]
+    lines += [*(f"{note}\n" for note in notes), "## Claims", ""]
     lines += _markdown_table(
         ("claim", "verdict", "remark"),
-        [(c.claim, "holds" if c.holds else "does not hold", c.remark) for c in claims],
+        [(claim.claim, claim.verdict, claim.remark) for claim in claims],
     )
-    for key, table in tables.items():
+    for key, table in shown.items():
         lines += ["", f"## {_TITLES[key]}", "", *_markdown_table(_HEAD, _table_rows(table)), ""]
         lines += [f"{remark}\n" for remark in _remarks(table)]
     lines += ["", "## Figures", ""]

@@ -60,6 +60,27 @@ def test_goals_settle_on_the_object(surface, p_OC):
     assert np.all(planner.GetOutputPort("contact_status").Eval(context) == ContactStatus.ACTIVE)
 
 
+@pytest.mark.parametrize("strategy", ["position", "vew"])
+def test_the_planner_moves_with_the_world(surface, p_OC, strategy):
+    """Under a rigid motion of the world, goals and targets move along."""
+    X_VW = RigidTransform(RollPitchYaw(0.3, -1.0, 2.0), [3.0, -2.0, 1.0])
+    config = PlannerConfig(static_duration=0.0, strategy=strategy)
+    goals, tips = [], []
+    for X in (RigidTransform(), X_VW):
+        planner, context = planner_and_context(surface, p_OC, config)
+        for k, X_WO in enumerate([X_0, X_1]):
+            context.SetTime(k * config.period)
+            planner.GetInputPort("X_WO_measured").FixValue(context, X @ X_WO)
+            tick(planner, context)
+        p = planner.GetOutputPort("p_WC").Eval(context).reshape(-1, 3)
+        goals.append((X.inverse() @ p.T).T)
+        target = planner.GetOutputPort("fingertip_targets").Eval(context).Find("fingertip_2")
+        tips.append((X.inverse() @ target).GetAsMatrix34())
+    # Candidates at a tie between regions may change sides, by rounding.
+    np.testing.assert_allclose(goals[1], goals[0], atol=2e-3)
+    np.testing.assert_allclose(tips[1], tips[0], atol=2e-3)
+
+
 def test_between_ticks_goals_ride_on_the_object(surface, p_OC):
     planner, context = planner_and_context(surface, p_OC)
     for k, X_WO in enumerate([X_0, X_1]):

@@ -183,7 +183,25 @@ def test_damage_is_recovered_from(tmp_path):
     for measure in STATIC_PUBLISHED:
         assert best[measure] > static[measure]
     assert 27 < static["q_vew"] < 27.2
+    assert best["q_msv"] < np.sqrt(3)
+    assert 27 < best["q_vew"] < 27.2
     assert result.summary["max"]["q_msv"] > 2.2
+
+
+def test_contacts_on_forbidden_ground_are_not_left_of_the_static_set(tmp_path):
+    text = "{simulation_duration: 5.5, damage: [{at: 5.0, contacts: [1]}]}"
+    result = run(load_scenario("g_poor_start", text=text), name="g", out=tmp_path, recording=False)
+    assert result.summary["after_damage"]["static"]["q_vew"] == pytest.approx(27, abs=0.2)
+
+
+def test_damage_ends_the_static_phase(tmp_path):
+    text = "{simulation_duration: 6.0, damage: [{at: 2.0, contacts: [3, 4]}]}"
+    summary = run(
+        load_scenario("a_base", text=text), name="a", out=tmp_path, recording=False
+    ).summary
+    assert summary["static"]["q_vew"] == pytest.approx(125.4157, abs=0.01)
+    assert summary["max"]["q_vew"] is None
+    assert summary["after_damage"]["max"]["q_vew"] < 28
 
 
 @pytest.mark.parametrize(("name", "q_vew"), [("h_msv", 125.4), ("i_gii", 125.4), ("j_vew", 125.5)])
