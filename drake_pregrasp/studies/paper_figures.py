@@ -106,7 +106,7 @@ def figure_4(logs: Mapping[str, CaseLog]) -> Figure:
         axis.axvspan(0, held, color="0.9", label="static phase")
         for event in log.scenario.damage:
             axis.axvline(event.at, color=_PURPLE, linestyle=":", label="fingers lost")
-        title = textwrap.shorten(f"{case}) {log.scenario.description}", 55, placeholder=" ...")
+        title = textwrap.shorten(f"{case}) {log.scenario.description}", 62, placeholder=" ...")
         axis.set_title(title, fontsize=10, loc="left")
         axis.grid(True, color="0.9", linewidth=0.5)
         axis.set_xlim(0, log.time[-1])
