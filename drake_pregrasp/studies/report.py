@@ -12,7 +12,7 @@ from drake_pregrasp.studies.published import SCENARIOS
 from drake_pregrasp.studies.tables import Row
 
 _STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; max-width: 66rem; margin: 2rem auto; padding: 0 1rem;
+body { font: 16px/1.5 system-ui, sans-serif; max-width: 70rem; margin: 2rem auto; padding: 0 1rem;
        color: #222; }
 h1, h2 { line-height: 1.2; } h2 { margin-top: 2.5rem; }
 table { border-collapse: collapse; margin: 1rem 0; font-variant-numeric: tabular-nums; }
@@ -21,7 +21,7 @@ th:first-child, td:first-child { text-align: left; }
 thead th { border-bottom: 2px solid #888; }
 td small { color: #666; display: block; }
 img { max-width: 100%; } figure { margin: 1.5rem 0; } figcaption { color: #555; }
-td.holds, td.fails { white-space: nowrap; }
+td.holds, td.fails, table.numbers td { white-space: nowrap; }
 .holds { color: #00664b; font-weight: 600; } .fails { color: #a34700; font-weight: 600; }
 pre { background: #f5f5f5; padding: .6rem; overflow-x: auto; font-size: .85rem; }
 """
@@ -130,7 +130,8 @@ def _html(
     parts.append("</tbody></table>")
     for key, table in shown.items():
         head = "".join(f"<th>{text(cell)}</th>" for cell in _HEAD)
-        parts.append(f"<h2>{text(_TITLES[key])}</h2><table><thead><tr>{head}</tr></thead><tbody>")
+        parts.append(f"<h2>{text(_TITLES[key])}</h2>")
+        parts.append(f"<table class='numbers'><thead><tr>{head}</tr></thead><tbody>")
         for row in _table_rows(table):
             parts.append("<tr>" + "".join(f"<td>{text(cell)}</td>" for cell in row) + "</tr>")
         parts.append("</tbody></table>")

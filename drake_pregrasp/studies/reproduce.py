@@ -16,13 +16,13 @@ from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.output import write_text, writing
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.studies.case_runs import CaseLog, Job, case_job, run_jobs
-from drake_pregrasp.studies.claims import (
-    STRATEGY_CASES,
+from drake_pregrasp.studies.claims import STRATEGY_CASES, judge_claims
+from drake_pregrasp.studies.discretisation import (
+    SPACINGS,
+    discretisation_costs,
     drops_come_from_spacing,
-    judge_claims,
     spacing_costs_quality,
 )
-from drake_pregrasp.studies.discretisation import SPACINGS, discretisation_costs
 from drake_pregrasp.studies.paper_figures import figure_2c, figure_4, figure_6
 from drake_pregrasp.studies.published import SCENARIOS
 from drake_pregrasp.studies.rendered_goals import render_goals

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_pregrasp import load_scenario
-from drake_pregrasp.studies import claims
+from drake_pregrasp.studies import claims, discretisation
 
 
 def log(q_gii=0.99, q_msv=2.2, q_vew=125.0, static=0.9, moved=0.001, p_OC=None, size=0.1):
@@ -97,7 +97,7 @@ def test_position_is_fastest(position, holds):
 @pytest.mark.parametrize(("fine", "holds"), [(0.1, True), (0.3, False)])
 def test_spacing_costs_quality(fine, holds):
     costs = {0.01: np.array([0.4]), 0.005: np.array([0.2]), 0.0025: np.array([fine])}
-    assert claims.spacing_costs_quality(costs).holds == holds
+    assert discretisation.spacing_costs_quality(costs).holds == holds
 
 
 @pytest.mark.parametrize(("fine", "holds"), [(0.001, True), (0.02, False)])
@@ -107,4 +107,4 @@ def test_drops_come_from_spacing(fine, holds):
         spacing: log(q_gii=0.9 + drop * ripple)
         for spacing, drop in ((0.01, 0.01), (0.005, 0.005), (0.0025, fine))
     }
-    assert claims.drops_come_from_spacing(logs).holds == holds
+    assert discretisation.drops_come_from_spacing(logs).holds == holds
