@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import OutputError, ScenarioError, box_surface, load_scenario, run
 from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
+from drake_pregrasp.planning.force_closure import min_weight_margin
 from drake_pregrasp.planning.pose_filter import first_belief, predict, update
 from drake_pregrasp.simulation.run import RUN_FILES
 from drake_pregrasp.systems.noise_source import NoiseSource
@@ -186,6 +187,19 @@ def test_damage_is_recovered_from(tmp_path):
     assert best["q_msv"] < np.sqrt(3)
     assert 27 < best["q_vew"] < 27.2
     assert result.summary["max"]["q_msv"] > 2.2
+
+
+def test_the_margin_is_that_of_the_active_contacts(tmp_path):
+    text = "{simulation_duration: 8.0, damage: [{at: 5.0, contacts: [3, 4]}]}"
+    result = run(load_scenario("a_base", text=text), name="f", out=tmp_path, recording=False)
+    log = read_log(result.folder / "log.csv")
+    X_OW = pose(log, -1, "wo_estimated").inverse()
+    p_OC = (X_OW @ contacts(log, -1)[:3].T).T
+    _, normals = box_surface([0.1, 0.1, 0.1], spacing=0.01).project(p_OC)
+    margin = result.summary["force_closure_margin"]
+    expected = min_weight_margin(p_OC, normals, margin["friction"])
+    assert margin["final"] == pytest.approx(expected, rel=1e-6)
+    assert margin["final"] > 0.1
 
 
 def test_contacts_on_forbidden_ground_are_not_left_of_the_static_set(tmp_path):
