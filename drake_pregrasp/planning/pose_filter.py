@@ -13,9 +13,6 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.grasp_quality import skew
 
-BELIEF_SIZE = 1 + 3 + 3 + 4 + 3 + 36 + 36
-"""Length of `PoseBelief.to_vector()`."""
-
 
 @dataclass(frozen=True, eq=False)
 class PoseFilterNoise:
@@ -78,7 +75,7 @@ class PoseBelief:
         return PoseBelief(-np.inf, zero, zero, Rotation.identity(), zero, covariance, covariance)
 
     def to_vector(self) -> FloatArray:
-        """Returns the belief as one vector of `BELIEF_SIZE`, for a discrete state."""
+        """Returns the belief as one vector, for a discrete state."""
         return np.concatenate(
             [
                 [self.time],

@@ -53,14 +53,15 @@ def make_strategy(name: str, *, reading: str = "hand", stretch: bool = True) -> 
         raise InvalidArgumentError(f"no reading {reading!r}; there are: {', '.join(READINGS)}")
     if name == "position":
         return position_tracking
-    measure = {
+    measures: dict[tuple[str, str], Measure] = {
         ("msv", "contact"): contact_msv,
         ("gii", "contact"): contact_gii,
         ("vew", "contact"): contact_vew,
         ("msv", "hand"): hand_msv,
         ("gii", "hand"): hand_gii,
         ("vew", "hand"): hand_vew,
-    }[name, reading]
+    }
+    measure = measures[name, reading]
 
     def log_weights(selection: SelectionInput) -> FloatArray:
         b = measure(selection)

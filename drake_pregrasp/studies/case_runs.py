@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.simulation.phases import last_phase, static_phase, ticks_from
@@ -117,14 +118,7 @@ class CaseLog:
         count = len(self.scenario.initial_contacts)
         active = [i for i in range(count) if self.columns[f"c{i}_active"][tick]]
         p_WC = np.array([[self.columns[f"c{i}_{a}"][tick] for a in "xyz"] for i in active])
-        w, x, y, z = (self.columns[f"q{c}_wo_estimated"][tick] for c in "wxyz")
         p_WO = np.array([self.columns[f"{a}_wo_estimated"][tick] for a in "xyz"])
-        R_OW = np.array(
-            [
-                [1 - 2 * (y * y + z * z), 2 * (x * y + w * z), 2 * (x * z - w * y)],
-                [2 * (x * y - w * z), 1 - 2 * (x * x + z * z), 2 * (y * z + w * x)],
-                [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)],
-            ]
-        )
-        p_OC: FloatArray = (p_WC - p_WO) @ R_OW.T
+        R_WO = Rotation.from_quat([self.columns[f"q{c}_wo_estimated"][tick] for c in "xyzw"])
+        p_OC: FloatArray = R_WO.inv().apply(p_WC - p_WO)
         return p_OC

@@ -16,9 +16,8 @@ from drake_pregrasp.systems.palette import NO_REGION_COLOR, contact_color, linea
 ROOT = "/drake/pregrasp"
 """Meshcat path under which everything is drawn."""
 
-_REGION_LIFT = (
-    8e-4  # Metres off the surface: more than the estimate errs, or the object hides tiles.
-)
+_REGION_LIFT = 8e-4
+"""Metres that tiles stand off the surface: where the estimate errs more, the object hides them."""
 
 
 _ELLIPSOID_COLOR = Rgba(0.35, 0.37, 0.40, 0.6)
@@ -86,7 +85,6 @@ class PregraspVisualizer(LeafSystem):
         self._tile_surface = tile_surface or surface
         _, self._tile_candidates = cKDTree(surface.p_OQ).query(self._tile_surface.p_OQ)
         self._num_contacts = num_contacts
-        self._period = publish_period
         self._trail_length = trail_length
         self._trail_step = trail_step
         self._record = record
