@@ -1,7 +1,5 @@
 """The object on its moving table, as one diagram."""
 
-from dataclasses import dataclass, field
-
 from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
@@ -13,6 +11,8 @@ from pydrake.multibody.plant import (
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.diagrams.box_model import resized_box_sdf
+from drake_pregrasp.diagrams.motion_config import MotionConfig
+from drake_pregrasp.diagrams.object_config import ObjectConfig
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.systems.body_pose import BodyPose
 from drake_pregrasp.systems.object_motion import ObjectMotion
@@ -20,31 +20,6 @@ from drake_pregrasp.systems.object_motion import ObjectMotion
 FIRST_TOUCH = 1e-6
 """Depth in metres by which the object starts in the table: without any contact, it would fall
 freely for one time step, and start with a bounce."""
-
-
-@dataclass
-class ObjectConfig:
-    """The object: a homogeneous box whose frame O is at its centre."""
-
-    # Edge lengths along x, y and z of O, in metres.
-    size: list[float] = field(
-        default_factory=lambda: [0.1, 0.1, 0.1],
-        metadata={"length": 3, "at_least": 0.005, "at_most": 0.25},
-    )
-
-    # Mass, in kg.
-    mass: float = field(default=0.4, metadata={"above": 0, "at_most": 1000})
-
-
-@dataclass
-class MotionConfig:
-    """The twist of the table that carries the object by friction."""
-
-    # Speed along x of W, in m/s.
-    linear_velocity: float = field(default=0.001, metadata={"at_least": -10, "at_most": 10})
-
-    # Turning rate about z of W, in rad/s.
-    angular_velocity: float = field(default=0.0174, metadata={"at_least": -100, "at_most": 100})
 
 
 class ObjectPlant(Diagram):

@@ -8,7 +8,8 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
-from drake_pregrasp.diagrams.object_plant import MotionConfig, ObjectConfig
+from drake_pregrasp.diagrams.motion_config import Conveyor, MotionConfig
+from drake_pregrasp.diagrams.object_config import Box, ObjectConfig
 from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 from drake_pregrasp.planning.arrays import FloatArray
@@ -106,8 +107,8 @@ class Scenario:
         )
     )
 
-    object: ObjectConfig = field(default_factory=ObjectConfig)
-    motion: MotionConfig = field(default_factory=MotionConfig)
+    object: ObjectConfig = field(default_factory=Box)
+    motion: MotionConfig = field(default_factory=Conveyor)
     sensor: SensorConfig = field(default_factory=SensorConfig)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     planner: PlannerConfig = field(default_factory=PlannerConfig)

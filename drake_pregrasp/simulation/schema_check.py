@@ -7,11 +7,15 @@ nothing of ranges. A schema's field states its range in its metadata:
 
 with any of `above`, `at_least`, `at_most` (of a number, or of each number in a list), `length` and
 `min_length` (of a list), `one_of` (of a string, or of each string in a list) and `required`.
+
+A field that may be one of several dataclasses, a union, is told by its YAML tag which one it is, as
+in `!Cylinder {radius: 0.03}`; without a tag it is the first.
 """
 
 import dataclasses
 import difflib
 import math
+import types
 import typing
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -38,6 +42,7 @@ _DRAKE_RULES: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
         "sap_near_rigid_threshold": {"at_least": 0},
     },
 }
+_TAG = "_tag"  # Where Drake's loader keeps a mapping's YAML tag.
 _TYPE_NAMES = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}
 
 
@@ -57,6 +62,8 @@ def check_mapping(source: str, key: str, data: object, schema: Any) -> None:
         if rules.get("required") and name not in data:
             raise ScenarioError(source, key, f"lacks the key {name}; it has no default")
     for name, value in data.items():
+        if name == _TAG:
+            raise ScenarioError(source, key, f"the tag {value} has no place here; leave it out")
         if not isinstance(name, str):
             raise ScenarioError(source, key, f"the key {_short(name)} must be a name")
         path = f"{key}.{name}" if key else str(name)
@@ -90,10 +97,23 @@ def _check_value(source: str, key: str, value: object, kind: Any, rules: Mapping
         element_rules = rules.get("elements", rules)
         for index, element in enumerate(value):
             _check_value(source, f"{key}[{index}]", element, element_kind, element_rules)
+    elif typing.get_origin(kind) in (typing.Union, types.UnionType):
+        _check_variant(source, key, value, typing.get_args(kind))
     elif kind in _TYPE_NAMES:
         _check_scalar(source, key, value, kind, rules)
     else:
         check_mapping(source, key, value, kind)
+
+
+def _check_variant(source: str, key: str, value: object, kinds: tuple[Any, ...]) -> None:
+    tags = {f"!{kind.__name__}": kind for kind in kinds}
+    if not isinstance(value, Mapping):
+        _reject(source, key, value, f"a mapping with a tag out of: {', '.join(tags)}")
+    data = dict(value)
+    tag = data.pop(_TAG, next(iter(tags)))
+    if tag not in tags:
+        raise ScenarioError(source, key, f"no such tag {tag}; there are: {', '.join(tags)}")
+    check_mapping(source, key, data, tags[tag])
 
 
 def _check_scalar(

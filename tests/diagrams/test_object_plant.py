@@ -7,7 +7,8 @@ from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import InvalidArgumentError, ObjectPlant, load_scenario
 from drake_pregrasp.diagrams.box_model import resized_box_sdf
-from drake_pregrasp.diagrams.object_plant import MotionConfig, ObjectConfig
+from drake_pregrasp.diagrams.motion_config import Conveyor
+from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.resources import resource_folder
 
 CUBE = resource_folder("models") / "cube.sdf"
@@ -18,7 +19,7 @@ CUBE = resource_folder("models") / "cube.sdf"
     [([0.1, 0.1, 0.1], 0.001, 0.0174), ([0.2, 0.2, 0.1], 0.02, -0.2), ([0.07, 0.07, 0.075], 0, 0)],
 )
 def test_the_table_carries_the_object(scenario, size, v, w):
-    plant = ObjectPlant(ObjectConfig(size=size), MotionConfig(v, w), scenario.plant_config)
+    plant = ObjectPlant(Box(size=size), Conveyor(v, w), scenario.plant_config)
     simulator = Simulator(plant)
     simulator.AdvanceTo(3.0)
     X_WO = plant.GetOutputPort("X_WO").Eval(simulator.get_context())
@@ -30,7 +31,7 @@ def test_the_table_carries_the_object(scenario, size, v, w):
 
 
 def test_at_rest_the_object_stays(scenario):
-    plant = ObjectPlant(ObjectConfig(), MotionConfig(0, 0), scenario.plant_config)
+    plant = ObjectPlant(Box(), Conveyor(0, 0), scenario.plant_config)
     simulator = Simulator(plant)
     simulator.AdvanceTo(2.0)
     X_WO = plant.GetOutputPort("X_WO").Eval(simulator.get_context())
@@ -58,7 +59,7 @@ def test_the_model_has_the_scenarios_size_and_inertia(name):
 
 
 def test_the_shipped_cube_is_the_base_case():
-    config = ObjectConfig()
+    config = Box()
     canonical = [
         ET.tostring(ET.fromstring(text))
         for text in (CUBE.read_text(), resized_box_sdf(CUBE, config.size, config.mass))

@@ -15,7 +15,8 @@ from pydrake.systems.framework import System
 import drake_pregrasp.diagrams
 import drake_pregrasp.systems
 from drake_pregrasp import ObjectPlant, PlannerConfig, PregraspPlanner
-from drake_pregrasp.diagrams.object_plant import MotionConfig, ObjectConfig
+from drake_pregrasp.diagrams.motion_config import Conveyor
+from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
 from drake_pregrasp.systems.body_pose import BodyPose
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
@@ -38,7 +39,7 @@ MAKERS = {
     NoiseSource: lambda s, c: NoiseSource(size=2, period=0.1),
     NoisyPoseSensor: lambda s, c: NoisyPoseSensor(position_std=0, orientation_std=0),
     ObjectMotion: lambda s, c: ObjectMotion(linear_velocity=0, angular_velocity=0),
-    ObjectPlant: lambda s, c: ObjectPlant(ObjectConfig(), MotionConfig(), PLANT),
+    ObjectPlant: lambda s, c: ObjectPlant(Box(), Conveyor(), PLANT),
     PoseEstimator: lambda s, c: PoseEstimator(period=0.1, noise=filter_noise(EstimatorConfig())),
     PregraspPlanner: lambda s, c: PregraspPlanner(PlannerConfig(), s, c),
     PregraspVisualizer: lambda s, c: PregraspVisualizer(
