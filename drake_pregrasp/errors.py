@@ -27,3 +27,7 @@ class ScenarioError(PregraspError):
 
 class OutputError(PregraspError):
     """A run folder can't be written."""
+
+
+class ContactError(PregraspError):
+    """A contact goal is not on the object's allowed surface: a defect, found by verification."""

@@ -6,20 +6,62 @@ from enum import IntEnum
 
 import numpy as np
 
-from drake_pregrasp.planning.arrays import BoolArray, FloatArray
+from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.planning.contact_limits import (
+    ROUNDING,
+    ContactLimits,
+    follow_pairs,
+    hold_where_tips_meet,
+    step_toward,
+    tip_gaps,
+)
+from drake_pregrasp.planning.region_constraints import NO_CAUSE, Limit
 from drake_pregrasp.planning.safe_regions import SafeRegions
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
 
 
 class ContactStatus(IntEnum):
-    """What has become of a contact at a tick."""
+    """What has become of a contact at a tick.
+
+    Above zero it is active: the goal lies on the allowed surface, has a safe region and counts in
+    G. From two on in size, the name says what leaves it a tiny region, or none.
+    """
 
     LOST = -1
     """The finger is gone (its weight h_i is -inf); its goal is void."""
     INACTIVE = 0
-    """The safe region is empty, or the goal is held on forbidden ground: it doesn't count in G."""
+    """The goal is held where it may not be, or is on its way back."""
     ACTIVE = 1
-    """The goal lies on the allowed surface and has a safe region."""
+    """The goal has a region of its own."""
+    NO_ALLOWED_GROUND = -2
+    LITTLE_ALLOWED_GROUND = 2
+    CROWDED_OUT = -3
+    CROWDED = 3
+    OUT_OF_REACH = -4
+    HARDLY_IN_REACH = 4
+    OBSTRUCTED = -5
+    NEARLY_OBSTRUCTED = 5
+    BEHIND_WALL = -6
+    NEARLY_BEHIND_WALL = 6
+
+
+def is_active(status: FloatArray) -> BoolArray:
+    """Returns which contacts take part, of their `ContactStatus`, shape (n,)."""
+    mask: BoolArray = status > 0
+    return mask
+
+
+def contact_status(active: BoolArray, lost: BoolArray, limits: IntArray) -> FloatArray:
+    """Returns the `ContactStatus` of contacts, shape (n,).
+
+    Args:
+        active: Mask of those that are active, shape (n,).
+        lost: Mask of those whose finger is gone, shape (n,).
+        limits: The `Limit` of each, shape (n,).
+    """
+    limited = limits != Limit.NONE
+    status = np.where(active, 1 + limits, np.where(limited, -(1 + limits), ContactStatus.INACTIVE))
+    return np.where(lost, ContactStatus.LOST, status).astype(float)
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,48 +130,56 @@ class ContactGoals:
     Attributes:
         p_OC: Contact points, shape (n, 3), in metres.
         status: A `ContactStatus` for each, shape (n,).
+        causes: Index of the contact or obstacle behind it, or `NO_CAUSE`, shape (n,).
     """
 
     p_OC: FloatArray
     status: FloatArray
+    causes: FloatArray
 
     @property
     def active(self) -> BoolArray:
         """Mask of the active contacts, shape (n,)."""
-        mask: BoolArray = self.status == ContactStatus.ACTIVE
-        return mask
+        return is_active(self.status)
 
 
 def select_contacts(
-    selection: SelectionInput, strategy: WeightFunction, *, best_point: bool = False
+    selection: SelectionInput,
+    strategy: WeightFunction,
+    *,
+    best_point: bool = False,
+    limits: ContactLimits | None = None,
 ) -> ContactGoals:
     """Moves each contact to the centroid of its safe region (Eq. 4), projected onto the surface.
 
     The centroid of a region that bends round an edge is a point of a chord, inside the object:
-    what becomes the goal is its projection onto the allowed surface. A contact whose region is
-    empty stays where it is on the object.
+    what becomes the goal is its projection onto the region's ground. A contact whose region is
+    empty stays where it is on the object, unless it is to recover.
 
     Args:
         selection: Surface, contacts, regions and estimate of this tick.
         strategy: From `make_strategy`, or a weight function of your own.
         best_point: Whether to move to the candidate of the largest weight instead of the centroid.
+        limits: What holds goals back.
     """
-    surface, regions = selection.surface, selection.regions
-    status = _status(regions.sizes() > 0, regions.lost)
-    active = np.flatnonzero(status == ContactStatus.ACTIVE)
-    if len(active) == 0:
-        return ContactGoals(p_OC=selection.p_OC, status=status)
-    log_weights = strategy(selection)
-    points = []
-    for contact in active:
-        q = regions.members(int(contact))
-        if best_point:
-            points.append(surface.p_OQ[q[np.argmax(log_weights[q])]])
-        else:
-            points.append(weighted_centroid(surface.p_OQ[q], log_weights[q], surface.areas[q]))
-    p_OC = selection.p_OC.copy()
-    p_OC[active], _ = surface.project(np.array(points))
-    return ContactGoals(p_OC=p_OC, status=status)
+    limits = limits or ContactLimits()
+    surface, regions, p_OC = selection.surface, selection.regions, selection.p_OC
+    active = np.flatnonzero((regions.sizes() > 0) & ~regions.lost)
+    goals = p_OC.copy()
+    on_ground = np.zeros(len(goals), dtype=bool)
+    if len(active):
+        members = [regions.members(int(contact)) for contact in active]
+        log_weights = strategy(selection)
+        points = [_choice(surface, q, log_weights[q], best_point) for q in members]
+        goals[active], _ = surface.project_into(np.array(points), members)
+        for contact, q in zip(active.tolist(), members, strict=True):
+            goals[contact] = _permitted(selection, contact, goals[contact], q)
+        on_ground[active] = True
+    if limits.recover:
+        goals = _with_returning_contacts(selection, goals)
+    limited = _limited(selection, goals.copy(), limits)
+    on_ground &= np.all(limited == goals, axis=1)
+    return _judged(selection, limited, on_ground)
 
 
 def hold_contacts(selection: SelectionInput) -> ContactGoals:
@@ -140,13 +190,101 @@ def hold_contacts(selection: SelectionInput) -> ContactGoals:
     Args:
         selection: Surface, contacts and regions; the estimate is not used.
     """
-    p_OC, regions = selection.p_OC, selection.regions
-    nearest, _ = selection.surface.project(p_OC)
-    allowed = np.linalg.norm(nearest - p_OC, axis=1) <= CONTACT_TOLERANCE
-    status = _status(allowed & (regions.sizes() > 0), regions.lost)
-    return ContactGoals(p_OC=p_OC, status=status)
+    return _judged(selection, selection.p_OC, np.zeros(len(selection.p_OC), dtype=bool))
 
 
-def _status(active: BoolArray, lost: BoolArray) -> FloatArray:
-    status = np.where(active, ContactStatus.ACTIVE, ContactStatus.INACTIVE)
-    return np.where(lost, ContactStatus.LOST, status).astype(float)
+def _choice(
+    surface: ObjectSurface, members: IntArray, log_weights: FloatArray, best_point: bool
+) -> FloatArray:
+    points = surface.p_OQ[members]
+    if best_point:
+        best: FloatArray = points[np.argmax(log_weights)]
+        return best
+    return weighted_centroid(points, log_weights, surface.areas[members])
+
+
+def _permitted(
+    selection: SelectionInput, contact: int, goal: FloatArray, members: IntArray
+) -> FloatArray:
+    """Returns a goal, or the member nearest to it if the constraints forbid what lies between."""
+    limits, _ = selection.regions.constraints.limits_at(contact, goal[None])
+    if limits[0] == Limit.NONE:
+        return goal
+    points = selection.surface.p_OQ[members]
+    nearest: FloatArray = points[np.argmin(np.linalg.norm(points - goal, axis=1))]
+    return nearest
+
+
+def _with_returning_contacts(selection: SelectionInput, goals: FloatArray) -> FloatArray:
+    """Sends each contact without a region to the nearest candidate that it may have."""
+    surface, regions = selection.surface, selection.regions
+    constraints = regions.constraints
+    without = (regions.sizes() == 0) & ~regions.lost
+    there = ~without & ~regions.lost
+    for contact in np.flatnonzero(without).tolist():
+        limits, _ = constraints.limits_at(contact, surface.p_OQ)
+        free = (limits == Limit.NONE) & surface.is_clear_of_forbidden_points
+        radius = constraints.tip_radius(contact)
+        centres = surface.p_OQ + radius * surface.nhat_OQ
+        others = np.flatnonzero(there)
+        normals = surface.project(goals[others])[1] if len(others) else np.empty((0, 3))
+        for other, normal in zip(others.tolist(), normals, strict=True):
+            other_radius = constraints.tip_radius(other)
+            away = centres - (goals[other] + other_radius * normal)
+            free &= np.linalg.norm(away, axis=1) > radius + other_radius
+        choices = np.flatnonzero(free)
+        if len(choices):
+            away = surface.p_OQ[choices] - goals[contact]
+            goals[contact] = surface.p_OQ[choices[np.argmin(np.sum(away**2, axis=1))]]
+            there[contact] = True
+    return goals
+
+
+def _limited(selection: SelectionInput, goals: FloatArray, limits: ContactLimits) -> FloatArray:
+    surface, regions, p_OC = selection.surface, selection.regions, selection.p_OC
+    if limits.deadband > 0:
+        is_near = np.linalg.norm(goals - p_OC, axis=1) < limits.deadband
+        goals[is_near] = p_OC[is_near]
+    if np.isfinite(limits.max_step):
+        for contact in range(len(goals)):
+            goals[contact] = step_toward(surface, p_OC[contact], goals[contact], limits.max_step)
+    if limits.pairs:
+        goals = follow_pairs(surface, regions, limits.pairs, goals, p_OC, limits.max_step)
+    tip_radii = regions.constraints.tip_radii
+    if len(tip_radii):
+        taking_part = (regions.sizes() > 0) & ~regions.lost
+        goals = hold_where_tips_meet(surface, goals, p_OC, taking_part, tip_radii, limits.pairs)
+    return goals
+
+
+def _judged(selection: SelectionInput, goals: FloatArray, on_ground: BoolArray) -> ContactGoals:
+    """Says which goals are active: with a region, on allowed ground, permitted, and with room.
+
+    Args:
+        selection: Surface and regions.
+        goals: Shape (n, 3), in metres.
+        on_ground: Those that are known to be on allowed ground, shape (n,).
+    """
+    surface, regions = selection.surface, selection.regions
+    constraints, limits, causes = regions.constraints, regions.limits.copy(), regions.causes.copy()
+    if not np.all(on_ground):
+        unknown = np.flatnonzero(~on_ground)
+        nearest, _ = surface.project(goals[unknown])
+        off = unknown[np.linalg.norm(nearest - goals[unknown], axis=1) > CONTACT_TOLERANCE]
+        limits[off], causes[off] = Limit.FORBIDDEN, NO_CAUSE
+    else:
+        off = np.empty(0, dtype=np.int64)
+    active = (regions.sizes() > 0) & ~regions.lost
+    active[off] = False
+    for contact in np.flatnonzero(active).tolist():
+        limit, cause = constraints.limits_at(contact, goals[contact][None])
+        if limit[0] != Limit.NONE:
+            active[contact], limits[contact], causes[contact] = False, limit[0], cause[0]
+    if len(constraints.tip_radii):
+        gaps = tip_gaps(goals, surface.project(goals)[1], constraints.tip_radii)
+        for contact in np.flatnonzero(active).tolist():
+            meets = np.flatnonzero((gaps[contact, :contact] < -ROUNDING) & active[:contact])
+            if len(meets):
+                active[contact], limits[contact], causes[contact] = False, Limit.CROWDED, meets[0]
+    status = contact_status(active, regions.lost, limits)
+    return ContactGoals(goals, status, causes.astype(float))

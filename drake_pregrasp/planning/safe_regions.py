@@ -5,10 +5,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.planning.region_constraints import (
+    NO_CAUSE,
+    Limit,
+    Planes,
+    RegionConstraints,
+    neighbour_planes,
+    point_planes,
+    solid_planes,
+)
 from drake_pregrasp.planning.surface import ForbiddenPoints
 
 NO_REGION = -1
 """Label of a candidate point that lies in no safe region."""
+
+TINY_SHARE = 0.05
+"""A region is tiny if it has less than this share of what each contact would have of Y."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,10 +32,16 @@ class SafeRegions:
     Attributes:
         labels: Index i of the region each candidate lies in, or `NO_REGION`, shape (N,).
         lost: Mask of the contacts that are lost and so have no region, shape (n,).
+        limits: What leaves each contact an empty or tiny region, a `Limit` each, shape (n,).
+        causes: Index of the contact or obstacle that does, or `NO_CAUSE`, shape (n,).
+        constraints: What limited the regions beside Eq. 1.
     """
 
     labels: IntArray
     lost: BoolArray
+    limits: IntArray
+    causes: IntArray
+    constraints: RegionConstraints
 
     def members(self, contact: int) -> IntArray:
         """Returns the indices of the candidates in S_i of the contact with that index."""
@@ -41,6 +59,7 @@ def compute_safe_regions(
     p_OC: FloatArray,
     contact_weights: FloatArray,
     forbidden: ForbiddenPoints,
+    constraints: RegionConstraints | None = None,
 ) -> SafeRegions:
     """Assigns candidate points to the contacts' safe regions (Eq. 1).
 
@@ -48,31 +67,105 @@ def compute_safe_regions(
 
     - among contacts, |c_i - q|² - h_i is the least; of equals, the lowest index has it;
     - for each forbidden point, |c_i - q|² <= |z_j - q|² - w_ij with
-      w_ij = 2 R_j d - d², d = |c_i - z_j| (Eq. 2). Expanding the squares turns this into
-      (q - c_i)·(z_j - c_i)/d <= d - R_j: the plane across the way to z_j that touches the ball of
-      radius R_j around it. For d = 0 both sides of Eq. 1 are equal, and the test holds.
+      w_ij = 2 R_j d - d², d = |c_i - z_j| (Eq. 2): it is on this side of the plane across the way
+      to z_j that touches the ball of radius R_j around it;
 
-    A contact of weight -inf is lost: it has no region, and the others share what it had.
+    and those of the constraints. A contact of weight -inf is lost: it has no region, and the others
+    share what it had.
+
+    Points may have any number of coordinates, as the paper proposes for forces, torques or joint
+    capability; then the constraints have to be empty, but for masks.
 
     Args:
-        p_OQ: Candidate points of Y in O, shape (N, 3), in metres.
-        p_OC: Contact points c_i in O, shape (n, 3), in metres.
+        p_OQ: Candidate points of Y in O, shape (N, d), d = 3 as a rule, in metres.
+        p_OC: Contact points c_i in O, shape (n, d), in metres.
         contact_weights: h_i, shape (n,), in m².
         forbidden: Points Z and radii R_j, in O.
+        constraints: What else limits the regions.
     """
+    constraints = constraints or RegionConstraints()
     # Candidates run along the last axis: the reductions over few contacts or planes vectorise then.
     half_power = (np.sum(p_OC**2, axis=1) - contact_weights)[:, None] / 2 - p_OC @ p_OQ.T
-    labels = np.argmin(half_power, axis=0)
+    if constraints.same_side is not None:
+        half_power[~constraints.same_side] = np.inf
+    cells = np.argmin(half_power, axis=0)
+    cells[np.isposinf(np.min(half_power, axis=0))] = NO_REGION
+    labels = cells.copy()
     lost = np.isneginf(contact_weights)
-    for i, p_OCi in enumerate(p_OC):
-        own = np.flatnonzero(labels == i)
-        if lost[i]:  # Owns candidates only if every contact is lost.
-            labels[own] = NO_REGION
-            continue
-        from_contact = p_OQ[own] - p_OCi
-        to_obstacles = forbidden.points - p_OCi
-        d = np.sqrt(np.einsum("ij,ij->i", to_obstacles, to_obstacles))
-        limits = d * (d - forbidden.radii)
-        beyond = to_obstacles @ from_contact.T > limits[:, None]
-        labels[own[np.any(beyond, axis=0)]] = NO_REGION
-    return SafeRegions(labels=labels, lost=lost)
+    limits, causes = np.full(len(p_OC), int(Limit.NONE)), np.full(len(p_OC), NO_CAUSE)
+    tiny = TINY_SHARE * len(p_OQ) / max(1, len(p_OC) - int(np.sum(lost)))
+    for i in np.flatnonzero(~lost).tolist():
+        own = np.flatnonzero(cells == i)
+        planes = _planes(i, p_OC, contact_weights, forbidden, constraints)
+        beyond = planes.beyond(p_OQ[own] - p_OC[i])
+        point_limits, point_causes = constraints.limits_at(i, p_OQ[own])
+        outside = np.any(beyond, axis=0) | (point_limits != Limit.NONE)
+        labels[own[outside]] = NO_REGION
+        if len(own) - np.sum(outside) < tiny:
+            if len(own) < tiny:
+                limits[i], causes[i] = _why_the_cell_is_tiny(i, p_OQ, p_OC, cells, constraints)
+            else:
+                limits[i], causes[i] = _most_frequent(planes, beyond, point_limits, point_causes)
+    return SafeRegions(labels, lost, limits, causes, constraints)
+
+
+def _planes(
+    contact: int,
+    p_OC: FloatArray,
+    contact_weights: FloatArray,
+    forbidden: ForbiddenPoints,
+    constraints: RegionConstraints,
+) -> Planes:
+    p_OCi = p_OC[contact]
+    if constraints.fencing is not None:
+        fences = constraints.fencing[contact]
+        forbidden = ForbiddenPoints(forbidden.points[fences], forbidden.radii[fences])
+    planes = [point_planes(p_OCi, forbidden, margin=0, limit=Limit.FORBIDDEN, first_cause=NO_CAUSE)]
+    tip_radius = constraints.tip_radius(contact)
+    margin = tip_radius + constraints.clearance
+    obstacles = constraints.obstacles
+    if tip_radius > 0:
+        planes.append(neighbour_planes(contact, p_OC, contact_weights, tip_radius))
+    if obstacles.solids:
+        planes.append(solid_planes(p_OCi, obstacles.solids, margin))
+    if len(obstacles.points):
+        first = len(obstacles.solids)
+        planes.append(
+            point_planes(
+                p_OCi, obstacles.points, margin=margin, limit=Limit.OBSTACLE, first_cause=first
+            )
+        )
+    return Planes.joined(planes) if len(planes) > 1 else planes[0]
+
+
+def _why_the_cell_is_tiny(
+    contact: int,
+    p_OQ: FloatArray,
+    p_OC: FloatArray,
+    cells: IntArray,
+    constraints: RegionConstraints,
+) -> tuple[int, int]:
+    """Returns the limit and cause of a Voronoi cell that is small before anything cuts it."""
+    away = p_OQ - p_OC[contact]
+    distances = np.einsum("ij,ij->i", away, away)
+    nearest_neighbours = np.where(cells == contact, np.inf, distances)
+    q = int(np.argmin(nearest_neighbours))
+    same_side = constraints.same_side
+    if cells[q] == NO_REGION or (same_side is not None and not same_side[contact, q]):
+        return Limit.WALL, NO_CAUSE
+    return Limit.CROWDED, int(cells[q])
+
+
+def _most_frequent(
+    planes: Planes, beyond: BoolArray, point_limits: IntArray, point_causes: IntArray
+) -> tuple[int, int]:
+    """Returns the limit and cause that keep out most of a cell's candidates."""
+    counts: dict[tuple[int, int], int] = {}
+    for limit, cause in {*zip(planes.limits.tolist(), planes.causes.tolist(), strict=True)}:
+        rows = (planes.limits == limit) & (planes.causes == cause)
+        counts[limit, cause] = int(np.sum(np.any(beyond[rows], axis=0)))
+    for limit, cause in {*zip(point_limits.tolist(), point_causes.tolist(), strict=True)}:
+        if limit != Limit.NONE:
+            own = int(np.sum((point_limits == limit) & (point_causes == cause)))
+            counts[limit, cause] = max(counts.get((limit, cause), 0), own)
+    return min(counts, key=lambda key: (-counts[key], key))

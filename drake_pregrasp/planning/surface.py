@@ -2,16 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import trimesh
+from scipy.spatial import cKDTree
 
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import BoolArray, FloatArray
-
-BOX_FACES = ("+x", "-x", "+y", "-y", "+z", "-z")
-"""Names of a box's faces, by their outward normals in the object frame."""
-
+from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
 
 CONTACT_TOLERANCE = 1e-4
 """Farthest a contact may be off the surface to count as on it, in metres."""
@@ -22,18 +20,29 @@ class ForbiddenPoints:
     """Points Z that contacts keep away from (the obstacles of Eq. 1).
 
     Attributes:
-        points: z_j, shape (m, 3), in metres; the frame is named by whoever holds them.
+        points: z_j, shape (m, d), in metres, d = 3 unless Eq. 1 is used over more coordinates; the
+            frame is named by whoever holds them.
         radii: R_j of Eq. 2, shape (m,), in metres.
+        normals: Outward unit normals of the ground they stand for, shape (m, d); zero, as by
+            default, for points that stand for none.
     """
 
     points: FloatArray
     radii: FloatArray
+    normals: FloatArray = None  # type: ignore[assignment]  # Made of the points' shape.
 
     def __post_init__(self) -> None:
-        if self.points.ndim != 2 or self.points.shape[1:] != (3,):
+        if self.points.ndim != 2 or self.points.shape[1] < 1:
             raise InvalidArgumentError(f"points must have shape (m, 3), not {self.points.shape}")
         if self.radii.shape != (len(self.points),) or not np.all(self.radii >= 0):
             raise InvalidArgumentError("radii must be one number >= 0 for each forbidden point")
+        if self.normals is None:
+            object.__setattr__(self, "normals", np.zeros(self.points.shape))
+        if self.normals.shape != self.points.shape:
+            raise InvalidArgumentError("normals must be one for each forbidden point")
+
+    def __len__(self) -> int:
+        return len(self.points)
 
     @staticmethod
     def none() -> "ForbiddenPoints":
@@ -45,6 +54,7 @@ class ForbiddenPoints:
         return ForbiddenPoints(
             np.concatenate([self.points, other.points]),
             np.concatenate([self.radii, other.radii]),
+            np.concatenate([self.normals, other.normals]),
         )
 
 
@@ -52,7 +62,9 @@ class ForbiddenPoints:
 class ObjectSurface:
     """Where contacts may be on an object O, in its frame.
 
-    The arrays are never written to after construction, so one surface serves many systems.
+    The allowed surface is divided into patches of triangles, one for each candidate, so that a
+    point can be projected onto the ground of some candidates only. The arrays are never written to
+    after construction: one surface serves many systems.
 
     Attributes:
         p_OQ: Candidate points q of Y, shape (N, 3), in metres.
@@ -61,7 +73,8 @@ class ObjectSurface:
         forbidden: Points Z that are part of the object.
         p_OCoM: The object's centre of mass, shape (3,), in metres.
         mesh: The whole surface, closed, in O.
-        allowed_triangles: Mask over `mesh.faces` of those on which contacts may be.
+        patches: Triangles of the allowed surface in the order of their candidates, shape (T, 3, 3).
+        patch_starts: Place of each candidate's first triangle, and their number, shape (N + 1,).
     """
 
     p_OQ: FloatArray
@@ -70,15 +83,30 @@ class ObjectSurface:
     forbidden: ForbiddenPoints
     p_OCoM: FloatArray
     mesh: trimesh.Trimesh
-    allowed_triangles: BoolArray
+    patches: FloatArray
+    patch_starts: IntArray
 
     def __post_init__(self) -> None:
-        # Sliced once here, because `project` runs at every tick.
-        object.__setattr__(self, "_triangles", self.mesh.triangles[self.allowed_triangles])
-        object.__setattr__(self, "_normals", self.mesh.face_normals[self.allowed_triangles])
+        owners = np.repeat(np.arange(len(self.p_OQ)), np.diff(self.patch_starts))
+        corners = np.linalg.norm(self.patches - self.p_OQ[owners][:, None], axis=2)
+        sides = self.patches[:, 1:] - self.patches[:, :1]
+        normals = np.cross(sides[:, 0], sides[:, 1])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        object.__setattr__(self, "_tree", cKDTree(self.p_OQ))
+        object.__setattr__(self, "_patch_normals", normals)
+        object.__setattr__(self, "_patch_radius", float(np.max(corners)))
 
-    _triangles = np.empty((0, 3, 3))
-    _normals = np.empty((0, 3))
+    _tree = cKDTree(np.empty((0, 3)))
+    _patch_normals = np.empty((0, 3))
+    _patch_radius = 0.0
+
+    @cached_property
+    def is_clear_of_forbidden_points(self) -> BoolArray:
+        """Which candidates are out of the balls R_j around the forbidden points, shape (N,)."""
+        clear = np.ones(len(self.p_OQ), dtype=bool)
+        for point, radius in zip(self.forbidden.points, self.forbidden.radii, strict=True):
+            clear[self._tree.query_ball_point(point, radius)] = False
+        return clear
 
     def project(self, p_OP: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Projects points onto the allowed surface.
@@ -88,125 +116,85 @@ class ObjectSurface:
 
         Returns:
             The nearest allowed points, shape (k, 3), and the outward normals there, shape (k, 3).
-            Between faces at the same distance the one that comes first in the mesh is taken.
+            Between patches at the same distance the one that comes first is taken.
         """
-        return _nearest_on_triangles(p_OP, self._triangles, self._normals)
+        distances, _ = self._tree.query(p_OP)
+        reach = distances + self._patch_radius * (1 + 1e-9)
+        near = self._tree.query_ball_point(p_OP, reach, return_sorted=True)
+        return self._nearest_on_patches(p_OP, [np.array(q, dtype=np.int64) for q in near])
+
+    def project_into(
+        self, p_OP: FloatArray, candidates: Sequence[IntArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Projects each point onto the ground of its own candidates.
+
+        Args:
+            p_OP: Points in O, shape (k, 3), in metres.
+            candidates: For each point the indices of one candidate or more.
+
+        Returns:
+            As `project` does.
+        """
+        near = []
+        for point, q in zip(p_OP, candidates, strict=True):
+            away = self.p_OQ[q] - point
+            distances = np.sqrt(np.einsum("ij,ij->i", away, away))
+            # Of a candidate farther away than this no triangle can be the nearest.
+            near.append(q[distances <= np.min(distances) + self._patch_radius * (1 + 1e-9)])
+        return self._nearest_on_patches(p_OP, near)
+
+    def candidates_within(self, p_OP: FloatArray, distance: float) -> IntArray:
+        """Returns the candidates whose patches may come that near to a point, shape (3,)."""
+        near = self._tree.query_ball_point(p_OP, distance + self._patch_radius, return_sorted=True)
+        return np.array(near, dtype=np.int64)
 
     def distance(self, p_OP: FloatArray) -> FloatArray:
-        """Returns the distances of points in O, shape (k, 3), from the whole surface, in metres."""
-        nearest, _ = _nearest_on_triangles(p_OP, self.mesh.triangles, self.mesh.face_normals)
-        distances: FloatArray = np.linalg.norm(nearest - p_OP, axis=1)
+        """Returns the signed distances of points in O from the whole surface.
+
+        Args:
+            p_OP: Shape (k, 3), in metres.
+
+        Returns:
+            Shape (k,), in metres: below zero inside the object; NaN for points that aren't finite.
+        """
+        distances = np.empty(len(p_OP))
+        triangles = self.mesh.triangles
+        for index, point in enumerate(p_OP):
+            nearest = trimesh.triangles.closest_point(
+                triangles, np.tile(point, (len(triangles), 1))
+            )
+            away = point - nearest
+            squares = np.einsum("ij,ij->i", away, away)
+            if not np.all(np.isfinite(squares)):
+                distances[index] = np.nan
+                continue
+            best = np.flatnonzero(squares <= np.min(squares) + 1e-18)
+            # At an edge the face that is seen best tells in from out.
+            heights = np.einsum("ij,ij->i", away[best], self.mesh.face_normals[best])
+            height = heights[np.argmax(np.abs(heights))]
+            distances[index] = np.copysign(np.sqrt(squares[best[0]]), height)
         return distances
 
+    def _nearest_on_patches(
+        self, p_OP: FloatArray, candidates: Sequence[IntArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        triangles = [self._triangles_of(q) for q in candidates]
+        counts = np.array([len(t) for t in triangles])
+        which = np.concatenate(triangles)
+        points = np.repeat(p_OP, counts, axis=0)
+        nearest: FloatArray = trimesh.triangles.closest_point(self.patches[which], points)
+        away = nearest - points
+        squares = np.einsum("ij,ij->i", away, away)
+        starts = np.cumsum(counts) - counts
+        best = [
+            start + int(np.argmin(squares[start : start + count]))
+            for start, count in zip(starts.tolist(), counts.tolist(), strict=True)
+        ]
+        return nearest[best], self._patch_normals[which[best]]
 
-def _nearest_on_triangles(
-    points: FloatArray, triangles: FloatArray, normals: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    count = len(triangles)
-    nearest: FloatArray = trimesh.triangles.closest_point(
-        np.tile(triangles, (len(points), 1, 1)), np.repeat(points, count, axis=0)
-    ).reshape(len(points), count, 3)
-    which = np.argmin(np.sum((nearest - points[:, None]) ** 2, axis=2), axis=1)
-    return nearest[np.arange(len(points)), which], normals[which]
-
-
-def box_surface(
-    size: Sequence[float],
-    *,
-    spacing: float,
-    forbidden_faces: Sequence[str] = ("-z", "+z"),
-    forbidden_spacing: float = 0.02,
-    forbidden_radius: float = 0.005,
-) -> ObjectSurface:
-    """Makes the surface of a homogeneous box centred on the object frame's origin.
-
-    Candidates lie at the centres of equal cells, so that each stands for the same share of its
-    face; forbidden points lie on a grid that includes the rims, so that Eq. 1 fences those off.
-
-    Args:
-        size: Edge lengths along x, y and z of O, in metres.
-        spacing: Largest distance between neighbouring candidates, in metres.
-        forbidden_faces: Names, out of `BOX_FACES`, of the faces that become forbidden points.
-        forbidden_spacing: Largest distance between neighbouring forbidden points, in metres.
-        forbidden_radius: R_j of each forbidden point, in metres.
-
-    Raises:
-        InvalidArgumentError: If a length is not above 0, a face has no such name, or no face is
-            left for contacts.
-    """
-    if len(size) != 3 or not all(length > 0 for length in size):
-        raise InvalidArgumentError(f"size must be three lengths above 0 m, not {list(size)}")
-    if not (spacing > 0 and forbidden_spacing > 0):
-        raise InvalidArgumentError("spacings must be above 0 m")
-    for face in forbidden_faces:
-        if face not in BOX_FACES:
-            raise InvalidArgumentError(f"{face!r} is no face of a box: {', '.join(BOX_FACES)}")
-    allowed_faces = [face for face in BOX_FACES if face not in forbidden_faces]
-    if not allowed_faces:
-        raise InvalidArgumentError("all faces of the box are forbidden: none is left for contacts")
-    half = np.asarray(size) / 2
-
-    points, normals, areas = [], [], []
-    for face in allowed_faces:
-        grid, area = _cell_centres(face, half, spacing)
-        points.append(grid)
-        normals.append(np.tile(_face_normal(face), (len(grid), 1)))
-        areas.append(np.full(len(grid), area))
-    fences = [np.empty((0, 3))]
-    fences += [_rim_to_rim_grid(face, half, forbidden_spacing) for face in forbidden_faces]
-    p_OZ = np.concatenate(fences)
-
-    mesh = trimesh.creation.box(extents=size)
-    allowed_normals = np.array([_face_normal(face) for face in allowed_faces])
-    return ObjectSurface(
-        p_OQ=np.concatenate(points),
-        nhat_OQ=np.concatenate(normals),
-        areas=np.concatenate(areas),
-        forbidden=ForbiddenPoints(p_OZ, np.full(len(p_OZ), forbidden_radius)),
-        p_OCoM=np.zeros(3),
-        mesh=mesh,
-        allowed_triangles=np.any(mesh.face_normals @ allowed_normals.T > 0.5, axis=1),
-    )
-
-
-def _face_axis(face: str) -> tuple[int, float]:
-    return "xyz".index(face[1]), 1.0 if face[0] == "+" else -1.0
-
-
-def _face_normal(face: str) -> FloatArray:
-    axis, sign = _face_axis(face)
-    normal = np.zeros(3)
-    normal[axis] = sign
-    return normal
-
-
-def _cell_centres(face: str, half: FloatArray, spacing: float) -> tuple[FloatArray, float]:
-    centres, area = [], 1.0
-    for length in np.delete(2 * half, _face_axis(face)[0]):
-        count = _cell_count(length, spacing)
-        centres.append((np.arange(count) + 0.5) * length / count - length / 2)
-        area *= length / count
-    return _on_face(face, half, centres), float(area)
-
-
-def _rim_to_rim_grid(face: str, half: FloatArray, spacing: float) -> FloatArray:
-    lengths = np.delete(2 * half, _face_axis(face)[0])
-    return _on_face(
-        face,
-        half,
-        [np.linspace(-a / 2, a / 2, _cell_count(a, spacing) + 1) for a in lengths],
-    )
-
-
-def _cell_count(length: float, spacing: float) -> int:
-    # The slack keeps 0.1 / 0.005 at 20 cells, whatever the rounding of the quotient.
-    return max(1, int(np.ceil(length / spacing - 1e-9)))
-
-
-def _on_face(face: str, half: FloatArray, coordinates: list[FloatArray]) -> FloatArray:
-    axis, sign = _face_axis(face)
-    first, second = np.meshgrid(*coordinates, indexing="ij")
-    points = np.empty((first.size, 3))
-    points[:, axis] = sign * half[axis]
-    points[:, np.delete(np.arange(3), axis)] = np.stack([first.ravel(), second.ravel()], axis=1)
-    return points
+    def _triangles_of(self, candidates: IntArray) -> IntArray:
+        starts = self.patch_starts[candidates]
+        counts = self.patch_starts[candidates + 1] - starts
+        before = np.cumsum(counts) - counts
+        indices: IntArray = np.repeat(starts - before, counts) + np.arange(int(np.sum(counts)))
+        return indices

@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_selection import ContactStatus
+from drake_pregrasp.planning.contact_selection import is_active
 from drake_pregrasp.planning.grasp_quality import GraspQuality
 from drake_pregrasp.simulation.output import writing
 from drake_pregrasp.systems.tick_logger import TickRecord
@@ -85,9 +85,9 @@ def _pose_columns(frames: str) -> list[str]:
 
 
 def _row(record: TickRecord, previous: TickRecord) -> list[float]:
-    active = record.contact_status == ContactStatus.ACTIVE
+    active = is_active(record.contact_status)
     dt = record.time - previous.time
-    moved = active & (previous.contact_status == ContactStatus.ACTIVE)
+    moved = active & is_active(previous.contact_status)
     steps = np.linalg.norm((record.p_WC - previous.p_WC)[moved], axis=1)
     error = record.X_WO_estimated.translation() - record.X_WO.translation()
     return [

@@ -13,12 +13,8 @@ from drake_pregrasp.diagrams.object_config import Box, ObjectConfig
 from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.surface import (
-    BOX_FACES,
-    CONTACT_TOLERANCE,
-    ObjectSurface,
-    box_surface,
-)
+from drake_pregrasp.planning.box_surface import BOX_FACES, box_surface
+from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.systems.noise_source import MAX_SEED
 from drake_pregrasp.systems.tick import SLACK, tick_index
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_selection import ContactStatus
+from drake_pregrasp.planning.contact_selection import ContactStatus, is_active
 from drake_pregrasp.planning.force_closure import min_weight_margin
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.phases import (
@@ -102,7 +102,7 @@ def _margin(surface: ObjectSurface, records: list[TickRecord]) -> float | None:
     if not records:
         return None
     record = records[-1]
-    active = record.contact_status == ContactStatus.ACTIVE
+    active = is_active(record.contact_status)
     p_OC: FloatArray = (record.X_WO_estimated.inverse() @ record.p_WC[active].T).T
     _, normals = surface.project(p_OC)
     return min_weight_margin(p_OC - surface.p_OCoM, normals, MARGIN_FRICTION)

@@ -16,6 +16,8 @@ from pydrake.systems.framework import (
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.contact_check import verify_contacts
+from drake_pregrasp.planning.contact_limits import ContactLimits
 from drake_pregrasp.planning.contact_selection import (
     ContactGoals,
     ContactStatus,
@@ -23,6 +25,7 @@ from drake_pregrasp.planning.contact_selection import (
     hold_contacts,
     select_contacts,
 )
+from drake_pregrasp.planning.region_constraints import NO_CAUSE
 from drake_pregrasp.planning.strategies import make_strategy
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.systems.tick import SLACK, tick_is_due
@@ -43,6 +46,7 @@ class CentroidSelector(LeafSystem):
         - contact_status
         - fingertip_targets
         - p_WC_previous
+        - contact_causes
 
     Port `X_WO_estimated` accepts a `RigidTransform`: where the object O is believed to be in W.
 
@@ -55,6 +59,9 @@ class CentroidSelector(LeafSystem):
     between ticks they are carried with the object's estimated pose.
 
     Port `contact_status` emits a vector of n `ContactStatus` values, for the goals of `p_WC`.
+
+    Port `contact_causes` emits a vector of n: the index of the contact or obstacle behind a status
+    that has one, else -1.
 
     Port `fingertip_targets` emits a `BusValue` that maps each name of `fingertip_frames` to a
     `RigidTransform` in W: its origin is the contact goal, its z axis the inward normal of the
@@ -78,6 +85,9 @@ class CentroidSelector(LeafSystem):
         position_spread: Standard deviation in metres, added to the estimate's covariance in Eq. 3:
             the filter's own is of millimetres, and would pick the candidate nearest to the centre.
         static_duration: Seconds for which the initial contacts are held on the object.
+        limits: What holds goals back.
+        verify_contacts: Whether to check each active goal against the mesh, and raise a
+            `ContactError` if it isn't on its surface. It takes time: a switch for finding faults.
         fingertip_frames: Names for `fingertip_targets`; by default `fingertip_0` and so on.
 
     Raises:
@@ -96,6 +106,8 @@ class CentroidSelector(LeafSystem):
         best_point: bool = False,
         position_spread: float = 0.04,
         static_duration: float = 0.0,
+        limits: ContactLimits | None = None,
+        verify_contacts: bool = False,
         fingertip_frames: Sequence[str] | None = None,
     ) -> None:
         super().__init__()
@@ -112,8 +124,8 @@ class CentroidSelector(LeafSystem):
             raise InvalidArgumentError(
                 f"static_duration must be at least 0 s, not {static_duration}"
             )
-        off = [i for i, d in enumerate(surface.distance(p_OC)) if not d <= CONTACT_TOLERANCE]
-        if off:
+        off = np.flatnonzero(~(np.abs(surface.distance(p_OC)) <= CONTACT_TOLERANCE))
+        if len(off):
             raise InvalidArgumentError(
                 f"contact {off[0]} at {p_OC[off[0]]} m is farther than {CONTACT_TOLERANCE} m off"
                 " the object's surface"
@@ -130,10 +142,13 @@ class CentroidSelector(LeafSystem):
         self._spread_covariance = position_spread**2 * np.eye(3)
         self._static_duration = static_duration
         self._fingertip_frames = list(fingertip_frames)
+        self._limits = limits or ContactLimits()
+        self._verify_contacts = verify_contacts
 
         self._time_index = self.DeclareDiscreteState(np.array([-np.inf]))
         self._p_OC_index = self.DeclareDiscreteState(p_OC.ravel())
         self._status_index = self.DeclareDiscreteState(np.full(n, float(ContactStatus.INACTIVE)))
+        self._causes_index = self.DeclareDiscreteState(np.full(n, float(NO_CAUSE)))
         self._X_WO_estimated = self.DeclareAbstractInputPort(
             "X_WO_estimated", AbstractValue.Make(RigidTransform())
         )
@@ -144,7 +159,8 @@ class CentroidSelector(LeafSystem):
         self._goals = self.DeclareCacheEntry(
             "contact goals at the Context's time",
             ValueProducer(
-                lambda: AbstractValue.Make(ContactGoals(p_OC, np.zeros(n))), self._calc_goals
+                lambda: AbstractValue.Make(ContactGoals(p_OC, np.zeros(n), np.zeros(n))),
+                self._calc_goals,
             ),
             {self.time_ticket(), self.xd_ticket(), self.all_input_ports_ticket()},
         )
@@ -163,6 +179,7 @@ class CentroidSelector(LeafSystem):
             self._calc_p_WC_previous,
             {self.discrete_state_ticket(self._p_OC_index), self._X_WO_estimated.ticket()},
         )
+        self.DeclareVectorOutputPort("contact_causes", n, self._calc_causes, {self._goals.ticket()})
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_goals)
 
     def _stored_p_OC(self, context: Context) -> FloatArray:
@@ -175,7 +192,8 @@ class CentroidSelector(LeafSystem):
         p_OC = self._stored_p_OC(context)
         if not tick_is_due(time, stored_time, self._period):
             status = context.get_discrete_state(self._status_index).value()
-            output.set_value(ContactGoals(p_OC, status))
+            causes = context.get_discrete_state(self._causes_index).value()
+            output.set_value(ContactGoals(p_OC, status, causes))
             return
         R_WO: FloatArray = self._X_WO_estimated.Eval(context).rotation().matrix()
         covariance_W: FloatArray = self._p_WO_covariance.Eval(context).reshape(3, 3)
@@ -186,15 +204,21 @@ class CentroidSelector(LeafSystem):
             covariance_O=R_WO.T @ covariance_W @ R_WO + self._spread_covariance,
         )
         if time < self._static_duration - SLACK * self._period:
-            output.set_value(hold_contacts(selection))
-            return
-        output.set_value(select_contacts(selection, self._strategy, best_point=self._best_point))
+            goals = hold_contacts(selection)
+        else:
+            goals = select_contacts(
+                selection, self._strategy, best_point=self._best_point, limits=self._limits
+            )
+        if self._verify_contacts:
+            verify_contacts(self._surface, goals)
+        output.set_value(goals)
 
     def _store_goals(self, context: Context, discrete_state: DiscreteValues) -> None:
         goals: ContactGoals = self._goals.Eval(context)
         discrete_state.set_value(self._time_index, [context.get_time()])
         discrete_state.set_value(self._p_OC_index, goals.p_OC.ravel())
         discrete_state.set_value(self._status_index, goals.status)
+        discrete_state.set_value(self._causes_index, goals.causes)
 
     def _in_world(self, context: Context, p_OC: FloatArray) -> FloatArray:
         X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
@@ -211,6 +235,10 @@ class CentroidSelector(LeafSystem):
     def _calc_status(self, context: Context, output: BasicVector) -> None:
         goals: ContactGoals = self._goals.Eval(context)
         output.SetFromVector(goals.status)
+
+    def _calc_causes(self, context: Context, output: BasicVector) -> None:
+        goals: ContactGoals = self._goals.Eval(context)
+        output.SetFromVector(goals.causes)
 
     def _calc_fingertip_targets(self, context: Context, output: AbstractValue) -> None:
         goals: ContactGoals = self._goals.Eval(context)

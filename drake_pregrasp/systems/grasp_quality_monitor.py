@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_selection import ContactStatus
+from drake_pregrasp.planning.contact_selection import is_active
 from drake_pregrasp.planning.grasp_quality import GraspQuality, grasp_quality
 
 GraspQualityView = namedview("GraspQualityView", GraspQuality.names())
@@ -60,5 +60,5 @@ class GraspQualityMonitor(LeafSystem):
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
         X_WO: RigidTransform = self._X_WO.Eval(context)
         if self._contact_status.HasValue(context):
-            p_WC = p_WC[self._contact_status.Eval(context) == ContactStatus.ACTIVE]
+            p_WC = p_WC[is_active(self._contact_status.Eval(context))]
         output.SetFromVector(grasp_quality(p_WC - X_WO @ self._p_OCoM).to_vector())

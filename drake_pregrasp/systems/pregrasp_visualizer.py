@@ -8,8 +8,9 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 from scipy.spatial import cKDTree
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.planning.contact_selection import ContactStatus
+from drake_pregrasp.planning.contact_selection import is_active
 from drake_pregrasp.planning.safe_regions import NO_REGION, SafeRegions
+from drake_pregrasp.planning.sampling import lifted
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.systems.palette import NO_REGION_COLOR, contact_color, linear_rgb, tint
 
@@ -83,7 +84,7 @@ class PregraspVisualizer(LeafSystem):
         self._meshcat = meshcat
         self._surface = surface
         self._tile_surface = tile_surface or surface
-        _, self._tile_candidates = cKDTree(surface.p_OQ).query(self._tile_surface.p_OQ)
+        self._tile_candidates = _nearest_candidates(surface, self._tile_surface)
         self._num_contacts = num_contacts
         self._trail_length = trail_length
         self._trail_step = trail_step
@@ -113,11 +114,9 @@ class PregraspVisualizer(LeafSystem):
 
     def _make_objects(self, marker_radius: float) -> None:
         self._meshcat.Delete(ROOT)
-        tiles = _tiles(self._tile_surface)
-        for k, corners in enumerate(tiles):
-            self._meshcat.SetTriangleMesh(
-                _tile_path(k), corners.T, np.array([[0, 0], [1, 2], [2, 3]]), NO_REGION_COLOR
-            )
+        for tile in range(len(self._tile_surface.p_OQ)):
+            vertices, triangles = _tile_mesh(self._tile_surface, tile)
+            self._meshcat.SetTriangleMesh(_tile_path(tile), vertices, triangles, NO_REGION_COLOR)
         for i in range(self._num_contacts):
             color = contact_color(i)
             self._meshcat.SetObject(_goal_path(i), Sphere(marker_radius), color)
@@ -138,7 +137,7 @@ class PregraspVisualizer(LeafSystem):
         regions: SafeRegions = self._safe_regions.Eval(context)
         covariance: FloatArray = self._p_WO_covariance.Eval(context).reshape(3, 3)
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
-        active = self._contact_status.Eval(context) == ContactStatus.ACTIVE
+        active = is_active(self._contact_status.Eval(context))
         self._meshcat.SetTransform(f"{ROOT}/object", X_WO, time)
         self._color_tiles(regions.labels[self._tile_candidates], time)
         self._draw_goals(p_WC, active, time)
@@ -216,13 +215,19 @@ def _rgba(color: Rgba) -> tuple[float, float, float, float]:
     return color.r(), color.g(), color.b(), color.a()
 
 
-def _tiles(surface: ObjectSurface) -> FloatArray:
-    """Returns a square about each candidate, of its area, as corners in O, shape (N, 4, 3)."""
-    n = surface.nhat_OQ
-    # A tangent that runs along the edges of a box: the axis after that of the largest component.
-    along = np.eye(3)[(np.argmax(np.abs(n), axis=1) + 1) % 3]
-    u = along - n * np.sum(along * n, axis=1, keepdims=True)
-    u *= (np.sqrt(surface.areas) / 2 / np.linalg.norm(u, axis=1))[:, None]
-    v = np.cross(n, u)
-    centres = surface.p_OQ + _REGION_LIFT * n
-    return np.stack([centres - u - v, centres + u - v, centres + u + v, centres - u + v], axis=1)
+def _nearest_candidates(surface: ObjectSurface, tiles: ObjectSurface) -> IntArray:
+    """Returns the candidate nearest to each tile, on the same side of a wall, shape (k,)."""
+    length = float(np.sqrt(np.mean(tiles.areas)))
+    tree = cKDTree(lifted(surface.p_OQ, surface.nhat_OQ, length))
+    candidates: IntArray = tree.query(lifted(tiles.p_OQ, tiles.nhat_OQ, length))[1]
+    return candidates
+
+
+def _tile_mesh(surface: ObjectSurface, tile: int) -> tuple[FloatArray, IntArray]:
+    """Returns the vertices, shape (3, 3k), and triangles, shape (3, k), of a candidate's patch."""
+    patch = surface.patches[surface.patch_starts[tile] : surface.patch_starts[tile + 1]]
+    sides = patch[:, 1:] - patch[:, :1]
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    corners = patch + _REGION_LIFT * normals[:, None]
+    return corners.reshape(-1, 3).T, np.arange(3 * len(patch)).reshape(-1, 3).T

@@ -1,13 +1,24 @@
 """The first stage of the planner: a safe region for each contact."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.region_constraints import (
+    NO_CAUSE,
+    Limit,
+    Obstacles,
+    RegionConstraints,
+)
 from drake_pregrasp.planning.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
-from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
+from drake_pregrasp.planning.solids import Solid
+from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.planning.wall_test import WALL_TESTS, SurfaceGraph, normals_agree
 
 
 class SafeRegionPartitioner(LeafSystem):
@@ -21,6 +32,7 @@ class SafeRegionPartitioner(LeafSystem):
         - p_WC
         - contact_weights
         - obstacles
+        - X_WH
         output_ports:
         - safe_regions
 
@@ -31,17 +43,52 @@ class SafeRegionPartitioner(LeafSystem):
     Port `contact_weights` (optional) accepts a vector of n: h_i in m²; -inf says that the finger
     is lost. Unconnected, all are zero.
 
-    Port `obstacles` (optional) accepts `ForbiddenPoints` in W, which join the surface's own.
+    Port `obstacles` (optional) accepts `Obstacles` in W.
+
+    Port `X_WH` (optional) accepts a `RigidTransform`: the pose of the hand H, for the fingers'
+    reach. Unconnected, H is W.
 
     Port `safe_regions` emits `SafeRegions` over the surface's candidate points.
 
     Args:
         surface: The object's surface.
         num_contacts: n.
+        tip_radii: Radii of the fingertips, shape (n,), in metres; empty for points.
+        clearance: Between fingertips and obstacles, in metres.
+        reach: For each contact the solid in H in which it has to be, or None; empty for no limit.
+        wall_test: How a region is kept from reaching through a thin wall, out of `WALL_TESTS`.
+
+    Raises:
+        InvalidArgumentError: If an argument doesn't fit.
     """
 
-    def __init__(self, *, surface: ObjectSurface, num_contacts: int) -> None:
+    def __init__(
+        self,
+        *,
+        surface: ObjectSurface,
+        num_contacts: int,
+        tip_radii: FloatArray | None = None,
+        clearance: float = 0.0,
+        reach: Sequence[Solid | None] = (),
+        wall_test: str = "none",
+    ) -> None:
         super().__init__()
+        self._tip_radii = np.empty(0) if tip_radii is None else np.array(tip_radii, dtype=float)
+        for name, count in (("tip_radii", len(self._tip_radii)), ("reach", len(reach))):
+            if count not in (0, num_contacts):
+                raise InvalidArgumentError(f"{name} must be {num_contacts} or none, not {count}")
+        if not np.all(self._tip_radii >= 0):
+            raise InvalidArgumentError(f"tip_radii must be at least 0 m, not {self._tip_radii}")
+        if not clearance >= 0:
+            raise InvalidArgumentError(f"clearance must be at least 0 m, not {clearance}")
+        if wall_test not in WALL_TESTS:
+            raise InvalidArgumentError(
+                f"no wall test {wall_test!r}; there are: {', '.join(WALL_TESTS)}"
+            )
+        self._clearance = clearance
+        self._reach = tuple(reach)
+        self._wall_test = wall_test
+        self._graph = SurfaceGraph(surface) if wall_test == "surface" else None
         self._surface = surface
         self._num_contacts = num_contacts
         self._X_WO_estimated = self.DeclareAbstractInputPort(
@@ -50,8 +97,9 @@ class SafeRegionPartitioner(LeafSystem):
         self._p_WC = self.DeclareVectorInputPort("p_WC", 3 * num_contacts)
         self._contact_weights = self.DeclareVectorInputPort("contact_weights", num_contacts)
         self._obstacles = self.DeclareAbstractInputPort(
-            "obstacles", AbstractValue.Make(ForbiddenPoints.none())
+            "obstacles", AbstractValue.Make(Obstacles())
         )
+        self._X_WH = self.DeclareAbstractInputPort("X_WH", AbstractValue.Make(RigidTransform()))
         self.DeclareAbstractOutputPort(
             "safe_regions",
             self._allocate_regions,
@@ -60,10 +108,14 @@ class SafeRegionPartitioner(LeafSystem):
         )
 
     def _allocate_regions(self) -> AbstractValue:
+        n = self._num_contacts
         return AbstractValue.Make(
             SafeRegions(
                 labels=np.full(len(self._surface.p_OQ), NO_REGION),
-                lost=np.zeros(self._num_contacts, dtype=bool),
+                lost=np.zeros(n, dtype=bool),
+                limits=np.full(n, int(Limit.NONE)),
+                causes=np.full(n, NO_CAUSE),
+                constraints=RegionConstraints(),
             )
         )
 
@@ -73,10 +125,42 @@ class SafeRegionPartitioner(LeafSystem):
         weights = np.zeros(self._num_contacts)
         if self._contact_weights.HasValue(context):
             weights = self._contact_weights.Eval(context)
-        forbidden = self._surface.forbidden
-        if self._obstacles.HasValue(context):
-            obstacles: ForbiddenPoints = self._obstacles.Eval(context)
-            p_OZ = (X_OW @ obstacles.points.T).T
-            forbidden = forbidden.joined(ForbiddenPoints(p_OZ, obstacles.radii))
         p_OC = (X_OW @ p_WC.T).T
-        output.set_value(compute_safe_regions(self._surface.p_OQ, p_OC, weights, forbidden))
+        surface = self._surface
+        output.set_value(
+            compute_safe_regions(
+                surface.p_OQ,
+                p_OC,
+                weights,
+                surface.forbidden,
+                self._constraints(context, X_OW, p_OC),
+            )
+        )
+
+    def _constraints(
+        self, context: Context, X_OW: RigidTransform, p_OC: FloatArray
+    ) -> RegionConstraints:
+        obstacles = Obstacles()
+        if self._obstacles.HasValue(context):
+            in_world: Obstacles = self._obstacles.Eval(context)
+            obstacles = in_world.moved(X_OW.rotation().matrix(), X_OW.translation())
+        X_OH = X_OW
+        if self._X_WH.HasValue(context):
+            X_OH = X_OW @ self._X_WH.Eval(context)
+        R_OH, p_OH = X_OH.rotation().matrix(), X_OH.translation()
+        surface, same_side, fencing = self._surface, None, None
+        if self._wall_test != "none":
+            _, nhat_OC = surface.project(p_OC)
+            fencing = normals_agree(nhat_OC, surface.forbidden.normals)
+            if self._graph is None:
+                same_side = normals_agree(nhat_OC, surface.nhat_OQ)
+            else:
+                same_side = self._graph.near_over_the_surface(p_OC, nhat_OC)
+        return RegionConstraints(
+            obstacles=obstacles,
+            clearance=self._clearance,
+            tip_radii=self._tip_radii,
+            reach=[None if solid is None else solid.moved(R_OH, p_OH) for solid in self._reach],
+            same_side=same_side,
+            fencing=fencing,
+        )

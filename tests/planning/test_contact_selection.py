@@ -80,7 +80,7 @@ def test_a_contact_without_region_stays_and_is_inactive(surface, p_OC):
     p_OC[1] = p_OC[0]
     goals = select_contacts(selection(surface, p_OC), position_tracking)
     np.testing.assert_array_equal(goals.p_OC[1], p_OC[1])
-    assert goals.status[1] == ContactStatus.INACTIVE
+    assert (goals.status[1], goals.causes[1]) == (ContactStatus.CROWDED_OUT, 0)
     assert list(goals.active) == [True, False, True, True, True]
 
 

@@ -61,7 +61,7 @@ def test_projection_of_a_point_on_an_allowed_face_is_itself(surface):
 def test_distance_counts_forbidden_faces_as_surface(surface):
     np.testing.assert_allclose(
         surface.distance(np.array([[0, 0, 0.05], [0, 0, 0.07], [0.04, 0, 0]])),
-        [0, 0.02, 0.01],
+        [0, 0.02, -0.01],
         atol=1e-15,
     )
 
@@ -75,6 +75,8 @@ def test_unknown_and_exhausted_faces_are_refused():
 
 def test_forbidden_points_refuse_shapes_and_negative_radii():
     with pytest.raises(InvalidArgumentError):
-        ForbiddenPoints(np.zeros((2, 2)), np.zeros(2))
+        ForbiddenPoints(np.zeros(2), np.zeros(2))
+    with pytest.raises(InvalidArgumentError):
+        ForbiddenPoints(np.zeros((2, 3)), np.zeros(2), np.zeros((1, 3)))
     with pytest.raises(InvalidArgumentError):
         ForbiddenPoints(np.zeros((2, 3)), np.array([0.0, -1.0]))

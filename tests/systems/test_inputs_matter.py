@@ -17,7 +17,9 @@ from drake_pregrasp import (
     load_scenario,
 )
 from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
+from drake_pregrasp.planning.region_constraints import Obstacles
 from drake_pregrasp.planning.safe_regions import SafeRegions, compute_safe_regions
+from drake_pregrasp.planning.solids import BallSolid
 
 SURFACE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
 P_OC = load_scenario("a_base").initial_p_OC()
@@ -32,7 +34,12 @@ def regions(p_OC):
 
 
 def obstacles(x):
-    return AbstractValue.Make(ForbiddenPoints(np.array([[x, 0.0, 0.0]]), np.array([0.03])))
+    points = ForbiddenPoints(np.array([[x, 0.0, 0.0]]), np.array([0.03]))
+    return AbstractValue.Make(Obstacles(points=points))
+
+
+def hand_pose(x):
+    return AbstractValue.Make(RigidTransform([x, 0.0, 0.0]))
 
 
 # For each system: how to make it, two values for each input, and the outputs that follow it.
@@ -49,12 +56,15 @@ CASES = {
         {"X_WO_measured": (X_A, X_B, ["X_WO_estimated"])},
     ),
     "partitioner": (
-        lambda: SafeRegionPartitioner(surface=SURFACE, num_contacts=5),
+        lambda: SafeRegionPartitioner(
+            surface=SURFACE, num_contacts=5, reach=[BallSolid(np.zeros(3), 0.06)] * 5
+        ),
         {
             "X_WO_estimated": (X_A, X_B, ["safe_regions"]),
             "p_WC": (P_OC.ravel(), OTHER.ravel(), ["safe_regions"]),
             "contact_weights": (np.zeros(5), np.array([0, 0, 0, 0, 1e-2]), ["safe_regions"]),
             "obstacles": (obstacles(9.0), obstacles(0.06), ["safe_regions"]),
+            "X_WH": (hand_pose(0.0), hand_pose(0.04), ["safe_regions"]),
         },
     ),
     "selector": (

@@ -7,6 +7,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 
 from drake_pregrasp import ContactStatus, ForbiddenPoints, InvalidArgumentError
 from drake_pregrasp.planning.contact_selection import SelectionInput, select_contacts
+from drake_pregrasp.planning.region_constraints import Obstacles
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
 from drake_pregrasp.planning.strategies import position_tracking
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
@@ -29,7 +30,9 @@ def partition(surface, p_OC, weights=None, obstacles=None):
     if weights is not None:
         system.GetInputPort("contact_weights").FixValue(context, weights)
     if obstacles is not None:
-        system.GetInputPort("obstacles").FixValue(context, AbstractValue.Make(obstacles))
+        system.GetInputPort("obstacles").FixValue(
+            context, AbstractValue.Make(Obstacles(points=obstacles))
+        )
     return system.get_output_port().Eval(context)
 
 
@@ -116,7 +119,7 @@ def test_held_contacts_on_forbidden_ground_are_inactive(surface, p_OC):
     open_top = dataclasses.replace(surface, forbidden=ForbiddenPoints.none())
     system, context, _ = selector_and_context(open_top, p_OC, static_duration=1.0)
     status = system.GetOutputPort("contact_status").Eval(context)
-    assert list(status) == [ContactStatus.INACTIVE, 1, 1, 1, 1]
+    assert list(status) == [ContactStatus.NO_ALLOWED_GROUND, 1, 1, 1, 1]
 
 
 def test_a_lost_contact_has_no_fingertip_target(surface, p_OC):

@@ -1,0 +1,208 @@
+"""What limits safe regions beside Eq. 1: fingertips, obstacles, reach, and thin walls."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+
+from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.planning.solids import Solid
+from drake_pregrasp.planning.surface import ForbiddenPoints
+
+NO_CAUSE = -1
+"""Stands for no contact and no obstacle."""
+
+
+class Limit(IntEnum):
+    """What leaves a contact an empty or a tiny region."""
+
+    NONE = 0
+    """Nothing: the region is neither."""
+    FORBIDDEN = 1
+    """Forbidden ground of the object."""
+    CROWDED = 2
+    """Another contact, whose index is the cause."""
+    REACH = 3
+    """The finger's reach."""
+    OBSTACLE = 4
+    """An obstacle, whose index is the cause."""
+    WALL = 5
+    """The ground near the contact is on the other side of a wall."""
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacles:
+    """Obstacles in the world, or in another frame that is named by whoever holds them.
+
+    Their indices count the solids first, then the points.
+
+    Attributes:
+        solids: Convex solids.
+        points: Points z_j with radii R_j.
+    """
+
+    solids: tuple[Solid, ...] = ()
+    points: ForbiddenPoints = field(default_factory=ForbiddenPoints.none)
+
+    def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "Obstacles":
+        """Returns the same obstacles expressed in a frame G, in which F has that pose."""
+        return Obstacles(
+            tuple(solid.moved(R_GF, p_GF) for solid in self.solids),
+            ForbiddenPoints(
+                self.points.points @ R_GF.T + p_GF,
+                self.points.radii,
+                self.points.normals @ R_GF.T,
+            ),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class RegionConstraints:
+    """What limits the regions of n contacts, expressed in O; by default nothing does.
+
+    Attributes:
+        obstacles: Regions end at the plane across the way from c_i to an obstacle's nearest point,
+            set back by the fingertip's radius and the clearance; and no region has a candidate that
+            is nearer than that to an obstacle.
+        clearance: Between fingertips and obstacles, in metres.
+        tip_radii: Of the fingertips, shape (n,), in metres; empty for points. Regions are set back
+            by them from their common boundary.
+        reach: For each contact the solid in which it has to be, or None; empty for no limit.
+        same_side: Candidates that no wall hides from each contact, shape (n, N). Those behind a
+            wall belong to the nearest contact on their own side.
+        fencing: Which of the object's forbidden points fence each contact in, shape (n, m).
+    """
+
+    obstacles: Obstacles = field(default_factory=Obstacles)
+    clearance: float = 0.0
+    tip_radii: FloatArray = field(default_factory=lambda: np.empty(0))
+    reach: Sequence[Solid | None] = ()
+    same_side: BoolArray | None = None
+    fencing: BoolArray | None = None
+
+    def tip_radius(self, contact: int) -> float:
+        """Returns the radius of the fingertip of the contact with that index, in metres."""
+        return float(self.tip_radii[contact]) if len(self.tip_radii) else 0.0
+
+    def limits_at(self, contact: int, points: FloatArray) -> tuple[IntArray, IntArray]:
+        """Returns what keeps a contact from points: a `Limit` each, and its cause.
+
+        Only what holds for a point by itself is asked: obstacles and reach.
+
+        Args:
+            contact: Its index.
+            points: In O, shape (k, 3), in metres.
+        """
+        limits = np.full(len(points), int(Limit.NONE))
+        causes = np.full(len(points), NO_CAUSE)
+        if len(self.reach) and (reach := self.reach[contact]) is not None:
+            limits[reach.distance(points) > 0] = Limit.REACH
+        distance = self.tip_radius(contact) + self.clearance
+        for index, solid in enumerate(self.obstacles.solids):
+            touched = solid.distance(points) < distance
+            limits[touched], causes[touched] = Limit.OBSTACLE, index
+        spheres = self.obstacles.points
+        if len(spheres):
+            gaps = np.linalg.norm(points[:, None] - spheres.points, axis=2) - spheres.radii
+            touched = np.min(gaps, axis=1) < distance
+            limits[touched] = Limit.OBSTACLE
+            causes[touched] = len(self.obstacles.solids) + np.argmin(gaps, axis=1)[touched]
+        return limits, causes
+
+
+@dataclass(frozen=True, eq=False)
+class Planes:
+    """Half-spaces n_j·(q - c_i) <= b_j that bound the region of a contact at c_i.
+
+    Attributes:
+        normals: n_j, shape (m, d); of any length.
+        bounds: b_j, shape (m,).
+        limits: The `Limit` that each stands for, shape (m,).
+        causes: The contact or obstacle behind it, or `NO_CAUSE`, shape (m,).
+    """
+
+    normals: FloatArray
+    bounds: FloatArray
+    limits: IntArray
+    causes: IntArray
+
+    def beyond(self, from_contact: FloatArray) -> BoolArray:
+        """Returns which points q - c_i, shape (k, d), are beyond which plane, shape (m, k)."""
+        outside: BoolArray = self.normals @ from_contact.T > self.bounds[:, None]
+        return outside
+
+    @staticmethod
+    def joined(parts: Sequence["Planes"]) -> "Planes":
+        """Returns all planes of several sets."""
+        return Planes(
+            np.concatenate([part.normals for part in parts]),
+            np.concatenate([part.bounds for part in parts]),
+            np.concatenate([part.limits for part in parts]),
+            np.concatenate([part.causes for part in parts]),
+        )
+
+
+def point_planes(
+    p_OCi: FloatArray, points: ForbiddenPoints, *, margin: float, limit: Limit, first_cause: int
+) -> Planes:
+    """Returns the planes of Eq. 1 for points Z, with radii enlarged by a margin.
+
+    With w_ij of Eq. 2, |c_i - q|² <= |z_j - q|² - w_ij is (z_j - c_i)·(q - c_i) <= d (d - R_j),
+    d = |z_j - c_i|. For d = 0 both sides are zero, and the test holds everywhere.
+
+    Args:
+        p_OCi: c_i, shape (d,), in metres.
+        points: z_j and R_j.
+        margin: Added to each R_j, in metres.
+        limit: What the planes stand for.
+        first_cause: Cause of the first point; those of the others follow. `NO_CAUSE` for none.
+    """
+    normals = points.points - p_OCi
+    d = np.sqrt(np.einsum("ij,ij->i", normals, normals))
+    causes = np.full(len(d), NO_CAUSE)
+    if first_cause != NO_CAUSE:
+        causes = first_cause + np.arange(len(d))
+    bounds = d * (d - points.radii - margin)
+    return Planes(normals, bounds, np.full(len(d), int(limit)), causes)
+
+
+def solid_planes(p_OCi: FloatArray, solids: Sequence[Solid], margin: float) -> Planes:
+    """Returns, for each solid, the plane of Eq. 1 for its point nearest to c_i, set back.
+
+    Such a plane leaves the whole convex solid on its far side, as far off as the margin.
+
+    Args:
+        p_OCi: c_i, shape (3,), in metres.
+        solids: The obstacles.
+        margin: By which planes are set back, in metres.
+    """
+    distances, gradients = np.empty(len(solids)), np.empty((len(solids), 3))
+    for index, solid in enumerate(solids):
+        distance, gradient = solid.distance_and_gradient(p_OCi[None])
+        distances[index], gradients[index] = distance[0], gradient[0]
+    limits = np.full(len(solids), int(Limit.OBSTACLE))
+    return Planes(-gradients, distances - margin, limits, np.arange(len(solids)))
+
+
+def neighbour_planes(
+    contact: int, p_OC: FloatArray, contact_weights: FloatArray, tip_radius: float
+) -> Planes:
+    """Returns the boundaries of a weighted Voronoi cell, set back by the fingertip's radius.
+
+    The boundary towards c_k is (c_k - c_i)·(q - c_i) <= (d² + h_i - h_k)/2, d = |c_k - c_i|.
+    Setting it back by r_i on one side and by r_k on the other keeps the tips r_i + r_k apart.
+    Equal weights h_i alone, even squares of radii, cancel and keep nothing apart.
+
+    Args:
+        contact: i.
+        p_OC: All contacts, shape (n, 3), in metres.
+        contact_weights: h, shape (n,), in m²; -inf for the lost, which need no room.
+        tip_radius: r_i, in metres.
+    """
+    normals = p_OC - p_OC[contact]
+    d = np.sqrt(np.einsum("ij,ij->i", normals, normals))
+    others = np.flatnonzero((d > 0) & np.isfinite(contact_weights))
+    d, normals = d[others], normals[others]
+    bounds = (d**2 + contact_weights[contact] - contact_weights[others]) / 2 - d * tip_radius
+    return Planes(normals, bounds, np.full(len(others), int(Limit.CROWDED)), others)

@@ -1,0 +1,169 @@
+"""Closed triangle meshes of objects: primitives, surfaces of revolution, and mesh files."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import trimesh
+
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.planning.arrays import FloatArray, IntArray
+
+FACET_ERROR = 5e-5
+"""Farthest that facets are to be from the round surface they stand for, in metres."""
+
+MAX_EXTENT = 3.0
+"""Longest object that is believed, in metres: a file in millimetres is a thousand times too big."""
+
+_SECTIONS = (24, 256)  # Fewest and most facets round a circle.
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """An object's closed surface, in its frame O.
+
+    Attributes:
+        mesh: Watertight, its normals outward, in metres.
+        part_names: Names of the parts that faces may belong to.
+        face_parts: Index of each face's part, shape (F,).
+    """
+
+    mesh: trimesh.Trimesh
+    part_names: tuple[str, ...]
+    face_parts: IntArray
+
+    @property
+    def p_OCoM(self) -> FloatArray:
+        """The centre of mass of the homogeneous body, shape (3,), in metres."""
+        center: FloatArray = np.array(self.mesh.center_mass)
+        return center
+
+    def part(self, name: str) -> int:
+        """Returns the index of the part of that name.
+
+        Raises:
+            InvalidArgumentError: If there is none; the message lists the names there are.
+        """
+        if name not in self.part_names:
+            raise InvalidArgumentError(
+                f"the mesh has no part {name!r}; there are: {', '.join(self.part_names)}"
+            )
+        return self.part_names.index(name)
+
+
+def box_shape(size: Sequence[float]) -> Shape:
+    """Returns a box about the origin with those edge lengths, in metres."""
+    return _one_part(trimesh.creation.box(extents=size))
+
+
+def cylinder_shape(radius: float, length: float) -> Shape:
+    """Returns a cylinder about the origin, its axis along z, all lengths in metres."""
+    z = length / 2
+    return revolved_shape([[0, -z], [radius, -z], [radius, z], [0, z]])
+
+
+def ball_shape(radius: float) -> Shape:
+    """Returns a ball about the origin, its radius in metres."""
+    subdivisions = 3 if radius < 0.02 else 4
+    return _one_part(trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius))
+
+
+def revolved_shape(profile: Sequence[Sequence[float]]) -> Shape:
+    """Returns the solid that a line in the half-plane (r, z) encloses as it turns about z.
+
+    Args:
+        profile: Points (r, z) in metres, r >= 0, from the axis back to the axis, with z rising
+            along the outside; a line that doesn't end on the axis is closed into a ring.
+
+    Raises:
+        InvalidArgumentError: If the profile encloses no solid.
+    """
+    line = np.array(profile, dtype=float)
+    if line.ndim != 2 or line.shape[1] != 2 or len(line) < 3 or not np.all(line[:, 0] >= 0):
+        raise InvalidArgumentError("a profile needs three points (r, z) or more, with r >= 0")
+    if not (line[0, 0] == 0 and line[-1, 0] == 0):
+        line = np.vstack([line, line[:1]])
+    fewest, most = _SECTIONS
+    ratio = np.clip(FACET_ERROR / max(float(np.max(line[:, 0])), FACET_ERROR), 0, 1)
+    sections = int(np.clip(np.ceil(np.pi / np.arccos(1 - ratio)), fewest, most))
+    return _one_part(_checked(trimesh.creation.revolve(line, sections=sections), "the profile"))
+
+
+def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
+    """Reads a mesh file: OBJ, STL, PLY, glTF, or what else trimesh reads.
+
+    Named objects of the file become the shape's parts.
+
+    Args:
+        path: The file.
+        scale: Metres for each unit of the file.
+
+    Raises:
+        InvalidArgumentError: If it can't be read, isn't watertight, has no volume, or has a size
+            that no hand's object has; the message says what would help.
+    """
+    try:
+        options: dict[str, Any] = {"split_objects": True} if path.suffix.lower() == ".obj" else {}
+        scene = trimesh.load_scene(path, **options)
+        pieces = [_placed(scene, node) for node in scene.graph.nodes_geometry]
+    except Exception as error:  # trimesh's readers raise whatever their parsers do.
+        problem = " ".join(str(error).split()) or type(error).__name__
+        raise InvalidArgumentError(f"{path} can't be read as a mesh: {problem}") from error
+    pieces = [(name, piece) for name, piece in pieces if len(getattr(piece, "faces", ()))]
+    if not pieces:
+        raise InvalidArgumentError(f"{path} holds no triangles")
+    part_names = tuple(dict.fromkeys(name for name, _ in pieces))
+    face_parts = np.concatenate(
+        [np.full(len(piece.faces), part_names.index(name)) for name, piece in pieces]
+    )
+    # Pieces of one closed surface share their seams only once equal vertices are merged.
+    first_vertices = np.cumsum([0, *(len(piece.vertices) for _, piece in pieces[:-1])])
+    mesh = trimesh.Trimesh(
+        scale * np.concatenate([piece.vertices for _, piece in pieces]),
+        np.concatenate(
+            [piece.faces + n for (_, piece), n in zip(pieces, first_vertices, strict=True)]
+        ),
+        process=False,
+    )
+    mesh.merge_vertices()
+    return Shape(_checked(mesh, str(path)), part_names, face_parts)
+
+
+def _placed(scene: trimesh.Scene, node: str) -> tuple[str, trimesh.Trimesh]:
+    """Returns the name and the mesh of one of a scene's nodes, in the frame of the file."""
+    transform, name = scene.graph[node]
+    return str(name), scene.geometry[name].copy().apply_transform(transform)
+
+
+def _one_part(mesh: trimesh.Trimesh) -> Shape:
+    return Shape(mesh, ("body",), np.zeros(len(mesh.faces), dtype=np.int64))
+
+
+def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
+    """Returns a mesh that encloses a volume, with its normals outward."""
+    if not np.all(np.isfinite(mesh.vertices)):
+        raise InvalidArgumentError(f"{what} has a vertex that is not finite")
+    longest = float(np.max(mesh.extents))
+    if longest > MAX_EXTENT:
+        hint = " (if its unit is the millimetre, scale: 0.001)" if longest > 10 else ""
+        raise InvalidArgumentError(
+            f"{what} is {longest:.4g} m long; at most {MAX_EXTENT:g} m, choose a scale{hint}"
+        )
+    if not mesh.is_watertight:
+        edges = trimesh.grouping.group_rows(mesh.edges_sorted, require_count=1)
+        raise InvalidArgumentError(
+            f"{what} is not watertight: {len(edges)} edges have a face on one side only; close its"
+            " holes, for example with trimesh.repair.fill_holes or Blender's 3D-print tools"
+        )
+    if not mesh.is_winding_consistent:
+        trimesh.repair.fix_winding(mesh)
+    if mesh.volume < 0:
+        mesh.invert()
+    if not mesh.volume > 1e-6 * longest**3:
+        raise InvalidArgumentError(
+            f"{what} encloses no volume ({mesh.volume:.3g} m³ in {longest:.3g} m);"
+            " it must be the surface of a solid body"
+        )
+    return mesh
