@@ -37,6 +37,10 @@ class EstimatorConfig:
     # Angular velocity to expect before the first measurement, in rad/s.
     initial_angular_velocity_std: float = field(default=0.5, metadata={"above": 0, "at_most": 1000})
 
+    # Mean acceleration along -z of W, in m/s^2: 0 for an object that something carries, 9.81 for
+    # one in free flight.
+    gravity: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
+
     # Seconds by which the estimate, and so the goals, are predicted ahead. Measures and errors
     # compare them with the object's pose at the time itself all the same.
     lookahead: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
@@ -79,6 +83,7 @@ def filter_noise(config: EstimatorConfig) -> PoseFilterNoise:
         angular_acceleration=config.angular_acceleration,
         initial_velocity=config.initial_velocity_std,
         initial_angular_velocity=config.initial_angular_velocity_std,
+        gravity=config.gravity,
     )
 
 

@@ -19,6 +19,7 @@ from drake_pregrasp.planning.surface import (
     ObjectSurface,
     box_surface,
 )
+from drake_pregrasp.simulation.motion_check import check_motion
 from drake_pregrasp.systems.noise_source import MAX_SEED
 from drake_pregrasp.systems.tick import SLACK, tick_index
 
@@ -168,7 +169,8 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
         ScenarioError: If the scenario can't be simulated.
     """
     try:
-        distances = scenario.make_surface().distance(scenario.initial_p_OC())
+        surface = scenario.make_surface()
+        distances = surface.distance(scenario.initial_p_OC())
     except InvalidArgumentError as error:
         raise ScenarioError(source, "surface.forbidden_faces", str(error)) from error
     for index, distance in enumerate(distances):
@@ -189,6 +191,7 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
             f" {count} initial_contacts",
         )
     _validate_damage(scenario, source)
+    check_motion(source, scenario.motion, surface)
     try:
         AddMultibodyPlant(scenario.plant_config, DiagramBuilder())
     except RuntimeError as error:
