@@ -8,6 +8,7 @@ from drake_pregrasp.diagrams.motion_config import Conveyor
 from drake_pregrasp.diagrams.moving_object import MovingObject, add_model, add_pose_output
 from drake_pregrasp.diagrams.object_body import add_object_body, standing_height
 from drake_pregrasp.diagrams.object_config import ObjectConfig
+from drake_pregrasp.planning.velocity_profile import VelocityProfile
 from drake_pregrasp.systems.object_motion import ObjectMotion
 
 
@@ -24,6 +25,7 @@ def add_conveyor(
     plant.Finalize()
     X_WO = RigidTransform([0.0, 0.0, standing_height(object_config)])
     plant.SetDefaultFloatingBaseBodyPose(body, X_WO)
-    command = builder.AddNamedSystem("object_motion", ObjectMotion(motion.velocities()))
+    profile = VelocityProfile(motion.velocities())
+    command = builder.AddNamedSystem("object_motion", ObjectMotion(profile))
     builder.Connect(command.get_output_port(), plant.get_desired_state_input_port(table))
     return MovingObject(plant, scene_graph, add_pose_output(builder, plant, body))

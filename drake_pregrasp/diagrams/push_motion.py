@@ -15,6 +15,7 @@ from drake_pregrasp.diagrams.object_body import (
     standing_height,
 )
 from drake_pregrasp.diagrams.object_config import ObjectConfig
+from drake_pregrasp.planning.velocity_profile import VelocityProfile
 from drake_pregrasp.systems.object_motion import ObjectMotion
 
 TIP_RADIUS = 0.012
@@ -52,7 +53,8 @@ def add_push(
     )
     X_WO = RigidTransform([0.0, 0.0, standing_height(object_config)])
     plant.SetDefaultFloatingBaseBodyPose(body, X_WO)
-    command = builder.AddNamedSystem("object_motion", ObjectMotion(push_profile(motion)))
+    profile = VelocityProfile(push_profile(motion))
+    command = builder.AddNamedSystem("object_motion", ObjectMotion(profile))
     builder.Connect(command.get_output_port(), plant.get_desired_state_input_port(pusher))
     return MovingObject(plant, scene_graph, add_pose_output(builder, plant, body))
 

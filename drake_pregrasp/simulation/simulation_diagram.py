@@ -6,6 +6,8 @@ import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from drake_pregrasp.diagrams.expected_path import expected_path
+from drake_pregrasp.diagrams.object_body import standing_height
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
 from drake_pregrasp.planning.grasp_quality import GraspQuality
@@ -95,6 +97,9 @@ def make_diagram(
             surface=surface,
             tile_surface=scenario.make_surface(scenario.recording.tile_size),
             num_contacts=n,
+            path=expected_path(
+                scenario.motion, scenario.simulation_duration, standing_height(scenario.object)
+            ),
             publish_period=scenario.recording.publish_period,
         )
     diagram = builder.Build()

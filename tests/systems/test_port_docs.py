@@ -21,6 +21,7 @@ from drake_pregrasp.diagrams.motion_config import Conveyor
 from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
 from drake_pregrasp.planning.pose_track import PoseTrack
+from drake_pregrasp.planning.velocity_profile import VelocityProfile
 from drake_pregrasp.systems.body_pose import BodyPose
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.contact_weights import ContactWeights
@@ -52,7 +53,7 @@ MAKERS = {
     GraspQualityMonitor: lambda s, c: GraspQualityMonitor(num_contacts=len(c)),
     NoiseSource: lambda s, c: NoiseSource(size=2, period=0.1),
     NoisyPoseSensor: lambda s, c: NoisyPoseSensor(position_std=0, orientation_std=0),
-    ObjectMotion: lambda s, c: ObjectMotion([[0.0, 0.0, 0.0]]),
+    ObjectMotion: lambda s, c: ObjectMotion(VelocityProfile([[0.0, 0.0, 0.0]])),
     ObjectPlant: lambda s, c: ObjectPlant(Box(), Conveyor(), PLANT),
     PoseEstimator: lambda s, c: PoseEstimator(period=0.1, noise=filter_noise(EstimatorConfig())),
     PoseReplay: lambda s, c: PoseReplay(

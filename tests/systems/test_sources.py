@@ -6,11 +6,11 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import AddRandomInputs
-from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.planning.pose_track import PoseTrack
+from drake_pregrasp.planning.velocity_profile import VelocityProfile
 from drake_pregrasp.systems.body_pose import BodyPose
 from drake_pregrasp.systems.contact_weights import ContactWeights
 from drake_pregrasp.systems.noise_source import NoiseSource
@@ -34,32 +34,8 @@ def commanded(motion, time):
 
 
 def test_a_constant_motion_commands_position_and_rate():
-    motion = ObjectMotion([[0.0, 0.1, -0.5]])
+    motion = ObjectMotion(VelocityProfile([[0.0, 0.1, -0.5]]))
     np.testing.assert_array_equal(commanded(motion, 3.0), [0.1 * 3.0, -0.5 * 3.0, 0.1, -0.5])
-
-
-def test_positions_are_the_integral_of_rates_that_are_linear_between_rows():
-    """The same as a spline and its antiderivative; beyond the last row the last rates go on."""
-    times = [0.0, 0.5, 2.0, 2.25]
-    rates = np.array([[0.0, 1.0], [0.4, -1.0], [-0.2, 3.0], [0.1, 0.0]])
-    motion = ObjectMotion(np.column_stack([times, rates]).tolist())
-    expected_rates = make_interp_spline(times, rates, k=1)
-    expected = expected_rates.antiderivative()
-    for time in (0.0, 0.1, 0.5, 1.7, 2.0, 2.2, 2.25):
-        output = commanded(motion, time)
-        np.testing.assert_allclose(output[:2], expected(time), atol=1e-14)
-        np.testing.assert_allclose(output[2:], expected_rates(time), atol=1e-14)
-    later = commanded(motion, 5.25)
-    np.testing.assert_allclose(later[:2], expected(2.25) + 3 * rates[-1], atol=1e-14)
-    np.testing.assert_array_equal(later[2:], rates[-1])
-
-
-@pytest.mark.parametrize(
-    "profile", [[], [[0.0]], [[0.0, 1.0], [1.0]], [[1.0, 1.0]], [[0.0, 1.0], [0.0, 2.0]]]
-)
-def test_a_profile_whose_times_do_not_increase_from_0_is_refused(profile):
-    with pytest.raises(InvalidArgumentError, match="a profile"):
-        ObjectMotion(profile)
 
 
 def track(times=(1.0, 2.0, 4.0)):
