@@ -27,7 +27,7 @@ def expected_path(motion: MotionConfig, duration: float, height: float) -> Float
     start = np.array([0.0, 0.0, height])
     if isinstance(motion, Conveyor):
         profile = VelocityProfile(motion.velocities())
-        path = [start + [profile.at(time)[0][0], 0.0, 0.0] for time in times]
+        path = [start + np.array([profile.at(time)[0][0], 0.0, 0.0]) for time in times]
     elif isinstance(motion, Toss):
         position, velocity = np.array(motion.position), np.array(motion.velocity)
         path = [position + t * velocity + t**2 / 2 * _GRAVITY for t in times]
