@@ -25,8 +25,8 @@ def surface() -> ObjectSurface:
 
 
 @pytest.fixture(scope="session")
-def p_OC(scenario: Scenario) -> np.ndarray:
-    return scenario.initial_p_OC()
+def p_OC(scenario: Scenario, surface: ObjectSurface) -> np.ndarray:
+    return scenario.initial_p_OC(surface)
 
 
 @pytest.fixture(scope="session")

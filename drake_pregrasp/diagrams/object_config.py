@@ -1,6 +1,7 @@
 """What the object can be: a primitive, a surface of revolution, or a mesh file."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from drake_pregrasp.planning.shapes import (
     Shape,
@@ -10,6 +11,7 @@ from drake_pregrasp.planning.shapes import (
     load_shape,
     revolved_shape,
 )
+from drake_pregrasp.resources import resolve_path
 
 _LENGTH = {"at_least": 0.001, "at_most": 1}
 _MASS = {"above": 0, "at_most": 1000}
@@ -95,7 +97,7 @@ class Mesh:
 
     # An OBJ, STL, PLY or glTF file with a watertight mesh, from the folder of the scenario's file;
     # or package://drake_pregrasp/..., for those that are shipped.
-    file: str = field(default="", metadata={"required": True})
+    file: str = field(default="", metadata={"required": True, "path": True})
 
     # Metres for each unit of the file.
     scale: float = field(default=1.0, metadata={"above": 0, "at_most": 1000})
@@ -105,7 +107,7 @@ class Mesh:
 
     def make_shape(self) -> Shape:
         """Returns its surface in O."""
-        return load_shape(resolve_path(self.file), scale=self.scale)
+        return load_shape(resolve_path(self.file, Path.cwd()), scale=self.scale)
 
 
 ObjectConfig = Box | Cylinder | Ball | Revolved | Mesh

@@ -1,29 +1,36 @@
-"""The object on its moving table, as one diagram."""
+"""The moving object, as one diagram."""
+
+from collections.abc import Callable
+from typing import Any
 
 from pydrake.geometry import SceneGraph
-from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import (
-    AddMultibodyPlant,
-    MultibodyPlant,
-    MultibodyPlantConfig,
-)
+from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_pregrasp.diagrams.box_model import resized_box_sdf
-from drake_pregrasp.diagrams.motion_config import MotionConfig
+from drake_pregrasp.diagrams.conveyor_motion import add_conveyor
+from drake_pregrasp.diagrams.motion_config import (
+    Conveyor,
+    MotionConfig,
+    PoseStream,
+    Push,
+    Toss,
+)
+from drake_pregrasp.diagrams.moving_object import MovingObject
 from drake_pregrasp.diagrams.object_config import ObjectConfig
-from drake_pregrasp.resources import resource_folder
-from drake_pregrasp.systems.body_pose import BodyPose
-from drake_pregrasp.systems.object_motion import ObjectMotion
+from drake_pregrasp.diagrams.push_motion import add_push
+from drake_pregrasp.diagrams.replay_motion import add_replay
+from drake_pregrasp.diagrams.toss_motion import add_toss
 
-FIRST_TOUCH = 1e-6
-"""Depth in metres by which the object starts in the table: without any contact, it would fall
-freely for one time step, and start with a bounce."""
+_MOTIONS: dict[type, Callable[[DiagramBuilder, ObjectConfig, Any, Any], MovingObject]] = {
+    Conveyor: add_conveyor,
+    Toss: add_toss,
+    Push: add_push,
+    PoseStream: add_replay,
+}
 
 
 class ObjectPlant(Diagram):
-    """A free box on a conveyor and turntable that carries it by friction.
+    """An object that a conveyor carries, that flies, that is pushed, or that follows a recording.
 
     .. pydrake_system::
 
@@ -32,16 +39,17 @@ class ObjectPlant(Diagram):
         - X_WO
         - query_object
 
-    Port `X_WO` emits a `RigidTransform`: the true pose of the object O in the world W. The table's
-    top is the plane z = 0 of W; the object starts at its centre, at rest, with the axes of W.
+    Port `X_WO` emits a `RigidTransform`: the true pose of the object O in the world W. A table's
+    top is the plane z = 0 of W; what stands on it starts at its centre, at rest, with the axes of
+    W.
 
     Port `query_object` emits SceneGraph's `QueryObject`, for visualizers.
 
-    The attributes `plant` and `scene_graph` are the systems inside.
+    The attributes `plant` and `scene_graph` hold the object's model and what shows it.
 
     Args:
         object_config: The object.
-        motion_config: The table's motion.
+        motion_config: How it moves.
         plant_config: Time step and contact model.
     """
 
@@ -56,28 +64,9 @@ class ObjectPlant(Diagram):
     ) -> None:
         super().__init__()
         builder = DiagramBuilder()
-        self.plant, self.scene_graph = AddMultibodyPlant(plant_config, builder)
-        models = resource_folder("models")
-        parser = Parser(self.plant)
-        parser.package_map().AddPackageXml(str(models / "package.xml"))
-        cube_sdf = resized_box_sdf(models / "cube.sdf", object_config.size, object_config.mass)
-        (cube,) = parser.AddModelsFromString(cube_sdf, "sdf")
-        (table,) = parser.AddModelsFromUrl("package://drake_pregrasp/conveyor_table.sdf")
-        self.plant.Finalize()
-        body = self.plant.GetBodyByName("cube", cube)
-        z_WO = object_config.size[2] / 2 - FIRST_TOUCH
-        self.plant.SetDefaultFloatingBaseBodyPose(body, RigidTransform([0.0, 0.0, z_WO]))
-
-        motion = builder.AddNamedSystem(
-            "object_motion",
-            ObjectMotion(
-                linear_velocity=motion_config.linear_velocity,
-                angular_velocity=motion_config.angular_velocity,
-            ),
-        )
-        builder.Connect(motion.get_output_port(), self.plant.get_desired_state_input_port(table))
-        pose = builder.AddNamedSystem("object_pose", BodyPose(body.index()))
-        builder.Connect(self.plant.get_body_poses_output_port(), pose.get_input_port())
-        builder.ExportOutput(pose.get_output_port(), "X_WO")
+        add_motion = _MOTIONS[type(motion_config)]
+        moving = add_motion(builder, object_config, motion_config, plant_config)
+        self.plant, self.scene_graph = moving.plant, moving.scene_graph
+        builder.ExportOutput(moving.X_WO, "X_WO")
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")
         builder.BuildInto(self)

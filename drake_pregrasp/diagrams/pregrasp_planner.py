@@ -6,10 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from drake_pregrasp.diagrams.limits_config import LimitsConfig
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.pose_filter import PoseFilterNoise
 from drake_pregrasp.planning.strategies import READINGS, STRATEGIES
 from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.planning.wall_test import WALL_TESTS
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
@@ -36,6 +38,10 @@ class EstimatorConfig:
 
     # Angular velocity to expect before the first measurement, in rad/s.
     initial_angular_velocity_std: float = field(default=0.5, metadata={"above": 0, "at_most": 1000})
+
+    # Mean acceleration along -z of W, in m/s^2: 0 for an object that something carries, 9.81 for
+    # one in free flight.
+    gravity: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
 
     # Seconds by which the estimate, and so the goals, are predicted ahead. Measures and errors
     # compare them with the object's pose at the time itself all the same.
@@ -67,6 +73,16 @@ class PlannerConfig:
     # Standard deviation added to the filter's covariance in Eq. 3, in metres.
     position_spread: float = field(default=0.04, metadata={"at_least": 1e-6, "at_most": 1000})
 
+    # How a region is kept from reaching through a thin wall to its other side: not at all, by the
+    # angle between outward normals, or by the way over the surface.
+    wall_test: str = field(default="none", metadata={"one_of": WALL_TESTS})
+
+    limits: LimitsConfig = field(default_factory=LimitsConfig)
+
+    # Whether to check every active goal against the mesh, and stop with an error if it is not on
+    # the allowed surface. It takes time: a switch for finding faults.
+    verify_contacts: bool = False
+
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
 
@@ -79,6 +95,7 @@ def filter_noise(config: EstimatorConfig) -> PoseFilterNoise:
         angular_acceleration=config.angular_acceleration,
         initial_velocity=config.initial_velocity_std,
         initial_angular_velocity=config.initial_angular_velocity_std,
+        gravity=config.gravity,
     )
 
 
@@ -92,6 +109,7 @@ class PregraspPlanner(Diagram):
         - X_WO_measured
         - contact_weights
         - obstacles
+        - X_WH
         output_ports:
         - p_WC
         - contact_status
@@ -100,11 +118,12 @@ class PregraspPlanner(Diagram):
         - V_WO_estimated
         - p_WO_covariance
         - safe_regions
+        - contact_causes
 
     The ports are those of the systems inside, which document them: `X_WO_measured`,
     `X_WO_estimated`, `V_WO_estimated` and `p_WO_covariance` of `PoseEstimator`; `contact_weights`,
-    `obstacles` (both optional) and `safe_regions` of `SafeRegionPartitioner`; `p_WC`,
-    `contact_status` and `fingertip_targets` of `CentroidSelector`.
+    `obstacles`, `X_WH` (all optional) and `safe_regions` of `SafeRegionPartitioner`; `p_WC`,
+    `contact_status`, `contact_causes` and `fingertip_targets` of `CentroidSelector`.
 
     Args:
         config: Planning rate and settings.
@@ -134,7 +153,14 @@ class PregraspPlanner(Diagram):
         )
         partitioner = builder.AddNamedSystem(
             "safe_region_partitioner",
-            SafeRegionPartitioner(surface=surface, num_contacts=len(p_OC)),
+            SafeRegionPartitioner(
+                surface=surface,
+                num_contacts=len(p_OC),
+                tip_radii=np.array(config.limits.tip_radii),
+                clearance=config.limits.clearance,
+                reach=[reach.make_solid() for reach in config.limits.reach],
+                wall_test=config.wall_test,
+            ),
         )
         selector = builder.AddNamedSystem(
             "centroid_selector",
@@ -148,6 +174,8 @@ class PregraspPlanner(Diagram):
                 best_point=config.best_point,
                 position_spread=config.position_spread,
                 static_duration=config.static_duration,
+                limits=config.limits.make_limits(config.period),
+                verify_contacts=config.verify_contacts,
                 fingertip_frames=fingertip_frames,
             ),
         )
@@ -161,13 +189,14 @@ class PregraspPlanner(Diagram):
             builder.Connect(source.GetOutputPort(output), target.GetInputPort(target_input))
 
         builder.ExportInput(estimator.GetInputPort("X_WO_measured"), "X_WO_measured")
-        for name in ("contact_weights", "obstacles"):
+        for name in ("contact_weights", "obstacles", "X_WH"):
             builder.ExportInput(partitioner.GetInputPort(name), name)
         for name in ("p_WC", "contact_status", "fingertip_targets"):
             builder.ExportOutput(selector.GetOutputPort(name), name)
         for name in ("X_WO_estimated", "V_WO_estimated", "p_WO_covariance"):
             builder.ExportOutput(estimator.GetOutputPort(name), name)
         builder.ExportOutput(partitioner.GetOutputPort("safe_regions"), "safe_regions")
+        builder.ExportOutput(selector.GetOutputPort("contact_causes"), "contact_causes")
         builder.BuildInto(self)
 
 

@@ -1,7 +1,8 @@
 """Kalman filter on the centre of mass and error-state filter on the orientation of a moving object.
 
-Both assume a constant velocity disturbed by white acceleration noise. W is the world, O the object,
-CoM its centre of mass; all vectors are expressed in W.
+Both assume a constant velocity disturbed by white acceleration noise, and the first one gravity, if
+there is any. W is the world with z up, O the object, CoM its centre of mass; all vectors are
+expressed in W.
 """
 
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from drake_pregrasp.planning.grasp_quality import skew
 
 @dataclass(frozen=True, eq=False)
 class PoseFilterNoise:
-    """Noise the filter assumes; standard deviations, per axis.
+    """What the filter assumes of measurements and motion; standard deviations are per axis.
 
     Attributes:
         position: Of a measured position, in metres.
@@ -25,6 +26,8 @@ class PoseFilterNoise:
         angular_acceleration: The same for the angular acceleration, in rad/s²/sqrt(Hz).
         initial_velocity: Of the object's velocity before the first measurement, in m/s.
         initial_angular_velocity: The same for its angular velocity, in rad/s.
+        gravity: Mean acceleration of the object, along -z of W, in m/s²: 0 for an object that
+            something carries, about 9.81 for one in free flight.
     """
 
     position: float
@@ -33,6 +36,7 @@ class PoseFilterNoise:
     angular_acceleration: float
     initial_velocity: float
     initial_angular_velocity: float
+    gravity: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,16 +107,30 @@ class PoseBelief:
 
 
 def first_belief(
-    time: float, p_WCoM: FloatArray, R_WO: Rotation, noise: PoseFilterNoise
+    time: float,
+    p_WCoM: FloatArray,
+    R_WO: Rotation,
+    noise: PoseFilterNoise,
+    p_OCoM: FloatArray | None = None,
 ) -> PoseBelief:
-    """Returns the belief after the first measurement: at rest, with the stated uncertainty."""
+    """Returns the belief after the first measurement: at rest, with the stated uncertainty.
+
+    Args:
+        time: When it was measured, in seconds.
+        p_WCoM: Where the measured pose puts the centre of mass, shape (3,), in metres.
+        R_WO: The measured orientation.
+        noise: What the filter assumes.
+        p_OCoM: See `measurement_covariance`.
+    """
+    P_position = _diagonal(0.0, noise.initial_velocity)
+    P_position[:3, :3] = measurement_covariance(R_WO, noise, p_OCoM)
     return PoseBelief(
         time=time,
         p_WCoM=p_WCoM,
         v_WCoM=np.zeros(3),
         R_WO=R_WO,
         w_WO=np.zeros(3),
-        P_position=_diagonal(noise.position, noise.initial_velocity),
+        P_position=P_position,
         P_orientation=_diagonal(noise.orientation, noise.initial_angular_velocity),
     )
 
@@ -127,33 +145,75 @@ def predict(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief
         raise InvalidArgumentError(f"a belief can't be carried {dt} s back in time")
     if dt == 0:
         return belief
-    turn = belief.w_WO * dt
-    R_step = Rotation.from_rotvec(turn)
-    # The error turns with the step, and an error of w_WO adds up to the step's left Jacobian.
-    F = np.eye(6)
-    F[:3, :3] = R_step.as_matrix()
-    F[:3, 3:] = dt * _left_jacobian(turn)
-    P_orientation = F @ belief.P_orientation @ F.T + _process_noise(dt, noise.angular_acceleration)
-    F = np.eye(6)
-    F[:3, 3:] = dt * np.eye(3)
+    F_position, F_orientation = transitions(belief, dt)
+    fall = np.array([0.0, 0.0, -noise.gravity])
     return PoseBelief(
         time=belief.time + dt,
-        p_WCoM=belief.p_WCoM + belief.v_WCoM * dt,
-        v_WCoM=belief.v_WCoM,
-        R_WO=R_step * belief.R_WO,
+        p_WCoM=belief.p_WCoM + belief.v_WCoM * dt + fall * (dt**2 / 2),
+        v_WCoM=belief.v_WCoM + fall * dt,
+        R_WO=Rotation.from_rotvec(belief.w_WO * dt) * belief.R_WO,
         w_WO=belief.w_WO,
-        P_position=F @ belief.P_position @ F.T + _process_noise(dt, noise.acceleration),
-        P_orientation=P_orientation,
+        P_position=F_position @ belief.P_position @ F_position.T
+        + _process_noise(dt, noise.acceleration),
+        P_orientation=F_orientation @ belief.P_orientation @ F_orientation.T
+        + _process_noise(dt, noise.angular_acceleration),
     )
 
 
+def transitions(belief: PoseBelief, dt: float) -> tuple[FloatArray, FloatArray]:
+    """Returns the matrices that carry the two covariances `dt` seconds forward, each (6, 6)."""
+    F_position, F_orientation = np.eye(6), np.eye(6)
+    F_position[:3, 3:] = dt * np.eye(3)
+    # The error turns with the step, and an error of w_WO adds up to the step's left Jacobian.
+    turn = belief.w_WO * dt
+    F_orientation[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
+    F_orientation[:3, 3:] = dt * _left_jacobian(turn)
+    return F_position, F_orientation
+
+
+def measurement_covariance(
+    R_WO: Rotation, noise: PoseFilterNoise, p_OCoM: FloatArray | None = None
+) -> FloatArray:
+    """Covariance of where a measured pose puts the centre of mass, shape (3, 3), in m².
+
+    With a = R_WO p_OCoM, to first order in the orientation's error, which moves the centre of mass
+    across a, it is σ² I + σ_R² (|a|² I - a aᵀ).
+
+    Args:
+        R_WO: The orientation, as well as it is known.
+        noise: σ is its `position`, σ_R its `orientation`.
+        p_OCoM: The centre of mass in O, shape (3,), in metres; at O's origin if left out.
+    """
+    covariance: FloatArray = noise.position**2 * np.eye(3)
+    if p_OCoM is not None:
+        a = R_WO.apply(p_OCoM)
+        covariance += noise.orientation**2 * (a @ a * np.eye(3) - np.outer(a, a))
+    return covariance
+
+
 def update(
-    belief: PoseBelief, p_WCoM_measured: FloatArray, R_WO_measured: Rotation, noise: PoseFilterNoise
+    belief: PoseBelief,
+    p_WCoM_measured: FloatArray,
+    R_WO_measured: Rotation,
+    noise: PoseFilterNoise,
+    p_OCoM: FloatArray | None = None,
 ) -> PoseBelief:
-    """Returns the posterior after a measured pose at the belief's own time."""
-    dx, P_position = _correct(belief.P_position, p_WCoM_measured - belief.p_WCoM, noise.position)
+    """Returns the posterior after a measured pose at the belief's own time.
+
+    Args:
+        belief: The prior.
+        p_WCoM_measured: Where the measured pose puts the centre of mass, shape (3,), in metres.
+        R_WO_measured: The measured orientation.
+        noise: What the filter assumes.
+        p_OCoM: See `measurement_covariance`.
+    """
+    dx, P_position = _correct(
+        belief.P_position,
+        p_WCoM_measured - belief.p_WCoM,
+        measurement_covariance(belief.R_WO, noise, p_OCoM),
+    )
     theta = (R_WO_measured * belief.R_WO.inv()).as_rotvec()
-    de, P_orientation = _correct(belief.P_orientation, theta, noise.orientation)
+    de, P_orientation = _correct(belief.P_orientation, theta, noise.orientation**2 * np.eye(3))
     return PoseBelief(
         time=belief.time,
         p_WCoM=belief.p_WCoM + dx[:3],
@@ -165,13 +225,13 @@ def update(
     )
 
 
-def _correct(P: FloatArray, innovation: FloatArray, std: float) -> tuple[FloatArray, FloatArray]:
+def _correct(P: FloatArray, innovation: FloatArray, R: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Kalman correction for a measurement of the first three states, with Joseph's covariance."""
-    S = P[:3, :3] + std**2 * np.eye(3)
+    S = P[:3, :3] + R
     K = np.linalg.solve(S, P[:3]).T
     A = np.eye(6)
     A[:, :3] -= K
-    return K @ innovation, A @ P @ A.T + std**2 * K @ K.T
+    return K @ innovation, A @ P @ A.T + K @ R @ K.T
 
 
 def _process_noise(dt: float, density: float) -> FloatArray:

@@ -14,6 +14,8 @@ from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
 CONTACT_TOLERANCE = 1e-4
 """Farthest a contact may be off the surface to count as on it, in metres."""
 
+_UNITS = 1e4  # In a metre: tenths of millimetres.
+
 
 @dataclass(frozen=True, eq=False)
 class ForbiddenPoints:
@@ -160,9 +162,7 @@ class ObjectSurface:
         distances = np.empty(len(p_OP))
         triangles = self.mesh.triangles
         for index, point in enumerate(p_OP):
-            nearest = trimesh.triangles.closest_point(
-                triangles, np.tile(point, (len(triangles), 1))
-            )
+            nearest = _closest_points(triangles, np.tile(point, (len(triangles), 1)))
             away = point - nearest
             squares = np.einsum("ij,ij->i", away, away)
             if not np.all(np.isfinite(squares)):
@@ -182,7 +182,7 @@ class ObjectSurface:
         counts = np.array([len(t) for t in triangles])
         which = np.concatenate(triangles)
         points = np.repeat(p_OP, counts, axis=0)
-        nearest: FloatArray = trimesh.triangles.closest_point(self.patches[which], points)
+        nearest = _closest_points(self.patches[which], points)
         away = nearest - points
         squares = np.einsum("ij,ij->i", away, away)
         starts = np.cumsum(counts) - counts
@@ -198,3 +198,11 @@ class ObjectSurface:
         before = np.cumsum(counts) - counts
         indices: IntArray = np.repeat(starts - before, counts) + np.arange(int(np.sum(counts)))
         return indices
+
+
+def _closest_points(triangles: FloatArray, points: FloatArray) -> FloatArray:
+    """Returns the point of each triangle, shape (k, 3, 3), nearest to its point, shape (k, 3)."""
+    # The tolerances of trimesh are absolute, and in the fourth power of a length: they would count
+    # triangles of millimetres as points.
+    closest: FloatArray = trimesh.triangles.closest_point(_UNITS * triangles, _UNITS * points)
+    return closest / _UNITS

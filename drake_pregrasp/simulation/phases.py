@@ -38,7 +38,7 @@ def last_phase(scenario: Scenario, times: FloatArray) -> slice:
 
 def remaining_static_quality(scenario: Scenario, surface: ObjectSurface) -> GraspQuality:
     """Measures those of the initial contacts that no damage takes and that are active."""
-    p_OC = scenario.initial_p_OC()
+    p_OC = scenario.initial_p_OC(surface)
     weights = np.full(len(p_OC), -np.inf)
     weights[scenario.remaining_contacts()] = 0.0
     regions = compute_safe_regions(surface.p_OQ, p_OC, weights, surface.forbidden)

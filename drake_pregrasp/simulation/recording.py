@@ -1,5 +1,6 @@
 """The Meshcat recording of a run."""
 
+import numpy as np
 from pydrake.geometry import (
     Meshcat,
     MeshcatParams,
@@ -11,6 +12,7 @@ from pydrake.systems.framework import DiagramBuilder
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.errors import OutputError
+from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
 
@@ -22,6 +24,11 @@ _LIGHTS = {
     "PointLightNegativeX": 0.0,
     "PointLightPositiveX": 0.0,
 }
+
+# From where the camera looks, for an object of unit size, and what share of a longer path counts as
+# the object: then all of it is in the picture.
+_CAMERA = np.array([1.75, 1.5, 1.0])
+_VIEW = 0.4
 
 
 def start_meshcat() -> Meshcat:
@@ -52,9 +59,13 @@ def add_recording(
     surface: ObjectSurface,
     tile_surface: ObjectSurface,
     num_contacts: int,
+    path: FloatArray,
     publish_period: float,
 ) -> None:
-    """Adds visualizers of the plant and the planner, looks at the object, and starts recording."""
+    """Adds visualizers of the plant and the planner, looks at the object's path, and records.
+
+    The path holds positions of O in W, shape (k, 3), in metres.
+    """
     MeshcatVisualizer.AddToBuilder(
         builder,
         object_plant.GetOutputPort("query_object"),
@@ -80,9 +91,10 @@ def add_recording(
     ):
         builder.Connect(planner.GetOutputPort(name), visualizer.GetInputPort(name))
     extent = max(0.1, float(surface.mesh.extents.max()))
-    meshcat.SetCameraPose(
-        [2.0 * extent, 1.5 * extent, 1.5 * extent], [0.25 * extent, 0.0, 0.5 * extent]
-    )
+    low, high = path.min(axis=0), path.max(axis=0)
+    target = (low + high) / 2
+    scale = max(extent, _VIEW * float((high - low).max() + extent))
+    meshcat.SetCameraPose(target + scale * _CAMERA, target)
     meshcat.StartRecording(
         frames_per_second=1 / publish_period, set_visualizations_while_recording=True
     )

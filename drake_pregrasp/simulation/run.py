@@ -89,7 +89,7 @@ def run(
 
     diagram = make_diagram(scenario, surface, sink=sink, meshcat=meshcat)
     folder = _prepare_folder(Path(out), name)  # Not before all else is known to be in order.
-    with RunLog(folder / "log.csv", len(scenario.initial_contacts)) as log:
+    with RunLog(folder / "log.csv", scenario.num_contacts) as log:
         write_text(folder / "scenario.yaml", dump_scenario(name, scenario))
         write_graphviz(diagram, folder / "diagram.dot")
         _draw_graphviz(folder / "diagram.dot")

@@ -77,6 +77,8 @@ def log_columns(num_contacts: int) -> list[str]:
         "yaw_wo",
         *_pose_columns("wo_estimated"),
         "position_error",
+        *(f"c{i}_status" for i in contacts),
+        *(f"c{i}_cause" for i in contacts),
     ]
 
 
@@ -102,6 +104,8 @@ def _row(record: TickRecord, previous: TickRecord) -> list[float]:
         float(RollPitchYaw(record.X_WO.rotation()).yaw_angle()),
         *_pose_values(record.X_WO_estimated),
         float(np.linalg.norm(error)),
+        *record.contact_status,
+        *record.contact_causes,
     ]
 
 

@@ -3,18 +3,25 @@
 from dataclasses import dataclass, field
 
 import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
+from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.motion_config import Conveyor, MotionConfig
 from drake_pregrasp.diagrams.object_config import Box, ObjectConfig
 from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
-from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.box_surface import BOX_FACES, box_surface
+from drake_pregrasp.planning.assignment import assign_fingers
+from drake_pregrasp.planning.initial_contacts import ring_contacts
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.simulation.limits_check import check_limits
+from drake_pregrasp.simulation.motion_check import check_motion
+from drake_pregrasp.simulation.obstacle_config import ObstacleConfig, check_obstacles
+from drake_pregrasp.simulation.surface_config import SurfaceConfig, check_surface
 from drake_pregrasp.systems.noise_source import MAX_SEED
 from drake_pregrasp.systems.tick import SLACK, tick_index
 
@@ -31,25 +38,6 @@ class SensorConfig:
 
 
 @dataclass
-class SurfaceConfig:
-    """How the object's surface is sampled."""
-
-    # Largest distance between neighbouring candidate points Y, in metres.
-    spacing: float = field(default=0.005, metadata={"at_least": 0.0005})
-
-    # Faces that become forbidden points Z, by their outward normals in the object frame.
-    forbidden_faces: list[str] = field(
-        default_factory=lambda: ["-z", "+z"], metadata={"one_of": BOX_FACES}
-    )
-
-    # Largest distance between neighbouring forbidden points, in metres.
-    forbidden_spacing: float = field(default=0.02, metadata={"at_least": 0.0005})
-
-    # Radius R_j of each forbidden point, in metres.
-    forbidden_radius: float = field(default=0.005, metadata={"at_least": 0, "at_most": 10})
-
-
-@dataclass
 class DamageEvent:
     """Fingers that are lost during the run."""
 
@@ -60,6 +48,37 @@ class DamageEvent:
     contacts: list[int] = field(
         default_factory=list, metadata={"required": True, "min_length": 1, "at_least": 0}
     )
+
+
+@dataclass
+class HandConfig:
+    """The hand's frame H, in which fingers have their reach."""
+
+    # Where H is: relative to the object's estimated origin if it follows, else in W; in metres.
+    position: list[float] = field(
+        default_factory=lambda: [0.0, 0.0, 0.0],
+        metadata={"length": 3, "at_least": -10, "at_most": 10},
+    )
+
+    # Its orientation in W, as roll, pitch and yaw, in radians. It stays.
+    rpy: list[float] = field(
+        default_factory=lambda: [0.0, 0.0, 0.0],
+        metadata={"length": 3, "at_least": -10, "at_most": 10},
+    )
+
+    # Whether it follows the object.
+    follow: bool = True
+
+    # Where the fingertips are at the start in H, one row each, in metres. If given, each finger
+    # gets the contact that makes all of them together travel least, so that no two cross.
+    fingertips: list[list[float]] = field(
+        default_factory=list, metadata={"elements": {"length": 3, "at_least": -10, "at_most": 10}}
+    )
+
+    def initial_X_WH(self, X_WO: RigidTransform) -> RigidTransform:
+        """Returns the pose of H in W when the object is at X_WO."""
+        p_WH = np.array(self.position) + (X_WO.translation() if self.follow else 0)
+        return RigidTransform(RollPitchYaw(self.rpy), p_WH)
 
 
 @dataclass
@@ -98,7 +117,7 @@ class Scenario:
             time_step=0.025,
             use_sampled_output_ports=False,
             sap_near_rigid_threshold=0.1,
-            contact_model="point",
+            contact_model="hydroelastic_with_fallback",
             discrete_contact_approximation="sap",
         )
     )
@@ -109,8 +128,10 @@ class Scenario:
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     planner: PlannerConfig = field(default_factory=PlannerConfig)
 
-    # Where the contacts start, one row each, in half edge lengths of the object: 1 and -1 are its
-    # faces. The default is calibrated to the static rows of the paper's Table II, for all sizes.
+    # Where the contacts start, one row each, in half extents of the object's bounding box about its
+    # centre: 1 and -1 are a box's faces. On a box they have to be on its surface, on other objects
+    # each starts at the allowed point nearest to that. The default is calibrated to the static
+    # rows of the paper's Table II, for all sizes.
     initial_contacts: list[list[float]] = field(
         default_factory=lambda: [
             [-0.335, 1.0, -0.7],
@@ -122,6 +143,9 @@ class Scenario:
         metadata={"min_length": 1, "elements": {"length": 3}},
     )
 
+    # Instead, how many contacts start on a ring round the centre of mass; 0 for those above.
+    ring_contacts: int = field(default=0, metadata={"at_least": 0, "at_most": 64})
+
     # h_i of Eq. 1 for each contact, in m^2: larger ones have larger regions. Empty: all zero.
     contact_weights: list[float] = field(
         default_factory=list, metadata={"at_least": -1, "at_most": 1}
@@ -130,27 +154,50 @@ class Scenario:
     # Fingers that are lost, which the planner hears of through its port contact_weights.
     damage: list[DamageEvent] = field(default_factory=list)
 
+    # What contacts have to stay clear of in W, such as the table.
+    obstacles: list[ObstacleConfig] = field(default_factory=list)
+
+    hand: HandConfig = field(default_factory=HandConfig)
     recording: RecordingConfig = field(default_factory=RecordingConfig)
 
+    @property
+    def num_contacts(self) -> int:
+        """How many contacts there are."""
+        return self.ring_contacts or len(self.initial_contacts)
+
     def make_surface(self, spacing: float | None = None) -> ObjectSurface:
-        """Returns the object's surface, sampled as `surface` says, or with another spacing."""
-        return box_surface(
-            self.object.size,
-            spacing=self.surface.spacing if spacing is None else spacing,
-            forbidden_faces=self.surface.forbidden_faces,
-            forbidden_spacing=self.surface.forbidden_spacing,
-            forbidden_radius=self.surface.forbidden_radius,
-        )
+        """Returns the object's surface, sampled as `surface` says, or with another spacing.
+
+        Raises:
+            InvalidArgumentError: If the object can't be made, or no ground is left for contacts.
+        """
+        return self.surface.make_surface(self.object, spacing)
 
     def remaining_contacts(self) -> list[int]:
         """Returns the indices of the contacts that no damage event takes."""
         lost = {contact for event in self.damage for contact in event.contacts}
-        return [i for i in range(len(self.initial_contacts)) if i not in lost]
+        return [i for i in range(self.num_contacts) if i not in lost]
 
-    def initial_p_OC(self) -> FloatArray:
-        """Returns the initial contacts in the object frame O, shape (n, 3), in metres."""
-        p_OC: FloatArray = np.array(self.initial_contacts) * np.array(self.object.size) / 2
-        return p_OC
+    def initial_p_OC(self, surface: ObjectSurface) -> FloatArray:
+        """Returns the initial contacts in the object frame O, shape (n, 3), in metres.
+
+        Args:
+            surface: From `make_surface`.
+        """
+        if self.ring_contacts:
+            p_OC = ring_contacts(surface, self.ring_contacts)
+        else:
+            low, high = surface.mesh.bounds
+            p_OC = (low + high) / 2 + np.array(self.initial_contacts) * (high - low) / 2
+            if not isinstance(self.object, Box):
+                p_OC, _ = surface.project(p_OC)
+        if not self.hand.fingertips:
+            return p_OC
+        X_WO = initial_pose(self.motion, self.object)
+        X_OH = X_WO.inverse() @ self.hand.initial_X_WH(X_WO)
+        p_OF: FloatArray = (X_OH @ np.array(self.hand.fingertips).T).T
+        assigned: FloatArray = p_OC[assign_fingers(p_OF, p_OC)]
+        return assigned
 
 
 def validate(scenario: Scenario, source: str = "scenario") -> None:
@@ -163,28 +210,31 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
     Raises:
         ScenarioError: If the scenario can't be simulated.
     """
-    try:
-        distances = scenario.make_surface().distance(scenario.initial_p_OC())
-    except InvalidArgumentError as error:
-        raise ScenarioError(source, "surface.forbidden_faces", str(error)) from error
-    for index, distance in enumerate(distances):
-        if distance > CONTACT_TOLERANCE:
-            raise ScenarioError(
-                source,
-                f"initial_contacts[{index}]",
-                f"{scenario.initial_contacts[index]} is {1e3 * distance:.3g} mm off the surface;"
-                f" at most {1e3 * CONTACT_TOLERANCE} mm, so one coordinate must be 1 or -1"
-                " and none beyond",
-            )
-    count = len(scenario.initial_contacts)
+    surface = check_surface(source, scenario.object, scenario.surface)
+    count = scenario.num_contacts
+    if scenario.ring_contacts > len(surface.p_OQ):
+        problem = f"{count} is more than the {len(surface.p_OQ)} places there are on this surface"
+        raise ScenarioError(source, "ring_contacts", problem)
+    if scenario.hand.fingertips and len(scenario.hand.fingertips) != count:
+        raise ScenarioError(
+            source,
+            "hand.fingertips",
+            f"{len(scenario.hand.fingertips)} rows must be none or one for each of the {count}"
+            " contacts",
+        )
+    check_limits(source, scenario.planner.limits, count, surface)
+    check_obstacles(source, scenario.obstacles)
+    if isinstance(scenario.object, Box) and not scenario.ring_contacts:
+        _validate_contacts_on_a_box(scenario, source, surface)
     if scenario.contact_weights and len(scenario.contact_weights) != count:
         raise ScenarioError(
             source,
             "contact_weights",
             f"{scenario.contact_weights} must be empty or one number for each of the"
-            f" {count} initial_contacts",
+            f" {count} contacts",
         )
     _validate_damage(scenario, source)
+    check_motion(source, scenario.motion, surface)
     try:
         AddMultibodyPlant(scenario.plant_config, DiagramBuilder())
     except RuntimeError as error:
@@ -195,8 +245,21 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
         raise ScenarioError(source, "simulator_config", _first_line(error)) from error
 
 
+def _validate_contacts_on_a_box(scenario: Scenario, source: str, surface: ObjectSurface) -> None:
+    p_OC = np.array(scenario.initial_contacts) * surface.mesh.extents / 2
+    for index, distance in enumerate(np.abs(surface.distance(p_OC))):
+        if distance > CONTACT_TOLERANCE:
+            raise ScenarioError(
+                source,
+                f"initial_contacts[{index}]",
+                f"{scenario.initial_contacts[index]} is {1e3 * distance:.3g} mm off the surface;"
+                f" at most {1e3 * CONTACT_TOLERANCE} mm, so one coordinate must be 1 or -1"
+                " and none beyond",
+            )
+
+
 def _validate_damage(scenario: Scenario, source: str) -> None:
-    left = set(range(len(scenario.initial_contacts)))
+    left = set(range(scenario.num_contacts))
     for index, event in enumerate(scenario.damage):
         key = f"damage[{index}]"
         period = scenario.planner.period

@@ -8,6 +8,7 @@ from pydrake.common.yaml import yaml_dump_typed, yaml_load_data, yaml_load_typed
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.scenario import Scenario, validate
+from drake_pregrasp.simulation.scenario_paths import make_paths_absolute
 from drake_pregrasp.simulation.schema_check import check_mapping
 
 SCENARIO_TEXT = "scenario text"
@@ -15,9 +16,10 @@ SCENARIO_TEXT = "scenario text"
 
 
 def shipped_scenarios() -> dict[str, tuple[Path, str]]:
-    """Returns, for each shipped scenario's name, its file and description."""
+    """Returns, for each shipped scenario's name, its file and description, the paper's first."""
     shipped = {}
-    for file in sorted(resource_folder("scenarios").glob("*.yaml")):
+    files = resource_folder("scenarios").glob("*.yaml")
+    for file in sorted(files, key=lambda file: (file.stem != "paper", file.stem)):
         for name, entry in _entries(file).items():
             shipped[name] = (file, str(entry.get("description", "")))
     return shipped
@@ -45,6 +47,9 @@ def load_scenario(
         file: A YAML file. With one entry only, `name` can be left out.
         text: YAML that overrides single keys, for example `{planner: {period: 0.1}}`.
 
+    Relative paths start at the file's folder, those in `text` at the working directory; they come
+    back absolute.
+
     Raises:
         ScenarioError: If anything is wrong with it; the message names file, key and value.
     """
@@ -61,10 +66,12 @@ def load_scenario(
     scenario: Scenario = yaml_load_typed(
         schema=Scenario, filename=str(file), child_name=name, defaults=Scenario()
     )
+    make_paths_absolute(scenario, file.parent)
     source = str(file)
     if text is not None:
         check_mapping(SCENARIO_TEXT, "", _parse(SCENARIO_TEXT, text), Scenario)
         scenario = yaml_load_typed(schema=Scenario, data=text, defaults=scenario)
+        make_paths_absolute(scenario, Path.cwd())
         source = f"{file} with {SCENARIO_TEXT}"
     try:
         validate(scenario, source)
@@ -90,9 +97,12 @@ def only_name(file: str | Path) -> str:
 def check_scenario(scenario: Scenario) -> None:
     """Checks a scenario that was made or changed in Python as thoroughly as one from a file.
 
+    Its relative paths, which start at the working directory, are made absolute.
+
     Raises:
         ScenarioError: If it can't be simulated.
     """
+    make_paths_absolute(scenario, Path.cwd())
     entry = _parse("scenario", dump_scenario("scenario", scenario))["scenario"]
     check_mapping("scenario", "", entry, Scenario)
     validate(scenario)

@@ -4,16 +4,22 @@ from collections.abc import Callable
 
 import numpy as np
 from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from drake_pregrasp.diagrams.expected_path import expected_path
+from drake_pregrasp.diagrams.object_body import standing_height
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
-from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
+from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.planning.grasp_quality import GraspQuality
 from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.recording import add_recording
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.contact_weights import ContactWeights
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
+from drake_pregrasp.systems.hand_pose import HandPose
+from drake_pregrasp.systems.moving_obstacles import MovingObstacles
 from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
 from drake_pregrasp.systems.tick_logger import TickLogger, TickRecord
@@ -35,7 +41,7 @@ def make_diagram(
         meshcat: Where to draw and record, if at all.
     """
     config = scenario.planner
-    n = len(scenario.initial_contacts)
+    n = scenario.num_contacts
     builder = DiagramBuilder()
     object_plant = builder.AddNamedSystem(
         "object_plant", ObjectPlant(scenario.object, scenario.motion, scenario.plant_config)
@@ -60,10 +66,11 @@ def make_diagram(
             [(event.at, event.contacts) for event in scenario.damage],
         ),
     )
-    planner = AddPregraspPlanner(builder, config, surface, scenario.initial_p_OC())
+    planner = AddPregraspPlanner(builder, config, surface, scenario.initial_p_OC(surface))
     monitor = builder.AddNamedSystem(
         "grasp_quality_monitor", GraspQualityMonitor(num_contacts=n, p_OCoM=surface.p_OCoM)
     )
+    _add_obstacles_and_hand(builder, scenario, planner)
     X_WO = object_plant.GetOutputPort("X_WO")
     builder.Connect(X_WO, sensor.GetInputPort("X_WO"))
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
@@ -84,7 +91,13 @@ def make_diagram(
         )
         builder.Connect(X_WO, logger.GetInputPort("X_WO"))
         builder.Connect(monitor.get_output_port(), logger.GetInputPort("grasp_quality"))
-        for port in ("p_WC", "contact_status", "safe_regions", "X_WO_estimated"):
+        for port in (
+            "p_WC",
+            "contact_status",
+            "contact_causes",
+            "safe_regions",
+            "X_WO_estimated",
+        ):
             builder.Connect(planner.GetOutputPort(port), logger.GetInputPort(port))
     if meshcat is not None:
         add_recording(
@@ -95,8 +108,27 @@ def make_diagram(
             surface=surface,
             tile_surface=scenario.make_surface(scenario.recording.tile_size),
             num_contacts=n,
+            path=expected_path(
+                scenario.motion, scenario.simulation_duration, standing_height(scenario.object)
+            ),
             publish_period=scenario.recording.publish_period,
         )
     diagram = builder.Build()
     diagram.set_name("pregrasp_simulation")
     return diagram
+
+
+def _add_obstacles_and_hand(
+    builder: DiagramBuilder, scenario: Scenario, planner: PregraspPlanner
+) -> None:
+    if scenario.obstacles:
+        obstacles = builder.AddNamedSystem(
+            "moving_obstacles", MovingObstacles([moving_solid(o) for o in scenario.obstacles])
+        )
+        builder.Connect(obstacles.get_output_port(), planner.GetInputPort("obstacles"))
+    if scenario.planner.limits.reach:
+        hand = scenario.hand
+        X_WH = hand.initial_X_WH(RigidTransform())
+        pose = builder.AddNamedSystem("hand_pose", HandPose(X_WH, follow=hand.follow))
+        builder.Connect(planner.GetOutputPort("X_WO_estimated"), pose.get_input_port())
+        builder.Connect(pose.get_output_port(), planner.GetInputPort("X_WH"))

@@ -115,7 +115,7 @@ class CaseLog:
 
     def p_OC(self, tick: int) -> FloatArray:
         """Returns the active contacts' goals at a tick, in O as it is estimated, shape (k, 3)."""
-        count = len(self.scenario.initial_contacts)
+        count = self.scenario.num_contacts
         active = [i for i in range(count) if self.columns[f"c{i}_active"][tick]]
         p_WC = np.array([[self.columns[f"c{i}_{a}"][tick] for a in "xyz"] for i in active])
         p_WO = np.array([self.columns[f"{a}_wo_estimated"][tick] for a in "xyz"])

@@ -194,7 +194,7 @@ def position_surrounds(logs: Logs) -> Claim:
 
 
 def _faces(log: CaseLog) -> set[str]:
-    half = np.array(log.scenario.object.size) / 2
+    half = log.scenario.object.make_shape().mesh.extents / 2
     relative = log.p_OC(-1) / half
     axes = np.argmax(np.abs(relative), axis=1)
     return {
@@ -216,7 +216,7 @@ def volume_goes_outwards(logs: Logs) -> Claim:
 
 
 def _edge_distance(log: CaseLog) -> float:
-    half = np.array(log.scenario.object.size) / 2
+    half = log.scenario.object.make_shape().mesh.extents / 2
     inside = np.sort(half - np.abs(log.p_OC(-1)), axis=1)  # The first is the contact's own face.
     return float(1e3 * np.mean(inside[:, 1]))
 

@@ -37,7 +37,7 @@ def discretisation_costs(
     """
     fine = scenario.make_surface(REFERENCE_SPACING)
     coarse = {spacing: scenario.make_surface(spacing) for spacing in SPACINGS}
-    half = np.array(scenario.object.size) / 2
+    half = fine.mesh.extents / 2
     covariance = scenario.planner.position_spread**2 * np.eye(3)
     costs = {spacing: np.zeros(starts) for spacing in SPACINGS}
     for start in range(starts):

@@ -37,7 +37,8 @@ def figure_2c(scenario: Scenario, contact: int) -> Figure:
         scenario: Object, surface and initial contacts.
         contact: Whose region is shown.
     """
-    surface, p_OC = scenario.make_surface(0.0025), scenario.initial_p_OC()
+    surface = scenario.make_surface(0.0025)
+    p_OC = scenario.initial_p_OC(surface)
     regions = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(len(p_OC)), surface.forbidden)
     covariance = scenario.planner.position_spread**2 * np.eye(3)
     selection = SelectionInput(surface, p_OC, regions, covariance)
@@ -95,7 +96,7 @@ def figure_4(logs: Mapping[str, CaseLog]) -> Figure:
     figure = Figure(figsize=(10, 2.1 * rows + 0.8), layout="constrained")
     axes = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False)
     for axis, (case, log) in zip(axes.flat, logs.items(), strict=False):
-        count = sum(log.columns[f"c{i}_active"] for i in range(len(log.scenario.initial_contacts)))
+        count = sum(log.columns[f"c{i}_active"] for i in range(log.scenario.num_contacts))
         for name, label, color, scale in (
             ("q_msv", r"$Q_{MSV}/\sqrt{n}$", "black", np.sqrt(count)),
             ("q_gii", r"$Q_{GII}$", _BLUE, 1.0),

@@ -226,7 +226,7 @@ def _regions_at(log: CaseLog, tick: int) -> tuple[ObjectSurface, IntArray, Float
     """Returns surface, labels, goals and their indices at a tick."""
     scenario = log.scenario
     surface, p_OC = scenario.make_surface(), log.p_OC(tick)
-    count = len(scenario.initial_contacts)
+    count = scenario.num_contacts
     contacts = [i for i in range(count) if log.columns[f"c{i}_active"][tick]]
     weights = np.zeros(len(contacts))
     regions = compute_safe_regions(surface.p_OQ, p_OC, weights, surface.forbidden)

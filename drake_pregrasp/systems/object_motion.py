@@ -1,11 +1,13 @@
-"""The commanded motion of the table that carries the object."""
+"""Commanded positions and rates of the joints that move the object."""
 
 import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from drake_pregrasp.planning.velocity_profile import VelocityProfile
+
 
 class ObjectMotion(LeafSystem):
-    """Commands a constant twist to the conveyor and turntable under the object.
+    """Commands the joints under or behind the object: conveyor and turntable, or a pusher.
 
     .. pydrake_system::
 
@@ -13,20 +15,19 @@ class ObjectMotion(LeafSystem):
         output_ports:
         - desired_state
 
-    Port `desired_state` emits a vector of 4: [v t, w t, v, w], the carriage's position in metres,
-    the turntable's angle in radians and their rates, at time t.
+    Port `desired_state` emits a vector of 2 k: the k positions, from 0 at time 0, then their k
+    rates, in metres or radians and seconds.
 
     Args:
-        linear_velocity: v along x of the world W, in m/s.
-        angular_velocity: w about z of W, in rad/s.
+        profile: The rates over time.
     """
 
-    def __init__(self, *, linear_velocity: float, angular_velocity: float) -> None:
+    def __init__(self, profile: VelocityProfile) -> None:
         super().__init__()
-        self._velocity = np.array([linear_velocity, angular_velocity])
+        self._profile = profile
         self.DeclareVectorOutputPort(
-            "desired_state", 4, self._calc_desired_state, {self.time_ticket()}
+            "desired_state", 2 * profile.size, self._calc_desired_state, {self.time_ticket()}
         )
 
     def _calc_desired_state(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.concatenate([self._velocity * context.get_time(), self._velocity]))
+        output.SetFromVector(np.concatenate(self._profile.at(context.get_time())))

@@ -55,8 +55,7 @@ class PoseEstimator(LeafSystem):
     Args:
         period: Seconds between measurements, greater than zero.
         noise: What the filter assumes.
-        p_OCoM: The object's centre of mass in O, shape (3,), in metres. Where a measured
-            orientation puts it is taken as measured; the noise in that is not modelled.
+        p_OCoM: The object's centre of mass in O, shape (3,), in metres.
         lookahead: Seconds by which the outputs are predicted ahead of the time, at least zero.
 
     Raises:
@@ -121,10 +120,10 @@ class PoseEstimator(LeafSystem):
             w, x, y, z = X_WO.rotation().ToQuaternion().wxyz()
             R_WO = Rotation.from_quat([x, y, z, w])
             if belief.is_empty or belief.time > time:  # The latter if the Context was set back.
-                belief = first_belief(time, p_WCoM, R_WO, self._noise)
+                belief = first_belief(time, p_WCoM, R_WO, self._noise, self._p_OCoM)
             else:
                 prior = predict(belief, time - belief.time, self._noise)
-                belief = update(prior, p_WCoM, R_WO, self._noise)
+                belief = update(prior, p_WCoM, R_WO, self._noise, self._p_OCoM)
         else:
             belief = predict(belief, max(0.0, time - belief.time), self._noise)
         output.set_value(belief)

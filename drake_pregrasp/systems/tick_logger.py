@@ -20,6 +20,7 @@ class TickRecord:
         time: In seconds.
         p_WC: Contact goals in W, shape (n, 3), in metres.
         contact_status: `ContactStatus` of each, shape (n,).
+        contact_causes: The contact or obstacle behind it, or -1, shape (n,).
         grasp_quality: As `GraspQualityMonitor` emits it, shape (5,).
         region_sizes: Number of candidates in each safe region, shape (n,).
         X_WO: The object's true pose.
@@ -30,6 +31,7 @@ class TickRecord:
     time: float
     p_WC: FloatArray
     contact_status: FloatArray
+    contact_causes: FloatArray
     grasp_quality: FloatArray
     region_sizes: IntArray
     X_WO: RigidTransform
@@ -50,10 +52,12 @@ class TickLogger(LeafSystem):
         - safe_regions
         - X_WO
         - X_WO_estimated
+        - contact_causes
 
-    The ports accept what the ports of these names emit: `p_WC` and `contact_status` of
-    `CentroidSelector`, `grasp_quality` of `GraspQualityMonitor`, `safe_regions` of
-    `SafeRegionPartitioner`, `X_WO` of `ObjectPlant` and `X_WO_estimated` of `PoseEstimator`.
+    The ports accept what the ports of these names emit: `p_WC`, `contact_status` and
+    `contact_causes` of `CentroidSelector`, `grasp_quality` of `GraspQualityMonitor`,
+    `safe_regions` of `SafeRegionPartitioner`, `X_WO` of `ObjectPlant` and `X_WO_estimated` of
+    `PoseEstimator`.
 
     Publish events of one time run in the order in which systems were added: to time the planner,
     and not a cache look-up, add this system before visualizers.
@@ -85,6 +89,7 @@ class TickLogger(LeafSystem):
         self._X_WO_estimated = self.DeclareAbstractInputPort(
             "X_WO_estimated", AbstractValue.Make(RigidTransform())
         )
+        self._contact_causes = self.DeclareVectorInputPort("contact_causes", num_contacts)
         self.DeclarePeriodicPublishEvent(period, 0.0, self._log)
 
     def _log(self, context: Context) -> EventStatus:
@@ -98,6 +103,7 @@ class TickLogger(LeafSystem):
                 time=context.get_time(),
                 p_WC=p_WC.reshape(-1, 3).copy(),
                 contact_status=self._contact_status.Eval(context).copy(),
+                contact_causes=self._contact_causes.Eval(context).copy(),
                 grasp_quality=self._grasp_quality.Eval(context).copy(),
                 region_sizes=regions.sizes(),
                 X_WO=RigidTransform(self._X_WO.Eval(context)),

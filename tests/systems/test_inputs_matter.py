@@ -22,7 +22,7 @@ from drake_pregrasp.planning.safe_regions import SafeRegions, compute_safe_regio
 from drake_pregrasp.planning.solids import BallSolid
 
 SURFACE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
-P_OC = load_scenario("a_base").initial_p_OC()
+P_OC = load_scenario("a_base").initial_p_OC(SURFACE)
 X_A = RigidTransform()
 X_B = RigidTransform(RollPitchYaw(0.1, -0.2, 0.3), [0.02, 0.03, 0.01])
 OTHER = P_OC * [1, -1, 1]

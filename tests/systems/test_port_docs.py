@@ -8,9 +8,11 @@ import numpy as np
 import pytest
 import yaml
 from pydrake.geometry import Meshcat, MeshcatParams
-from pydrake.multibody.plant import MultibodyPlantConfig
-from pydrake.multibody.tree import BodyIndex
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import BodyIndex, SpatialInertia
 from pydrake.systems.framework import System
+from scipy.spatial.transform import Rotation
 
 import drake_pregrasp.diagrams
 import drake_pregrasp.systems
@@ -18,29 +20,45 @@ from drake_pregrasp import ObjectPlant, PlannerConfig, PregraspPlanner
 from drake_pregrasp.diagrams.motion_config import Conveyor
 from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
+from drake_pregrasp.planning.pose_track import PoseTrack
+from drake_pregrasp.planning.velocity_profile import VelocityProfile
 from drake_pregrasp.systems.body_pose import BodyPose
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.contact_weights import ContactWeights
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
+from drake_pregrasp.systems.launch import Launch
 from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.object_motion import ObjectMotion
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
+from drake_pregrasp.systems.pose_replay import PoseReplay
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
 from drake_pregrasp.systems.tick_logger import TickLogger
+
+
+def make_launch() -> Launch:
+    plant = MultibodyPlant(0.01)
+    body = plant.AddRigidBody("body", SpatialInertia.SolidBoxWithMass(1.0, 0.1, 0.1, 0.1))
+    plant.Finalize()
+    return Launch(plant, body, SpatialVelocity.Zero())
+
 
 PLANT = MultibodyPlantConfig(time_step=0.0125, discrete_contact_approximation="sap")
 MAKERS = {
     BodyPose: lambda s, c: BodyPose(BodyIndex(1)),
     CentroidSelector: lambda s, c: CentroidSelector(surface=s, p_OC=c, period=0.1),
     ContactWeights: lambda s, c: ContactWeights(np.zeros(len(c))),
+    Launch: lambda s, c: make_launch(),
     GraspQualityMonitor: lambda s, c: GraspQualityMonitor(num_contacts=len(c)),
     NoiseSource: lambda s, c: NoiseSource(size=2, period=0.1),
     NoisyPoseSensor: lambda s, c: NoisyPoseSensor(position_std=0, orientation_std=0),
-    ObjectMotion: lambda s, c: ObjectMotion(linear_velocity=0, angular_velocity=0),
+    ObjectMotion: lambda s, c: ObjectMotion(VelocityProfile([[0.0, 0.0, 0.0]])),
     ObjectPlant: lambda s, c: ObjectPlant(Box(), Conveyor(), PLANT),
     PoseEstimator: lambda s, c: PoseEstimator(period=0.1, noise=filter_noise(EstimatorConfig())),
+    PoseReplay: lambda s, c: PoseReplay(
+        PoseTrack(np.zeros(1), np.zeros((1, 3)), Rotation.identity(1))
+    ),
     PregraspPlanner: lambda s, c: PregraspPlanner(PlannerConfig(), s, c),
     PregraspVisualizer: lambda s, c: PregraspVisualizer(
         meshcat=Meshcat(MeshcatParams(host="localhost")),

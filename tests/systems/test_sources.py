@@ -6,12 +6,16 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import AddRandomInputs
+from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp.planning.pose_track import PoseTrack
+from drake_pregrasp.planning.velocity_profile import VelocityProfile
 from drake_pregrasp.systems.body_pose import BodyPose
 from drake_pregrasp.systems.contact_weights import ContactWeights
 from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.object_motion import ObjectMotion
+from drake_pregrasp.systems.pose_replay import PoseReplay
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
 
 
@@ -23,11 +27,40 @@ def noise_at(source, time, seed=None):
     return source.get_output_port().Eval(context)
 
 
-def test_motion_commands_position_and_rate():
-    motion = ObjectMotion(linear_velocity=0.1, angular_velocity=-0.5)
+def commanded(motion, time):
     context = motion.CreateDefaultContext()
-    context.SetTime(3.0)
-    np.testing.assert_allclose(motion.get_output_port().Eval(context), [0.3, -1.5, 0.1, -0.5])
+    context.SetTime(time)
+    return motion.get_output_port().Eval(context)
+
+
+def test_a_constant_motion_commands_position_and_rate():
+    motion = ObjectMotion(VelocityProfile([[0.0, 0.1, -0.5]]))
+    np.testing.assert_array_equal(commanded(motion, 3.0), [0.1 * 3.0, -0.5 * 3.0, 0.1, -0.5])
+
+
+def track(times=(1.0, 2.0, 4.0)):
+    p = np.array([[0.0, 0, 0], [1, 0, 0], [1, 2, 0]])
+    return PoseTrack(np.array(times), p, Rotation.from_rotvec([[0, 0, 0], [0, 0, 1], [0, 0, -1]]))
+
+
+def test_a_replay_passes_through_the_recorded_poses_and_stands_still_outside():
+    replay = PoseReplay(track())
+    context = replay.CreateDefaultContext()
+    for time, p_WO, yaw in (
+        (0.0, [0, 0, 0], 0.0),
+        (1.0, [0, 0, 0], 0.0),
+        (1.5, [0.5, 0, 0], 0.5),
+        (2.0, [1, 0, 0], 1.0),
+        (3.5, [1, 1.5, 0], -0.5),
+        (9.0, [1, 2, 0], -1.0),
+    ):
+        context.SetTime(time)
+        X_WO = replay.GetOutputPort("X_WO").Eval(context)
+        np.testing.assert_allclose(X_WO.translation(), p_WO, atol=1e-12)
+        assert RollPitchYaw(X_WO.rotation()).yaw_angle() == pytest.approx(yaw, abs=1e-12)
+        poses = replay.GetOutputPort("geometry_pose").Eval(context)
+        (frame_id,) = poses.ids()
+        assert poses.value(frame_id).IsExactlyEqualTo(X_WO)
 
 
 def test_body_pose_picks_its_body():

@@ -1,0 +1,31 @@
+"""The object on a table that moves."""
+
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
+from pydrake.systems.framework import DiagramBuilder
+
+from drake_pregrasp.diagrams.motion_config import Conveyor
+from drake_pregrasp.diagrams.moving_object import MovingObject, add_model, add_pose_output
+from drake_pregrasp.diagrams.object_body import add_object_body, standing_height
+from drake_pregrasp.diagrams.object_config import ObjectConfig
+from drake_pregrasp.planning.velocity_profile import VelocityProfile
+from drake_pregrasp.systems.object_motion import ObjectMotion
+
+
+def add_conveyor(
+    builder: DiagramBuilder,
+    object_config: ObjectConfig,
+    motion: Conveyor,
+    plant_config: MultibodyPlantConfig,
+) -> MovingObject:
+    """Puts the object at rest on the middle of a table that then moves as commanded."""
+    plant, scene_graph = AddMultibodyPlant(plant_config, builder)
+    body = add_object_body(plant, object_config)
+    table = add_model(plant, "conveyor_table.sdf")
+    plant.Finalize()
+    X_WO = RigidTransform([0.0, 0.0, standing_height(object_config)])
+    plant.SetDefaultFloatingBaseBodyPose(body, X_WO)
+    profile = VelocityProfile(motion.velocities())
+    command = builder.AddNamedSystem("object_motion", ObjectMotion(profile))
+    builder.Connect(command.get_output_port(), plant.get_desired_state_input_port(table))
+    return MovingObject(plant, scene_graph, add_pose_output(builder, plant, body))

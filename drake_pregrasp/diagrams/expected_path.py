@@ -1,0 +1,64 @@
+"""Where the object goes, roughly and without a simulation: what a camera has to see."""
+
+from pathlib import Path
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+
+from drake_pregrasp.diagrams.motion_config import (
+    Conveyor,
+    MotionConfig,
+    PoseStream,
+    Push,
+    Toss,
+)
+from drake_pregrasp.diagrams.object_body import standing_height
+from drake_pregrasp.diagrams.object_config import ObjectConfig
+from drake_pregrasp.diagrams.push_motion import push_direction
+from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.pose_track import read_pose_track
+from drake_pregrasp.planning.velocity_profile import VelocityProfile
+from drake_pregrasp.resources import resolve_path
+
+_SAMPLES = 50
+_GRAVITY = np.array([0.0, 0.0, -9.81])
+
+
+def expected_path(motion: MotionConfig, duration: float, height: float) -> FloatArray:
+    """Returns positions of O in W over the run, shape (k, 3), in metres.
+
+    Args:
+        motion: How the object moves.
+        duration: Of the run, in seconds.
+        height: Of O over a table that the object stands on, in metres.
+    """
+    times = np.linspace(0.0, duration, _SAMPLES)
+    start = np.array([0.0, 0.0, height])
+    if isinstance(motion, Conveyor):
+        profile = VelocityProfile(motion.velocities())
+        path = [start + np.array([profile.at(time)[0][0], 0.0, 0.0]) for time in times]
+    elif isinstance(motion, Toss):
+        position, velocity = np.array(motion.position), np.array(motion.velocity)
+        path = [position + t * velocity + t**2 / 2 * _GRAVITY for t in times]
+        landed = [p[2] < height for p in path]
+        if motion.table and any(landed):
+            path = path[: landed.index(True) + 1]
+    elif isinstance(motion, Push):
+        way = np.linspace(0.0, motion.distance, _SAMPLES)
+        path = [start + distance * np.array(push_direction(motion)) for distance in way]
+    else:
+        track = read_pose_track(resolve_path(motion.file, Path.cwd()))
+        path = [track.at(time)[0] for time in times]
+    return np.array(path)
+
+
+def initial_pose(motion: MotionConfig, object_config: ObjectConfig) -> RigidTransform:
+    """Returns where the object O starts in W."""
+    if isinstance(motion, Toss):
+        R_WO = RollPitchYaw(motion.rpy).ToRotationMatrix()
+        p_OCoM = object_config.make_shape().p_OCoM
+        return RigidTransform(R_WO, np.array(motion.position) - R_WO @ p_OCoM)
+    if isinstance(motion, PoseStream):
+        position, rotation = read_pose_track(resolve_path(motion.file, Path.cwd())).at(0.0)
+        return RigidTransform(RotationMatrix(rotation.as_matrix()), position)
+    return RigidTransform([0.0, 0.0, standing_height(object_config)])

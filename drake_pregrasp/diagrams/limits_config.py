@@ -1,0 +1,112 @@
+"""What holds contact goals back, and what keeps them apart."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.math import RollPitchYaw
+
+from drake_pregrasp.planning.contact_limits import ContactLimits, CoupledPair
+from drake_pregrasp.planning.solids import BallSolid, BoxSolid, Solid
+
+_POINT = {"length": 3, "at_least": -10, "at_most": 10}
+_LENGTH = {"at_least": 0, "at_most": 10}
+
+
+def _zeros() -> list[float]:
+    return [0.0, 0.0, 0.0]
+
+
+@dataclass
+class BallReach:
+    """A finger that reaches everything inside a ball."""
+
+    # The ball's centre in the hand's frame H, in metres.
+    center: list[float] = field(default_factory=_zeros, metadata={"required": True, **_POINT})
+
+    # Its radius, in metres.
+    radius: float = field(default=0.0, metadata={"required": True, "above": 0, "at_most": 10})
+
+    def make_solid(self) -> Solid:
+        """Returns the ball, in H."""
+        return BallSolid(np.array(self.center), self.radius)
+
+
+@dataclass
+class BoxReach:
+    """A finger that reaches everything inside a box."""
+
+    # Edge lengths, in metres.
+    size: list[float] = field(
+        default_factory=_zeros, metadata={"required": True, "length": 3, **_LENGTH}
+    )
+
+    # Its centre in the hand's frame H, in metres.
+    center: list[float] = field(default_factory=_zeros, metadata=_POINT)
+
+    # Its orientation in H, as roll, pitch and yaw, in radians.
+    rpy: list[float] = field(
+        default_factory=_zeros, metadata={"length": 3, "at_least": -10, "at_most": 10}
+    )
+
+    def make_solid(self) -> Solid:
+        """Returns the box, in H."""
+        R_HB = RollPitchYaw(self.rpy).ToRotationMatrix().matrix()
+        return BoxSolid(np.array(self.center), R_HB, np.array(self.size))
+
+
+@dataclass
+class Pair:
+    """Two contacts of one finger, as its tip and the joint before it, at a fixed distance."""
+
+    # Index of the contact that moves freely.
+    first: int = field(default=0, metadata={"required": True, "at_least": 0})
+
+    # Index of the contact that follows it.
+    second: int = field(default=0, metadata={"required": True, "at_least": 0})
+
+    # Their distance, in metres.
+    distance: float = field(default=0.0, metadata={"required": True, "above": 0, "at_most": 10})
+
+    # By how much it may be off, in metres.
+    tolerance: float = field(default=0.0005, metadata={"at_least": 1e-5, "at_most": 1})
+
+
+@dataclass
+class LimitsConfig:
+    """What holds contact goals back, and what keeps them apart."""
+
+    # Largest speed of a goal over the object, in m/s; 0 for no limit.
+    max_speed: float = field(default=0.0, metadata=_LENGTH)
+
+    # Largest step of a goal over the object in one tick, in metres; 0 for no limit.
+    max_step: float = field(default=0.0, metadata=_LENGTH)
+
+    # A goal stays as long as what it should move to is nearer than that, in metres.
+    deadband: float = field(default=0.0, metadata=_LENGTH)
+
+    # Radius of each fingertip, in metres: tips at active contacts don't overlap. Empty: points.
+    tip_radii: list[float] = field(default_factory=list, metadata=_LENGTH)
+
+    # Between fingertips and obstacles, in metres.
+    clearance: float = field(default=0.004, metadata=_LENGTH)
+
+    # Where each finger can be, in the hand's frame H. Empty: everywhere.
+    reach: list[BallReach | BoxReach] = field(default_factory=list)
+
+    # Contacts that keep a distance.
+    pairs: list[Pair] = field(default_factory=list)
+
+    # Whether a contact without a region moves to the nearest place that it may have.
+    recover: bool = False
+
+    def make_limits(self, period: float) -> ContactLimits:
+        """Returns the limits for goals that are planned once a period, in seconds."""
+        steps = [self.max_step, self.max_speed * period]
+        return ContactLimits(
+            max_step=min((step for step in steps if step > 0), default=np.inf),
+            deadband=self.deadband,
+            pairs=tuple(
+                CoupledPair(p.first, p.second, p.distance, p.tolerance) for p in self.pairs
+            ),
+            recover=self.recover,
+        )

@@ -1,0 +1,95 @@
+"""The object as a body of a plant, made from the same mesh that the planner's surface is.
+
+A box stands on four small spheres, and is a box for whatever else touches it. Every other shape is
+its own triangle mesh, as a rigid hydroelastic body: contact is then right for concave shapes too,
+with no convex decomposition in between that would fill a cup or thicken a handle, and its patches
+of pressure hold the object on a moving table without the hopping of single contact points. Drake
+allows a rigid mesh only against a compliant partner, so tables and pushers are compliant.
+"""
+
+import numpy as np
+from pydrake.common import MemoryFile
+from pydrake.geometry import (
+    AddContactMaterial,
+    AddRigidHydroelasticProperties,
+    GeometryId,
+    InMemoryMesh,
+    ProximityProperties,
+)
+from pydrake.geometry import Box as BoxGeometry
+from pydrake.geometry import Mesh as MeshGeometry
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
+from pydrake.multibody.tree import RigidBody, RotationalInertia, SpatialInertia
+
+from drake_pregrasp.diagrams.box_model import resized_box_sdf
+from drake_pregrasp.diagrams.object_config import Box, ObjectConfig
+from drake_pregrasp.planning.shapes import Shape
+from drake_pregrasp.resources import resource_folder
+
+FIRST_TOUCH = 1e-6
+"""Depth in metres by which the object starts in the table: without any contact, it would fall
+freely for one time step, and start with a bounce."""
+
+_FRICTION = CoulombFriction(static_friction=0.8, dynamic_friction=0.8)
+_COLOR = np.array([0.78, 0.80, 0.83, 1.0])
+_DIGITS = 12  # Of coordinates in the text that carries a mesh to Drake.
+
+
+def add_object_body(plant: MultibodyPlant, object_config: ObjectConfig) -> RigidBody:
+    """Adds the object to a plant that isn't finalized, and returns its body; its frame is O."""
+    if isinstance(object_config, Box):
+        sdf = resized_box_sdf(
+            resource_folder("models") / "cube.sdf", object_config.size, object_config.mass
+        )
+        (cube,) = Parser(plant).AddModelsFromString(sdf, "sdf")
+        return plant.GetBodyByName("cube", cube)
+    shape = object_config.make_shape()
+    body = plant.AddRigidBody(
+        "object",
+        plant.AddModelInstance("object"),
+        _spatial_inertia(shape, object_config.mass),
+    )
+    if plant.geometry_source_is_registered():
+        text = shape.mesh.export(file_type="obj", digits=_DIGITS)
+        mesh = MeshGeometry(
+            mesh_data=InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "object.obj")), scale=1.0
+        )
+        properties = ProximityProperties()
+        AddContactMaterial(friction=_FRICTION, properties=properties)
+        AddRigidHydroelasticProperties(properties=properties)
+        X_OG = RigidTransform()
+        plant.RegisterCollisionGeometry(body, X_OG, mesh, "surface", properties)
+        plant.RegisterVisualGeometry(body, X_OG, mesh, "surface", _COLOR)
+    return body
+
+
+def add_solid_collision(
+    plant: MultibodyPlant, body: RigidBody, object_config: ObjectConfig
+) -> list[GeometryId]:
+    """Lets a box be touched everywhere, not only where it stands; other shapes can be anyway.
+
+    Returns:
+        What was added. On a table it would be one hopping contact point.
+    """
+    if not isinstance(object_config, Box):
+        return []
+    geometry = BoxGeometry(*np.array(object_config.size))
+    return [plant.RegisterCollisionGeometry(body, RigidTransform(), geometry, "solid", _FRICTION)]
+
+
+def standing_height(object_config: ObjectConfig) -> float:
+    """Returns the height of O, in metres, over the table that the object stands on."""
+    lowest = float(np.min(object_config.make_shape().mesh.vertices[:, 2]))
+    return -lowest - FIRST_TOUCH
+
+
+def _spatial_inertia(shape: Shape, mass: float) -> SpatialInertia:
+    """Returns the inertia of a homogeneous body, about O and expressed in O."""
+    I = shape.mesh.moment_inertia * (mass / shape.mesh.volume)  # noqa: E741
+    return SpatialInertia.MakeFromCentralInertia(
+        mass,
+        shape.p_OCoM,
+        RotationalInertia(I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]),
+    )

@@ -1,0 +1,52 @@
+"""Velocities over time, and the positions they lead to."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.planning.arrays import FloatArray
+
+
+class VelocityProfile:
+    """Velocities that are linear between the rows of a table, and stay as they are after the last.
+
+    Args:
+        rows: Each a time in seconds and the k velocities then; times increase from 0. One row makes
+            a constant velocity.
+
+    Raises:
+        InvalidArgumentError: If the times are otherwise, or rows differ in length.
+    """
+
+    def __init__(self, rows: Sequence[Sequence[float]]) -> None:
+        if not rows or len({len(row) for row in rows}) != 1 or len(rows[0]) < 2:
+            raise InvalidArgumentError(
+                f"a profile needs rows of one length, a time and velocities, not {rows}"
+            )
+        table = np.array(rows, dtype=float)
+        self._times, self._velocities = table[:, 0], table[:, 1:]
+        steps = np.diff(self._times)
+        if self._times[0] != 0 or not np.all(steps > 0):
+            raise InvalidArgumentError(
+                f"a profile's times must increase from 0, not be {self._times.tolist()}"
+            )
+        areas = steps[:, None] * (self._velocities[:-1] + self._velocities[1:]) / 2
+        self._positions = np.vstack([np.zeros(self.size), np.cumsum(areas, axis=0)])
+
+    @property
+    def size(self) -> int:
+        """The number k of velocities."""
+        return int(self._velocities.shape[1])
+
+    def at(self, time: float) -> tuple[FloatArray, FloatArray]:
+        """Returns positions and velocities at a time from 0 on, shapes (k,).
+
+        Positions start at 0 and are the exact integral: over a linear piece, the time times the
+        mean of the velocities at its ends.
+        """
+        row = int(np.searchsorted(self._times, time, side="right")) - 1
+        velocities = np.array([np.interp(time, self._times, v) for v in self._velocities.T])
+        mean = (self._velocities[row] + velocities) / 2
+        positions: FloatArray = self._positions[row] + (time - self._times[row]) * mean
+        return positions, velocities

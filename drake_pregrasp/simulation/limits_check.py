@@ -1,0 +1,77 @@
+"""What no single key of the limits shows."""
+
+import numpy as np
+
+from drake_pregrasp.diagrams.limits_config import LimitsConfig
+from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.planning.surface import ObjectSurface
+
+
+def check_limits(
+    source: str, limits: LimitsConfig, num_contacts: int, surface: ObjectSurface
+) -> None:
+    """Raises a `ScenarioError` if limits contradict each other, or the object.
+
+    Args:
+        source: Where the scenario is from, for the message.
+        limits: Loaded, with keys and types checked.
+        num_contacts: n.
+        surface: The object's.
+    """
+    key = "planner.limits"
+    for name in ("tip_radii", "reach"):
+        count = len(getattr(limits, name))
+        if count not in (0, num_contacts):
+            raise ScenarioError(
+                source,
+                f"{key}.{name}",
+                f"{count} elements must be none or one for each of the {num_contacts} contacts",
+            )
+    longest = float(np.linalg.norm(surface.mesh.extents))
+    for index, pair in enumerate(limits.pairs):
+        pair_key = f"{key}.pairs[{index}]"
+        for contact in (pair.first, pair.second):
+            if contact >= num_contacts:
+                problem = f"there is no contact {contact}; there are 0 to {num_contacts - 1}"
+                raise ScenarioError(source, pair_key, problem)
+        if pair.first == pair.second:
+            raise ScenarioError(source, pair_key, f"contact {pair.first} can't follow itself")
+        if pair.distance > longest:
+            raise ScenarioError(
+                source,
+                f"{pair_key}.distance",
+                f"{pair.distance} is more than the object's own {longest:.3g} m",
+            )
+        if limits.tip_radii:
+            room = limits.tip_radii[pair.first] + limits.tip_radii[pair.second]
+            if pair.distance < room:
+                raise ScenarioError(
+                    source,
+                    f"{pair_key}.distance",
+                    f"{pair.distance} contradicts tip_radii, which keep the two {room:.3g} m apart",
+                )
+    try:
+        limits.make_limits(period=1.0)
+    except InvalidArgumentError as error:
+        raise ScenarioError(source, f"{key}.pairs", str(error)) from error
+    if limits.deadband > longest:
+        raise ScenarioError(
+            source,
+            f"{key}.deadband",
+            f"{limits.deadband} is more than the object's own {longest:.3g} m: no goal would move",
+        )
+    _check_room(source, limits, surface)
+
+
+def _check_room(source: str, limits: LimitsConfig, surface: ObjectSurface) -> None:
+    """Fingertips need room, if not on the ground itself, then over its convex hull."""
+    if not limits.tip_radii:
+        return
+    largest = max(limits.tip_radii)
+    extent = float(np.max(surface.mesh.extents))
+    if largest > extent:
+        raise ScenarioError(
+            source,
+            "planner.limits.tip_radii",
+            f"{largest} is more than the object's own {extent:.3g} m; radii are in metres",
+        )

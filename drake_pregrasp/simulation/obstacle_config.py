@@ -1,0 +1,95 @@
+"""Obstacles in the world."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.math import RollPitchYaw
+
+from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace, Solid
+from drake_pregrasp.systems.moving_obstacles import MovingSolid
+
+_POINT = {"length": 3, "at_least": -100, "at_most": 100}
+_SIZE = {"length": 3, "above": 0, "at_most": 100}
+_VELOCITY = {"length": 3, "at_least": -10, "at_most": 10}
+
+
+def _zeros() -> list[float]:
+    return [0.0, 0.0, 0.0]
+
+
+@dataclass
+class BallObstacle:
+    """A ball that moves steadily."""
+
+    # Its radius, in metres.
+    radius: float = field(default=0.0, metadata={"required": True, "above": 0, "at_most": 100})
+
+    # Its centre at the start in W, in metres.
+    center: list[float] = field(default_factory=_zeros, metadata=_POINT)
+
+    # Its velocity in W, in m/s.
+    velocity: list[float] = field(default_factory=_zeros, metadata=_VELOCITY)
+
+    def make_solid(self) -> Solid:
+        """Returns the ball at the start, in W."""
+        return BallSolid(np.array(self.center), self.radius)
+
+
+@dataclass
+class BoxObstacle:
+    """A box that moves steadily and doesn't turn."""
+
+    # Edge lengths, in metres.
+    size: list[float] = field(default_factory=_zeros, metadata={"required": True, **_SIZE})
+
+    # Its centre at the start in W, in metres.
+    center: list[float] = field(default_factory=_zeros, metadata=_POINT)
+
+    # Its orientation in W, as roll, pitch and yaw, in radians.
+    rpy: list[float] = field(
+        default_factory=_zeros, metadata={"length": 3, "at_least": -10, "at_most": 10}
+    )
+
+    # Its velocity in W, in m/s.
+    velocity: list[float] = field(default_factory=_zeros, metadata=_VELOCITY)
+
+    def make_solid(self) -> Solid:
+        """Returns the box at the start, in W."""
+        R_WB = RollPitchYaw(self.rpy).ToRotationMatrix().matrix()
+        return BoxSolid(np.array(self.center), R_WB, np.array(self.size))
+
+
+@dataclass
+class PlaneObstacle:
+    """All that is behind a plane, as a table or a wall."""
+
+    # A point of the plane at the start in W, in metres.
+    point: list[float] = field(default_factory=_zeros, metadata=_POINT)
+
+    # The plane's normal in W; it points away from the obstacle.
+    normal: list[float] = field(default_factory=_zeros, metadata={"required": True, **_POINT})
+
+    # Its velocity in W, in m/s.
+    velocity: list[float] = field(default_factory=_zeros, metadata=_VELOCITY)
+
+    def make_solid(self) -> Solid:
+        """Returns the half-space at the start, in W."""
+        return HalfSpace(np.array(self.point), np.array(self.normal))
+
+
+ObstacleConfig = BallObstacle | BoxObstacle | PlaneObstacle
+
+
+def moving_solid(config: ObstacleConfig) -> MovingSolid:
+    """Returns an obstacle with its velocity."""
+    return MovingSolid(config.make_solid(), np.array(config.velocity))
+
+
+def check_obstacles(source: str, obstacles: list[ObstacleConfig]) -> None:
+    """Raises a `ScenarioError` unless all obstacles can be made."""
+    for index, obstacle in enumerate(obstacles):
+        try:
+            obstacle.make_solid()
+        except InvalidArgumentError as error:
+            raise ScenarioError(source, f"obstacles[{index}]", str(error)) from error
