@@ -6,6 +6,7 @@ import numpy as np
 from pydrake.math import RollPitchYaw
 
 from drake_pregrasp.planning.contact_limits import ContactLimits, CoupledPair
+from drake_pregrasp.planning.quality_guard import GUARDS, guard_measure
 from drake_pregrasp.planning.solids import BallSolid, BoxSolid, Solid
 
 _POINT = {"length": 3, "at_least": -10, "at_most": 10}
@@ -96,11 +97,20 @@ class LimitsConfig:
     # Contacts that keep a distance.
     pairs: list[Pair] = field(default_factory=list)
 
+    # What no step may make worse, as hysteresis in quality: a measure of the complete grasp matrix,
+    # or the force-closure margin.
+    guard: str = field(default="none", metadata={"one_of": GUARDS})
+
     # Whether a contact without a region moves to the nearest place that it may have.
     recover: bool = False
 
-    def make_limits(self, period: float) -> ContactLimits:
-        """Returns the limits for goals that are planned once a period, in seconds."""
+    def make_limits(self, period: float, friction: float) -> ContactLimits:
+        """Returns the limits for goals that are planned once a period, in seconds.
+
+        Args:
+            period: In seconds.
+            friction: Coulomb's coefficient, for the margin.
+        """
         steps = [self.max_step, self.max_speed * period]
         return ContactLimits(
             max_step=min((step for step in steps if step > 0), default=np.inf),
@@ -109,4 +119,5 @@ class LimitsConfig:
                 CoupledPair(p.first, p.second, p.distance, p.tolerance) for p in self.pairs
             ),
             recover=self.recover,
+            guard=guard_measure(self.guard, friction),
         )

@@ -174,7 +174,7 @@ class PregraspPlanner(Diagram):
                 best_point=config.best_point,
                 position_spread=config.position_spread,
                 static_duration=config.static_duration,
-                limits=config.limits.make_limits(config.period),
+                limits=config.limits.make_limits(config.period, config.friction),
                 verify_contacts=config.verify_contacts,
                 fingertip_frames=fingertip_frames,
             ),

@@ -7,6 +7,7 @@ import numpy as np
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray
+from drake_pregrasp.planning.quality_guard import Measure
 from drake_pregrasp.planning.safe_regions import SafeRegions
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.planning.wall_test import normals_agree
@@ -48,12 +49,14 @@ class ContactLimits:
         deadband: A goal stays as long as what it should move to is nearer than that, in metres.
         pairs: Contacts that keep a distance.
         recover: Whether a contact whose region is empty moves to the nearest place it may have.
+        guard: A measure of the grasp that no step may make worse.
     """
 
     max_step: float = np.inf
     deadband: float = 0.0
     pairs: tuple[CoupledPair, ...] = ()
     recover: bool = False
+    guard: Measure | None = None
 
     def __post_init__(self) -> None:
         if not self.max_step > 0:
@@ -63,6 +66,12 @@ class ContactLimits:
         contacts = [contact for pair in self.pairs for contact in (pair.first, pair.second)]
         if len(set(contacts)) < len(contacts):
             raise InvalidArgumentError(f"a contact is in two pairs: {contacts}")
+
+    def groups(self, num_contacts: int) -> list[list[int]]:
+        """Returns the contacts that move together: the pairs, then each other contact alone."""
+        pairs = [[pair.first, pair.second] for pair in self.pairs]
+        paired = {contact for pair in pairs for contact in pair}
+        return pairs + [[contact] for contact in range(num_contacts) if contact not in paired]
 
 
 def step_toward(

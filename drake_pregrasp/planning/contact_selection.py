@@ -15,6 +15,7 @@ from drake_pregrasp.planning.contact_limits import (
     step_toward,
     tip_gaps,
 )
+from drake_pregrasp.planning.quality_guard import keep_quality
 from drake_pregrasp.planning.region_constraints import NO_CAUSE, Limit
 from drake_pregrasp.planning.safe_regions import SafeRegions
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
@@ -251,10 +252,30 @@ def _limited(selection: SelectionInput, goals: FloatArray, limits: ContactLimits
     if limits.pairs:
         goals = follow_pairs(surface, regions, limits.pairs, goals, p_OC, limits.max_step)
     tip_radii = regions.constraints.tip_radii
+    taking_part = (regions.sizes() > 0) & ~regions.lost
+    if limits.guard is not None:
+        guarded = taking_part & _may_stay(selection)
+        groups = limits.groups(len(goals))
+        goals = keep_quality(surface, goals, p_OC, guarded, limits.guard, groups)
     if len(tip_radii):
-        taking_part = (regions.sizes() > 0) & ~regions.lost
-        goals = hold_where_tips_meet(surface, goals, p_OC, taking_part, tip_radii, limits.pairs)
+        apart = hold_where_tips_meet(surface, goals, p_OC, taking_part, tip_radii, limits.pairs)
+        # Steps that are taken back one by one can leave the rest worse than all of them held.
+        if limits.guard is not None and np.any(apart != goals):
+            everybody = [range(len(goals))]
+            apart = keep_quality(surface, apart, p_OC, guarded, limits.guard, everybody)
+        goals = apart
     return goals
+
+
+def _may_stay(selection: SelectionInput) -> BoolArray:
+    """Returns which contacts may be where they are: the others have to go, whatever it costs."""
+    surface, constraints, p_OC = selection.surface, selection.regions.constraints, selection.p_OC
+    nearest, _ = surface.project(p_OC)
+    may_stay: BoolArray = np.linalg.norm(nearest - p_OC, axis=1) <= CONTACT_TOLERANCE
+    for contact in range(len(p_OC)):
+        limits, _ = constraints.limits_at(contact, p_OC[contact][None])
+        may_stay[contact] &= limits[0] == Limit.NONE
+    return may_stay
 
 
 def _judged(selection: SelectionInput, goals: FloatArray, on_ground: BoolArray) -> ContactGoals:

@@ -89,18 +89,23 @@ class ObjectSurface:
     patch_starts: IntArray
 
     def __post_init__(self) -> None:
-        owners = np.repeat(np.arange(len(self.p_OQ)), np.diff(self.patch_starts))
-        corners = np.linalg.norm(self.patches - self.p_OQ[owners][:, None], axis=2)
+        centroids = np.mean(self.patches, axis=1)
+        radii = np.linalg.norm(self.patches - centroids[:, None], axis=2)
         sides = self.patches[:, 1:] - self.patches[:, :1]
         normals = np.cross(sides[:, 0], sides[:, 1])
         normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        owners = np.repeat(np.arange(len(self.p_OQ)), np.diff(self.patch_starts))
         object.__setattr__(self, "_tree", cKDTree(self.p_OQ))
-        object.__setattr__(self, "_patch_normals", normals)
-        object.__setattr__(self, "_patch_radius", float(np.max(corners)))
+        object.__setattr__(self, "_triangle_tree", cKDTree(centroids))
+        object.__setattr__(self, "_triangle_radius", float(np.max(radii)) * (1 + 1e-9))
+        object.__setattr__(self, "_triangle_normals", normals)
+        object.__setattr__(self, "_owners", owners)
 
     _tree = cKDTree(np.empty((0, 3)))
-    _patch_normals = np.empty((0, 3))
-    _patch_radius = 0.0
+    _triangle_tree = _tree
+    _triangle_radius = 0.0
+    _triangle_normals = np.empty((0, 3))
+    _owners = np.empty(0, dtype=np.int64)
 
     @cached_property
     def is_clear_of_forbidden_points(self) -> BoolArray:
@@ -120,10 +125,10 @@ class ObjectSurface:
             The nearest allowed points, shape (k, 3), and the outward normals there, shape (k, 3).
             Between patches at the same distance the one that comes first is taken.
         """
-        distances, _ = self._tree.query(p_OP)
-        reach = distances + self._patch_radius * (1 + 1e-9)
-        near = self._tree.query_ball_point(p_OP, reach, return_sorted=True)
-        return self._nearest_on_patches(p_OP, [np.array(q, dtype=np.int64) for q in near])
+        # The centroid of the nearest triangle is at most its radius farther away than the triangle.
+        distances, _ = self._triangle_tree.query(p_OP)
+        near = self._triangles_within(p_OP, distances)
+        return self._nearest_on_triangles(p_OP, near)
 
     def project_into(
         self, p_OP: FloatArray, candidates: Sequence[IntArray]
@@ -137,18 +142,24 @@ class ObjectSurface:
         Returns:
             As `project` does.
         """
+        distances = np.array(
+            [
+                np.sqrt(np.min(np.sum((self.p_OQ[q] - point) ** 2, axis=1)))
+                for point, q in zip(p_OP, candidates, strict=True)
+            ]
+        )
         near = []
-        for point, q in zip(p_OP, candidates, strict=True):
-            away = self.p_OQ[q] - point
-            distances = np.sqrt(np.einsum("ij,ij->i", away, away))
-            # Of a candidate farther away than this no triangle can be the nearest.
-            near.append(q[distances <= np.min(distances) + self._patch_radius * (1 + 1e-9)])
-        return self._nearest_on_patches(p_OP, near)
+        is_chosen = np.zeros(len(self.p_OQ), dtype=bool)
+        for triangles, q in zip(self._triangles_within(p_OP, distances), candidates, strict=True):
+            is_chosen[q] = True
+            near.append(triangles[is_chosen[self._owners[triangles]]])
+            is_chosen[q] = False
+        return self._nearest_on_triangles(p_OP, near)
 
     def candidates_within(self, p_OP: FloatArray, distance: float) -> IntArray:
-        """Returns the candidates whose patches may come that near to a point, shape (3,)."""
-        near = self._tree.query_ball_point(p_OP, distance + self._patch_radius, return_sorted=True)
-        return np.array(near, dtype=np.int64)
+        """Returns the candidates whose patches come that near to a point, or nearly, shape (3,)."""
+        (triangles,) = self._triangles_within(p_OP[None], np.array([distance]))
+        return np.unique(self._owners[triangles])
 
     def distance(self, p_OP: FloatArray) -> FloatArray:
         """Returns the signed distances of points in O from the whole surface.
@@ -175,29 +186,27 @@ class ObjectSurface:
             distances[index] = np.copysign(np.sqrt(squares[best[0]]), height)
         return distances
 
-    def _nearest_on_patches(
-        self, p_OP: FloatArray, candidates: Sequence[IntArray]
+    def _triangles_within(self, p_OP: FloatArray, distances: FloatArray) -> list[IntArray]:
+        """Returns for each point all triangles that are as near as its distance, and some more."""
+        near = self._triangle_tree.query_ball_point(
+            p_OP, distances + self._triangle_radius, return_sorted=True
+        )
+        return [np.array(triangles, dtype=np.int64) for triangles in near]
+
+    def _nearest_on_triangles(
+        self, p_OP: FloatArray, triangles: Sequence[IntArray]
     ) -> tuple[FloatArray, FloatArray]:
-        triangles = [self._triangles_of(q) for q in candidates]
-        counts = np.array([len(t) for t in triangles])
+        counts = [len(t) for t in triangles]
         which = np.concatenate(triangles)
         points = np.repeat(p_OP, counts, axis=0)
         nearest = _closest_points(self.patches[which], points)
         away = nearest - points
         squares = np.einsum("ij,ij->i", away, away)
-        starts = np.cumsum(counts) - counts
-        best = [
-            start + int(np.argmin(squares[start : start + count]))
-            for start, count in zip(starts.tolist(), counts.tolist(), strict=True)
-        ]
-        return nearest[best], self._patch_normals[which[best]]
-
-    def _triangles_of(self, candidates: IntArray) -> IntArray:
-        starts = self.patch_starts[candidates]
-        counts = self.patch_starts[candidates + 1] - starts
-        before = np.cumsum(counts) - counts
-        indices: IntArray = np.repeat(starts - before, counts) + np.arange(int(np.sum(counts)))
-        return indices
+        best, start = [], 0
+        for count in counts:
+            best.append(start + int(np.argmin(squares[start : start + count])))
+            start += count
+        return nearest[best], self._triangle_normals[which[best]]
 
 
 def _closest_points(triangles: FloatArray, points: FloatArray) -> FloatArray:

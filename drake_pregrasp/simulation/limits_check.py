@@ -51,7 +51,7 @@ def check_limits(
                     f"{pair.distance} contradicts tip_radii, which keep the two {room:.3g} m apart",
                 )
     try:
-        limits.make_limits(period=1.0)
+        limits.make_limits(period=1.0, friction=1.0)
     except InvalidArgumentError as error:
         raise ScenarioError(source, f"{key}.pairs", str(error)) from error
     if limits.deadband > longest:
