@@ -34,7 +34,8 @@ def grasp_matrix(
             model doesn't use them; the hard finger's t and o may be any axes, so that without
             normals its forces are along those of the frame.
         model: One of `CONTACT_MODELS`.
-        length: What torque rows are divided by, in metres.
+        length: Unit of the lever arms, in metres: torques and moments count in newtons times it,
+            so that G has no unit.
 
     Returns:
         Shape (6, kn), k being the model's number of columns for a contact; force rows first.
@@ -44,15 +45,14 @@ def grasp_matrix(
     """
     if not length > 0:
         raise InvalidArgumentError(f"length must be greater than 0 m, not {length}")
-    blocks = contact_blocks(p_CoMC, nhat, model)
-    blocks[:, 3:] /= length
+    blocks = contact_blocks(p_CoMC / length, nhat, model)
     n, _, k = blocks.shape
     G: FloatArray = blocks.transpose(1, 0, 2).reshape(6, n * k)
     return G
 
 
 def contact_blocks(p_CoMC: FloatArray, nhat: FloatArray | None, model: str) -> FloatArray:
-    """Returns the G_i of `grasp_matrix` for sets of contacts at once, torques in metres.
+    """Returns the G_i of `grasp_matrix` for sets of contacts at once, in metres and newtons.
 
     Args:
         p_CoMC: Lever arms, shape (..., 3).

@@ -1,7 +1,7 @@
 """Eq. 3-4: the next contact point of each safe region."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -101,7 +101,11 @@ class ContactGoals:
 
 
 def select_contacts(
-    selection: SelectionInput, strategy: WeightFunction, *, best_point: bool = False
+    selection: SelectionInput,
+    strategy: WeightFunction,
+    *,
+    best_point: bool = False,
+    in_turns: bool = False,
 ) -> ContactGoals:
     """Moves each contact to the centroid of its safe region (Eq. 4), projected onto the surface.
 
@@ -113,22 +117,26 @@ def select_contacts(
         selection: Surface, contacts, regions and estimate of this tick.
         strategy: From `make_strategy`, or a weight function of your own.
         best_point: Whether to move to the candidate of the largest weight instead of the centroid.
+        in_turns: Whether the contacts move one after another, each seeing where those before it
+            have gone, instead of all as if the others stayed. The regions are those of the tick.
     """
     surface, regions = selection.surface, selection.regions
     status = _status(regions.sizes() > 0, regions.lost)
     active = np.flatnonzero(status == ContactStatus.ACTIVE)
     if len(active) == 0:
         return ContactGoals(p_OC=selection.p_OC, status=status)
-    log_weights = strategy(selection)
-    points = []
-    for contact in active:
-        q = regions.members(int(contact))
-        if best_point:
-            points.append(surface.p_OQ[q[np.argmax(log_weights[q])]])
-        else:
-            points.append(weighted_centroid(surface.p_OQ[q], log_weights[q], surface.areas[q]))
-    p_OC = selection.p_OC.copy()
-    p_OC[active], _ = surface.project(np.array(points))
+    p_OC = selection.p_OC
+    for movers in active[:, None] if in_turns else active[None]:
+        log_weights = strategy(replace(selection, p_OC=p_OC))
+        points = []
+        for contact in movers:
+            q = regions.members(int(contact))
+            if best_point:
+                points.append(surface.p_OQ[q[np.argmax(log_weights[q])]])
+            else:
+                points.append(weighted_centroid(surface.p_OQ[q], log_weights[q], surface.areas[q]))
+        p_OC = p_OC.copy()
+        p_OC[movers], _ = surface.project(np.array(points))
     return ContactGoals(p_OC=p_OC, status=status)
 
 

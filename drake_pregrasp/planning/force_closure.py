@@ -18,6 +18,9 @@ CONE_MODELS = ("hard_finger", "soft_finger", "frictionless")
 CONE_EDGES = 8
 """Edges of the pyramid that stands for a friction cone."""
 
+FRICTION = 0.7
+"""Coulomb's coefficient where none is given: rubber on most things."""
+
 TORSIONAL_FRICTION = 0.004
 """Moment about the normal that a soft finger holds per newton of normal force, in metres.
 

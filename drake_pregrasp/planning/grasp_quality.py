@@ -54,7 +54,7 @@ def grasp_quality(
         p_CoMC: Lever arms of the active contacts, as for `grasp_matrix`.
         nhat: Outward unit normals there, as for `grasp_matrix`.
         model: One of `CONTACT_MODELS`.
-        length: What torques are divided by in the measures, in metres. The paper's are in metres.
+        length: Unit of the lever arms in the measures, as for `grasp_matrix`; the paper's is 1 m.
 
     Raises:
         InvalidArgumentError: As of `grasp_matrix`.

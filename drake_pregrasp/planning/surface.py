@@ -80,6 +80,11 @@ class ObjectSurface:
     _triangles = np.empty((0, 3, 3))
     _normals = np.empty((0, 3))
 
+    @property
+    def longest_lever_arm(self) -> float:
+        """Distance of the mesh's farthest vertex from the centre of mass, in metres."""
+        return float(np.max(np.linalg.norm(self.mesh.vertices - self.p_OCoM, axis=1)))
+
     def project(self, p_OP: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Projects points onto the allowed surface.
 

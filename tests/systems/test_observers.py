@@ -14,8 +14,8 @@ from drake_pregrasp.systems.tick_logger import TickLogger
 X_WO = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [1.0, 2.0, 3.0])
 
 
-def quality(p_OC, status=None, p_OCoM=None):
-    monitor = GraspQualityMonitor(num_contacts=len(p_OC), p_OCoM=p_OCoM)
+def quality(p_OC, surface, status=None, **options):
+    monitor = GraspQualityMonitor(surface=surface, num_contacts=len(p_OC), **options)
     context = monitor.CreateDefaultContext()
     monitor.GetInputPort("p_WC").FixValue(context, (X_WO @ p_OC.T).T.ravel())
     monitor.GetInputPort("X_WO").FixValue(context, X_WO)

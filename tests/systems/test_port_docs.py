@@ -34,7 +34,7 @@ MAKERS = {
     BodyPose: lambda s, c: BodyPose(BodyIndex(1)),
     CentroidSelector: lambda s, c: CentroidSelector(surface=s, p_OC=c, period=0.1),
     ContactWeights: lambda s, c: ContactWeights(np.zeros(len(c))),
-    GraspQualityMonitor: lambda s, c: GraspQualityMonitor(num_contacts=len(c)),
+    GraspQualityMonitor: lambda s, c: GraspQualityMonitor(surface=s, num_contacts=len(c)),
     NoiseSource: lambda s, c: NoiseSource(size=2, period=0.1),
     NoisyPoseSensor: lambda s, c: NoisyPoseSensor(position_std=0, orientation_std=0),
     ObjectMotion: lambda s, c: ObjectMotion(linear_velocity=0, angular_velocity=0),
