@@ -15,9 +15,10 @@ SCENARIO_TEXT = "scenario text"
 
 
 def shipped_scenarios() -> dict[str, tuple[Path, str]]:
-    """Returns, for each shipped scenario's name, its file and description."""
+    """Returns, for each shipped scenario's name, its file and description, the paper's first."""
     shipped = {}
-    for file in sorted(resource_folder("scenarios").glob("*.yaml")):
+    files = resource_folder("scenarios").glob("*.yaml")
+    for file in sorted(files, key=lambda file: (file.stem != "paper", file.name)):
         for name, entry in _entries(file).items():
             shipped[name] = (file, str(entry.get("description", "")))
     return shipped
