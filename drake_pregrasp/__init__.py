@@ -3,6 +3,7 @@
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import (
     AddPregraspPlanner,
+    BlendConfig,
     EstimatorConfig,
     PlannerConfig,
     PregraspPlanner,
@@ -26,6 +27,7 @@ from drake_pregrasp.version import __version__
 
 __all__ = [
     "AddPregraspPlanner",
+    "BlendConfig",
     "CentroidSelector",
     "ContactStatus",
     "EstimatorConfig",

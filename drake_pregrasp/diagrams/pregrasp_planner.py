@@ -1,13 +1,15 @@
 """The thinking side: estimator, partitioner and selector as one diagram with exported ports."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.diagrams.limits_config import LimitsConfig
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.blends import BLEND
+from drake_pregrasp.planning.force_closure import FRICTION
 from drake_pregrasp.planning.pose_filter import PoseFilterNoise
 from drake_pregrasp.planning.strategies import READINGS, STRATEGIES
 from drake_pregrasp.planning.surface import ObjectSurface
@@ -49,6 +51,17 @@ class EstimatorConfig:
 
 
 @dataclass
+class BlendConfig:
+    """How much each strategy counts in a blend; their ratios matter."""
+
+    position: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e6})
+    msv: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e6})
+    gii: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e6})
+    vew: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e6})
+    margin: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e6})
+
+
+@dataclass
 class PlannerConfig:
     """How contact goals are planned."""
 
@@ -58,14 +71,29 @@ class PlannerConfig:
     # Seconds for which the initial contacts are held on the object before they adapt.
     static_duration: float = field(default=4.0, metadata={"at_least": 0, "at_most": 1e6})
 
-    # How a contact moves inside its safe region: position tracking (Eq. 3) or a measure (Eq. 5-7).
-    strategy: str = field(default="position", metadata={"one_of": STRATEGIES})
+    # How a contact moves inside its safe region: position tracking (Eq. 3), a measure (Eq. 5-7),
+    # the force-closure margin, or the blend of them that is stated below.
+    strategy: str = field(default="position", metadata={"one_of": (*STRATEGIES, BLEND)})
+
+    # For strategy blend, where one weight at least must be above 0.
+    blend: BlendConfig = field(default_factory=BlendConfig)
 
     # For measures: the matrix of the candidate alone, or that of the hand with it.
     reading: str = field(default="hand", metadata={"one_of": READINGS})
 
     # For measures: whether weights are stretched over each region, b_n - min b.
     stretch: bool = True
+
+    # For measures: exponent of the weights. The larger, the nearer the centroid is to the best
+    # point.
+    power: float = field(default=1.0, metadata={"above": 0, "at_most": 100})
+
+    # For the margin: Coulomb's coefficient between fingertip and object.
+    friction: float = field(default=FRICTION, metadata={"at_least": 0, "at_most": 10})
+
+    # Whether contacts move one after another, each seeing where those before it went, not all as if
+    # the others stayed. It brings measures to rest, at the cost of weighing once a contact.
+    in_turns: bool = False
 
     # Whether a contact moves to the candidate of the largest weight, not to the centroid of Eq. 4.
     best_point: bool = False
@@ -171,7 +199,11 @@ class PregraspPlanner(Diagram):
                 strategy=config.strategy,
                 reading=config.reading,
                 stretch=config.stretch,
+                power=config.power,
+                friction=config.friction,
+                blend=asdict(config.blend),
                 best_point=config.best_point,
+                in_turns=config.in_turns,
                 position_spread=config.position_spread,
                 static_duration=config.static_duration,
                 limits=config.limits.make_limits(config.period, config.friction),

@@ -1,7 +1,7 @@
 """Eq. 3-4: the next contact point of each safe region."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 
 import numpy as np
@@ -149,6 +149,7 @@ def select_contacts(
     strategy: WeightFunction,
     *,
     best_point: bool = False,
+    in_turns: bool = False,
     limits: ContactLimits | None = None,
 ) -> ContactGoals:
     """Moves each contact to the centroid of its safe region (Eq. 4), projected onto the surface.
@@ -161,21 +162,19 @@ def select_contacts(
         selection: Surface, contacts, regions and estimate of this tick.
         strategy: From `make_strategy`, or a weight function of your own.
         best_point: Whether to move to the candidate of the largest weight instead of the centroid.
+        in_turns: Whether the contacts move one after another, each seeing where those before it
+            have gone, instead of all as if the others stayed. The regions are those of the tick.
         limits: What holds goals back.
     """
     limits = limits or ContactLimits()
-    surface, regions, p_OC = selection.surface, selection.regions, selection.p_OC
+    regions, p_OC = selection.regions, selection.p_OC
     active = np.flatnonzero((regions.sizes() > 0) & ~regions.lost)
     goals = p_OC.copy()
+    for movers in active[:, None] if in_turns else active[None]:
+        if len(movers):
+            goals[movers] = _chosen(replace(selection, p_OC=goals), movers, strategy, best_point)
     on_ground = np.zeros(len(goals), dtype=bool)
-    if len(active):
-        members = [regions.members(int(contact)) for contact in active]
-        log_weights = strategy(selection)
-        points = [_choice(surface, q, log_weights[q], best_point) for q in members]
-        goals[active], _ = surface.project_into(np.array(points), members)
-        for contact, q in zip(active.tolist(), members, strict=True):
-            goals[contact] = _permitted(selection, contact, goals[contact], q)
-        on_ground[active] = True
+    on_ground[active] = True
     if limits.recover:
         goals = _with_returning_contacts(selection, goals)
     limited = _limited(selection, goals.copy(), limits)
@@ -194,14 +193,23 @@ def hold_contacts(selection: SelectionInput) -> ContactGoals:
     return _judged(selection, selection.p_OC, np.zeros(len(selection.p_OC), dtype=bool))
 
 
-def _choice(
-    surface: ObjectSurface, members: IntArray, log_weights: FloatArray, best_point: bool
+def _chosen(
+    selection: SelectionInput, movers: IntArray, strategy: WeightFunction, best_point: bool
 ) -> FloatArray:
-    points = surface.p_OQ[members]
-    if best_point:
-        best: FloatArray = points[np.argmax(log_weights)]
-        return best
-    return weighted_centroid(points, log_weights, surface.areas[members])
+    """Returns what the strategy chooses for some contacts, on their regions' ground, (k, 3)."""
+    surface = selection.surface
+    log_weights = strategy(selection)
+    members = [selection.regions.members(int(contact)) for contact in movers]
+    points = []
+    for q in members:
+        if best_point:
+            points.append(surface.p_OQ[q[np.argmax(log_weights[q])]])
+        else:
+            points.append(weighted_centroid(surface.p_OQ[q], log_weights[q], surface.areas[q]))
+    goals, _ = surface.project_into(np.array(points), members)
+    for k, (contact, q) in enumerate(zip(movers.tolist(), members, strict=True)):
+        goals[k] = _permitted(selection, contact, goals[k], q)
+    return goals
 
 
 def _permitted(

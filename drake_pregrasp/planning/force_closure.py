@@ -1,37 +1,69 @@
-"""How far a grasp is from losing force closure: the normalised min-weight margin."""
+"""How far a grasp is from losing force closure: the min-weight margin and Ferrari and Canny's.
+
+Both look at the primitive wrenches of a grasp: what the edges of a pyramid inside each contact's
+cone of forces pass on to the object, per newton of normal force.
+"""
 
 import numpy as np
 from scipy.optimize import linprog
+from scipy.spatial import ConvexHull, QhullError
 
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.contact_models import contact_blocks
+
+CONE_MODELS = ("hard_finger", "soft_finger", "frictionless")
+"""The contact models with a cone of forces. The complete one pulls as well as it pushes."""
 
 CONE_EDGES = 8
 """Edges of the pyramid that stands for a friction cone."""
 
+FRICTION = 0.7
+"""Coulomb's coefficient where none is given: rubber on most things."""
 
-def min_weight_margin(p_CoMC: FloatArray, nhat: FloatArray, friction: float) -> float:
-    """Returns the normalised min-weight margin of point contacts with friction, in [0, 1].
+TORSIONAL_FRICTION = 0.004
+"""Moment about the normal that a soft finger holds per newton of normal force, in metres.
 
-    The forces along the edges of all friction pyramids, m wrenches in all, are to balance with
-    weights a >= 0 that add up to one; the margin is m times the largest possible least weight. It
-    is above zero if and only if the grasp has force closure (given wrenches of full rank), which
-    Q_MSV, Q_GII and Q_VEW don't see. Torques are divided by the longest lever arm.
+It is 3 pi/16 times friction times the patch's radius (Johnson, Contact Mechanics, 1985, for a
+Hertzian patch that turns as a whole): 4 mm are a patch of 10 mm with friction 0.7.
+"""
+
+
+def min_weight_margin(
+    p_CoMC: FloatArray,
+    nhat: FloatArray,
+    friction: float,
+    *,
+    model: str = "hard_finger",
+    torsional_friction: float = TORSIONAL_FRICTION,
+) -> float:
+    """Returns the normalised min-weight margin of a grasp, in [0, 1].
+
+    The m primitive wrenches of all contacts are to balance with weights a >= 0 that add up to one;
+    the margin is m times the largest possible least weight. It is above zero if and only if the
+    grasp has force closure, which Q_MSV, Q_GII and Q_VEW don't see. The metric is that of FRoGGeR
+    (Li et al., arXiv 2302.13687). It doesn't depend on the unit of length.
 
     Args:
         p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
         nhat: Outward unit normals there, in the same frame, shape (n, 3).
         friction: Coulomb's coefficient.
+        model: One of `CONE_MODELS`.
+        torsional_friction: Of the soft finger, in metres.
+
+    Raises:
+        InvalidArgumentError: If there is no such model, or a coefficient is below 0.
     """
-    if len(p_CoMC) == 0:
+    W = primitive_wrenches(
+        p_CoMC, nhat, friction, model=model, torsional_friction=torsional_friction
+    )
+    if not _spans_all_wrenches(W):
         return 0.0
-    wrenches = _pyramid_wrenches(p_CoMC, nhat, friction)
-    if np.linalg.matrix_rank(wrenches) < 6:
-        return 0.0
-    m = wrenches.shape[1]
+    m = W.shape[1]
     # Unknowns: the weights a, then their least, l: max l with W a = 0, sum a = 1, a >= l >= 0.
     solution = linprog(
         c=np.append(np.zeros(m), -1.0),
-        A_eq=np.block([[wrenches, np.zeros((6, 1))], [np.ones((1, m)), np.zeros((1, 1))]]),
+        A_eq=np.block([[W, np.zeros((6, 1))], [np.ones((1, m)), np.zeros((1, 1))]]),
         b_eq=np.append(np.zeros(6), 1.0),
         A_ub=np.hstack([-np.eye(m), np.ones((m, 1))]),
         b_ub=np.zeros(m),
@@ -40,18 +72,103 @@ def min_weight_margin(p_CoMC: FloatArray, nhat: FloatArray, friction: float) -> 
     return float(m * solution.x[-1]) if solution.success else 0.0
 
 
-def _pyramid_wrenches(p_CoMC: FloatArray, nhat: FloatArray, friction: float) -> FloatArray:
-    """Returns the wrenches of unit normal force along the pyramids' edges, shape (6, 8n)."""
-    helper = np.eye(3)[np.argmin(np.abs(nhat), axis=1)]
-    t1 = np.cross(nhat, helper)
-    t1 /= np.linalg.norm(t1, axis=1, keepdims=True)
-    t2 = np.cross(nhat, t1)
-    angles = 2 * np.pi * np.arange(CONE_EDGES) / CONE_EDGES
-    forces = (
-        -nhat[:, None]
-        + friction * np.cos(angles)[:, None] * t1[:, None]
-        + friction * np.sin(angles)[:, None] * t2[:, None]
+def ferrari_canny(
+    p_CoMC: FloatArray,
+    nhat: FloatArray,
+    friction: float,
+    *,
+    length: float,
+    model: str = "hard_finger",
+    torsional_friction: float = TORSIONAL_FRICTION,
+) -> float:
+    """Returns the radius of the largest ball about the origin that the grasp wrench space holds.
+
+    The space is the convex hull of the primitive wrenches: normal forces that add up to one newton
+    (the L1 metric of Ferrari & Canny, ICRA 1992). The radius is the smallest wrench that defeats
+    them, in newtons, with torques divided by `length`; zero without force closure.
+
+    Args:
+        p_CoMC: As for `min_weight_margin`.
+        nhat: As for `min_weight_margin`.
+        friction: As for `min_weight_margin`.
+        length: What torques are divided by, in metres.
+        model: One of `CONE_MODELS`.
+        torsional_friction: Of the soft finger, in metres.
+
+    Raises:
+        InvalidArgumentError: As of `min_weight_margin`, or if the length isn't above 0.
+    """
+    if not length > 0:
+        raise InvalidArgumentError(f"length must be greater than 0 m, not {length}")
+    W = primitive_wrenches(
+        p_CoMC, nhat, friction, model=model, torsional_friction=torsional_friction
     )
-    length = max(np.max(np.linalg.norm(p_CoMC, axis=1)), np.finfo(float).tiny)
-    torques = np.cross(p_CoMC[:, None] / length, forces)
-    return np.concatenate([forces, torques], axis=2).reshape(-1, 6).T
+    W[3:] /= length
+    # A hull in six dimensions has seven corners or more.
+    if W.shape[1] <= len(W) or not _spans_all_wrenches(W):
+        return 0.0
+    try:
+        hull = ConvexHull(W.T)
+    except QhullError:  # All wrenches lie in one plane beside the origin.
+        return 0.0
+    # Each facet's plane is normal @ x + offset = 0, with its unit normal pointing out.
+    return max(0.0, float(-np.max(hull.equations[:, -1])))
+
+
+def primitive_wrenches(
+    p_CoMC: FloatArray, nhat: FloatArray, friction: float, *, model: str, torsional_friction: float
+) -> FloatArray:
+    """Returns the wrenches of unit normal force along the cones' edges, torques in metres.
+
+    Args:
+        p_CoMC: As for `min_weight_margin`.
+        nhat: As for `min_weight_margin`.
+        friction: As for `min_weight_margin`.
+        model: One of `CONE_MODELS`.
+        torsional_friction: As for `min_weight_margin`.
+
+    Returns:
+        Shape (6, en) for e edges a contact.
+    """
+    edges = cone_edges(friction, model, torsional_friction)
+    wrenches = contact_blocks(p_CoMC, nhat, model) @ edges
+    W: FloatArray = wrenches.transpose(1, 0, 2).reshape(6, -1)
+    return W
+
+
+def cone_edges(friction: float, model: str, torsional_friction: float) -> FloatArray:
+    """Returns the edges of a contact's cone in the coordinates of its model: n, t, o, moment.
+
+    A soft finger has two edges more, with moment and without tangential force: the polytope is
+    inscribed in the ellipsoid that bounds both together.
+
+    Returns:
+        Shape (k, e); the first row, normal forces, is all ones, and E Eᵀ is diagonal.
+
+    Raises:
+        InvalidArgumentError: If there is no such model, or a coefficient is below 0.
+    """
+    if model not in CONE_MODELS:
+        raise InvalidArgumentError(
+            f"no contact model with a friction cone {model!r}; there are: {', '.join(CONE_MODELS)}"
+        )
+    for name, value in (("friction", friction), ("torsional_friction", torsional_friction)):
+        if not value >= 0:
+            raise InvalidArgumentError(f"{name} must be at least 0, not {value}")
+    if model == "frictionless":
+        return np.ones((1, 1))
+    angles = 2 * np.pi * np.arange(CONE_EDGES) / CONE_EDGES
+    E = np.stack([np.ones(CONE_EDGES), friction * np.cos(angles), friction * np.sin(angles)])
+    if model == "soft_finger":
+        twists = np.array([[1.0, 1], [0, 0], [0, 0]])
+        moments = np.append(np.zeros(CONE_EDGES), [torsional_friction, -torsional_friction])
+        E = np.vstack([np.hstack([E, twists]), moments])
+    return E
+
+
+def _spans_all_wrenches(W: FloatArray) -> bool:
+    """Returns whether the rank is six, with each row scaled so that units don't matter."""
+    largest = np.max(np.abs(W), axis=1, initial=0.0)
+    if not np.all(largest > 0):
+        return False
+    return bool(np.linalg.matrix_rank(W / largest[:, None], tol=1e-9) == len(W))

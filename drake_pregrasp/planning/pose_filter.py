@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.grasp_quality import skew
+from drake_pregrasp.planning.contact_models import skew
 
 
 @dataclass(frozen=True, eq=False)

@@ -43,6 +43,17 @@ class SafeRegions:
     causes: IntArray
     constraints: RegionConstraints
 
+    @staticmethod
+    def unlimited(labels: IntArray, num_contacts: int) -> "SafeRegions":
+        """Returns regions of contacts that nothing limits, shape (N,) of their labels."""
+        return SafeRegions(
+            labels=labels,
+            lost=np.zeros(num_contacts, dtype=bool),
+            limits=np.full(num_contacts, int(Limit.NONE)),
+            causes=np.full(num_contacts, NO_CAUSE),
+            constraints=RegionConstraints(),
+        )
+
     def members(self, contact: int) -> IntArray:
         """Returns the indices of the candidates in S_i of the contact with that index."""
         indices: IntArray = np.flatnonzero(self.labels == contact)

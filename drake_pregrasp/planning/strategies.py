@@ -1,33 +1,46 @@
-"""The four strategies that move a contact inside its safe region: Eq. 3 and Eq. 5-7 as weights.
+"""The strategies that move a contact inside its safe region: Eq. 3 and measures as weights.
 
-The paper weighs a candidate q_n by a measure of the partial grasp matrix at q_n and leaves open
-which matrix that is. Both readings are here:
+The paper weighs a candidate q_n by a measure of the partial grasp matrix at q_n (Eq. 5-7) and
+leaves open which matrix that is. Both readings are here:
 
 - `contact`: the 6 x 6 matrix of q_n alone. With rho = |q_n - CoM|, sigma_min is
   sqrt(1 + rho²/4) - rho/2 and sigma_max = 1/sigma_min: Eq. 6 is the square of Eq. 5, and Eq. 7 is
   constant.
 - `hand`: the whole G with the contact of q_n's region moved to q_n and the other active ones held.
 
+These measures don't see force closure. The strategy `margin`, which the paper does not have, weighs
+a candidate by a lower bound of the hand's min-weight margin, in the reading `hand` only.
+
 Either is nearly flat over a region. Stretched, b_n - min b over the region, the weights say where
 in the region the measure is better rather than that it is good all over.
 """
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.candidate_measures import (
+    contact_gii,
+    contact_msv,
+    contact_vew,
+    hand_gii,
+    hand_margin,
+    hand_msv,
+    hand_vew,
+)
 from drake_pregrasp.planning.contact_selection import (
     SelectionInput,
     WeightFunction,
     gaussian_log_weights,
 )
-from drake_pregrasp.planning.extreme_singular_values import extreme_singular_values
+from drake_pregrasp.planning.force_closure import FRICTION
 from drake_pregrasp.planning.safe_regions import NO_REGION
 
-STRATEGIES = ("position", "msv", "gii", "vew")
-"""Position tracking (Eq. 3), and the measures of Eq. 5, 6 and 7."""
+STRATEGIES = ("position", "msv", "gii", "vew", "margin")
+"""Position tracking (Eq. 3), the measures of Eq. 5, 6 and 7, and the force-closure margin."""
 
 READINGS = ("contact", "hand")
 """The two readings of the partial grasp matrix."""
@@ -36,30 +49,47 @@ Measure = Callable[[SelectionInput], FloatArray]
 """Maps a selection's input to b_n for each candidate, shape (N,)."""
 
 
-def make_strategy(name: str, *, reading: str = "hand", stretch: bool = True) -> WeightFunction:
+def make_strategy(
+    name: str,
+    *,
+    reading: str = "hand",
+    stretch: bool = True,
+    power: float = 1.0,
+    friction: float = FRICTION,
+) -> WeightFunction:
     """Returns a strategy as a weight function.
 
     Args:
         name: One of `STRATEGIES`.
-        reading: One of `READINGS`; `position` has only one.
+        reading: One of `READINGS`; `position` and `margin` have only one.
         stretch: Whether to stretch the weights over each region; not for `position`.
+        power: Exponent of the weights, after the stretch; not for `position`. The larger it is,
+            the nearer the centroid of Eq. 4 comes to the best point.
+        friction: Coulomb's coefficient, for `margin`.
 
     Raises:
-        InvalidArgumentError: If there is no such strategy or reading.
+        InvalidArgumentError: If there is no such strategy or reading, or a number is out of range.
     """
     if name not in STRATEGIES:
         raise InvalidArgumentError(f"no strategy {name!r}; there are: {', '.join(STRATEGIES)}")
     if reading not in READINGS:
         raise InvalidArgumentError(f"no reading {reading!r}; there are: {', '.join(READINGS)}")
+    if not power > 0:
+        raise InvalidArgumentError(f"power must be greater than 0, not {power}")
+    if not friction >= 0:
+        raise InvalidArgumentError(f"friction must be at least 0, not {friction}")
     if name == "position":
         return position_tracking
+    margin = partial(hand_margin, friction=friction)
     measures: dict[tuple[str, str], Measure] = {
         ("msv", "contact"): contact_msv,
         ("gii", "contact"): contact_gii,
         ("vew", "contact"): contact_vew,
+        ("margin", "contact"): margin,
         ("msv", "hand"): hand_msv,
         ("gii", "hand"): hand_gii,
         ("vew", "hand"): hand_vew,
+        ("margin", "hand"): margin,
     }
     measure = measures[name, reading]
 
@@ -68,7 +98,7 @@ def make_strategy(name: str, *, reading: str = "hand", stretch: bool = True) -> 
         if stretch:
             b = stretched(b, selection)
         with np.errstate(divide="ignore"):
-            logarithms: FloatArray = np.log(b)
+            logarithms: FloatArray = power * np.log(np.maximum(b, 0))
         return logarithms
 
     return log_weights
@@ -80,47 +110,6 @@ def position_tracking(selection: SelectionInput) -> FloatArray:
     return gaussian_log_weights(surface.p_OQ, surface.p_OCoM, selection.covariance_O)
 
 
-def contact_msv(selection: SelectionInput) -> FloatArray:
-    """Eq. 5 of the candidate's own matrix."""
-    surface = selection.surface
-    rho = np.linalg.norm(surface.p_OQ - surface.p_OCoM, axis=1)
-    sigma_min: FloatArray = np.sqrt(1 + rho**2 / 4) - rho / 2
-    return sigma_min
-
-
-def contact_gii(selection: SelectionInput) -> FloatArray:
-    """Eq. 6 of the candidate's own matrix."""
-    return contact_msv(selection) ** 2
-
-
-def contact_vew(selection: SelectionInput) -> FloatArray:
-    """Eq. 7 of the candidate's own matrix, whose determinant is one everywhere."""
-    return np.ones(len(selection.surface.p_OQ))
-
-
-def hand_msv(selection: SelectionInput) -> FloatArray:
-    """Eq. 5 of the hand's matrix with the region's contact at the candidate."""
-    return _hand_extremes(selection)[0]
-
-
-def hand_gii(selection: SelectionInput) -> FloatArray:
-    """Eq. 6 of the hand's matrix with the region's contact at the candidate."""
-    sigma_min, sigma_max = _hand_extremes(selection)
-    return sigma_min / sigma_max
-
-
-def hand_vew(selection: SelectionInput) -> FloatArray:
-    """Eq. 7 of the hand's matrix with the region's contact at the candidate.
-
-    det(G Gᵀ) = n³ det(n I + sum(|rho_i|² I - rho_i rho_iᵀ)), rho_i being r_i less their mean.
-    """
-    t, second_moment, n = _hand_sums(selection)
-    S = second_moment - np.einsum("ki,kj->kij", t, t) / n
-    inertia = (n + np.trace(S, axis1=1, axis2=2))[:, None, None] * np.eye(3) - S
-    volume: FloatArray = np.sqrt(n**3 * np.linalg.det(inertia))
-    return volume
-
-
 def stretched(b: FloatArray, selection: SelectionInput) -> FloatArray:
     """Returns b_n less the least b over the candidate's region, shape (N,)."""
     labels = selection.regions.labels
@@ -129,26 +118,3 @@ def stretched(b: FloatArray, selection: SelectionInput) -> FloatArray:
     assert NO_REGION == -1  # Candidates without region gather in the last place.
     difference: FloatArray = b - least[labels]
     return difference
-
-
-def _hand_extremes(selection: SelectionInput) -> tuple[FloatArray, FloatArray]:
-    t, second_moment, n = _hand_sums(selection)
-    B = np.trace(second_moment, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second_moment
-    return extreme_singular_values(t, B, n)
-
-
-def _hand_sums(selection: SelectionInput) -> tuple[FloatArray, FloatArray, int]:
-    """Returns sum r (N, 3), sum r rᵀ (N, 3, 3) and n, with each candidate in its contact's place.
-
-    A candidate without a region has a place beside the active contacts; its values are not used.
-    """
-    surface, regions = selection.surface, selection.regions
-    r = selection.p_OC - surface.p_OCoM
-    q = surface.p_OQ - surface.p_OCoM
-    active = regions.sizes() > 0
-    held = np.vstack([np.where(active[:, None], r, 0), np.zeros(3)])
-    held_moments = np.einsum("ki,kj->kij", held, held)
-    others = held.sum(axis=0) - held
-    others_moments = held_moments.sum(axis=0) - held_moments
-    t = others[regions.labels] + q
-    return t, others_moments[regions.labels] + np.einsum("ki,kj->kij", q, q), int(active.sum())

@@ -115,6 +115,11 @@ class ObjectSurface:
             clear[self._tree.query_ball_point(point, radius)] = False
         return clear
 
+    @property
+    def longest_lever_arm(self) -> float:
+        """Distance of the mesh's farthest vertex from the centre of mass, in metres."""
+        return float(np.max(np.linalg.norm(self.mesh.vertices - self.p_OCoM, axis=1)))
+
     def project(self, p_OP: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Projects points onto the allowed surface.
 

@@ -16,7 +16,11 @@ from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.assignment import assign_fingers
+from drake_pregrasp.planning.blends import BLEND
+from drake_pregrasp.planning.contact_models import CONTACT_MODELS
+from drake_pregrasp.planning.force_closure import FRICTION, TORSIONAL_FRICTION
 from drake_pregrasp.planning.initial_contacts import ring_contacts
+from drake_pregrasp.planning.strategies import STRATEGIES
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.simulation.limits_check import check_limits
 from drake_pregrasp.simulation.motion_check import check_motion
@@ -82,6 +86,27 @@ class HandConfig:
 
 
 @dataclass
+class MeasuresConfig:
+    """What the logged measures and the margins in the summary assume of the contacts."""
+
+    # Contact model of the grasp matrix. The margins need a friction cone: for the complete model,
+    # whose contacts pull as well, they are those of the hard finger.
+    contact_model: str = field(default="complete", metadata={"one_of": CONTACT_MODELS})
+
+    # Coulomb's coefficient.
+    friction: float = field(default=FRICTION, metadata={"at_least": 0, "at_most": 10})
+
+    # For soft fingers: moment about the normal per newton of normal force, in metres.
+    torsional_friction: float = field(
+        default=TORSIONAL_FRICTION, metadata={"at_least": 0, "at_most": 10}
+    )
+
+    # Unit of lever arms, in metres. 0: the longest one on the object; but one metre in the measures
+    # of the complete model, as in the paper.
+    length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
+
+
+@dataclass
 class RecordingConfig:
     """The Meshcat recording."""
 
@@ -127,6 +152,7 @@ class Scenario:
     sensor: SensorConfig = field(default_factory=SensorConfig)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     planner: PlannerConfig = field(default_factory=PlannerConfig)
+    measures: MeasuresConfig = field(default_factory=MeasuresConfig)
 
     # Where the contacts start, one row each, in half extents of the object's bounding box about its
     # centre: 1 and -1 are a box's faces. On a box they have to be on its surface, on other objects
@@ -235,6 +261,12 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
         )
     _validate_damage(scenario, source)
     check_motion(source, scenario.motion, surface)
+    if scenario.planner.strategy == BLEND and not any(vars(scenario.planner.blend).values()):
+        raise ScenarioError(
+            source,
+            "planner.blend",
+            f"all weights are 0; a {BLEND} needs one above 0 out of: {', '.join(STRATEGIES)}",
+        )
     try:
         AddMultibodyPlant(scenario.plant_config, DiagramBuilder())
     except RuntimeError as error:

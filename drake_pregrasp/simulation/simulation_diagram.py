@@ -68,7 +68,13 @@ def make_diagram(
     )
     planner = AddPregraspPlanner(builder, config, surface, scenario.initial_p_OC(surface))
     monitor = builder.AddNamedSystem(
-        "grasp_quality_monitor", GraspQualityMonitor(num_contacts=n, p_OCoM=surface.p_OCoM)
+        "grasp_quality_monitor",
+        GraspQualityMonitor(
+            surface=surface,
+            num_contacts=n,
+            contact_model=scenario.measures.contact_model,
+            length=scenario.measures.length,
+        ),
     )
     _add_obstacles_and_hand(builder, scenario, planner)
     X_WO = object_plant.GetOutputPort("X_WO")

@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_selection import ContactStatus, is_active
-from drake_pregrasp.planning.force_closure import min_weight_margin
+from drake_pregrasp.planning.contact_selection import ContactStatus
 from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.simulation.force_closure_summary import force_closure_summary
 from drake_pregrasp.simulation.phases import (
     adapting_phase,
     last_phase,
@@ -18,14 +17,10 @@ from drake_pregrasp.simulation.phases import (
 )
 from drake_pregrasp.simulation.run_log import RunLog
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.systems.tick_logger import TickRecord
 from drake_pregrasp.version import __version__
 
 MEASURES = ("q_msv", "q_gii", "q_vew")
 """The measures of Table II, by their columns in `log.csv`."""
-
-MARGIN_FRICTION = 0.7
-"""Coulomb's coefficient that the force-closure margins are stated for."""
 
 
 def summarize(
@@ -56,11 +51,10 @@ def summarize(
         "max": _measures(log, adapting, np.max),
         "mean": _measures(log, adapting, np.mean),
         "final": _measures(log, slice(-1, None), np.mean),
-        "force_closure_margin": {
-            "friction": MARGIN_FRICTION,
-            "static": _margin(surface, log.records[static][-1:]),
-            "final": _margin(surface, log.records[-1:]),
-        },
+        "contact_model": scenario.measures.contact_model,
+        **force_closure_summary(
+            scenario, surface, static=log.records[static][-1:], final=log.records[-1:]
+        ),
         **_after_damage(scenario, surface, log),
         "inactive_contacts": _inactive_contacts(log),
         "ticks": len(log.rows),
@@ -96,16 +90,6 @@ def _after_damage(
 def _measures(log: RunLog, ticks: slice, reduce: Any) -> dict[str, float | None]:
     values = {name: log.column(name)[ticks] for name in MEASURES}
     return {name: float(reduce(v)) if len(v) else None for name, v in values.items()}
-
-
-def _margin(surface: ObjectSurface, records: list[TickRecord]) -> float | None:
-    if not records:
-        return None
-    record = records[-1]
-    active = is_active(record.contact_status)
-    p_OC: FloatArray = (record.X_WO_estimated.inverse() @ record.p_WC[active].T).T
-    _, normals = surface.project(p_OC)
-    return min_weight_margin(p_OC - surface.p_OCoM, normals, MARGIN_FRICTION)
 
 
 def _versions() -> dict[str, str]:

@@ -1,6 +1,6 @@
 """The second stage of the planner: each contact's goal inside its safe region."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -16,6 +16,7 @@ from pydrake.systems.framework import (
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.blends import BLEND, make_blend
 from drake_pregrasp.planning.contact_check import verify_contacts
 from drake_pregrasp.planning.contact_limits import ContactLimits
 from drake_pregrasp.planning.contact_selection import (
@@ -25,6 +26,7 @@ from drake_pregrasp.planning.contact_selection import (
     hold_contacts,
     select_contacts,
 )
+from drake_pregrasp.planning.force_closure import FRICTION
 from drake_pregrasp.planning.region_constraints import NO_CAUSE
 from drake_pregrasp.planning.strategies import make_strategy
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
@@ -78,10 +80,16 @@ class CentroidSelector(LeafSystem):
         surface: The object's surface.
         p_OC: Initial contact points on the object's surface, in O, shape (n, 3), in metres, n >= 1.
         period: Seconds between ticks, greater than zero.
-        strategy: `position` tracking (Eq. 3), or a measure: `msv`, `gii` or `vew` (Eq. 5-7).
+        strategy: `position` tracking (Eq. 3), a measure, `msv`, `gii` or `vew` (Eq. 5-7), the
+            force-closure `margin`, or a `blend` of them.
         reading: Of the partial grasp matrix, for a measure: `contact` or `hand`.
         stretch: Whether to stretch a measure's weights over each region.
+        power: Exponent of a measure's weights.
+        friction: Coulomb's coefficient, for the margin.
+        blend: The weight of each strategy by its name, for `blend`; what is missing is zero.
         best_point: Whether to move to the candidate of the largest weight, not to the centroid.
+        in_turns: Whether contacts move one after another, each seeing where those before it went,
+            not all as if the others stayed.
         position_spread: Standard deviation in metres, added to the estimate's covariance in Eq. 3:
             the filter's own is of millimetres, and would pick the candidate nearest to the centre.
         static_duration: Seconds for which the initial contacts are held on the object.
@@ -103,7 +111,11 @@ class CentroidSelector(LeafSystem):
         strategy: str = "position",
         reading: str = "hand",
         stretch: bool = True,
+        power: float = 1.0,
+        friction: float = FRICTION,
+        blend: Mapping[str, float] | None = None,
         best_point: bool = False,
+        in_turns: bool = False,
         position_spread: float = 0.04,
         static_duration: float = 0.0,
         limits: ContactLimits | None = None,
@@ -137,8 +149,16 @@ class CentroidSelector(LeafSystem):
             raise InvalidArgumentError(f"{n} contacts need {n} fingertip frames")
         self._surface = surface
         self._period = period
-        self._strategy = make_strategy(strategy, reading=reading, stretch=stretch)
+        if strategy == BLEND:
+            self._strategy = make_blend(
+                blend or {}, reading=reading, stretch=stretch, power=power, friction=friction
+            )
+        else:
+            self._strategy = make_strategy(
+                strategy, reading=reading, stretch=stretch, power=power, friction=friction
+            )
         self._best_point = best_point
+        self._in_turns = in_turns
         self._spread_covariance = position_spread**2 * np.eye(3)
         self._static_duration = static_duration
         self._fingertip_frames = list(fingertip_frames)
@@ -207,7 +227,11 @@ class CentroidSelector(LeafSystem):
             goals = hold_contacts(selection)
         else:
             goals = select_contacts(
-                selection, self._strategy, best_point=self._best_point, limits=self._limits
+                selection,
+                self._strategy,
+                best_point=self._best_point,
+                in_turns=self._in_turns,
+                limits=self._limits,
             )
         if self._verify_contacts:
             verify_contacts(self._surface, goals)

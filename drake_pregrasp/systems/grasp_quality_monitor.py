@@ -1,14 +1,16 @@
 """The quality of the grasp that the contact goals would make."""
 
-import numpy as np
 from pydrake.common.containers import namedview
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.contact_models import CONTACT_MODELS
 from drake_pregrasp.planning.contact_selection import is_active
 from drake_pregrasp.planning.grasp_quality import GraspQuality, grasp_quality
+from drake_pregrasp.planning.surface import ObjectSurface
 
 GraspQualityView = namedview("GraspQualityView", GraspQuality.names())
 """Names the elements of the port `grasp_quality`: `GraspQualityView(port.Eval(context)).q_msv`."""
@@ -34,18 +36,40 @@ class GraspQualityMonitor(LeafSystem):
     Port `contact_status` (optional) accepts a vector of n `ContactStatus` values; only active
     contacts count. Unconnected, all do.
 
-    Port `grasp_quality` emits a vector of 5: q_msv, q_gii and q_vew of the complete grasp matrix
-    about the true centre of mass, then graspable and indeterminate (Eq. 8-9) of the hard-finger
-    model, each 0 or 1. `GraspQualityView` names them.
+    Port `grasp_quality` emits a vector of 5: q_msv, q_gii and q_vew of the grasp matrix about the
+    true centre of mass, then graspable and indeterminate (Eq. 8-9), each 0 or 1. The last two are
+    of the hard finger if the contact model is the complete one. `GraspQualityView` names them.
 
     Args:
+        surface: The object's surface, whose nearest allowed point has the normal of a contact.
         num_contacts: n.
-        p_OCoM: The object's centre of mass in O, shape (3,), in metres; O's origin by default.
+        contact_model: One of `CONTACT_MODELS`.
+        length: Unit of the lever arms in the measures, in metres; 0 means the longest one on the
+            object, and for the complete model one metre, as in the paper.
+
+    Raises:
+        InvalidArgumentError: If there is no such contact model, or the length is below 0.
     """
 
-    def __init__(self, *, num_contacts: int, p_OCoM: FloatArray | None = None) -> None:
+    def __init__(
+        self,
+        *,
+        surface: ObjectSurface,
+        num_contacts: int,
+        contact_model: str = "complete",
+        length: float = 0.0,
+    ) -> None:
         super().__init__()
-        self._p_OCoM = np.zeros(3) if p_OCoM is None else np.array(p_OCoM)
+        if contact_model not in CONTACT_MODELS:
+            raise InvalidArgumentError(
+                f"no contact model {contact_model!r}; there are: {', '.join(CONTACT_MODELS)}"
+            )
+        if not length >= 0:
+            raise InvalidArgumentError(f"length must be at least 0 m, not {length}")
+        self._surface = surface
+        self._contact_model = contact_model
+        natural = 1.0 if contact_model == "complete" else surface.longest_lever_arm
+        self._length = length if length > 0 else natural
         self._p_WC = self.DeclareVectorInputPort("p_WC", 3 * num_contacts)
         self._X_WO = self.DeclareAbstractInputPort("X_WO", AbstractValue.Make(RigidTransform()))
         self._contact_status = self.DeclareVectorInputPort("contact_status", num_contacts)
@@ -61,4 +85,9 @@ class GraspQualityMonitor(LeafSystem):
         X_WO: RigidTransform = self._X_WO.Eval(context)
         if self._contact_status.HasValue(context):
             p_WC = p_WC[is_active(self._contact_status.Eval(context))]
-        output.SetFromVector(grasp_quality(p_WC - X_WO @ self._p_OCoM).to_vector())
+        p_OC: FloatArray = (X_WO.inverse() @ p_WC.T).T
+        _, nhat_OC = self._surface.project(p_OC)
+        quality = grasp_quality(
+            p_OC - self._surface.p_OCoM, nhat_OC, model=self._contact_model, length=self._length
+        )
+        output.SetFromVector(quality.to_vector())

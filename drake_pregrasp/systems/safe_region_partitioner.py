@@ -10,8 +10,6 @@ from pydrake.systems.framework import Context, LeafSystem
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.region_constraints import (
-    NO_CAUSE,
-    Limit,
     Obstacles,
     RegionConstraints,
 )
@@ -108,16 +106,8 @@ class SafeRegionPartitioner(LeafSystem):
         )
 
     def _allocate_regions(self) -> AbstractValue:
-        n = self._num_contacts
-        return AbstractValue.Make(
-            SafeRegions(
-                labels=np.full(len(self._surface.p_OQ), NO_REGION),
-                lost=np.zeros(n, dtype=bool),
-                limits=np.full(n, int(Limit.NONE)),
-                causes=np.full(n, NO_CAUSE),
-                constraints=RegionConstraints(),
-            )
-        )
+        labels = np.full(len(self._surface.p_OQ), NO_REGION)
+        return AbstractValue.Make(SafeRegions.unlimited(labels, self._num_contacts))
 
     def _calc_regions(self, context: Context, output: AbstractValue) -> None:
         X_OW: RigidTransform = self._X_WO_estimated.Eval(context).inverse()

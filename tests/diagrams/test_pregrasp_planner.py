@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -5,7 +7,14 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from drake_pregrasp import AddPregraspPlanner, ContactStatus, PlannerConfig, PregraspPlanner
+from drake_pregrasp import (
+    AddPregraspPlanner,
+    BlendConfig,
+    ContactStatus,
+    PlannerConfig,
+    PregraspPlanner,
+)
+from drake_pregrasp.planning.strategies import STRATEGIES
 
 CONFIG = PlannerConfig(static_duration=0.0)
 X_0 = RigidTransform(RollPitchYaw(0, 0, 0.2), [0.1, 0.2, 0.05])
@@ -126,3 +135,7 @@ def test_it_drops_into_anybodys_diagram(surface, p_OC):
     log = logger.FindLog(simulator.get_context())
     assert log.data().shape == (15, 51)
     assert np.all(np.isfinite(log.data()))
+
+
+def test_a_blend_has_a_weight_for_each_strategy():
+    assert tuple(field.name for field in dataclasses.fields(BlendConfig)) == STRATEGIES

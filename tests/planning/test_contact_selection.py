@@ -111,3 +111,37 @@ def test_the_planner_turns_with_the_object(surface, p_OC, turns):
     here = select_contacts(selection(surface, p_OC), position_tracking).p_OC
     there = select_contacts(selection(surface, p_OC @ R.T), position_tracking).p_OC
     np.testing.assert_allclose(there, here @ R.T, atol=2e-3)  # Ties at cell borders go by index.
+
+
+def test_in_turns_each_contact_sees_where_those_before_it_went(surface, p_OC):
+    """A strategy that draws to the mean of all contacts, by hand one contact after another."""
+
+    def towards_mean(chosen):
+        return gaussian_log_weights(
+            chosen.surface.p_OQ, chosen.p_OC.mean(axis=0), 0.02**2 * np.eye(3)
+        )
+
+    chosen = selection(surface, p_OC)
+    goals = select_contacts(chosen, towards_mean, in_turns=True)
+    expected = p_OC.copy()
+    for contact in range(5):
+        q = chosen.regions.members(contact)
+        log_weights = gaussian_log_weights(
+            surface.p_OQ[q], expected.mean(axis=0), 0.02**2 * np.eye(3)
+        )
+        centroid = weighted_centroid(surface.p_OQ[q], log_weights, surface.areas[q])
+        expected[contact] = surface.project(centroid[None])[0][0]
+    np.testing.assert_allclose(goals.p_OC, expected, atol=1e-12)
+    at_once = select_contacts(chosen, towards_mean)
+    assert np.max(np.abs(at_once.p_OC[0] - goals.p_OC[0])) < 1e-12
+    assert np.max(np.abs(at_once.p_OC - goals.p_OC)) > 1e-4
+
+
+def test_position_tracking_takes_no_turns(surface, p_OC):
+    weights = np.array([0, 0, -np.inf, 0, 0])
+    goals = [
+        select_contacts(selection(surface, p_OC, weights=weights), position_tracking, in_turns=k)
+        for k in (False, True)
+    ]
+    np.testing.assert_allclose(goals[0].p_OC, goals[1].p_OC, atol=1e-15)
+    np.testing.assert_array_equal(goals[1].p_OC[2], p_OC[2])

@@ -3,8 +3,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drake_pregrasp.planning.contact_models import grasp_matrix
 from drake_pregrasp.planning.extreme_singular_values import extreme_singular_values
-from drake_pregrasp.planning.grasp_quality import complete_grasp_matrix
 
 
 def check(r):
@@ -12,7 +12,9 @@ def check(r):
     n = r.shape[1]
     B = np.sum(r**2, axis=(1, 2))[:, None, None] * np.eye(3) - np.einsum("kni,knj->kij", r, r)
     low, high = extreme_singular_values(r.sum(axis=1), B, n)
-    exact = np.array([np.linalg.svd(complete_grasp_matrix(a), compute_uv=False) for a in r])
+    exact = np.array(
+        [np.linalg.svd(grasp_matrix(a, None, "complete"), compute_uv=False) for a in r]
+    )
     np.testing.assert_allclose(low, exact[:, -1], rtol=1e-9, atol=1e-12)
     np.testing.assert_allclose(high, exact[:, 0], rtol=1e-9)
 

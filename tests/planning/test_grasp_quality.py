@@ -3,12 +3,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drake_pregrasp.planning.grasp_quality import (
-    complete_grasp_matrix,
-    grasp_quality,
-    hard_finger_grasp_matrix,
-    skew,
-)
+from drake_pregrasp.planning.contact_models import CONTACT_MODELS
+from drake_pregrasp.planning.grasp_quality import grasp_quality
 
 cases = given(seed=st.integers(0, 10**6), n=st.integers(1, 8))
 
@@ -17,14 +13,9 @@ def lever_arms(seed, n, scale=0.05):
     return np.random.default_rng(seed).normal(scale=scale, size=(n, 3))
 
 
-@cases
-def test_complete_matrix_maps_contact_wrenches_to_the_wrench_about_the_centre(seed, n):
-    r = lever_arms(seed, n)
-    w = np.random.default_rng(seed + 1).normal(size=(n, 6))
-    force = w[:, :3].sum(axis=0)
-    torque = w[:, 3:].sum(axis=0) + np.cross(r, w[:, :3]).sum(axis=0)
-    expected = np.concatenate([force, torque])
-    np.testing.assert_allclose(complete_grasp_matrix(r) @ w.ravel(), expected, atol=1e-12)
+def normals(seed, n):
+    nhat = np.random.default_rng(seed + 7).normal(size=(n, 3))
+    return nhat / np.linalg.norm(nhat, axis=1, keepdims=True)
 
 
 @cases
@@ -81,13 +72,46 @@ def test_classification_does_not_depend_on_the_unit_of_length(seed, scale):
     assert grasp_quality(r).indeterminate == grasp_quality(scale * r).indeterminate == 0
 
 
-def test_hard_finger_model_is_the_force_part_with_scaled_torques():
-    r = lever_arms(5, 4)
-    length = np.max(np.linalg.norm(r, axis=1))
-    expected = np.hstack([np.vstack([np.eye(3), skew(a[None])[0] / length]) for a in r])
-    np.testing.assert_allclose(hard_finger_grasp_matrix(r), expected, atol=1e-15)
+@cases
+def test_a_model_that_passes_on_more_grasps_no_worse(seed, n):
+    r, nhat = lever_arms(seed, n), normals(seed, n)
+    frictionless, hard, soft, complete = (
+        grasp_quality(r, nhat, model=model, length=0.05)
+        for model in ("frictionless", "hard_finger", "soft_finger", "complete")
+    )
+    for less, more in ((frictionless, hard), (hard, soft), (soft, complete)):
+        assert less.q_msv <= more.q_msv + 1e-12
+        assert less.q_vew <= more.q_vew * (1 + 1e-9) + 1e-12
+    assert frictionless.indeterminate >= hard.indeterminate >= soft.indeterminate
+
+
+@cases
+def test_each_model_but_the_complete_one_is_classified_by_itself(seed, n):
+    r, nhat = lever_arms(seed, n), normals(seed, n)
+    for model, columns in (("frictionless", 1), ("hard_finger", 3), ("soft_finger", 4)):
+        quality = grasp_quality(r, nhat, model=model)
+        assert quality.graspable == (columns * n > 6 or (model == "hard_finger" and n == 2))
+        assert (quality.q_msv > 1e-12) == (quality.indeterminate == 0)
+
+
+def test_a_soft_finger_holds_what_two_hard_ones_let_turn():
+    r = np.array([[0.05, 0, 0], [-0.05, 0, 0]])
+    hard, soft = (
+        grasp_quality(r, r / 0.05, model=model) for model in ("hard_finger", "soft_finger")
+    )
+    assert (hard.indeterminate, soft.indeterminate) == (1, 0)
+
+
+def test_the_length_trades_moments_for_forces():
+    r, nhat = lever_arms(3, 4), normals(3, 4)
+    metres, millimetres = (
+        grasp_quality(r * scale, nhat, model="hard_finger", length=0.05 * scale).to_vector()
+        for scale in (1, 1000)
+    )
+    np.testing.assert_allclose(metres, millimetres, rtol=1e-9)
 
 
 def test_no_contact_has_no_quality():
-    quality = grasp_quality(np.empty((0, 3)))
-    assert (quality.q_msv, quality.q_gii, quality.q_vew) == (0, 0, 0)
+    for model in CONTACT_MODELS:
+        quality = grasp_quality(np.empty((0, 3)), np.empty((0, 3)), model=model)
+        assert (quality.q_msv, quality.q_gii, quality.q_vew) == (0, 0, 0)

@@ -2,16 +2,22 @@ import numpy as np
 import pytest
 
 from drake_pregrasp import InvalidArgumentError, box_surface
-from drake_pregrasp.planning.contact_selection import SelectionInput, select_contacts
-from drake_pregrasp.planning.grasp_quality import grasp_quality
-from drake_pregrasp.planning.safe_regions import NO_REGION, compute_safe_regions
-from drake_pregrasp.planning.strategies import (
+from drake_pregrasp.planning.candidate_measures import (
     contact_gii,
     contact_msv,
     contact_vew,
     hand_gii,
+    hand_margin,
     hand_msv,
     hand_vew,
+)
+from drake_pregrasp.planning.contact_selection import SelectionInput, select_contacts
+from drake_pregrasp.planning.force_closure import min_weight_margin
+from drake_pregrasp.planning.grasp_quality import grasp_quality
+from drake_pregrasp.planning.least_norm_margin import least_norm_margin
+from drake_pregrasp.planning.safe_regions import NO_REGION, compute_safe_regions
+from drake_pregrasp.planning.strategies import (
+    READINGS,
     make_strategy,
     position_tracking,
     stretched,
@@ -86,6 +92,90 @@ def test_a_constant_measure_gives_the_plain_centroid(surface, p_OC):
     np.testing.assert_allclose(goals.p_OC, surface.project(np.array(plain))[0], atol=1e-12)
 
 
+@pytest.mark.parametrize("lost", [(), (1,), (0, 3)])
+def test_the_margin_strategy_weighs_by_the_bound_of_the_hand(surface, p_OC, lost):
+    weights = np.zeros(5)
+    weights[list(lost)] = -np.inf
+    chosen = selection(surface, p_OC, weights)
+    active = chosen.regions.sizes() > 0
+    values = hand_margin(chosen, friction=0.5)
+    for q in range(0, len(values), 7):
+        label = chosen.regions.labels[q]
+        if label == NO_REGION:
+            continue
+        p, nhat = p_OC.copy(), surface.project(p_OC)[1]
+        p[label], nhat[label] = surface.p_OQ[q], surface.nhat_OQ[q]
+        bound = least_norm_margin(p[active], nhat[active], 0.5)
+        assert values[q] == pytest.approx(bound if bound >= 0 else bound / (1 - bound), rel=1e-7)
+
+
+def test_the_margin_of_two_contacts_prefers_no_place(surface, p_OC):
+    assert np.all(hand_margin(selection(surface, p_OC[:2])) <= 0)
+    goals = select_contacts(selection(surface, p_OC[:2]), make_strategy("margin"))
+    plain = select_contacts(
+        selection(surface, p_OC[:2]), lambda chosen: np.zeros(len(chosen.surface.p_OQ))
+    )
+    np.testing.assert_allclose(goals.p_OC, plain.p_OC, atol=1e-12)
+
+
+def test_the_margin_has_one_reading(surface, p_OC):
+    chosen = selection(surface, p_OC)
+    b = [make_strategy("margin", reading=reading)(chosen) for reading in READINGS]
+    np.testing.assert_array_equal(b[0], b[1])
+
+
+def test_a_power_raises_the_weights(surface, p_OC):
+    chosen = selection(surface, p_OC)
+    b = np.exp(make_strategy("vew")(chosen))
+    np.testing.assert_allclose(np.exp(make_strategy("vew", power=3.0)(chosen)), b**3, rtol=1e-9)
+
+
+def settled(strategy, p_OC, surface, *, in_turns=False, ticks=25):
+    """The contacts and their last displacement, after iterating as the planner does."""
+    for _ in range(ticks):
+        goals = select_contacts(selection(surface, p_OC), strategy, in_turns=in_turns)
+        moved = np.max(np.linalg.norm(goals.p_OC - p_OC, axis=1))
+        p_OC = goals.p_OC
+    return p_OC, moved
+
+
+def margin(surface, p_OC, friction=0.7):
+    return min_weight_margin(p_OC - surface.p_OCoM, surface.project(p_OC)[1], friction)
+
+
+@pytest.mark.parametrize("count", [3, 4, 5])
+def test_the_margin_strategy_leads_any_start_to_force_closure(surface, count):
+    rng = np.random.default_rng(0)
+    starts = [surface.p_OQ[rng.choice(len(surface.p_OQ), count)] for _ in range(8)]
+    starts.append(surface.p_OQ[:count])  # All on one face.
+    assert sum(margin(surface, p_OC) < 1e-7 for p_OC in starts) >= 2
+    strategy = make_strategy("margin", power=4.0)
+    for p_OC in starts:
+        after, moved = settled(strategy, p_OC, surface, in_turns=True)
+        assert margin(surface, after) > 0.4
+        assert moved < 0.005
+
+
+def test_singular_values_alone_end_far_from_the_best_margin(surface):
+    """Four contacts, in turns: Q_MSV is content with a grasp that hardly closes."""
+    rng = np.random.default_rng(1)
+    starts = [surface.p_OQ[rng.choice(len(surface.p_OQ), 4, replace=False)] for _ in range(5)]
+    of_msv, of_margin = (
+        np.median(
+            [margin(surface, settled(strategy, p, surface, in_turns=True)[0]) for p in starts]
+        )
+        for strategy in (make_strategy("msv"), make_strategy("margin", power=4.0))
+    )
+    assert of_msv < 0.1
+    assert of_margin > 0.9
+
+
+def test_in_turns_the_measures_come_to_rest(surface, p_OC):
+    strategy = make_strategy("msv")
+    assert settled(strategy, p_OC, surface)[1] > 0.02
+    assert settled(strategy, p_OC, surface, in_turns=True)[1] < 0.002
+
+
 def activity_and_volume(strategy, p_OC):
     surface = box_surface([0.1, 0.1, 0.1], spacing=0.005)
     moved, volume = [], []
@@ -112,3 +202,7 @@ def test_unknown_names_are_refused():
         make_strategy("luck")
     with pytest.raises(InvalidArgumentError, match="no reading 'palm'; there are: contact, hand"):
         make_strategy("msv", reading="palm")
+    with pytest.raises(InvalidArgumentError, match="power must be greater than 0, not 0"):
+        make_strategy("msv", power=0)
+    with pytest.raises(InvalidArgumentError, match=r"friction must be at least 0, not -0\.1"):
+        make_strategy("margin", friction=-0.1)

@@ -1,3 +1,5 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -80,3 +82,10 @@ def test_forbidden_points_refuse_shapes_and_negative_radii():
         ForbiddenPoints(np.zeros((2, 3)), np.zeros(2), np.zeros((1, 3)))
     with pytest.raises(InvalidArgumentError):
         ForbiddenPoints(np.zeros((2, 3)), np.array([0.0, -1.0]))
+
+
+def test_the_longest_lever_arm_reaches_the_farthest_corner():
+    box = box_surface([0.2, 0.1, 0.04], spacing=0.02)
+    assert box.longest_lever_arm == pytest.approx(np.linalg.norm([0.1, 0.05, 0.02]))
+    lopsided = dataclasses.replace(box, p_OCoM=np.array([0.1, 0.0, 0.0]))
+    assert lopsided.longest_lever_arm == pytest.approx(np.linalg.norm([0.2, 0.05, 0.02]))

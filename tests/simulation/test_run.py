@@ -8,10 +8,19 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp import OutputError, ScenarioError, box_surface, load_scenario, run
+from drake_pregrasp import (
+    OutputError,
+    ScenarioError,
+    box_surface,
+    load_scenario,
+    run,
+    shipped_scenarios,
+)
 from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
-from drake_pregrasp.planning.force_closure import min_weight_margin
+from drake_pregrasp.planning.force_closure import ferrari_canny, min_weight_margin
+from drake_pregrasp.planning.independent_regions import force_closed_share
 from drake_pregrasp.planning.pose_filter import first_belief, predict, update
+from drake_pregrasp.planning.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.run import RUN_FILES
 from drake_pregrasp.systems.noise_source import NoiseSource
 
@@ -189,17 +198,56 @@ def test_damage_is_recovered_from(tmp_path):
     assert result.summary["max"]["q_msv"] > 2.2
 
 
-def test_the_margin_is_that_of_the_active_contacts(tmp_path):
-    text = "{simulation_duration: 8.0, damage: [{at: 5.0, contacts: [3, 4]}]}"
+def test_the_margins_are_those_of_the_active_contacts(tmp_path):
+    text = """{simulation_duration: 8.0, damage: [{at: 5.0, contacts: [3, 4]}],
+        measures: {contact_model: soft_finger, friction: 0.5, torsional_friction: 0.003}}"""
     result = run(load_scenario("a_base", text=text), name="f", out=tmp_path, recording=False)
     log = read_log(result.folder / "log.csv")
     X_OW = pose(log, -1, "wo_estimated").inverse()
-    p_OC = (X_OW @ contacts(log, -1)[:3].T).T
-    _, normals = box_surface([0.1, 0.1, 0.1], spacing=0.01).project(p_OC)
-    margin = result.summary["force_closure_margin"]
-    expected = min_weight_margin(p_OC, normals, margin["friction"])
-    assert margin["final"] == pytest.approx(expected, rel=1e-6)
-    assert margin["final"] > 0.1
+    p_OC = (X_OW @ contacts(log, -1).T).T
+    surface = box_surface([0.1, 0.1, 0.1], spacing=0.005)
+    _, normals = surface.project(p_OC[:3])
+    cone = {"model": "soft_finger", "torsional_friction": 0.003}
+    weights = np.array([0, 0, 0, -np.inf, -np.inf])
+    regions = compute_safe_regions(surface.p_OQ, p_OC, weights, surface.forbidden)
+    generator = np.random.default_rng(0)
+    expected = {
+        "force_closure_margin": min_weight_margin(p_OC[:3], normals, 0.5, **cone),
+        "ferrari_canny": ferrari_canny(p_OC[:3], normals, 0.5, length=0.05 * np.sqrt(3), **cone),
+        "independent_region_share": force_closed_share(
+            surface, regions, 0.5, generator=generator, **cone
+        ),
+    }
+    assert result.summary["contact_model"] == "soft_finger"
+    for name, value in expected.items():
+        measured = result.summary[name]
+        assert (measured["friction"], measured["contact_model"]) == (0.5, "soft_finger")
+        assert measured["final"] == pytest.approx(value, rel=1e-6)
+        assert value > 0.05
+        assert measured["static"] is not None
+
+
+def test_measures_that_need_a_cone_take_the_hard_finger_for_the_complete_model(base_run):
+    assert base_run.summary["contact_model"] == "complete"
+    for name in ("force_closure_margin", "ferrari_canny", "independent_region_share"):
+        measured = base_run.summary[name]
+        assert measured["contact_model"] == "hard_finger"
+        assert measured["final"] > measured["static"] > 0
+
+
+@pytest.mark.parametrize(
+    "name", [name for name, (file, _) in shipped_scenarios().items() if file.stem == "measures"]
+)
+def test_scenarios_of_other_measures_run(name, base_run, tmp_path):
+    text = "{simulation_duration: 3.0, planner: {static_duration: 0.5}}"
+    summary = run(load_scenario(name, text=text), name=name, out=tmp_path, recording=False).summary
+    margin = summary["force_closure_margin"]
+    if name == "frictionless":  # Five contacts that only push close nothing.
+        assert margin["final"] == summary["final"]["q_msv"] == 0
+    else:
+        assert margin["final"] > margin["static"] + 0.3
+        assert summary["independent_region_share"]["final"] > 0.9
+        assert summary["final"]["q_gii"] > 0.3
 
 
 def test_contacts_on_forbidden_ground_are_not_left_of_the_static_set(tmp_path):

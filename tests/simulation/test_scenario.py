@@ -28,6 +28,12 @@ BAD = [
     ("planner: {strategy: luck}", "case.planner.strategy", "'luck' must be one of: position, msv"),
     ("planner: 3", "case.planner", "3 must be a mapping with keys out of: period"),
     ("planner: {estimator: {lookahead: -1}}", "planner.estimator.lookahead", "at least 0"),
+    ("planner: {blend: {vew: -1}}", "case.planner.blend.vew", "-1 must be a number at least 0"),
+    ("planner: {blend: {luck: 1}}", "case.planner.blend.luck", "keys are: position, msv"),
+    ("planner: {strategy: blend}", "case.planner.blend", "all weights are 0; a blend needs one"),
+    ("planner: {power: 0}", "case.planner.power", "0 must be a number above 0 and at most 100"),
+    ("measures: {contact_model: glue}", "measures.contact_model", "must be one of: complete, hard"),
+    ("measures: {friction: -1}", "case.measures.friction", "-1 must be a number at least 0"),
     ("random_seed: 1.5", "case.random_seed", "1.5 must be a whole number at least 0"),
     ("description: 7", "case.description", "7 must be a text"),
     ("object: {size: [0.1, 0.1]}", "case.object.size", "a list of exactly 3 elements"),
@@ -167,6 +173,10 @@ def test_cases_differ_from_the_base_by_what_table_1_says():
         "h_msv": {"description", "planner"},
         "i_gii": {"description", "planner"},
         "j_vew": {"description", "planner"},
+        "margin": {"description", "planner"},
+        "blend": {"description", "planner"},
+        "soft_finger": {"description", "measures"},
+        "frictionless": {"description", "measures"},
     }
 
 

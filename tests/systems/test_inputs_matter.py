@@ -76,7 +76,7 @@ CASES = {
         },
     ),
     "monitor": (
-        lambda: GraspQualityMonitor(num_contacts=5),
+        lambda: GraspQualityMonitor(surface=SURFACE, num_contacts=5),
         {
             "p_WC": (P_OC.ravel(), 0.5 * P_OC.ravel(), ["grasp_quality"]),
             "X_WO": (X_A, X_B, ["grasp_quality"]),

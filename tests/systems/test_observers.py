@@ -1,10 +1,14 @@
+import dataclasses
+
 import numpy as np
+import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
-from drake_pregrasp import ContactStatus, box_surface
+from drake_pregrasp import ContactStatus, InvalidArgumentError, box_surface
+from drake_pregrasp.planning.contact_models import CONTACT_MODELS
 from drake_pregrasp.planning.grasp_quality import grasp_quality
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor, GraspQualityView
@@ -14,8 +18,8 @@ from drake_pregrasp.systems.tick_logger import TickLogger
 X_WO = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [1.0, 2.0, 3.0])
 
 
-def quality(p_OC, status=None, p_OCoM=None):
-    monitor = GraspQualityMonitor(num_contacts=len(p_OC), p_OCoM=p_OCoM)
+def quality(p_OC, surface, status=None, **options):
+    monitor = GraspQualityMonitor(surface=surface, num_contacts=len(p_OC), **options)
     context = monitor.CreateDefaultContext()
     monitor.GetInputPort("p_WC").FixValue(context, (X_WO @ p_OC.T).T.ravel())
     monitor.GetInputPort("X_WO").FixValue(context, X_WO)
@@ -24,22 +28,45 @@ def quality(p_OC, status=None, p_OCoM=None):
     return monitor.get_output_port().Eval(context)
 
 
-def test_monitor_measures_about_the_true_centre_of_mass(p_OC):
-    np.testing.assert_allclose(quality(p_OC), grasp_quality(p_OC).to_vector(), rtol=1e-12)
+def test_monitor_measures_about_the_true_centre_of_mass(p_OC, surface):
+    np.testing.assert_allclose(quality(p_OC, surface), grasp_quality(p_OC).to_vector(), rtol=1e-12)
     p_OCoM = np.array([0.01, 0.0, -0.01])
     expected = grasp_quality(p_OC - p_OCoM).to_vector()
-    np.testing.assert_allclose(quality(p_OC, p_OCoM=p_OCoM), expected, rtol=1e-12)
+    lopsided = dataclasses.replace(surface, p_OCoM=p_OCoM)
+    np.testing.assert_allclose(quality(p_OC, lopsided), expected, rtol=1e-12)
 
 
-def test_monitor_counts_active_contacts_only(p_OC):
+def test_monitor_counts_active_contacts_only(p_OC, surface):
     status = np.array([1.0, ContactStatus.INACTIVE, 1.0, ContactStatus.LOST, 1.0])
     expected = grasp_quality(p_OC[[0, 2, 4]]).to_vector()
-    np.testing.assert_allclose(quality(p_OC, status), expected, rtol=1e-12)
+    np.testing.assert_allclose(quality(p_OC, surface, status), expected, rtol=1e-12)
+    nobody = quality(p_OC, surface, np.full(5, float(ContactStatus.LOST)))
+    np.testing.assert_array_equal(nobody, [0, 0, 0, 0, 1])
 
 
-def test_monitor_elements_have_names(p_OC):
-    view = GraspQualityView(quality(p_OC))
-    assert view.q_msv == quality(p_OC)[0]
+@pytest.mark.parametrize("model", CONTACT_MODELS)
+def test_monitor_measures_by_the_contact_model(p_OC, surface, model):
+    nhat = surface.project(p_OC)[1]
+    expected = grasp_quality(p_OC, nhat, model=model, length=0.03).to_vector()
+    measured = quality(p_OC, surface, contact_model=model, length=0.03)
+    np.testing.assert_allclose(measured, expected, rtol=1e-9, atol=1e-15)
+    # By default in metres, or for the other models in the cube's half diagonal.
+    length = 1.0 if model == "complete" else 0.05 * np.sqrt(3)
+    expected = grasp_quality(p_OC, nhat, model=model, length=length).to_vector()
+    measured = quality(p_OC, surface, contact_model=model)
+    np.testing.assert_allclose(measured, expected, rtol=1e-9, atol=1e-15)
+
+
+def test_monitor_refuses_unusable_arguments(p_OC, surface):
+    with pytest.raises(InvalidArgumentError, match="no contact model 'glue'; there are: complete"):
+        quality(p_OC, surface, contact_model="glue")
+    with pytest.raises(InvalidArgumentError, match="length must be at least 0 m, not -1"):
+        quality(p_OC, surface, length=-1)
+
+
+def test_monitor_elements_have_names(p_OC, surface):
+    view = GraspQualityView(quality(p_OC, surface))
+    assert view.q_msv == quality(p_OC, surface)[0]
     assert view.graspable == 1
 
 

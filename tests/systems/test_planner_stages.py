@@ -6,10 +6,11 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from drake_pregrasp import ContactStatus, ForbiddenPoints, InvalidArgumentError
+from drake_pregrasp.planning.blends import make_blend
 from drake_pregrasp.planning.contact_selection import SelectionInput, select_contacts
 from drake_pregrasp.planning.region_constraints import Obstacles
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
-from drake_pregrasp.planning.strategies import position_tracking
+from drake_pregrasp.planning.strategies import make_strategy, position_tracking
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
 
@@ -162,11 +163,44 @@ def test_fingertip_targets_look_into_the_object(surface, p_OC):
 
 
 @pytest.mark.parametrize(
+    ("arguments", "strategy", "in_turns"),
+    [
+        ({"strategy": "vew", "power": 3.0}, make_strategy("vew", power=3.0), False),
+        ({"strategy": "margin", "friction": 0.3}, make_strategy("margin", friction=0.3), False),
+        ({"strategy": "margin", "in_turns": True}, make_strategy("margin"), True),
+        (
+            {"strategy": "blend", "blend": {"vew": 1.0, "position": 2.0}, "stretch": False},
+            make_blend({"vew": 1, "position": 2}, stretch=False),
+            False,
+        ),
+    ],
+)
+def test_selector_weighs_as_it_is_told(surface, p_OC, arguments, strategy, in_turns):
+    selector = CentroidSelector(surface=surface, p_OC=p_OC, period=0.1, **arguments)
+    context = selector.CreateDefaultContext()
+    regions = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(5), surface.forbidden)
+    for name, value in (
+        ("X_WO_estimated", RigidTransform()),
+        ("p_WO_covariance", np.zeros(9)),
+        ("safe_regions", AbstractValue.Make(regions)),
+    ):
+        selector.GetInputPort(name).FixValue(context, value)
+    chosen = SelectionInput(surface, p_OC, regions, 0.04**2 * np.eye(3))
+    expected = select_contacts(chosen, strategy, in_turns=in_turns).p_OC
+    actual = selector.GetOutputPort("p_WC").Eval(context).reshape(-1, 3)
+    np.testing.assert_allclose(actual, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
     "arguments",
     [
         {"period": 0.0},
         {"position_spread": 0.0},
         {"strategy": "telepathy"},
+        {"strategy": "blend"},
+        {"strategy": "blend", "blend": {"vew": -1.0}},
+        {"strategy": "msv", "power": 0.0},
+        {"strategy": "margin", "friction": -1.0},
         {"static_duration": np.nan},
         {"p_OC": np.array([[0.0, 0.0, 0.0]])},
         {"p_OC": np.array([[0.05, 0.0, np.nan]])},

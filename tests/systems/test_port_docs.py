@@ -50,7 +50,7 @@ MAKERS = {
     CentroidSelector: lambda s, c: CentroidSelector(surface=s, p_OC=c, period=0.1),
     ContactWeights: lambda s, c: ContactWeights(np.zeros(len(c))),
     Launch: lambda s, c: make_launch(),
-    GraspQualityMonitor: lambda s, c: GraspQualityMonitor(num_contacts=len(c)),
+    GraspQualityMonitor: lambda s, c: GraspQualityMonitor(surface=s, num_contacts=len(c)),
     NoiseSource: lambda s, c: NoiseSource(size=2, period=0.1),
     NoisyPoseSensor: lambda s, c: NoisyPoseSensor(position_std=0, orientation_std=0),
     ObjectMotion: lambda s, c: ObjectMotion(VelocityProfile([[0.0, 0.0, 0.0]])),
