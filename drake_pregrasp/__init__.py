@@ -10,7 +10,7 @@ from drake_pregrasp.diagrams.pregrasp_planner import (
 )
 from drake_pregrasp.errors import InvalidArgumentError, OutputError, PregraspError, ScenarioError
 from drake_pregrasp.planning.box_surface import box_surface
-from drake_pregrasp.planning.contact_selection import ContactStatus
+from drake_pregrasp.planning.contact_status import ContactStatus
 from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
 from drake_pregrasp.simulation.run import RunResult, run
 from drake_pregrasp.simulation.scenario import Scenario

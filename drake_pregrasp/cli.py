@@ -229,9 +229,8 @@ def _report(result: RunResult, options: argparse.Namespace) -> None:
         f"speed   {summary['real_time_factor']:.1f} x real time,"
         f" planning tick {summary['tick_time_p50_ms']:.2f} ms (median)"
     )
-    if summary["inactive_contacts"]:
-        contacts = ", ".join(map(str, summary["inactive_contacts"]))
-        print(f"at the end these contacts have no allowed place, and don't count: {contacts}")
+    for contact, reason in summary["inactive_contacts"].items():
+        print(f"at the end contact {contact} has no place, and doesn't count: {reason}")
     if not result.completed:
         print(
             f"interrupted at {summary['simulated_seconds']:g} s:"

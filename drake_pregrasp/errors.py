@@ -9,6 +9,10 @@ class InvalidArgumentError(PregraspError, ValueError):
     """An argument of a function, a class or a port is unusable."""
 
 
+class NoGroundError(InvalidArgumentError):
+    """No ground of an object is left for contacts."""
+
+
 class ScenarioError(PregraspError):
     """A scenario can't be used.
 

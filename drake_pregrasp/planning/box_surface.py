@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.errors import InvalidArgumentError, NoGroundError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.shapes import box_shape
 from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
@@ -34,8 +34,8 @@ def box_surface(
         forbidden_radius: R_j of each forbidden point, in metres.
 
     Raises:
-        InvalidArgumentError: If a length is not above 0, a face has no such name, or no face is
-            left for contacts.
+        InvalidArgumentError: If a length is not above 0, or a face has no such name.
+        NoGroundError: If no face is left for contacts.
     """
     if len(size) != 3 or not all(length > 0 for length in size):
         raise InvalidArgumentError(f"size must be three lengths above 0 m, not {list(size)}")
@@ -46,7 +46,7 @@ def box_surface(
             raise InvalidArgumentError(f"{face!r} is no face of a box: {', '.join(BOX_FACES)}")
     allowed_faces = [face for face in BOX_FACES if face not in forbidden_faces]
     if not allowed_faces:
-        raise InvalidArgumentError("all faces of the box are forbidden: none is left for contacts")
+        raise NoGroundError("all faces of the box are forbidden: none is left for contacts")
     half = np.asarray(size) / 2
 
     points, normals, areas, patches = [], [], [], []

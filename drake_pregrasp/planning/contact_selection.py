@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from enum import IntEnum
 
 import numpy as np
 
@@ -15,54 +14,11 @@ from drake_pregrasp.planning.contact_limits import (
     step_toward,
     tip_gaps,
 )
+from drake_pregrasp.planning.contact_status import contact_status, is_active
 from drake_pregrasp.planning.quality_guard import keep_quality
 from drake_pregrasp.planning.region_constraints import NO_CAUSE, Limit
 from drake_pregrasp.planning.safe_regions import SafeRegions
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
-
-
-class ContactStatus(IntEnum):
-    """What has become of a contact at a tick.
-
-    Above zero it is active: the goal lies on the allowed surface, has a safe region and counts in
-    G. From two on in size, the name says what leaves it a tiny region, or none.
-    """
-
-    LOST = -1
-    """The finger is gone (its weight h_i is -inf); its goal is void."""
-    INACTIVE = 0
-    """The goal is held where it may not be, or is on its way back."""
-    ACTIVE = 1
-    """The goal has a region of its own."""
-    NO_ALLOWED_GROUND = -2
-    LITTLE_ALLOWED_GROUND = 2
-    CROWDED_OUT = -3
-    CROWDED = 3
-    OUT_OF_REACH = -4
-    HARDLY_IN_REACH = 4
-    OBSTRUCTED = -5
-    NEARLY_OBSTRUCTED = 5
-    BEHIND_WALL = -6
-    NEARLY_BEHIND_WALL = 6
-
-
-def is_active(status: FloatArray) -> BoolArray:
-    """Returns which contacts take part, of their `ContactStatus`, shape (n,)."""
-    mask: BoolArray = status > 0
-    return mask
-
-
-def contact_status(active: BoolArray, lost: BoolArray, limits: IntArray) -> FloatArray:
-    """Returns the `ContactStatus` of contacts, shape (n,).
-
-    Args:
-        active: Mask of those that are active, shape (n,).
-        lost: Mask of those whose finger is gone, shape (n,).
-        limits: The `Limit` of each, shape (n,).
-    """
-    limited = limits != Limit.NONE
-    status = np.where(active, 1 + limits, np.where(limited, -(1 + limits), ContactStatus.INACTIVE))
-    return np.where(lost, ContactStatus.LOST, status).astype(float)
 
 
 @dataclass(frozen=True, eq=False)

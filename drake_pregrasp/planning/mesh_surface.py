@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.errors import InvalidArgumentError, NoGroundError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.no_touch import NoTouchArea, is_forbidden
 from drake_pregrasp.planning.sampling import Triangles, choose_evenly, split_triangles
@@ -41,8 +41,9 @@ def mesh_surface(
         forbidden_radius: R_j of each forbidden point, in metres.
 
     Raises:
-        InvalidArgumentError: If a length is not above 0, no ground is left, or the spacing is so
-            fine that the triangles would not fit into memory.
+        InvalidArgumentError: If a length is not above 0, or the spacing is so fine that the
+            triangles would not fit into memory.
+        NoGroundError: If no ground is left for contacts.
     """
     if not (spacing > 0 and forbidden_spacing > 0):
         raise InvalidArgumentError("spacings must be above 0 m")
@@ -54,7 +55,10 @@ def mesh_surface(
     forbidden = is_forbidden(triangles, shape.face_parts, no_touch)
     allowed = triangles.chosen(~forbidden)
     if len(allowed.faces) == 0:
-        raise InvalidArgumentError("no ground is left for contacts: all of it is forbidden")
+        raise NoGroundError(
+            "no ground is left for contacts: make the forbidden areas smaller, or the spacing,"
+            " since small triangles that reach into an area are forbidden as a whole"
+        )
     generator = np.random.default_rng(seed)
     samples, owners = choose_evenly(allowed, _DISTANCE * spacing, generator)
     order = np.argsort(owners, kind="stable")

@@ -201,6 +201,8 @@ class ObjectSurface:
     def _nearest_on_triangles(
         self, p_OP: FloatArray, triangles: Sequence[IntArray]
     ) -> tuple[FloatArray, FloatArray]:
+        if len(p_OP) == 0:
+            return np.empty((0, 3)), np.empty((0, 3))
         counts = [len(t) for t in triangles]
         which = np.concatenate(triangles)
         points = np.repeat(p_OP, counts, axis=0)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_selection import ContactStatus, is_active
+from drake_pregrasp.planning.contact_status import ContactStatus, is_active
 from drake_pregrasp.planning.force_closure import ferrari_canny, min_weight_margin
 from drake_pregrasp.planning.independent_regions import force_closed_share
 from drake_pregrasp.planning.safe_regions import compute_safe_regions

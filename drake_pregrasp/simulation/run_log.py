@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_selection import is_active
+from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.grasp_quality import GraspQuality
 from drake_pregrasp.simulation.output import writing
 from drake_pregrasp.systems.tick_logger import TickRecord

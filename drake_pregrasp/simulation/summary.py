@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_pregrasp.planning.contact_selection import ContactStatus
+from drake_pregrasp.planning.contact_status import ContactStatus, describe_status, is_active
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.force_closure_summary import force_closure_summary
 from drake_pregrasp.simulation.phases import (
@@ -36,7 +36,7 @@ def summarize(
 
     `static` holds means over the phase in which the initial contacts are held, `max` and `mean` are
     over the phase in which they adapt, and `final` is the last tick; null where there is no tick.
-    `inactive_contacts` are those without a safe region, or on forbidden ground, at the last tick.
+    `inactive_contacts` says which have no place at the last tick, and why.
     With damage, `max` and `mean` end before the first loss, and `after_damage` follows the last.
     """
     time = log.column("time")
@@ -65,11 +65,18 @@ def summarize(
     }
 
 
-def _inactive_contacts(log: RunLog) -> list[int]:
-    """Returns the contacts that are there at the last tick, but have nowhere to be."""
+def _inactive_contacts(log: RunLog) -> dict[str, str]:
+    """Returns the contacts that are there at the last tick, but have nowhere to be, and why."""
     if not log.records:
-        return []
-    return np.flatnonzero(log.records[-1].contact_status == ContactStatus.INACTIVE).tolist()
+        return {}
+    record = log.records[-1]
+    without = ~is_active(record.contact_status) & (record.contact_status != ContactStatus.LOST)
+    return {
+        str(contact): describe_status(
+            record.contact_status[contact], record.contact_causes[contact]
+        )
+        for contact in np.flatnonzero(without).tolist()
+    }
 
 
 def _after_damage(

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.math import RollPitchYaw
 
 from drake_pregrasp.diagrams.object_config import Box, ObjectConfig
-from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.errors import InvalidArgumentError, NoGroundError, ScenarioError
 from drake_pregrasp.planning.box_surface import BOX_FACES, box_surface
 from drake_pregrasp.planning.mesh_surface import mesh_surface
 from drake_pregrasp.planning.no_touch import AxisArea, FacingArea, NoTouchArea, PartArea
@@ -161,5 +161,8 @@ def check_surface(source: str, config: ObjectConfig, surface: SurfaceConfig) -> 
             raise ScenarioError(source, f"surface.no_touch[{index}]", str(error)) from error
     try:
         return surface.make_surface(config)
+    except NoGroundError as error:
+        key = "no_touch" if surface.no_touch else "forbidden_faces"
+        raise ScenarioError(source, f"surface.{key}", str(error)) from error
     except InvalidArgumentError as error:
-        raise ScenarioError(source, "surface", str(error)) from error
+        raise ScenarioError(source, "surface.spacing", str(error)) from error

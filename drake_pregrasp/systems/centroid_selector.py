@@ -21,11 +21,11 @@ from drake_pregrasp.planning.contact_check import verify_contacts
 from drake_pregrasp.planning.contact_limits import ContactLimits
 from drake_pregrasp.planning.contact_selection import (
     ContactGoals,
-    ContactStatus,
     SelectionInput,
     hold_contacts,
     select_contacts,
 )
+from drake_pregrasp.planning.contact_status import ContactStatus
 from drake_pregrasp.planning.force_closure import FRICTION
 from drake_pregrasp.planning.region_constraints import NO_CAUSE
 from drake_pregrasp.planning.strategies import make_strategy

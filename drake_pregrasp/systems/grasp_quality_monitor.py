@@ -8,7 +8,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.contact_models import CONTACT_MODELS
-from drake_pregrasp.planning.contact_selection import is_active
+from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.grasp_quality import GraspQuality, grasp_quality
 from drake_pregrasp.planning.surface import ObjectSurface
 

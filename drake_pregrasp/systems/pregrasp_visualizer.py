@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 from scipy.spatial import cKDTree
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.planning.contact_selection import is_active
+from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.safe_regions import NO_REGION, SafeRegions
 from drake_pregrasp.planning.sampling import lifted
 from drake_pregrasp.planning.surface import ObjectSurface

@@ -320,7 +320,7 @@ def test_any_description_can_be_plotted(tmp_path):
 def test_contacts_without_a_place_are_reported(tmp_path):
     text = "{simulation_duration: 0.2, initial_contacts: [[0, 0, 1], [1, 0, 0]]}"
     result = run(load_scenario("a_base", text=text), name="a", out=tmp_path, recording=False)
-    assert result.summary["inactive_contacts"] == [0]
+    assert result.summary["inactive_contacts"] == {"0": "no allowed ground"}
 
 
 def test_an_unwritable_folder_is_refused_and_keeps_what_is_there(tmp_path):

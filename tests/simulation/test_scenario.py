@@ -160,7 +160,8 @@ def test_cases_differ_from_the_base_by_what_table_1_says():
     base = plain(load_scenario("a_base"))
     differences = {
         name: {key for key, value in plain(load_scenario(name)).items() if value != base[key]}
-        for name in shipped_scenarios()
+        for name, (file, _) in shipped_scenarios().items()
+        if file.stem in ("paper", "measures")
     }
     assert differences == {
         "a_base": set(),

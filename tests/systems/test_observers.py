@@ -77,6 +77,7 @@ def fix_planner_outputs(system, context, surface, p_OC):
         "X_WO": X_WO,
         "p_WC": (X_WO @ p_OC.T).T.ravel(),
         "contact_status": np.ones(len(p_OC)),
+        "contact_causes": np.arange(len(p_OC)),
         "safe_regions": AbstractValue.Make(regions),
         "p_WO_covariance": 1e-6 * np.eye(3).ravel(),
         "grasp_quality": np.arange(5.0),
@@ -96,6 +97,7 @@ def test_logger_hands_over_each_tick(surface, p_OC):
     (record,) = records
     np.testing.assert_allclose(record.p_WC, (X_WO @ p_OC.T).T)
     np.testing.assert_array_equal(record.region_sizes, regions.sizes())
+    np.testing.assert_array_equal(record.contact_causes, np.arange(5))
     assert record.X_WO.IsExactlyEqualTo(X_WO)
     assert record.wall_seconds >= 0
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import yaml
 from pydrake.geometry import Meshcat, MeshcatParams
+from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import BodyIndex, SpatialInertia
@@ -26,7 +27,9 @@ from drake_pregrasp.systems.body_pose import BodyPose
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.contact_weights import ContactWeights
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
+from drake_pregrasp.systems.hand_pose import HandPose
 from drake_pregrasp.systems.launch import Launch
+from drake_pregrasp.systems.moving_obstacles import MovingObstacles
 from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.object_motion import ObjectMotion
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
@@ -49,7 +52,9 @@ MAKERS = {
     BodyPose: lambda s, c: BodyPose(BodyIndex(1)),
     CentroidSelector: lambda s, c: CentroidSelector(surface=s, p_OC=c, period=0.1),
     ContactWeights: lambda s, c: ContactWeights(np.zeros(len(c))),
+    HandPose: lambda s, c: HandPose(RigidTransform()),
     Launch: lambda s, c: make_launch(),
+    MovingObstacles: lambda s, c: MovingObstacles([]),
     GraspQualityMonitor: lambda s, c: GraspQualityMonitor(surface=s, num_contacts=len(c)),
     NoiseSource: lambda s, c: NoiseSource(size=2, period=0.1),
     NoisyPoseSensor: lambda s, c: NoisyPoseSensor(position_std=0, orientation_std=0),
