@@ -28,7 +28,7 @@ _LIGHTS = {
 # From where the camera looks, for an object of unit size, and what share of a longer path counts as
 # the object: then all of it is in the picture.
 _CAMERA = np.array([1.75, 1.5, 1.0])
-_VIEW = 0.4
+_VIEW = 0.5
 
 
 def start_meshcat() -> Meshcat:
