@@ -119,7 +119,7 @@ def _parser() -> argparse.ArgumentParser:
         "--estimator",
         default="{}",
         metavar="YAML",
-        help="keys of planner.estimator, for example '{acceleration: 0.5}'",
+        help="keys of planner.estimator, for example '{position_std: 0.002, acceleration: 1.0}'",
     )
     return parser
 

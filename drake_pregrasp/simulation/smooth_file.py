@@ -16,9 +16,17 @@ from drake_pregrasp.simulation.schema_check import check_mapping
 VELOCITY_COLUMNS = ("vx", "vy", "vz", "wx", "wy", "wz")
 """What the smoothed file has beside `COLUMNS`: velocities of O in W, in m/s and rad/s."""
 
+CARRIED = EstimatorConfig(
+    acceleration=0.5,
+    angular_acceleration=3.0,
+    initial_velocity_std=1.0,
+    initial_angular_velocity_std=3.0,
+)
+"""What is assumed of a stream unless said otherwise: an object that somebody carries."""
+
 
 def load_estimator(text: str) -> EstimatorConfig:
-    """Returns the filter's settings with what a YAML text overrides.
+    """Returns the settings `CARRIED` with what a YAML text overrides.
 
     Raises:
         ScenarioError: If a key or a value in it is wrong.
@@ -29,9 +37,7 @@ def load_estimator(text: str) -> EstimatorConfig:
     except yaml.YAMLError as error:
         raise ScenarioError(source, "", f"is no YAML: {' '.join(str(error).split())}") from error
     check_mapping(source, "", data, EstimatorConfig)
-    config: EstimatorConfig = yaml_load_typed(
-        schema=EstimatorConfig, data=text, defaults=EstimatorConfig()
-    )
+    config: EstimatorConfig = yaml_load_typed(schema=EstimatorConfig, data=text, defaults=CARRIED)
     return config
 
 

@@ -77,6 +77,7 @@ def study_lookahead(
     *,
     seeds: Sequence[int] = SEEDS,
     cases: Sequence[str] = tuple(CASES),
+    delays: Sequence[int] = DELAYS,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Path:
     """Runs the study and writes `lookahead.csv`, `lookahead.png` and `lookahead.md`.
@@ -85,6 +86,7 @@ def study_lookahead(
         out: Their folder; made if it isn't there.
         seeds: Of the measurement noise.
         cases: Keys of `CASES`.
+        delays: Of the hand, in ticks.
         on_progress: Called with the number of runs done and of all.
 
     Returns:
@@ -96,7 +98,7 @@ def study_lookahead(
     out = Path(out)
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)
-    lookaheads = sorted({share * delay * PERIOD for delay in DELAYS for share in SHARES})
+    lookaheads = sorted({share * delay * PERIOD for delay in delays for share in SHARES})
     jobs = [LookaheadJob(*job) for job in _product(cases, lookaheads, seeds)]
     done = 0
 
@@ -109,7 +111,7 @@ def study_lookahead(
     rows = [
         _row(runs, case, delay, share * delay * PERIOD, seeds)
         for case in cases
-        for delay in DELAYS
+        for delay in delays
         for share in (SHARES if delay else SHARES[:1])
     ]
     write_text(out / "lookahead.csv", _csv(rows))
@@ -200,8 +202,8 @@ def _report(
         "# Look-ahead and look-back",
         "",
         f"{len(seeds)} seeds a run. A goal issued at time t is reached by the hand at t + delay;"
-        " its error is the distance to the same point of the object at the true pose of that moment."
-        f" Goals of the first {SETTLED * PERIOD:g} s don't count.",
+        " its error is the distance to the same point of the object at the true pose of that"
+        f" moment. Goals of the first {SETTLED * PERIOD:g} s don't count.",
         "",
         "![Goal error at the moment of contact over the hand's delay](lookahead.png)",
         "",

@@ -41,6 +41,17 @@ CASES = {
         plant_config: {{time_step: {PERIOD / 8}}}
         """,
     ),
+    "toss, gravity unknown": (
+        "toss",
+        f"""
+        simulation_duration: 0.8
+        sensor: {{{_NOISE}}}
+        planner:
+          period: {PERIOD}
+          estimator: {{{_NOISE}, gravity: 0.0, acceleration: 3.0}}
+        plant_config: {{time_step: {PERIOD / 8}}}
+        """,
+    ),
 }
 """For each case the shipped scenario, and what differs in it."""
 
