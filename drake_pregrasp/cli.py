@@ -23,7 +23,9 @@ from drake_pregrasp.simulation.scenario_file import (
 )
 from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.simulation.smooth_file import load_estimator, smooth_file
 from drake_pregrasp.simulation.summary import MEASURES
+from drake_pregrasp.studies.lookahead import study_lookahead
 from drake_pregrasp.studies.published import SCENARIOS
 from drake_pregrasp.studies.reproduce import reproduce
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
@@ -32,6 +34,8 @@ from drake_pregrasp.version import __version__
 
 BAD_INPUT = 2
 INTERRUPTED = 130
+
+_STUDIES = {"lookahead": study_lookahead}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -97,6 +101,26 @@ def _parser() -> argparse.ArgumentParser:
         metavar="a,b,...",
         help="which; %(default)s if not set",
     )
+
+    student = commands.add_parser("study", help="measure what a feature gains")
+    student.set_defaults(command=_study)
+    student.add_argument("study", choices=_STUDIES, metavar="NAME", help=", ".join(_STUDIES))
+    student.add_argument(
+        "--out", metavar="FOLDER", help="where the report goes; study_NAME if not set"
+    )
+
+    smoother = commands.add_parser(
+        "smooth", help="smooth a recorded pose stream, and add its velocities"
+    )
+    smoother.set_defaults(command=_smooth)
+    smoother.add_argument("input", metavar="IN.csv", help="columns time,x,y,z,qw,qx,qy,qz")
+    smoother.add_argument("output", metavar="OUT.csv", help="the same and vx,vy,vz,wx,wy,wz")
+    smoother.add_argument(
+        "--estimator",
+        default="{}",
+        metavar="YAML",
+        help="keys of planner.estimator, for example '{position_std: 0.002, acceleration: 1.0}'",
+    )
     return parser
 
 
@@ -130,21 +154,25 @@ def _run(options: argparse.Namespace) -> int:
 def _reproduce(options: argparse.Namespace) -> int:
     cases = [case.strip() for case in options.cases.split(",")]
     start = time.perf_counter()
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("step {task.completed} of {task.total}"),
-        BarColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=None)
-        report = reproduce(
-            options.out,
-            cases,
-            on_progress=lambda done, total: bar.update(task, completed=done, total=total),
-        )
+    with _step_bar() as on_progress:
+        report = reproduce(options.out, cases, on_progress=on_progress)
     print(f"reproduced in {(time.perf_counter() - start) / 60:.1f} minutes")
     print(f"report in {report}: open it in a browser")
+    return 0
+
+
+def _study(options: argparse.Namespace) -> int:
+    out = options.out or f"study_{options.study}"
+    with _step_bar() as on_progress:
+        report = _STUDIES[options.study](out, on_progress=on_progress)
+    print(f"report in {report}")
+    return 0
+
+
+def _smooth(options: argparse.Namespace) -> int:
+    config = load_estimator(options.estimator)
+    rows = smooth_file(Path(options.input), Path(options.output), config)
+    print(f"{rows} poses smoothed into {options.output}")
     return 0
 
 
@@ -187,6 +215,20 @@ def _stop_on_signals() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _step_bar() -> Iterator[Callable[[int, int], None]]:
+    """Shows steps done and to do on a terminal, and nothing when the output goes elsewhere."""
+    console = Console(stderr=True)
+    columns = (
+        TextColumn("step {task.completed} of {task.total}"),
+        BarColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
+        task = bar.add_task("", total=None)
+        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 @contextlib.contextmanager

@@ -10,6 +10,7 @@ import pytest
 
 from drake_pregrasp import shipped_scenarios
 from drake_pregrasp.cli import main
+from drake_pregrasp.resources import resource_folder
 
 SHORT = ["--simulation_duration", "0.5", "--no-recording"]
 
@@ -60,6 +61,11 @@ def test_graphviz_writes_the_diagram_and_simulates_nothing(tmp_path):
         (["run", "a_base", "--scenario_text", "{planner: {perod: 1}}"], "did you mean period?"),
         (["run", "a_base", "--out", "/dev/null/x"], "/dev/null/x/a_base: can't be written"),
         (["run", "a_base", "--graphviz", "/dev/null/x"], "/dev/null/x: can't be written"),
+        (["study", "luck"], "invalid choice: 'luck' (choose from"),
+        (["study", "lookahead", "--out", "/dev/null/x"], "/dev/null/x: can't be written"),
+        (["smooth", "none.csv", "out.csv"], "none.csv: can't be read"),
+        (["smooth", "none.csv", "out.csv", "--estimator", "{a: 1}"], "--estimator: a: unknown key"),
+        (["smooth", "none.csv", "out.csv", "--estimator", "["], "--estimator: is no YAML"),
         (["dance"], "invalid choice: 'dance'"),
         (["run", "a_base", "--speed", "9"], "unrecognized arguments: --speed 9"),
     ],
@@ -75,6 +81,16 @@ def test_bad_input_is_one_line_and_status_2(arguments, problem, capsys):
     assert captured.out == ""
     assert problem in captured.err
     assert captured.err.count("\n") == 1
+
+
+def test_smooth_writes_a_stream_and_says_so(tmp_path, capsys):
+    source = resource_folder("models") / "carried_by_hand.csv"
+    target = tmp_path / "smoothed.csv"
+    assert main(["smooth", str(source), str(target)]) == 0
+    assert capsys.readouterr().out == f"121 poses smoothed into {target}\n"
+    assert len(target.read_text().splitlines()) == 122
+    assert main(["smooth", str(source), "/dev/null/x"]) == 2
+    assert "/dev/null/x: can't be written" in capsys.readouterr().err
 
 
 COMMAND = [sys.executable, "-m", "drake_pregrasp", "run", "a_base", "--no-recording", "--out"]

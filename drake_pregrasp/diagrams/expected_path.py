@@ -21,7 +21,9 @@ from drake_pregrasp.planning.velocity_profile import VelocityProfile
 from drake_pregrasp.resources import resolve_path
 
 _SAMPLES = 50
-_GRAVITY = np.array([0.0, 0.0, -9.81])
+
+GRAVITY = 9.81
+"""What a plant of Drake has, in m/s²."""
 
 
 def expected_path(motion: MotionConfig, duration: float, height: float) -> FloatArray:
@@ -39,10 +41,12 @@ def expected_path(motion: MotionConfig, duration: float, height: float) -> Float
         path = [start + np.array([profile.at(time)[0][0], 0.0, 0.0]) for time in times]
     elif isinstance(motion, Toss):
         position, velocity = np.array(motion.position), np.array(motion.velocity)
-        path = [position + t * velocity + t**2 / 2 * _GRAVITY for t in times]
-        landed = [p[2] < height for p in path]
-        if motion.table and any(landed):
-            path = path[: landed.index(True) + 1]
+        if motion.table:
+            drop = max(0.0, position[2] - height)
+            rise = velocity[2] / GRAVITY
+            times = times * min(1.0, (rise + np.sqrt(rise**2 + 2 * drop / GRAVITY)) / duration)
+        fall = np.array([0.0, 0.0, -GRAVITY])
+        path = [position + t * velocity + t**2 / 2 * fall for t in times]
     elif isinstance(motion, Push):
         way = np.linspace(0.0, motion.distance, _SAMPLES)
         path = [start + distance * np.array(push_direction(motion)) for distance in way]

@@ -28,7 +28,7 @@ _LIGHTS = {
 # From where the camera looks, for an object of unit size, and what share of a longer path counts as
 # the object: then all of it is in the picture.
 _CAMERA = np.array([1.75, 1.5, 1.0])
-_VIEW = 0.4
+_VIEW = 0.5
 
 
 def start_meshcat() -> Meshcat:
@@ -91,13 +91,23 @@ def add_recording(
     ):
         builder.Connect(planner.GetOutputPort(name), visualizer.GetInputPort(name))
     extent = max(0.1, float(surface.mesh.extents.max()))
-    low, high = path.min(axis=0), path.max(axis=0)
-    target = (low + high) / 2
-    scale = max(extent, _VIEW * float((high - low).max() + extent))
-    meshcat.SetCameraPose(target + scale * _CAMERA, target)
+    meshcat.SetCameraPose(*camera_pose(path, extent))
     meshcat.StartRecording(
         frames_per_second=1 / publish_period, set_visualizations_while_recording=True
     )
+
+
+def camera_pose(path: FloatArray, extent: float) -> tuple[FloatArray, FloatArray]:
+    """Returns where the camera is and what it looks at, so that a whole path is in the picture.
+
+    Args:
+        path: Positions of the object, shape (k, 3), in metres.
+        extent: Size of the object, in metres.
+    """
+    low, high = path.min(axis=0), path.max(axis=0)
+    target: FloatArray = (low + high) / 2
+    scale = max(extent, _VIEW * float((high - low).max() + extent))
+    return target + scale * _CAMERA, target
 
 
 def recording_html(meshcat: Meshcat) -> str:

@@ -115,7 +115,9 @@ def make_diagram(
             tile_surface=scenario.make_surface(scenario.recording.tile_size),
             num_contacts=n,
             path=expected_path(
-                scenario.motion, scenario.simulation_duration, standing_height(scenario.object)
+                scenario.motion,
+                scenario.simulation_duration + config.estimator.lookahead,
+                standing_height(scenario.object),
             ),
             publish_period=scenario.recording.publish_period,
         )

@@ -1,10 +1,7 @@
 """Runs of the paper's cases, many seeds each, in parallel processes."""
 
-import multiprocessing
-import os
-import signal
+import functools
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import NamedTuple
 
@@ -16,6 +13,7 @@ from drake_pregrasp.simulation.phases import last_phase, static_phase, ticks_fro
 from drake_pregrasp.simulation.run import run
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.studies.processes import in_processes
 from drake_pregrasp.studies.published import SCENARIOS
 
 TRAVEL_TIME = 1.5
@@ -55,24 +53,7 @@ def run_jobs(
         out: Where the run folders go.
         on_done: Called after each run.
     """
-    # Fresh processes: Drake's systems in Python outlive their diagram, and threads don't survive
-    # a fork.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(os.cpu_count(), context, initializer=_ignore_interrupts) as pool:
-        futures = [pool.submit(_run_one, job, out) for job in jobs]
-        try:
-            for future in as_completed(futures):
-                future.result()
-                on_done()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-        return [future.result() for future in futures]
-
-
-def _ignore_interrupts() -> None:
-    # They reach the parent, which then ends the rest in order.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return in_processes(functools.partial(_run_one, out=out), jobs, on_done=on_done)
 
 
 def _run_one(job: Job, out: Path) -> CaseRun:

@@ -155,3 +155,58 @@ def white_acceleration_step(rng, x, v, density):
     L = np.linalg.cholesky(density**2 * np.array([[DT**3 / 3, DT**2 / 2], [DT**2 / 2, DT]]))
     dx, dv = L @ rng.normal(size=(2, 3))
     return x + v * DT + dx, v + dv
+
+
+def test_in_free_flight_without_noise_the_parabola_is_followed_exactly():
+    flight = dataclasses.replace(NOISE, gravity=9.81, initial_velocity=10)
+    v, w, p_OCoM = np.array([1.0, -2, 4]), np.array([2.0, 3, -1]), np.array([0.02, 0, -0.03])
+    belief = None
+    for k in range(400):
+        t = k * DT / 10
+        p, R = t * v + np.array([0, 0, -9.81 * t**2 / 2]), Rotation.from_rotvec(t * w)
+        if belief is None:
+            belief = dataclasses.replace(first_belief(t, p, R, flight, p_OCoM), v_WCoM=v, w_WO=w)
+            continue
+        belief = predict(belief, t - belief.time, flight)
+        np.testing.assert_allclose(belief.p_WCoM, p, atol=1e-12)
+        belief = update(belief, p, R, flight, p_OCoM)
+        np.testing.assert_allclose(belief.p_WCoM, p, atol=1e-12)
+        np.testing.assert_allclose(belief.v_WCoM, v - [0, 0, 9.81 * t], atol=1e-11)
+        assert (belief.R_WO.inv() * R).magnitude() < 1e-7
+    unaware = predict(belief, 0.1, NOISE)
+    fall = predict(belief, 0.1, flight).p_WCoM - unaware.p_WCoM
+    np.testing.assert_allclose(fall, [0, 0, -9.81 * 0.01 / 2], atol=1e-15)
+
+
+def test_errors_of_a_thrown_object_are_as_large_as_the_covariance_says():
+    """Also where the centre of mass is far from the frame that is measured."""
+    p_OCoM = np.array([0.3, -0.2, 0.1])
+    flight = dataclasses.replace(
+        NOISE, gravity=9.81, acceleration=1e-6, initial_velocity=3, orientation=0.01
+    )
+    normalised = {True: [], False: []}
+    runs, steps = 60, 15
+    for seed in range(runs):
+        rng = np.random.default_rng(seed)
+        v, w = rng.normal(scale=3, size=3), rng.normal(scale=0.5, size=3)
+        R_start = Rotation.random(rng=rng)
+        for modelled in normalised:
+            rng = np.random.default_rng(seed)
+            belief = None
+            for k in range(steps):
+                t = k * DT
+                p_WCoM = t * v + np.array([0, 0, -9.81 * t**2 / 2])
+                R_WO = Rotation.from_rotvec(t * w) * R_start
+                R_z = Rotation.from_rotvec(rng.normal(scale=0.01, size=3)) * R_WO
+                p_WO = p_WCoM - R_WO.apply(p_OCoM) + rng.normal(scale=NOISE.position, size=3)
+                z = p_WO + R_z.apply(p_OCoM)
+                told = p_OCoM if modelled else None
+                if belief is None:
+                    belief = first_belief(t, z, R_z, flight, told)
+                else:
+                    belief = update(predict(belief, DT, flight), z, R_z, flight, told)
+            e = np.concatenate([p_WCoM - belief.p_WCoM, v - [0, 0, 9.81 * t] - belief.v_WCoM])
+            normalised[modelled].append(e @ np.linalg.solve(belief.P_position, e))
+    low, high = chi2.ppf([0.0005, 0.9995], 6 * runs) / runs
+    assert low < np.mean(normalised[True]) < high
+    assert np.mean(normalised[False]) > 2 * high

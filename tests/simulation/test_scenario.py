@@ -1,9 +1,12 @@
 import dataclasses
+from pathlib import Path
 
 import pytest
 
 from drake_pregrasp import Scenario, ScenarioError, load_scenario, shipped_scenarios
-from drake_pregrasp.simulation.scenario_file import dump_scenario
+from drake_pregrasp.diagrams.motion_config import PoseStream
+from drake_pregrasp.resources import resolve_path, resource_folder
+from drake_pregrasp.simulation.scenario_file import check_scenario, dump_scenario
 
 TEMPLATE = "case:\n  description: for a test\n"
 
@@ -82,6 +85,35 @@ BAD = [
     ("planner: {period: '1_0'}", "case.planner.period", "must be a number"),
     ("1: 2", "case", "the key 1 must be a name"),
     ("random_seed: 9007199254740993", "case.random_seed", "at most 9007199254740992"),
+    ("motion: !Throw {}", "case.motion", "no such tag !Throw; there are: !Conveyor, !Toss, !Push"),
+    ("motion: {velocity: [0, 0, 1]}", "case.motion.velocity", "unknown key"),
+    ("motion: {profile: [[0, 1]]}", "case.motion.profile[0]", "a list of exactly 3 elements"),
+    ("motion: {profile: [[1, 0, 0]]}", "case.motion.profile[0][0]", "1.0 must be 0, the first"),
+    (
+        "motion: {profile: [[0, 0, 0], [2, 1, 0], [2, 0, 0]]}",
+        "case.motion.profile[2][0]",
+        "2.0 must be more than 2.0, the time before it",
+    ),
+    (
+        "motion: {profile: [[0, 11, 0]]}",
+        "case.motion.profile[0][1]",
+        "11.0 must be a speed from -10",
+    ),
+    ("motion: {profile: [[0, .nan, 0]]}", "case.motion.profile[0][1]", "nan must be a number"),
+    ("motion: !Toss {position: [0, 1]}", "case.motion.position", "a list of exactly 3 elements"),
+    ("motion: !Toss {velocity: [0, 0, 99]}", "case.motion.velocity[2]", "at most 50"),
+    ("motion: !Toss {table: 3}", "case.motion.table", "3 must be true or false"),
+    ("motion: !Push {speed: 0}", "case.motion.speed", "0 must be a number above 0"),
+    (
+        "motion: !Push {direction: 0.8, start_distance: 0.06}",
+        "case.motion.start_distance",
+        "0.06 must be at least 0.0707, where the object ends",
+    ),
+    ("motion: !PoseStream {}", "case.motion", "lacks the key file"),
+    ("motion: !PoseStream {file: 3}", "case.motion.file", "3 must be a text"),
+    ("motion: !PoseStream {file: none.csv}", "case.motion.file", "none.csv: can't be read"),
+    ("motion: !PoseStream {file: bad.yaml}", "case.motion.file", "row 1: lacks the column time"),
+    ("planner: {estimator: {gravity: -9.81}}", "estimator.gravity", "at least 0"),
     ("simulator_config: {max_step_size: big}", "case.simulator_config.max_step_size", "'big'"),
 ]
 
@@ -183,3 +215,35 @@ def test_cases_differ_from_the_base_by_what_table_1_says():
 
 def plain(scenario: Scenario) -> dict[str, str]:
     return {f.name: repr(getattr(scenario, f.name)) for f in dataclasses.fields(scenario)}
+
+
+STREAM = "time,x,y,z,qw,qx,qy,qz\n0,0,0,0.3,1,0,0,0\n1,0,0,0.4,1,0,0,0\n"
+
+
+def test_a_file_is_looked_for_beside_the_scenario(tmp_path, monkeypatch):
+    """And wherever a run folder's copy of the scenario goes, it names the same file."""
+    (tmp_path / "data").mkdir()
+    (tmp_path / "data" / "poses.csv").write_text(STREAM)
+    file = tmp_path / "mine.yaml"
+    file.write_text("case: {motion: !PoseStream {file: data/poses.csv}}\n")
+    scenario = load_scenario(file=file)
+    assert scenario.motion.file == str(tmp_path / "data" / "poses.csv")
+    copy = tmp_path / "data" / "copy.yaml"
+    copy.write_text(dump_scenario("case", scenario))
+    assert load_scenario(file=copy).motion.file == scenario.motion.file
+    monkeypatch.chdir(tmp_path / "data")
+    text = "{motion: !PoseStream {file: poses.csv}}"
+    assert load_scenario("a_base", text=text).motion.file == scenario.motion.file
+    made = Scenario(motion=PoseStream(file="poses.csv"))
+    check_scenario(made)
+    assert made.motion.file == scenario.motion.file
+
+
+def test_a_file_of_the_package_keeps_its_name():
+    file = "package://drake_pregrasp/carried_by_hand.csv"
+    assert load_scenario("pose_stream").motion.file == file
+    here = Path("/nowhere")
+    assert resolve_path(file, here) == resource_folder("models") / "carried_by_hand.csv"
+    assert resolve_path("x/../y.csv", here) == here / "y.csv"
+    assert resolve_path("/y.csv", here) == Path("/y.csv")
+    assert resolve_path("~/y.csv", here) == Path.home() / "y.csv"

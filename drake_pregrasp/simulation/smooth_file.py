@@ -1,0 +1,67 @@
+"""A recorded pose stream, smoothed into another."""
+
+from pathlib import Path
+
+import numpy as np
+import yaml
+from pydrake.common.yaml import yaml_load_data, yaml_load_typed
+
+from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
+from drake_pregrasp.errors import ScenarioError
+from drake_pregrasp.planning.pose_smoother import filter_poses, smooth
+from drake_pregrasp.planning.pose_track import COLUMNS, read_pose_track
+from drake_pregrasp.simulation.output import write_text
+from drake_pregrasp.simulation.schema_check import check_mapping
+
+VELOCITY_COLUMNS = ("vx", "vy", "vz", "wx", "wy", "wz")
+"""What the smoothed file has beside `COLUMNS`: velocities of O in W, in m/s and rad/s."""
+
+CARRIED = EstimatorConfig(
+    acceleration=0.5,
+    angular_acceleration=3.0,
+    initial_velocity_std=1.0,
+    initial_angular_velocity_std=3.0,
+)
+"""What is assumed of a stream unless said otherwise: an object that somebody carries."""
+
+
+def load_estimator(text: str) -> EstimatorConfig:
+    """Returns the settings `CARRIED` with what a YAML text overrides.
+
+    Raises:
+        ScenarioError: If a key or a value in it is wrong.
+    """
+    source = "--estimator"
+    try:
+        data = yaml_load_data(text)
+    except yaml.YAMLError as error:
+        raise ScenarioError(source, "", f"is no YAML: {' '.join(str(error).split())}") from error
+    check_mapping(source, "", data, EstimatorConfig)
+    config: EstimatorConfig = yaml_load_typed(schema=EstimatorConfig, data=text, defaults=CARRIED)
+    return config
+
+
+def smooth_file(source: Path, target: Path, config: EstimatorConfig) -> int:
+    """Smooths a file of poses and returns their number.
+
+    What it writes is again a pose stream, with velocities in further columns.
+
+    Args:
+        source: CSV file with the columns `COLUMNS`.
+        target: CSV file to write.
+        config: What the filter assumes.
+
+    Raises:
+        InvalidArgumentError: If the source can't be used.
+        OutputError: If the target can't be written.
+    """
+    track = read_pose_track(source)
+    noise = filter_noise(config)
+    beliefs = smooth(filter_poses(track.times, track.p_WO, list(track.R_WO), noise), noise)
+    lines = [",".join((*COLUMNS, *VELOCITY_COLUMNS))]
+    for belief in beliefs:
+        quaternion = np.roll(belief.R_WO.as_quat(), 1)
+        row = [belief.time, *belief.p_WCoM, *quaternion, *belief.v_WCoM, *belief.w_WO]
+        lines.append(",".join(repr(float(value)) for value in row))
+    write_text(target, "\n".join(lines) + "\n")
+    return len(beliefs)

@@ -1,0 +1,156 @@
+"""The motions beside the plain conveyor."""
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import MultibodyPlantConfig
+from pydrake.systems.analysis import Simulator
+from scipy.spatial.transform import Rotation
+
+from drake_pregrasp import ObjectPlant, load_scenario, shipped_scenarios
+from drake_pregrasp.diagrams.expected_path import expected_path
+from drake_pregrasp.diagrams.motion_config import Conveyor, PoseStream, Push, Toss
+from drake_pregrasp.diagrams.object_body import standing_height
+from drake_pregrasp.diagrams.object_config import Box
+from drake_pregrasp.planning.pose_track import read_pose_track
+from drake_pregrasp.planning.velocity_profile import VelocityProfile
+from drake_pregrasp.resources import resource_folder
+
+BOX = Box(size=[0.1, 0.06, 0.14])
+
+
+def poses(motion, times, time_step=0.0125, box=BOX):
+    config = MultibodyPlantConfig(
+        time_step=time_step,
+        use_sampled_output_ports=False,
+        sap_near_rigid_threshold=0.1,
+        contact_model="point",
+        discrete_contact_approximation="sap",
+    )
+    plant = ObjectPlant(box, motion, config)
+    simulator = Simulator(plant)
+    port, found = plant.GetOutputPort("X_WO"), [None] * len(times)
+
+    def monitor(context):
+        """Sees each time before the plant steps on, as the planner does."""
+        for k, time in enumerate(times):
+            if found[k] is None and context.get_time() > time - 1e-9:
+                found[k] = RigidTransform(port.Eval(context))
+
+    simulator.set_monitor(monitor)
+    simulator.AdvanceTo(times[-1] + time_step / 2)
+    return found
+
+
+def yaw(X_WO):
+    return RollPitchYaw(X_WO.rotation()).yaw_angle()
+
+
+@pytest.mark.parametrize("time_step", [0.05, 0.0125])
+def test_a_flight_is_the_exact_parabola_at_any_time_step(time_step):
+    p, v = np.array([0.1, -0.2, 0.5]), np.array([1.0, 0.3, 4.0])
+    motion = Toss(position=list(p), rpy=[0.1, 0.2, 0.3], velocity=list(v), spin=[1.0, 4, 2])
+    times = [0.05, 0.2, 0.75]
+    for t, X_WO in zip(times, poses(motion, times, time_step), strict=True):
+        expected = p + t * v + [0, 0, -9.81 * t**2 / 2]
+        np.testing.assert_allclose(X_WO.translation(), expected, atol=1e-10)
+
+
+def test_a_flying_cube_turns_at_a_constant_rate_from_where_it_starts():
+    spin = np.array([1.0, -3.0, 2.0])
+    start = RollPitchYaw(0.4, -0.3, 1.0)
+    motion = Toss(rpy=[0.4, -0.3, 1.0], spin=list(spin))
+    (X_WO,) = poses(motion, [0.5], time_step=0.00625, box=Box())
+    expected = Rotation.from_rotvec(0.5 * spin).as_matrix() @ start.ToRotationMatrix().matrix()
+    np.testing.assert_allclose(X_WO.rotation().matrix(), expected, atol=1e-3)
+
+
+def test_a_tumbling_bodys_turn_comes_closer_to_its_limit_with_the_time_step():
+    motion = Toss(spin=[4.0, 5.0, 3.0])
+    fine, *coarse = (poses(motion, [0.5], h)[0].rotation() for h in (1e-4, 1e-3, 4e-3))
+    errors = [Rotation.from_matrix((fine.inverse() @ R).matrix()).magnitude() for R in coarse]
+    assert errors[0] < 0.01
+    assert errors[1] / errors[0] == pytest.approx(4, rel=0.2)
+
+
+def test_a_table_in_the_way_stops_a_fall():
+    motion = Toss(position=[0, 0, 0.2], rpy=[0.5, 0.2, 0], table=True)
+    (X_WO,) = poses(motion, [1.5], time_step=0.0025)
+    assert 0.02 < X_WO.translation()[2] < 0.08
+    assert np.hypot(*X_WO.translation()[:2]) < 0.2
+
+
+def test_a_conveyor_follows_its_profile():
+    rows = [[0.0, 0, 0], [1.0, 0.1, 0.5], [2.0, 0.1, -0.5], [2.5, 0.0, 0.0]]
+    profile, times = VelocityProfile(rows), [0.5, 1.0, 1.5, 2.5, 3.5]
+    for time, X_WO in zip(times, poses(Conveyor(profile=rows), times), strict=True):
+        expected = profile.at(time)[0]
+        assert X_WO.translation()[0] == pytest.approx(expected[0], abs=0.003)
+        assert yaw(X_WO) == pytest.approx(expected[1], abs=0.02)
+        np.testing.assert_allclose(X_WO.translation()[1:], [0, 0.07], atol=0.003)
+
+
+def test_a_profile_of_one_row_is_the_constant_conveyor():
+    one = poses(Conveyor(profile=[[0.0, 0.02, 0.3]]), [1.0])[0]
+    assert one.IsExactlyEqualTo(poses(Conveyor(0.02, 0.3), [1.0])[0])
+
+
+@pytest.mark.parametrize("direction", [0.0, 2.0])
+def test_a_push_through_the_centre_moves_the_object_its_way(direction):
+    """From where the tip meets it to where the tip stops, by friction and no further."""
+    motion = Push(direction=direction, speed=0.1, distance=0.15, start=0.2, start_distance=0.09)
+    before, during, after, later = poses(
+        motion, [0.2, 1.2, 2.5, 3.5], time_step=0.005, box=Box(size=[0.1, 0.1, 0.1])
+    )
+    u = np.array([np.cos(direction), np.sin(direction), 0])
+    assert np.linalg.norm(before.translation()[:2]) < 1e-5
+    assert 0.02 < during.translation() @ u < after.translation() @ u
+    # The face that the tip meets is 0.05 m behind the centre, or further if met at a slant.
+    assert 0.1 < after.translation() @ u < 0.14
+    np.testing.assert_allclose(later.translation(), after.translation(), atol=1e-3)
+    assert after.translation()[2] == pytest.approx(0.05, abs=1e-3)
+
+
+def test_a_push_off_the_centre_turns_the_object():
+    turns = {}
+    for offset in (-0.02, 0.0, 0.02):
+        motion = Push(offset=offset, speed=0.1, distance=0.15, start=0.1)
+        (X_WO,) = poses(motion, [2.0], time_step=0.005, box=Box())
+        turns[offset] = yaw(X_WO)
+    assert abs(turns[0.0]) < 0.01
+    assert turns[0.02] < -0.2
+    assert turns[-0.02] == pytest.approx(-turns[0.02], abs=0.02)
+
+
+def test_a_pose_stream_is_followed_as_recorded_and_shown():
+    file = "package://drake_pregrasp/carried_by_hand.csv"
+    plant = ObjectPlant(Box(), PoseStream(file=file), MultibodyPlantConfig(time_step=0.01))
+    track = read_pose_track(resource_folder("models") / "carried_by_hand.csv")
+    context = plant.CreateDefaultContext()
+    frame = plant.plant.GetBodyFrameIdOrThrow(plant.plant.GetBodyByName("cube").index())
+    for time in (0.0, 1.234, 9.0):
+        context.SetTime(time)
+        X_WO = plant.GetOutputPort("X_WO").Eval(context)
+        np.testing.assert_allclose(X_WO.translation(), track.at(time)[0], atol=1e-12)
+        shown = plant.GetOutputPort("query_object").Eval(context).GetPoseInWorld(frame)
+        assert shown.IsNearlyEqualTo(X_WO, 1e-12)
+
+
+MOTIONS = [name for name, (file, _) in shipped_scenarios().items() if file.stem == "motions"]
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_the_expected_path_is_near_the_one_that_is_taken(name):
+    scenario = load_scenario(name)
+    duration = min(3.0, scenario.simulation_duration)
+    path = expected_path(scenario.motion, duration, standing_height(scenario.object))
+    times = list(np.linspace(0.1, duration - 0.1, 5))
+    step = scenario.plant_config.time_step
+    for X_WO in poses(scenario.motion, times, step, scenario.object):
+        assert np.min(np.linalg.norm(path - X_WO.translation(), axis=1)) < 0.06
+
+
+def test_the_path_of_a_fall_ends_on_the_table():
+    path = expected_path(Toss(position=[0, 0, 1.0], table=True), 10.0, 0.05)
+    assert path[:, 2].min() == pytest.approx(0.05)
+    assert expected_path(Toss(position=[0, 0, 1.0]), 10.0, 0.05)[:, 2].min() < -100

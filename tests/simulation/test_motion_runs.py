@@ -1,0 +1,107 @@
+"""Runs of the shipped motions, and what a run of a pose stream leaves."""
+
+import numpy as np
+import pytest
+from conftest import read_log
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.math import RigidTransform
+
+from drake_pregrasp import load_scenario, run, shipped_scenarios
+from drake_pregrasp.diagrams.expected_path import expected_path
+from drake_pregrasp.diagrams.object_body import standing_height
+from drake_pregrasp.planning.pose_track import read_pose_track
+from drake_pregrasp.resources import resource_folder
+from drake_pregrasp.simulation.recording import camera_pose
+from drake_pregrasp.simulation.smooth_file import CARRIED, load_estimator, smooth_file
+
+MOTIONS = [name for name, (file, _) in shipped_scenarios().items() if file.stem == "motions"]
+HALF_VIEW = np.radians(75 / 2)  # Of Meshcat's camera, upwards; it sees more to the sides.
+
+
+def pose(log, row, frames):
+    q = Quaternion(*(log[f"q{c}_{frames}"][row] for c in "wxyz"))
+    return RigidTransform(q, [log[f"{c}_{frames}"][row] for c in "xyz"])
+
+
+def goals(log, row):
+    return np.array([[log[f"c{i}_{axis}"][row] for axis in "xyz"] for i in range(5)])
+
+
+@pytest.mark.parametrize("name", MOTIONS)
+def test_shipped_motions_are_tracked(name, tmp_path):
+    scenario = load_scenario(name, text="{planner: {estimator: {lookahead: 0.0}}}")
+    scenario.simulation_duration = min(2.0, scenario.simulation_duration)
+    result = run(scenario, name=name, out=tmp_path, recording=False)
+    assert result.completed
+    log = read_log(result.folder / "log.csv")
+    late = log["time"] > 0.1
+    assert np.max(log["position_error"][late]) < 5e-3
+    assert np.all([log[f"c{i}_active"] for i in range(5)])
+
+
+def test_goals_stay_within_the_surface_of_a_tossed_object(tmp_path):
+    """On it, where the object is believed to be; with look-ahead that is where it will be."""
+    for lookahead in (0.0, 0.05):
+        scenario = load_scenario("toss")
+        scenario.planner.estimator.lookahead = lookahead
+        result = run(scenario, name="toss", out=tmp_path, recording=False)
+        log, surface = read_log(result.folder / "log.csv"), scenario.make_surface()
+        ahead = round(lookahead / scenario.planner.period)
+        assert log["z_wo"].max() - log["z_wo"].min() > 0.4
+        for row in range(10, len(log["time"]) - ahead):
+            believed = pose(log, row, "wo_estimated").inverse() @ goals(log, row).T
+            assert np.max(surface.distance(believed.T)) < 1e-9
+            true = pose(log, row + ahead, "wo").inverse() @ goals(log, row).T
+            assert np.max(surface.distance(true.T)) < 3e-3
+
+
+@pytest.mark.parametrize("name", shipped_scenarios())
+def test_the_camera_sees_the_whole_motion(name):
+    scenario = load_scenario(name)
+    path = expected_path(
+        scenario.motion, scenario.simulation_duration, standing_height(scenario.object)
+    )
+    extent = max(scenario.object.size)
+    camera, target = camera_pose(path, extent)
+    axis = (target - camera) / np.linalg.norm(target - camera)
+    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * extent / 2
+    for corner in corners:
+        seen = path + corner - camera
+        angle = np.arccos(seen @ axis / np.linalg.norm(seen, axis=1))
+        assert np.max(angle) < HALF_VIEW
+
+
+def test_a_pose_stream_is_run_again_from_its_run_folder(tmp_path):
+    (tmp_path / "poses.csv").write_text(
+        "time,x,y,z,qw,qx,qy,qz\n0,0,0,0.3,1,0,0,0\n1,0.1,0,0.4,1,0,0,0\n"
+    )
+    (tmp_path / "mine.yaml").write_text(
+        "mine: {simulation_duration: 0.5, motion: !PoseStream {file: poses.csv}}\n"
+    )
+    first = run(load_scenario(file=tmp_path / "mine.yaml"), name="a", out=tmp_path, recording=False)
+    again = load_scenario(file=first.folder / "scenario.yaml")
+    second = run(again, name="b", out=tmp_path / "other", recording=False)
+    logs = [(result.folder / "log.csv").read_bytes() for result in (first, second)]
+    assert logs[0] == logs[1]
+    assert read_log(first.folder / "log.csv")["x_wo"][-1] == pytest.approx(0.05)
+
+
+def test_a_smoothed_file_is_a_stream_that_is_nearer_to_the_truth(tmp_path):
+    truth = read_pose_track(resource_folder("models") / "carried_by_hand.csv")
+    rng = np.random.default_rng(3)
+    noisy, smoothed = tmp_path / "noisy.csv", tmp_path / "smoothed.csv"
+    p = truth.p_WO + rng.normal(scale=0.003, size=truth.p_WO.shape)
+    q = np.roll(truth.R_WO.as_quat(), 1, axis=1)
+    rows = np.column_stack([truth.times, p, q])
+    header = "time,x,y,z,qw,qx,qy,qz"
+    np.savetxt(noisy, rows, delimiter=",", header=header, comments="")
+    assert smooth_file(noisy, smoothed, load_estimator("{position_std: 0.003}")) == len(rows)
+    after = read_pose_track(smoothed)
+    np.testing.assert_array_equal(after.times, truth.times)
+    errors = [np.linalg.norm(x - truth.p_WO) for x in (p, after.p_WO)]
+    assert errors[1] < 0.8 * errors[0]
+    table = read_log(smoothed)
+    v = np.gradient(truth.p_WO, truth.times, axis=0)[1:-1]
+    for axis, name in enumerate(("vx", "vy", "vz")):
+        assert np.sqrt(np.mean((table[name][1:-1] - v[:, axis]) ** 2)) < 0.1
+    assert load_estimator("{}") == CARRIED
