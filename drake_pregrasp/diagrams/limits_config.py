@@ -97,9 +97,9 @@ class LimitsConfig:
     # Contacts that keep a distance.
     pairs: list[Pair] = field(default_factory=list)
 
-    # What no step may make worse, as hysteresis in quality: a measure of the complete grasp matrix,
-    # or the force-closure margin.
-    guard: str = field(default="none", metadata={"one_of": GUARDS})
+    # What no step may make worse, as hysteresis in quality: measures of the complete grasp matrix,
+    # and the force-closure margin.
+    guard: list[str] = field(default_factory=list, metadata={"one_of": GUARDS})
 
     # Whether a contact without a region moves to the nearest place that it may have.
     recover: bool = False

@@ -49,7 +49,7 @@ class ContactLimits:
         deadband: A goal stays as long as what it should move to is nearer than that, in metres.
         pairs: Contacts that keep a distance.
         recover: Whether a contact whose region is empty moves to the nearest place it may have.
-        guard: A measure of the grasp that no step may make worse.
+        guard: Measures of the grasp that no step may make worse.
     """
 
     max_step: float = np.inf

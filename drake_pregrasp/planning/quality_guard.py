@@ -10,30 +10,41 @@ from drake_pregrasp.planning.force_closure import min_weight_margin
 from drake_pregrasp.planning.grasp_quality import grasp_quality
 from drake_pregrasp.planning.surface import ObjectSurface
 
-GUARDS = ("none", "q_msv", "q_gii", "q_vew", "margin")
-"""What may not become worse: nothing, a measure of the complete grasp matrix, the margin."""
+GUARDS = ("q_msv", "q_gii", "q_vew", "margin")
+"""What may not become worse: a measure of the complete grasp matrix, or the margin."""
 
-Measure = Callable[[FloatArray, FloatArray], float]
-"""Maps lever arms and normals of active contacts, shapes (n, 3), to a quality."""
+Measure = Callable[[FloatArray, FloatArray], FloatArray]
+"""Maps lever arms and normals of active contacts, shapes (n, 3), to qualities."""
 
 
-def guard_measure(name: str, friction: float) -> Measure | None:
-    """Returns the measure of that name.
+def guard_measure(names: Sequence[str], friction: float) -> Measure | None:
+    """Returns the measures of some names as one function, or None for no name.
 
     Args:
-        name: One of `GUARDS`.
+        names: Out of `GUARDS`.
         friction: Coulomb's coefficient, for the margin.
 
     Raises:
-        InvalidArgumentError: If there is none of that name.
+        InvalidArgumentError: If there is none of a name.
     """
-    if name not in GUARDS:
-        raise InvalidArgumentError(f"no guard {name!r}; there are: {', '.join(GUARDS)}")
-    if name == "none":
+    for name in names:
+        if name not in GUARDS:
+            raise InvalidArgumentError(f"no guard {name!r}; there are: {', '.join(GUARDS)}")
+    if not names:
         return None
-    if name == "margin":
-        return lambda p_CoMC, nhat: min_weight_margin(p_CoMC, nhat, friction)
-    return lambda p_CoMC, nhat: float(getattr(grasp_quality(p_CoMC), name))
+
+    def measure(p_CoMC: FloatArray, nhat: FloatArray) -> FloatArray:
+        quality = grasp_quality(p_CoMC)
+        return np.array(
+            [
+                min_weight_margin(p_CoMC, nhat, friction)
+                if name == "margin"
+                else getattr(quality, name)
+                for name in names
+            ]
+        )
+
+    return measure
 
 
 def keep_quality(
@@ -51,11 +62,11 @@ def keep_quality(
         goals: Where the contacts would go, shape (n, 3), in metres.
         p_OC_before: Where they are, shape (n, 3).
         active: Those that take part in the grasp, shape (n,); the others move freely.
-        measure: Of the active contacts.
+        measure: Of the active contacts; none of its values may fall.
         groups: Contacts that move together; each contact is in one group.
 
     Returns:
-        Shape (n, 3). The measure is at least that of `p_OC_before`.
+        Shape (n, 3). Each measure is at least that of `p_OC_before`.
     """
     accepted = np.where(active[:, None], p_OC_before, goals)
     quality = _quality(surface, accepted, active, measure)
@@ -66,15 +77,15 @@ def keep_quality(
         proposal = accepted.copy()
         proposal[members] = goals[members]
         proposed_quality = _quality(surface, proposal, active, measure)
-        if proposed_quality >= quality:
+        if np.all(proposed_quality >= quality):
             accepted, quality = proposal, proposed_quality
     return accepted
 
 
 def _quality(
     surface: ObjectSurface, p_OC: FloatArray, active: BoolArray, measure: Measure
-) -> float:
+) -> FloatArray:
     if not np.any(active):
-        return 0.0
+        return np.zeros(1)
     _, normals = surface.project(p_OC[active])
     return measure(p_OC[active] - surface.p_OCoM, normals)

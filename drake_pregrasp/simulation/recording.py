@@ -15,6 +15,7 @@ from drake_pregrasp.errors import OutputError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
+from drake_pregrasp.systems.status_labels import StatusLabels
 
 # Bright from all sides: the regions' colours have to be told apart on every face.
 _LIGHTS = {
@@ -29,6 +30,8 @@ _LIGHTS = {
 # the object: then all of it is in the picture.
 _CAMERA = np.array([1.75, 1.5, 1.0])
 _VIEW = 0.5
+
+_LABEL_HOVER = 0.03  # Height of the labels over the object, in metres.
 
 
 def start_meshcat() -> Meshcat:
@@ -90,6 +93,18 @@ def add_recording(
         "p_WO_covariance",
     ):
         builder.Connect(planner.GetOutputPort(name), visualizer.GetInputPort(name))
+    labels = builder.AddNamedSystem(
+        "status_labels",
+        StatusLabels(
+            meshcat=meshcat,
+            num_contacts=num_contacts,
+            publish_period=publish_period,
+            hover=_LABEL_HOVER + float(np.max(np.linalg.norm(surface.mesh.vertices, axis=1))),
+            yaw=float(np.arctan2(_CAMERA[1], _CAMERA[0]) + np.pi / 2),
+        ),
+    )
+    for name in ("X_WO_estimated", "contact_status", "contact_causes"):
+        builder.Connect(planner.GetOutputPort(name), labels.GetInputPort(name))
     extent = max(0.1, float(surface.mesh.extents.max()))
     meshcat.SetCameraPose(*camera_pose(path, extent))
     meshcat.StartRecording(

@@ -21,6 +21,7 @@ from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
 from drake_pregrasp.systems.hand_pose import HandPose
 from drake_pregrasp.systems.moving_obstacles import MovingObstacles
 from drake_pregrasp.systems.noise_source import NoiseSource
+from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
 from drake_pregrasp.systems.tick_logger import TickLogger, TickRecord
 
@@ -76,7 +77,7 @@ def make_diagram(
             length=scenario.measures.length,
         ),
     )
-    _add_obstacles_and_hand(builder, scenario, planner)
+    _add_obstacles_and_hand(builder, scenario, planner, meshcat)
     X_WO = object_plant.GetOutputPort("X_WO")
     builder.Connect(X_WO, sensor.GetInputPort("X_WO"))
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
@@ -127,13 +128,26 @@ def make_diagram(
 
 
 def _add_obstacles_and_hand(
-    builder: DiagramBuilder, scenario: Scenario, planner: PregraspPlanner
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    planner: PregraspPlanner,
+    meshcat: Meshcat | None,
 ) -> None:
     if scenario.obstacles:
         obstacles = builder.AddNamedSystem(
             "moving_obstacles", MovingObstacles([moving_solid(o) for o in scenario.obstacles])
         )
         builder.Connect(obstacles.get_output_port(), planner.GetInputPort("obstacles"))
+        if meshcat is not None:
+            visualizer = builder.AddNamedSystem(
+                "obstacle_visualizer",
+                ObstacleVisualizer(
+                    meshcat=meshcat,
+                    solids=[o.make_solid() for o in scenario.obstacles],
+                    publish_period=scenario.recording.publish_period,
+                ),
+            )
+            builder.Connect(obstacles.get_output_port(), visualizer.get_input_port())
     if scenario.planner.limits.reach:
         hand = scenario.hand
         X_WH = hand.initial_X_WH(RigidTransform())

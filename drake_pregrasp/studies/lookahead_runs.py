@@ -8,7 +8,7 @@ from pydrake.systems.framework import Context, EventStatus
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray
-from drake_pregrasp.planning.contact_selection import ContactStatus
+from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
@@ -134,7 +134,7 @@ def run_lookahead(job: LookaheadJob) -> LookaheadRun:
     diagram = make_diagram(scenario, scenario.make_surface())
     planner = diagram.GetSubsystemByName("pregrasp_planner")
     plant = diagram.GetSubsystemByName("object_plant")
-    ticks: dict[int, list[FloatArray]] = {}
+    ticks: dict[int, list[FloatArray | BoolArray]] = {}
 
     def monitor(context: Context) -> EventStatus:
         tick = tick_index(context.get_time(), PERIOD)
@@ -144,7 +144,7 @@ def run_lookahead(job: LookaheadJob) -> LookaheadRun:
             estimate = planner.GetOutputPort("X_WO_estimated").Eval(goals)
             values = (
                 planner.GetOutputPort("p_WC").Eval(goals).reshape(-1, 3),
-                planner.GetOutputPort("contact_status").Eval(goals) == ContactStatus.ACTIVE,
+                is_active(planner.GetOutputPort("contact_status").Eval(goals)),
                 X_WO.translation(),
                 Rotation.from_matrix(X_WO.rotation().matrix()).as_quat(),
                 estimate.translation(),

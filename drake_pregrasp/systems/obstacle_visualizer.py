@@ -1,0 +1,74 @@
+"""Obstacles in Meshcat."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import Box, Meshcat, Rgba, Sphere
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
+
+from drake_pregrasp.planning.region_constraints import Obstacles
+from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace, Solid
+
+ROOT = "/drake/pregrasp/obstacles"
+"""Meshcat path under which obstacles are drawn."""
+
+_COLOR = Rgba(0.84, 0.37, 0.0, 0.35)
+_PLATE = 0.6  # Edge of the plate that stands for a half-space, in metres.
+_THICKNESS = 0.004
+
+
+class ObstacleVisualizer(LeafSystem):
+    """Draws obstacles where they are.
+
+    .. pydrake_system::
+
+        name: ObstacleVisualizer
+        input_ports:
+        - obstacles
+
+    Port `obstacles` accepts `Obstacles` in W, with solids of the same kinds and sizes as at the
+    start. Half-spaces are drawn as plates just below their surface.
+
+    Args:
+        meshcat: Where to draw.
+        solids: The obstacles at the start, in W.
+        publish_period: Seconds between frames, greater than zero.
+    """
+
+    def __init__(self, *, meshcat: Meshcat, solids: Sequence[Solid], publish_period: float) -> None:
+        super().__init__()
+        self._meshcat = meshcat
+        self._obstacles = self.DeclareAbstractInputPort(
+            "obstacles", AbstractValue.Make(Obstacles())
+        )
+        meshcat.Delete(ROOT)
+        for index, solid in enumerate(solids):
+            meshcat.SetObject(f"{ROOT}/{index}", _geometry(solid), _COLOR)
+        self.DeclarePeriodicPublishEvent(publish_period, 0.0, self._draw)
+        self.DeclareForcedPublishEvent(self._draw)
+
+    def _draw(self, context: Context) -> EventStatus:
+        obstacles: Obstacles = self._obstacles.Eval(context)
+        for index, solid in enumerate(obstacles.solids):
+            self._meshcat.SetTransform(f"{ROOT}/{index}", _pose(solid), context.get_time())
+        return EventStatus.Succeeded()
+
+
+def _geometry(solid: Solid) -> Sphere | Box:
+    if isinstance(solid, BallSolid):
+        return Sphere(solid.radius)
+    if isinstance(solid, BoxSolid):
+        return Box(*solid.size)
+    return Box(_PLATE, _PLATE, _THICKNESS)
+
+
+def _pose(solid: Solid) -> RigidTransform:
+    if isinstance(solid, BoxSolid):
+        return RigidTransform(RotationMatrix.ProjectToRotationMatrix(solid.R_FB), solid.center)
+    if isinstance(solid, HalfSpace):
+        R_WP = RotationMatrix.MakeFromOneVector(solid.normal, axis_index=2)
+        return RigidTransform(R_WP, solid.point - 0.5 * _THICKNESS * solid.normal)
+    assert isinstance(solid, BallSolid)
+    return RigidTransform(np.array(solid.center))

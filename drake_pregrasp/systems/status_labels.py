@@ -1,0 +1,113 @@
+"""In words, over the object, what limits the contacts."""
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import Meshcat
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.framework import Context, EventStatus, LeafSystem
+
+from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.contact_status import ContactStatus, describe_status
+from drake_pregrasp.systems.palette import contact_color
+from drake_pregrasp.systems.text_board import text_board
+
+ROOT = "/drake/pregrasp/status"
+"""Meshcat path under which the labels are."""
+
+_ROW = 1.15  # Distance of two rows, in heights of a label.
+
+
+class StatusLabels(LeafSystem):
+    """Shows for each contact that something limits what it is, on a board in its colour.
+
+    .. pydrake_system::
+
+        name: StatusLabels
+        input_ports:
+        - X_WO_estimated
+        - contact_status
+        - contact_causes
+
+    Port `X_WO_estimated` accepts a `RigidTransform`: the boards hover over the object's origin.
+
+    Port `contact_status` accepts a vector of n `ContactStatus` values.
+
+    Port `contact_causes` accepts a vector of n indices, as `CentroidSelector` emits them.
+
+    A board is made when it is first needed. In a recording it is hidden up to then.
+
+    Args:
+        meshcat: Where to draw.
+        num_contacts: n.
+        publish_period: Seconds between frames, greater than zero.
+        hover: Height of the lowest board over the object's origin, in metres.
+        yaw: Of the boards, in radians; at zero they are read from the side of -y.
+        height: Of a board, in metres.
+    """
+
+    def __init__(
+        self,
+        *,
+        meshcat: Meshcat,
+        num_contacts: int,
+        publish_period: float,
+        hover: float,
+        yaw: float = 0.0,
+        height: float = 0.016,
+    ) -> None:
+        super().__init__()
+        self._meshcat = meshcat
+        self._hover = hover
+        self._R_WB = RotationMatrix.MakeZRotation(yaw)
+        self._height = height
+        # What Meshcat shows by now: a cache of the outside world, no part of the simulated state.
+        self._made: set[str] = set()
+        self._shown: list[str | None] = [None] * num_contacts
+        self._X_WO_estimated = self.DeclareAbstractInputPort(
+            "X_WO_estimated", AbstractValue.Make(RigidTransform())
+        )
+        self._status = self.DeclareVectorInputPort("contact_status", num_contacts)
+        self._causes = self.DeclareVectorInputPort("contact_causes", num_contacts)
+        meshcat.Delete(ROOT)
+        self.DeclareInitializationPublishEvent(self._forget)
+        self.DeclarePeriodicPublishEvent(publish_period, 0.0, self._draw)
+        self.DeclareForcedPublishEvent(self._draw)
+
+    def _forget(self, context: Context) -> EventStatus:
+        for path in self._made:
+            self._meshcat.SetProperty(path, "visible", False, context.get_time())
+        self._shown = [None] * len(self._shown)
+        return EventStatus.Succeeded()
+
+    def _draw(self, context: Context) -> EventStatus:
+        time = context.get_time()
+        X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
+        p_WB = X_WO.translation() + np.array([0.0, 0.0, self._hover])
+        self._meshcat.SetTransform(ROOT, RigidTransform(self._R_WB, p_WB), time)
+        status: FloatArray = self._status.Eval(context)
+        causes: FloatArray = self._causes.Eval(context)
+        for contact, (kind, cause) in enumerate(zip(status, causes, strict=True)):
+            path = None
+            if kind != ContactStatus.ACTIVE:
+                path = f"{ROOT}/{contact}/{int(kind)}_{int(cause)}"
+                if path not in self._made:
+                    self._make(path, contact, f"{contact}: {describe_status(kind, cause)}")
+            self._show(contact, path, time)
+        return EventStatus.Succeeded()
+
+    def _make(self, path: str, contact: int, text: str) -> None:
+        board = text_board(text, height=self._height, frame_color=contact_color(contact))
+        self._meshcat.SetObject(path, board)
+        row = np.array([0.0, 0.0, contact * _ROW * self._height])
+        self._meshcat.SetTransform(path, RigidTransform(row))
+        self._meshcat.SetProperty(path, "visible", False, 0.0)
+        self._made.add(path)
+
+    def _show(self, contact: int, path: str | None, time: float) -> None:
+        before = self._shown[contact]
+        if path == before:
+            return
+        for shown, visible in ((before, False), (path, True)):
+            if shown is not None:
+                self._meshcat.SetProperty(shown, "visible", visible, time)
+        self._shown[contact] = path
