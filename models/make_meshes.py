@@ -15,11 +15,12 @@ RADIUS, INNER_RADIUS = 0.040, 0.0365
 HEIGHT, FLOOR = 0.095, 0.005
 HANDLE_RADIUS, HANDLE_HALF_HEIGHT, HANDLE_THICKNESS = 0.028, 0.030, 0.0055
 HANDLE_REACHES_IN = 0.003
+HANDLE_AZIMUTH = 1.9  # In radians.
 SECTIONS = 72
 
 
 def mug() -> tuple[trimesh.Trimesh, dict[str, np.ndarray]]:
-    """Returns a mug that stands on z = 0, its handle towards +x, and masks of its parts."""
+    """Returns a mug that stands on z = 0, its handle near +y, and masks of its parts."""
     outer = trimesh.creation.cylinder(
         RADIUS, segment=[[0, 0, 0], [0, 0, HEIGHT]], sections=SECTIONS
     )
@@ -44,6 +45,7 @@ def mug() -> tuple[trimesh.Trimesh, dict[str, np.ndarray]]:
     on_wall = np.abs(np.linalg.norm(mesh.triangles[:, :, :2], axis=2) - RADIUS) < 1e-6
     handle_faces = (centers[:, 0] > 0) & (radius > RADIUS - 1e-3) & ~np.all(on_wall, axis=1)
     handle_faces &= ~rim & (centers[:, 2] > 1e-6)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(HANDLE_AZIMUTH, [0, 0, 1]))
     return mesh, {"inside": inside, "handle": handle_faces, "body": ~inside & ~handle_faces}
 
 

@@ -105,6 +105,10 @@ class PlannerConfig:
     # angle between outward normals, or by the way over the surface.
     wall_test: str = field(default="none", metadata={"one_of": WALL_TESTS})
 
+    # If above zero, Eq. 1 is over six coordinates: places and, times this length in metres, outward
+    # normals, so that regions keep to ground that faces the way of their contact's.
+    normal_length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
+
     limits: LimitsConfig = field(default_factory=LimitsConfig)
 
     # Whether to check every active goal against the mesh, and stop with an error if it is not on
@@ -188,6 +192,7 @@ class PregraspPlanner(Diagram):
                 clearance=config.limits.clearance,
                 reach=[reach.make_solid() for reach in config.limits.reach],
                 wall_test=config.wall_test,
+                normal_length=config.normal_length,
             ),
         )
         selector = builder.AddNamedSystem(

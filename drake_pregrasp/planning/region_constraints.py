@@ -153,12 +153,13 @@ def point_planes(
 
     Args:
         p_OCi: c_i, shape (d,), in metres.
-        points: z_j and R_j.
+        points: z_j and R_j, with d coordinates or the first few of them: such a point stands for
+            all values of the others.
         margin: Added to each R_j, in metres.
         limit: What the planes stand for.
         first_cause: Cause of the first point; those of the others follow. `NO_CAUSE` for none.
     """
-    normals = points.points - p_OCi
+    normals = _with_zeros(points.points - p_OCi[: points.points.shape[1]], len(p_OCi))
     d = np.sqrt(np.einsum("ij,ij->i", normals, normals))
     causes = np.full(len(d), NO_CAUSE)
     if first_cause != NO_CAUSE:
@@ -173,16 +174,17 @@ def solid_planes(p_OCi: FloatArray, solids: Sequence[Solid], margin: float) -> P
     Such a plane leaves the whole convex solid on its far side, as far off as the margin.
 
     Args:
-        p_OCi: c_i, shape (3,), in metres.
+        p_OCi: c_i, shape (d,), in metres; its first three coordinates are its place.
         solids: The obstacles.
         margin: By which planes are set back, in metres.
     """
     distances, gradients = np.empty(len(solids)), np.empty((len(solids), 3))
     for index, solid in enumerate(solids):
-        distance, gradient = solid.distance_and_gradient(p_OCi[None])
+        distance, gradient = solid.distance_and_gradient(p_OCi[None, :3])
         distances[index], gradients[index] = distance[0], gradient[0]
     limits = np.full(len(solids), int(Limit.OBSTACLE))
-    return Planes(-gradients, distances - margin, limits, np.arange(len(solids)))
+    normals = _with_zeros(-gradients, len(p_OCi))
+    return Planes(normals, distances - margin, limits, np.arange(len(solids)))
 
 
 def neighbour_planes(
@@ -206,3 +208,10 @@ def neighbour_planes(
     d, normals = d[others], normals[others]
     bounds = (d**2 + contact_weights[contact] - contact_weights[others]) / 2 - d * tip_radius
     return Planes(normals, bounds, np.full(len(others), int(Limit.CROWDED)), others)
+
+
+def _with_zeros(vectors: FloatArray, size: int) -> FloatArray:
+    """Returns vectors with zeros for further coordinates, shape (m, size)."""
+    if vectors.shape[1] == size:
+        return vectors
+    return np.pad(vectors, ((0, 0), (0, size - vectors.shape[1])))

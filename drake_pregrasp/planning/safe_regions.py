@@ -84,11 +84,12 @@ def compute_safe_regions(
     and those of the constraints. A contact of weight -inf is lost: it has no region, and the others
     share what it had.
 
-    Points may have any number of coordinates, as the paper proposes for forces, torques or joint
-    capability; then the constraints have to be empty, but for masks.
+    Points may have more coordinates than three, as the paper proposes for forces, torques or joint
+    capability (Sec. V.B), each scaled to metres. Forbidden points may leave the further ones out,
+    and then hold for all of their values; solids always do, and are about the first three.
 
     Args:
-        p_OQ: Candidate points of Y in O, shape (N, d), d = 3 as a rule, in metres.
+        p_OQ: Candidate points of Y in O, shape (N, d), d >= 3, in metres.
         p_OC: Contact points c_i in O, shape (n, d), in metres.
         contact_weights: h_i, shape (n,), in m².
         forbidden: Points Z and radii R_j, in O.
@@ -109,7 +110,7 @@ def compute_safe_regions(
         own = np.flatnonzero(cells == i)
         planes = _planes(i, p_OC, contact_weights, forbidden, constraints)
         beyond = planes.beyond(p_OQ[own] - p_OC[i])
-        point_limits, point_causes = constraints.limits_at(i, p_OQ[own])
+        point_limits, point_causes = constraints.limits_at(i, p_OQ[own, :3])
         outside = np.any(beyond, axis=0) | (point_limits != Limit.NONE)
         labels[own[outside]] = NO_REGION
         if len(own) - np.sum(outside) < tiny:

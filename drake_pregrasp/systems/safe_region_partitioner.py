@@ -14,6 +14,7 @@ from drake_pregrasp.planning.region_constraints import (
     RegionConstraints,
 )
 from drake_pregrasp.planning.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
+from drake_pregrasp.planning.sampling import lifted
 from drake_pregrasp.planning.solids import Solid
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.planning.wall_test import WALL_TESTS, SurfaceGraph, normals_agree
@@ -55,6 +56,9 @@ class SafeRegionPartitioner(LeafSystem):
         clearance: Between fingertips and obstacles, in metres.
         reach: For each contact the solid in H in which it has to be, or None; empty for no limit.
         wall_test: How a region is kept from reaching through a thin wall, out of `WALL_TESTS`.
+        normal_length: If above zero, Eq. 1 is over six coordinates: the places and, times this
+            length in metres, the outward normals. Regions then keep to ground that faces the
+            same way as their contact's.
 
     Raises:
         InvalidArgumentError: If an argument doesn't fit.
@@ -69,6 +73,7 @@ class SafeRegionPartitioner(LeafSystem):
         clearance: float = 0.0,
         reach: Sequence[Solid | None] = (),
         wall_test: str = "none",
+        normal_length: float = 0.0,
     ) -> None:
         super().__init__()
         self._tip_radii = np.empty(0) if tip_radii is None else np.array(tip_radii, dtype=float)
@@ -83,7 +88,13 @@ class SafeRegionPartitioner(LeafSystem):
             raise InvalidArgumentError(
                 f"no wall test {wall_test!r}; there are: {', '.join(WALL_TESTS)}"
             )
+        if not normal_length >= 0:
+            raise InvalidArgumentError(f"normal_length must be at least 0 m, not {normal_length}")
         self._clearance = clearance
+        self._normal_length = normal_length
+        self._points = surface.p_OQ
+        if normal_length > 0:
+            self._points = lifted(surface.p_OQ, surface.nhat_OQ, normal_length)
         self._reach = tuple(reach)
         self._wall_test = wall_test
         self._graph = SurfaceGraph(surface) if wall_test == "surface" else None
@@ -116,15 +127,12 @@ class SafeRegionPartitioner(LeafSystem):
         if self._contact_weights.HasValue(context):
             weights = self._contact_weights.Eval(context)
         p_OC = (X_OW @ p_WC.T).T
-        surface = self._surface
+        constraints = self._constraints(context, X_OW, p_OC)
+        if self._normal_length > 0:
+            _, nhat_OC = self._surface.project(p_OC)
+            p_OC = lifted(p_OC, nhat_OC, self._normal_length)
         output.set_value(
-            compute_safe_regions(
-                surface.p_OQ,
-                p_OC,
-                weights,
-                surface.forbidden,
-                self._constraints(context, X_OW, p_OC),
-            )
+            compute_safe_regions(self._points, p_OC, weights, self._surface.forbidden, constraints)
         )
 
     def _constraints(
