@@ -1,6 +1,6 @@
 """What force-closure margin each strategy settles at, from random contacts.
 
-Run it as `python -m drake_pregrasp.studies.settled_margins`; it takes some ten minutes.
+Run it as `python -m drake_pregrasp.studies.settled_margins`; it takes some five minutes.
 """
 
 from collections.abc import Mapping, Sequence
