@@ -69,7 +69,7 @@ def min_weight_margin(
         b_ub=np.zeros(m),
         bounds=(0, None),
     )
-    return float(m * solution.x[-1]) if solution.success else 0.0
+    return max(0.0, float(m * solution.x[-1])) if solution.success else 0.0
 
 
 def ferrari_canny(

@@ -27,8 +27,8 @@ def force_closed_share(
 ) -> float:
     """Returns which share of sampled choices, one candidate a region, has force closure, in [0, 1].
 
-    Candidates are drawn by the areas they stand for. The bound in closed form decides the most;
-    the linear programme is run for what is left. Contacts without a region take no part.
+    Candidates are drawn by the areas they stand for. The bound in closed form decides the good
+    choices; the linear programme is run for what is left. Contacts without a region take no part.
 
     Args:
         surface: The object's surface.

@@ -137,5 +137,26 @@ def test_it_drops_into_anybodys_diagram(surface, p_OC):
     assert np.all(np.isfinite(log.data()))
 
 
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"friction": 0.2},
+        {"power": 3.0},
+        {"in_turns": True},
+        {"stretch": False},
+        {"best_point": True},
+        {"strategy": "blend", "blend": BlendConfig(vew=1.0)},
+        {"strategy": "blend", "blend": BlendConfig(margin=1.0, position=0.5)},
+    ],
+)
+def test_every_setting_of_the_weights_reaches_the_goals(surface, p_OC, change):
+    config = PlannerConfig(static_duration=0.0, strategy="margin")
+    before, after = (
+        goals_in_estimate(*planner_and_context(surface, p_OC, each))
+        for each in (config, dataclasses.replace(config, **change))
+    )
+    assert np.max(np.abs(after - before)) > 1e-4
+
+
 def test_a_blend_has_a_weight_for_each_strategy():
     assert tuple(field.name for field in dataclasses.fields(BlendConfig)) == STRATEGIES

@@ -4,6 +4,7 @@ import pytest
 from drake_pregrasp import box_surface
 from drake_pregrasp.planning.force_closure import min_weight_margin
 from drake_pregrasp.planning.independent_regions import force_closed_share
+from drake_pregrasp.planning.least_norm_margin import least_norm_margin
 from drake_pregrasp.planning.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
 
 SURFACE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
@@ -41,17 +42,30 @@ def test_no_region_no_share():
     assert share(regions_of([], [])) == 0
 
 
-def test_it_is_the_share_that_the_linear_programme_finds(p_OC):
+@pytest.mark.parametrize("friction", [0.7, 0.25])
+def test_it_is_the_share_that_the_linear_programme_finds(p_OC, friction):
     """Every choice once more, without the bound that decides most of them first."""
     regions = compute_safe_regions(SURFACE.p_OQ, p_OC, np.zeros(5), SURFACE.forbidden)
     rng = np.random.default_rng(3)
     members = [regions.members(i) for i in range(5)]
     picks = np.stack([rng.choice(q, size=60, p=np.full(len(q), 1 / len(q))) for q in members])
     closed = [
-        min_weight_margin(SURFACE.p_OQ[pick], SURFACE.nhat_OQ[pick], 0.7) > 1e-7 for pick in picks.T
+        min_weight_margin(SURFACE.p_OQ[pick], SURFACE.nhat_OQ[pick], friction) > 1e-7
+        for pick in picks.T
     ]
     assert 0 < np.mean(closed) < 1
-    assert share(regions, seed=3, samples=60) == np.mean(closed)
+    assert share(regions, friction, seed=3, samples=60) == np.mean(closed)
+
+
+def test_what_the_bound_nearly_certifies_is_not_taken_for_closed():
+    rng = np.random.default_rng(0)
+    seen = 0
+    while seen < 5:
+        q = rng.choice(len(SURFACE.p_OQ), 3, replace=False)
+        points = SURFACE.p_OQ[q], SURFACE.nhat_OQ[q], 0.7
+        if -1 < least_norm_margin(*points) < 0 and min_weight_margin(*points) < 1e-9:
+            assert share(regions_of(*q), samples=1) == 0
+            seen += 1
 
 
 def test_more_friction_closes_no_fewer_and_the_seed_decides(p_OC):

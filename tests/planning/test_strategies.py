@@ -124,6 +124,14 @@ def test_the_margin_has_one_reading(surface, p_OC):
     np.testing.assert_array_equal(b[0], b[1])
 
 
+def test_the_margin_strategy_is_of_its_friction(surface, p_OC):
+    chosen = selection(surface, p_OC)
+    for friction in (0.3, 0.7):
+        b = stretched(hand_margin(chosen, friction=friction), chosen)
+        strategy = make_strategy("margin", friction=friction)
+        np.testing.assert_allclose(np.exp(strategy(chosen)), np.maximum(b, 0), atol=1e-12)
+
+
 def test_a_power_raises_the_weights(surface, p_OC):
     chosen = selection(surface, p_OC)
     b = np.exp(make_strategy("vew")(chosen))

@@ -18,6 +18,7 @@ from drake_pregrasp import (
 )
 from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
 from drake_pregrasp.planning.force_closure import ferrari_canny, min_weight_margin
+from drake_pregrasp.planning.grasp_quality import grasp_quality
 from drake_pregrasp.planning.independent_regions import force_closed_share
 from drake_pregrasp.planning.pose_filter import first_belief, predict, update
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
@@ -200,7 +201,8 @@ def test_damage_is_recovered_from(tmp_path):
 
 def test_the_margins_are_those_of_the_active_contacts(tmp_path):
     text = """{simulation_duration: 8.0, damage: [{at: 5.0, contacts: [3, 4]}],
-        measures: {contact_model: soft_finger, friction: 0.5, torsional_friction: 0.003}}"""
+        measures: {contact_model: soft_finger, friction: 0.5, torsional_friction: 0.003,
+        length: 0.06}}"""
     result = run(load_scenario("a_base", text=text), name="f", out=tmp_path, recording=False)
     log = read_log(result.folder / "log.csv")
     X_OW = pose(log, -1, "wo_estimated").inverse()
@@ -213,11 +215,13 @@ def test_the_margins_are_those_of_the_active_contacts(tmp_path):
     generator = np.random.default_rng(0)
     expected = {
         "force_closure_margin": min_weight_margin(p_OC[:3], normals, 0.5, **cone),
-        "ferrari_canny": ferrari_canny(p_OC[:3], normals, 0.5, length=0.05 * np.sqrt(3), **cone),
+        "ferrari_canny": ferrari_canny(p_OC[:3], normals, 0.5, length=0.06, **cone),
         "independent_region_share": force_closed_share(
             surface, regions, 0.5, generator=generator, **cone
         ),
     }
+    quality = grasp_quality(p_OC[:3], normals, model="soft_finger", length=0.06)
+    assert log["q_vew"][-1] == pytest.approx(quality.q_vew, rel=0.1)  # About the true centre.
     assert result.summary["contact_model"] == "soft_finger"
     for name, value in expected.items():
         measured = result.summary[name]
