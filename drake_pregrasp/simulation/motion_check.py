@@ -4,16 +4,17 @@ import itertools
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.diagrams.motion_config import Conveyor, MotionConfig, PoseStream, Push
+from drake_pregrasp.diagrams.motion_config import Conveyor, MotionConfig, PoseStream, Push, Toss
 from drake_pregrasp.diagrams.push_motion import push_direction
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 from drake_pregrasp.planning.pose_track import read_pose_track
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.resources import resolve_path
 
-MAX_SPEED = 10.0
-"""Largest speed in a profile, in m/s."""
+PROFILE_LIMITS = ((1, 10.0, "m/s"), (2, 100.0, "rad/s"))
+"""For each velocity in a row of a profile: its place there, its largest value, and the unit."""
 
 
 def check_motion(source: str, motion: MotionConfig, surface: ObjectSurface) -> None:
@@ -26,6 +27,15 @@ def check_motion(source: str, motion: MotionConfig, surface: ObjectSurface) -> N
     """
     if isinstance(motion, Conveyor):
         _check_profile(source, motion.profile)
+    elif isinstance(motion, Toss):
+        R_WO = Rotation.from_euler("xyz", motion.rpy)
+        below = -float(np.min(R_WO.apply(surface.mesh.vertices - surface.p_OCoM)[:, 2]))
+        if motion.table and motion.position[2] < below:
+            raise ScenarioError(
+                source,
+                "motion.position[2]",
+                f"{motion.position[2]} must be at least {below:.4g}, to start above the table",
+            )
     elif isinstance(motion, Push):
         rear = -float(np.min(surface.mesh.vertices @ push_direction(motion)))
         if motion.start_distance < rear:
@@ -52,10 +62,11 @@ def _check_profile(source: str, profile: list[list[float]]) -> None:
                 f"{key}[{index}][0]",
                 f"{following[0]} must be more than {row[0]}, the time before it",
             )
-    for index, (_, speed, _) in enumerate(profile):
-        if abs(speed) > MAX_SPEED:
-            raise ScenarioError(
-                source,
-                f"{key}[{index}][1]",
-                f"{speed} must be a speed from {-MAX_SPEED:g} to {MAX_SPEED:g} m/s",
-            )
+    for index, row in enumerate(profile):
+        for place, limit, unit in PROFILE_LIMITS:
+            if abs(row[place]) > limit:
+                raise ScenarioError(
+                    source,
+                    f"{key}[{index}][{place}]",
+                    f"{row[place]} must be from {-limit:g} to {limit:g} {unit}",
+                )

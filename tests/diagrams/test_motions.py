@@ -2,12 +2,15 @@
 
 import numpy as np
 import pytest
+from pydrake.geometry import Role
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlantConfig
+from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import ObjectPlant, load_scenario, shipped_scenarios
+from drake_pregrasp.diagrams import toss_motion
 from drake_pregrasp.diagrams.expected_path import expected_path
 from drake_pregrasp.diagrams.motion_config import Conveyor, PoseStream, Push, Toss
 from drake_pregrasp.diagrams.object_body import standing_height
@@ -73,6 +76,26 @@ def test_a_tumbling_bodys_turn_comes_closer_to_its_limit_with_the_time_step():
     assert errors[1] / errors[0] == pytest.approx(4, rel=0.2)
 
 
+def test_a_thrown_body_follows_its_centre_of_mass(monkeypatch):
+    """Also where that is not at O, and the body is thrown in any orientation."""
+    p_OCoM = np.array([0.05, -0.02, 0.03])
+    inertia = SpatialInertia.SolidBoxWithMass(0.4, 0.1, 0.06, 0.14).Shift(-p_OCoM)
+
+    def add_off_centre_body(plant, object_config):
+        return plant.AddRigidBody("cube", inertia)
+
+    monkeypatch.setattr(toss_motion, "add_object_body", add_off_centre_body)
+    p, v, spin = np.array([0, 0, 1.0]), np.array([1.0, 0, 2]), np.array([2.0, 5, -3])
+    motion = Toss(position=list(p), rpy=[1, 0.5, -2], velocity=list(v), spin=list(spin))
+    h = 0.001
+    start, step, later = poses(motion, [0.0, h, 0.5], time_step=h)
+    np.testing.assert_allclose(start @ p_OCoM, p, atol=1e-12)
+    turn = Rotation.from_matrix((step.rotation() @ start.rotation().inverse()).matrix())
+    np.testing.assert_allclose(turn.as_rotvec() / h, spin, rtol=1e-4)
+    expected = p + 0.5 * v + [0, 0, -9.81 * 0.5**2 / 2]
+    np.testing.assert_allclose(later @ p_OCoM, expected, atol=1e-3)
+
+
 def test_a_table_in_the_way_stops_a_fall():
     motion = Toss(position=[0, 0, 0.2], rpy=[0.5, 0.2, 0], table=True)
     (X_WO,) = poses(motion, [1.5], time_step=0.0025)
@@ -109,6 +132,19 @@ def test_a_push_through_the_centre_moves_the_object_its_way(direction):
     assert 0.1 < after.translation() @ u < 0.14
     np.testing.assert_allclose(later.translation(), after.translation(), atol=1e-3)
     assert after.translation()[2] == pytest.approx(0.05, abs=1e-3)
+
+
+def test_a_pushed_object_stands_on_its_feet_only():
+    plant = ObjectPlant(Box(), Push(), MultibodyPlantConfig(time_step=0.005))
+    inspector = plant.scene_graph.model_inspector()
+    collisions = {
+        inspector.GetName(geometry): geometry
+        for geometry in inspector.GetAllGeometryIds(Role.kProximity)
+    }
+    solid, top = collisions["cube::solid"], collisions["table::top"]
+    assert inspector.CollisionFiltered(solid, top)
+    assert not inspector.CollisionFiltered(solid, collisions["pusher::ball"])
+    assert not inspector.CollisionFiltered(collisions["cube::foot_0"], top)
 
 
 def test_a_push_off_the_centre_turns_the_object():

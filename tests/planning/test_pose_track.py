@@ -27,7 +27,7 @@ def test_rows_become_poses(tmp_path):
 
 
 def test_columns_may_come_in_any_order_and_with_others(tmp_path):
-    text = "\ufeffnote, qz,qy,qx,qw,z,y,x,time\r\nhere,0,0,0,1,3,2,1,0\r\n"
+    text = "\ufefftime, qz,qy,qx,qw,z,y,x,note\r\n0,0,0,0,1,3,2,1,here\r\n"
     track = read(tmp_path, text)
     np.testing.assert_array_equal(track.p_WO, [[1, 2, 3]])
     assert track.R_WO[0].magnitude() == 0

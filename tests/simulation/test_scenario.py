@@ -97,11 +97,17 @@ BAD = [
     (
         "motion: {profile: [[0, 11, 0]]}",
         "case.motion.profile[0][1]",
-        "11.0 must be a speed from -10",
+        "11.0 must be from -10 to 10 m/s",
     ),
     ("motion: {profile: [[0, .nan, 0]]}", "case.motion.profile[0][1]", "nan must be a number"),
     ("motion: !Toss {position: [0, 1]}", "case.motion.position", "a list of exactly 3 elements"),
     ("motion: !Toss {velocity: [0, 0, 99]}", "case.motion.velocity[2]", "at most 50"),
+    (
+        "motion: !Toss {table: true, position: [0, 0, 0.06], rpy: [0, 0.8, 0]}",
+        "case.motion.position[2]",
+        "0.06 must be at least 0.0707, to start above the table",
+    ),
+    ("motion: {profile: [[0, 0, 101]]}", "case.motion.profile[0][2]", "101.0 must be from -100"),
     ("motion: !Toss {table: 3}", "case.motion.table", "3 must be true or false"),
     ("motion: !Push {speed: 0}", "case.motion.speed", "0 must be a number above 0"),
     (
