@@ -9,6 +9,7 @@ import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.blends import make_blend
+from drake_pregrasp.planning.box_surface import box_surface
 from drake_pregrasp.planning.contact_selection import (
     SelectionInput,
     WeightFunction,
@@ -17,7 +18,7 @@ from drake_pregrasp.planning.contact_selection import (
 from drake_pregrasp.planning.force_closure import FRICTION, min_weight_margin
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
 from drake_pregrasp.planning.strategies import make_strategy
-from drake_pregrasp.planning.surface import ObjectSurface, box_surface
+from drake_pregrasp.planning.surface import ObjectSurface
 
 CASES: Sequence[tuple[int, int, Sequence[float], float]] = (
     (5, 40, (0.1, 0.1, 0.1), 0.005),
