@@ -25,6 +25,7 @@ from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.smooth_file import load_estimator, smooth_file
 from drake_pregrasp.simulation.summary import MEASURES
+from drake_pregrasp.studies.gallery import make_gallery
 from drake_pregrasp.studies.lookahead import study_lookahead
 from drake_pregrasp.studies.published import SCENARIOS
 from drake_pregrasp.studies.reproduce import reproduce
@@ -35,7 +36,7 @@ from drake_pregrasp.version import __version__
 BAD_INPUT = 2
 INTERRUPTED = 130
 
-_STUDIES = {"lookahead": study_lookahead}
+_STUDIES = {"lookahead": study_lookahead, "gallery": make_gallery}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -6,10 +6,9 @@ from typing import Any
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_status import ContactStatus, is_active
+from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.force_closure import ferrari_canny, min_weight_margin
 from drake_pregrasp.planning.independent_regions import force_closed_share
-from drake_pregrasp.planning.safe_regions import compute_safe_regions
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.tick_logger import TickRecord
@@ -57,9 +56,7 @@ def _measure(
         return (None,) * len(_MEASURES)
     record, measures = records[-1], scenario.measures
     p_OC: FloatArray = (record.X_WO_estimated.inverse() @ record.p_WC.T).T
-    weights = np.array(scenario.contact_weights or [0.0] * len(p_OC))
-    weights[record.contact_status == ContactStatus.LOST] = -np.inf
-    regions = compute_safe_regions(surface.p_OQ, p_OC, weights, surface.forbidden)
+    assert record.regions is not None  # The log keeps those of these ticks.
     p_OC = p_OC[is_active(record.contact_status)]
     _, nhat = surface.project(p_OC)
     cone: dict[str, Any] = {"model": model, "torsional_friction": measures.torsional_friction}
@@ -74,7 +71,7 @@ def _measure(
         ),
         force_closed_share(
             surface,
-            regions,
+            record.regions,
             measures.friction,
             generator=np.random.default_rng(scenario.random_seed),
             **cone,

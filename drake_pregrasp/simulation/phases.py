@@ -16,10 +16,19 @@ def ticks_from(scenario: Scenario, times: FloatArray, start: float) -> int:
     return int(np.searchsorted(times, start - SLACK * scenario.planner.period))
 
 
+def static_end(scenario: Scenario) -> float:
+    """When initial contacts are no longer held, or no longer all there, in seconds.
+
+    It is a trifle earlier, so that the first tick from then on is not before it by rounding.
+    """
+    first_loss = min((event.at for event in scenario.damage), default=np.inf)
+    end = min(scenario.planner.static_duration, first_loss)
+    return float(end - SLACK * scenario.planner.period)
+
+
 def static_phase(scenario: Scenario, times: FloatArray) -> slice:
     """The ticks at which all initial contacts are held."""
-    first_loss = min((event.at for event in scenario.damage), default=np.inf)
-    return slice(0, ticks_from(scenario, times, min(scenario.planner.static_duration, first_loss)))
+    return slice(0, ticks_from(scenario, times, static_end(scenario)))
 
 
 def adapting_phase(scenario: Scenario, times: FloatArray) -> slice:

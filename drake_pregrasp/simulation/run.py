@@ -16,6 +16,7 @@ from pydrake.systems.framework import Context, Diagram, EventStatus
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.simulation.metrics_plot import plot_metrics
 from drake_pregrasp.simulation.output import write_text, writing
+from drake_pregrasp.simulation.phases import static_end
 from drake_pregrasp.simulation.recording import recording_html, start_meshcat
 from drake_pregrasp.simulation.run_log import RunLog
 from drake_pregrasp.simulation.scenario import Scenario
@@ -89,7 +90,7 @@ def run(
 
     diagram = make_diagram(scenario, surface, sink=sink, meshcat=meshcat)
     folder = _prepare_folder(Path(out), name)  # Not before all else is known to be in order.
-    with RunLog(folder / "log.csv", scenario.num_contacts) as log:
+    with RunLog(folder / "log.csv", scenario.num_contacts, static_end=static_end(scenario)) as log:
         write_text(folder / "scenario.yaml", dump_scenario(name, scenario))
         write_graphviz(diagram, folder / "diagram.dot")
         _draw_graphviz(folder / "diagram.dot")

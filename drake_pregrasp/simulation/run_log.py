@@ -1,5 +1,6 @@
 """The log of a run: one row a planning tick, in memory and in `log.csv`."""
 
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 
@@ -21,16 +22,19 @@ class RunLog:
     Args:
         path: The file to write; what was there is replaced.
         num_contacts: n.
+        static_end: When the static phase ends, in seconds. Regions, which are large, are kept of
+            the last tick before it and of the last of all.
 
     Raises:
         OutputError: If the file can't be written.
     """
 
-    def __init__(self, path: Path, num_contacts: int) -> None:
+    def __init__(self, path: Path, num_contacts: int, *, static_end: float = 0.0) -> None:
         self.columns = log_columns(num_contacts)
         self.records: list[TickRecord] = []
         self.rows: list[list[float]] = []
         self._path = path
+        self._static_end = static_end
         with writing(path):
             self._file = path.open("w", encoding="utf-8", newline="\n")
             self._file.write(",".join(self.columns) + "\n")
@@ -49,6 +53,8 @@ class RunLog:
     def append(self, record: TickRecord) -> None:
         """Adds a tick."""
         previous = self.records[-1] if self.records else record
+        if self.records and not previous.time < self._static_end <= record.time:
+            self.records[-1] = replace(previous, regions=None)
         row = _row(record, previous)
         self.records.append(record)
         self.rows.append(row)
@@ -99,7 +105,7 @@ def _row(record: TickRecord, previous: TickRecord) -> list[float]:
         *record.grasp_quality,
         float(np.sum(steps)),
         float(np.sum(steps**2) / (2 * dt**2)) if dt > 0 else 0.0,
-        *record.region_sizes.astype(float),
+        *_region_sizes(record),
         *_pose_values(record.X_WO),
         float(RollPitchYaw(record.X_WO.rotation()).yaw_angle()),
         *_pose_values(record.X_WO_estimated),
@@ -107,6 +113,11 @@ def _row(record: TickRecord, previous: TickRecord) -> list[float]:
         *record.contact_status,
         *record.contact_causes,
     ]
+
+
+def _region_sizes(record: TickRecord) -> list[float]:
+    assert record.regions is not None  # They are dropped only after this.
+    return list(record.regions.sizes().astype(float))
 
 
 def _pose_values(X: RigidTransform) -> list[float]:

@@ -1,13 +1,18 @@
 """Pictures of regions and goals on the object by Drake's VTK renderer, as in the paper's Fig. 5."""
 
+from collections.abc import Sequence
+
 import numpy as np
+from pydrake.common import MemoryFile
 from pydrake.geometry import (
     Box,
     ClippingRange,
     ColorRenderCamera,
     GeometryInstance,
+    InMemoryMesh,
     LightParameter,
     MakeRenderEngineVtk,
+    Mesh,
     PerceptionProperties,
     RenderCameraCore,
     RenderEngineVtkParams,
@@ -21,12 +26,16 @@ from pydrake.systems.sensors import CameraInfo
 
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
 from drake_pregrasp.planning.safe_regions import NO_REGION
+from drake_pregrasp.planning.solids import BallSolid, BoxSolid, Solid
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.systems.palette import NO_REGION_COLOR, contact_color, tint
 
 _BACKGROUND = [1.0, 1.0, 1.0]
 _LIGHTS = (([0.0, 0.0, 1.0], 1.0), ([0.5, 0.3, 0.8], 0.35), ([0.0, 1.0, 0.0], 0.35))
-_MARKER_SHARE = 0.06  # Radius of a goal's ball, of the object's largest extent.
+_MARKER_SHARE = 0.06  # Radius of a goal's ball, of the object's mean extent.
+_LIFT = 4e-4  # Metres that regions stand off the surface.
+_OBJECT_COLOR = Rgba(0.85, 0.86, 0.88)
+_OBSTACLE_COLOR = Rgba(0.35, 0.37, 0.40)
 
 
 def render_goals(
@@ -36,6 +45,7 @@ def render_goals(
     contacts: list[int],
     *,
     yaw: float,
+    obstacles: Sequence[Solid] = (),
     pixels: tuple[int, int] = (520, 480),
 ) -> FloatArray:
     """Returns a picture of the object, shape (height, width, 3), of bytes.
@@ -46,6 +56,7 @@ def render_goals(
         p_OC: Goals to draw, in O, shape (k, 3), in metres.
         contacts: The index of each, for its colour.
         yaw: Direction from which the camera looks down on the object, in radians about z of O.
+        obstacles: Balls and boxes in O; half-spaces are left out.
         pixels: Width and height.
     """
     scene = SceneGraph()
@@ -66,16 +77,23 @@ def render_goals(
         scene.RegisterAnchoredGeometry(source, instance)
 
     extents = surface.mesh.extents
-    add(RigidTransform(), Box(*extents), Rgba(0.85, 0.86, 0.88), "object")
-    edges = np.sqrt(surface.areas)
-    for k, label in enumerate(labels):
+    add(RigidTransform(), _drawn_mesh(surface.mesh.triangles), _OBJECT_COLOR, "object")
+    owners = np.repeat(labels, np.diff(surface.patch_starts))
+    for label in np.unique(labels).tolist():
         color = NO_REGION_COLOR if label == NO_REGION else tint(contact_color(label), 0.3)
-        n = surface.nhat_OQ[k]
-        size = np.where(np.abs(n) > 0.5, 1e-3, edges[k])
-        add(RigidTransform(surface.p_OQ[k]), Box(*size), color, f"tile_{k}")
-    radius = _MARKER_SHARE * float(extents.max())
+        region = surface.patches[owners == label]
+        add(RigidTransform(), _drawn_mesh(region, lift=_LIFT), color, f"region_{label}")
+    radius = _MARKER_SHARE * float(np.cbrt(np.prod(extents)))
     for p_OCi, contact in zip(p_OC, contacts, strict=True):
         add(RigidTransform(p_OCi), Sphere(radius), contact_color(contact), f"goal_{contact}")
+    for index, solid in enumerate(obstacles):
+        if isinstance(solid, BallSolid):
+            X_OS = RigidTransform(solid.center)
+            add(X_OS, Sphere(solid.radius), _OBSTACLE_COLOR, f"obstacle_{index}")
+        elif isinstance(solid, BoxSolid):
+            R_OS = RotationMatrix.ProjectToRotationMatrix(solid.R_FB)
+            X_OS = RigidTransform(R_OS, solid.center)
+            add(X_OS, Box(*solid.size), _OBSTACLE_COLOR, f"obstacle_{index}")
 
     context = scene.CreateDefaultContext()
     query = scene.get_query_output_port().Eval(context)
@@ -84,16 +102,35 @@ def render_goals(
             "vtk", CameraInfo(*pixels, 0.5), ClippingRange(0.01, 10.0), RigidTransform()
         )
     )
-    X_OK = _camera_pose(yaw, 2.9 * float(np.linalg.norm(extents)) / 1.4)
+    middle = np.mean(surface.mesh.bounds, axis=0)
+    X_OK = _camera_pose(yaw, middle, 2.9 * float(np.linalg.norm(extents)) / 1.4)
     image = query.RenderColorImage(camera, scene.world_frame_id(), X_OK)
     rgb: FloatArray = np.array(image.data[:, :, :3])
     return rgb
 
 
-def _camera_pose(yaw: float, distance: float) -> RigidTransform:
-    """Returns X_OK of a camera K (z forward, y down) that looks at O's origin from above."""
-    p_OK = distance * np.array([0.85 * np.cos(yaw), 0.85 * np.sin(yaw), 0.53])
-    z = -p_OK / np.linalg.norm(p_OK)
+def _drawn_mesh(triangles: FloatArray, lift: float = 0.0) -> Mesh:
+    """Returns triangles, shape (k, 3, 3), lifted off the surface, as a mesh with flat normals."""
+    sides = triangles[:, 1:] - triangles[:, :1]
+    normals = np.cross(sides[:, 0], sides[:, 1])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    corners = (triangles + lift * normals[:, None]).reshape(-1, 3)
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in corners.tolist()]
+    lines += [f"vn {x:.6f} {y:.6f} {z:.6f}" for x, y, z in normals.tolist()]
+    lines += [
+        f"f {3 * k + 1}//{k + 1} {3 * k + 2}//{k + 1} {3 * k + 3}//{k + 1}"
+        for k in range(len(normals))
+    ]
+    text = ("\n".join(lines) + "\n").encode()
+    memory = MemoryFile(text, ".obj", "drawn.obj")
+    return Mesh(mesh_data=InMemoryMesh(mesh_file=memory), scale=1.0)
+
+
+def _camera_pose(yaw: float, p_OT: FloatArray, distance: float) -> RigidTransform:
+    """Returns X_OK of a camera K (z forward, y down) that looks down at a target T."""
+    p_TK = distance * np.array([0.85 * np.cos(yaw), 0.85 * np.sin(yaw), 0.53])
+    z = -p_TK / np.linalg.norm(p_TK)
     x = np.cross(z, [0.0, 0.0, 1.0])
     x /= np.linalg.norm(x)
-    return RigidTransform(RotationMatrix(np.column_stack([x, np.cross(z, x), z])), p_OK)
+    R_OK = RotationMatrix(np.column_stack([x, np.cross(z, x), z]))
+    return RigidTransform(R_OK, p_OT + p_TK)

@@ -8,7 +8,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
-from drake_pregrasp.planning.arrays import FloatArray, IntArray
+from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.safe_regions import SafeRegions
 
 
@@ -22,7 +22,7 @@ class TickRecord:
         contact_status: `ContactStatus` of each, shape (n,).
         contact_causes: The contact or obstacle behind it, or -1, shape (n,).
         grasp_quality: As `GraspQualityMonitor` emits it, shape (5,).
-        region_sizes: Number of candidates in each safe region, shape (n,).
+        regions: The safe regions; None where they have been dropped to save memory.
         X_WO: The object's true pose.
         X_WO_estimated: Its estimate.
         wall_seconds: What it took to compute the goals from the plant's state.
@@ -33,7 +33,7 @@ class TickRecord:
     contact_status: FloatArray
     contact_causes: FloatArray
     grasp_quality: FloatArray
-    region_sizes: IntArray
+    regions: SafeRegions | None
     X_WO: RigidTransform
     X_WO_estimated: RigidTransform
     wall_seconds: float
@@ -105,7 +105,7 @@ class TickLogger(LeafSystem):
                 contact_status=self._contact_status.Eval(context).copy(),
                 contact_causes=self._contact_causes.Eval(context).copy(),
                 grasp_quality=self._grasp_quality.Eval(context).copy(),
-                region_sizes=regions.sizes(),
+                regions=regions,
                 X_WO=RigidTransform(self._X_WO.Eval(context)),
                 X_WO_estimated=RigidTransform(self._X_WO_estimated.Eval(context)),
                 wall_seconds=wall_seconds,
