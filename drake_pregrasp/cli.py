@@ -29,6 +29,7 @@ from drake_pregrasp.studies.gallery import make_gallery
 from drake_pregrasp.studies.lookahead import study_lookahead
 from drake_pregrasp.studies.published import SCENARIOS
 from drake_pregrasp.studies.reproduce import reproduce
+from drake_pregrasp.studies.shapes import study_shapes
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.tick_logger import TickRecord
 from drake_pregrasp.version import __version__
@@ -36,7 +37,7 @@ from drake_pregrasp.version import __version__
 BAD_INPUT = 2
 INTERRUPTED = 130
 
-_STUDIES = {"lookahead": study_lookahead, "gallery": make_gallery}
+_STUDIES = {"gallery": make_gallery, "lookahead": study_lookahead, "shapes": study_shapes}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -43,8 +43,13 @@ def test_there_are_two_commands():
     assert [block.count("\n") for block in blocks("sh")] == [1, 1]
 
 
-def test_all_scenarios_are_in_the_table():
-    assert [row[0].strip("`") for row in table_rows("name")] == list(shipped_scenarios())
+def test_all_scenarios_are_in_the_table_or_in_the_gallery():
+    in_table = [row[0].strip("`") for row in table_rows("name")]
+    gallery = (ROOT / "docs" / "gallery.md").read_text(encoding="utf-8")
+    in_gallery = re.findall(r"^### `(\w+)`", gallery, flags=re.MULTILINE)
+    assert sorted(in_table + in_gallery) == sorted(shipped_scenarios())
+    for name in in_gallery:
+        assert (ROOT / "docs" / "gallery" / f"{name}.png").exists()
 
 
 def test_the_scenario_in_yaml_loads(tmp_path):

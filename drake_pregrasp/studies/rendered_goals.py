@@ -32,7 +32,7 @@ from drake_pregrasp.systems.palette import NO_REGION_COLOR, contact_color, tint
 
 _BACKGROUND = [1.0, 1.0, 1.0]
 _LIGHTS = (([0.0, 0.0, 1.0], 1.0), ([0.5, 0.3, 0.8], 0.35), ([0.0, 1.0, 0.0], 0.35))
-_MARKER_SHARE = 0.06  # Radius of a goal's ball, of the object's mean extent.
+_MARKER_SHARE = 0.055  # Radius of a goal's ball, of the object's mean extent.
 _LIFT = 4e-4  # Metres that regions stand off the surface.
 _OBJECT_COLOR = Rgba(0.85, 0.86, 0.88)
 _OBSTACLE_COLOR = Rgba(0.35, 0.37, 0.40)
@@ -84,8 +84,10 @@ def render_goals(
         region = surface.patches[owners == label]
         add(RigidTransform(), _drawn_mesh(region, lift=_LIFT), color, f"region_{label}")
     radius = _MARKER_SHARE * float(np.cbrt(np.prod(extents)))
-    for p_OCi, contact in zip(p_OC, contacts, strict=True):
-        add(RigidTransform(p_OCi), Sphere(radius), contact_color(contact), f"goal_{contact}")
+    # Outside the surface, as a fingertip would be: a thin wall must not show it on both sides.
+    centres = p_OC + radius * surface.project(p_OC)[1]
+    for centre, contact in zip(centres, contacts, strict=True):
+        add(RigidTransform(centre), Sphere(radius), contact_color(contact), f"goal_{contact}")
     for index, solid in enumerate(obstacles):
         if isinstance(solid, BallSolid):
             X_OS = RigidTransform(solid.center)

@@ -32,11 +32,13 @@ from drake_pregrasp.systems.launch import Launch
 from drake_pregrasp.systems.moving_obstacles import MovingObstacles
 from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.object_motion import ObjectMotion
+from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
 from drake_pregrasp.systems.pose_replay import PoseReplay
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
+from drake_pregrasp.systems.status_labels import StatusLabels
 from drake_pregrasp.systems.tick_logger import TickLogger
 
 
@@ -56,6 +58,15 @@ MAKERS = {
     Launch: lambda s, c: make_launch(),
     MovingObstacles: lambda s, c: MovingObstacles([]),
     GraspQualityMonitor: lambda s, c: GraspQualityMonitor(surface=s, num_contacts=len(c)),
+    ObstacleVisualizer: lambda s, c: ObstacleVisualizer(
+        meshcat=Meshcat(MeshcatParams(host="localhost")), solids=[], publish_period=0.1
+    ),
+    StatusLabels: lambda s, c: StatusLabels(
+        meshcat=Meshcat(MeshcatParams(host="localhost")),
+        num_contacts=len(c),
+        publish_period=0.1,
+        hover=0.1,
+    ),
     NoiseSource: lambda s, c: NoiseSource(size=2, period=0.1),
     NoisyPoseSensor: lambda s, c: NoisyPoseSensor(position_std=0, orientation_std=0),
     ObjectMotion: lambda s, c: ObjectMotion(VelocityProfile([[0.0, 0.0, 0.0]])),
