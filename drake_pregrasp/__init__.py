@@ -11,6 +11,9 @@ from drake_pregrasp.diagrams.pregrasp_planner import (
 from drake_pregrasp.errors import InvalidArgumentError, OutputError, PregraspError, ScenarioError
 from drake_pregrasp.planning.box_surface import box_surface
 from drake_pregrasp.planning.contact_status import ContactStatus
+from drake_pregrasp.planning.mesh_surface import mesh_surface
+from drake_pregrasp.planning.region_constraints import Obstacles
+from drake_pregrasp.planning.shapes import load_shape
 from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
 from drake_pregrasp.simulation.run import RunResult, run
 from drake_pregrasp.simulation.scenario import Scenario
@@ -39,6 +42,7 @@ __all__ = [
     "NoisyPoseSensor",
     "ObjectPlant",
     "ObjectSurface",
+    "Obstacles",
     "OutputError",
     "PlannerConfig",
     "PoseEstimator",
@@ -52,7 +56,9 @@ __all__ = [
     "__version__",
     "box_surface",
     "load_scenario",
+    "load_shape",
     "make_diagram",
+    "mesh_surface",
     "run",
     "shipped_scenarios",
 ]

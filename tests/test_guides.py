@@ -1,0 +1,47 @@
+import re
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from drake_pregrasp import load_scenario, run
+
+DOCS = Path(__file__).parent.parent / "docs"
+
+
+def block(page, language):
+    text = (DOCS / page).read_text(encoding="utf-8")
+    (found,) = re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
+    return found
+
+
+@pytest.fixture
+def thing(tmp_path, monkeypatch):
+    """A mesh file in millimetres, in the working directory."""
+    monkeypatch.chdir(tmp_path)
+    trimesh.creation.cone(radius=40, height=110).export("thing.stl")
+
+
+@pytest.mark.usefixtures("thing")
+def test_the_guide_to_meshes_is_followed_as_it_stands():
+    Path("mine.yaml").write_text(block("own_mesh.md", "yaml"))
+    result = run(load_scenario(file="mine.yaml"), name="mine", out="runs", recording=False)
+    assert result.summary["final"]["q_msv"] > 2
+    assert result.summary["inactive_contacts"] == {}
+    names: dict[str, object] = {}
+    exec(compile(block("own_mesh.md", "python"), "own_mesh.md", "exec"), names)
+    surface = names["surface"]
+    assert surface.patches[:, :, 2].min() >= 0.03
+
+
+def test_the_strong_finger_owns_what_asks_for_much():
+    names: dict[str, object] = {}
+    exec(compile(block("more_coordinates.md", "python"), "more_coordinates.md", "exec"), names)
+    weak, strong = names["heights"]
+    assert strong > weak + 0.02
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda page: page.name)
+def test_links_lead_somewhere(page):
+    for target in re.findall(r"\]\((?!https)([^)#]+)\)", page.read_text(encoding="utf-8")):
+        assert (DOCS / target).exists(), target
