@@ -62,6 +62,10 @@ def split_triangles(corners: FloatArray, normals: FloatArray, longest_edge: floa
     Raises:
         InvalidArgumentError: If that would take too many triangles.
     """
+    sides = corners[:, 1:] - corners[:, :1]
+    area = float(np.sum(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1))) / 2
+    if area > MAX_TRIANGLES * longest_edge**2 / 2:  # None is larger than half a square of its edge.
+        raise _too_fine(longest_edge)
     done_corners, done_faces = [], []
     faces = np.arange(len(corners))
     count = 0
@@ -74,9 +78,7 @@ def split_triangles(corners: FloatArray, normals: FloatArray, longest_edge: floa
         done_faces.append(faces[~is_long])
         count += 2 * int(np.sum(is_long)) + int(np.sum(~is_long))
         if count > MAX_TRIANGLES:
-            raise InvalidArgumentError(
-                f"sampling needs more than {MAX_TRIANGLES} triangles: choose a larger spacing"
-            )
+            raise _too_fine(longest_edge)
         # With its longest edge from a to b, a triangle (a, b, c) becomes (a, m, c) and (m, b, c).
         order = (longest[is_long, None] + np.arange(3)) % 3
         a, b, c = np.moveaxis(np.take_along_axis(corners[is_long], order[:, :, None], 1), 1, 0)
@@ -86,6 +88,13 @@ def split_triangles(corners: FloatArray, normals: FloatArray, longest_edge: floa
     all_faces = np.concatenate(done_faces) if done_faces else np.empty(0, dtype=np.int64)
     all_corners = np.concatenate(done_corners) if done_corners else np.empty((0, 3, 3))
     return Triangles(all_corners, normals[all_faces], all_faces)
+
+
+def _too_fine(longest_edge: float) -> InvalidArgumentError:
+    return InvalidArgumentError(
+        f"triangles with edges of at most {1e3 * longest_edge:.3g} mm would be more than"
+        f" {MAX_TRIANGLES} on this surface: choose a larger spacing"
+    )
 
 
 def lifted(points: FloatArray, normals: FloatArray, length: float) -> FloatArray:

@@ -85,6 +85,10 @@ def revolved_shape(profile: Sequence[Sequence[float]]) -> Shape:
         raise InvalidArgumentError("a profile needs three points (r, z) or more, with r >= 0")
     if not (line[0, 0] == 0 and line[-1, 0] == 0):
         line = np.vstack([line, line[:1]])
+    r, z = line.T
+    enclosed = abs(float(r @ np.roll(z, -1) - z @ np.roll(r, -1))) / 2
+    if not enclosed > 1e-6 * float(np.max(np.ptp(line, axis=0))) ** 2:
+        raise InvalidArgumentError(f"the profile encloses no area: {line.tolist()}")
     fewest, most = _SECTIONS
     ratio = np.clip(FACET_ERROR / max(float(np.max(line[:, 0])), FACET_ERROR), 0, 1)
     sections = int(np.clip(np.ceil(np.pi / np.arccos(1 - ratio)), fewest, most))
@@ -104,6 +108,8 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
         InvalidArgumentError: If it can't be read, isn't watertight, has no volume, or has a size
             that no hand's object has; the message says what would help.
     """
+    if not path.is_file():
+        raise InvalidArgumentError(f"{path}: no such file")
     try:
         options: dict[str, Any] = {"split_objects": True} if path.suffix.lower() == ".obj" else {}
         scene = trimesh.load_scene(path, **options)

@@ -4,6 +4,7 @@ import numpy as np
 
 from drake_pregrasp.diagrams.limits_config import LimitsConfig
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.surface import ObjectSurface
 
 
@@ -61,6 +62,29 @@ def check_limits(
             f"{limits.deadband} is more than the object's own {longest:.3g} m: no goal would move",
         )
     _check_room(source, limits, surface)
+
+
+def check_reach(
+    source: str, limits: LimitsConfig, p_HO: FloatArray, surface: ObjectSurface
+) -> None:
+    """Raises a `ScenarioError` if a finger of a hand that follows can never reach the object.
+
+    Args:
+        source: Where the scenario is from, for the message.
+        limits: With the reach of each finger.
+        p_HO: The object's origin in the hand's frame, shape (3,), in metres.
+        surface: The object's.
+    """
+    farthest = float(np.max(np.linalg.norm(surface.p_OQ, axis=1)))
+    for index, reach in enumerate(limits.reach):
+        # The hand doesn't turn, but the object may: only the distance of its origin is sure.
+        gap = float(reach.make_solid().distance(p_HO[None])[0]) - farthest
+        if gap > 0:
+            raise ScenarioError(
+                source,
+                f"planner.limits.reach[{index}]",
+                f"the object is never nearer to it than {gap:.3g} m: move or enlarge it",
+            )
 
 
 def _check_room(source: str, limits: LimitsConfig, surface: ObjectSurface) -> None:

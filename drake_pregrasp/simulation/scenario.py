@@ -22,7 +22,7 @@ from drake_pregrasp.planning.force_closure import FRICTION, TORSIONAL_FRICTION
 from drake_pregrasp.planning.initial_contacts import ring_contacts
 from drake_pregrasp.planning.strategies import STRATEGIES
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
-from drake_pregrasp.simulation.limits_check import check_limits
+from drake_pregrasp.simulation.limits_check import check_limits, check_reach
 from drake_pregrasp.simulation.motion_check import check_motion
 from drake_pregrasp.simulation.obstacle_config import ObstacleConfig, check_obstacles
 from drake_pregrasp.simulation.surface_config import SurfaceConfig, check_surface
@@ -249,6 +249,9 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
             " contacts",
         )
     check_limits(source, scenario.planner.limits, count, surface)
+    if scenario.hand.follow:
+        X_WH = scenario.hand.initial_X_WH(RigidTransform())
+        check_reach(source, scenario.planner.limits, X_WH.inverse() @ np.zeros(3), surface)
     check_obstacles(source, scenario.obstacles)
     if isinstance(scenario.object, Box) and not scenario.ring_contacts:
         _validate_contacts_on_a_box(scenario, source, surface)
