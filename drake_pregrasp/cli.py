@@ -15,7 +15,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from drake_pregrasp.errors import PregraspError, ScenarioError
 from drake_pregrasp.simulation.run import RunResult, run, write_graphviz
-from drake_pregrasp.simulation.scenario import Scenario, validate
+from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario_check import validate
 from drake_pregrasp.simulation.scenario_file import (
     load_scenario,
     only_name,

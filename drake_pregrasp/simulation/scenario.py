@@ -3,31 +3,23 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.multibody.plant import MultibodyPlantConfig
+from pydrake.systems.analysis import SimulatorConfig
 
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.motion_config import Conveyor, MotionConfig
 from drake_pregrasp.diagrams.object_config import Box, ObjectConfig
 from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
-from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.assignment import assign_fingers
-from drake_pregrasp.planning.blends import BLEND
 from drake_pregrasp.planning.contact_models import CONTACT_MODELS
 from drake_pregrasp.planning.force_closure import FRICTION, TORSIONAL_FRICTION
 from drake_pregrasp.planning.initial_contacts import ring_contacts
-from drake_pregrasp.planning.strategies import STRATEGIES
-from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
-from drake_pregrasp.simulation.limits_check import check_limits, check_reach
-from drake_pregrasp.simulation.motion_check import check_motion
-from drake_pregrasp.simulation.obstacle_config import ObstacleConfig, check_obstacles
-from drake_pregrasp.simulation.surface_config import SurfaceConfig, check_surface
+from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.simulation.hand_config import HandConfig
+from drake_pregrasp.simulation.obstacle_config import ObstacleConfig
+from drake_pregrasp.simulation.surface_config import SurfaceConfig
 from drake_pregrasp.systems.noise_source import MAX_SEED
-from drake_pregrasp.systems.tick import SLACK, tick_index
 
 
 @dataclass
@@ -52,37 +44,6 @@ class DamageEvent:
     contacts: list[int] = field(
         default_factory=list, metadata={"required": True, "min_length": 1, "at_least": 0}
     )
-
-
-@dataclass
-class HandConfig:
-    """The hand's frame H, in which fingers have their reach."""
-
-    # Where H is: relative to the object's estimated origin if it follows, else in W; in metres.
-    position: list[float] = field(
-        default_factory=lambda: [0.0, 0.0, 0.0],
-        metadata={"length": 3, "at_least": -10, "at_most": 10},
-    )
-
-    # Its orientation in W, as roll, pitch and yaw, in radians. It stays.
-    rpy: list[float] = field(
-        default_factory=lambda: [0.0, 0.0, 0.0],
-        metadata={"length": 3, "at_least": -10, "at_most": 10},
-    )
-
-    # Whether it follows the object.
-    follow: bool = True
-
-    # Where the fingertips are at the start in H, one row each, in metres. If given, each finger
-    # gets the contact that makes all of them together travel least, so that no two cross.
-    fingertips: list[list[float]] = field(
-        default_factory=list, metadata={"elements": {"length": 3, "at_least": -10, "at_most": 10}}
-    )
-
-    def initial_X_WH(self, X_WO: RigidTransform) -> RigidTransform:
-        """Returns the pose of H in W when the object is at X_WO."""
-        p_WH = np.array(self.position) + (X_WO.translation() if self.follow else 0)
-        return RigidTransform(RollPitchYaw(self.rpy), p_WH)
 
 
 @dataclass
@@ -224,102 +185,3 @@ class Scenario:
         p_OF: FloatArray = (X_OH @ np.array(self.hand.fingertips).T).T
         assigned: FloatArray = p_OC[assign_fingers(p_OF, p_OC)]
         return assigned
-
-
-def validate(scenario: Scenario, source: str = "scenario") -> None:
-    """Checks what no single key shows.
-
-    Args:
-        scenario: Loaded, with keys and types checked.
-        source: Where it is from, for the message.
-
-    Raises:
-        ScenarioError: If the scenario can't be simulated.
-    """
-    surface = check_surface(source, scenario.object, scenario.surface)
-    count = scenario.num_contacts
-    if scenario.ring_contacts > len(surface.p_OQ):
-        problem = f"{count} is more than the {len(surface.p_OQ)} places there are on this surface"
-        raise ScenarioError(source, "ring_contacts", problem)
-    if scenario.hand.fingertips and len(scenario.hand.fingertips) != count:
-        raise ScenarioError(
-            source,
-            "hand.fingertips",
-            f"{len(scenario.hand.fingertips)} rows must be none or one for each of the {count}"
-            " contacts",
-        )
-    check_limits(source, scenario.planner.limits, count, surface)
-    if scenario.hand.follow:
-        X_WH = scenario.hand.initial_X_WH(RigidTransform())
-        check_reach(source, scenario.planner.limits, X_WH.inverse() @ np.zeros(3), surface)
-    check_obstacles(source, scenario.obstacles)
-    if isinstance(scenario.object, Box) and not scenario.ring_contacts:
-        _validate_contacts_on_a_box(scenario, source, surface)
-    if scenario.contact_weights and len(scenario.contact_weights) != count:
-        raise ScenarioError(
-            source,
-            "contact_weights",
-            f"{scenario.contact_weights} must be empty or one number for each of the"
-            f" {count} contacts",
-        )
-    _validate_damage(scenario, source)
-    check_motion(source, scenario.motion, surface)
-    if scenario.planner.strategy == BLEND and not any(vars(scenario.planner.blend).values()):
-        raise ScenarioError(
-            source,
-            "planner.blend",
-            f"all weights are 0; a {BLEND} needs one above 0 out of: {', '.join(STRATEGIES)}",
-        )
-    try:
-        AddMultibodyPlant(scenario.plant_config, DiagramBuilder())
-    except RuntimeError as error:
-        raise ScenarioError(source, "plant_config", _first_line(error)) from error
-    try:
-        ApplySimulatorConfig(scenario.simulator_config, Simulator(ConstantVectorSource([0.0])))
-    except (RuntimeError, ValueError) as error:
-        raise ScenarioError(source, "simulator_config", _first_line(error)) from error
-
-
-def _validate_contacts_on_a_box(scenario: Scenario, source: str, surface: ObjectSurface) -> None:
-    p_OC = np.array(scenario.initial_contacts) * surface.mesh.extents / 2
-    for index, distance in enumerate(np.abs(surface.distance(p_OC))):
-        if distance > CONTACT_TOLERANCE:
-            raise ScenarioError(
-                source,
-                f"initial_contacts[{index}]",
-                f"{scenario.initial_contacts[index]} is {1e3 * distance:.3g} mm off the surface;"
-                f" at most {1e3 * CONTACT_TOLERANCE} mm, so one coordinate must be 1 or -1"
-                " and none beyond",
-            )
-
-
-def _validate_damage(scenario: Scenario, source: str) -> None:
-    left = set(range(scenario.num_contacts))
-    for index, event in enumerate(scenario.damage):
-        key = f"damage[{index}]"
-        period = scenario.planner.period
-        last_tick = period * tick_index(scenario.simulation_duration, period)
-        if event.at > last_tick + SLACK * period:
-            raise ScenarioError(
-                source,
-                f"{key}.at",
-                f"{event.at} is after the end, the last tick is at {last_tick:g} s;"
-                f" simulation_duration is {scenario.simulation_duration}",
-            )
-        for contact in event.contacts:
-            if contact not in left:
-                raise ScenarioError(
-                    source,
-                    f"{key}.contacts",
-                    f"there is no contact {contact} left to lose"
-                    f"; there are: {', '.join(map(str, sorted(left)))}",
-                )
-            left.remove(contact)
-        if not left:
-            raise ScenarioError(
-                source, f"{key}.contacts", f"{event.contacts} leaves no contact; one must stay"
-            )
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0]

@@ -7,7 +7,8 @@ from pydrake.common.yaml import yaml_dump_typed, yaml_load_data, yaml_load_typed
 
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.resources import resource_folder
-from drake_pregrasp.simulation.scenario import Scenario, validate
+from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario_check import validate
 from drake_pregrasp.simulation.scenario_paths import make_paths_absolute
 from drake_pregrasp.simulation.schema_check import check_mapping
 

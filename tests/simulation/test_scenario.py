@@ -120,6 +120,80 @@ BAD = [
     ("motion: !PoseStream {file: none.csv}", "case.motion.file", "none.csv: can't be read"),
     ("motion: !PoseStream {file: bad.yaml}", "case.motion.file", "row 1: lacks the column time"),
     ("planner: {estimator: {gravity: -9.81}}", "estimator.gravity", "at least 0"),
+    ("object: !Sphere {}", "case.object", "no such tag !Sphere; there are: !Box, !Cylinder"),
+    ("object: !Mesh {}", "case.object", "lacks the key file"),
+    ("object: !Mesh {file: none.obj}", "case.object", "none.obj: no such file"),
+    ("object: !Mesh {file: bad.yaml}", "case.object", "bad.yaml can't be read as a mesh"),
+    ("object: !Revolved {profile: [[0, 0], [1, 1]]}", "case.object.profile", "at least 3 elements"),
+    (
+        "object: !Revolved {profile: [[0, 0], [0.1, 0], [0, 0]]}",
+        "case.object",
+        "the profile encloses no area",
+    ),
+    ("object: !Ball {radius: 40}", "case.object.radius", "40 must be a number at least 0.001"),
+    (
+        "{description: x, object: !Ball {radius: 0.5}, surface: {spacing: 0.0005}}",
+        "case.surface.spacing",
+        "choose a larger spacing",
+    ),
+    (
+        "surface: {no_touch: [!Facing {direction: [0, 0, 0]}]}",
+        "case.surface.no_touch[0]",
+        "direction must not be zero",
+    ),
+    ("surface: {no_touch: [!Part {name: lid}]}", "no_touch[0]", "no part 'lid'; there are: body"),
+    (
+        "surface: {no_touch: [!BehindPlane {point: [0, 0, 1], normal: [0, 0, 1]}]}",
+        "case.surface.no_touch",
+        "no ground is left for contacts",
+    ),
+    ("surface: {no_touch: [!InsideBall {radius: 0}]}", "no_touch[0].radius", "above 0"),
+    ("obstacles: [!PlaneObstacle {normal: [0, 0, 0]}]", "obstacles[0]", "normal must not be zero"),
+    ("obstacles: [{radius: 0.1, speed: 1}]", "case.obstacles[0].speed", "unknown key"),
+    ("hand: {fingertips: [[0, 0, 0]]}", "case.hand.fingertips", "1 rows must be none or one for"),
+    ("ring_contacts: 99", "case.ring_contacts", "99 must be a whole number at least 0 and at most"),
+    ("planner: {wall_test: luck}", "case.planner.wall_test", "must be one of: none, normals"),
+    ("planner: {limits: {tip_radii: [0.01]}}", "limits.tip_radii", "1 elements must be none or"),
+    ("planner: {limits: {guard: [luck]}}", "limits.guard[0]", "'luck' must be one of: q_msv"),
+    ("planner: {limits: {deadband: 2}}", "limits.deadband", "more than the object's own 0.173 m"),
+    (
+        "planner: {limits: {tip_radii: [9, 9, 9, 9, 9]}}",
+        "limits.tip_radii",
+        "9.0 is more than the object's own 0.1 m",
+    ),
+    (
+        "planner: {limits: {pairs: [{first: 0, second: 9, distance: 0.1}]}}",
+        "limits.pairs[0]",
+        "there is no contact 9",
+    ),
+    (
+        "planner: {limits: {pairs: [{first: 1, second: 1, distance: 0.1}]}}",
+        "limits.pairs[0]",
+        "contact 1 can't follow itself",
+    ),
+    (
+        "planner: {limits: {pairs: [{first: 0, second: 1, distance: 0.5}]}}",
+        "limits.pairs[0].distance",
+        "0.5 is more than the object's own 0.173 m",
+    ),
+    (
+        "planner: {limits: {tip_radii: [0.01, 0.01, 0.01, 0.01, 0.01],"
+        " pairs: [{first: 0, second: 1, distance: 0.015}]}}",
+        "limits.pairs[0].distance",
+        "0.015 contradicts tip_radii, which keep the two 0.02 m apart",
+    ),
+    (
+        "planner: {limits: {pairs: [{first: 0, second: 1, distance: 0.03},"
+        " {first: 1, second: 2, distance: 0.03}]}}",
+        "limits.pairs",
+        "a contact is in two pairs",
+    ),
+    (
+        "{description: x, initial_contacts: [[1, 0, 0]],"
+        " planner: {limits: {reach: [!BallReach {center: [1, 0, 0], radius: 0.1}]}}}",
+        "limits.reach[0]",
+        "the object is never nearer to it than 0.",
+    ),
     ("simulator_config: {max_step_size: big}", "case.simulator_config.max_step_size", "'big'"),
 ]
 
