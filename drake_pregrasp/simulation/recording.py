@@ -28,10 +28,10 @@ _LIGHTS = {
 
 # From where the camera looks, for an object of unit size, and what share of a longer path counts as
 # the object: then all of it is in the picture.
-_CAMERA = np.array([1.75, 1.5, 1.0])
+_CAMERA = np.array([1.9, 1.65, 1.1])
 _VIEW = 0.5
 
-_LABEL_HOVER = 0.03  # Height of the labels over the object, in metres.
+_LABEL_HOVER = 0.065  # Height of the labels over the object, in metres.
 
 
 def start_meshcat() -> Meshcat:
@@ -99,7 +99,7 @@ def add_recording(
             meshcat=meshcat,
             num_contacts=num_contacts,
             publish_period=publish_period,
-            hover=_LABEL_HOVER + float(np.max(np.linalg.norm(surface.mesh.vertices, axis=1))),
+            hover=_LABEL_HOVER + float(np.max(surface.mesh.vertices[:, 2])),
             yaw=float(np.arctan2(_CAMERA[1], _CAMERA[0]) + np.pi / 2),
         ),
     )

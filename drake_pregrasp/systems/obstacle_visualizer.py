@@ -11,12 +11,13 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 from drake_pregrasp.planning.region_constraints import Obstacles
 from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace, Solid
 
-ROOT = "/drake/pregrasp/obstacles"
+ROOT = "/drake/obstacles"
 """Meshcat path under which obstacles are drawn."""
 
-_COLOR = Rgba(0.84, 0.37, 0.0, 0.35)
-_PLATE = 0.6  # Edge of the plate that stands for a half-space, in metres.
+_COLOR = Rgba(0.84, 0.37, 0.0, 0.3)
+_PLATE = 0.36  # Edge of the plate that stands for a half-space, in metres.
 _THICKNESS = 0.004
+_DEPTH = 0.004  # Of its middle: its face is a bit below the surface, which is often drawn itself.
 
 
 class ObstacleVisualizer(LeafSystem):
@@ -69,6 +70,6 @@ def _pose(solid: Solid) -> RigidTransform:
         return RigidTransform(RotationMatrix.ProjectToRotationMatrix(solid.R_FB), solid.center)
     if isinstance(solid, HalfSpace):
         R_WP = RotationMatrix.MakeFromOneVector(solid.normal, axis_index=2)
-        return RigidTransform(R_WP, solid.point - 0.5 * _THICKNESS * solid.normal)
+        return RigidTransform(R_WP, solid.point - _DEPTH * solid.normal)
     assert isinstance(solid, BallSolid)
     return RigidTransform(np.array(solid.center))

@@ -11,7 +11,7 @@ from drake_pregrasp.planning.contact_status import ContactStatus, describe_statu
 from drake_pregrasp.systems.palette import contact_color
 from drake_pregrasp.systems.text_board import text_board
 
-ROOT = "/drake/pregrasp/status"
+ROOT = "/drake/contact_status"
 """Meshcat path under which the labels are."""
 
 _ROW = 1.15  # Distance of two rows, in heights of a label.
@@ -86,21 +86,24 @@ class StatusLabels(LeafSystem):
         self._meshcat.SetTransform(ROOT, RigidTransform(self._R_WB, p_WB), time)
         status: FloatArray = self._status.Eval(context)
         causes: FloatArray = self._causes.Eval(context)
+        rows = 0
         for contact, (kind, cause) in enumerate(zip(status, causes, strict=True)):
             path = None
             if kind != ContactStatus.ACTIVE:
                 path = f"{ROOT}/{contact}/{int(kind)}_{int(cause)}"
                 if path not in self._made:
-                    self._make(path, contact, f"{contact}: {describe_status(kind, cause)}")
+                    self._make(path, contact, f"{contact}: {describe_status(kind, cause)}", time)
+                X_BR = RigidTransform([0.0, 0.0, rows * _ROW * self._height])
+                self._meshcat.SetTransform(path, X_BR, time)
+                rows += 1
             self._show(contact, path, time)
         return EventStatus.Succeeded()
 
-    def _make(self, path: str, contact: int, text: str) -> None:
+    def _make(self, path: str, contact: int, text: str, time: float) -> None:
         board = text_board(text, height=self._height, frame_color=contact_color(contact))
         self._meshcat.SetObject(path, board)
-        row = np.array([0.0, 0.0, contact * _ROW * self._height])
-        self._meshcat.SetTransform(path, RigidTransform(row))
-        self._meshcat.SetProperty(path, "visible", False, 0.0)
+        if time > 0:
+            self._meshcat.SetProperty(path, "visible", False, 0.0)
         self._made.add(path)
 
     def _show(self, contact: int, path: str | None, time: float) -> None:
