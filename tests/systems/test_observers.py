@@ -96,7 +96,7 @@ def test_logger_hands_over_each_tick(surface, p_OC):
     Simulator(logger, context).Initialize()
     (record,) = records
     np.testing.assert_allclose(record.p_WC, (X_WO @ p_OC.T).T)
-    np.testing.assert_array_equal(record.region_sizes, regions.sizes())
+    np.testing.assert_array_equal(record.regions.sizes(), regions.sizes())
     np.testing.assert_array_equal(record.contact_causes, np.arange(5))
     assert record.X_WO.IsExactlyEqualTo(X_WO)
     assert record.wall_seconds >= 0
