@@ -15,6 +15,8 @@ from drake_pregrasp.planning.contact_models import contact_blocks
 CONE_MODELS = ("hard_finger", "soft_finger", "frictionless")
 """The contact models with a cone of forces. The complete one pulls as well as it pushes."""
 
+_RANK_TOLERANCE = 1e-9  # Of singular values, for wrenches of the order of one.
+
 CONE_EDGES = 8
 """Edges of the pyramid that stands for a friction cone."""
 
@@ -57,19 +59,26 @@ def min_weight_margin(
     W = primitive_wrenches(
         p_CoMC, nhat, friction, model=model, torsional_friction=torsional_friction
     )
+    # In this unit of torque tolerances mean the same on any object.
+    W[3:] /= longest_arm(p_CoMC)
     if not _spans_all_wrenches(W):
         return 0.0
     m = W.shape[1]
-    # Unknowns: the weights a, then their least, l: max l with W a = 0, sum a = 1, a >= l >= 0.
+    # With a = b + l, b >= 0: max l with W (b + l) = 0, sum (b + l) = 1.
+    A = np.vstack([W, np.ones((1, m))])
     solution = linprog(
         c=np.append(np.zeros(m), -1.0),
-        A_eq=np.block([[W, np.zeros((6, 1))], [np.ones((1, m)), np.zeros((1, 1))]]),
+        A_eq=np.hstack([A, np.sum(A, axis=1, keepdims=True)]),
         b_eq=np.append(np.zeros(6), 1.0),
-        A_ub=np.hstack([-np.eye(m), np.ones((m, 1))]),
-        b_ub=np.zeros(m),
         bounds=(0, None),
     )
     return max(0.0, float(m * solution.x[-1])) if solution.success else 0.0
+
+
+def longest_arm(p_CoMC: FloatArray) -> float:
+    """Returns the longest of some lever arms, shape (..., 3), in metres; above zero in any case."""
+    lengths = np.linalg.norm(p_CoMC, axis=-1)
+    return float(max(np.max(lengths, initial=0.0), np.finfo(float).tiny))
 
 
 def ferrari_canny(
@@ -103,10 +112,11 @@ def ferrari_canny(
     W = primitive_wrenches(
         p_CoMC, nhat, friction, model=model, torsional_friction=torsional_friction
     )
-    W[3:] /= length
+    W[3:] /= longest_arm(p_CoMC)
     # A hull in six dimensions has seven corners or more.
     if W.shape[1] <= len(W) or not _spans_all_wrenches(W):
         return 0.0
+    W[3:] *= longest_arm(p_CoMC) / length
     try:
         hull = ConvexHull(W.T)
     except QhullError:  # All wrenches lie in one plane beside the origin.
@@ -167,8 +177,5 @@ def cone_edges(friction: float, model: str, torsional_friction: float) -> FloatA
 
 
 def _spans_all_wrenches(W: FloatArray) -> bool:
-    """Returns whether the rank is six, with each row scaled so that units don't matter."""
-    largest = np.max(np.abs(W), axis=1, initial=0.0)
-    if not np.all(largest > 0):
-        return False
-    return bool(np.linalg.matrix_rank(W / largest[:, None], tol=1e-9) == len(W))
+    """Returns whether the rank is six; torques are in a unit that makes them comparable."""
+    return bool(np.linalg.matrix_rank(W, tol=_RANK_TOLERANCE) == len(W))

@@ -27,9 +27,13 @@ import numpy as np
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.planning.contact_models import contact_blocks
-from drake_pregrasp.planning.force_closure import TORSIONAL_FRICTION, cone_edges
+from drake_pregrasp.planning.force_closure import (
+    TORSIONAL_FRICTION,
+    cone_edges,
+    longest_arm,
+)
 
-_RANK_TOLERANCE = 1e-10  # Of a pivot over its diagonal element, which no scaling of rows changes.
+_RANK_TOLERANCE = 1e-10  # Of a pivot over the largest one, torques being divided by an arm.
 
 
 def least_norm_margin(
@@ -56,7 +60,7 @@ def least_norm_margin(
         InvalidArgumentError: As of `min_weight_margin`.
     """
     E = cone_edges(friction, model, torsional_friction)
-    P = _balance_blocks(p_CoMC, nhat, model)
+    P = _balance_blocks(p_CoMC, nhat, model, longest_arm(p_CoMC))
     y, spans = _solve(np.sum(_grams(P, E), axis=2))
     weights = _edge_weights(P, E, y[:, None, None])
     least = np.min(weights, axis=(0, 1), initial=np.inf)
@@ -94,7 +98,9 @@ def moved_least_norm_margin(
         InvalidArgumentError: As of `min_weight_margin`.
     """
     E = cone_edges(friction, model, torsional_friction)
-    P, P_Q = _balance_blocks(p_CoMC, nhat, model), _balance_blocks(p_CoMQ, nhat_Q, model)
+    arm = max(longest_arm(p_CoMC), longest_arm(p_CoMQ))
+    P = _balance_blocks(p_CoMC, nhat, model, arm)
+    P_Q = _balance_blocks(p_CoMQ, nhat_Q, model, arm)
     held = _grams(P, E)
     others = np.sum(held, axis=2)[:, :, None] - held
     y, spans = _solve(others[:, :, moved] + _grams(P_Q, E))
@@ -111,9 +117,10 @@ def moved_least_norm_margin(
 # Below, the 7 rows of A come first and the many grasps last, so that loops over few rows vectorise.
 
 
-def _balance_blocks(p_CoMC: FloatArray, nhat: FloatArray, model: str) -> FloatArray:
-    """Returns P_i, shape (7, k, n, ...) for contacts of shape (..., n, 3)."""
+def _balance_blocks(p_CoMC: FloatArray, nhat: FloatArray, model: str, arm: float) -> FloatArray:
+    """Returns P_i, shape (7, k, n, ...) for contacts (..., n, 3), torques divided by an arm."""
     G = contact_blocks(p_CoMC, nhat, model)
+    G[..., 3:, :] /= arm
     ones = np.zeros((*G.shape[:-2], 1, G.shape[-1]))
     ones[..., 0] = 1
     P = np.concatenate([G, ones], axis=-2)
@@ -140,13 +147,13 @@ def _solve(M: FloatArray) -> tuple[FloatArray, BoolArray]:
     As L is unit triangular and e has only its last element, D Lᵀ y = e.
     """
     size = len(M)
-    scale = np.einsum("aa...->a...", M).copy()
+    largest = np.max(np.einsum("aa...->a...", M), axis=0)
     M, L = M.copy(), np.zeros_like(M)
     spans = np.ones(M.shape[2:], dtype=bool)
-    pivot = scale[0]
+    pivot = largest
     for j in range(size):
         pivot = M[j, j]
-        spans &= pivot > _RANK_TOLERANCE * scale[j]
+        spans &= pivot > _RANK_TOLERANCE * largest
         pivot = np.where(spans, pivot, 1)
         L[j + 1 :, j] = M[j + 1 :, j] / pivot
         M[j + 1 :, j + 1 :] -= L[j + 1 :, None, j] * M[None, j, j + 1 :]

@@ -14,6 +14,7 @@ from drake_pregrasp.planning.force_closure import (
     primitive_wrenches,
 )
 from drake_pregrasp.planning.grasp_quality import grasp_quality
+from drake_pregrasp.planning.least_norm_margin import least_norm_margin
 
 AROUND = 0.05 * np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0]])
 SURFACE = box_surface([0.1, 0.08, 0.12], spacing=0.01)
@@ -176,3 +177,14 @@ def test_bad_arguments_are_refused():
         ferrari_canny(*some, 0.7, length=0.05, model="soft_finger", torsional_friction=-1)
     with pytest.raises(InvalidArgumentError, match="length must be greater than 0 m, not 0"):
         ferrari_canny(*some, 0.7, length=0)
+
+
+@pytest.mark.parametrize(("model", "friction"), [("frictionless", 0.7), ("hard_finger", 0.0)])
+def test_nothing_holds_a_ball_without_friction(model, friction):
+    rng = np.random.default_rng(0)
+    for n in (5, 10, 20):
+        nhat = rng.normal(size=(n, 3))
+        nhat /= np.linalg.norm(nhat, axis=1, keepdims=True)
+        assert min_weight_margin(0.05 * nhat, nhat, friction, model=model) == 0
+        assert ferrari_canny(0.05 * nhat, nhat, friction, length=0.05, model=model) == 0
+        assert not least_norm_margin(0.05 * nhat, nhat, friction, model=model) > 0
