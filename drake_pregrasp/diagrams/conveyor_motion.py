@@ -6,7 +6,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from drake_pregrasp.diagrams.motion_config import Conveyor
 from drake_pregrasp.diagrams.moving_object import MovingObject, add_model, add_pose_output
-from drake_pregrasp.diagrams.object_body import add_object_body, standing_height
+from drake_pregrasp.diagrams.object_body import add_object_body, standing_position
 from drake_pregrasp.diagrams.object_config import ObjectConfig
 from drake_pregrasp.planning.velocity_profile import VelocityProfile
 from drake_pregrasp.systems.object_motion import ObjectMotion
@@ -23,7 +23,7 @@ def add_conveyor(
     body = add_object_body(plant, object_config)
     table = add_model(plant, "conveyor_table.sdf")
     plant.Finalize()
-    X_WO = RigidTransform([0.0, 0.0, standing_height(object_config)])
+    X_WO = RigidTransform(standing_position(object_config))
     plant.SetDefaultFloatingBaseBodyPose(body, X_WO)
     profile = VelocityProfile(motion.velocities())
     command = builder.AddNamedSystem("object_motion", ObjectMotion(profile))

@@ -12,7 +12,7 @@ from drake_pregrasp.diagrams.motion_config import (
     Push,
     Toss,
 )
-from drake_pregrasp.diagrams.object_body import standing_height
+from drake_pregrasp.diagrams.object_body import standing_position
 from drake_pregrasp.diagrams.object_config import ObjectConfig
 from drake_pregrasp.diagrams.push_motion import push_direction
 from drake_pregrasp.planning.arrays import FloatArray
@@ -26,16 +26,18 @@ GRAVITY = 9.81
 """What a plant of Drake has, in m/s²."""
 
 
-def expected_path(motion: MotionConfig, duration: float, height: float) -> FloatArray:
-    """Returns positions of O in W over the run, shape (k, 3), in metres.
+def expected_path(motion: MotionConfig, duration: float, object_config: ObjectConfig) -> FloatArray:
+    """Returns positions of the centre of mass in W over the run, shape (k, 3), in metres.
 
     Args:
         motion: How the object moves.
         duration: Of the run, in seconds.
-        height: Of O over a table that the object stands on, in metres.
+        object_config: The object.
     """
     times = np.linspace(0.0, duration, _SAMPLES)
-    start = np.array([0.0, 0.0, height])
+    p_OCoM = object_config.make_shape().p_OCoM
+    start = standing_position(object_config) + p_OCoM
+    height = start[2]
     if isinstance(motion, Conveyor):
         profile = VelocityProfile(motion.velocities())
         path = [start + np.array([profile.at(time)[0][0], 0.0, 0.0]) for time in times]
@@ -52,7 +54,7 @@ def expected_path(motion: MotionConfig, duration: float, height: float) -> Float
         path = [start + distance * np.array(push_direction(motion)) for distance in way]
     else:
         track = read_pose_track(resolve_path(motion.file, Path.cwd()))
-        path = [track.at(time)[0] for time in times]
+        path = [p_WO + R_WO.apply(p_OCoM) for p_WO, R_WO in map(track.at, times)]
     return np.array(path)
 
 
@@ -65,4 +67,4 @@ def initial_pose(motion: MotionConfig, object_config: ObjectConfig) -> RigidTran
     if isinstance(motion, PoseStream):
         position, rotation = read_pose_track(resolve_path(motion.file, Path.cwd())).at(0.0)
         return RigidTransform(RotationMatrix(rotation.as_matrix()), position)
-    return RigidTransform([0.0, 0.0, standing_height(object_config)])
+    return RigidTransform(standing_position(object_config))

@@ -75,7 +75,7 @@ class Push:
     # When it starts, in seconds.
     start: float = field(default=0.5, metadata={"at_least": 0, "at_most": 1e6})
 
-    # How far behind the object's centre its front is then, in metres; outside the object.
+    # How far behind the object's centre of mass its front is then, in metres; outside the object.
     start_distance: float = field(default=0.09, metadata={"above": 0, "at_most": 1})
 
     # How far to the left of the centre it pushes, in metres. Off the centre the object turns.

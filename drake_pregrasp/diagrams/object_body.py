@@ -25,6 +25,7 @@ from pydrake.multibody.tree import RigidBody, RotationalInertia, SpatialInertia
 
 from drake_pregrasp.diagrams.box_model import resized_box_sdf
 from drake_pregrasp.diagrams.object_config import Box, ObjectConfig
+from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.shapes import Shape
 from drake_pregrasp.resources import resource_folder
 
@@ -79,10 +80,16 @@ def add_solid_collision(
     return [plant.RegisterCollisionGeometry(body, RigidTransform(), geometry, "solid", _FRICTION)]
 
 
-def standing_height(object_config: ObjectConfig) -> float:
-    """Returns the height of O, in metres, over the table that the object stands on."""
-    lowest = float(np.min(object_config.make_shape().mesh.vertices[:, 2]))
-    return -lowest - FIRST_TOUCH
+def standing_position(object_config: ObjectConfig) -> FloatArray:
+    """Returns where O is in W, shape (3,), in metres, when the object stands on a table.
+
+    Its centre of mass is then above W's origin, wherever its mesh is in O.
+    """
+    shape = object_config.make_shape()
+    lowest = float(np.min(shape.mesh.vertices[:, 2]))
+    position: FloatArray = -shape.p_OCoM
+    position[2] = -lowest - FIRST_TOUCH
+    return position
 
 
 def _spatial_inertia(shape: Shape, mass: float) -> SpatialInertia:

@@ -40,8 +40,8 @@ class ObjectPlant(Diagram):
         - query_object
 
     Port `X_WO` emits a `RigidTransform`: the true pose of the object O in the world W. A table's
-    top is the plane z = 0 of W; what stands on it starts at its centre, at rest, with the axes of
-    W.
+    top is the plane z = 0 of W; what stands on it starts at rest with its centre of mass over
+    W's origin, and with the axes of W.
 
     Port `query_object` emits SceneGraph's `QueryObject`, for visualizers.
 

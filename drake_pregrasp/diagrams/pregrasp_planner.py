@@ -151,11 +151,14 @@ class PregraspPlanner(Diagram):
         - p_WO_covariance
         - safe_regions
         - contact_causes
+        - p_WC_previous
 
     The ports are those of the systems inside, which document them: `X_WO_measured`,
     `X_WO_estimated`, `V_WO_estimated` and `p_WO_covariance` of `PoseEstimator`; `contact_weights`,
     `obstacles`, `X_WH` (all optional) and `safe_regions` of `SafeRegionPartitioner`; `p_WC`,
-    `contact_status`, `contact_causes` and `fingertip_targets` of `CentroidSelector`.
+    `contact_status`, `contact_causes`, `fingertip_targets` and `p_WC_previous` of
+    `CentroidSelector`. A hand whose pose at `X_WH` follows the goals has to follow
+    `p_WC_previous`: the others depend on `X_WH`.
 
     Args:
         config: Planning rate and settings.
@@ -233,7 +236,8 @@ class PregraspPlanner(Diagram):
         for name in ("X_WO_estimated", "V_WO_estimated", "p_WO_covariance"):
             builder.ExportOutput(estimator.GetOutputPort(name), name)
         builder.ExportOutput(partitioner.GetOutputPort("safe_regions"), "safe_regions")
-        builder.ExportOutput(selector.GetOutputPort("contact_causes"), "contact_causes")
+        for name in ("contact_causes", "p_WC_previous"):
+            builder.ExportOutput(selector.GetOutputPort(name), name)
         builder.BuildInto(self)
 
 

@@ -12,7 +12,7 @@ from drake_pregrasp.diagrams.moving_object import MovingObject, add_model, add_p
 from drake_pregrasp.diagrams.object_body import (
     add_object_body,
     add_solid_collision,
-    standing_height,
+    standing_position,
 )
 from drake_pregrasp.diagrams.object_config import ObjectConfig
 from drake_pregrasp.planning.velocity_profile import VelocityProfile
@@ -51,7 +51,7 @@ def add_push(
             GeometrySet(solid), GeometrySet(plant.GetCollisionGeometriesForBody(table))
         )
     )
-    X_WO = RigidTransform([0.0, 0.0, standing_height(object_config)])
+    X_WO = RigidTransform(standing_position(object_config))
     plant.SetDefaultFloatingBaseBodyPose(body, X_WO)
     profile = VelocityProfile(push_profile(motion))
     command = builder.AddNamedSystem("object_motion", ObjectMotion(profile))

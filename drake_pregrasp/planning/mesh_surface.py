@@ -17,6 +17,9 @@ _DISTANCE = 0.75
 _EDGE = 0.5
 """Longest edge of the triangles that patches are made of, as a share of the spacing."""
 
+_SLIVER = 1e-8
+"""Area of triangles too thin to have a normal, as a share of their largest edge's square."""
+
 
 def mesh_surface(
     shape: Shape,
@@ -51,7 +54,7 @@ def mesh_surface(
     triangles = split_triangles(
         np.array(mesh.triangles), np.array(mesh.face_normals), _EDGE * spacing
     )
-    triangles = triangles.chosen(triangles.areas > 0)
+    triangles = triangles.chosen(triangles.areas > _SLIVER * (_EDGE * spacing) ** 2)
     forbidden = is_forbidden(triangles, shape.face_parts, no_touch)
     allowed = triangles.chosen(~forbidden)
     if len(allowed.faces) == 0:

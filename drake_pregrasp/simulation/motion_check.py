@@ -37,7 +37,7 @@ def check_motion(source: str, motion: MotionConfig, surface: ObjectSurface) -> N
                 f"{motion.position[2]} must be at least {below:.4g}, to start above the table",
             )
     elif isinstance(motion, Push):
-        rear = -float(np.min(surface.mesh.vertices @ push_direction(motion)))
+        rear = -float(np.min((surface.mesh.vertices - surface.p_OCoM) @ push_direction(motion)))
         if motion.start_distance < rear:
             raise ScenarioError(
                 source,

@@ -8,7 +8,6 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.diagrams.expected_path import expected_path
-from drake_pregrasp.diagrams.object_body import standing_height
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.planning.grasp_quality import GraspQuality
@@ -118,7 +117,7 @@ def make_diagram(
             path=expected_path(
                 scenario.motion,
                 scenario.simulation_duration + config.estimator.lookahead,
-                standing_height(scenario.object),
+                scenario.object,
             ),
             publish_period=scenario.recording.publish_period,
         )
@@ -135,7 +134,11 @@ def _add_obstacles_and_hand(
 ) -> None:
     if scenario.obstacles:
         obstacles = builder.AddNamedSystem(
-            "moving_obstacles", MovingObstacles([moving_solid(o) for o in scenario.obstacles])
+            "moving_obstacles",
+            MovingObstacles(
+                [moving_solid(o) for o in scenario.obstacles],
+                lookahead=scenario.planner.estimator.lookahead,
+            ),
         )
         builder.Connect(obstacles.get_output_port(), planner.GetInputPort("obstacles"))
         if meshcat is not None:

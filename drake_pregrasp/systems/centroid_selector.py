@@ -280,7 +280,8 @@ class CentroidSelector(LeafSystem):
 
 
 def _frame_with_z_along(z: FloatArray) -> RotationMatrix:
-    up = np.array([0.0, 0.0, 1.0]) if abs(z[2]) < 0.9 else np.array([1.0, 0.0, 0.0])
+    # Only exactly along z of O there is no way nearest to it.
+    up = np.eye(3)[2 if abs(z[2]) < 1 - 1e-9 else 0]
     x = up - z * (up @ z)
     x /= np.linalg.norm(x)
     return RotationMatrix(np.column_stack([x, np.cross(z, x), z]))

@@ -34,14 +34,16 @@ class MovingObstacles(LeafSystem):
         output_ports:
         - obstacles
 
-    Port `obstacles` emits `Obstacles` in W, at the Context's time.
+    Port `obstacles` emits `Obstacles` in W, where they are `lookahead` after the Context's time.
 
     Args:
         obstacles: The solids, in the order of their indices.
+        lookahead: In seconds: that of the goals that are to stay clear of them.
     """
 
-    def __init__(self, obstacles: Sequence[MovingSolid]) -> None:
+    def __init__(self, obstacles: Sequence[MovingSolid], *, lookahead: float = 0.0) -> None:
         super().__init__()
+        self._lookahead = lookahead
         self._moving = tuple(obstacles)
         self.DeclareAbstractOutputPort(
             "obstacles",
@@ -51,7 +53,7 @@ class MovingObstacles(LeafSystem):
         )
 
     def _calc_obstacles(self, context: Context, output: AbstractValue) -> None:
-        time = context.get_time()
+        time = context.get_time() + self._lookahead
         output.set_value(
             Obstacles(
                 tuple(

@@ -47,6 +47,8 @@ class SafeRegionPartitioner(LeafSystem):
     Port `X_WH` (optional) accepts a `RigidTransform`: the pose of the hand H, for the fingers'
     reach. Unconnected, H is W.
 
+    Both are for the time that `X_WO_estimated` is for: if that looks ahead, so must they.
+
     Port `safe_regions` emits `SafeRegions` over the surface's candidate points.
 
     Args:

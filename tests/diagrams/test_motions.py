@@ -13,7 +13,6 @@ from drake_pregrasp import ObjectPlant, load_scenario, shipped_scenarios
 from drake_pregrasp.diagrams import toss_motion
 from drake_pregrasp.diagrams.expected_path import expected_path
 from drake_pregrasp.diagrams.motion_config import Conveyor, PoseStream, Push, Toss
-from drake_pregrasp.diagrams.object_body import standing_height
 from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.planning.pose_track import read_pose_track
 from drake_pregrasp.planning.velocity_profile import VelocityProfile
@@ -179,7 +178,7 @@ MOTIONS = [name for name, (file, _) in shipped_scenarios().items() if file.stem 
 def test_the_expected_path_is_near_the_one_that_is_taken(name):
     scenario = load_scenario(name)
     duration = min(3.0, scenario.simulation_duration)
-    path = expected_path(scenario.motion, duration, standing_height(scenario.object))
+    path = expected_path(scenario.motion, duration, scenario.object)
     times = list(np.linspace(0.1, duration - 0.1, 5))
     step = scenario.plant_config.time_step
     for X_WO in poses(scenario.motion, times, step, scenario.object):
@@ -187,6 +186,6 @@ def test_the_expected_path_is_near_the_one_that_is_taken(name):
 
 
 def test_the_path_of_a_fall_ends_on_the_table():
-    path = expected_path(Toss(position=[0, 0, 1.0], table=True), 10.0, 0.05)
-    assert path[:, 2].min() == pytest.approx(0.05)
-    assert expected_path(Toss(position=[0, 0, 1.0]), 10.0, 0.05)[:, 2].min() < -100
+    path = expected_path(Toss(position=[0, 0, 1.0], table=True), 10.0, Box())
+    assert path[:, 2].min() == pytest.approx(0.05, abs=1e-5)
+    assert expected_path(Toss(position=[0, 0, 1.0]), 10.0, Box())[:, 2].min() < -100

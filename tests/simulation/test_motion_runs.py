@@ -8,7 +8,6 @@ from pydrake.math import RigidTransform
 
 from drake_pregrasp import load_scenario, run, shipped_scenarios
 from drake_pregrasp.diagrams.expected_path import expected_path
-from drake_pregrasp.diagrams.object_body import standing_height
 from drake_pregrasp.planning.pose_track import read_pose_track
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.recording import camera_pose
@@ -58,9 +57,7 @@ def test_goals_stay_within_the_surface_of_a_tossed_object(tmp_path):
 @pytest.mark.parametrize("name", shipped_scenarios())
 def test_the_camera_sees_the_whole_motion(name):
     scenario = load_scenario(name)
-    path = expected_path(
-        scenario.motion, scenario.simulation_duration, standing_height(scenario.object)
-    )
+    path = expected_path(scenario.motion, scenario.simulation_duration, scenario.object)
     extent = max(scenario.object.make_shape().mesh.extents)
     camera, target = camera_pose(path, extent)
     axis = (target - camera) / np.linalg.norm(target - camera)
