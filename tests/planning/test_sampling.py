@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import cKDTree
+from thin_cup import CUP
 
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.planning.contact_selection import (
@@ -15,10 +16,9 @@ from drake_pregrasp.planning.mesh_surface import mesh_surface
 from drake_pregrasp.planning.no_touch import AxisArea
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
 from drake_pregrasp.planning.sampling import choose_evenly, lifted, split_triangles
-from drake_pregrasp.planning.shapes import ball_shape, box_shape, cylinder_shape, revolved_shape
+from drake_pregrasp.planning.shapes import ball_shape, box_shape, cylinder_shape
 from drake_pregrasp.planning.strategies import position_tracking
 
-CUP = revolved_shape([[0, 0], [0.035, 0], [0.035, 0.09], [0.032, 0.09], [0.032, 0.004], [0, 0.004]])
 NO_ENDS = (AxisArea("+z"), AxisArea("-z"))
 
 
@@ -236,7 +236,7 @@ def test_uneven_sampling_does_not_pull_centroids():
     xs = np.concatenate([[-0.05, -0.025], np.linspace(0, 0.05, 101)])
     points = np.array([[x, y] for x in xs for y in (-0.02, 0.02)])
     cells = 2 * np.arange(len(xs) - 1)[:, None]
-    faces = np.concatenate([cells + [0, 2, 1], cells + [1, 2, 3]])
+    faces = np.concatenate([cells + np.array([0, 2, 1]), cells + np.array([1, 2, 3])])
     mesh = trimesh.creation.extrude_triangulation(points, faces, 0.01)
     shape = box_shape([1, 1, 1])
     shape = type(shape)(mesh, ("body",), np.zeros(len(mesh.faces), dtype=np.int64))

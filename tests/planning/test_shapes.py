@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from thin_cup import HEIGHT, PROFILE, RADIUS, WALL
 
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.planning.shapes import (
@@ -14,10 +15,6 @@ from drake_pregrasp.planning.shapes import (
     revolved_shape,
 )
 from drake_pregrasp.resources import resource_folder
-
-RADIUS, HEIGHT, WALL = 0.035, 0.09, 0.003
-CUP = [[0, 0], [RADIUS, 0], [RADIUS, HEIGHT], [RADIUS - WALL, HEIGHT], [RADIUS - WALL, WALL]]
-CUP += [[0, WALL]]
 
 
 def assert_closed(shape):
@@ -58,7 +55,7 @@ def test_a_ball_is_one_up_to_its_facets(radius):
 
 
 def test_a_cup_has_the_volume_and_the_centre_of_its_wall():
-    shape = revolved_shape(CUP)
+    shape = revolved_shape(PROFILE)
     assert_closed(shape)
     solid = np.pi * RADIUS**2 * HEIGHT
     hollow = np.pi * (RADIUS - WALL) ** 2 * (HEIGHT - WALL)
@@ -79,7 +76,7 @@ def test_a_profile_off_the_axis_is_closed_into_a_ring():
 
 
 def test_a_profile_that_runs_down_the_outside_encloses_the_same():
-    up, down = revolved_shape(CUP), revolved_shape(CUP[::-1])
+    up, down = revolved_shape(PROFILE), revolved_shape(PROFILE[::-1])
     assert down.mesh.volume == pytest.approx(up.mesh.volume, rel=1e-12)
 
 
@@ -148,7 +145,7 @@ def test_objects_of_an_obj_file_are_parts(tmp_path):
     heights = shape.mesh.triangles_center[shape.face_parts == shape.part("top"), 2]
     np.testing.assert_allclose(heights, 0.03)
     assert len(heights) == np.sum(on_top)
-    with pytest.raises(InvalidArgumentError, match="no part 'handle'; there are: .*top"):
+    with pytest.raises(InvalidArgumentError, match=r"no part 'handle'; there are: .*top"):
         shape.part("handle")
 
 
