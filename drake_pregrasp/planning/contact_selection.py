@@ -207,18 +207,23 @@ def _with_returning_contacts(selection: SelectionInput, goals: FloatArray) -> Fl
 
 def _limited(selection: SelectionInput, goals: FloatArray, limits: ContactLimits) -> FloatArray:
     surface, regions, p_OC = selection.surface, selection.regions, selection.p_OC
+    taking_part = (regions.sizes() > 0) & ~regions.lost
     if limits.deadband > 0:
         is_near = np.linalg.norm(goals - p_OC, axis=1) < limits.deadband
-        goals[is_near] = p_OC[is_near]
+        stays = is_near & taking_part & _may_stay(selection)
+        goals[stays] = p_OC[stays]
     if np.isfinite(limits.max_step):
         for contact in range(len(goals)):
             goals[contact] = step_toward(surface, p_OC[contact], goals[contact], limits.max_step)
     if limits.pairs:
         goals = follow_pairs(surface, regions, limits.pairs, goals, p_OC, limits.max_step)
     tip_radii = regions.constraints.tip_radii
-    taking_part = (regions.sizes() > 0) & ~regions.lost
     if limits.guard is not None:
         guarded = taking_part & _may_stay(selection)
+        has_to_go = ~guarded & ~regions.lost
+        for pair in limits.pairs:  # If one of them has to go, the other goes with it.
+            both = [pair.first, pair.second]
+            guarded[both] &= not np.any(has_to_go[both])
         groups = limits.groups(len(goals))
         goals = keep_quality(surface, goals, p_OC, guarded, limits.guard, groups)
     if len(tip_radii):
