@@ -238,9 +238,14 @@ def _limited(selection: SelectionInput, goals: FloatArray, limits: ContactLimits
 
 def _may_stay(selection: SelectionInput) -> BoolArray:
     """Returns which contacts may be where they are: the others have to go, whatever it costs."""
-    surface, constraints, p_OC = selection.surface, selection.regions.constraints, selection.p_OC
-    nearest, _ = surface.project(p_OC)
+    surface, regions, p_OC = selection.surface, selection.regions, selection.p_OC
+    constraints = regions.constraints
+    nearest, normals = surface.project(p_OC)
     may_stay: BoolArray = np.linalg.norm(nearest - p_OC, axis=1) <= CONTACT_TOLERANCE
+    if len(constraints.tip_radii):  # Of two fingertips that overlap, the later one has to go.
+        overlaps = tip_gaps(p_OC, normals, constraints.tip_radii) < -ROUNDING
+        taking_part = (regions.sizes() > 0) & ~regions.lost
+        may_stay &= ~np.any(np.tril(overlaps) & taking_part, axis=1)
     for contact in range(len(p_OC)):
         limits, _ = constraints.limits_at(contact, p_OC[contact][None])
         may_stay[contact] &= limits[0] == Limit.NONE

@@ -295,6 +295,25 @@ def test_of_two_that_overlap_the_first_is_active_and_named():
     assert (goals.status[1], goals.causes[1]) == (ContactStatus.CROWDED_OUT, 0)
 
 
+@pytest.mark.parametrize(
+    "limits",
+    [
+        ContactLimits(deadband=0.06),
+        ContactLimits(guard=lambda p_CoMC, nhat: -np.sum(p_CoMC[:, 1:2])),
+    ],
+    ids=["deadband", "guard"],
+)
+def test_fingertips_that_overlap_come_apart_whatever_holds_them(limits):
+    p_OC = np.array([[0.05, 0.0, 0.0], [0.05, 0.012, 0.0], [-0.05, 0.0, 0.0]])
+    tips = np.full(3, 0.01)
+    for _ in range(3):
+        goals = select_contacts(
+            selection(CUBE, p_OC, tip_radii=tips), position_tracking, limits=limits
+        )
+        p_OC = goals.p_OC
+    assert np.all(goals.active)
+
+
 # Recovery.
 
 

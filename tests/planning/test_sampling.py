@@ -16,7 +16,7 @@ from drake_pregrasp.planning.mesh_surface import mesh_surface
 from drake_pregrasp.planning.no_touch import AxisArea
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
 from drake_pregrasp.planning.sampling import choose_evenly, lifted, split_triangles
-from drake_pregrasp.planning.shapes import ball_shape, box_shape, cylinder_shape
+from drake_pregrasp.planning.shapes import Shape, ball_shape, box_shape, cylinder_shape
 from drake_pregrasp.planning.strategies import position_tracking
 
 NO_ENDS = (AxisArea("+z"), AxisArea("-z"))
@@ -41,8 +41,8 @@ def test_a_split_surface_is_the_same_surface(edge):
 
 
 def test_a_triangle_that_is_short_enough_stays_whole():
-    corners = np.array([[[0, 0, 0], [0.01, 0, 0], [0, 0.01, 0]]])
-    triangles = split_triangles(corners, np.array([[0, 0, 1.0]]), 0.01 * np.sqrt(2))
+    corners = np.array([[[0.0, 0, 0], [3, 0, 0], [0, 4, 0]]])
+    triangles = split_triangles(corners, np.array([[0, 0, 1.0]]), 5.0)
     np.testing.assert_array_equal(triangles.corners, corners)
 
 
@@ -184,6 +184,18 @@ def test_signed_distances_of_a_box_are_exact():
     assert np.isnan(surface.distance(np.array([[np.nan, 0, 0]]))[0])
 
 
+def test_at_a_sharp_edge_signs_tell_in_from_out():
+    """Beyond the edge of a thin wedge, points are behind the one face and before the other."""
+    corners = 0.1 * np.array([[0, 0], [1, -0.1], [1, 0.1]])
+    mesh = trimesh.creation.extrude_triangulation(corners, [[0, 1, 2]], 0.1)
+    shape = Shape(mesh, ("body",), np.zeros(len(mesh.faces), dtype=np.int64))
+    surface = mesh_surface(shape, spacing=0.02)
+    points = np.random.default_rng(4).uniform([-0.01, -0.01, 0.02], [0.04, 0.01, 0.08], (200, 3))
+    inside = np.abs(points[:, 1]) < 0.1 * points[:, 0]
+    assert 0 < np.sum(inside) < len(points)
+    np.testing.assert_array_equal(surface.distance(points) < 0, inside)
+
+
 def test_signed_distances_of_a_ball_are_those_of_its_facets():
     surface = mesh_surface(ball_shape(0.03), spacing=0.01)
     points = np.random.default_rng(3).uniform(-0.05, 0.05, (40, 3))
@@ -238,8 +250,7 @@ def test_uneven_sampling_does_not_pull_centroids():
     cells = 2 * np.arange(len(xs) - 1)[:, None]
     faces = np.concatenate([cells + np.array([0, 2, 1]), cells + np.array([1, 2, 3])])
     mesh = trimesh.creation.extrude_triangulation(points, faces, 0.01)
-    shape = box_shape([1, 1, 1])
-    shape = type(shape)(mesh, ("body",), np.zeros(len(mesh.faces), dtype=np.int64))
+    shape = Shape(mesh, ("body",), np.zeros(len(mesh.faces), dtype=np.int64))
     surface = mesh_surface(shape, spacing=0.006)
     top = np.flatnonzero(surface.nhat_OQ[:, 2] > 0.9)
     centroid = weighted_centroid(surface.p_OQ[top], np.zeros(len(top)), surface.areas[top])

@@ -175,15 +175,18 @@ def test_inverted_faces_are_mended(tmp_path):
 
 
 def test_of_several_bodies_each_is_mended_and_a_hollow_stays_one(tmp_path):
-    outer, hollow, other = (trimesh.creation.box([size] * 3) for size in (0.06, 0.04, 0.03))
+    sizes = (0.06, 0.04, 0.03, 0.02)
+    outer, hollow, second, third = (trimesh.creation.box([size] * 3) for size in sizes)
     hollow.invert()
-    other.apply_translation([0.1, 0, 0])
-    other.invert()
-    other.faces[3] = other.faces[3, ::-1]
-    mesh = trimesh.util.concatenate([outer, hollow, other])
-    trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(tmp_path / "three.ply")
-    shape = load_shape(tmp_path / "three.ply")
-    assert shape.mesh.volume == pytest.approx(0.06**3 - 0.04**3 + 0.03**3, rel=1e-5)
+    second.apply_translation([0.1, 0, 0])
+    second.invert()
+    third.apply_translation([-0.1, 0, 0])
+    for body in (second, third):
+        body.faces[0] = body.faces[0, ::-1]
+    mesh = trimesh.util.concatenate([outer, hollow, second, third])
+    trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(tmp_path / "four.ply")
+    shape = load_shape(tmp_path / "four.ply")
+    assert shape.mesh.volume == pytest.approx(0.06**3 - 0.04**3 + 0.03**3 + 0.02**3, rel=1e-5)
 
 
 def with_a_hole():
