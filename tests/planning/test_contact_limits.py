@@ -295,21 +295,23 @@ def test_of_two_that_overlap_the_first_is_active_and_named():
     assert (goals.status[1], goals.causes[1]) == (ContactStatus.CROWDED_OUT, 0)
 
 
+def always_worse():
+    """A measure of which each value is below those before it, so that no step is accepted."""
+    values = iter(range(0, -1000, -1))
+    return lambda p_CoMC, nhat: np.array([next(values)])
+
+
 @pytest.mark.parametrize(
     "limits",
-    [
-        ContactLimits(deadband=0.06),
-        ContactLimits(guard=lambda p_CoMC, nhat: -np.sum(p_CoMC[:, 1:2])),
-    ],
+    [ContactLimits(deadband=0.06), ContactLimits(guard=always_worse())],
     ids=["deadband", "guard"],
 )
 def test_fingertips_that_overlap_come_apart_whatever_holds_them(limits):
     p_OC = np.array([[0.05, 0.0, 0.0], [0.05, 0.012, 0.0], [-0.05, 0.0, 0.0]])
     tips = np.full(3, 0.01)
     for _ in range(3):
-        goals = select_contacts(
-            selection(CUBE, p_OC, tip_radii=tips), position_tracking, limits=limits
-        )
+        chosen = selection(CUBE, p_OC, tip_radii=tips)
+        goals = select_contacts(chosen, position_tracking, limits=limits)
         p_OC = goals.p_OC
     assert np.all(goals.active)
 
@@ -392,15 +394,8 @@ def test_what_takes_no_part_moves_freely_past_the_guard():
     p_OC = spread_contacts(CAN, 4, 0.03)
     goals = np.roll(p_OC, 1, axis=0)
     active = np.array([False, True, False, True])
-    nothing_is_good_enough = iter(range(0, -100, -1))
-    accepted = keep_quality(
-        CAN,
-        goals,
-        p_OC,
-        active,
-        lambda r, n: np.array([next(nothing_is_good_enough)]),
-        [[0], [1], [2], [3]],
-    )
+    groups = [[0], [1], [2], [3]]
+    accepted = keep_quality(CAN, goals, p_OC, active, always_worse(), groups)
     np.testing.assert_array_equal(accepted[~active], goals[~active])
     np.testing.assert_array_equal(accepted[active], p_OC[active])
 

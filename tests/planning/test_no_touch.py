@@ -82,12 +82,14 @@ def test_a_named_part_is_forbidden_as_a_whole():
 
 
 def test_areas_add_up():
-    areas = [*SOLIDS.values(), AxisArea("+z"), FacingArea(np.array([-1.0, 0, 0]), 0.2)]
+    areas = [*SOLIDS.values(), AxisArea("+z"), FacingArea(np.array([-1.0, 0, 0]), 0.2), PartArea(1)]
+    parts = (CAN.mesh.face_normals[:, 1] > 0.9).astype(np.int64)
     triangles = split_triangles(np.array(CAN.mesh.triangles), CAN.mesh.face_normals, 0.004)
-    each = [is_forbidden(triangles, CAN.face_parts, [area]) for area in areas]
+    each = [is_forbidden(triangles, parts, [area]) for area in areas]
     assert all(np.any(mask) for mask in each)
-    together = is_forbidden(triangles, CAN.face_parts, areas)
-    np.testing.assert_array_equal(together, np.any(each, axis=0))
+    for k in range(len(areas)):
+        together = is_forbidden(triangles, parts, areas[k:] + areas[:k])
+        np.testing.assert_array_equal(together, np.any(each, axis=0))
     assert not np.any(is_forbidden(triangles, CAN.face_parts, []))
 
 
