@@ -19,6 +19,7 @@ from drake_pregrasp.planning.quality_guard import keep_quality
 from drake_pregrasp.planning.region_constraints import NO_CAUSE, Limit
 from drake_pregrasp.planning.safe_regions import SafeRegions
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.planning.wall_test import normals_agree
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,11 +182,15 @@ def _permitted(
 
 
 def _with_returning_contacts(selection: SelectionInput, goals: FloatArray) -> FloatArray:
-    """Sends each contact without a region to the nearest candidate that it may have."""
+    """Sends each contact without a region to the nearest candidate that it may have.
+
+    That is on its own side of a wall, if there is one, since no step leads through.
+    """
     surface, regions = selection.surface, selection.regions
     constraints = regions.constraints
     without = (regions.sizes() == 0) & ~regions.lost
     there = ~without & ~regions.lost
+    own_normals = surface.project(goals)[1]
     for contact in np.flatnonzero(without).tolist():
         limits, _ = constraints.limits_at(contact, surface.p_OQ)
         free = (limits == Limit.NONE) & surface.is_clear_of_forbidden_points
@@ -197,7 +202,8 @@ def _with_returning_contacts(selection: SelectionInput, goals: FloatArray) -> Fl
             other_radius = constraints.tip_radius(other)
             away = centres - (goals[other] + other_radius * normal)
             free &= np.linalg.norm(away, axis=1) > radius + other_radius
-        choices = np.flatnonzero(free)
+        on_its_side = free & normals_agree(own_normals[contact][None], surface.nhat_OQ)[0]
+        choices = np.flatnonzero(on_its_side if np.any(on_its_side) else free)
         if len(choices):
             away = surface.p_OQ[choices] - goals[contact]
             goals[contact] = surface.p_OQ[choices[np.argmin(np.sum(away**2, axis=1))]]

@@ -27,8 +27,9 @@ from drake_pregrasp.planning.quality_guard import GUARDS, guard_measure, keep_qu
 from drake_pregrasp.planning.region_constraints import Obstacles, RegionConstraints
 from drake_pregrasp.planning.safe_regions import NO_REGION, compute_safe_regions
 from drake_pregrasp.planning.shapes import ball_shape, box_shape, cylinder_shape
-from drake_pregrasp.planning.solids import BallSolid, HalfSpace
+from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.planning.strategies import position_tracking
+from drake_pregrasp.planning.wall_test import normals_agree
 
 BALL = mesh_surface(ball_shape(0.04), spacing=0.006)
 NO_ENDS = [AxisArea("+z"), AxisArea("-z")]
@@ -338,6 +339,24 @@ def test_a_contact_without_a_region_comes_back_to_a_permitted_place_with_room():
         assert not overlaps(BALL, goals, tips)
         limits_there = [chosen.regions.constraints.limits_at(i, p_OC[i][None])[0] for i in range(5)]
         np.testing.assert_array_equal(limits_there, 0)
+
+
+def test_the_way_back_leads_through_no_wall():
+    """The nearest permitted place is right below, 3 mm away, but no step leads there."""
+    rims = [AxisArea(face) for face in ("+x", "-x", "+y", "-y")]
+    plate = mesh_surface(box_shape([0.1, 0.1, 0.003]), spacing=0.006, no_touch=rims)
+    p_OC = np.array([[0.0, 0.0, 0.0015]])
+    above = BoxSolid(np.array([0.0, 0.0, 0.0114]), np.eye(3), np.array([0.04, 0.04, 0.02]))
+    limits = ContactLimits(recover=True, max_step=0.004)
+    for _ in range(10):
+        same_side = normals_agree(plate.project(p_OC)[1], plate.nhat_OQ)
+        chosen = selection(
+            plate, p_OC, obstacles=Obstacles((above,)), clearance=5e-4, same_side=same_side
+        )
+        goals = select_contacts(chosen, position_tracking, limits=limits)
+        p_OC = goals.p_OC
+    assert goals.active[0]
+    assert p_OC[0, 2] == pytest.approx(0.0015)
 
 
 def test_without_recovery_it_stays():

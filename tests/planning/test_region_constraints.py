@@ -134,6 +134,27 @@ def test_straight_ways_inside_a_region_keep_clear_of_obstacles(seed):
     assert checked > 100
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_what_keeps_a_contact_from_a_point_is_what_touches_its_fingertip_there(seed):
+    obstacles, tips = near_obstacles(seed), np.array([0.0, 0.006])
+    reach = [None, BallSolid(np.zeros(3), 0.07)]
+    limits = RegionConstraints(obstacles, clearance=CLEARANCE, tip_radii=tips, reach=reach)
+    points = np.random.default_rng(seed).uniform(-0.09, 0.09, (300, 3))
+    spheres = zip(obstacles.points.points, obstacles.points.radii, strict=True)
+    gaps = [solid.distance(points) for solid in obstacles.solids]
+    gaps = np.array(gaps + [np.linalg.norm(points - z, axis=1) - R for z, R in spheres])
+    for contact in range(2):
+        kinds, causes = limits.limits_at(contact, points)
+        touched = gaps < tips[contact] + CLEARANCE
+        blocked = np.any(touched, axis=0)
+        np.testing.assert_array_equal(kinds == Limit.OBSTACLE, blocked)
+        assert np.all(touched[causes[blocked], np.flatnonzero(blocked)])
+        assert len(set(causes[blocked])) >= 3
+        far = (np.linalg.norm(points, axis=1) > 0.07) & (contact == 1) & ~blocked
+        np.testing.assert_array_equal(kinds == Limit.REACH, far)
+        np.testing.assert_array_equal(causes[~blocked], NO_CAUSE)
+
+
 # Reach.
 
 
@@ -229,13 +250,14 @@ def test_points_of_two_buffered_cells_are_apart_by_both_radii(seed):
                 assert gap(a, b) >= tips[i] + tips[k] - 1e-12
 
 
-def test_cells_are_set_back_by_no_more_than_the_radius():
-    p_OC = np.array([[0.05, -0.02, 0.0], [0.05, 0.03, 0.0]])
+@pytest.mark.parametrize("h", [0.0, 1.3e-3, -1.3e-3])
+def test_cells_are_set_back_by_no_more_than_the_radius(h):
+    p_OC = np.array([[0.05, -0.019, 0.0], [0.05, 0.031, 0.0]])
     tips = np.array([0.004, 0.011])
-    limited = regions(CUBE, p_OC, tip_radii=tips)
-    y = CUBE.p_OQ[:, 1]
-    np.testing.assert_array_equal(limited.labels == 0, y <= 0.005 - 0.004)
-    np.testing.assert_array_equal(limited.labels == 1, y >= 0.005 + 0.011)
+    y, boundary = CUBE.p_OQ[:, 1], 0.006 + h / (2 * 0.05)
+    limited = regions(CUBE, p_OC, [h, 0.0], tip_radii=tips)
+    np.testing.assert_array_equal(limited.labels == 0, y <= boundary - 0.004)
+    np.testing.assert_array_equal(limited.labels == 1, y >= boundary + 0.011)
 
 
 def test_equal_weights_alone_keep_nothing_apart():
