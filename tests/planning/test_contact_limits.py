@@ -11,6 +11,7 @@ from drake_pregrasp.planning.contact_limits import (
     ContactLimits,
     CoupledPair,
     follow_pairs,
+    hold_where_tips_meet,
     step_toward,
     tip_gaps,
 )
@@ -118,10 +119,11 @@ def test_small_steps_lead_to_the_goal(surface):
 def test_no_step_leads_through_a_wall(surface, start, goal, max_step):
     place, goal = surface.project(np.array([start, goal]))[0]
     normal = surface.project(place[None])[1][0]
-    for _ in range(30):
+    for _ in range(50):
         place = step_toward(surface, place, goal, max_step)
         _, normals = surface.project(place[None])
         assert normals[0] @ normal > 0
+    assert np.linalg.norm(place - goal) < WALL + 2e-4  # Opposite to it, and no farther.
 
 
 def test_a_contact_off_the_ground_goes_there_at_once():
@@ -280,6 +282,25 @@ def test_active_fingertips_never_overlap(surface, pairs, seed):
         active += np.sum(goals.active)
     assert moved > 0.05
     assert active > 60
+
+
+def test_of_a_pair_both_are_held_where_one_meets_a_fingertip():
+    before = np.array([[0.05, -0.02, 0.0], [0.05, -0.02, 0.03], [0.05, 0.03, 0.0]])
+    goals = before + np.array([[0, 0.04, 0], [0, 0.04, 0], [0, 0.001, 0]])
+    active, tips = np.ones(3, dtype=bool), np.full(3, 0.01)
+    for pairs, stays in (((PAIR,), [True, True]), ((), [True, False])):
+        held = hold_where_tips_meet(CUBE, goals, before, active, tips, pairs)
+        np.testing.assert_array_equal(np.all(held == before, axis=1)[:2], stays)
+
+
+def test_who_is_held_may_hold_those_behind():
+    """In a row, each moves to where the one before it was, and the first one can't."""
+    y = np.array([0.04, 0.015, -0.01, -0.035])
+    before = np.stack([np.full(4, 0.05), y, np.zeros(4)], axis=1)
+    goals = before + np.array([0, 0.02, 0]) * (y < 0.04)[:, None]
+    active, tips = np.ones(4, dtype=bool), np.full(4, 0.01)
+    held = hold_where_tips_meet(CUBE, goals, before, active, tips, ())
+    np.testing.assert_array_equal(held, before)
 
 
 def test_gaps_of_fingertips_are_between_their_balls():

@@ -309,6 +309,15 @@ def test_crowded_by_a_fingertip_names_whose_it_is():
         assert cause(limited, 1) == (Limit.CROWDED, 0, 0)
 
 
+def test_crowded_to_a_few_candidates_names_a_neighbour():
+    around = [[0, 0, 0], [0, 0.009, 0], [0, -0.009, 0], [0, 0, 0.009], [0, 0, -0.008]]
+    p_OC = np.array([0.05, 0.005, 0.005]) + around
+    limit, neighbour, size = cause(regions(CUBE, p_OC))
+    assert limit == Limit.CROWDED
+    assert neighbour in {1, 2, 3, 4}
+    assert 0 < size < 5
+
+
 def test_out_of_reach_is_said():
     reach = [BallSolid(np.array([0.5, 0, 0]), 0.1), None, None, None]
     assert cause(regions(CUBE, FOUR, reach=reach)) == (Limit.REACH, NO_CAUSE, 0)
