@@ -1,5 +1,7 @@
 """What holds contact goals back from one tick to the next, over many ticks."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from thin_cup import CUP, RADIUS, WALL
@@ -26,7 +28,7 @@ from drake_pregrasp.planning.mesh_surface import mesh_surface
 from drake_pregrasp.planning.no_touch import AxisArea
 from drake_pregrasp.planning.quality_guard import GUARDS, guard_measure, keep_quality
 from drake_pregrasp.planning.region_constraints import Obstacles, RegionConstraints
-from drake_pregrasp.planning.safe_regions import NO_REGION, compute_safe_regions
+from drake_pregrasp.planning.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
 from drake_pregrasp.planning.shapes import ball_shape, box_shape, cylinder_shape
 from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.planning.strategies import position_tracking
@@ -362,6 +364,36 @@ def test_a_contact_without_a_region_comes_back_to_a_permitted_place_with_room():
         np.testing.assert_array_equal(limits_there, 0)
 
 
+def first_way_back(surface, p_OC, radius):
+    """Where the last contact goes that has no region, while the others stay at candidates."""
+    labels = np.full(len(surface.p_OQ), NO_REGION)
+    for contact, place in enumerate(p_OC[:-1]):
+        labels[np.argmin(np.linalg.norm(surface.p_OQ - place, axis=1))] = contact
+    tips = RegionConstraints(tip_radii=np.full(len(p_OC), radius))
+    regions = dataclasses.replace(SafeRegions.unlimited(labels, len(p_OC)), constraints=tips)
+    chosen = SelectionInput(surface, p_OC, regions, np.eye(3))
+    return select_contacts(chosen, position_tracking, limits=ContactLimits(recover=True)).p_OC
+
+
+def test_the_way_back_leads_to_the_nearest_place_with_room():
+    p_OC = np.array([[0.05, 0.005, 0.005], [0.05, 0.025, 0.005], [0.05, 0.015, 0.004]])
+    goals = first_way_back(CUBE, p_OC, 0.011)
+    away = CUBE.p_OQ - p_OC[2]
+    centres = [CUBE.p_OQ + 0.011 * CUBE.nhat_OQ - (p + [0.011, 0, 0]) for p in p_OC[:2]]
+    room = np.min(np.linalg.norm(centres, axis=2), axis=0) > 0.022
+    nearest = np.min(np.linalg.norm(away[room], axis=1))
+    assert np.linalg.norm(goals[2] - p_OC[2]) == pytest.approx(nearest)
+    assert np.min(np.linalg.norm(goals[2] - p_OC[:2], axis=1)) > 0.022 - 1e-9
+
+
+def test_the_way_back_leads_into_no_ball_round_forbidden_points():
+    surface = box_surface([0.1, 0.1, 0.1], spacing=0.01, forbidden_radius=0.012)
+    p_OC = np.array([[-0.05, 0.005, 0.005], [0.05, 0.01, 0.049]])
+    goals = first_way_back(surface, p_OC, 0.001)
+    away = np.linalg.norm(surface.forbidden.points - goals[1], axis=1)
+    assert 0.012 < np.min(away) < 0.03
+
+
 def test_the_way_back_leads_through_no_wall():
     """The nearest permitted place is right below, 3 mm away, but no step leads there."""
     rims = [AxisArea(face) for face in ("+x", "-x", "+y", "-y")]
@@ -428,6 +460,24 @@ def test_guarded_measures_never_fall(names, tips):
     free = ContactLimits(max_step=0.01)
     values = [qualities(CAN, g.p_OC)[guarded] for _, _, g in run(CAN, p_OC, free, 15, seed=4)]
     assert np.min(np.diff(values, axis=0)) < -1e-4
+
+
+def test_a_step_that_is_taken_back_takes_back_what_paid_only_with_it():
+    """The measure is the product of two heights; the first contact meets a fingertip."""
+    before = np.array([[0.05, -0.015, 0.005], [0.05, 0.005, -0.035], [0.05, 0.035, 0.005]])
+    after = before + np.array([[0, 0.04, 0], [0, 0.04, 0], [0, 0, 0]])
+    labels = np.full(len(CUBE.p_OQ), NO_REGION)
+    for contact, goal in enumerate(after):
+        labels[np.argmin(np.linalg.norm(CUBE.p_OQ - goal, axis=1))] = contact
+    regions = SafeRegions.unlimited(labels, 3)
+    limits = ContactLimits(guard=lambda p_CoMC, nhat: p_CoMC[:1, 1] * p_CoMC[1, 1])
+    for radius, expected in ((1e-3, after), (0.01, before)):
+        tips = RegionConstraints(tip_radii=np.full(3, radius))
+        chosen = SelectionInput(
+            CUBE, before, dataclasses.replace(regions, constraints=tips), np.eye(3)
+        )
+        goals = select_contacts(chosen, position_tracking, limits=limits)
+        np.testing.assert_allclose(goals.p_OC, expected, atol=1e-12)
 
 
 def test_what_takes_no_part_moves_freely_past_the_guard():
