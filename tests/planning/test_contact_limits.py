@@ -163,6 +163,24 @@ def test_the_deadband_holds_no_contact_where_it_may_not_be():
     assert p_OC[0, 1] >= 0.002
 
 
+def test_goals_keep_to_their_regions_ground_and_to_what_is_permitted():
+    """The centroid of two candidates lies between them, on ground of neither."""
+    p_OC = np.array([[0.05, -0.02, 0.005]])
+    both = np.array([[0.05, -0.015, 0.005], [0.05, 0.025, 0.005]])
+    labels = np.full(len(CUBE.p_OQ), NO_REGION)
+    for place in both:
+        labels[np.argmin(np.linalg.norm(CUBE.p_OQ - place, axis=1))] = 0
+    regions = SafeRegions.unlimited(labels, 1)
+    ball = RegionConstraints(Obstacles((BallSolid(np.array([0.05, 0.005, 0.005]), 0.018),)))
+    # Cells are of 10 mm: ground ends at -10 and 20 mm, where the ball is; candidates are out of it.
+    for constraints, places in ((RegionConstraints(), (-0.01, 0.02)), (ball, (-0.015, 0.025))):
+        limited = dataclasses.replace(regions, constraints=constraints)
+        chosen = SelectionInput(CUBE, p_OC, limited, np.eye(3))
+        goals = select_contacts(chosen, position_tracking)
+        assert np.min(np.abs(goals.p_OC[0, 1] - places)) < 1e-9
+        assert goals.active[0]
+
+
 # Pairs.
 
 PAIR = CoupledPair(first=0, second=1, distance=0.03)
@@ -379,7 +397,7 @@ def test_the_way_back_leads_to_the_nearest_place_with_room():
     p_OC = np.array([[0.05, 0.005, 0.005], [0.05, 0.025, 0.005], [0.05, 0.015, 0.004]])
     goals = first_way_back(CUBE, p_OC, 0.011)
     away = CUBE.p_OQ - p_OC[2]
-    centres = [CUBE.p_OQ + 0.011 * CUBE.nhat_OQ - (p + [0.011, 0, 0]) for p in p_OC[:2]]
+    centres = [CUBE.p_OQ + 0.011 * CUBE.nhat_OQ - p for p in p_OC[:2] + np.array([0.011, 0, 0])]
     room = np.min(np.linalg.norm(centres, axis=2), axis=0) > 0.022
     nearest = np.min(np.linalg.norm(away[room], axis=1))
     assert np.linalg.norm(goals[2] - p_OC[2]) == pytest.approx(nearest)
