@@ -358,6 +358,22 @@ def test_fingertips_that_overlap_come_apart_whatever_holds_them(limits):
     assert np.all(goals.active)
 
 
+def test_who_overlaps_an_inactive_one_only_is_active():
+    p_OC = np.array([[0.05, 0.0, 0.0], [0.05, 0.015, 0.0], [0.05, 0.03, 0.0]])
+    labels = np.arange(len(CUBE.p_OQ)) % 3
+    tips = RegionConstraints(tip_radii=np.full(3, 0.01))
+    regions = dataclasses.replace(SafeRegions.unlimited(labels, 3), constraints=tips)
+    goals = hold_contacts(SelectionInput(CUBE, p_OC, regions, np.eye(3)))
+    assert list(goals.active) == [True, False, True]
+
+
+def test_a_contact_held_on_forbidden_ground_is_inactive_and_says_so():
+    p_OC = np.array([[0.05, 0.0, 0.0], [0.0, 0.0, 0.05]])
+    regions = SafeRegions.unlimited(np.arange(len(CUBE.p_OQ)) % 2, 2)
+    goals = hold_contacts(SelectionInput(CUBE, p_OC, regions, np.eye(3)))
+    assert list(goals.status) == [ContactStatus.ACTIVE, ContactStatus.NO_ALLOWED_GROUND]
+
+
 # Recovery.
 
 
