@@ -463,6 +463,7 @@ def test_without_recovery_it_stays():
 
 def test_a_lost_contact_does_not_recover():
     p_OC = spread_contacts(BALL, 4, 0.03)
+    p_OC[1] = BALL.project(p_OC[1:2] + 0.002)[0][0]  # Not where a candidate is.
     chosen = selection(BALL, p_OC, weights=[0, -np.inf, 0, 0])
     goals = select_contacts(chosen, position_tracking, limits=ContactLimits(recover=True))
     np.testing.assert_array_equal(goals.p_OC[1], p_OC[1])
