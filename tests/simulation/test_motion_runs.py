@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+import trimesh
 from conftest import read_log
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform
@@ -61,10 +62,11 @@ def test_the_camera_sees_the_whole_motion(name):
     path = expected_path(
         scenario.motion, scenario.simulation_duration, standing_height(scenario.object)
     )
-    extent = max(scenario.object.size)
+    mesh = scenario.object.make_shape().mesh
+    extent = max(0.1, float(np.sqrt(np.mean(mesh.extents**2))))  # As for a recording.
     camera, target = camera_pose(path, extent)
     axis = (target - camera) / np.linalg.norm(target - camera)
-    corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * extent / 2
+    corners = trimesh.bounds.corners(mesh.bounds)
     for corner in corners:
         seen = path + corner - camera
         angle = np.arccos(seen @ axis / np.linalg.norm(seen, axis=1))
