@@ -89,15 +89,15 @@ def step_toward(
     """
     way = goal - p_OCi
     length = float(np.linalg.norm(way))
-    if length <= max_step:
-        return goal
     starts, normals = surface.project(p_OCi[None])
+    if length <= max_step and normals_agree(normals, surface.project(goal[None])[1])[0, 0]:
+        return goal
     start: FloatArray = starts[0]
     if np.linalg.norm(start - p_OCi) > max_step:
         return start
     near = surface.candidates_within(p_OCi, max_step)
     near = near[normals_agree(normals, surface.nhat_OQ[near])[0]]
-    step = max_step
+    step = min(max_step, length)
     for _ in range(_HALVINGS if len(near) else 0):
         point: FloatArray = surface.project_into((p_OCi + step / length * way)[None], [near])[0][0]
         if np.linalg.norm(point - p_OCi) <= max_step:

@@ -19,6 +19,7 @@ from drake_pregrasp.planning.quality_guard import keep_quality
 from drake_pregrasp.planning.region_constraints import NO_CAUSE, Limit
 from drake_pregrasp.planning.safe_regions import SafeRegions
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.planning.wall_test import normals_agree
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,11 +182,15 @@ def _permitted(
 
 
 def _with_returning_contacts(selection: SelectionInput, goals: FloatArray) -> FloatArray:
-    """Sends each contact without a region to the nearest candidate that it may have."""
+    """Sends each contact without a region to the nearest candidate that it may have.
+
+    That is on its own side of a wall, if there is one, since no step leads through.
+    """
     surface, regions = selection.surface, selection.regions
     constraints = regions.constraints
     without = (regions.sizes() == 0) & ~regions.lost
     there = ~without & ~regions.lost
+    own_normals = surface.project(goals)[1]
     for contact in np.flatnonzero(without).tolist():
         limits, _ = constraints.limits_at(contact, surface.p_OQ)
         free = (limits == Limit.NONE) & surface.is_clear_of_forbidden_points
@@ -197,7 +202,8 @@ def _with_returning_contacts(selection: SelectionInput, goals: FloatArray) -> Fl
             other_radius = constraints.tip_radius(other)
             away = centres - (goals[other] + other_radius * normal)
             free &= np.linalg.norm(away, axis=1) > radius + other_radius
-        choices = np.flatnonzero(free)
+        on_its_side = free & normals_agree(own_normals[contact][None], surface.nhat_OQ)[0]
+        choices = np.flatnonzero(on_its_side if np.any(on_its_side) else free)
         if len(choices):
             away = surface.p_OQ[choices] - goals[contact]
             goals[contact] = surface.p_OQ[choices[np.argmin(np.sum(away**2, axis=1))]]
@@ -207,18 +213,23 @@ def _with_returning_contacts(selection: SelectionInput, goals: FloatArray) -> Fl
 
 def _limited(selection: SelectionInput, goals: FloatArray, limits: ContactLimits) -> FloatArray:
     surface, regions, p_OC = selection.surface, selection.regions, selection.p_OC
+    taking_part = (regions.sizes() > 0) & ~regions.lost
     if limits.deadband > 0:
         is_near = np.linalg.norm(goals - p_OC, axis=1) < limits.deadband
-        goals[is_near] = p_OC[is_near]
+        stays = is_near & taking_part & _may_stay(selection)
+        goals[stays] = p_OC[stays]
     if np.isfinite(limits.max_step):
         for contact in range(len(goals)):
             goals[contact] = step_toward(surface, p_OC[contact], goals[contact], limits.max_step)
     if limits.pairs:
         goals = follow_pairs(surface, regions, limits.pairs, goals, p_OC, limits.max_step)
     tip_radii = regions.constraints.tip_radii
-    taking_part = (regions.sizes() > 0) & ~regions.lost
     if limits.guard is not None:
         guarded = taking_part & _may_stay(selection)
+        has_to_go = ~guarded & ~regions.lost
+        for pair in limits.pairs:  # If one of them has to go, the other goes with it.
+            both = [pair.first, pair.second]
+            guarded[both] &= not np.any(has_to_go[both])
         groups = limits.groups(len(goals))
         goals = keep_quality(surface, goals, p_OC, guarded, limits.guard, groups)
     if len(tip_radii):
@@ -233,9 +244,14 @@ def _limited(selection: SelectionInput, goals: FloatArray, limits: ContactLimits
 
 def _may_stay(selection: SelectionInput) -> BoolArray:
     """Returns which contacts may be where they are: the others have to go, whatever it costs."""
-    surface, constraints, p_OC = selection.surface, selection.regions.constraints, selection.p_OC
-    nearest, _ = surface.project(p_OC)
+    surface, regions, p_OC = selection.surface, selection.regions, selection.p_OC
+    constraints = regions.constraints
+    nearest, normals = surface.project(p_OC)
     may_stay: BoolArray = np.linalg.norm(nearest - p_OC, axis=1) <= CONTACT_TOLERANCE
+    if len(constraints.tip_radii):  # Of two fingertips that overlap, the later one has to go.
+        overlaps = tip_gaps(p_OC, normals, constraints.tip_radii) < -ROUNDING
+        taking_part = (regions.sizes() > 0) & ~regions.lost
+        may_stay &= ~np.any(np.tril(overlaps) & taking_part, axis=1)
     for contact in range(len(p_OC)):
         limits, _ = constraints.limits_at(contact, p_OC[contact][None])
         may_stay[contact] &= limits[0] == Limit.NONE

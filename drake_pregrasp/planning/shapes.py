@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 import trimesh
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
@@ -18,6 +20,10 @@ MAX_EXTENT = 3.0
 """Longest object that is believed, in metres: a file in millimetres is a thousand times too big."""
 
 _SECTIONS = (24, 256)  # Fewest and most facets round a circle.
+_SUBDIVISIONS = (3, 6)  # Fewest and most, of the faces of an icosahedron.
+
+_SUBDIVISION_ERROR = 0.292
+"""Farthest that the facets of a unit ball are off after k subdivisions, times 4^k, from above."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +72,9 @@ def cylinder_shape(radius: float, length: float) -> Shape:
 
 def ball_shape(radius: float) -> Shape:
     """Returns a ball about the origin, its radius in metres."""
-    subdivisions = 3 if radius < 0.02 else 4
+    fewest, most = _SUBDIVISIONS
+    needed = np.ceil(np.log(_SUBDIVISION_ERROR * radius / FACET_ERROR) / np.log(4))
+    subdivisions = int(np.clip(needed, fewest, most))
     return _one_part(trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius))
 
 
@@ -81,7 +89,8 @@ def revolved_shape(profile: Sequence[Sequence[float]]) -> Shape:
         InvalidArgumentError: If the profile encloses no solid.
     """
     line = np.array(profile, dtype=float)
-    if line.ndim != 2 or line.shape[1] != 2 or len(line) < 3 or not np.all(line[:, 0] >= 0):
+    is_line = line.ndim == 2 and line.shape[1] == 2 and len(line) >= 3
+    if not (is_line and np.all(np.isfinite(line)) and np.all(line[:, 0] >= 0)):
         raise InvalidArgumentError("a profile needs three points (r, z) or more, with r >= 0")
     if not (line[0, 0] == 0 and line[-1, 0] == 0):
         line = np.vstack([line, line[:1]])
@@ -111,7 +120,10 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
     if not path.is_file():
         raise InvalidArgumentError(f"{path}: no such file")
     try:
-        options: dict[str, Any] = {"split_objects": True} if path.suffix.lower() == ".obj" else {}
+        # Unprocessed: trimesh would leave out vertices that are not finite.
+        options: dict[str, Any] = {"process": False}
+        if path.suffix.lower() == ".obj":
+            options["split_objects"] = True
         scene = trimesh.load_scene(path, **options)
         pieces = [_placed(scene, node) for node in scene.graph.nodes_geometry]
     except Exception as error:  # trimesh's readers raise whatever their parsers do.
@@ -124,10 +136,13 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
     face_parts = np.concatenate(
         [np.full(len(piece.faces), part_names.index(name)) for name, piece in pieces]
     )
+    vertices = scale * np.concatenate([piece.vertices for _, piece in pieces])
+    if not np.all(np.isfinite(vertices)):
+        raise InvalidArgumentError(f"{path} has a vertex that is not finite")
     # Pieces of one closed surface share their seams only once equal vertices are merged.
     first_vertices = np.cumsum([0, *(len(piece.vertices) for _, piece in pieces[:-1])])
     mesh = trimesh.Trimesh(
-        scale * np.concatenate([piece.vertices for _, piece in pieces]),
+        vertices,
         np.concatenate(
             [piece.faces + n for (_, piece), n in zip(pieces, first_vertices, strict=True)]
         ),
@@ -149,8 +164,6 @@ def _one_part(mesh: trimesh.Trimesh) -> Shape:
 
 def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
     """Returns a mesh that encloses a volume, with its normals outward."""
-    if not np.all(np.isfinite(mesh.vertices)):
-        raise InvalidArgumentError(f"{what} has a vertex that is not finite")
     longest = float(np.max(mesh.extents))
     if longest > MAX_EXTENT:
         hint = " (if its unit is the millimetre, scale: 0.001)" if longest > 10 else ""
@@ -158,18 +171,52 @@ def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
             f"{what} is {longest:.4g} m long; at most {MAX_EXTENT:g} m, choose a scale{hint}"
         )
     if not mesh.is_watertight:
-        edges = trimesh.grouping.group_rows(mesh.edges_sorted, require_count=1)
+        _, counts = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
         raise InvalidArgumentError(
-            f"{what} is not watertight: {len(edges)} edges have a face on one side only; close its"
-            " holes, for example with trimesh.repair.fill_holes or Blender's 3D-print tools"
+            f"{what} is not watertight: {np.sum(counts == 1)} edges have a face on one side only,"
+            f" {np.sum(counts > 2)} have more than two; close its holes and part what touches, for"
+            " example with Blender's 3D-print tools"
         )
     if not mesh.is_winding_consistent:
-        trimesh.repair.fix_winding(mesh)
-    if mesh.volume < 0:
-        mesh.invert()
-    if not mesh.volume > 1e-6 * longest**3:
+        mesh.faces = _with_one_winding(mesh)
+    with np.errstate(invalid="ignore"):  # trimesh divides by the volume.
+        volume = float(mesh.volume)
+    if not abs(volume) > 1e-6 * longest**3:
         raise InvalidArgumentError(
-            f"{what} encloses no volume ({mesh.volume:.3g} m³ in {longest:.3g} m);"
+            f"{what} encloses no volume ({volume:.3g} m³ in {longest:.3g} m);"
             " it must be the surface of a solid body"
         )
+    if volume < 0:
+        mesh.invert()
     return mesh
+
+
+def _with_one_winding(mesh: trimesh.Trimesh) -> IntArray:
+    """Returns the faces of a watertight mesh, turned so that neighbours agree, shape (F, 3).
+
+    Where faces had to be turned, they are outward; other closed surfaces of the mesh are kept.
+    """
+    faces = np.array(mesh.faces, dtype=np.int64)
+    pairs, edges = mesh.face_adjacency, mesh.face_adjacency_edges
+    # Two faces agree if they run along their edge in opposite ways.
+    runs = [
+        np.any((faces[f] == edges[:, :1]) & (np.roll(faces[f], -1, 1) == edges[:, 1:]), axis=1)
+        for f in pairs.T
+    ]
+    differ = (runs[0] == runs[1]).astype(np.int64)
+    # Each face is there twice, as it is and turned; what belongs together is connected.
+    count = len(faces)
+    first = np.concatenate([pairs[:, 0], pairs[:, 0] + count])
+    second = np.concatenate([pairs[:, 1] + count * differ, pairs[:, 1] + count * (1 - differ)])
+    graph = csr_array((np.ones(len(first)), (first, second)), shape=(2 * count, 2 * count))
+    _, labels = connected_components(graph, directed=False)
+    kept, turned = labels[:count], labels[count:]
+    is_turned = kept > turned
+    surfaces = np.minimum(kept, turned)
+    volumes = np.linalg.det(mesh.vertices[faces]) * np.where(is_turned, -1, 1)
+    for surface in np.unique(surfaces[is_turned]):
+        on_it = surfaces == surface
+        if np.sum(volumes[on_it]) < 0:
+            is_turned[on_it] = ~is_turned[on_it]
+    faces[is_turned] = faces[is_turned, ::-1]
+    return faces

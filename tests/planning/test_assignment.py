@@ -1,0 +1,93 @@
+"""Which finger goes where, and where contacts start."""
+
+from itertools import combinations, permutations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from thin_cup import CUP, RADIUS, WALL
+
+from drake_pregrasp import InvalidArgumentError, box_surface
+from drake_pregrasp.planning.assignment import assign_fingers
+from drake_pregrasp.planning.initial_contacts import ring_contacts
+from drake_pregrasp.planning.mesh_surface import mesh_surface
+from drake_pregrasp.planning.no_touch import AxisArea
+from drake_pregrasp.planning.shapes import ball_shape, cylinder_shape
+
+
+def travel(tips, contacts, order):
+    return np.sum(np.linalg.norm(tips - contacts[list(order)], axis=1))
+
+
+@given(seed=st.integers(0, 10**6), n=st.integers(1, 6))
+def test_all_fingers_together_travel_least(seed, n):
+    tips, contacts = np.random.default_rng(seed).uniform(size=(2, n, 3))
+    order = assign_fingers(tips, contacts)
+    assert sorted(order) == list(range(n))
+    least = min(travel(tips, contacts, p) for p in permutations(range(n)))
+    assert travel(tips, contacts, order) == pytest.approx(least, rel=1e-12)
+
+
+def cross(a, b, c, d):
+    """Whether the ways from a to b and from c to d cross, in a plane."""
+
+    def side(p, q, r):
+        return np.sign((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))
+
+    return side(a, b, c) != side(a, b, d) and side(c, d, a) != side(c, d, b)
+
+
+@given(seed=st.integers(0, 10**6))
+def test_ways_in_a_plane_never_cross(seed):
+    tips, contacts = np.random.default_rng(seed).uniform(size=(2, 7, 3))
+    tips[:, 2] = contacts[:, 2] = 0
+    goals = contacts[assign_fingers(tips, contacts)]
+    assert not any(
+        cross(tips[i], goals[i], tips[k], goals[k]) for i, k in combinations(range(7), 2)
+    )
+
+
+def test_each_finger_needs_its_contact():
+    with pytest.raises(InvalidArgumentError, match="3 fingertips can't be assigned to 2 contacts"):
+        assign_fingers(np.zeros((3, 3)), np.zeros((2, 3)))
+
+
+def can():
+    no_touch = [AxisArea("+z"), AxisArea("-z")]
+    return mesh_surface(cylinder_shape(0.03, 0.1), spacing=0.006, no_touch=no_touch)
+
+
+@pytest.mark.parametrize(
+    "surface", [can(), box_surface([0.1, 0.06, 0.12], spacing=0.008)], ids=["can", "box"]
+)
+@pytest.mark.parametrize("count", [1, 2, 5, 9])
+def test_a_ring_is_of_distinct_allowed_places_level_with_the_centre(surface, count):
+    p_OC = ring_contacts(surface, count)
+    assert len(np.unique(p_OC, axis=0)) == count
+    nearest, _ = surface.project(p_OC)
+    np.testing.assert_allclose(nearest, p_OC, atol=1e-9)
+    np.testing.assert_allclose(p_OC[:, 2], surface.p_OCoM[2], atol=0.008)
+
+
+def test_a_ring_round_a_ball_is_even():
+    surface = mesh_surface(ball_shape(0.04), spacing=0.004)
+    p_OC = ring_contacts(surface, 5)
+    angles = np.arctan2(p_OC[:, 1], p_OC[:, 0])
+    expected = 2 * np.pi * np.arange(5) / 5
+    assert np.max(np.abs(np.angle(np.exp(1j * (angles - expected))))) < 0.004 / 0.04
+    np.testing.assert_allclose(p_OC[:, 2], 0, atol=0.004)
+
+
+def test_a_ring_stands_on_the_outside_of_a_cup():
+    p_OC = ring_contacts(mesh_surface(CUP, spacing=0.006), 5)
+    assert np.min(np.hypot(p_OC[:, 0], p_OC[:, 1])) > RADIUS - WALL / 2
+
+
+def test_a_ring_may_fill_all_ground_and_no_more():
+    surface = box_surface([0.03, 0.03, 0.03], spacing=0.02)
+    count = len(surface.p_OQ)
+    assert len(np.unique(ring_contacts(surface, count), axis=0)) == count
+    for bad in (0, count + 1):
+        with pytest.raises(InvalidArgumentError, match=f"ground for 1 to {count} contacts"):
+            ring_contacts(surface, bad)
