@@ -67,11 +67,12 @@ class ContactLimits:
         if len(set(contacts)) < len(contacts):
             raise InvalidArgumentError(f"a contact is in two pairs: {contacts}")
 
-    def groups(self, num_contacts: int) -> list[list[int]]:
-        """Returns the contacts that move together: the pairs, then each other contact alone."""
-        pairs = [[pair.first, pair.second] for pair in self.pairs]
-        paired = {contact for pair in pairs for contact in pair}
-        return pairs + [[contact] for contact in range(num_contacts) if contact not in paired]
+
+def groups_of(pairs: Sequence[CoupledPair], num_contacts: int) -> list[list[int]]:
+    """Returns the contacts that move together: the pairs, then each other contact alone."""
+    together = [[pair.first, pair.second] for pair in pairs]
+    paired = {contact for pair in together for contact in pair}
+    return together + [[contact] for contact in range(num_contacts) if contact not in paired]
 
 
 def step_toward(

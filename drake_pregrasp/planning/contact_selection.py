@@ -10,6 +10,7 @@ from drake_pregrasp.planning.contact_limits import (
     ROUNDING,
     ContactLimits,
     follow_pairs,
+    groups_of,
     hold_where_tips_meet,
     step_toward,
     tip_gaps,
@@ -132,11 +133,11 @@ def select_contacts(
             goals[movers] = _chosen(replace(selection, p_OC=goals), movers, strategy, best_point)
     on_ground = np.zeros(len(goals), dtype=bool)
     on_ground[active] = True
-    if limits.recover:
-        goals = _with_returning_contacts(selection, goals)
     limited = _limited(selection, goals.copy(), limits)
+    if limits.recover:
+        limited = _with_returning_contacts(selection, limited, limits.max_step)
     on_ground &= np.all(limited == goals, axis=1)
-    return _judged(selection, limited, on_ground)
+    return _judged(selection, limited, on_ground, limits)
 
 
 def hold_contacts(selection: SelectionInput) -> ContactGoals:
@@ -147,7 +148,8 @@ def hold_contacts(selection: SelectionInput) -> ContactGoals:
     Args:
         selection: Surface, contacts and regions; the estimate is not used.
     """
-    return _judged(selection, selection.p_OC, np.zeros(len(selection.p_OC), dtype=bool))
+    unknown = np.zeros(len(selection.p_OC), dtype=bool)
+    return _judged(selection, selection.p_OC, unknown, ContactLimits())
 
 
 def _chosen(
@@ -173,67 +175,81 @@ def _permitted(
     selection: SelectionInput, contact: int, goal: FloatArray, members: IntArray
 ) -> FloatArray:
     """Returns a goal, or the member nearest to it if the constraints forbid what lies between."""
-    limits, _ = selection.regions.constraints.limits_at(contact, goal[None])
-    if limits[0] == Limit.NONE:
+    if _limit_at(selection, contact, goal)[0] == Limit.NONE:
         return goal
     points = selection.surface.p_OQ[members]
     nearest: FloatArray = points[np.argmin(np.linalg.norm(points - goal, axis=1))]
     return nearest
 
 
-def _with_returning_contacts(selection: SelectionInput, goals: FloatArray) -> FloatArray:
+def _limit_at(selection: SelectionInput, contact: int, p_OCi: FloatArray) -> tuple[int, int]:
+    """Returns what keeps a contact from a point on the surface, shape (3,), and its cause."""
+    constraints = selection.regions.constraints
+    if constraints.leaves_every_point:
+        return Limit.NONE, NO_CAUSE
+    _, normals = selection.surface.project(p_OCi[None])
+    limits, causes = constraints.limits_at(contact, p_OCi[None], normals)
+    return int(limits[0]), int(causes[0])
+
+
+def _with_returning_contacts(
+    selection: SelectionInput, goals: FloatArray, max_step: float
+) -> FloatArray:
     """Sends each contact without a region to the nearest candidate that it may have.
 
-    That is on its own side of a wall, if there is one, since no step leads through.
+    That is on its own side of a wall, if there is one, since no step leads through; and with room
+    beside the others, wherever these are held.
     """
     surface, regions = selection.surface, selection.regions
-    constraints = regions.constraints
+    constraints, goals = regions.constraints, goals.copy()
     without = (regions.sizes() == 0) & ~regions.lost
     there = ~without & ~regions.lost
-    own_normals = surface.project(goals)[1]
+    normals = surface.project(goals)[1]
     for contact in np.flatnonzero(without).tolist():
-        limits, _ = constraints.limits_at(contact, surface.p_OQ)
+        limits, _ = constraints.limits_at(contact, surface.p_OQ, surface.nhat_OQ)
         free = (limits == Limit.NONE) & surface.is_clear_of_forbidden_points
         radius = constraints.tip_radius(contact)
         centres = surface.p_OQ + radius * surface.nhat_OQ
-        others = np.flatnonzero(there)
-        normals = surface.project(goals[others])[1] if len(others) else np.empty((0, 3))
-        for other, normal in zip(others.tolist(), normals, strict=True):
+        for other in np.flatnonzero(there).tolist():
             other_radius = constraints.tip_radius(other)
-            away = centres - (goals[other] + other_radius * normal)
+            away = centres - (goals[other] + other_radius * normals[other])
             free &= np.linalg.norm(away, axis=1) > radius + other_radius
-        on_its_side = free & normals_agree(own_normals[contact][None], surface.nhat_OQ)[0]
+        on_its_side = free & normals_agree(normals[contact][None], surface.nhat_OQ)[0]
         choices = np.flatnonzero(on_its_side if np.any(on_its_side) else free)
         if len(choices):
             away = surface.p_OQ[choices] - goals[contact]
-            goals[contact] = surface.p_OQ[choices[np.argmin(np.sum(away**2, axis=1))]]
+            target = surface.p_OQ[choices[np.argmin(np.sum(away**2, axis=1))]]
+            goals[contact] = step_toward(surface, goals[contact], target, max_step)
+            normals[contact] = surface.project(goals[contact][None])[1][0]
             there[contact] = True
     return goals
 
 
 def _limited(selection: SelectionInput, goals: FloatArray, limits: ContactLimits) -> FloatArray:
     surface, regions, p_OC = selection.surface, selection.regions, selection.p_OC
-    taking_part = (regions.sizes() > 0) & ~regions.lost
-    if limits.deadband > 0:
-        is_near = np.linalg.norm(goals - p_OC, axis=1) < limits.deadband
-        stays = is_near & taking_part & _may_stay(selection)
-        goals[stays] = p_OC[stays]
+    # A lost finger needs no partner any more.
+    pairs = [p for p in limits.pairs if not (regions.lost[p.first] or regions.lost[p.second])]
+    may_stay = np.zeros(len(goals), dtype=bool)
+    if limits.deadband > 0 or limits.guard is not None:
+        may_stay = hold_contacts(selection).active
+    stays = may_stay & (np.linalg.norm(goals - p_OC, axis=1) < limits.deadband)
+    goals[stays] = p_OC[stays]
     if np.isfinite(limits.max_step):
         for contact in range(len(goals)):
             goals[contact] = step_toward(surface, p_OC[contact], goals[contact], limits.max_step)
-    if limits.pairs:
-        goals = follow_pairs(surface, regions, limits.pairs, goals, p_OC, limits.max_step)
-    tip_radii = regions.constraints.tip_radii
+    if pairs:
+        goals = follow_pairs(surface, regions, pairs, goals, p_OC, limits.max_step)
+    guarded = may_stay.copy()
+    for pair in pairs:  # If one of them has to go, or both to their distance, both go.
+        both = [pair.first, pair.second]
+        guarded[both] &= np.all(may_stay[both]) and pair.error(p_OC) <= pair.tolerance
     if limits.guard is not None:
-        guarded = taking_part & _may_stay(selection)
-        has_to_go = ~guarded & ~regions.lost
-        for pair in limits.pairs:  # If one of them has to go, the other goes with it.
-            both = [pair.first, pair.second]
-            guarded[both] &= not np.any(has_to_go[both])
-        groups = limits.groups(len(goals))
+        groups = groups_of(pairs, len(goals))
         goals = keep_quality(surface, goals, p_OC, guarded, limits.guard, groups)
+    tip_radii = regions.constraints.tip_radii
     if len(tip_radii):
-        apart = hold_where_tips_meet(surface, goals, p_OC, taking_part, tip_radii, limits.pairs)
+        taking_part = (regions.sizes() > 0) & ~regions.lost
+        apart = hold_where_tips_meet(surface, goals, p_OC, taking_part, tip_radii, pairs)
         # Steps that are taken back one by one can leave the rest worse than all of them held.
         if limits.guard is not None and np.any(apart != goals):
             everybody = [range(len(goals))]
@@ -242,29 +258,19 @@ def _limited(selection: SelectionInput, goals: FloatArray, limits: ContactLimits
     return goals
 
 
-def _may_stay(selection: SelectionInput) -> BoolArray:
-    """Returns which contacts may be where they are: the others have to go, whatever it costs."""
-    surface, regions, p_OC = selection.surface, selection.regions, selection.p_OC
-    constraints = regions.constraints
-    nearest, normals = surface.project(p_OC)
-    may_stay: BoolArray = np.linalg.norm(nearest - p_OC, axis=1) <= CONTACT_TOLERANCE
-    if len(constraints.tip_radii):  # Of two fingertips that overlap, the later one has to go.
-        overlaps = tip_gaps(p_OC, normals, constraints.tip_radii) < -ROUNDING
-        taking_part = (regions.sizes() > 0) & ~regions.lost
-        may_stay &= ~np.any(np.tril(overlaps) & taking_part, axis=1)
-    for contact in range(len(p_OC)):
-        limits, _ = constraints.limits_at(contact, p_OC[contact][None])
-        may_stay[contact] &= limits[0] == Limit.NONE
-    return may_stay
-
-
-def _judged(selection: SelectionInput, goals: FloatArray, on_ground: BoolArray) -> ContactGoals:
+def _judged(
+    selection: SelectionInput,
+    goals: FloatArray,
+    on_ground: BoolArray,
+    contact_limits: ContactLimits,
+) -> ContactGoals:
     """Says which goals are active: with a region, on allowed ground, permitted, and with room.
 
     Args:
         selection: Surface and regions.
         goals: Shape (n, 3), in metres.
         on_ground: Those that are known to be on allowed ground, shape (n,).
+        contact_limits: With the pairs.
     """
     surface, regions = selection.surface, selection.regions
     constraints, limits, causes = regions.constraints, regions.limits.copy(), regions.causes.copy()
@@ -278,14 +284,18 @@ def _judged(selection: SelectionInput, goals: FloatArray, on_ground: BoolArray) 
     active = (regions.sizes() > 0) & ~regions.lost
     active[off] = False
     for contact in np.flatnonzero(active).tolist():
-        limit, cause = constraints.limits_at(contact, goals[contact][None])
-        if limit[0] != Limit.NONE:
-            active[contact], limits[contact], causes[contact] = False, limit[0], cause[0]
+        limit, cause = _limit_at(selection, contact, goals[contact])
+        if limit != Limit.NONE:
+            active[contact], limits[contact], causes[contact] = False, limit, cause
     if len(constraints.tip_radii):
         gaps = tip_gaps(goals, surface.project(goals)[1], constraints.tip_radii)
         for contact in np.flatnonzero(active).tolist():
             meets = np.flatnonzero((gaps[contact, :contact] < -ROUNDING) & active[:contact])
             if len(meets):
                 active[contact], limits[contact], causes[contact] = False, Limit.CROWDED, meets[0]
+    for pair in contact_limits.pairs:
+        if active[pair.first] and active[pair.second] and pair.error(goals) > pair.tolerance:
+            for contact, partner in ((pair.first, pair.second), (pair.second, pair.first)):
+                limits[contact], causes[contact] = Limit.PARTNER, partner
     status = contact_status(active, regions.lost, limits)
     return ContactGoals(goals, status, causes.astype(float))

@@ -18,7 +18,7 @@ class ContactStatus(IntEnum):
     LOST = -1
     """The finger is gone (its weight h_i is -inf); its goal is void."""
     INACTIVE = 0
-    """The goal is held where it may not be, or is on its way back."""
+    """Nothing has been planned yet."""
     ACTIVE = 1
     """The goal has a region of its own."""
     NO_ALLOWED_GROUND = -2
@@ -31,6 +31,7 @@ class ContactStatus(IntEnum):
     NEARLY_OBSTRUCTED = 5
     BEHIND_WALL = -6
     NEARLY_BEHIND_WALL = 6
+    APART_FROM_PARTNER = 7
 
 
 def is_active(status: FloatArray) -> BoolArray:
@@ -64,7 +65,7 @@ def describe_status(status: float, cause: float) -> str:
 
 _DESCRIPTIONS = {
     ContactStatus.LOST: "lost",
-    ContactStatus.INACTIVE: "on its way back",
+    ContactStatus.INACTIVE: "not planned yet",
     ContactStatus.ACTIVE: "active",
     ContactStatus.NO_ALLOWED_GROUND: "no allowed ground",
     ContactStatus.LITTLE_ALLOWED_GROUND: "little allowed ground",
@@ -76,4 +77,5 @@ _DESCRIPTIONS = {
     ContactStatus.NEARLY_OBSTRUCTED: "nearly obstructed by obstacle {}",
     ContactStatus.BEHIND_WALL: "behind a wall",
     ContactStatus.NEARLY_BEHIND_WALL: "nearly behind a wall",
+    ContactStatus.APART_FROM_PARTNER: "not at its distance from contact {}",
 }

@@ -13,6 +13,9 @@ from drake_pregrasp.planning.surface import ForbiddenPoints
 NO_CAUSE = -1
 """Stands for no contact and no obstacle."""
 
+OPPOSITE = -0.5
+"""Cosine between outward normals below which ground faces opposite ways: 120 degrees."""
+
 
 class Limit(IntEnum):
     """What leaves a contact an empty or a tiny region."""
@@ -29,6 +32,9 @@ class Limit(IntEnum):
     """An obstacle, whose index is the cause."""
     WALL = 5
     """The ground near the contact is on the other side of a wall."""
+    PARTNER = 6
+    """Not a limit of the region: the goal isn't at its distance from the contact that is the cause,
+    with which it is coupled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +72,11 @@ class RegionConstraints:
             set back by the fingertip's radius and the clearance; and no region has a candidate that
             is nearer than that to an obstacle.
         clearance: Between fingertips and obstacles, in metres.
-        tip_radii: Of the fingertips, shape (n,), in metres; empty for points. Regions are set back
-            by them from their common boundary.
+        tip_radii: Of the fingertips, balls that touch the surface from outside, shape (n,), in
+            metres; empty for points. Regions are set back by them from their common boundary.
+        nhat_OQ: Outward unit normals at the candidates, shape (N, 3); needed for fingertips.
+        nhat_OC: The same at the contacts, shape (n, 3). Contacts that face opposite ways, as on
+            the two sides of a plate, need no room from each other.
         reach: For each contact the solid in which it has to be, or None; empty for no limit.
         same_side: Candidates that no wall hides from each contact, shape (n, N). Those behind a
             wall belong to the nearest contact on their own side.
@@ -77,35 +86,46 @@ class RegionConstraints:
     obstacles: Obstacles = field(default_factory=Obstacles)
     clearance: float = 0.0
     tip_radii: FloatArray = field(default_factory=lambda: np.empty(0))
+    nhat_OQ: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    nhat_OC: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     reach: Sequence[Solid | None] = ()
     same_side: BoolArray | None = None
     fencing: BoolArray | None = None
+
+    @property
+    def leaves_every_point(self) -> bool:
+        """Whether no point by itself is kept from any contact."""
+        return not (len(self.reach) or self.obstacles.solids or len(self.obstacles.points))
 
     def tip_radius(self, contact: int) -> float:
         """Returns the radius of the fingertip of the contact with that index, in metres."""
         return float(self.tip_radii[contact]) if len(self.tip_radii) else 0.0
 
-    def limits_at(self, contact: int, points: FloatArray) -> tuple[IntArray, IntArray]:
+    def limits_at(
+        self, contact: int, points: FloatArray, normals: FloatArray
+    ) -> tuple[IntArray, IntArray]:
         """Returns what keeps a contact from points: a `Limit` each, and its cause.
 
-        Only what holds for a point by itself is asked: obstacles and reach.
+        Only what holds for a point by itself is asked: first reach, then obstacles in their order.
 
         Args:
             contact: Its index.
             points: In O, shape (k, 3), in metres.
+            normals: Outward unit normals there, shape (k, 3).
         """
         limits = np.full(len(points), int(Limit.NONE))
         causes = np.full(len(points), NO_CAUSE)
         if len(self.reach) and (reach := self.reach[contact]) is not None:
             limits[reach.distance(points) > 0] = Limit.REACH
         distance = self.tip_radius(contact) + self.clearance
+        centres = points + self.tip_radius(contact) * normals
         for index, solid in enumerate(self.obstacles.solids):
-            touched = solid.distance(points) < distance
+            touched = (solid.distance(centres) < distance) & (limits == Limit.NONE)
             limits[touched], causes[touched] = Limit.OBSTACLE, index
         spheres = self.obstacles.points
         if len(spheres):
-            gaps = np.linalg.norm(points[:, None] - spheres.points, axis=2) - spheres.radii
-            touched = np.min(gaps, axis=1) < distance
+            gaps = np.linalg.norm(centres[:, None] - spheres.points, axis=2) - spheres.radii
+            touched = (np.min(gaps, axis=1) < distance) & (limits == Limit.NONE)
             limits[touched] = Limit.OBSTACLE
             causes[touched] = len(self.obstacles.solids) + np.argmin(gaps, axis=1)[touched]
         return limits, causes
@@ -188,7 +208,10 @@ def solid_planes(p_OCi: FloatArray, solids: Sequence[Solid], margin: float) -> P
 
 
 def neighbour_planes(
-    contact: int, p_OC: FloatArray, contact_weights: FloatArray, tip_radius: float
+    contact: int,
+    p_OC: FloatArray,
+    contact_weights: FloatArray,
+    constraints: RegionConstraints,
 ) -> Planes:
     """Returns the boundaries of a weighted Voronoi cell, set back by the fingertip's radius.
 
@@ -198,16 +221,22 @@ def neighbour_planes(
 
     Args:
         contact: i.
-        p_OC: All contacts, shape (n, 3), in metres.
+        p_OC: All contacts, shape (n, d), in metres; their first three coordinates are places, and
+            only these are looked at.
         contact_weights: h, shape (n,), in m²; -inf for the lost, which need no room.
-        tip_radius: r_i, in metres.
+        constraints: With the fingertips.
     """
-    normals = p_OC - p_OC[contact]
+    normals = p_OC[:, :3] - p_OC[contact, :3]
     d = np.sqrt(np.einsum("ij,ij->i", normals, normals))
-    others = np.flatnonzero((d > 0) & np.isfinite(contact_weights))
-    d, normals = d[others], normals[others]
-    bounds = (d**2 + contact_weights[contact] - contact_weights[others]) / 2 - d * tip_radius
-    return Planes(normals, bounds, np.full(len(others), int(Limit.CROWDED)), others)
+    needs_room = (d > 0) & np.isfinite(contact_weights)
+    if len(constraints.nhat_OC):
+        needs_room &= constraints.nhat_OC @ constraints.nhat_OC[contact] >= OPPOSITE
+    others = np.flatnonzero(needs_room)
+    d = d[others]
+    bounds = (d**2 + contact_weights[contact] - contact_weights[others]) / 2
+    bounds -= d * constraints.tip_radius(contact)
+    limits = np.full(len(others), int(Limit.CROWDED))
+    return Planes(_with_zeros(normals[others], p_OC.shape[1]), bounds, limits, others)
 
 
 def _with_zeros(vectors: FloatArray, size: int) -> FloatArray:

@@ -110,7 +110,8 @@ def compute_safe_regions(
         own = np.flatnonzero(cells == i)
         planes = _planes(i, p_OC, contact_weights, forbidden, constraints)
         beyond = planes.beyond(p_OQ[own] - p_OC[i])
-        point_limits, point_causes = constraints.limits_at(i, p_OQ[own, :3])
+        nhat_OQ = constraints.nhat_OQ[own] if len(constraints.nhat_OQ) else np.zeros((len(own), 3))
+        point_limits, point_causes = constraints.limits_at(i, p_OQ[own, :3], nhat_OQ)
         outside = np.any(beyond, axis=0) | (point_limits != Limit.NONE)
         labels[own[outside]] = NO_REGION
         if len(own) - np.sum(outside) < tiny:
@@ -137,7 +138,7 @@ def _planes(
     margin = tip_radius + constraints.clearance
     obstacles = constraints.obstacles
     if tip_radius > 0:
-        planes.append(neighbour_planes(contact, p_OC, contact_weights, tip_radius))
+        planes.append(neighbour_planes(contact, p_OC, contact_weights, constraints))
     if obstacles.solids:
         planes.append(solid_planes(p_OCi, obstacles.solids, margin))
     if len(obstacles.points):

@@ -68,16 +68,16 @@ def split_triangles(corners: FloatArray, normals: FloatArray, longest_edge: floa
         raise _too_fine(longest_edge)
     done_corners, done_faces = [], []
     faces = np.arange(len(corners))
-    count = 0
+    done = 0
     while len(corners):
         edges = np.roll(corners, -1, axis=1) - corners
         squares = np.einsum("tij,tij->ti", edges, edges)
         longest = np.argmax(squares, axis=1)
         is_long = squares[np.arange(len(corners)), longest] > longest_edge**2
         done_corners.append(corners[~is_long])
+        done += int(np.sum(~is_long))
         done_faces.append(faces[~is_long])
-        count += 2 * int(np.sum(is_long)) + int(np.sum(~is_long))
-        if count > MAX_TRIANGLES:
+        if done + 2 * int(np.sum(is_long)) > MAX_TRIANGLES:
             raise _too_fine(longest_edge)
         # With its longest edge from a to b, a triangle (a, b, c) becomes (a, m, c) and (m, b, c).
         order = (longest[is_long, None] + np.arange(3)) % 3

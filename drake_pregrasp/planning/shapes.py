@@ -12,12 +12,16 @@ from scipy.sparse.csgraph import connected_components
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
+from drake_pregrasp.planning.mesh_components import orient_components
 
 FACET_ERROR = 5e-5
 """Farthest that facets are to be from the round surface they stand for, in metres."""
 
 MAX_EXTENT = 3.0
 """Longest object that is believed, in metres: a file in millimetres is a thousand times too big."""
+
+MIN_EXTENT = 1e-3
+"""Longest edge that an object's bounding box has to have, in metres."""
 
 _SECTIONS = (24, 256)  # Fewest and most facets round a circle.
 _SUBDIVISIONS = (3, 6)  # Fewest and most, of the faces of an icosahedron.
@@ -170,6 +174,10 @@ def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
         raise InvalidArgumentError(
             f"{what} is {longest:.4g} m long; at most {MAX_EXTENT:g} m, choose a scale{hint}"
         )
+    if not longest >= MIN_EXTENT:
+        raise InvalidArgumentError(
+            f"{what} is {longest:.3g} m long; at least {MIN_EXTENT:g} m, choose a scale"
+        )
     if not mesh.is_watertight:
         _, counts = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
         raise InvalidArgumentError(
@@ -179,6 +187,7 @@ def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
         )
     if not mesh.is_winding_consistent:
         mesh.faces = _with_one_winding(mesh)
+    orient_components(mesh, what)
     with np.errstate(invalid="ignore"):  # trimesh divides by the volume.
         volume = float(mesh.volume)
     if not abs(volume) > 1e-6 * longest**3:
@@ -186,8 +195,9 @@ def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
             f"{what} encloses no volume ({volume:.3g} m³ in {longest:.3g} m);"
             " it must be the surface of a solid body"
         )
-    if volume < 0:
-        mesh.invert()
+    moments = np.linalg.eigvalsh(mesh.moment_inertia * np.sign(volume))
+    if not (moments[0] > 0 and moments[0] + moments[1] > moments[2]):
+        raise InvalidArgumentError(f"{what} is no body: its surface crosses itself")
     return mesh
 
 

@@ -6,13 +6,11 @@ from scipy.sparse.csgraph import dijkstra
 from scipy.spatial import cKDTree
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray
+from drake_pregrasp.planning.region_constraints import OPPOSITE
 from drake_pregrasp.planning.surface import ObjectSurface
 
 WALL_TESTS = ("none", "normals", "surface")
 """No test; by the angle between outward normals; by the way over the surface."""
-
-_OPPOSITE = -0.5
-"""Cosine of the angle from which on normals count as opposite: 120 degrees."""
 
 _DETOUR = 2.5
 """How much longer the way over the surface may be than the straight one. Half round a ball it is
@@ -29,7 +27,7 @@ def normals_agree(nhat_OC: FloatArray, normals: FloatArray) -> BoolArray:
         nhat_OC: Outward unit normals at the contacts, shape (n, 3).
         normals: Of the ground, shape (k, 3); zero for what is no ground, which always passes.
     """
-    agrees: BoolArray = nhat_OC @ normals.T >= _OPPOSITE
+    agrees: BoolArray = nhat_OC @ normals.T >= OPPOSITE
     return agrees
 
 
@@ -47,7 +45,7 @@ class SurfaceGraph:
         pairs = tree.query_pairs(_LINK * self._spacing, output_type="ndarray")
         normals = surface.nhat_OQ
         cosines = np.einsum("ij,ij->i", normals[pairs[:, 0]], normals[pairs[:, 1]])
-        pairs = pairs[cosines >= _OPPOSITE]
+        pairs = pairs[cosines >= OPPOSITE]
         lengths = np.linalg.norm(surface.p_OQ[pairs[:, 0]] - surface.p_OQ[pairs[:, 1]], axis=1)
         count = len(surface.p_OQ)
         # A length of zero would be no link.
@@ -68,4 +66,5 @@ class SurfaceGraph:
         starts = np.argmin(straight + penalty, axis=1)
         ways = dijkstra(self._links, directed=False, indices=starts)
         near: BoolArray = ways <= _DETOUR * straight + _LINK * self._spacing
-        return near
+        # Round a rim the way to the other side is short.
+        return near & normals_agree(nhat_OC, self._normals)

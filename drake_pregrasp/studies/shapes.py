@@ -14,6 +14,7 @@ from drake_pregrasp.planning.contact_limits import ROUNDING, tip_gaps
 from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.force_closure import min_weight_margin
 from drake_pregrasp.planning.grasp_quality import grasp_quality
+from drake_pregrasp.planning.region_constraints import OPPOSITE
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.simulation.output import write_text
 from drake_pregrasp.simulation.run import run
@@ -28,7 +29,6 @@ SHIPPED = ("box", "can", "ball", "bowling_pin", "mug", "bracket")
 FRICTION = 0.7
 """Coulomb's coefficient of the margins."""
 
-_OPPOSITE = -0.5  # Cosine between normals from which on a step leads to the other side of a wall.
 _COLUMNS = (
     "shape",
     "ticks",
@@ -165,7 +165,7 @@ def _look_at(
         overlaps += bool(np.any(tip_gaps(p_OC, normals, tip_radii[contacts]) < -2 * ROUNDING))
         now = dict(zip(contacts, normals, strict=True))
         crossings += any(
-            contact in normals_before and normal @ normals_before[contact] < _OPPOSITE
+            contact in normals_before and normal @ normals_before[contact] < OPPOSITE
             for contact, normal in now.items()
         )
         normals_before = now

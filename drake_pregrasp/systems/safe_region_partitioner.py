@@ -142,15 +142,22 @@ class SafeRegionPartitioner(LeafSystem):
     ) -> RegionConstraints:
         obstacles = Obstacles()
         if self._obstacles.HasValue(context):
-            in_world: Obstacles = self._obstacles.Eval(context)
+            in_world = self._obstacles.Eval(context)
+            if not isinstance(in_world, Obstacles):
+                raise InvalidArgumentError(
+                    f"port obstacles of {self.get_name()} accepts an Obstacles,"
+                    f" not a {type(in_world).__name__}"
+                )
             obstacles = in_world.moved(X_OW.rotation().matrix(), X_OW.translation())
         X_OH = X_OW
         if self._X_WH.HasValue(context):
             X_OH = X_OW @ self._X_WH.Eval(context)
         R_OH, p_OH = X_OH.rotation().matrix(), X_OH.translation()
         surface, same_side, fencing = self._surface, None, None
-        if self._wall_test != "none":
+        nhat_OC = np.empty((0, 3))
+        if self._wall_test != "none" or len(self._tip_radii):
             _, nhat_OC = surface.project(p_OC)
+        if self._wall_test != "none":
             fencing = normals_agree(nhat_OC, surface.forbidden.normals)
             if self._graph is None:
                 same_side = normals_agree(nhat_OC, surface.nhat_OQ)
@@ -160,6 +167,8 @@ class SafeRegionPartitioner(LeafSystem):
             obstacles=obstacles,
             clearance=self._clearance,
             tip_radii=self._tip_radii,
+            nhat_OQ=surface.nhat_OQ,
+            nhat_OC=nhat_OC,
             reach=[None if solid is None else solid.moved(R_OH, p_OH) for solid in self._reach],
             same_side=same_side,
             fencing=fencing,
