@@ -66,5 +66,4 @@ class SurfaceGraph:
         starts = np.argmin(straight + penalty, axis=1)
         ways = dijkstra(self._links, directed=False, indices=starts)
         near: BoolArray = ways <= _DETOUR * straight + _LINK * self._spacing
-        # Round a rim the way to the other side is short.
-        return near & normals_agree(nhat_OC, self._normals)
+        return near

@@ -159,10 +159,9 @@ class SafeRegionPartitioner(LeafSystem):
             _, nhat_OC = surface.project(p_OC)
         if self._wall_test != "none":
             fencing = normals_agree(nhat_OC, surface.forbidden.normals)
-            if self._graph is None:
-                same_side = normals_agree(nhat_OC, surface.nhat_OQ)
-            else:
-                same_side = self._graph.near_over_the_surface(p_OC, nhat_OC)
+            same_side = normals_agree(nhat_OC, surface.nhat_OQ)
+            if self._graph is not None:  # Round a rim the way to the other side is short.
+                same_side &= self._graph.near_over_the_surface(p_OC, nhat_OC)
         return RegionConstraints(
             obstacles=obstacles,
             clearance=self._clearance,

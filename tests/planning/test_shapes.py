@@ -255,7 +255,7 @@ def refused(path, problem):
 @pytest.mark.parametrize(
     ("name", "text", "problem"),
     [
-        ("missing.obj", None, "can't be read as a mesh"),
+        ("missing.obj", None, "no such file"),
         ("garbage.stl", "no mesh at all", "can't be read as a mesh|no triangles"),
         ("garbage.glb", "no mesh at all", "can't be read as a mesh"),
         ("unknown.xyzzy", "?", "can't be read as a mesh"),

@@ -270,7 +270,7 @@ def test_obstacles_are_drawn_where_they_are(meshcat, time):
     np.testing.assert_allclose(box[:3, :3], SOLIDS[1].R_FB, atol=1e-9)
     # The plate's upper side is the half-space's plane.
     np.testing.assert_allclose(plate[:3, 2], [0, 0, 1], atol=1e-12)
-    assert plate[2, 3] == pytest.approx(-0.2 + 0.03 * time - 0.002)
+    assert plate[2, 3] == pytest.approx(-0.2 + 0.03 * time - 0.004)
 
 
 class Spy:
@@ -379,7 +379,7 @@ def test_boards_are_objects_of_meshcat(meshcat):
 @pytest.mark.parametrize("status", ContactStatus)
 def test_every_status_has_words(status):
     words = describe_status(float(status), 7.0)
-    named = status.name.startswith(("CROWDED", "OBSTRUCTED", "NEARLY_OBSTRUCTED"))
+    named = status.name.startswith(("CROWDED", "OBSTRUCTED", "NEARLY_OBSTRUCTED", "APART"))
     assert words.endswith("7") == named
     assert len({describe_status(float(s), 7.0) for s in ContactStatus}) == len(ContactStatus)
 
