@@ -63,8 +63,7 @@ def test_the_camera_sees_the_whole_motion(name):
         scenario.motion, scenario.simulation_duration, standing_height(scenario.object)
     )
     mesh = scenario.object.make_shape().mesh
-    extent = max(0.1, float(np.sqrt(np.mean(mesh.extents**2))))  # As for a recording.
-    camera, target = camera_pose(path, extent)
+    camera, target = camera_pose(path, float(np.max(mesh.extents)))
     axis = (target - camera) / np.linalg.norm(target - camera)
     corners = trimesh.bounds.corners(mesh.bounds)
     for corner in corners:
