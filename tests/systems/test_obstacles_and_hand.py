@@ -363,6 +363,8 @@ def test_a_new_simulation_starts_without_boards():
     spy.visible.clear()
     simulator.Initialize()
     assert spy.seen_at(0.0) == set()
+    show(1.0, [OBSTRUCTED, ACTIVE, ACTIVE], [0, -1, -1])
+    assert spy.seen_at(1.0) == {"0/-5_0"}
 
 
 def test_boards_are_objects_of_meshcat(meshcat):
