@@ -98,8 +98,9 @@ def test_it_stands_as_high_as_its_lowest_point_is_deep(name):
 def test_reaches_are_solids_of_the_hand():
     ball = BallReach(center=[0.1, 0, 0], radius=0.05).make_solid()
     np.testing.assert_allclose(ball.distance(np.zeros((1, 3))), [0.05])
-    box = BoxReach(size=[0.2, 0.02, 0.02], center=[0, 0, 0.1], rpy=[0, 0, np.pi / 2]).make_solid()
-    probes = np.array([[0, 0.09, 0.1], [0.09, 0, 0.1]])  # Turned, it is long along y.
+    box = BoxReach(size=[0.2, 0.02, 0.02], center=[0, 0, 0.1], rpy=[0, 0, np.pi / 4]).make_solid()
+    diagonal = 0.09 * np.sqrt(0.5)  # Along which the box, turned, is long.
+    probes = np.array([[diagonal, diagonal, 0.1], [diagonal, -diagonal, 0.1]])
     np.testing.assert_allclose(box.distance(probes), [-0.01, 0.08], atol=1e-12)
 
 

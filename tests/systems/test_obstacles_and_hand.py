@@ -363,6 +363,13 @@ def test_a_new_simulation_starts_without_boards():
     spy.visible.clear()
     simulator.Initialize()
     assert spy.seen_at(0.0) == set()
+    show(1.0, [OBSTRUCTED, ACTIVE, ACTIVE], [0, -1, -1])
+    system.GetInputPort("contact_status").FixValue(context, [OBSTRUCTED, ACTIVE, ACTIVE])
+    system.GetInputPort("contact_causes").FixValue(context, [0, -1, -1])
+    spy.visible.clear()
+    context.SetTime(0.0)
+    simulator.Initialize()  # Needed from the start, a board is there from the start.
+    assert spy.seen_at(0.0) == {"0/-5_0"}
 
 
 def test_boards_are_objects_of_meshcat(meshcat):
