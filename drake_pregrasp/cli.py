@@ -265,13 +265,13 @@ def _progress(scenario: Scenario) -> Iterator[Callable[[TickRecord], None] | Non
 
 def _report(result: RunResult, options: argparse.Namespace) -> None:
     summary = result.summary
-    for title, phase in (("static", "static"), ("best", "max")):
+    for title, phase in (("static", "static"), ("best after", "max")):
         values = summary[phase]
         if values["q_msv"] is not None:
             shown = "   ".join(f"{m.upper()} {values[m]:.4f}" for m in MEASURES)
-            print(f"{title:8}{shown}")
+            print(f"{title:12}{shown}")
     print(
-        f"speed   {summary['real_time_factor']:.1f} x real time,"
+        f"speed       {summary['real_time_factor']:.1f} x real time,"
         f" planning tick {summary['tick_time_p50_ms']:.2f} ms (median)"
     )
     for contact, reason in summary["inactive_contacts"].items():

@@ -5,6 +5,8 @@ And the one rule for paths in scenario files, `resolve_path`.
 
 from pathlib import Path
 
+from drake_pregrasp.errors import InvalidArgumentError
+
 _PACKAGE = Path(__file__).resolve().parent
 
 MODELS_URL = "package://drake_pregrasp/"
@@ -27,7 +29,12 @@ def resolve_path(text: str, folder: Path) -> Path:
         text: The name: absolute, relative to `folder`, or after `MODELS_URL` relative to the
             folder `models`. A `~` is the home folder.
         folder: Where relative names start.
+
+    Raises:
+        InvalidArgumentError: If it is a URL of another kind.
     """
     if text.startswith(MODELS_URL):
         return resource_folder("models") / text.removeprefix(MODELS_URL)
+    if "://" in text:
+        raise InvalidArgumentError(f"{text}: only {MODELS_URL} is known as a URL")
     return (folder / Path(text).expanduser()).resolve()

@@ -15,12 +15,12 @@ RADIUS, INNER_RADIUS = 0.040, 0.0365
 HEIGHT, FLOOR = 0.095, 0.005
 HANDLE_RADIUS, HANDLE_HALF_HEIGHT, HANDLE_THICKNESS = 0.028, 0.030, 0.0055
 HANDLE_REACHES_IN = 0.003
-HANDLE_AZIMUTH = 1.9  # In radians.
+HANDLE_AZIMUTH = 2.97  # In radians.
 SECTIONS = 72
 
 
 def mug() -> tuple[trimesh.Trimesh, dict[str, np.ndarray]]:
-    """Returns a mug that stands on z = 0, its handle near +y, and masks of its parts."""
+    """Returns a mug that stands on z = 0, its handle near -x, and masks of its parts."""
     outer = trimesh.creation.cylinder(
         RADIUS, segment=[[0, 0, 0], [0, 0, HEIGHT]], sections=SECTIONS
     )

@@ -1,8 +1,10 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 import trimesh
+from pydrake.math import RigidTransform
 
 from drake_pregrasp import load_scenario, run
 
@@ -11,8 +13,7 @@ DOCS = Path(__file__).parent.parent / "docs"
 
 def block(page, language):
     text = (DOCS / page).read_text(encoding="utf-8")
-    (found,) = re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
-    return found
+    return "".join(re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL))
 
 
 @pytest.fixture
@@ -32,6 +33,10 @@ def test_the_guide_to_meshes_is_followed_as_it_stands():
     exec(compile(block("own_mesh.md", "python"), "own_mesh.md", "exec"), names)
     surface = names["surface"]
     assert surface.patches[:, :, 2].min() >= 0.03
+    context = names["diagram"].CreateDefaultContext()
+    names["diagram"].GetInputPort("X_WO_measured").FixValue(context, RigidTransform())
+    p_WC = names["diagram"].GetOutputPort("p_WC").Eval(context).reshape(-1, 3)
+    assert np.all(np.linalg.norm(p_WC - [0.1, 0.0, 0.05], axis=1) > 0.03)
 
 
 def test_the_strong_finger_owns_what_asks_for_much():

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.math import RollPitchYaw
 
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.contact_limits import ContactLimits, CoupledPair
 from drake_pregrasp.planning.quality_guard import GUARDS, guard_measure
 from drake_pregrasp.planning.solids import BallSolid, BoxSolid, Solid
@@ -38,7 +39,8 @@ class BoxReach:
 
     # Edge lengths, in metres.
     size: list[float] = field(
-        default_factory=_zeros, metadata={"required": True, "length": 3, **_LENGTH}
+        default_factory=_zeros,
+        metadata={"required": True, "length": 3, "above": 0, "at_most": 10},
     )
 
     # Its centre in the hand's frame H, in metres.
@@ -111,6 +113,8 @@ class LimitsConfig:
             period: In seconds.
             friction: Coulomb's coefficient, for the margin.
         """
+        if min(self.max_step, self.max_speed) < 0:
+            raise InvalidArgumentError("max_step and max_speed must be at least 0")
         steps = [self.max_step, self.max_speed * period]
         return ContactLimits(
             max_step=min((step for step in steps if step > 0), default=np.inf),

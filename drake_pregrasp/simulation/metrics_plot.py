@@ -43,7 +43,8 @@ def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary
         axis.grid(True, color="0.9", linewidth=0.6)
         axis.set_axisbelow(True)
         axis.spines[["top", "right"]].set_visible(False)
-    axes[0].legend(loc="lower right", frameon=False)
+    if axes[0].get_legend_handles_labels()[1]:
+        axes[0].legend(loc="lower right", frameon=False)
     figure.align_ylabels(axes)
     title = f"{name}: {scenario.description}" if scenario.description else name
     figure.suptitle(title, parse_math=False)

@@ -105,7 +105,7 @@ def add_recording(
     )
     for name in ("X_WO_estimated", "contact_status", "contact_causes"):
         builder.Connect(planner.GetOutputPort(name), labels.GetInputPort(name))
-    extent = max(0.1, float(np.sqrt(np.mean(surface.mesh.extents**2))))
+    extent = max(0.1, float(surface.mesh.extents.max()))
     meshcat.SetCameraPose(*camera_pose(path, extent))
     meshcat.StartRecording(
         frames_per_second=1 / publish_period, set_visualizations_while_recording=True

@@ -57,6 +57,13 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
             f" {count} contacts",
         )
     _validate_damage(scenario, source)
+    if not isinstance(scenario.object, Box) and scenario.plant_config.contact_model == "point":
+        raise ScenarioError(
+            source,
+            "plant_config.contact_model",
+            "point contact fills what is hollow, and only boxes stand on it;"
+            " choose hydroelastic_with_fallback",
+        )
     check_motion(source, scenario.motion, surface)
     if scenario.planner.strategy == BLEND and not any(vars(scenario.planner.blend).values()):
         raise ScenarioError(

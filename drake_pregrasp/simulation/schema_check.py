@@ -113,7 +113,13 @@ def _check_variant(source: str, key: str, value: object, kinds: tuple[Any, ...])
     tag = data.pop(_TAG, next(iter(tags)))
     if tag not in tags:
         raise ScenarioError(source, key, f"no such tag {tag}; there are: {', '.join(tags)}")
-    check_mapping(source, key, data, tags[tag])
+    try:
+        check_mapping(source, key, data, tags[tag])
+    except ScenarioError as error:
+        if _TAG in value:
+            raise
+        hint = f"{error.problem}; without a tag it is a {tag}, of: {', '.join(tags)}"
+        raise ScenarioError(source, error.key, hint) from error
 
 
 def _check_scalar(
@@ -148,6 +154,9 @@ def _number(value: object, kind: Any) -> float | int | None:
 
 
 def _short(value: object) -> str:
+    if isinstance(value, Mapping) and _TAG in value:
+        rest = {name: element for name, element in value.items() if name != _TAG}
+        return f"{value[_TAG]} {_short(rest)}"
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.math import RollPitchYaw
 
-from drake_pregrasp.diagrams.object_config import Box, ObjectConfig
+from drake_pregrasp.diagrams.object_config import Box, Mesh, ObjectConfig
 from drake_pregrasp.errors import InvalidArgumentError, NoGroundError, ScenarioError
 from drake_pregrasp.planning.box_surface import BOX_FACES, box_surface
 from drake_pregrasp.planning.mesh_surface import mesh_surface
@@ -16,7 +16,7 @@ from drake_pregrasp.planning.surface import ObjectSurface
 
 _POINT = {"length": 3, "at_least": -10, "at_most": 10}
 _ANGLES = {"length": 3, "at_least": -10, "at_most": 10}
-_SIZE = {"length": 3, "at_least": 0, "at_most": 10}
+_SIZE = {"length": 3, "above": 0, "at_most": 10}
 
 
 def _zeros() -> list[float]:
@@ -153,7 +153,8 @@ def check_surface(source: str, config: ObjectConfig, surface: SurfaceConfig) -> 
     try:
         shape = config.make_shape()
     except InvalidArgumentError as error:
-        raise ScenarioError(source, "object", str(error)) from error
+        key = "file" if isinstance(config, Mesh) else "profile"
+        raise ScenarioError(source, f"object.{key}", str(error)) from error
     for index, area in enumerate(surface.no_touch):
         try:
             area.make_area(shape)

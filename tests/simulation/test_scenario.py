@@ -122,14 +122,35 @@ BAD = [
     ("planner: {estimator: {gravity: -9.81}}", "estimator.gravity", "at least 0"),
     ("object: !Sphere {}", "case.object", "no such tag !Sphere; there are: !Box, !Cylinder"),
     ("object: !Mesh {}", "case.object", "lacks the key file"),
-    ("object: !Mesh {file: none.obj}", "case.object", "none.obj: no such file"),
-    ("object: !Mesh {file: bad.yaml}", "case.object", "bad.yaml can't be read as a mesh"),
+    ("object: !Mesh {file: none.obj}", "case.object.file", "none.obj: no such file"),
+    ("object: !Mesh {file: bad.yaml}", "case.object.file", "bad.yaml can't be read as a mesh"),
     ("object: !Revolved {profile: [[0, 0], [1, 1]]}", "case.object.profile", "at least 3 elements"),
     (
         "object: !Revolved {profile: [[0, 0], [0.1, 0], [0, 0]]}",
-        "case.object",
+        "case.object.profile",
         "the profile encloses no area",
     ),
+    (
+        "object: !Revolved {profile: [[0, 0], [0.1, 0], [0.1, 0.1], [0.05, -0.05], [0, 0.1]]}",
+        "case.object.profile",
+        "the profile is no body: its surface crosses itself",
+    ),
+    (
+        "object: !Mesh {file: package://other/x.obj}",
+        "case.object.file",
+        "package://other/x.obj: only package://drake_pregrasp/ is known",
+    ),
+    (
+        "object: !Mesh {file: package://drake_pregrasp/mug.obj, scale: 1.0e-6}",
+        "case.object.file",
+        "m long; at least 0.001 m, choose a scale",
+    ),
+    (
+        "{description: x, object: !Ball {}, plant_config: {contact_model: point}}",
+        "case.plant_config.contact_model",
+        "only boxes stand on it; choose hydroelastic_with_fallback",
+    ),
+    ("obstacles: [{size: [1, 1, 1]}]", "case.obstacles[0]", "without a tag it is a !BallObstacle"),
     ("object: !Ball {radius: 40}", "case.object.radius", "40 must be a number at least 0.001"),
     (
         "{description: x, object: !Ball {radius: 0.5}, surface: {spacing: 0.0005}}",

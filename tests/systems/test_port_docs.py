@@ -71,9 +71,6 @@ MAKERS = {
     NoisyPoseSensor: lambda s, c: NoisyPoseSensor(position_std=0, orientation_std=0),
     ObjectMotion: lambda s, c: ObjectMotion(VelocityProfile([[0.0, 0.0, 0.0]])),
     ObjectPlant: lambda s, c: ObjectPlant(Box(), Conveyor(), PLANT),
-    ObstacleVisualizer: lambda s, c: ObstacleVisualizer(
-        meshcat=Meshcat(MeshcatParams(host="localhost")), solids=[], publish_period=0.1
-    ),
     PoseEstimator: lambda s, c: PoseEstimator(period=0.1, noise=filter_noise(EstimatorConfig())),
     PoseReplay: lambda s, c: PoseReplay(
         PoseTrack(np.zeros(1), np.zeros((1, 3)), Rotation.identity(1))
@@ -86,12 +83,6 @@ MAKERS = {
         publish_period=0.1,
     ),
     SafeRegionPartitioner: lambda s, c: SafeRegionPartitioner(surface=s, num_contacts=len(c)),
-    StatusLabels: lambda s, c: StatusLabels(
-        meshcat=Meshcat(MeshcatParams(host="localhost")),
-        num_contacts=len(c),
-        publish_period=0.1,
-        hover=0.1,
-    ),
     TickLogger: lambda s, c: TickLogger(
         num_contacts=len(c), quality_size=5, period=0.1, sink=lambda record: None
     ),
