@@ -1,5 +1,6 @@
 """Dynamic pre-grasp planning for hands that track a moving object, made of Drake systems."""
 
+from drake_pregrasp.diagrams.limits_config import BallReach, BoxReach, LimitsConfig, Pair
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import (
     AddPregraspPlanner,
@@ -11,9 +12,12 @@ from drake_pregrasp.diagrams.pregrasp_planner import (
 from drake_pregrasp.errors import InvalidArgumentError, OutputError, PregraspError, ScenarioError
 from drake_pregrasp.planning.box_surface import box_surface
 from drake_pregrasp.planning.contact_status import ContactStatus
+from drake_pregrasp.planning.initial_contacts import ring_contacts
 from drake_pregrasp.planning.mesh_surface import mesh_surface
 from drake_pregrasp.planning.region_constraints import Obstacles
+from drake_pregrasp.planning.safe_regions import compute_safe_regions
 from drake_pregrasp.planning.shapes import load_shape
+from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
 from drake_pregrasp.simulation.run import RunResult, run
 from drake_pregrasp.simulation.scenario import Scenario
@@ -30,20 +34,27 @@ from drake_pregrasp.version import __version__
 
 __all__ = [
     "AddPregraspPlanner",
+    "BallReach",
+    "BallSolid",
     "BlendConfig",
+    "BoxReach",
+    "BoxSolid",
     "CentroidSelector",
     "ContactStatus",
     "EstimatorConfig",
     "ForbiddenPoints",
     "GraspQualityMonitor",
     "GraspQualityView",
+    "HalfSpace",
     "InvalidArgumentError",
+    "LimitsConfig",
     "NoiseSource",
     "NoisyPoseSensor",
     "ObjectPlant",
     "ObjectSurface",
     "Obstacles",
     "OutputError",
+    "Pair",
     "PlannerConfig",
     "PoseEstimator",
     "PregraspError",
@@ -55,10 +66,12 @@ __all__ = [
     "ScenarioError",
     "__version__",
     "box_surface",
+    "compute_safe_regions",
     "load_scenario",
     "load_shape",
     "make_diagram",
     "mesh_surface",
+    "ring_contacts",
     "run",
     "shipped_scenarios",
 ]

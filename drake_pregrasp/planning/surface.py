@@ -1,7 +1,7 @@
 """The object's surface for the planner: candidate points Y, forbidden points Z, projection."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -87,6 +87,11 @@ class ObjectSurface:
     mesh: trimesh.Trimesh
     patches: FloatArray
     patch_starts: IntArray
+    _tree: cKDTree = field(init=False, repr=False)
+    _triangle_tree: cKDTree = field(init=False, repr=False)
+    _triangle_radius: float = field(init=False, repr=False)
+    _triangle_normals: FloatArray = field(init=False, repr=False)
+    _owners: IntArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         centroids = np.mean(self.patches, axis=1)
@@ -100,12 +105,6 @@ class ObjectSurface:
         object.__setattr__(self, "_triangle_radius", float(np.max(radii)) * (1 + 1e-9))
         object.__setattr__(self, "_triangle_normals", normals)
         object.__setattr__(self, "_owners", owners)
-
-    _tree = cKDTree(np.empty((0, 3)))
-    _triangle_tree = _tree
-    _triangle_radius = 0.0
-    _triangle_normals = np.empty((0, 3))
-    _owners = np.empty(0, dtype=np.int64)
 
     @cached_property
     def is_clear_of_forbidden_points(self) -> BoolArray:
@@ -162,7 +161,7 @@ class ObjectSurface:
         return self._nearest_on_triangles(p_OP, near)
 
     def candidates_within(self, p_OP: FloatArray, distance: float) -> IntArray:
-        """Returns the candidates whose patches come that near to a point, or nearly, shape (3,)."""
+        """Returns the candidates whose patches come that near to a point p_OP, or nearly, (k,)."""
         (triangles,) = self._triangles_within(p_OP[None], np.array([distance]))
         return np.unique(self._owners[triangles])
 

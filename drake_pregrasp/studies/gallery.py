@@ -1,6 +1,7 @@
 """A page of pictures of the shipped scenarios, but for the paper's."""
 
 import functools
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -101,7 +102,7 @@ def _entry(exhibit: Exhibit, description: str) -> list[str]:
         f"Q_MSV {static} static, {exhibit.final:.4f} at the end;"
         f" force-closure margin {exhibit.margin:.2f} at the end."
     )
-    limited = f" At times: {'; '.join(exhibit.limited)}." if exhibit.limited else ""
+    limited = f" Limited: {'; '.join(exhibit.limited)}." if exhibit.limited else ""
     return [
         "",
         f"### `{exhibit.name}`: {description}",
@@ -158,13 +159,13 @@ def _exhibit(name: str, folder: Path) -> Exhibit:
 
 
 def _limited(records: list[TickRecord]) -> list[str]:
-    """Returns what has limited contacts, in the order in which it first did."""
-    found = {
-        f"contact {contact} {describe_status(status, cause)}": None
+    """Returns what has limited contacts, in the order in which it first did, and how often."""
+    counts = Counter(
+        f"contact {contact} {describe_status(status, cause)}"
         for record in records
         for contact, (status, cause) in enumerate(
             zip(record.contact_status, record.contact_causes, strict=True)
         )
         if status != ContactStatus.ACTIVE
-    }
-    return list(found)
+    )
+    return [f"{text} ({count / len(records):.0%} of the ticks)" for text, count in counts.items()]
