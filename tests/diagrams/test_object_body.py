@@ -11,7 +11,7 @@ from pydrake.systems.analysis import Simulator
 from drake_pregrasp import ObjectPlant
 from drake_pregrasp.diagrams.limits_config import BallReach, BoxReach, LimitsConfig, Pair
 from drake_pregrasp.diagrams.motion_config import Conveyor
-from drake_pregrasp.diagrams.object_body import add_object_body, standing_height
+from drake_pregrasp.diagrams.object_body import add_object_body, standing_position
 from drake_pregrasp.diagrams.object_config import Ball, Box, Cylinder, Mesh, Revolved
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.resources import resource_folder
@@ -68,8 +68,8 @@ def carried(config, plant_config, v, w, times):
 @pytest.mark.parametrize("name", STANDING)
 def test_it_stands_still_on_the_table(scenario, name):
     (X_WO,) = carried(OBJECTS[name], scenario.plant_config, 0.0, 0.0, [1.0])
-    height = standing_height(OBJECTS[name])
-    np.testing.assert_allclose(X_WO.translation(), [0, 0, height], atol=1e-5)
+    start = standing_position(OBJECTS[name])
+    np.testing.assert_allclose(X_WO.translation(), start, atol=1e-5)
     tilt = X_WO.rotation().matrix()[2, 2]
     assert np.arccos(min(tilt, 1.0)) < 1e-4
     assert abs(RollPitchYaw(X_WO.rotation()).yaw_angle()) < 1e-6
@@ -83,13 +83,17 @@ def test_the_conveyor_carries_it_at_its_speed(scenario, name):
     way = late.translation() - early.translation()
     np.testing.assert_allclose(way, [0.8 * v, 0, 0], atol=5e-5)
     # It starts from rest, and so lags by one step.
-    assert late.translation()[0] == pytest.approx(v * (1 - step), abs=5e-5)
+    gone = late.translation()[0] - standing_position(OBJECTS[name])[0]
+    assert gone == pytest.approx(v * (1 - step), abs=5e-5)
 
 
 @pytest.mark.parametrize("name", STANDING)
 def test_it_stands_as_high_as_its_lowest_point_is_deep(name):
     lowest = np.min(OBJECTS[name].make_shape().mesh.vertices[:, 2])
-    assert standing_height(OBJECTS[name]) == pytest.approx(-lowest, abs=2e-6)
+    position = standing_position(OBJECTS[name])
+    assert position[2] == pytest.approx(-lowest, abs=2e-6)
+    p_OCoM = OBJECTS[name].make_shape().p_OCoM
+    np.testing.assert_allclose((position + p_OCoM)[:2], 0, atol=1e-12)
 
 
 # The keys of what limits contacts.
