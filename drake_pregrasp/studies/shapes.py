@@ -52,7 +52,8 @@ class ShapeResult(NamedTuple):
         off_mesh: Farthest that an active contact was off the mesh, in metres.
         forbidden: At how many ticks one was off the allowed ground.
         overlaps: At how many ticks two fingertips overlapped.
-        crossings: At how many ticks one stepped to the other side of a wall.
+        crossings: At how many ticks one had gone to the other side of a wall since it was last
+            active.
         q_msv: Least over the seeds of the static and of the final Q_MSV, in O as it is estimated.
         margin: The same of the force-closure margin.
         worse: How many seeds ended with a Q_MSV below their static one.
@@ -169,7 +170,7 @@ def _look_at(
             contact in normals_before and normal @ normals_before[contact] < OPPOSITE
             for contact, normal in now.items()
         )
-        normals_before = now
+        normals_before |= now  # Those that are inactive for a while are still to come back.
     static_ticks = [r for r in records if r.time < scenario.planner.static_duration]
     (msv_static, margin_static), (msv_final, margin_final) = (
         _quality(surface, r) for r in (static_ticks[-1], records[-1])
