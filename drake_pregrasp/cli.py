@@ -3,6 +3,7 @@
 import argparse
 import contextlib
 import logging
+import os
 import signal
 import sys
 import time
@@ -37,6 +38,7 @@ from drake_pregrasp.version import __version__
 
 BAD_INPUT = 2
 INTERRUPTED = 130
+BROKEN_PIPE = 141
 
 _STUDIES = {"gallery": make_gallery, "lookahead": study_lookahead, "shapes": study_shapes}
 
@@ -47,12 +49,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         status: int = options.command(options)
+        sys.stdout.flush()
     except KeyboardInterrupt:
         print("drake-pregrasp: interrupted", file=sys.stderr)
         return INTERRUPTED
     except PregraspError as error:
         print(f"drake-pregrasp: {error}", file=sys.stderr)
         return BAD_INPUT
+    except BrokenPipeError:  # Whoever reads the output, as `head`, has enough of it.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return BROKEN_PIPE
     return status
 
 

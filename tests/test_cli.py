@@ -125,3 +125,11 @@ def test_a_terminal_gets_a_progress_bar(tmp_path):
     assert "of 2 s" in shown
     assert "x real time" in shown
     assert "Q_GII 0.97" in shown
+
+
+def test_a_reader_who_has_enough_of_the_output_is_no_fault():
+    command = [sys.executable, "-m", "drake_pregrasp", "list"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        process.stdout.close()
+        assert process.stderr.read() == b""
+    assert process.returncode == 141

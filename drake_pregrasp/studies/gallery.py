@@ -148,7 +148,7 @@ def _exhibit(name: str, folder: Path) -> Exhibit:
         )
     with writing(folder):
         picture = Image.fromarray(np.concatenate(frames, axis=1))
-        picture.quantize(128).save(folder / f"{name}.png", optimize=True)
+        picture.save(folder / f"{name}.png", optimize=True)
     return Exhibit(
         name,
         summary["static"]["q_msv"],
