@@ -1,0 +1,66 @@
+"""The kernel in code that numba compiles, once: the extra `[fast]`."""
+
+import numpy as np
+
+from drake_pregrasp.planning.arrays import FloatArray, IntArray
+from drake_pregrasp.planning.kernels.blocks import BLOCK
+from drake_pregrasp.planning.kernels.compiled_centroids import sum_up
+from drake_pregrasp.planning.kernels.compiled_partition import divide
+from drake_pregrasp.planning.kernels.hand_measures import newton_steps
+from drake_pregrasp.planning.kernels.numpy_kernel import SLACK
+from drake_pregrasp.planning.kernels.partition import NOBODY, Partition
+from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
+from drake_pregrasp.planning.kernels.weighting import KINDS, HandSums, Weighting, volume_numbers
+
+
+class NumbaKernel(TickKernel):
+    """Searches the tree depth first, and sums up weights block by block without storing them."""
+
+    def _partition(
+        self, r: FloatArray, h: FloatArray, z: FloatArray, radii: FloatArray
+    ) -> Partition:
+        blocks = self.blocks
+        owners = np.full(blocks.count, NOBODY, dtype=np.int64)
+        labels = np.empty((blocks.count, BLOCK), dtype=np.int16)
+        sizes = divide(
+            r,
+            h,
+            z,
+            radii,
+            self._longest_arm,
+            SLACK,
+            blocks.points,
+            blocks.centers,
+            blocks.halves,
+            blocks.starts,
+            blocks.num_candidates - (blocks.count - 1) * BLOCK,
+            owners,
+            labels,
+        )
+        return Partition(owners, labels, sizes)
+
+    def _centroids(
+        self, partition: Partition, r: FloatArray, movers: IntArray, weighting: Weighting
+    ) -> FloatArray:
+        blocks = self.blocks
+        sums = HandSums.over(r, partition.sizes > 0)
+        numbers = volume_numbers(sums) if weighting.kind == "vew" else np.empty((len(r), 0))
+        moves = np.zeros(len(r), dtype=bool)
+        moves[movers] = True
+        longest = max(self._longest_arm, float(np.sqrt(np.max(np.sum(r**2, axis=1)))))
+        centroids: FloatArray = sum_up(
+            KINDS.index(weighting.kind),
+            weighting.stretch,
+            moves,
+            np.linalg.inv(np.linalg.cholesky(weighting.covariance)),
+            numbers,
+            sums.t,
+            sums.B,
+            sums.n,
+            newton_steps(longest),
+            blocks.points,
+            blocks.areas,
+            partition.owners,
+            partition.labels,
+        )
+        return centroids[movers]
