@@ -39,7 +39,6 @@ def sum_up(  # type: ignore[no-untyped-def]
     least = np.full(count, np.inf)
     b, own = np.empty(BLOCK), np.empty(BLOCK)
     scratch, powers = np.empty((SCRATCH, BLOCK)), np.empty(BLOCK, dtype=np.int64)
-    M, V = np.empty((3, 3)), np.empty((3, 3))
     present = np.zeros(count, dtype=np.bool_)
     for block in range(len(owners)):
         owner = owners[block]
@@ -67,10 +66,8 @@ def sum_up(  # type: ignore[no-untyped-def]
                 if kind == GII:
                     divide_by_largest(n, steps, scratch, b)
                     for k in range(BLOCK):
-                        if scratch[8, k] == 0.0 and (owner >= 0 or labels[block, k] == contact):
-                            top = largest_eigenvalue(
-                                t[contact], B[contact], n, x[k], y[k], z[k], M, V
-                            )
+                        if scratch[8, k] < 0.0 and (owner >= 0 or labels[block, k] == contact):
+                            top = largest_eigenvalue(t[contact], B[contact], n, x[k], y[k], z[k])
                             b[k] /= math.sqrt(top)
             if owner == MIXED:
                 pick = -1

@@ -10,11 +10,13 @@ from drake_pregrasp.planning.kernels.blocks import BLOCK
 _FAST = {"reassoc", "contract", "nsz", "nnan"}
 _CERTAIN = 0.75  # As in `extreme_singular_values`, and so the next.
 _GAP = 1e-3
-SCRATCH = 10
+_UNCERTAIN = -1.0  # No y is negative, and steps never leave it: its gap to b11 is below zero.
+SCRATCH = 9
 """Rows of numbers a block that the singular values need."""
 
 _RAYLEIGH_STEPS = 12
 _JACOBI_SWEEPS = 6
+_SETTLED = 1e-7  # Of y, as the last change: its square is what is left.
 _LOWEST = -709.0  # Whose exponential is still a normal number.
 _LOG2_E = 1.4426950408889634
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # ln 2 in two parts.
@@ -99,17 +101,17 @@ def smallest_singular_values(t, B, n, steps, x, y, z, scratch, out):  # type: ig
 
 @numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
 def divide_by_largest(n, steps, scratch, out):  # type: ignore[no-untyped-def]
-    """Divides by sigma_max, but where that is not certain: zeros in scratch[8] say where."""
+    """Divides by sigma_max, but where that is not certain: there scratch[8] is `_UNCERTAIN`."""
     tau, b11, p11, p12, p22 = scratch[0], scratch[1], scratch[2], scratch[3], scratch[4]
     b1b1, b1b2, b2b2 = scratch[5], scratch[6], scratch[7]
-    certain, value = scratch[8], scratch[9]
+    value = scratch[8]
     for k in range(BLOCK):
-        certain[k] = 1.0 if tau[k] > _CERTAIN * b11[k] * b11[k] else 0.0
-        value[k] = math.sqrt(tau[k]) + b11[k]
+        certain = tau[k] > _CERTAIN * b11[k] * b11[k]
+        value[k] = math.sqrt(tau[k]) + b11[k] if certain else _UNCERTAIN
     for _ in range(steps):
         for k in range(BLOCK):
             gap = value[k] - b11[k]
-            certain[k] = certain[k] if gap > _GAP * value[k] else 0.0
+            certain = gap > _GAP * value[k]
             d = 1.0 / (gap if gap > 0.0 else 1.0)
             c11, c12, c22 = p11[k] + d * b1b1[k], p12[k] + d * b1b2[k], p22[k] + d * b2b2[k]
             half = 0.5 * (c11 - c22)
@@ -119,9 +121,9 @@ def divide_by_largest(n, steps, scratch, out):  # type: ignore[no-untyped-def]
             slope = (along if along > 0.0 else 0.0) * d * d
             p = 0.5 * (c11 + c22) + root + slope * value[k]
             root = math.sqrt(p * p + 4.0 * (1.0 + slope) * tau[k])
-            value[k] = (p + root) / (2.0 * (1.0 + slope))
+            value[k] = (p + root) / (2.0 * (1.0 + slope)) if certain else _UNCERTAIN
     for k in range(BLOCK):
-        out[k] /= math.sqrt(n + value[k]) if certain[k] > 0.0 else 1.0
+        out[k] /= math.sqrt(n + value[k]) if value[k] > 0.0 else 1.0
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
@@ -169,7 +171,7 @@ def _blocks_across(t, B, x, y, z, scratch):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def largest_eigenvalue(t, B, n, qx, qy, qz, M, V):  # type: ignore[no-untyped-def]
+def largest_eigenvalue(t, B, n, qx, qy, qz):  # type: ignore[no-untyped-def]
     """Returns the largest eigenvalue of G Gᵀ with one more contact at q, wherever that is.
 
     It is n + y with y the largest of y(v) = (v'Bv + sqrt((v'Bv)² + 4 |t x v|²))/2 over unit vectors
@@ -179,29 +181,22 @@ def largest_eigenvalue(t, B, n, qx, qy, qz, M, V):  # type: ignore[no-untyped-de
     tx, ty, tz = t[0] + qx, t[1] + qy, t[2] + qz
     tau = tx * tx + ty * ty + tz * tz
     square = qx * qx + qy * qy + qz * qz
-    c00, c11, c22 = (
-        B[0, 0] + square - qx * qx,
-        B[1, 1] + square - qy * qy,
-        B[2, 2] + square - qz * qz,
-    )
+    c00, c11 = B[0, 0] + square - qx * qx, B[1, 1] + square - qy * qy
+    c22 = B[2, 2] + square - qz * qz
     c01, c02, c12 = B[0, 1] - qx * qy, B[0, 2] - qx * qz, B[1, 2] - qy * qz
-    y = math.sqrt(tau) + (c00 + c11 + c22) / 3.0
+    y = 0.5 * (c00 + c11 + c22) + math.sqrt(tau)
     if not y > 0.0:
         return float(n)
     for _ in range(_RAYLEIGH_STEPS):
         s = 1.0 / y
-        M[0, 0], M[1, 1], M[2, 2] = (
+        vx, vy, vz = _top_eigenvector(
             c00 + s * (tau - tx * tx),
             c11 + s * (tau - ty * ty),
             c22 + s * (tau - tz * tz),
+            c01 - s * tx * ty,
+            c02 - s * tx * tz,
+            c12 - s * ty * tz,
         )
-        M[0, 1], M[0, 2], M[1, 2] = c01 - s * tx * ty, c02 - s * tx * tz, c12 - s * ty * tz
-        _diagonalise(M, V)
-        top = 0
-        for i in range(1, 3):
-            if M[i, i] > M[top, top]:
-                top = i
-        vx, vy, vz = V[0, top], V[1, top], V[2, top]
         along = tx * vx + ty * vy + tz * vz
         across = max(tau - along * along, 0.0)
         form = c00 * vx * vx + c11 * vy * vy + c22 * vz * vz
@@ -209,44 +204,54 @@ def largest_eigenvalue(t, B, n, qx, qy, qz, M, V):  # type: ignore[no-untyped-de
         better = 0.5 * (form + math.sqrt(form * form + 4.0 * across))
         change = abs(better - y)
         y = better
-        if change <= 1e-12 * y:  # Its square is what is left.
+        if change <= _SETTLED * y:
             break
     return n + y
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _diagonalise(M, V):  # type: ignore[no-untyped-def]
-    """Turns the upper triangle of M into its eigenvalues, V into its eigenvectors (Jacobi)."""
-    for i in range(3):
-        for j in range(3):
-            V[i, j] = 1.0 if i == j else 0.0
+def _top_eigenvector(m00, m11, m22, m01, m02, m12):  # type: ignore[no-untyped-def]
+    """Returns the unit eigenvector to the largest eigenvalue of a 3 x 3 matrix (Jacobi)."""
+    ax, ay, az = 1.0, 0.0, 0.0
+    bx, by, bz = 0.0, 1.0, 0.0
+    cx, cy, cz = 0.0, 0.0, 1.0
     for _ in range(_JACOBI_SWEEPS):
-        off = abs(M[0, 1]) + abs(M[0, 2]) + abs(M[1, 2])
-        if off <= 1e-17 * (abs(M[0, 0]) + abs(M[1, 1]) + abs(M[2, 2])):
+        if abs(m01) + abs(m02) + abs(m12) <= 1e-16 * (abs(m00) + abs(m11) + abs(m22)):
             break
-        for i in range(2):
-            for j in range(i + 1, 3):
-                m = M[i, j]
-                if m == 0.0:
-                    continue
-                theta = (M[j, j] - M[i, i]) / (2.0 * m)
-                tangent = 1.0 / (abs(theta) + math.sqrt(theta * theta + 1.0))
-                if theta < 0.0:
-                    tangent = -tangent
-                c = 1.0 / math.sqrt(tangent * tangent + 1.0)
-                s = tangent * c
-                M[i, i] -= tangent * m
-                M[j, j] += tangent * m
-                M[i, j] = 0.0
-                r = 3 - i - j
-                ri, rj = (min(r, i), max(r, i)), (min(r, j), max(r, j))
-                first, second = M[ri], M[rj]
-                M[ri] = c * first - s * second
-                M[rj] = s * first + c * second
-                for row in range(3):
-                    first, second = V[row, i], V[row, j]
-                    V[row, i] = c * first - s * second
-                    V[row, j] = s * first + c * second
+        c, s, shift = _rotation(m00, m11, m01)
+        m00, m11, m01 = m00 - shift, m11 + shift, 0.0
+        m02, m12 = c * m02 - s * m12, s * m02 + c * m12
+        ax, bx = c * ax - s * bx, s * ax + c * bx
+        ay, by = c * ay - s * by, s * ay + c * by
+        az, bz = c * az - s * bz, s * az + c * bz
+        c, s, shift = _rotation(m00, m22, m02)
+        m00, m22, m02 = m00 - shift, m22 + shift, 0.0
+        m01, m12 = c * m01 - s * m12, s * m01 + c * m12
+        ax, cx = c * ax - s * cx, s * ax + c * cx
+        ay, cy = c * ay - s * cy, s * ay + c * cy
+        az, cz = c * az - s * cz, s * az + c * cz
+        c, s, shift = _rotation(m11, m22, m12)
+        m11, m22, m12 = m11 - shift, m22 + shift, 0.0
+        m01, m02 = c * m01 - s * m02, s * m01 + c * m02
+        bx, cx = c * bx - s * cx, s * bx + c * cx
+        by, cy = c * by - s * cy, s * by + c * cy
+        bz, cz = c * bz - s * cz, s * bz + c * cz
+    if m00 >= m11 and m00 >= m22:
+        return ax, ay, az
+    if m11 >= m22:
+        return bx, by, bz
+    return cx, cy, cz
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _rotation(p, q, m):  # type: ignore[no-untyped-def]
+    """Returns cosine, sine and shift of the diagonal that take [[p, m], [m, q]] to a diagonal."""
+    if m == 0.0:
+        return 1.0, 0.0, 0.0
+    theta = (q - p) / (2.0 * m)
+    tangent = math.copysign(1.0, theta) / (abs(theta) + math.sqrt(theta * theta + 1.0))
+    c = 1.0 / math.sqrt(tangent * tangent + 1.0)
+    return c, tangent * c, tangent * m
 
 
 @numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
