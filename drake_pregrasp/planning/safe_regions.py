@@ -1,10 +1,11 @@
 """Eq. 1-2: the safe region of each contact, an obstacle-aware weighted Voronoi cell."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.planning.kernels import Partition, TickKernel
 from drake_pregrasp.planning.region_constraints import (
     NO_CAUSE,
     Limit,
@@ -35,6 +36,7 @@ class SafeRegions:
         limits: What leaves each contact an empty or tiny region, a `Limit` each, shape (n,).
         causes: Index of the contact or obstacle that does, or `NO_CAUSE`, shape (n,).
         constraints: What limited the regions beside Eq. 1.
+        partition: The same regions over the blocks of the kernel that found them, if one did.
     """
 
     labels: IntArray
@@ -42,6 +44,7 @@ class SafeRegions:
     limits: IntArray
     causes: IntArray
     constraints: RegionConstraints
+    partition: Partition | None = None
 
     @staticmethod
     def unlimited(labels: IntArray, num_contacts: int) -> "SafeRegions":
@@ -61,6 +64,8 @@ class SafeRegions:
 
     def sizes(self) -> IntArray:
         """Returns the number of candidates in each region, shape (n,)."""
+        if self.partition is not None:
+            return self.partition.sizes
         counts: IntArray = np.bincount(self.labels - NO_REGION, minlength=1 + len(self.lost))[1:]
         return counts
 
@@ -71,6 +76,8 @@ def compute_safe_regions(
     contact_weights: FloatArray,
     forbidden: ForbiddenPoints,
     constraints: RegionConstraints | None = None,
+    *,
+    kernel: TickKernel | None = None,
 ) -> SafeRegions:
     """Assigns candidate points to the contacts' safe regions (Eq. 1).
 
@@ -94,8 +101,17 @@ def compute_safe_regions(
         contact_weights: h_i, shape (n,), in m².
         forbidden: Points Z and radii R_j, in O.
         constraints: What else limits the regions.
+        kernel: Of the same candidates, with d = 3. It is faster, and used if there is nothing else
+            to limit regions and none is tiny, which would have to be explained.
     """
     constraints = constraints or RegionConstraints()
+    if kernel is not None and constraints.is_empty and np.all(contact_weights < np.inf):
+        partition = kernel.partition(p_OC, contact_weights, forbidden.points, forbidden.radii)
+        lost = np.isneginf(contact_weights)
+        if np.all(lost | (partition.sizes >= _tiny_size(len(p_OQ), lost))):
+            labels = partition.labels_of_candidates(kernel.blocks)
+            plain = SafeRegions.unlimited(labels, len(p_OC))
+            return replace(plain, lost=lost, constraints=constraints, partition=partition)
     # Candidates run along the last axis: the reductions over few contacts or planes vectorise then.
     half_power = (np.sum(p_OC**2, axis=1) - contact_weights)[:, None] / 2 - p_OC @ p_OQ.T
     if constraints.same_side is not None:
@@ -105,7 +121,7 @@ def compute_safe_regions(
     labels = cells.copy()
     lost = np.isneginf(contact_weights)
     limits, causes = np.full(len(p_OC), int(Limit.NONE)), np.full(len(p_OC), NO_CAUSE)
-    tiny = TINY_SHARE * len(p_OQ) / max(1, len(p_OC) - int(np.sum(lost)))
+    tiny = _tiny_size(len(p_OQ), lost)
     for i in np.flatnonzero(~lost).tolist():
         own = np.flatnonzero(cells == i)
         planes = _planes(i, p_OC, contact_weights, forbidden, constraints)
@@ -119,6 +135,10 @@ def compute_safe_regions(
             else:
                 limits[i], causes[i] = _most_frequent(planes, beyond, point_limits, point_causes)
     return SafeRegions(labels, lost, limits, causes, constraints)
+
+
+def _tiny_size(num_candidates: int, lost: BoolArray) -> float:
+    return TINY_SHARE * num_candidates / max(1, len(lost) - int(np.sum(lost)))
 
 
 def _planes(

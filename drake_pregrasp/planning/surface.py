@@ -10,6 +10,7 @@ from scipy.spatial import cKDTree
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.planning.kernels import TickKernel, make_kernel
 
 CONTACT_TOLERANCE = 1e-4
 """Farthest a contact may be off the surface to count as on it, in metres."""
@@ -115,6 +116,11 @@ class ObjectSurface:
             clear[self._tree.query_ball_point(point, radius)] = False
         return clear
 
+    @cached_property
+    def kernel(self) -> TickKernel:
+        """What finds regions and centroids over the candidates fast; made when first asked for."""
+        return make_kernel(self.p_OQ, self.nhat_OQ, self.areas, self.p_OCoM)
+
     @property
     def longest_lever_arm(self) -> float:
         """Distance of the mesh's farthest vertex from the centre of mass, in metres."""
@@ -159,6 +165,31 @@ class ObjectSurface:
             is_chosen[q] = True
             near.append(triangles[is_chosen[self._owners[triangles]]])
             is_chosen[q] = False
+        return self._nearest_on_triangles(p_OP, near)
+
+    def project_onto_regions(
+        self, p_OP: FloatArray, labels: IntArray, contacts: IntArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Projects each point onto the ground of one contact's region.
+
+        Args:
+            p_OP: Points in O, shape (k, 3), in metres.
+            labels: Of the candidates, shape (N,).
+            contacts: For each point the label of one candidate or more, shape (k,).
+
+        Returns:
+            As `project` does.
+        """
+        distances, nearest = self._tree.query(p_OP)
+        for k in np.flatnonzero(labels[nearest] != contacts):
+            away = self.p_OQ[labels == contacts[k]] - p_OP[k]
+            distances[k] = np.sqrt(np.min(np.einsum("ij,ij->i", away, away)))
+        near = [
+            triangles[labels[self._owners[triangles]] == contact]
+            for contact, triangles in zip(
+                contacts, self._triangles_within(p_OP, distances), strict=True
+            )
+        ]
         return self._nearest_on_triangles(p_OP, near)
 
     def candidates_within(self, p_OP: FloatArray, distance: float) -> IntArray:

@@ -43,7 +43,9 @@ class NumbaKernel(TickKernel):
         self, partition: Partition, r: FloatArray, movers: IntArray, weighting: Weighting
     ) -> FloatArray:
         blocks = self.blocks
-        sums = HandSums.over(r, partition.sizes > 0)
+        sums = HandSums.none(len(r))
+        if weighting.is_of_the_hand:
+            sums = HandSums.over(r, partition.sizes > 0)
         numbers = volume_numbers(sums) if weighting.kind == "vew" else np.empty((len(r), 0))
         moves = np.zeros(len(r), dtype=bool)
         moves[movers] = True
@@ -52,7 +54,7 @@ class NumbaKernel(TickKernel):
             KINDS.index(weighting.kind),
             weighting.stretch,
             moves,
-            np.linalg.inv(np.linalg.cholesky(weighting.covariance)),
+            weighting.whitener(),
             numbers,
             sums.t,
             sums.B,

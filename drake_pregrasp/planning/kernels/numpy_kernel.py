@@ -136,12 +136,14 @@ class NumpyKernel(TickKernel):
     def _centroids(
         self, partition: Partition, r: FloatArray, movers: IntArray, weighting: Weighting
     ) -> FloatArray:
-        sums = HandSums.over(r, partition.sizes > 0)
+        sums = HandSums.none(len(r))
+        if weighting.is_of_the_hand:
+            sums = HandSums.over(r, partition.sizes > 0)
         numbers = volume_numbers(sums) if weighting.kind == "vew" else np.empty((len(r), 0))
         mixed = np.flatnonzero(partition.owners == MIXED)
         mixed_labels = partition.labels[mixed].ravel()
         places = (mixed[:, None] * BLOCK + np.arange(BLOCK)).ravel()
-        whitener = np.linalg.inv(np.linalg.cholesky(weighting.covariance))
+        whitener = weighting.whitener()
         longest = max(self._longest_arm, float(np.sqrt(np.max(np.sum(r**2, axis=1)))))
         steps = newton_steps(longest)
         centroids = np.empty((len(movers), 3))

@@ -17,12 +17,25 @@ class Weighting:
     Attributes:
         kind: One of `KINDS`.
         stretch: Whether the least weight of a region is subtracted; not for `position`.
-        covariance: Sigma of Eq. 3, symmetric and positive definite, shape (3, 3), in m².
+        covariance: Sigma of Eq. 3, symmetric and positive definite, shape (3, 3), in m²; for
+            `position` only.
     """
 
     kind: str
     stretch: bool
     covariance: FloatArray
+
+    @property
+    def is_of_the_hand(self) -> bool:
+        """Whether the weights depend on the other contacts."""
+        return self.kind != "position"
+
+    def whitener(self) -> FloatArray:
+        """Returns W, lower triangular, with Wᵀ W the inverse of Sigma, shape (3, 3)."""
+        if self.is_of_the_hand:
+            return np.eye(3)
+        inverse: FloatArray = np.linalg.inv(np.linalg.cholesky(self.covariance))
+        return inverse
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,6 +51,11 @@ class HandSums:
     n: int
     t: FloatArray
     B: FloatArray
+
+    @staticmethod
+    def none(count: int) -> "HandSums":
+        """Returns zeros for that many contacts, where nothing depends on them."""
+        return HandSums(0, np.zeros((count, 3)), np.zeros((count, 3, 3)))
 
     @staticmethod
     def over(r: FloatArray, active: BoolArray) -> "HandSums":
