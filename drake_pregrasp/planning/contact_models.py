@@ -18,6 +18,9 @@ from drake_pregrasp.planning.arrays import FloatArray
 CONTACT_MODELS = ("complete", "hard_finger", "soft_finger", "frictionless")
 """The contact models, by name."""
 
+NEED_NORMALS = ("soft_finger", "frictionless")
+"""Those whose measures depend on the normals at the contacts."""
+
 
 def grasp_matrix(
     p_CoMC: FloatArray, nhat: FloatArray | None, model: str, *, length: float = 1.0
@@ -69,7 +72,7 @@ def contact_blocks(p_CoMC: FloatArray, nhat: FloatArray | None, model: str) -> F
         raise InvalidArgumentError(
             f"no contact model {model!r}; there are: {', '.join(CONTACT_MODELS)}"
         )
-    if nhat is None and model in ("soft_finger", "frictionless"):
+    if nhat is None and model in NEED_NORMALS:
         raise InvalidArgumentError(f"the contact model {model} needs the normals nhat")
     if nhat is None or model == "complete":
         axes = np.broadcast_to(np.eye(3), (*p_CoMC.shape, 3))

@@ -286,7 +286,7 @@ def _judged(selection: SelectionInput, goals: FloatArray, on_ground: BoolArray) 
         off = np.empty(0, dtype=np.int64)
     active = (regions.sizes() > 0) & ~regions.lost
     active[off] = False
-    for contact in np.flatnonzero(active).tolist():
+    for contact in [] if constraints.is_empty else np.flatnonzero(active).tolist():
         limit, cause = constraints.limits_at(contact, goals[contact][None])
         if limit[0] != Limit.NONE:
             active[contact], limits[contact], causes[contact] = False, limit[0], cause[0]

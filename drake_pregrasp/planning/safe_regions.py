@@ -1,6 +1,6 @@
 """Eq. 1-2: the safe region of each contact, an obstacle-aware weighted Voronoi cell."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -101,44 +101,53 @@ def compute_safe_regions(
         contact_weights: h_i, shape (n,), in m².
         forbidden: Points Z and radii R_j, in O.
         constraints: What else limits the regions.
-        kernel: Of the same candidates, with d = 3. It is faster, and used if there is nothing else
-            to limit regions and none is tiny, which would have to be explained.
+        kernel: Of the same candidates, with d = 3. It is faster, and used if nothing else limits
+            the regions.
     """
     constraints = constraints or RegionConstraints()
-    if kernel is not None and constraints.is_empty and np.all(contact_weights < np.inf):
-        partition = kernel.partition(p_OC, contact_weights, forbidden.points, forbidden.radii)
-        lost = np.isneginf(contact_weights)
-        if np.all(lost | (partition.sizes >= _tiny_size(len(p_OQ), lost))):
-            labels = partition.labels_of_candidates(kernel.blocks)
-            plain = SafeRegions.unlimited(labels, len(p_OC))
-            return replace(plain, lost=lost, constraints=constraints, partition=partition)
-    # Candidates run along the last axis: the reductions over few contacts or planes vectorise then.
-    half_power = (np.sum(p_OC**2, axis=1) - contact_weights)[:, None] / 2 - p_OC @ p_OQ.T
-    if constraints.same_side is not None:
-        half_power[~constraints.same_side] = np.inf
-    cells = np.argmin(half_power, axis=0)
-    cells[np.isposinf(np.min(half_power, axis=0))] = NO_REGION
-    labels = cells.copy()
     lost = np.isneginf(contact_weights)
     limits, causes = np.full(len(p_OC), int(Limit.NONE)), np.full(len(p_OC), NO_CAUSE)
-    tiny = _tiny_size(len(p_OQ), lost)
-    for i in np.flatnonzero(~lost).tolist():
+    tiny = TINY_SHARE * len(p_OQ) / max(1, len(p_OC) - int(np.sum(lost)))
+    asked, partition = ~lost, None
+    if kernel is not None and constraints.is_empty and np.all(contact_weights < np.inf):
+        partition = kernel.partition(p_OC, contact_weights, forbidden.points, forbidden.radii)
+        labels = partition.labels_of_candidates(kernel.blocks)
+        asked &= partition.sizes < tiny
+        if not np.any(asked):
+            return SafeRegions(labels, lost, limits, causes, constraints, partition)
+        cells = kernel.partition(
+            p_OC, contact_weights, forbidden.points[:0], forbidden.radii[:0]
+        ).labels_of_candidates(kernel.blocks)
+    else:
+        cells = _cells(p_OQ, p_OC, contact_weights, constraints)
+        labels = cells.copy()
+    for i in np.flatnonzero(asked).tolist():
         own = np.flatnonzero(cells == i)
         planes = _planes(i, p_OC, contact_weights, forbidden, constraints)
         beyond = planes.beyond(p_OQ[own] - p_OC[i])
         point_limits, point_causes = constraints.limits_at(i, p_OQ[own, :3])
         outside = np.any(beyond, axis=0) | (point_limits != Limit.NONE)
-        labels[own[outside]] = NO_REGION
+        if partition is None:
+            labels[own[outside]] = NO_REGION
         if len(own) - np.sum(outside) < tiny:
             if len(own) < tiny:
                 limits[i], causes[i] = _why_the_cell_is_tiny(i, p_OQ, p_OC, cells, constraints)
             else:
                 limits[i], causes[i] = _most_frequent(planes, beyond, point_limits, point_causes)
-    return SafeRegions(labels, lost, limits, causes, constraints)
+    return SafeRegions(labels, lost, limits, causes, constraints, partition)
 
 
-def _tiny_size(num_candidates: int, lost: BoolArray) -> float:
-    return TINY_SHARE * num_candidates / max(1, len(lost) - int(np.sum(lost)))
+def _cells(
+    p_OQ: FloatArray, p_OC: FloatArray, contact_weights: FloatArray, constraints: RegionConstraints
+) -> IntArray:
+    """Returns the contact in whose weighted Voronoi cell each candidate is, shape (N,)."""
+    # Candidates run along the last axis: the reductions over few contacts or planes vectorise then.
+    half_power = (np.sum(p_OC**2, axis=1) - contact_weights)[:, None] / 2 - p_OC @ p_OQ.T
+    if constraints.same_side is not None:
+        half_power[~constraints.same_side] = np.inf
+    cells: IntArray = np.argmin(half_power, axis=0)
+    cells[np.isposinf(np.min(half_power, axis=0))] = NO_REGION
+    return cells
 
 
 def _planes(

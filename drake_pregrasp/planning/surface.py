@@ -10,12 +10,10 @@ from scipy.spatial import cKDTree
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.planning.kernels import TickKernel, make_kernel
+from drake_pregrasp.planning.kernels import TickKernel, closest_points, make_kernel
 
 CONTACT_TOLERANCE = 1e-4
 """Farthest a contact may be off the surface to count as on it, in metres."""
-
-_UNITS = 1e4  # In a metre: tenths of millimetres.
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +207,7 @@ class ObjectSurface:
         distances = np.empty(len(p_OP))
         triangles = self.mesh.triangles
         for index, point in enumerate(p_OP):
-            nearest = _closest_points(triangles, np.tile(point, (len(triangles), 1)))
+            nearest = closest_points(triangles, np.tile(point, (len(triangles), 1)))
             away = point - nearest
             squares = np.einsum("ij,ij->i", away, away)
             if not np.all(np.isfinite(squares)):
@@ -234,22 +232,5 @@ class ObjectSurface:
     ) -> tuple[FloatArray, FloatArray]:
         if len(p_OP) == 0:
             return np.empty((0, 3)), np.empty((0, 3))
-        counts = [len(t) for t in triangles]
-        which = np.concatenate(triangles)
-        points = np.repeat(p_OP, counts, axis=0)
-        nearest = _closest_points(self.patches[which], points)
-        away = nearest - points
-        squares = np.einsum("ij,ij->i", away, away)
-        best, start = [], 0
-        for count in counts:
-            best.append(start + int(np.argmin(squares[start : start + count])))
-            start += count
-        return nearest[best], self._triangle_normals[which[best]]
-
-
-def _closest_points(triangles: FloatArray, points: FloatArray) -> FloatArray:
-    """Returns the point of each triangle, shape (k, 3, 3), nearest to its point, shape (k, 3)."""
-    # The tolerances of trimesh are absolute, and in the fourth power of a length: they would count
-    # triangles of millimetres as points.
-    closest: FloatArray = trimesh.triangles.closest_point(_UNITS * triangles, _UNITS * points)
-    return closest / _UNITS
+        nearest, which = self.kernel.nearest_on_triangles(p_OP, triangles, self.patches)
+        return nearest, self._triangle_normals[which]

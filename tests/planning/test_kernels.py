@@ -222,6 +222,27 @@ def test_of_a_region_with_one_candidate_it_is_that(implementation, kind):
     np.testing.assert_allclose(found, case.p_OQ, atol=1e-15)
 
 
+@pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
+def test_nearest_points_on_triangles_are_no_farther_than_any_other(implementation):
+    rng = np.random.default_rng(7)
+    kernel = Case(7, 1, 0, N=1).kernel(implementation)
+    corners = 0.01 * rng.normal(size=(40, 3, 3))
+    shares = np.vstack([np.eye(3), rng.dirichlet(np.full(3, 0.4), 400)])
+    samples = np.einsum("sj,tjx->tsx", shares, corners)
+    points = np.vstack([0.02 * rng.normal(size=(60, 3)), samples[:4, :3].reshape(-1, 3)])
+    triangles = [np.sort(rng.choice(40, rng.integers(1, 9), replace=False)) for _ in points]
+    nearest, which = kernel.nearest_on_triangles(points, triangles, corners)
+    for p, q, triangle, own in zip(points, nearest, which, triangles, strict=True):
+        assert triangle in own
+        distance = np.linalg.norm(p - q)
+        assert distance <= np.min(np.linalg.norm(samples[own] - p, axis=2)) + 1e-12
+        # It is on the triangle: some mean of the corners.
+        edges = (corners[triangle, 1:] - corners[triangle, 0]).T
+        (v, w), residual, *_ = np.linalg.lstsq(edges, q - corners[triangle, 0], rcond=None)
+        assert min(v, w, 1 - v - w) >= -1e-9
+        assert np.sqrt(np.sum(residual)) < 1e-12
+
+
 def test_blocks_hold_every_candidate_once_inside_their_boxes():
     case = Case(6, 1, 0, N=5000)
     blocks = make_blocks(case.p_OQ, case.nhat, case.areas)

@@ -45,6 +45,7 @@ first, in code that is compiled once and kept on disk.
 from drake_pregrasp.planning.kernels.choice import make_kernel, numba_is_installed, warm_up
 from drake_pregrasp.planning.kernels.partition import Partition
 from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
+from drake_pregrasp.planning.kernels.triangles import closest_points
 from drake_pregrasp.planning.kernels.weighting import KINDS, Weighting
 
 __all__ = [
@@ -52,6 +53,7 @@ __all__ = [
     "Partition",
     "TickKernel",
     "Weighting",
+    "closest_points",
     "make_kernel",
     "numba_is_installed",
     "warm_up",

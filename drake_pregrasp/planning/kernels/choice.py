@@ -15,6 +15,7 @@ IMPLEMENTATIONS = ("numpy", "numba")
 """Names of the kernels."""
 
 
+@functools.cache
 def numba_is_installed() -> bool:
     """Returns whether numba, the extra `[fast]`, can be imported; it is not imported for that."""
     return importlib.util.find_spec("numba") is not None
@@ -68,6 +69,7 @@ def warm_up() -> None:
     for kind in KINDS:
         weighting = Weighting(kind, True, np.eye(3))
         kernel.centroids(partition, p_OQ, np.arange(2), weighting)
+    kernel.nearest_on_triangles(p_OQ[:1], [np.arange(1)], np.eye(3)[None])
 
 
 def _compiled(

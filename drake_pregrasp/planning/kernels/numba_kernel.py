@@ -1,11 +1,14 @@
 """The kernel in code that numba compiles, once: the extra `[fast]`."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
 from drake_pregrasp.planning.kernels.blocks import BLOCK
 from drake_pregrasp.planning.kernels.compiled_centroids import sum_up
 from drake_pregrasp.planning.kernels.compiled_partition import divide
+from drake_pregrasp.planning.kernels.compiled_triangles import nearest_on_triangles
 from drake_pregrasp.planning.kernels.hand_measures import newton_steps
 from drake_pregrasp.planning.kernels.numpy_kernel import SLACK
 from drake_pregrasp.planning.kernels.partition import NOBODY, Partition
@@ -15,6 +18,15 @@ from drake_pregrasp.planning.kernels.weighting import KINDS, HandSums, Weighting
 
 class NumbaKernel(TickKernel):
     """Searches the tree depth first, and sums up weights block by block without storing them."""
+
+    def nearest_on_triangles(
+        self, points: FloatArray, triangles: Sequence[IntArray], corners: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """As of `TickKernel`."""
+        ends = np.cumsum([len(own) for own in triangles])
+        nearest: FloatArray
+        nearest, which = nearest_on_triangles(points, ends, np.concatenate(triangles), corners)
+        return nearest, which
 
     def _partition(
         self, r: FloatArray, h: FloatArray, z: FloatArray, radii: FloatArray

@@ -1,12 +1,14 @@
 """The interface of the kernels, and what both have in common."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
 from drake_pregrasp.planning.kernels.blocks import Blocks, make_blocks
 from drake_pregrasp.planning.kernels.partition import Partition
+from drake_pregrasp.planning.kernels.triangles import nearest_on_triangles
 from drake_pregrasp.planning.kernels.weighting import Weighting
 
 
@@ -58,6 +60,19 @@ class TickKernel(ABC):
         """
         r = p_OC - self._p_OCoM
         return self._centroids(partition, r, movers, weighting) + self._p_OCoM
+
+    def nearest_on_triangles(
+        self, points: FloatArray, triangles: Sequence[IntArray], corners: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Returns the nearest point to each of some points on its own triangles, and which it is.
+
+        Args:
+            points: In O, shape (k, 3), k >= 1, in metres.
+            triangles: For each point the indices of one triangle or more; the first of equals
+                counts.
+            corners: Of all triangles, in O, shape (T, 3, 3), in metres.
+        """
+        return nearest_on_triangles(points, triangles, corners)
 
     @abstractmethod
     def _partition(
