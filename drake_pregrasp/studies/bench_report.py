@@ -18,7 +18,8 @@ def bench_markdown(ticks: Sequence[TickTimes], runs: Sequence[RunTime], machine:
         "",
         f"Regions, weights, selection, projection and measures for {NUM_CONTACTS} contacts and"
         f" {NUM_FORBIDDEN} forbidden points on a cube of 0.1 m, from {NUM_SETS} random contact sets"
-        " in turn; one thread, all ways in turn in one run. Median / 99th percentile in ms, over"
+        " in turn; one thread, all ways in turn in one run, the fast ones twice, of which the"
+        " second counts. Median / 99th percentile in ms, over"
         " the ticks that are stated. *direct*: the printed equations, with one decomposition a"
         f" point, timed on {DIRECT_SAMPLE} points and scaled where there are more. *BLAS*: all"
         " points and planes as matrix products, closed forms for the weights. *in Drake*: through"

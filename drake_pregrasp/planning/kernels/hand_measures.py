@@ -45,14 +45,14 @@ def extremes(
     """Returns the extreme singular values of the hand at points, shape (k,) each.
 
     Args:
-        t: Sum of the other contacts' lever arms, shape (3,).
-        B: Their sum of |r|² I - r rᵀ, shape (3, 3).
+        t: Sum of the other contacts' lever arms, shape (3, 1); or (3, k), one for each point.
+        B: Their sum of |r|² I - r rᵀ, shape (3, 3, 1) or (3, 3, k).
         n: Number of active contacts.
         q: The points relative to the centre of mass, shape (3, k), in metres.
         steps: Newton steps.
         largest: Whether the largest are asked for too; if not, ones stand in their place.
     """
-    total = t[:, None] + q
+    total = t + q
     tau = np.einsum("ik,ik->k", total, total)
     length = np.sqrt(tau)
     e_0 = total / np.where(length > 0, length, 1)
@@ -60,7 +60,7 @@ def extremes(
     e_1, e_2 = _across(e_0)
     square = np.einsum("ik,ik->k", q, q)
     q_0, q_1, q_2 = (np.einsum("ik,ik->k", e, q) for e in (e_0, e_1, e_2))
-    Be_0, Be_1 = B @ e_0, B @ e_1
+    Be_0, Be_1 = (np.sum(B * e, axis=1) for e in (e_0, e_1))
     b11 = np.einsum("ik,ik->k", e_0, Be_0) + square - q_0**2
     b = np.stack(
         [
@@ -80,7 +80,8 @@ def extremes(
     if len(rest):
         p = q[:, rest].T
         moments = square[rest, None, None] * np.eye(3) - np.einsum("ki,kj->kij", p, p)
-        sigma_max[rest] = np.sqrt(largest_eigenvalues(total[:, rest].T, B + moments, n))
+        held = np.broadcast_to(B, (3, 3, len(tau)))[:, :, rest].transpose(2, 0, 1)
+        sigma_max[rest] = np.sqrt(largest_eigenvalues(total[:, rest].T, held + moments, n))
     return sigma_min, sigma_max
 
 

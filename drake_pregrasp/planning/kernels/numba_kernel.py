@@ -9,7 +9,6 @@ from drake_pregrasp.planning.kernels.blocks import BLOCK
 from drake_pregrasp.planning.kernels.compiled_centroids import sum_up
 from drake_pregrasp.planning.kernels.compiled_partition import divide
 from drake_pregrasp.planning.kernels.compiled_triangles import nearest_on_triangles
-from drake_pregrasp.planning.kernels.hand_measures import newton_steps
 from drake_pregrasp.planning.kernels.numpy_kernel import SLACK
 from drake_pregrasp.planning.kernels.partition import NOBODY, Partition
 from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
@@ -61,7 +60,6 @@ class NumbaKernel(TickKernel):
         numbers = volume_numbers(sums) if weighting.kind == "vew" else np.empty((len(r), 0))
         moves = np.zeros(len(r), dtype=bool)
         moves[movers] = True
-        longest = max(self._longest_arm, float(np.sqrt(np.max(np.sum(r**2, axis=1)))))
         centroids: FloatArray = sum_up(
             KINDS.index(weighting.kind),
             weighting.stretch,
@@ -71,7 +69,7 @@ class NumbaKernel(TickKernel):
             sums.t,
             sums.B,
             sums.n,
-            newton_steps(longest),
+            self._newton_steps(r),
             blocks.points,
             blocks.areas,
             partition.owners,

@@ -1,12 +1,12 @@
 """The kernel in numpy: nothing to compile."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 import numpy as np
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.planning.kernels.blocks import BLOCK, FAN
-from drake_pregrasp.planning.kernels.hand_measures import extremes, newton_steps, volumes
+from drake_pregrasp.planning.kernels.hand_measures import extremes, volumes
 from drake_pregrasp.planning.kernels.partition import MIXED, NOBODY, Partition
 from drake_pregrasp.planning.kernels.region_planes import region_planes
 from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
@@ -140,12 +140,13 @@ class NumpyKernel(TickKernel):
         if weighting.is_of_the_hand:
             sums = HandSums.over(r, partition.sizes > 0)
         numbers = volume_numbers(sums) if weighting.kind == "vew" else np.empty((len(r), 0))
+        if weighting.kind in ("msv", "gii") and self.blocks.num_candidates <= _FEW:
+            return self._centroids_of_few(partition, r, movers, weighting, sums)
         mixed = np.flatnonzero(partition.owners == MIXED)
         mixed_labels = partition.labels[mixed].ravel()
         places = (mixed[:, None] * BLOCK + np.arange(BLOCK)).ravel()
         whitener = weighting.whitener()
-        longest = max(self._longest_arm, float(np.sqrt(np.max(np.sum(r**2, axis=1)))))
-        steps = newton_steps(longest)
+        steps = self._newton_steps(r)
         centroids = np.empty((len(movers), 3))
         for row, contact in enumerate(movers.tolist()):
             whole = np.flatnonzero(partition.owners == contact)
@@ -154,10 +155,35 @@ class NumpyKernel(TickKernel):
                 pieces = self._pieces(whole, some)
                 centroids[row] = _gaussian_centroid(pieces, whitener)
                 continue
-            t, B = sums.t[contact], sums.B[contact]
+            t, B = sums.t[contact, :, None], sums.B[contact, :, :, None]
             weigh = _measure(weighting.kind, numbers[contact], t, B, sums.n, steps)
+            pieces = self._pieces(whole, some)
+            weighed = ((q, areas, weigh(q)) for q, areas in pieces)
+            centroids[row] = _measure_centroid(weighed, stretch=weighting.stretch)
+        return centroids
+
+    def _centroids_of_few(
+        self,
+        partition: Partition,
+        r: FloatArray,
+        movers: IntArray,
+        weighting: Weighting,
+        sums: HandSums,
+    ) -> FloatArray:
+        """Weighs the points of all regions at once: many small arrays would take longer."""
+        labels = partition.labels.ravel()
+        places = np.flatnonzero(np.isin(labels, movers))
+        contacts = labels[places].astype(np.int64)
+        q, areas = self.blocks.points[:, places], self.blocks.areas[places]
+        t, B = sums.t.T[:, contacts], np.moveaxis(sums.B, 0, -1)[:, :, contacts]
+        steps = self._newton_steps(r)
+        sigma_min, sigma_max = extremes(t, B, sums.n, q, steps, largest=weighting.kind == "gii")
+        b = sigma_min / sigma_max
+        centroids = np.empty((len(movers), 3))
+        for row, contact in enumerate(movers.tolist()):
+            own = contacts == contact
             centroids[row] = _measure_centroid(
-                self._pieces(whole, some), weigh, stretch=weighting.stretch
+                [(q[:, own], areas[own], b[own])], stretch=weighting.stretch
             )
         return centroids
 
@@ -210,12 +236,11 @@ def _gaussian_centroid(
 
 
 def _measure_centroid(
-    pieces: list[tuple[FloatArray, FloatArray]], weigh: Weigh, *, stretch: bool
+    pieces: Iterable[tuple[FloatArray, FloatArray, FloatArray]], *, stretch: bool
 ) -> FloatArray:
     reference, least = np.nan, np.inf
     area, first_moment, total, moment = 0.0, np.zeros(3), 0.0, np.zeros(3)
-    for q, areas in pieces:
-        b = weigh(q)
+    for q, areas, b in pieces:
         if np.isnan(reference):
             reference = float(b[0])
         least = min(least, float(np.min(b)))

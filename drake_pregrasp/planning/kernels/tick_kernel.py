@@ -7,6 +7,7 @@ import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
 from drake_pregrasp.planning.kernels.blocks import Blocks, make_blocks
+from drake_pregrasp.planning.kernels.hand_measures import newton_steps
 from drake_pregrasp.planning.kernels.partition import Partition
 from drake_pregrasp.planning.kernels.triangles import nearest_on_triangles
 from drake_pregrasp.planning.kernels.weighting import Weighting
@@ -73,6 +74,11 @@ class TickKernel(ABC):
             corners: Of all triangles, in O, shape (T, 3, 3), in metres.
         """
         return nearest_on_triangles(points, triangles, corners)
+
+    def _newton_steps(self, r: FloatArray) -> int:
+        """Returns the Newton steps that the candidates' and the contacts' lever arms need."""
+        squares = np.einsum("ij,ij->i", r, r)
+        return newton_steps(max(self._longest_arm, float(np.sqrt(np.max(squares)))))
 
     @abstractmethod
     def _partition(
