@@ -27,6 +27,7 @@ from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.smooth_file import load_estimator, smooth_file
 from drake_pregrasp.simulation.summary import MEASURES
+from drake_pregrasp.studies.bench import bench
 from drake_pregrasp.studies.gallery import make_gallery
 from drake_pregrasp.studies.lookahead import study_lookahead
 from drake_pregrasp.studies.published import SCENARIOS
@@ -118,6 +119,16 @@ def _parser() -> argparse.ArgumentParser:
         "--out", metavar="FOLDER", help="where the report goes; study_NAME if not set"
     )
 
+    bencher = commands.add_parser("bench", help="measure how long a planning tick takes")
+    bencher.set_defaults(command=_bench)
+    bencher.add_argument(
+        "--out",
+        default="bench",
+        metavar="FOLDER",
+        help="where the report goes; %(default)s if not set",
+    )
+    bencher.add_argument("--quick", action="store_true", help="leave out what takes long")
+
     smoother = commands.add_parser(
         "smooth", help="smooth a recorded pose stream, and add its velocities"
     )
@@ -174,6 +185,13 @@ def _study(options: argparse.Namespace) -> int:
     out = options.out or f"study_{options.study}"
     with _step_bar() as on_progress:
         report = _STUDIES[options.study](out, on_progress=on_progress)
+    print(f"report in {report}")
+    return 0
+
+
+def _bench(options: argparse.Namespace) -> int:
+    with _step_bar() as on_progress:
+        report = bench(options.out, quick=options.quick, on_progress=on_progress)
     print(f"report in {report}")
     return 0
 

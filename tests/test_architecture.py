@@ -45,6 +45,6 @@ def test_imports_go_up_only(path: Path) -> None:
             assert floor(tuple(parts[1:])) <= own, f"{path.name} imports {module}"
 
 
-@pytest.mark.parametrize("path", sorted((PACKAGE / "planning").glob("*.py")), ids=lambda p: p.name)
+@pytest.mark.parametrize("path", sorted((PACKAGE / "planning").rglob("*.py")), ids=lambda p: p.name)
 def test_mathematics_without_drake(path: Path) -> None:
     assert not any(module.split(".")[0] == "pydrake" for module in imported_modules(path))

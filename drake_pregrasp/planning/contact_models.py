@@ -18,6 +18,9 @@ from drake_pregrasp.planning.arrays import FloatArray
 CONTACT_MODELS = ("complete", "hard_finger", "soft_finger", "frictionless")
 """The contact models, by name."""
 
+NEED_NORMALS = ("soft_finger", "frictionless")
+"""Those whose measures depend on the normals at the contacts."""
+
 
 def grasp_matrix(
     p_CoMC: FloatArray, nhat: FloatArray | None, model: str, *, length: float = 1.0
@@ -69,15 +72,17 @@ def contact_blocks(p_CoMC: FloatArray, nhat: FloatArray | None, model: str) -> F
         raise InvalidArgumentError(
             f"no contact model {model!r}; there are: {', '.join(CONTACT_MODELS)}"
         )
-    if nhat is None and model in ("soft_finger", "frictionless"):
+    if nhat is None and model in NEED_NORMALS:
         raise InvalidArgumentError(f"the contact model {model} needs the normals nhat")
     if nhat is None or model == "complete":
         axes = np.broadcast_to(np.eye(3), (*p_CoMC.shape, 3))
+        torques = skew(p_CoMC)
     else:
         axes = contact_axes(nhat)
-    if model == "frictionless":
-        axes = axes[..., :1]
-    forces = np.concatenate([axes, skew(p_CoMC) @ axes], axis=-2)
+        if model == "frictionless":
+            axes = axes[..., :1]
+        torques = skew(p_CoMC) @ axes
+    forces = np.concatenate([axes, torques], axis=-2)
     moments = {"complete": axes, "soft_finger": axes[..., :1]}.get(model)
     if moments is None:
         return forces
@@ -102,6 +107,8 @@ def contact_axes(nhat: FloatArray) -> FloatArray:
 
 def skew(r: FloatArray) -> FloatArray:
     """Returns [r]x with [r]x a = r x a, shape (..., 3, 3), of vectors, shape (..., 3)."""
+    x, y, z = r[..., 0], r[..., 1], r[..., 2]
     matrices = np.zeros((*r.shape, 3))
-    matrices[..., 2, 1], matrices[..., 0, 2], matrices[..., 1, 0] = np.moveaxis(r, -1, 0)
-    return matrices - np.swapaxes(matrices, -1, -2)
+    matrices[..., 2, 1], matrices[..., 0, 2], matrices[..., 1, 0] = x, y, z
+    matrices[..., 1, 2], matrices[..., 2, 0], matrices[..., 0, 1] = -x, -y, -z
+    return matrices

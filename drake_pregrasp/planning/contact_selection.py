@@ -16,6 +16,7 @@ from drake_pregrasp.planning.contact_limits import (
     tip_gaps,
 )
 from drake_pregrasp.planning.contact_status import contact_status, is_active
+from drake_pregrasp.planning.kernels import Weighting
 from drake_pregrasp.planning.quality_guard import keep_quality
 from drake_pregrasp.planning.region_constraints import NO_CAUSE, Limit
 from drake_pregrasp.planning.safe_regions import SafeRegions
@@ -43,6 +44,25 @@ class SelectionInput:
 
 WeightFunction = Callable[[SelectionInput], FloatArray]
 """Maps a selection's input to log(b_n) for each candidate, shape (N,), up to a constant."""
+
+
+@dataclass(frozen=True)
+class KernelStrategy:
+    """A weight function that kernels know as well.
+
+    Attributes:
+        log_weights: The weight function.
+        kind: What kernels call it, one of their `KINDS`.
+        stretch: Whether it stretches its weights over each region.
+    """
+
+    log_weights: WeightFunction
+    kind: str
+    stretch: bool
+
+    def __call__(self, selection: SelectionInput) -> FloatArray:
+        """Returns log(b_n) for each candidate, shape (N,), up to a constant."""
+        return self.log_weights(selection)
 
 
 def gaussian_log_weights(
@@ -156,7 +176,12 @@ def _chosen(
     selection: SelectionInput, movers: IntArray, strategy: WeightFunction, best_point: bool
 ) -> FloatArray:
     """Returns what the strategy chooses for some contacts, on their regions' ground, (k, 3)."""
-    surface = selection.surface
+    surface, partition = selection.surface, selection.regions.partition
+    if partition is not None and isinstance(strategy, KernelStrategy) and not best_point:
+        weighting = Weighting(strategy.kind, strategy.stretch, selection.covariance_O)
+        centroids = surface.kernel.centroids(partition, selection.p_OC, movers, weighting)
+        goals, _ = surface.project_onto_regions(centroids, selection.regions.labels, movers)
+        return goals
     log_weights = strategy(selection)
     members = [selection.regions.members(int(contact)) for contact in movers]
     points = []

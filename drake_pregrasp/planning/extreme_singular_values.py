@@ -21,7 +21,8 @@ import numpy as np
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray
 
-_STEPS = 6  # Three reach rounding on arms of centimetres; arms of metres want more.
+STEPS = 6
+"""Newton steps: three reach rounding on arms of centimetres, arms of metres want more."""
 
 
 def extreme_singular_values(t: FloatArray, B: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
@@ -34,12 +35,12 @@ def extreme_singular_values(t: FloatArray, B: FloatArray, n: int) -> tuple[Float
     """
     tau = np.einsum("ki,ki->k", t, t)
     b11, b, P = _blocks_across(t, tau, B)
-    sigma_min = np.sqrt(n - _largest_x(tau, b11, b, P))
-    y, certain = _largest_y(tau, b11, b, P)
+    sigma_min = np.sqrt(n - largest_x(tau, b11, b, P))
+    y, certain = largest_y(tau, b11, b, P)
     sigma_max = np.sqrt(n + y)
     uncertain = np.flatnonzero(~certain)
     if len(uncertain):
-        sigma_max[uncertain] = np.sqrt(_largest_eigenvalues(t[uncertain], B[uncertain], n))
+        sigma_max[uncertain] = np.sqrt(largest_eigenvalues(t[uncertain], B[uncertain], n))
     return sigma_min, sigma_max
 
 
@@ -61,9 +62,20 @@ def _blocks_across(
     return b11, b, np.stack([np.einsum(dot, e1, B1), np.einsum(dot, e2, B1), P22])
 
 
-def _largest_x(tau: FloatArray, b11: FloatArray, b: FloatArray, P: FloatArray) -> FloatArray:
+def largest_x(
+    tau: FloatArray, b11: FloatArray, b: FloatArray, P: FloatArray, steps: int = STEPS
+) -> FloatArray:
+    """Returns x of the smallest singular values sqrt(n - x), shape (k,).
+
+    Args:
+        tau: |t|², shape (k,).
+        b11: Block of B along t, shape (k,).
+        b: Block between, shape (2, k).
+        P: Block across t, (P11, P12, P22), shape (3, k).
+        steps: Newton steps.
+    """
     x = np.sqrt(tau)
-    for _ in range(_STEPS):
+    for _ in range(steps):
         d = 1 / np.where(x + b11 > 0, x + b11, 1)
         mu, bv = _eigenvalue(P - d * np.stack([b[0] ** 2, b[0] * b[1], b[1] ** 2]), b, upper=False)
         slope = (bv * d) ** 2
@@ -73,13 +85,22 @@ def _largest_x(tau: FloatArray, b11: FloatArray, b: FloatArray, P: FloatArray) -
     return x
 
 
-def _largest_y(
-    tau: FloatArray, b11: FloatArray, b: FloatArray, P: FloatArray
+def largest_y(
+    tau: FloatArray, b11: FloatArray, b: FloatArray, P: FloatArray, steps: int = STEPS
 ) -> tuple[FloatArray, BoolArray]:
+    """Returns y of the largest singular values sqrt(n + y), and where it is certain, shape (k,).
+
+    Args:
+        tau: As for `largest_x`, and so the others.
+        b11: Block of B along t.
+        b: Block between.
+        P: Block across t.
+        steps: Newton steps.
+    """
     # Near y = b11 the elimination divides by nearly nothing; far from it, it is sound.
     certain = tau > 0.75 * b11**2
     y = np.sqrt(tau) + b11
-    for _ in range(_STEPS):
+    for _ in range(steps):
         gap = y - b11
         certain &= gap > 1e-3 * y
         d = 1 / np.where(certain, gap, 1)
@@ -102,7 +123,14 @@ def _eigenvalue(A: FloatArray, b: FloatArray, *, upper: bool) -> tuple[FloatArra
     return (A[0] + A[2]) / 2 + sign * root, np.sqrt(np.maximum(along_squared, 0))
 
 
-def _largest_eigenvalues(t: FloatArray, B: FloatArray, n: int) -> FloatArray:
+def largest_eigenvalues(t: FloatArray, B: FloatArray, n: int) -> FloatArray:
+    """Returns the largest eigenvalues of G Gᵀ, decomposed, shape (k,).
+
+    Args:
+        t: As for `extreme_singular_values`, and so the others.
+        B: Sums of |r|² I - r rᵀ.
+        n: Number of contacts.
+    """
     M = np.zeros((len(t), 6, 6))
     M[:, range(6), range(6)] = n
     M[:, 3:, 3:] += B

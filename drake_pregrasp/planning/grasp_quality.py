@@ -1,6 +1,6 @@
 """The measures Q_MSV, Q_GII and Q_VEW of a grasp, and the classification of Eq. 8-9."""
 
-from dataclasses import astuple, dataclass, fields
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -8,6 +8,7 @@ from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.contact_models import grasp_matrix
 
 _WRENCH_SIZE = 6
+_RANK_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class GraspQuality:
 
     def to_vector(self) -> FloatArray:
         """Returns the values in the order of the attributes."""
-        return np.array(astuple(self))
+        return np.array([getattr(self, name) for name in self.names()])
 
     @staticmethod
     def names() -> list[str]:
@@ -70,7 +71,7 @@ def grasp_quality(
     # Divided by the longest lever arm, so that ranks don't depend on units.
     longest = max(np.max(np.linalg.norm(p_CoMC, axis=1)), np.finfo(float).tiny)
     H = grasp_matrix(p_CoMC, nhat, classified, length=longest)
-    rank = int(np.linalg.matrix_rank(H, tol=1e-9))
+    rank = int(np.sum(np.linalg.svd(H, compute_uv=False) > _RANK_TOLERANCE))
     return GraspQuality(
         q_msv=float(sigma[-1]),
         q_gii=float(sigma[-1] / sigma[0]),

@@ -97,6 +97,17 @@ class RegionConstraints:
         """Whether no point by itself is kept from any contact."""
         return not (len(self.reach) or self.obstacles.solids or len(self.obstacles.points))
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing limits the regions."""
+        obstacles = self.obstacles
+        return (
+            not (obstacles.solids or len(obstacles.points) or np.any(self.tip_radii))
+            and all(solid is None for solid in self.reach)
+            and self.same_side is None
+            and self.fencing is None
+        )
+
     def tip_radius(self, contact: int) -> float:
         """Returns the radius of the fingertip of the contact with that index, in metres."""
         return float(self.tip_radii[contact]) if len(self.tip_radii) else 0.0

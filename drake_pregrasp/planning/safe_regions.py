@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.planning.kernels import Partition, TickKernel
 from drake_pregrasp.planning.region_constraints import (
     NO_CAUSE,
     Limit,
@@ -35,6 +36,7 @@ class SafeRegions:
         limits: What leaves each contact an empty or tiny region, a `Limit` each, shape (n,).
         causes: Index of the contact or obstacle that does, or `NO_CAUSE`, shape (n,).
         constraints: What limited the regions beside Eq. 1.
+        partition: The same regions over the blocks of the kernel that found them, if one did.
     """
 
     labels: IntArray
@@ -42,6 +44,7 @@ class SafeRegions:
     limits: IntArray
     causes: IntArray
     constraints: RegionConstraints
+    partition: Partition | None = None
 
     @staticmethod
     def unlimited(labels: IntArray, num_contacts: int) -> "SafeRegions":
@@ -61,6 +64,8 @@ class SafeRegions:
 
     def sizes(self) -> IntArray:
         """Returns the number of candidates in each region, shape (n,)."""
+        if self.partition is not None:
+            return self.partition.sizes
         counts: IntArray = np.bincount(self.labels - NO_REGION, minlength=1 + len(self.lost))[1:]
         return counts
 
@@ -71,6 +76,8 @@ def compute_safe_regions(
     contact_weights: FloatArray,
     forbidden: ForbiddenPoints,
     constraints: RegionConstraints | None = None,
+    *,
+    kernel: TickKernel | None = None,
 ) -> SafeRegions:
     """Assigns candidate points to the contacts' safe regions (Eq. 1).
 
@@ -94,32 +101,54 @@ def compute_safe_regions(
         contact_weights: h_i, shape (n,), in m².
         forbidden: Points Z and radii R_j, in O.
         constraints: What else limits the regions.
+        kernel: Of the same candidates, with d = 3. It is faster, and used if nothing else limits
+            the regions.
     """
     constraints = constraints or RegionConstraints()
-    # Candidates run along the last axis: the reductions over few contacts or planes vectorise then.
-    half_power = (np.sum(p_OC**2, axis=1) - contact_weights)[:, None] / 2 - p_OC @ p_OQ.T
-    if constraints.same_side is not None:
-        half_power[~constraints.same_side] = np.inf
-    cells = np.argmin(half_power, axis=0)
-    cells[np.isposinf(np.min(half_power, axis=0))] = NO_REGION
-    labels = cells.copy()
     lost = np.isneginf(contact_weights)
     limits, causes = np.full(len(p_OC), int(Limit.NONE)), np.full(len(p_OC), NO_CAUSE)
     tiny = TINY_SHARE * len(p_OQ) / max(1, len(p_OC) - int(np.sum(lost)))
-    for i in np.flatnonzero(~lost).tolist():
+    asked, partition = ~lost, None
+    if kernel is not None and constraints.is_empty and np.all(contact_weights < np.inf):
+        partition = kernel.partition(p_OC, contact_weights, forbidden.points, forbidden.radii)
+        labels = partition.labels_of_candidates(kernel.blocks)
+        asked &= partition.sizes < tiny
+        if not np.any(asked):
+            return SafeRegions(labels, lost, limits, causes, constraints, partition)
+        cells = kernel.partition(
+            p_OC, contact_weights, forbidden.points[:0], forbidden.radii[:0]
+        ).labels_of_candidates(kernel.blocks)
+    else:
+        cells = _cells(p_OQ, p_OC, contact_weights, constraints)
+        labels = cells.copy()
+    for i in np.flatnonzero(asked).tolist():
         own = np.flatnonzero(cells == i)
         planes = _planes(i, p_OC, contact_weights, forbidden, constraints)
         beyond = planes.beyond(p_OQ[own] - p_OC[i])
         nhat_OQ = constraints.nhat_OQ[own] if len(constraints.nhat_OQ) else np.zeros((len(own), 3))
         point_limits, point_causes = constraints.limits_at(i, p_OQ[own, :3], nhat_OQ)
         outside = np.any(beyond, axis=0) | (point_limits != Limit.NONE)
-        labels[own[outside]] = NO_REGION
+        if partition is None:
+            labels[own[outside]] = NO_REGION
         if len(own) - np.sum(outside) < tiny:
             if len(own) < tiny:
                 limits[i], causes[i] = _why_the_cell_is_tiny(i, p_OQ, p_OC, cells, constraints)
             else:
                 limits[i], causes[i] = _most_frequent(planes, beyond, point_limits, point_causes)
-    return SafeRegions(labels, lost, limits, causes, constraints)
+    return SafeRegions(labels, lost, limits, causes, constraints, partition)
+
+
+def _cells(
+    p_OQ: FloatArray, p_OC: FloatArray, contact_weights: FloatArray, constraints: RegionConstraints
+) -> IntArray:
+    """Returns the contact in whose weighted Voronoi cell each candidate is, shape (N,)."""
+    # Candidates run along the last axis: the reductions over few contacts or planes vectorise then.
+    half_power = (np.sum(p_OC**2, axis=1) - contact_weights)[:, None] / 2 - p_OC @ p_OQ.T
+    if constraints.same_side is not None:
+        half_power[~constraints.same_side] = np.inf
+    cells: IntArray = np.argmin(half_power, axis=0)
+    cells[np.isposinf(np.min(half_power, axis=0))] = NO_REGION
+    return cells
 
 
 def _planes(

@@ -32,11 +32,13 @@ from drake_pregrasp.planning.candidate_measures import (
     hand_vew,
 )
 from drake_pregrasp.planning.contact_selection import (
+    KernelStrategy,
     SelectionInput,
     WeightFunction,
     gaussian_log_weights,
 )
 from drake_pregrasp.planning.force_closure import FRICTION
+from drake_pregrasp.planning.kernels import KINDS
 from drake_pregrasp.planning.safe_regions import NO_REGION
 
 STRATEGIES = ("position", "msv", "gii", "vew", "margin")
@@ -79,7 +81,7 @@ def make_strategy(
     if not friction >= 0:
         raise InvalidArgumentError(f"friction must be at least 0, not {friction}")
     if name == "position":
-        return position_tracking
+        return KernelStrategy(position_tracking, name, stretch=False)
     margin = partial(hand_margin, friction=friction)
     measures: dict[tuple[str, str], Measure] = {
         ("msv", "contact"): contact_msv,
@@ -101,6 +103,8 @@ def make_strategy(
             logarithms: FloatArray = power * np.log(np.maximum(b, 0))
         return logarithms
 
+    if name in KINDS and reading == "hand" and power == 1:
+        return KernelStrategy(log_weights, name, stretch)
     return log_weights
 
 

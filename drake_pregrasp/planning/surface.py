@@ -10,11 +10,10 @@ from scipy.spatial import cKDTree
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.planning.kernels import TickKernel, closest_points, make_kernel
 
 CONTACT_TOLERANCE = 1e-4
 """Farthest a contact may be off the surface to count as on it, in metres."""
-
-_UNITS = 1e4  # In a metre: tenths of millimetres.
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +113,11 @@ class ObjectSurface:
             clear[self._tree.query_ball_point(point, radius)] = False
         return clear
 
+    @cached_property
+    def kernel(self) -> TickKernel:
+        """What finds regions and centroids over the candidates fast; made when first asked for."""
+        return make_kernel(self.p_OQ, self.nhat_OQ, self.areas, self.p_OCoM)
+
     @property
     def longest_lever_arm(self) -> float:
         """Distance of the mesh's farthest vertex from the centre of mass, in metres."""
@@ -160,6 +164,31 @@ class ObjectSurface:
             is_chosen[q] = False
         return self._nearest_on_triangles(p_OP, near)
 
+    def project_onto_regions(
+        self, p_OP: FloatArray, labels: IntArray, contacts: IntArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Projects each point onto the ground of one contact's region.
+
+        Args:
+            p_OP: Points in O, shape (k, 3), in metres.
+            labels: Of the candidates, shape (N,).
+            contacts: For each point the label of one candidate or more, shape (k,).
+
+        Returns:
+            As `project` does.
+        """
+        distances, nearest = self._tree.query(p_OP)
+        for k in np.flatnonzero(labels[nearest] != contacts):
+            away = self.p_OQ[labels == contacts[k]] - p_OP[k]
+            distances[k] = np.sqrt(np.min(np.einsum("ij,ij->i", away, away)))
+        near = [
+            triangles[labels[self._owners[triangles]] == contact]
+            for contact, triangles in zip(
+                contacts, self._triangles_within(p_OP, distances), strict=True
+            )
+        ]
+        return self._nearest_on_triangles(p_OP, near)
+
     def candidates_within(self, p_OP: FloatArray, distance: float) -> IntArray:
         """Returns the candidates whose patches come that near to a point p_OP, or nearly, (k,)."""
         (triangles,) = self._triangles_within(p_OP[None], np.array([distance]))
@@ -177,7 +206,7 @@ class ObjectSurface:
         distances = np.empty(len(p_OP))
         triangles = self.mesh.triangles
         for index, point in enumerate(p_OP):
-            nearest = _closest_points(triangles, np.tile(point, (len(triangles), 1)))
+            nearest = closest_points(triangles, np.tile(point, (len(triangles), 1)))
             away = point - nearest
             squares = np.einsum("ij,ij->i", away, away)
             if not np.all(np.isfinite(squares)):
@@ -202,22 +231,5 @@ class ObjectSurface:
     ) -> tuple[FloatArray, FloatArray]:
         if len(p_OP) == 0:
             return np.empty((0, 3)), np.empty((0, 3))
-        counts = [len(t) for t in triangles]
-        which = np.concatenate(triangles)
-        points = np.repeat(p_OP, counts, axis=0)
-        nearest = _closest_points(self.patches[which], points)
-        away = nearest - points
-        squares = np.einsum("ij,ij->i", away, away)
-        best, start = [], 0
-        for count in counts:
-            best.append(start + int(np.argmin(squares[start : start + count])))
-            start += count
-        return nearest[best], self._triangle_normals[which[best]]
-
-
-def _closest_points(triangles: FloatArray, points: FloatArray) -> FloatArray:
-    """Returns the point of each triangle, shape (k, 3, 3), nearest to its point, shape (k, 3)."""
-    # The tolerances of trimesh are absolute, and in the fourth power of a length: they would count
-    # triangles of millimetres as points.
-    closest: FloatArray = trimesh.triangles.closest_point(_UNITS * triangles, _UNITS * points)
-    return closest / _UNITS
+        nearest, which = self.kernel.nearest_on_triangles(p_OP, triangles, self.patches)
+        return nearest, self._triangle_normals[which]

@@ -7,7 +7,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_models import CONTACT_MODELS
+from drake_pregrasp.planning.contact_models import CONTACT_MODELS, NEED_NORMALS
 from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.grasp_quality import GraspQuality, grasp_quality
 from drake_pregrasp.planning.surface import ObjectSurface
@@ -86,7 +86,9 @@ class GraspQualityMonitor(LeafSystem):
         if self._contact_status.HasValue(context):
             p_WC = p_WC[is_active(self._contact_status.Eval(context))]
         p_OC: FloatArray = (X_WO.inverse() @ p_WC.T).T
-        _, nhat_OC = self._surface.project(p_OC)
+        nhat_OC = None
+        if self._contact_model in NEED_NORMALS:
+            _, nhat_OC = self._surface.project(p_OC)
         quality = grasp_quality(
             p_OC - self._surface.p_OCoM, nhat_OC, model=self._contact_model, length=self._length
         )

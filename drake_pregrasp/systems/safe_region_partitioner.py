@@ -99,6 +99,7 @@ class SafeRegionPartitioner(LeafSystem):
             self._points = lifted(surface.p_OQ, surface.nhat_OQ, normal_length)
         self._reach = tuple(reach)
         self._wall_test = wall_test
+        self._kernel = surface.kernel if normal_length == 0 else None
         self._graph = SurfaceGraph(surface) if wall_test == "surface" else None
         self._surface = surface
         self._num_contacts = num_contacts
@@ -134,7 +135,14 @@ class SafeRegionPartitioner(LeafSystem):
             _, nhat_OC = self._surface.project(p_OC)
             p_OC = lifted(p_OC, nhat_OC, self._normal_length)
         output.set_value(
-            compute_safe_regions(self._points, p_OC, weights, self._surface.forbidden, constraints)
+            compute_safe_regions(
+                self._points,
+                p_OC,
+                weights,
+                self._surface.forbidden,
+                constraints,
+                kernel=self._kernel,
+            )
         )
 
     def _constraints(

@@ -1,0 +1,60 @@
+"""Kernels: the regions of Eq. 1 and the centroids of Eq. 4 of one tick, as fast as may be.
+
+All candidates of a surface never move in O, so what depends on them alone is made once: they are
+sorted along a Morton curve on each side of the object and cut into blocks of 64 (`blocks`), with
+boxes around blocks, around eight blocks, and so on. Places are relative to the centre of mass.
+
+**Regions are intersections of half-spaces.** Subtracting |q|² from both sides, Eq. 1 is linear in q
+(`region_planes`):
+
+    |c_i - q|² - h_i <= |c_k - q|² - h_k   is   (c_k - c_i)·q <= (|c_k|² - h_k - |c_i|² + h_i)/2,
+    |c_i - q|² <= |z_j - q|² - w_ij        is   (z_j - c_i)·(q - c_i) <= d (d - R_j),
+
+with d = |z_j - c_i| and w_ij of Eq. 2. Over a box with midpoint m and half edges e, n·q lies
+between n·m - |n|·e and n·m + |n|·e, with |n| element by element. If the first is above b, the whole
+box is outside; if the second is not, the plane doesn't matter inside the box. A box that no plane
+cuts is inside as a whole; one that some do cut is opened, and only those planes are asked again. A
+plane decides a box only if it clears it by more than rounding could move it; points are asked
+themselves. So labels equal those of Eq. 1 but where two sides of it agree to rounding.
+
+**Weights need no decomposition.** With t_o = sum r and B_o = sum (|r|² I - r rᵀ) over the other
+active contacts, and the moved one at q, the extreme singular values follow from t = t_o + q and
+B = B_o + |q|² I - q qᵀ by the closed form of `extreme_singular_values`. For Eq. 7, let S be the
+scatter of the n - 1 others about their mean m, K = (n + tr S) I - S, d = q - m, alpha = (n - 1)/n
+and a = alpha |d|². Moving the last contact adds alpha d dᵀ to the scatter, so that
+
+    det(G Gᵀ)/n³ = det(K + a I - alpha d dᵀ) = det(K + a I) - alpha dᵀ adj(K + a I) d
+                 = e_3 + e_2 a + alpha (a dᵀ K d - dᵀ adj(K) d),
+
+with e_3 = det K and e_2 = tr adj(K), because det(K + a I) = e_3 + e_2 a + tr(K) a² + a³ and
+adj(K + a I) = adj(K) + a (tr(K) I - K) + a² I: the terms in tr(K) a² and a³ cancel.
+
+**One pass is enough for stretched centroids.** Eq. 4 with weights b - min b over areas A needs min
+b, which is known at the end only. With any reference b_0 of the region's own,
+
+    sum A (b - min b) q = sum A (b - b_0) q + (b_0 - min b) sum A q,
+
+and the same without q. The reference is what keeps the differences from rounding. A Gaussian's
+largest exponent is not known either: sums are kept relative to the largest so far, and scaled down
+when it grows.
+
+`NumpyKernel` goes through the tree level by level and needs nothing else. `NumbaKernel` goes depth
+first, in code that is compiled once and kept on disk.
+"""
+
+from drake_pregrasp.planning.kernels.choice import make_kernel, numba_is_installed, warm_up
+from drake_pregrasp.planning.kernels.partition import Partition
+from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
+from drake_pregrasp.planning.kernels.triangles import closest_points
+from drake_pregrasp.planning.kernels.weighting import KINDS, Weighting
+
+__all__ = [
+    "KINDS",
+    "Partition",
+    "TickKernel",
+    "Weighting",
+    "closest_points",
+    "make_kernel",
+    "numba_is_installed",
+    "warm_up",
+]

@@ -1,0 +1,255 @@
+"""The kernel in numpy: nothing to compile."""
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+
+from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.planning.kernels.blocks import BLOCK, FAN
+from drake_pregrasp.planning.kernels.hand_measures import extremes, volumes
+from drake_pregrasp.planning.kernels.partition import MIXED, NOBODY, Partition
+from drake_pregrasp.planning.kernels.region_planes import region_planes
+from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
+from drake_pregrasp.planning.kernels.weighting import HandSums, Weighting, volume_numbers
+
+SLACK = 1e-13
+"""Share of its terms by which a plane must clear a box to decide it: rounding is far below it."""
+
+_CHUNK = 1 << 13  # Points weighed at a time: their arrays stay in the cache.
+
+_FEW = 1 << 13  # Candidates up to which asking all of them costs less than the tree's steps.
+
+Weigh = Callable[[FloatArray], FloatArray]
+
+
+class NumpyKernel(TickKernel):
+    """Asks the tree level by level, and the points of undecided blocks with the planes in them."""
+
+    def _partition(
+        self, r: FloatArray, h: FloatArray, z: FloatArray, radii: FloatArray
+    ) -> Partition:
+        count = self.blocks.count
+        if self.blocks.num_candidates <= _FEW:
+            return self._partition_of_few(r, h, z, radii)
+        owners = np.full(count, NOBODY, dtype=np.int64)
+        labels = np.full((count, BLOCK), NOBODY, dtype=np.int16)
+        for contact in np.flatnonzero(np.isfinite(h)).tolist():
+            normals, bounds = region_planes(contact, r, h, z, radii)
+            whole, mixed, cuts = self._ask_boxes(normals, bounds)
+            owners[whole] = contact
+            owners[mixed] = MIXED
+            members = self._ask_points(normals, bounds, mixed, cuts)
+            labels[mixed] = np.where(members, contact, labels[mixed])
+        self._settle_padding(owners, labels)
+        sizes = BLOCK * np.bincount(owners[owners >= 0], minlength=len(r))
+        mixed_labels = labels[owners == MIXED].ravel()
+        sizes += np.bincount(mixed_labels[mixed_labels >= 0], minlength=len(r))
+        return Partition(owners, labels, sizes)
+
+    def _partition_of_few(
+        self, r: FloatArray, h: FloatArray, z: FloatArray, radii: FloatArray
+    ) -> Partition:
+        N, count, points = self.blocks.num_candidates, self.blocks.count, self.blocks.points
+        labels = np.full(count * BLOCK, NOBODY, dtype=np.int16)
+        kept = np.flatnonzero(np.isfinite(h))
+        sizes = np.zeros(len(r), dtype=np.int64)
+        if len(kept):
+            powers = np.einsum("ij,ij->i", r[kept], r[kept]) - h[kept]
+            cells = kept[np.argmin(powers[:, None] / 2 - r[kept] @ points[:, :N], axis=0)]
+        for contact in kept.tolist():
+            own = np.flatnonzero(cells == contact)
+            if len(own) == 0:
+                continue
+            q = points[:, own]
+            normals, bounds = region_planes(0, r[[contact]], h[[contact]], z, radii)
+            low, high = np.min(q, axis=1), np.max(q, axis=1)
+            reach = np.abs(normals) @ ((high - low) / 2 + SLACK * self._longest_arm)
+            cut = normals @ ((low + high) / 2) + reach > bounds
+            inside = ~np.any(normals[cut] @ q > bounds[cut, None], axis=0)
+            labels[own[inside]] = contact
+            sizes[contact] = np.sum(inside)
+        owners = np.full(count, MIXED, dtype=np.int64)
+        return Partition(owners, labels.reshape(count, BLOCK), sizes)
+
+    def _ask_boxes(
+        self, normals: FloatArray, bounds: FloatArray
+    ) -> tuple[IntArray, IntArray, tuple[IntArray, IntArray]]:
+        """Returns blocks wholly inside all planes, undecided ones, and which planes cut those.
+
+        The cuts are pairs of the place among the undecided blocks and the plane's, sorted.
+        """
+        blocks = self.blocks
+        sizes = np.diff(blocks.starts)
+        planes = np.arange(len(bounds))
+        nodes = np.arange(sizes[0])
+        slack = SLACK * (np.abs(bounds) + np.sum(np.abs(normals), axis=1) * self._longest_arm)
+        inner, outer = bounds - slack, bounds + slack
+        whole = []
+        for level in range(len(sizes)):
+            first = blocks.starts[level]
+            middle = normals[planes] @ blocks.centers[first + nodes].T
+            reach = np.abs(normals[planes]) @ blocks.halves[first + nodes].T
+            meets = np.all(middle - reach <= outer[planes, None], axis=0)
+            cuts = (middle + reach > inner[planes, None]) & meets
+            undecided = np.any(cuts, axis=0)
+            width = FAN ** (len(sizes) - 1 - level)
+            decided = nodes[meets & ~undecided]
+            whole.append((decided[:, None] * width + np.arange(width)).ravel())
+            nodes, cuts = nodes[undecided], cuts[:, undecided]
+            if level < len(sizes) - 1:
+                planes = planes[np.any(cuts, axis=1)]
+                nodes = (nodes[:, None] * FAN + np.arange(FAN)).ravel()
+                nodes = nodes[nodes < sizes[level + 1]]
+        inside = np.concatenate(whole)
+        block, plane = np.nonzero(cuts.T)
+        return inside[inside < blocks.count], nodes, (block, planes[plane])
+
+    def _ask_points(
+        self,
+        normals: FloatArray,
+        bounds: FloatArray,
+        mixed: IntArray,
+        cuts: tuple[IntArray, IntArray],
+    ) -> BoolArray:
+        """Returns which points of undecided blocks are inside all planes, shape (k, BLOCK)."""
+        if len(mixed) == 0:
+            return np.empty((0, BLOCK), dtype=bool)
+        block, plane = cuts
+        x, y, z = self.blocks.points.reshape(3, -1, BLOCK)[:, mixed]
+        n = normals[plane]
+        value = n[:, :1] * x[block]
+        value += n[:, 1:2] * y[block]
+        value += n[:, 2:] * z[block]
+        beyond = value > bounds[plane, None]
+        starts = np.searchsorted(block, np.arange(len(mixed)))
+        outside: BoolArray = np.logical_or.reduceat(beyond, starts, axis=0)
+        return ~outside
+
+    def _settle_padding(self, owners: IntArray, labels: np.ndarray) -> None:
+        filled = self.blocks.num_candidates - (len(owners) - 1) * BLOCK
+        if filled < BLOCK:
+            if owners[-1] != MIXED:
+                labels[-1] = owners[-1]
+                owners[-1] = MIXED
+            labels[-1, filled:] = NOBODY
+
+    def _centroids(
+        self, partition: Partition, r: FloatArray, movers: IntArray, weighting: Weighting
+    ) -> FloatArray:
+        sums = HandSums.none(len(r))
+        if weighting.is_of_the_hand:
+            sums = HandSums.over(r, partition.sizes > 0)
+        numbers = volume_numbers(sums) if weighting.kind == "vew" else np.empty((len(r), 0))
+        if weighting.kind in ("msv", "gii") and self.blocks.num_candidates <= _FEW:
+            return self._centroids_of_few(partition, r, movers, weighting, sums)
+        mixed = np.flatnonzero(partition.owners == MIXED)
+        mixed_labels = partition.labels[mixed].ravel()
+        places = (mixed[:, None] * BLOCK + np.arange(BLOCK)).ravel()
+        whitener = weighting.whitener()
+        steps = self._newton_steps(r)
+        centroids = np.empty((len(movers), 3))
+        for row, contact in enumerate(movers.tolist()):
+            whole = np.flatnonzero(partition.owners == contact)
+            some = places[mixed_labels == contact]
+            if weighting.kind == "position":
+                pieces = self._pieces(whole, some)
+                centroids[row] = _gaussian_centroid(pieces, whitener)
+                continue
+            t, B = sums.t[contact, :, None], sums.B[contact, :, :, None]
+            weigh = _measure(weighting.kind, numbers[contact], t, B, sums.n, steps)
+            pieces = self._pieces(whole, some)
+            weighed = ((q, areas, weigh(q)) for q, areas in pieces)
+            centroids[row] = _measure_centroid(weighed, stretch=weighting.stretch)
+        return centroids
+
+    def _centroids_of_few(
+        self,
+        partition: Partition,
+        r: FloatArray,
+        movers: IntArray,
+        weighting: Weighting,
+        sums: HandSums,
+    ) -> FloatArray:
+        """Weighs the points of all regions at once: many small arrays would take longer."""
+        labels = partition.labels.ravel()
+        places = np.flatnonzero(np.isin(labels, movers))
+        contacts = labels[places].astype(np.int64)
+        q, areas = self.blocks.points[:, places], self.blocks.areas[places]
+        t, B = sums.t.T[:, contacts], np.moveaxis(sums.B, 0, -1)[:, :, contacts]
+        steps = self._newton_steps(r)
+        sigma_min, sigma_max = extremes(t, B, sums.n, q, steps, largest=weighting.kind == "gii")
+        b = sigma_min / sigma_max
+        centroids = np.empty((len(movers), 3))
+        for row, contact in enumerate(movers.tolist()):
+            own = contacts == contact
+            centroids[row] = _measure_centroid(
+                [(q[:, own], areas[own], b[own])], stretch=weighting.stretch
+            )
+        return centroids
+
+    def _pieces(self, whole: IntArray, some: IntArray) -> list[tuple[FloatArray, FloatArray]]:
+        """Returns points (3, k) and areas (k,) of whole blocks and of places, in chunks."""
+        points, areas = self.blocks.points, self.blocks.areas
+        by_block = points.reshape(3, -1, BLOCK), areas.reshape(-1, BLOCK)
+        at_a_time = _CHUNK // BLOCK
+        pieces = []
+        for first in range(0, len(whole), at_a_time):
+            chosen = whole[first : first + at_a_time]
+            pieces.append((by_block[0][:, chosen].reshape(3, -1), by_block[1][chosen].ravel()))
+        for first in range(0, len(some), _CHUNK):
+            chosen = some[first : first + _CHUNK]
+            pieces.append((points[:, chosen], areas[chosen]))
+        if len(pieces) == 2 and pieces[0][0].shape[1] + pieces[1][0].shape[1] <= _CHUNK:
+            (q, a), (p, b) = pieces
+            return [(np.concatenate([q, p], axis=1), np.concatenate([a, b]))]
+        return pieces
+
+
+def _measure(
+    kind: str, numbers: FloatArray, t: FloatArray, B: FloatArray, n: int, steps: int
+) -> Weigh:
+    def weigh(q: FloatArray) -> FloatArray:
+        if kind == "vew":
+            return volumes(numbers, n, q)
+        sigma_min, sigma_max = extremes(t, B, n, q, steps, largest=kind == "gii")
+        return sigma_min / sigma_max
+
+    return weigh
+
+
+def _gaussian_centroid(
+    pieces: list[tuple[FloatArray, FloatArray]], whitener: FloatArray
+) -> FloatArray:
+    highest, total, moment = -np.inf, 0.0, np.zeros(3)
+    for q, areas in pieces:
+        white = whitener @ q
+        exponents = -0.5 * np.einsum("ik,ik->k", white, white)
+        top = float(np.max(exponents))
+        if top > highest:
+            shrink = np.exp(highest - top)
+            highest, total, moment = top, total * shrink, moment * shrink
+        weights = np.exp(exponents - highest) * areas
+        total += float(np.sum(weights))
+        moment += q @ weights
+    centroid: FloatArray = moment / total
+    return centroid
+
+
+def _measure_centroid(
+    pieces: Iterable[tuple[FloatArray, FloatArray, FloatArray]], *, stretch: bool
+) -> FloatArray:
+    reference, least = np.nan, np.inf
+    area, first_moment, total, moment = 0.0, np.zeros(3), 0.0, np.zeros(3)
+    for q, areas, b in pieces:
+        if np.isnan(reference):
+            reference = float(b[0])
+        least = min(least, float(np.min(b)))
+        weights = (b - reference) * areas
+        area += float(np.sum(areas))
+        first_moment += q @ areas
+        total += float(np.sum(weights))
+        moment += q @ weights
+    back = reference - (least if stretch else 0.0)
+    total, moment = total + back * area, moment + back * first_moment
+    centroid: FloatArray = moment / total if total > 0 else first_moment / area
+    return centroid

@@ -1,0 +1,91 @@
+"""The interface of the kernels, and what both have in common."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+
+import numpy as np
+
+from drake_pregrasp.planning.arrays import FloatArray, IntArray
+from drake_pregrasp.planning.kernels.blocks import Blocks, make_blocks
+from drake_pregrasp.planning.kernels.hand_measures import newton_steps
+from drake_pregrasp.planning.kernels.partition import Partition
+from drake_pregrasp.planning.kernels.triangles import nearest_on_triangles
+from drake_pregrasp.planning.kernels.weighting import Weighting
+
+
+class TickKernel(ABC):
+    """Regions and centroids of one surface, tick after tick; made once.
+
+    It keeps nothing between ticks, and can serve many planners.
+
+    Args:
+        p_OQ: Candidate points of Y, shape (N, 3), N >= 1, in metres.
+        nhat_OQ: Outward unit normals there, shape (N, 3).
+        areas: Surface area each candidate stands for, shape (N,), in m².
+        p_OCoM: Centre of mass, shape (3,), in metres.
+    """
+
+    def __init__(
+        self, p_OQ: FloatArray, nhat_OQ: FloatArray, areas: FloatArray, p_OCoM: FloatArray
+    ) -> None:
+        self._p_OCoM = p_OCoM
+        self.blocks: Blocks = make_blocks(p_OQ - p_OCoM, nhat_OQ, areas)
+        self._longest_arm = float(np.sqrt(np.max(np.sum(self.blocks.points**2, axis=0))))
+
+    def partition(
+        self, p_OC: FloatArray, h: FloatArray, p_OZ: FloatArray, radii: FloatArray
+    ) -> Partition:
+        """Divides the candidates into the contacts' safe regions (Eq. 1-2).
+
+        Args:
+            p_OC: Contacts c_i, shape (n, 3), in metres.
+            h: Their weights h_i, shape (n,), in m²; -inf for the lost.
+            p_OZ: Forbidden points z_j, shape (m, 3), in metres.
+            radii: R_j, shape (m,), in metres.
+        """
+        return self._partition(p_OC - self._p_OCoM, h, p_OZ - self._p_OCoM, radii)
+
+    def centroids(
+        self, partition: Partition, p_OC: FloatArray, movers: IntArray, weighting: Weighting
+    ) -> FloatArray:
+        """Returns the centroids of Eq. 4 of some regions, shape (k, 3), in O, in metres.
+
+        Each candidate counts with its weight and its area. Where all weights are zero it is the
+        area alone.
+
+        Args:
+            partition: Of this kernel. Contacts with a region take part in the hand's measures.
+            p_OC: Contacts, shape (n, 3), in metres.
+            movers: Contacts whose centroids are asked for, shape (k,); none of an empty region.
+            weighting: Of the candidates.
+        """
+        r = p_OC - self._p_OCoM
+        return self._centroids(partition, r, movers, weighting) + self._p_OCoM
+
+    def nearest_on_triangles(
+        self, points: FloatArray, triangles: Sequence[IntArray], corners: FloatArray
+    ) -> tuple[FloatArray, IntArray]:
+        """Returns the nearest point to each of some points on its own triangles, and which it is.
+
+        Args:
+            points: In O, shape (k, 3), k >= 1, in metres.
+            triangles: For each point the indices of one triangle or more; the first of equals
+                counts.
+            corners: Of all triangles, in O, shape (T, 3, 3), in metres.
+        """
+        return nearest_on_triangles(points, triangles, corners)
+
+    def _newton_steps(self, r: FloatArray) -> int:
+        """Returns the Newton steps that the candidates' and the contacts' lever arms need."""
+        squares = np.einsum("ij,ij->i", r, r)
+        return newton_steps(max(self._longest_arm, float(np.sqrt(np.max(squares)))))
+
+    @abstractmethod
+    def _partition(
+        self, r: FloatArray, h: FloatArray, z: FloatArray, radii: FloatArray
+    ) -> Partition: ...
+
+    @abstractmethod
+    def _centroids(
+        self, partition: Partition, r: FloatArray, movers: IntArray, weighting: Weighting
+    ) -> FloatArray: ...

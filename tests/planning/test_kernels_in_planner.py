@@ -1,0 +1,77 @@
+"""The planner with a surface's kernel does what it does without."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drake_pregrasp.planning.contact_selection import SelectionInput, select_contacts
+from drake_pregrasp.planning.region_constraints import Limit, RegionConstraints
+from drake_pregrasp.planning.safe_regions import compute_safe_regions
+from drake_pregrasp.planning.strategies import make_strategy
+
+
+def scattered_contacts(surface, seed, n=5):
+    rng = np.random.default_rng(seed)
+    return surface.p_OQ[rng.choice(len(surface.p_OQ), n, replace=False)] + 1e-5 * rng.random((n, 3))
+
+
+def both(surface, p_OC, h, constraints=None):
+    arguments = (surface.p_OQ, p_OC, h, surface.forbidden, constraints)
+    without = compute_safe_regions(*arguments)
+    return without, compute_safe_regions(*arguments, kernel=surface.kernel)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_regions_are_the_same(surface, seed):
+    h = np.where(np.arange(5) == seed, -np.inf, 0.0)
+    without, regions = both(surface, scattered_contacts(surface, seed), h)
+    for name in ("labels", "lost", "limits", "causes"):
+        np.testing.assert_array_equal(getattr(regions, name), getattr(without, name))
+    np.testing.assert_array_equal(regions.sizes(), without.sizes())
+
+
+def test_a_tiny_region_is_explained_as_before(surface):
+    p_OC = scattered_contacts(surface, 0)
+    p_OC[1] = p_OC[0]
+    without, regions = both(surface, p_OC, np.zeros(5))
+    np.testing.assert_array_equal(regions.limits, without.limits)
+    assert regions.limits[1] == Limit.CROWDED
+
+
+def test_constraints_count_as_before(surface):
+    constraints = RegionConstraints(tip_radii=np.full(5, 0.01))
+    p_OC = scattered_contacts(surface, 1)
+    without, regions = both(surface, p_OC, np.zeros(5), constraints)
+    np.testing.assert_array_equal(regions.labels, without.labels)
+    unlimited, _ = both(surface, p_OC, np.zeros(5))
+    assert np.any(unlimited.labels != regions.labels)
+
+
+@pytest.mark.parametrize("in_turns", [False, True])
+@pytest.mark.parametrize("stretch", [False, True])
+@pytest.mark.parametrize("name", ["position", "msv", "gii", "vew"])
+def test_goals_are_the_same(surface, name, stretch, in_turns):
+    for seed in range(4):
+        p_OC = scattered_contacts(surface, seed)
+        h = np.where(np.arange(5) == seed, -np.inf, 0.0)
+        without, regions = both(surface, p_OC, h)
+        assert regions.partition is not None
+        strategy = make_strategy(name, stretch=stretch)
+        plain = SelectionInput(surface, p_OC, without, np.diag([1e-3, 2e-3, 5e-4]))
+        expected = select_contacts(plain, strategy, in_turns=in_turns)
+        found = select_contacts(replace(plain, regions=regions), strategy, in_turns=in_turns)
+        np.testing.assert_allclose(found.p_OC, expected.p_OC, rtol=0, atol=1e-10)
+        np.testing.assert_array_equal(found.status, expected.status)
+
+
+def test_points_project_onto_their_own_region(surface):
+    rng = np.random.default_rng(0)
+    regions, _ = both(surface, scattered_contacts(surface, 2), np.zeros(5))
+    contacts = np.flatnonzero(regions.sizes() > 0)
+    for _ in range(5):
+        p_OP = rng.uniform(-0.06, 0.06, (len(contacts), 3))
+        members = [regions.members(int(contact)) for contact in contacts]
+        expected, _ = surface.project_into(p_OP, members)
+        found, _ = surface.project_onto_regions(p_OP, regions.labels, contacts)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-15)
