@@ -6,8 +6,8 @@ import numpy as np
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_selection import SelectionInput, WeightFunction
 from drake_pregrasp.planning.force_closure import FRICTION
+from drake_pregrasp.planning.selection_input import SelectionInput, WeightFunction
 from drake_pregrasp.planning.strategies import STRATEGIES, make_strategy
 
 BLEND = "blend"

@@ -6,11 +6,11 @@ Each maps a selection's input to b_n for each candidate, shape (N,), for Eq. 5-7
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_selection import SelectionInput
 from drake_pregrasp.planning.extreme_singular_values import extreme_singular_values
 from drake_pregrasp.planning.force_closure import FRICTION
 from drake_pregrasp.planning.least_norm_margin import moved_least_norm_margin
 from drake_pregrasp.planning.safe_regions import NO_REGION
+from drake_pregrasp.planning.selection_input import SelectionInput
 
 
 def contact_msv(selection: SelectionInput) -> FloatArray:

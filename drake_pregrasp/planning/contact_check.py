@@ -3,7 +3,7 @@
 import numpy as np
 
 from drake_pregrasp.errors import ContactError
-from drake_pregrasp.planning.contact_selection import ContactGoals
+from drake_pregrasp.planning.selection_input import ContactGoals
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
 
 

@@ -31,15 +31,11 @@ from drake_pregrasp.planning.candidate_measures import (
     hand_msv,
     hand_vew,
 )
-from drake_pregrasp.planning.contact_selection import (
-    KernelStrategy,
-    SelectionInput,
-    WeightFunction,
-    gaussian_log_weights,
-)
+from drake_pregrasp.planning.contact_selection import gaussian_log_weights
 from drake_pregrasp.planning.force_closure import FRICTION
 from drake_pregrasp.planning.kernels import KINDS
 from drake_pregrasp.planning.safe_regions import NO_REGION
+from drake_pregrasp.planning.selection_input import KernelStrategy, SelectionInput, WeightFunction
 
 STRATEGIES = ("position", "msv", "gii", "vew", "margin")
 """Position tracking (Eq. 3), the measures of Eq. 5, 6 and 7, and the force-closure margin."""

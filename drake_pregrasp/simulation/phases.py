@@ -3,9 +3,10 @@
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_selection import SelectionInput, hold_contacts
+from drake_pregrasp.planning.goal_limits import hold_contacts
 from drake_pregrasp.planning.grasp_quality import GraspQuality, grasp_quality
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
+from drake_pregrasp.planning.selection_input import SelectionInput
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.tick import SLACK

@@ -13,10 +13,11 @@ from pydrake.systems.framework import DiagramBuilder
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.box_surface import box_surface
 from drake_pregrasp.planning.contact_models import grasp_matrix
-from drake_pregrasp.planning.contact_selection import SelectionInput, select_contacts
+from drake_pregrasp.planning.contact_selection import select_contacts
 from drake_pregrasp.planning.grasp_quality import grasp_quality
 from drake_pregrasp.planning.kernels import make_kernel, numba_is_installed
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
+from drake_pregrasp.planning.selection_input import SelectionInput
 from drake_pregrasp.planning.strategies import make_strategy
 from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
 from drake_pregrasp.systems.centroid_selector import CentroidSelector

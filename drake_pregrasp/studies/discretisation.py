@@ -5,9 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_selection import SelectionInput, select_contacts
+from drake_pregrasp.planning.contact_selection import select_contacts
 from drake_pregrasp.planning.grasp_quality import grasp_quality
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
+from drake_pregrasp.planning.selection_input import SelectionInput
 from drake_pregrasp.planning.strategies import position_tracking
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.scenario import Scenario

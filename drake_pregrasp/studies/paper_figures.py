@@ -8,8 +8,9 @@ from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_selection import SelectionInput, select_contacts
+from drake_pregrasp.planning.contact_selection import select_contacts
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
+from drake_pregrasp.planning.selection_input import SelectionInput
 from drake_pregrasp.planning.strategies import make_strategy
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.scenario import Scenario

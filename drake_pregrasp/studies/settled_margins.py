@@ -10,13 +10,10 @@ import numpy as np
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.blends import make_blend
 from drake_pregrasp.planning.box_surface import box_surface
-from drake_pregrasp.planning.contact_selection import (
-    SelectionInput,
-    WeightFunction,
-    select_contacts,
-)
+from drake_pregrasp.planning.contact_selection import select_contacts
 from drake_pregrasp.planning.force_closure import FRICTION, min_weight_margin
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
+from drake_pregrasp.planning.selection_input import SelectionInput, WeightFunction
 from drake_pregrasp.planning.strategies import make_strategy
 from drake_pregrasp.planning.surface import ObjectSurface
 

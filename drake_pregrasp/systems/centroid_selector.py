@@ -19,15 +19,12 @@ from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.blends import BLEND, make_blend
 from drake_pregrasp.planning.contact_check import verify_contacts
 from drake_pregrasp.planning.contact_limits import ContactLimits
-from drake_pregrasp.planning.contact_selection import (
-    ContactGoals,
-    SelectionInput,
-    hold_contacts,
-    select_contacts,
-)
+from drake_pregrasp.planning.contact_selection import select_contacts
 from drake_pregrasp.planning.contact_status import ContactStatus
 from drake_pregrasp.planning.force_closure import FRICTION
+from drake_pregrasp.planning.goal_limits import hold_contacts
 from drake_pregrasp.planning.region_constraints import NO_CAUSE
+from drake_pregrasp.planning.selection_input import ContactGoals, SelectionInput
 from drake_pregrasp.planning.strategies import make_strategy
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.systems.tick import SLACK, tick_is_due

@@ -3,8 +3,9 @@ import pytest
 
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.planning.blends import make_blend
-from drake_pregrasp.planning.contact_selection import SelectionInput, select_contacts
+from drake_pregrasp.planning.contact_selection import select_contacts
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
+from drake_pregrasp.planning.selection_input import SelectionInput
 from drake_pregrasp.planning.strategies import STRATEGIES, make_strategy
 
 

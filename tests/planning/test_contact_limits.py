@@ -18,18 +18,14 @@ from drake_pregrasp.planning.contact_limits import (
     step_toward,
     tip_gaps,
 )
-from drake_pregrasp.planning.contact_selection import (
-    ContactGoals,
-    SelectionInput,
-    gaussian_log_weights,
-    hold_contacts,
-    select_contacts,
-)
+from drake_pregrasp.planning.contact_selection import gaussian_log_weights, select_contacts
+from drake_pregrasp.planning.goal_limits import hold_contacts
 from drake_pregrasp.planning.mesh_surface import mesh_surface
 from drake_pregrasp.planning.no_touch import AxisArea
 from drake_pregrasp.planning.quality_guard import GUARDS, guard_measure, keep_quality
 from drake_pregrasp.planning.region_constraints import Limit, Obstacles, RegionConstraints
 from drake_pregrasp.planning.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
+from drake_pregrasp.planning.selection_input import ContactGoals, SelectionInput
 from drake_pregrasp.planning.shapes import ball_shape, box_shape, cylinder_shape
 from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.planning.strategies import position_tracking

@@ -3,13 +3,13 @@ import pytest
 
 from drake_pregrasp import ContactStatus
 from drake_pregrasp.planning.contact_selection import (
-    SelectionInput,
     gaussian_log_weights,
-    hold_contacts,
     select_contacts,
     weighted_centroid,
 )
+from drake_pregrasp.planning.goal_limits import hold_contacts
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
+from drake_pregrasp.planning.selection_input import SelectionInput
 from drake_pregrasp.planning.strategies import position_tracking
 
 

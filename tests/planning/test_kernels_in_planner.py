@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from drake_pregrasp.planning.contact_selection import SelectionInput, select_contacts
+from drake_pregrasp.planning.contact_selection import select_contacts
 from drake_pregrasp.planning.region_constraints import Limit, RegionConstraints
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
+from drake_pregrasp.planning.selection_input import SelectionInput
 from drake_pregrasp.planning.strategies import make_strategy
 
 

@@ -7,15 +7,12 @@ from scipy.spatial import cKDTree
 from thin_cup import CUP
 
 from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.planning.contact_selection import (
-    SelectionInput,
-    select_contacts,
-    weighted_centroid,
-)
+from drake_pregrasp.planning.contact_selection import select_contacts, weighted_centroid
 from drake_pregrasp.planning.mesh_surface import mesh_surface
 from drake_pregrasp.planning.no_touch import AxisArea
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
 from drake_pregrasp.planning.sampling import choose_evenly, lifted, split_triangles
+from drake_pregrasp.planning.selection_input import SelectionInput
 from drake_pregrasp.planning.shapes import Shape, ball_shape, box_shape, cylinder_shape
 from drake_pregrasp.planning.strategies import position_tracking
 

@@ -11,11 +11,12 @@ from drake_pregrasp.planning.candidate_measures import (
     hand_msv,
     hand_vew,
 )
-from drake_pregrasp.planning.contact_selection import SelectionInput, select_contacts
+from drake_pregrasp.planning.contact_selection import select_contacts
 from drake_pregrasp.planning.force_closure import min_weight_margin
 from drake_pregrasp.planning.grasp_quality import grasp_quality
 from drake_pregrasp.planning.least_norm_margin import least_norm_margin
 from drake_pregrasp.planning.safe_regions import NO_REGION, compute_safe_regions
+from drake_pregrasp.planning.selection_input import SelectionInput
 from drake_pregrasp.planning.strategies import (
     READINGS,
     make_strategy,
