@@ -15,21 +15,25 @@ from drake_pregrasp.planning.kernels.weighting import HandSums, Weighting, volum
 SLACK = 1e-13
 """Share of its terms by which a plane must clear a box to decide it: rounding is far below it."""
 
-_CHUNK = 1 << 13  # Points weighed at a time: their arrays stay in the cache.
-
-_FEW = 1 << 13  # Candidates up to which asking all of them costs less than the tree's steps.
-
 Weigh = Callable[[FloatArray], FloatArray]
 
 
 class NumpyKernel(TickKernel):
-    """Asks the tree level by level, and the points of undecided blocks with the planes in them."""
+    """Asks the tree level by level, and the points of undecided blocks with the planes in them.
+
+    Attributes:
+        few: Candidates up to which asking all of them costs less than the tree's steps.
+        chunk: Points weighed at a time, so that their arrays stay in the cache.
+    """
+
+    few = 1 << 13
+    chunk = 1 << 13
 
     def _partition(
         self, r: FloatArray, h: FloatArray, z: FloatArray, radii: FloatArray
     ) -> Partition:
         count = self.blocks.count
-        if self.blocks.num_candidates <= _FEW:
+        if self.blocks.num_candidates <= self.few:
             return self._partition_of_few(r, h, z, radii)
         owners = np.full(count, NOBODY, dtype=np.int64)
         labels = np.full((count, BLOCK), NOBODY, dtype=np.int16)
@@ -140,7 +144,7 @@ class NumpyKernel(TickKernel):
         if weighting.is_of_the_hand:
             sums = HandSums.over(r, partition.sizes > 0)
         numbers = volume_numbers(sums) if weighting.kind == "vew" else np.empty((len(r), 0))
-        if weighting.kind in ("msv", "gii") and self.blocks.num_candidates <= _FEW:
+        if weighting.kind in ("msv", "gii") and self.blocks.num_candidates <= self.few:
             return self._centroids_of_few(partition, r, movers, weighting, sums)
         mixed = np.flatnonzero(partition.owners == MIXED)
         mixed_labels = partition.labels[mixed].ravel()
@@ -191,15 +195,15 @@ class NumpyKernel(TickKernel):
         """Returns points (3, k) and areas (k,) of whole blocks and of places, in chunks."""
         points, areas = self.blocks.points, self.blocks.areas
         by_block = points.reshape(3, -1, BLOCK), areas.reshape(-1, BLOCK)
-        at_a_time = _CHUNK // BLOCK
+        at_a_time = self.chunk // BLOCK
         pieces = []
         for first in range(0, len(whole), at_a_time):
             chosen = whole[first : first + at_a_time]
             pieces.append((by_block[0][:, chosen].reshape(3, -1), by_block[1][chosen].ravel()))
-        for first in range(0, len(some), _CHUNK):
-            chosen = some[first : first + _CHUNK]
+        for first in range(0, len(some), self.chunk):
+            chosen = some[first : first + self.chunk]
             pieces.append((points[:, chosen], areas[chosen]))
-        if len(pieces) == 2 and pieces[0][0].shape[1] + pieces[1][0].shape[1] <= _CHUNK:
+        if len(pieces) == 2 and pieces[0][0].shape[1] + pieces[1][0].shape[1] <= self.chunk:
             (q, a), (p, b) = pieces
             return [(np.concatenate([q, p], axis=1), np.concatenate([a, b]))]
         return pieces
