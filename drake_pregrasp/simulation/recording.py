@@ -17,13 +17,12 @@ from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
 from drake_pregrasp.systems.status_labels import StatusLabels
 
-# Bright from all sides: the regions' colours have to be told apart on every face.
+# Bright from all sides, so that the regions' colours can be told apart on every face, and a little
+# brighter from above, so that hollows and edges show.
 _LIGHTS = {
-    "AmbientLight": 2.1,
-    "FillLight": 0.5,
-    "SpotLight": 3.0,
+    "AmbientLight": 1.7,
     "PointLightNegativeX": 0.0,
-    "PointLightPositiveX": 0.0,
+    "PointLightPositiveX": 8.0,
 }
 
 # From where the camera looks, for an object of unit size, and what share of a longer path counts as
