@@ -23,10 +23,13 @@ class NumpyKernel(TickKernel):
 
     Attributes:
         few: Candidates up to which asking all of them costs less than the tree's steps.
+        worth_a_box: Pairs of a plane and a point from which on it pays to ask first which planes cut
+            the box of all points.
         chunk: Points weighed at a time, so that their arrays stay in the cache.
     """
 
     few = 1 << 13
+    worth_a_box = 1 << 15
     chunk = 1 << 13
 
     def _partition(
@@ -66,10 +69,12 @@ class NumpyKernel(TickKernel):
                 continue
             q = points[:, own]
             normals, bounds = region_planes(0, r[[contact]], h[[contact]], z, radii)
-            low, high = np.min(q, axis=1), np.max(q, axis=1)
-            reach = np.abs(normals) @ ((high - low) / 2 + SLACK * self._longest_arm)
-            cut = normals @ ((low + high) / 2) + reach > bounds
-            inside = ~np.any(normals[cut] @ q > bounds[cut, None], axis=0)
+            if normals.shape[0] * len(own) > self.worth_a_box:
+                low, high = np.min(q, axis=1), np.max(q, axis=1)
+                reach = np.abs(normals) @ ((high - low) / 2 + SLACK * self._longest_arm)
+                cut = normals @ ((low + high) / 2) + reach > bounds
+                normals, bounds = normals[cut], bounds[cut]
+            inside = ~np.any(normals @ q > bounds[:, None], axis=0)
             labels[own[inside]] = contact
             sizes[contact] = np.sum(inside)
         owners = np.full(count, MIXED, dtype=np.int64)
