@@ -23,8 +23,8 @@ class NumpyKernel(TickKernel):
 
     Attributes:
         few: Candidates up to which asking all of them costs less than the tree's steps.
-        worth_a_box: Pairs of a plane and a point from which on it pays to ask first which planes cut
-            the box of all points.
+        worth_a_box: Pairs of a plane and a point from which on it pays to ask first which planes
+            cut the box of all points.
         chunk: Points weighed at a time, so that their arrays stay in the cache.
     """
 
