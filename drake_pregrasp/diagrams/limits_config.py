@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.math import RollPitchYaw
 
+from drake_pregrasp.diagrams.config_fields import zeros
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.contact_limits import ContactLimits, CoupledPair
 from drake_pregrasp.planning.quality_guard import GUARDS, guard_measure
@@ -14,16 +15,12 @@ _POINT = {"length": 3, "at_least": -10, "at_most": 10}
 _LENGTH = {"at_least": 0, "at_most": 10}
 
 
-def _zeros() -> list[float]:
-    return [0.0, 0.0, 0.0]
-
-
 @dataclass
 class BallReach:
     """A finger that reaches everything inside a ball."""
 
     # The ball's centre in the hand's frame H, in metres.
-    center: list[float] = field(default_factory=_zeros, metadata={"required": True, **_POINT})
+    center: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
 
     # Its radius, in metres.
     radius: float = field(default=0.0, metadata={"required": True, "above": 0, "at_most": 10})
@@ -39,16 +36,16 @@ class BoxReach:
 
     # Edge lengths, in metres.
     size: list[float] = field(
-        default_factory=_zeros,
+        default_factory=zeros,
         metadata={"required": True, "length": 3, "above": 0, "at_most": 10},
     )
 
     # Its centre in the hand's frame H, in metres.
-    center: list[float] = field(default_factory=_zeros, metadata=_POINT)
+    center: list[float] = field(default_factory=zeros, metadata=_POINT)
 
     # Its orientation in H, as roll, pitch and yaw, in radians.
     rpy: list[float] = field(
-        default_factory=_zeros, metadata={"length": 3, "at_least": -10, "at_most": 10}
+        default_factory=zeros, metadata={"length": 3, "at_least": -10, "at_most": 10}
     )
 
     def make_solid(self) -> Solid:

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+from drake_pregrasp.diagrams.config_fields import zeros
+
 _LARGEST_SPEED = {"at_least": -10, "at_most": 10}
 _LARGEST_TURN = {"at_least": -100, "at_most": 100}
 
@@ -40,20 +42,18 @@ class Toss:
 
     # Its orientation at the start, as roll, pitch and yaw, in radians.
     rpy: list[float] = field(
-        default_factory=lambda: [0.0, 0.0, 0.0],
+        default_factory=zeros,
         metadata={"length": 3, "at_least": -10, "at_most": 10},
     )
 
     # Velocity of its centre of mass at the start, in W, in m/s.
     velocity: list[float] = field(
-        default_factory=lambda: [0.0, 0.0, 0.0],
+        default_factory=zeros,
         metadata={"length": 3, "at_least": -50, "at_most": 50},
     )
 
     # Angular velocity at the start, in W, in rad/s. With three equal moments of inertia it stays.
-    spin: list[float] = field(
-        default_factory=lambda: [0.0, 0.0, 0.0], metadata={"length": 3, **_LARGEST_TURN}
-    )
+    spin: list[float] = field(default_factory=zeros, metadata={"length": 3, **_LARGEST_TURN})
 
     # Whether there is a table in the way, with its top at z = 0.
     table: bool = False

@@ -95,15 +95,15 @@ class RegionConstraints:
     @property
     def leaves_every_point(self) -> bool:
         """Whether no point by itself is kept from any contact."""
-        return not (len(self.reach) or self.obstacles.solids or len(self.obstacles.points))
+        blocked = self.obstacles.solids or len(self.obstacles.points)
+        return not blocked and all(solid is None for solid in self.reach)
 
     @property
     def is_empty(self) -> bool:
         """Whether nothing limits the regions."""
-        obstacles = self.obstacles
         return (
-            not (obstacles.solids or len(obstacles.points) or np.any(self.tip_radii))
-            and all(solid is None for solid in self.reach)
+            self.leaves_every_point
+            and not np.any(self.tip_radii)
             and self.same_side is None
             and self.fencing is None
         )

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 from scipy.spatial import cKDTree
 
 from drake_pregrasp.errors import InvalidArgumentError
@@ -35,8 +36,7 @@ class Triangles:
     @property
     def areas(self) -> FloatArray:
         """Shape (T,), in m²."""
-        sides = self.corners[:, 1:] - self.corners[:, :1]
-        areas: FloatArray = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
+        areas: FloatArray = trimesh.triangles.area(self.corners)
         return areas
 
     @property
@@ -62,8 +62,7 @@ def split_triangles(corners: FloatArray, normals: FloatArray, longest_edge: floa
     Raises:
         InvalidArgumentError: If that would take too many triangles.
     """
-    sides = corners[:, 1:] - corners[:, :1]
-    area = float(np.sum(np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1))) / 2
+    area = float(np.sum(trimesh.triangles.area(corners)))
     if area > MAX_TRIANGLES * longest_edge**2 / 2:  # None is larger than half a square of its edge.
         raise _too_fine(longest_edge)
     done_corners, done_faces = [], []
@@ -95,6 +94,14 @@ def _too_fine(longest_edge: float) -> InvalidArgumentError:
         f"triangles with edges of at most {1e3 * longest_edge:.3g} mm would be more than"
         f" {MAX_TRIANGLES} on this surface: choose a larger spacing"
     )
+
+
+def unit_normals(corners: FloatArray) -> FloatArray:
+    """Returns the unit normals of triangles, shape (T, 3, 3), by their winding, shape (T, 3)."""
+    crosses: FloatArray = trimesh.triangles.cross(corners)
+    lengths = np.linalg.norm(crosses, axis=1, keepdims=True)
+    normals: FloatArray = crosses / np.maximum(lengths, np.finfo(float).tiny)
+    return normals
 
 
 def lifted(points: FloatArray, normals: FloatArray, length: float) -> FloatArray:

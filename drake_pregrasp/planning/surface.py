@@ -11,6 +11,7 @@ from scipy.spatial import cKDTree
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.planning.kernels import TickKernel, closest_points, make_kernel
+from drake_pregrasp.planning.sampling import unit_normals
 
 CONTACT_TOLERANCE = 1e-4
 """Farthest a contact may be off the surface to count as on it, in metres."""
@@ -95,14 +96,11 @@ class ObjectSurface:
     def __post_init__(self) -> None:
         centroids = np.mean(self.patches, axis=1)
         radii = np.linalg.norm(self.patches - centroids[:, None], axis=2)
-        sides = self.patches[:, 1:] - self.patches[:, :1]
-        normals = np.cross(sides[:, 0], sides[:, 1])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
         owners = np.repeat(np.arange(len(self.p_OQ)), np.diff(self.patch_starts))
         object.__setattr__(self, "_tree", cKDTree(self.p_OQ))
         object.__setattr__(self, "_triangle_tree", cKDTree(centroids))
         object.__setattr__(self, "_triangle_radius", float(np.max(radii)) * (1 + 1e-9))
-        object.__setattr__(self, "_triangle_normals", normals)
+        object.__setattr__(self, "_triangle_normals", unit_normals(self.patches))
         object.__setattr__(self, "_owners", owners)
 
     @cached_property

@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
+from drake_pregrasp.diagrams.config_fields import zeros
+
 
 @dataclass
 class HandConfig:
@@ -12,13 +14,13 @@ class HandConfig:
 
     # Where H is: relative to the object's estimated origin if it follows, else in W; in metres.
     position: list[float] = field(
-        default_factory=lambda: [0.0, 0.0, 0.0],
+        default_factory=zeros,
         metadata={"length": 3, "at_least": -10, "at_most": 10},
     )
 
     # Its orientation in W, as roll, pitch and yaw, in radians. It stays.
     rpy: list[float] = field(
-        default_factory=lambda: [0.0, 0.0, 0.0],
+        default_factory=zeros,
         metadata={"length": 3, "at_least": -10, "at_most": 10},
     )
 

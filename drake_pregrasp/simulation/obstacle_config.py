@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.math import RollPitchYaw
 
+from drake_pregrasp.diagrams.config_fields import zeros
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace, Solid
 from drake_pregrasp.systems.moving_obstacles import MovingSolid
@@ -12,10 +13,6 @@ from drake_pregrasp.systems.moving_obstacles import MovingSolid
 _POINT = {"length": 3, "at_least": -100, "at_most": 100}
 _SIZE = {"length": 3, "above": 0, "at_most": 100}
 _VELOCITY = {"length": 3, "at_least": -10, "at_most": 10}
-
-
-def _zeros() -> list[float]:
-    return [0.0, 0.0, 0.0]
 
 
 @dataclass
@@ -26,10 +23,10 @@ class BallObstacle:
     radius: float = field(default=0.0, metadata={"required": True, "above": 0, "at_most": 100})
 
     # Its centre at the start in W, in metres.
-    center: list[float] = field(default_factory=_zeros, metadata=_POINT)
+    center: list[float] = field(default_factory=zeros, metadata=_POINT)
 
     # Its velocity in W, in m/s.
-    velocity: list[float] = field(default_factory=_zeros, metadata=_VELOCITY)
+    velocity: list[float] = field(default_factory=zeros, metadata=_VELOCITY)
 
     def make_solid(self) -> Solid:
         """Returns the ball at the start, in W."""
@@ -41,18 +38,18 @@ class BoxObstacle:
     """A box that moves steadily and doesn't turn."""
 
     # Edge lengths, in metres.
-    size: list[float] = field(default_factory=_zeros, metadata={"required": True, **_SIZE})
+    size: list[float] = field(default_factory=zeros, metadata={"required": True, **_SIZE})
 
     # Its centre at the start in W, in metres.
-    center: list[float] = field(default_factory=_zeros, metadata=_POINT)
+    center: list[float] = field(default_factory=zeros, metadata=_POINT)
 
     # Its orientation in W, as roll, pitch and yaw, in radians.
     rpy: list[float] = field(
-        default_factory=_zeros, metadata={"length": 3, "at_least": -10, "at_most": 10}
+        default_factory=zeros, metadata={"length": 3, "at_least": -10, "at_most": 10}
     )
 
     # Its velocity in W, in m/s.
-    velocity: list[float] = field(default_factory=_zeros, metadata=_VELOCITY)
+    velocity: list[float] = field(default_factory=zeros, metadata=_VELOCITY)
 
     def make_solid(self) -> Solid:
         """Returns the box at the start, in W."""
@@ -65,13 +62,13 @@ class PlaneObstacle:
     """All that is behind a plane, as a table or a wall."""
 
     # A point of the plane at the start in W, in metres.
-    point: list[float] = field(default_factory=_zeros, metadata=_POINT)
+    point: list[float] = field(default_factory=zeros, metadata=_POINT)
 
     # The plane's normal in W; it points away from the obstacle.
-    normal: list[float] = field(default_factory=_zeros, metadata={"required": True, **_POINT})
+    normal: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
 
     # Its velocity in W, in m/s.
-    velocity: list[float] = field(default_factory=_zeros, metadata=_VELOCITY)
+    velocity: list[float] = field(default_factory=zeros, metadata=_VELOCITY)
 
     def make_solid(self) -> Solid:
         """Returns the half-space at the start, in W."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from pydrake.math import RollPitchYaw
 
+from drake_pregrasp.diagrams.config_fields import zeros
 from drake_pregrasp.diagrams.object_config import Box, Mesh, ObjectConfig
 from drake_pregrasp.errors import InvalidArgumentError, NoGroundError, ScenarioError
 from drake_pregrasp.planning.box_surface import BOX_FACES, box_surface
@@ -19,16 +20,12 @@ _ANGLES = {"length": 3, "at_least": -10, "at_most": 10}
 _SIZE = {"length": 3, "above": 0, "at_most": 10}
 
 
-def _zeros() -> list[float]:
-    return [0.0, 0.0, 0.0]
-
-
 @dataclass
 class Facing:
     """All ground that faces a direction."""
 
     # The direction, in O; of any length.
-    direction: list[float] = field(default_factory=_zeros, metadata={"required": True, **_POINT})
+    direction: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
 
     # Largest angle between it and the outward normal, in radians.
     angle: float = field(default=0.785, metadata={"above": 0, "at_most": 3.1416})
@@ -43,13 +40,13 @@ class InsideBox:
     """All ground inside a box."""
 
     # Edge lengths, in metres.
-    size: list[float] = field(default_factory=_zeros, metadata={"required": True, **_SIZE})
+    size: list[float] = field(default_factory=zeros, metadata={"required": True, **_SIZE})
 
     # Its centre in O, in metres.
-    center: list[float] = field(default_factory=_zeros, metadata=_POINT)
+    center: list[float] = field(default_factory=zeros, metadata=_POINT)
 
     # Its orientation in O, as roll, pitch and yaw, in radians.
-    rpy: list[float] = field(default_factory=_zeros, metadata=_ANGLES)
+    rpy: list[float] = field(default_factory=zeros, metadata=_ANGLES)
 
     def make_area(self, shape: Shape) -> NoTouchArea:
         """Returns the area on a shape."""
@@ -62,7 +59,7 @@ class InsideBall:
     """All ground inside a ball."""
 
     # Its centre in O, in metres.
-    center: list[float] = field(default_factory=_zeros, metadata=_POINT)
+    center: list[float] = field(default_factory=zeros, metadata=_POINT)
 
     # Its radius, in metres.
     radius: float = field(default=0.0, metadata={"required": True, "above": 0, "at_most": 10})
@@ -77,10 +74,10 @@ class BehindPlane:
     """All ground on one side of a plane."""
 
     # A point of the plane in O, in metres.
-    point: list[float] = field(default_factory=_zeros, metadata={"required": True, **_POINT})
+    point: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
 
     # The plane's normal in O; it points away from the forbidden ground.
-    normal: list[float] = field(default_factory=_zeros, metadata={"required": True, **_POINT})
+    normal: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
 
     def make_area(self, shape: Shape) -> NoTouchArea:
         """Returns the area on a shape."""

@@ -26,6 +26,7 @@ from pydrake.systems.sensors import CameraInfo
 
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
 from drake_pregrasp.planning.safe_regions import NO_REGION
+from drake_pregrasp.planning.sampling import unit_normals
 from drake_pregrasp.planning.solids import BallSolid, BoxSolid, Solid
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.systems.palette import NO_REGION_COLOR, contact_color, tint
@@ -113,9 +114,7 @@ def render_goals(
 
 def _drawn_mesh(triangles: FloatArray, lift: float = 0.0) -> Mesh:
     """Returns triangles, shape (k, 3, 3), lifted off the surface, as a mesh with flat normals."""
-    sides = triangles[:, 1:] - triangles[:, :1]
-    normals = np.cross(sides[:, 0], sides[:, 1])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), np.finfo(float).tiny)
+    normals = unit_normals(triangles)
     corners = (triangles + lift * normals[:, None]).reshape(-1, 3)
     lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in corners.tolist()]
     lines += [f"vn {x:.6f} {y:.6f} {z:.6f}" for x, y, z in normals.tolist()]

@@ -10,7 +10,7 @@ from scipy.spatial import cKDTree
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.safe_regions import NO_REGION, SafeRegions
-from drake_pregrasp.planning.sampling import lifted
+from drake_pregrasp.planning.sampling import lifted, unit_normals
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.systems.palette import NO_REGION_COLOR, contact_color, linear_rgb, tint
 
@@ -226,8 +226,5 @@ def _nearest_candidates(surface: ObjectSurface, tiles: ObjectSurface) -> IntArra
 def _tile_mesh(surface: ObjectSurface, tile: int) -> tuple[FloatArray, IntArray]:
     """Returns the vertices, shape (3, 3k), and triangles, shape (3, k), of a candidate's patch."""
     patch = surface.patches[surface.patch_starts[tile] : surface.patch_starts[tile + 1]]
-    sides = patch[:, 1:] - patch[:, :1]
-    normals = np.cross(sides[:, 0], sides[:, 1])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    corners = patch + _REGION_LIFT * normals[:, None]
+    corners = patch + _REGION_LIFT * unit_normals(patch)[:, None]
     return corners.reshape(-1, 3).T, np.arange(3 * len(patch)).reshape(-1, 3).T
