@@ -8,11 +8,19 @@ expressed in W.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_models import skew
+from drake_pregrasp.planning.rotation_vectors import (
+    left_jacobian,
+    rotation_matrix,
+    rotation_vector,
+)
+
+_I = np.eye(3)
+_DRIFT, _MIXED, _RATE = (
+    np.kron(np.array(block), _I) for block in ([[1, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]])
+)  # Where dt³/3, dt²/2 and dt stand in the process noise.
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +55,7 @@ class PoseBelief:
         time: Time the belief is for, in seconds; -inf before the first measurement.
         p_WCoM: Mean of the centre of mass, shape (3,), in metres.
         v_WCoM: Mean of its velocity, shape (3,), in m/s.
-        R_WO: Mean orientation.
+        R_WO: Mean orientation, shape (3, 3).
         w_WO: Mean angular velocity, shape (3,), in rad/s.
         P_position: Covariance of (p_WCoM, v_WCoM), shape (6, 6).
         P_orientation: Covariance of the errors (theta, w_WO), shape (6, 6), where the true
@@ -57,7 +65,7 @@ class PoseBelief:
     time: float
     p_WCoM: FloatArray
     v_WCoM: FloatArray
-    R_WO: Rotation
+    R_WO: FloatArray
     w_WO: FloatArray
     P_position: FloatArray
     P_orientation: FloatArray
@@ -76,7 +84,7 @@ class PoseBelief:
     def empty() -> "PoseBelief":
         """Returns the belief before the first measurement."""
         zero, covariance = np.zeros(3), np.zeros((6, 6))
-        return PoseBelief(-np.inf, zero, zero, Rotation.identity(), zero, covariance, covariance)
+        return PoseBelief(-np.inf, zero, zero, np.eye(3), zero, covariance, covariance)
 
     def to_vector(self) -> FloatArray:
         """Returns the belief as one vector, for a discrete state."""
@@ -85,7 +93,7 @@ class PoseBelief:
                 [self.time],
                 self.p_WCoM,
                 self.v_WCoM,
-                self.R_WO.as_quat(),
+                self.R_WO.ravel(),
                 self.w_WO,
                 self.P_position.ravel(),
                 self.P_orientation.ravel(),
@@ -99,17 +107,17 @@ class PoseBelief:
             time=float(vector[0]),
             p_WCoM=vector[1:4],
             v_WCoM=vector[4:7],
-            R_WO=Rotation.from_quat(vector[7:11]),
-            w_WO=vector[11:14],
-            P_position=vector[14:50].reshape(6, 6),
-            P_orientation=vector[50:86].reshape(6, 6),
+            R_WO=vector[7:16].reshape(3, 3),
+            w_WO=vector[16:19],
+            P_position=vector[19:55].reshape(6, 6),
+            P_orientation=vector[55:91].reshape(6, 6),
         )
 
 
 def first_belief(
     time: float,
     p_WCoM: FloatArray,
-    R_WO: Rotation,
+    R_WO: FloatArray,
     noise: PoseFilterNoise,
     p_OCoM: FloatArray | None = None,
 ) -> PoseBelief:
@@ -118,7 +126,7 @@ def first_belief(
     Args:
         time: When it was measured, in seconds.
         p_WCoM: Where the measured pose puts the centre of mass, shape (3,), in metres.
-        R_WO: The measured orientation.
+        R_WO: The measured orientation, shape (3, 3).
         noise: What the filter assumes.
         p_OCoM: See `measurement_covariance`.
     """
@@ -151,7 +159,7 @@ def predict(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief
         time=belief.time + dt,
         p_WCoM=belief.p_WCoM + belief.v_WCoM * dt + fall * (dt**2 / 2),
         v_WCoM=belief.v_WCoM + fall * dt,
-        R_WO=Rotation.from_rotvec(belief.w_WO * dt) * belief.R_WO,
+        R_WO=rotation_matrix(belief.w_WO * dt) @ belief.R_WO,
         w_WO=belief.w_WO,
         P_position=F_position @ belief.P_position @ F_position.T
         + _process_noise(dt, noise.acceleration),
@@ -163,16 +171,16 @@ def predict(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief
 def transitions(belief: PoseBelief, dt: float) -> tuple[FloatArray, FloatArray]:
     """Returns the matrices that carry the two covariances `dt` seconds forward, each (6, 6)."""
     F_position, F_orientation = np.eye(6), np.eye(6)
-    F_position[:3, 3:] = dt * np.eye(3)
+    F_position[:3, 3:] = dt * _I
     # The error turns with the step, and an error of w_WO adds up to the step's left Jacobian.
     turn = belief.w_WO * dt
-    F_orientation[:3, :3] = Rotation.from_rotvec(turn).as_matrix()
-    F_orientation[:3, 3:] = dt * _left_jacobian(turn)
+    F_orientation[:3, :3] = rotation_matrix(turn)
+    F_orientation[:3, 3:] = dt * left_jacobian(turn)
     return F_position, F_orientation
 
 
 def measurement_covariance(
-    R_WO: Rotation, noise: PoseFilterNoise, p_OCoM: FloatArray | None = None
+    R_WO: FloatArray, noise: PoseFilterNoise, p_OCoM: FloatArray | None = None
 ) -> FloatArray:
     """Covariance of where a measured pose puts the centre of mass, shape (3, 3), in m².
 
@@ -180,21 +188,21 @@ def measurement_covariance(
     across a, it is σ² I + σ_R² (|a|² I - a aᵀ).
 
     Args:
-        R_WO: The orientation, as well as it is known.
+        R_WO: The orientation, as well as it is known, shape (3, 3).
         noise: σ is its `position`, σ_R its `orientation`.
         p_OCoM: The centre of mass in O, shape (3,), in metres; at O's origin if left out.
     """
-    covariance: FloatArray = noise.position**2 * np.eye(3)
+    covariance: FloatArray = noise.position**2 * _I
     if p_OCoM is not None:
-        a = R_WO.apply(p_OCoM)
-        covariance += noise.orientation**2 * (a @ a * np.eye(3) - np.outer(a, a))
+        a = R_WO @ p_OCoM
+        covariance += noise.orientation**2 * (a @ a * _I - np.outer(a, a))
     return covariance
 
 
 def update(
     belief: PoseBelief,
     p_WCoM_measured: FloatArray,
-    R_WO_measured: Rotation,
+    R_WO_measured: FloatArray,
     noise: PoseFilterNoise,
     p_OCoM: FloatArray | None = None,
 ) -> PoseBelief:
@@ -203,7 +211,7 @@ def update(
     Args:
         belief: The prior.
         p_WCoM_measured: Where the measured pose puts the centre of mass, shape (3,), in metres.
-        R_WO_measured: The measured orientation.
+        R_WO_measured: The measured orientation, shape (3, 3).
         noise: What the filter assumes.
         p_OCoM: See `measurement_covariance`.
     """
@@ -212,13 +220,13 @@ def update(
         p_WCoM_measured - belief.p_WCoM,
         measurement_covariance(belief.R_WO, noise, p_OCoM),
     )
-    theta = (R_WO_measured * belief.R_WO.inv()).as_rotvec()
-    de, P_orientation = _correct(belief.P_orientation, theta, noise.orientation**2 * np.eye(3))
+    theta = rotation_vector(R_WO_measured @ belief.R_WO.T)
+    de, P_orientation = _correct(belief.P_orientation, theta, noise.orientation**2 * _I)
     return PoseBelief(
         time=belief.time,
         p_WCoM=belief.p_WCoM + dx[:3],
         v_WCoM=belief.v_WCoM + dx[3:],
-        R_WO=Rotation.from_rotvec(de[:3]) * belief.R_WO,
+        R_WO=rotation_matrix(de[:3]) @ belief.R_WO,
         w_WO=belief.w_WO + de[3:],
         P_position=P_position,
         P_orientation=P_orientation,
@@ -236,17 +244,9 @@ def _correct(P: FloatArray, innovation: FloatArray, R: FloatArray) -> tuple[Floa
 
 def _process_noise(dt: float, density: float) -> FloatArray:
     """Covariance that white acceleration of that density adds to (position, velocity) in dt."""
-    block = density**2 * np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]])
-    covariance: FloatArray = (block[:, None, :, None] * np.eye(3)[:, None, :]).reshape(6, 6)
+    covariance: FloatArray = density**2 * (dt**3 / 3 * _DRIFT + dt**2 / 2 * _MIXED + dt * _RATE)
     return covariance
 
 
 def _diagonal(first: float, second: float) -> FloatArray:
     return np.diag(np.repeat([first**2, second**2], 3))
-
-
-def _left_jacobian(theta: FloatArray) -> FloatArray:
-    """Left Jacobian of SO(3) to second order in the turn of one step, shape (3, 3)."""
-    X = skew(theta[None])[0]
-    jacobian: FloatArray = np.eye(3) + X / 2 + X @ X / 6
-    return jacobian

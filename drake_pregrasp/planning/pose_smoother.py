@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
@@ -16,12 +15,13 @@ from drake_pregrasp.planning.pose_filter import (
     transitions,
     update,
 )
+from drake_pregrasp.planning.rotation_vectors import rotation_matrix, rotation_vector
 
 
 def filter_poses(
     times: FloatArray,
     p_WCoM: FloatArray,
-    R_WO: Sequence[Rotation],
+    R_WO: FloatArray,
     noise: PoseFilterNoise,
     p_OCoM: FloatArray | None = None,
 ) -> list[PoseBelief]:
@@ -30,7 +30,7 @@ def filter_poses(
     Args:
         times: When they were measured, increasing, shape (k,), in seconds.
         p_WCoM: Where they put the centre of mass, shape (k, 3), in metres.
-        R_WO: Measured orientations, k of them.
+        R_WO: Measured orientations, shape (k, 3, 3).
         noise: What the filter assumes.
         p_OCoM: See `measurement_covariance`.
     """
@@ -85,7 +85,7 @@ def _step_back(
         F_position,
         np.concatenate([later.p_WCoM - predicted.p_WCoM, later.v_WCoM - predicted.v_WCoM]),
     )
-    theta = (later.R_WO * predicted.R_WO.inv()).as_rotvec()
+    theta = rotation_vector(later.R_WO @ predicted.R_WO.T)
     de, P_orientation = _correct_back(
         belief.P_orientation,
         predicted.P_orientation,
@@ -97,7 +97,7 @@ def _step_back(
         belief,
         p_WCoM=belief.p_WCoM + dx[:3],
         v_WCoM=belief.v_WCoM + dx[3:],
-        R_WO=Rotation.from_rotvec(de[:3]) * belief.R_WO,
+        R_WO=rotation_matrix(de[:3]) @ belief.R_WO,
         w_WO=belief.w_WO + de[3:],
         P_position=P_position,
         P_orientation=P_orientation,

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import yaml
 from pydrake.common.yaml import yaml_load_data, yaml_load_typed
+from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
 from drake_pregrasp.errors import ScenarioError
@@ -57,10 +58,10 @@ def smooth_file(source: Path, target: Path, config: EstimatorConfig) -> int:
     """
     track = read_pose_track(source)
     noise = filter_noise(config)
-    beliefs = smooth(filter_poses(track.times, track.p_WO, list(track.R_WO), noise), noise)
+    beliefs = smooth(filter_poses(track.times, track.p_WO, track.R_WO.as_matrix(), noise), noise)
     lines = [",".join((*COLUMNS, *VELOCITY_COLUMNS))]
     for belief in beliefs:
-        quaternion = np.roll(belief.R_WO.as_quat(), 1)
+        quaternion = np.roll(Rotation.from_matrix(belief.R_WO).as_quat(), 1)
         row = [belief.time, *belief.p_WCoM, *quaternion, *belief.v_WCoM, *belief.w_WO]
         lines.append(",".join(repr(float(value)) for value in row))
     write_text(target, "\n".join(lines) + "\n")

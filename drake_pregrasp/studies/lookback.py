@@ -50,7 +50,7 @@ def lookback_errors(
     beliefs = filter_poses(
         times,
         run.p_WO + scenario.sensor.position_std * n_p,
-        list(turns * R_WO),
+        (turns * R_WO).as_matrix(),
         noise,
     )
     smoothed = smooth(beliefs, noise)
@@ -69,7 +69,7 @@ def _errors(
     past = slice(1, -1)  # Where the true velocity is a central difference.
     p = np.array([belief.p_WCoM for belief in beliefs]) - p_WO
     v = np.array([belief.v_WCoM for belief in beliefs]) - v_WO
-    R = Rotation.concatenate([belief.R_WO for belief in beliefs])
+    R = Rotation.from_matrix([belief.R_WO for belief in beliefs])
     theta = (R * R_WO.inv()).as_rotvec()
     return LookbackErrors(*(_rms(e[past]) for e in (p, theta, v)))
 

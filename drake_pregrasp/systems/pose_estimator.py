@@ -11,7 +11,6 @@ from pydrake.systems.framework import (
     LeafSystem,
     ValueProducer,
 )
-from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
@@ -117,8 +116,7 @@ class PoseEstimator(LeafSystem):
         if tick_is_due(time, belief.time, self._period):
             X_WO: RigidTransform = self._X_WO_measured.Eval(context)
             p_WCoM = X_WO @ self._p_OCoM
-            w, x, y, z = X_WO.rotation().ToQuaternion().wxyz()
-            R_WO = Rotation.from_quat([x, y, z, w])
+            R_WO: FloatArray = X_WO.rotation().matrix()
             if belief.is_empty or belief.time > time:  # The latter if the Context was set back.
                 belief = first_belief(time, p_WCoM, R_WO, self._noise, self._p_OCoM)
             else:
@@ -138,12 +136,12 @@ class PoseEstimator(LeafSystem):
 
     def _calc_pose(self, context: Context, output: AbstractValue) -> None:
         belief = self._looked_ahead(context)
-        R_WO = RotationMatrix.ProjectToRotationMatrix(belief.R_WO.as_matrix())
+        R_WO = RotationMatrix.ProjectToRotationMatrix(belief.R_WO)
         output.set_value(RigidTransform(R_WO, belief.p_WCoM - R_WO @ self._p_OCoM))
 
     def _calc_velocity(self, context: Context, output: AbstractValue) -> None:
         belief = self._looked_ahead(context)
-        p_CoMO_W = -belief.R_WO.apply(self._p_OCoM)
+        p_CoMO_W = -(belief.R_WO @ self._p_OCoM)
         v_WO = belief.v_WCoM + np.cross(belief.w_WO, p_CoMO_W)
         output.set_value(SpatialVelocity(w=belief.w_WO, v=v_WO))
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 from pydrake.common import RandomDistribution
-from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, LeafSystem, PortDataType
-from scipy.spatial.transform import Rotation
+
+from drake_pregrasp.planning.rotation_vectors import rotation_matrix
 
 
 class NoisyPoseSensor(LeafSystem):
@@ -55,11 +55,10 @@ class NoisyPoseSensor(LeafSystem):
     def _calc_measured_pose(self, context: Context, output: AbstractValue) -> None:
         X_WO: RigidTransform = self._X_WO.Eval(context)
         noise: np.ndarray = self._noise.Eval(context)
-        turn = Rotation.from_rotvec(self._orientation_std * noise[3:])
-        x, y, z, w = turn.as_quat()
+        turn = RotationMatrix(rotation_matrix(self._orientation_std * noise[3:]))
         output.set_value(
             RigidTransform(
-                RotationMatrix(Quaternion(w, x, y, z)) @ X_WO.rotation(),
+                turn @ X_WO.rotation(),
                 X_WO.translation() + self._position_std * noise[:3],
             )
         )
