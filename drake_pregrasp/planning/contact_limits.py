@@ -58,6 +58,12 @@ class ContactLimits:
     recover: bool = False
     guard: Measure | None = None
 
+    @property
+    def hold_nothing(self) -> bool:
+        """Whether goals become what strategies choose."""
+        free = self.max_step == np.inf and self.deadband == 0
+        return free and not self.pairs and self.guard is None
+
     def __post_init__(self) -> None:
         if not self.max_step > 0:
             raise InvalidArgumentError(f"max_step must be greater than 0 m, not {self.max_step}")

@@ -18,6 +18,13 @@ from drake_pregrasp.planning.arrays import FloatArray
 CONTACT_MODELS = ("complete", "hard_finger", "soft_finger", "frictionless")
 """The contact models, by name."""
 
+_COLUMNS = {
+    "complete": (3, 3),
+    "hard_finger": (3, 0),
+    "soft_finger": (3, 1),
+    "frictionless": (1, 0),
+}
+
 NEED_NORMALS = ("soft_finger", "frictionless")
 """Those whose measures depend on the normals at the contacts."""
 
@@ -75,19 +82,18 @@ def contact_blocks(p_CoMC: FloatArray, nhat: FloatArray | None, model: str) -> F
     if nhat is None and model in NEED_NORMALS:
         raise InvalidArgumentError(f"the contact model {model} needs the normals nhat")
     if nhat is None or model == "complete":
-        axes = np.broadcast_to(np.eye(3), (*p_CoMC.shape, 3))
-        torques = skew(p_CoMC)
+        axes, torques = np.eye(3), skew(p_CoMC)
     else:
         axes = contact_axes(nhat)
         if model == "frictionless":
             axes = axes[..., :1]
         torques = skew(p_CoMC) @ axes
-    forces = np.concatenate([axes, torques], axis=-2)
-    moments = {"complete": axes, "soft_finger": axes[..., :1]}.get(model)
-    if moments is None:
-        return forces
-    moments = np.concatenate([np.zeros_like(moments), moments], axis=-2)
-    return np.concatenate([forces, moments], axis=-1)
+    num_forces, num_moments = _COLUMNS[model]
+    blocks = np.zeros((*p_CoMC.shape[:-1], 6, num_forces + num_moments))
+    blocks[..., :3, :num_forces] = axes
+    blocks[..., 3:, :num_forces] = torques
+    blocks[..., 3:, num_forces:] = axes[..., :num_moments]
+    return blocks
 
 
 def contact_axes(nhat: FloatArray) -> FloatArray:

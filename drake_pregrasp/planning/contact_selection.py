@@ -87,13 +87,14 @@ def select_contacts(
     goals = p_OC.copy()
     for movers in active[:, None] if in_turns else active[None]:
         if len(movers):
-            goals[movers] = _chosen(replace(selection, p_OC=goals), movers, strategy, best_point)
+            seen = replace(selection, p_OC=goals.copy()) if in_turns else selection
+            goals[movers] = _chosen(seen, movers, strategy, best_point)
     on_ground = np.zeros(len(goals), dtype=bool)
     on_ground[active] = True
     limited = limited_goals(selection, goals.copy(), limits)
     if limits.recover:
         limited = with_returning_contacts(selection, limited, limits.max_step)
-    on_ground &= np.all(limited == goals, axis=1)
+    on_ground &= (limited == goals).all(axis=1)
     return judged_goals(selection, limited, on_ground, limits)
 
 
@@ -105,7 +106,7 @@ def _chosen(
     if partition is not None and isinstance(strategy, KernelStrategy) and not best_point:
         weighting = Weighting(strategy.kind, strategy.stretch, selection.covariance_O)
         centroids = surface.kernel.centroids(partition, selection.p_OC, movers, weighting)
-        goals, _ = surface.project_onto_regions(centroids, selection.regions.labels, movers)
+        goals, _ = surface.project_onto_regions(centroids, partition, movers)
         return goals
     log_weights = strategy(selection)
     members = [selection.regions.members(int(contact)) for contact in movers]

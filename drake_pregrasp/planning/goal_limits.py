@@ -43,6 +43,8 @@ def limited_goals(
         limits: What holds goals back.
     """
     surface, regions, p_OC = selection.surface, selection.regions, selection.p_OC
+    if limits.hold_nothing and len(regions.constraints.tip_radii) == 0:
+        return goals
     # A lost finger needs no partner any more.
     pairs = [p for p in limits.pairs if not (regions.lost[p.first] or regions.lost[p.second])]
     may_stay = np.zeros(len(goals), dtype=bool)
@@ -123,16 +125,14 @@ def judged_goals(
     """
     surface, regions = selection.surface, selection.regions
     constraints, limits, causes = regions.constraints, regions.limits.copy(), regions.causes.copy()
-    if not np.all(on_ground):
-        unknown = np.flatnonzero(~on_ground)
+    active = (regions.sizes() > 0) & ~regions.lost
+    unknown = np.flatnonzero(~on_ground)
+    if len(unknown):
         nearest, _ = surface.project(goals[unknown])
         off = unknown[np.linalg.norm(nearest - goals[unknown], axis=1) > CONTACT_TOLERANCE]
-        limits[off], causes[off] = Limit.FORBIDDEN, NO_CAUSE
-    else:
-        off = np.empty(0, dtype=np.int64)
-    active = (regions.sizes() > 0) & ~regions.lost
-    active[off] = False
-    for contact in np.flatnonzero(active).tolist():
+        limits[off], causes[off], active[off] = Limit.FORBIDDEN, NO_CAUSE, False
+    limiting = () if constraints.leaves_every_point else np.flatnonzero(active).tolist()
+    for contact in limiting:
         limit, cause = limit_at(selection, contact, goals[contact])
         if limit != Limit.NONE:
             active[contact], limits[contact], causes[contact] = False, limit, cause

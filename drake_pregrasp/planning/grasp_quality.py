@@ -69,9 +69,9 @@ def grasp_quality(
     sigma[: len(found)] = found
     classified = "hard_finger" if model == "complete" else model
     # Divided by the longest lever arm, so that ranks don't depend on units.
-    longest = max(np.max(np.linalg.norm(p_CoMC, axis=1)), np.finfo(float).tiny)
+    longest = max(float(np.sqrt((p_CoMC**2).sum(axis=1).max())), np.finfo(float).tiny)
     H = grasp_matrix(p_CoMC, nhat, classified, length=longest)
-    rank = int(np.sum(np.linalg.svd(H, compute_uv=False) > _RANK_TOLERANCE))
+    rank = np.count_nonzero(np.linalg.svd(H, compute_uv=False) > _RANK_TOLERANCE)
     return GraspQuality(
         q_msv=float(sigma[-1]),
         q_gii=float(sigma[-1] / sigma[0]),

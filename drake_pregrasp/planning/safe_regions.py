@@ -1,6 +1,7 @@
 """Eq. 1-2: the safe region of each contact, an obstacle-aware weighted Voronoi cell."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -24,6 +25,9 @@ TINY_SHARE = 0.05
 """A region is tiny if it has less than this share of what each contact would have of Y."""
 
 
+_ASKED_FOR_REASONS = 1 << 13  # Candidates, if there are more: they settle what is most frequent.
+
+
 @dataclass(frozen=True, eq=False)
 class SafeRegions:
     """The safe regions S_i of n contacts over the N candidate points of a surface.
@@ -31,31 +35,40 @@ class SafeRegions:
     Regions are disjoint by construction: each candidate carries one label.
 
     Attributes:
-        labels: Index i of the region each candidate lies in, or `NO_REGION`, shape (N,).
+        found: The labels, or the same regions over the blocks of the kernel that found them.
         lost: Mask of the contacts that are lost and so have no region, shape (n,).
         limits: What leaves each contact an empty or tiny region, a `Limit` each, shape (n,).
         causes: Index of the contact or obstacle that does, or `NO_CAUSE`, shape (n,).
         constraints: What limited the regions beside Eq. 1.
-        partition: The same regions over the blocks of the kernel that found them, if one did.
     """
 
-    labels: IntArray
+    found: IntArray | Partition
     lost: BoolArray
     limits: IntArray
     causes: IntArray
     constraints: RegionConstraints
-    partition: Partition | None = None
 
     @staticmethod
     def unlimited(labels: IntArray, num_contacts: int) -> "SafeRegions":
         """Returns regions of contacts that nothing limits, shape (N,) of their labels."""
         return SafeRegions(
-            labels=labels,
+            found=labels,
             lost=np.zeros(num_contacts, dtype=bool),
             limits=np.full(num_contacts, int(Limit.NONE)),
             causes=np.full(num_contacts, NO_CAUSE),
             constraints=RegionConstraints(),
         )
+
+    @cached_property
+    def labels(self) -> IntArray:
+        """Index i of the region each candidate lies in, or `NO_REGION`, shape (N,)."""
+        found = self.found
+        return found.labels_of_candidates() if isinstance(found, Partition) else found
+
+    @property
+    def partition(self) -> Partition | None:
+        """The regions over the blocks of the kernel that found them, if one did."""
+        return self.found if isinstance(self.found, Partition) else None
 
     def members(self, contact: int) -> IntArray:
         """Returns the indices of the candidates in S_i of the contact with that index."""
@@ -64,8 +77,8 @@ class SafeRegions:
 
     def sizes(self) -> IntArray:
         """Returns the number of candidates in each region, shape (n,)."""
-        if self.partition is not None:
-            return self.partition.sizes
+        if isinstance(self.found, Partition):
+            return self.found.sizes
         counts: IntArray = np.bincount(self.labels - NO_REGION, minlength=1 + len(self.lost))[1:]
         return counts
 
@@ -106,36 +119,59 @@ def compute_safe_regions(
     """
     constraints = constraints or RegionConstraints()
     lost = np.isneginf(contact_weights)
-    limits, causes = np.full(len(p_OC), int(Limit.NONE)), np.full(len(p_OC), NO_CAUSE)
-    tiny = TINY_SHARE * len(p_OQ) / max(1, len(p_OC) - int(np.sum(lost)))
-    asked, partition = ~lost, None
-    if kernel is not None and constraints.is_empty and np.all(contact_weights < np.inf):
-        partition = kernel.partition(p_OC, contact_weights, forbidden.points, forbidden.radii)
-        labels = partition.labels_of_candidates(kernel.blocks)
-        asked &= partition.sizes < tiny
-        if not np.any(asked):
-            return SafeRegions(labels, lost, limits, causes, constraints, partition)
-        cells = kernel.partition(
-            p_OC, contact_weights, forbidden.points[:0], forbidden.radii[:0]
-        ).labels_of_candidates(kernel.blocks)
-    else:
-        cells = _cells(p_OQ, p_OC, contact_weights, constraints)
-        labels = cells.copy()
-    for i in np.flatnonzero(asked).tolist():
+    num_sharing = max(1, len(p_OC) - int(np.count_nonzero(lost)))
+    if kernel is not None and constraints.is_empty and contact_weights.max(initial=0) < np.inf:
+        found = kernel.partition(p_OC, contact_weights, forbidden.points, forbidden.radii)
+        asked = np.flatnonzero(~lost & (found.sizes < TINY_SHARE * len(p_OQ) / num_sharing))
+        if len(asked) == 0:
+            return SafeRegions(found, lost, *_no_limits(len(p_OC)), constraints)
+        # Along the kernel's order each part of the surface has its share of any such sample.
+        p_OQ = p_OQ[found.blocks.order[:: 1 + len(p_OQ) // _ASKED_FOR_REASONS]]
+        _, limits, causes = _asked_one_by_one(
+            asked, p_OQ, p_OC, contact_weights, forbidden, RegionConstraints(), num_sharing
+        )
+        return SafeRegions(found, lost, limits, causes, constraints)
+    labels, limits, causes = _asked_one_by_one(
+        np.flatnonzero(~lost), p_OQ, p_OC, contact_weights, forbidden, constraints, num_sharing
+    )
+    return SafeRegions(labels, lost, limits, causes, constraints)
+
+
+def _no_limits(num_contacts: int) -> tuple[IntArray, IntArray]:
+    return np.full(num_contacts, int(Limit.NONE)), np.full(num_contacts, NO_CAUSE)
+
+
+def _asked_one_by_one(
+    asked: IntArray,
+    p_OQ: FloatArray,
+    p_OC: FloatArray,
+    contact_weights: FloatArray,
+    forbidden: ForbiddenPoints,
+    constraints: RegionConstraints,
+    num_sharing: int,
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Returns labels, and limits and causes of tiny regions, by asking all points with all planes.
+
+    Of contacts that aren't asked for, the labels are those of their whole cells.
+    """
+    limits, causes = _no_limits(len(p_OC))
+    tiny = TINY_SHARE * len(p_OQ) / num_sharing
+    cells = _cells(p_OQ, p_OC, contact_weights, constraints)
+    labels = cells.copy()
+    for i in asked.tolist():
         own = np.flatnonzero(cells == i)
         planes = _planes(i, p_OC, contact_weights, forbidden, constraints)
         beyond = planes.beyond(p_OQ[own] - p_OC[i])
         nhat_OQ = constraints.nhat_OQ[own] if len(constraints.nhat_OQ) else np.zeros((len(own), 3))
         point_limits, point_causes = constraints.limits_at(i, p_OQ[own, :3], nhat_OQ)
         outside = np.any(beyond, axis=0) | (point_limits != Limit.NONE)
-        if partition is None:
-            labels[own[outside]] = NO_REGION
+        labels[own[outside]] = NO_REGION
         if len(own) - np.sum(outside) < tiny:
             if len(own) < tiny:
                 limits[i], causes[i] = _why_the_cell_is_tiny(i, p_OQ, p_OC, cells, constraints)
             else:
                 limits[i], causes[i] = _most_frequent(planes, beyond, point_limits, point_causes)
-    return SafeRegions(labels, lost, limits, causes, constraints, partition)
+    return labels, limits, causes
 
 
 def _cells(

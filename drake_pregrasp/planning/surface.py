@@ -6,11 +6,16 @@ from functools import cached_property
 
 import numpy as np
 import trimesh
-from scipy.spatial import cKDTree
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.planning.kernels import TickKernel, closest_points, make_kernel
+from drake_pregrasp.planning.kernels import (
+    Ground,
+    Partition,
+    TickKernel,
+    closest_points,
+    make_kernel,
+)
 from drake_pregrasp.planning.sampling import unit_normals
 
 CONTACT_TOLERANCE = 1e-4
@@ -87,28 +92,19 @@ class ObjectSurface:
     mesh: trimesh.Trimesh
     patches: FloatArray
     patch_starts: IntArray
-    _tree: cKDTree = field(init=False, repr=False)
-    _triangle_tree: cKDTree = field(init=False, repr=False)
-    _triangle_radius: float = field(init=False, repr=False)
+    _ground: Ground = field(init=False, repr=False)
     _triangle_normals: FloatArray = field(init=False, repr=False)
-    _owners: IntArray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        centroids = np.mean(self.patches, axis=1)
-        radii = np.linalg.norm(self.patches - centroids[:, None], axis=2)
-        owners = np.repeat(np.arange(len(self.p_OQ)), np.diff(self.patch_starts))
-        object.__setattr__(self, "_tree", cKDTree(self.p_OQ))
-        object.__setattr__(self, "_triangle_tree", cKDTree(centroids))
-        object.__setattr__(self, "_triangle_radius", float(np.max(radii)) * (1 + 1e-9))
+        object.__setattr__(self, "_ground", Ground(self.p_OQ, self.patches, self.patch_starts))
         object.__setattr__(self, "_triangle_normals", unit_normals(self.patches))
-        object.__setattr__(self, "_owners", owners)
 
     @cached_property
     def is_clear_of_forbidden_points(self) -> BoolArray:
         """Which candidates are out of the balls R_j around the forbidden points, shape (N,)."""
         clear = np.ones(len(self.p_OQ), dtype=bool)
         for point, radius in zip(self.forbidden.points, self.forbidden.radii, strict=True):
-            clear[self._tree.query_ball_point(point, radius)] = False
+            clear[self._ground.tree.query_ball_point(point, radius)] = False
         return clear
 
     @cached_property
@@ -131,10 +127,7 @@ class ObjectSurface:
             The nearest allowed points, shape (k, 3), and the outward normals there, shape (k, 3).
             Between patches at the same distance the one that comes first is taken.
         """
-        # The centroid of the nearest triangle is at most its radius farther away than the triangle.
-        distances, _ = self._triangle_tree.query(p_OP)
-        near = self._triangles_within(p_OP, distances)
-        return self._nearest_on_triangles(p_OP, near)
+        return self._nearest_on_triangles(p_OP, self._ground.near(p_OP))
 
     def project_into(
         self, p_OP: FloatArray, candidates: Sequence[IntArray]
@@ -148,49 +141,27 @@ class ObjectSurface:
         Returns:
             As `project` does.
         """
-        distances = np.array(
-            [
-                np.sqrt(np.min(np.sum((self.p_OQ[q] - point) ** 2, axis=1)))
-                for point, q in zip(p_OP, candidates, strict=True)
-            ]
-        )
-        near = []
-        is_chosen = np.zeros(len(self.p_OQ), dtype=bool)
-        for triangles, q in zip(self._triangles_within(p_OP, distances), candidates, strict=True):
-            is_chosen[q] = True
-            near.append(triangles[is_chosen[self._owners[triangles]]])
-            is_chosen[q] = False
-        return self._nearest_on_triangles(p_OP, near)
+        return self._nearest_on_triangles(p_OP, self._ground.near_of(p_OP, candidates))
 
     def project_onto_regions(
-        self, p_OP: FloatArray, labels: IntArray, contacts: IntArray
+        self, p_OP: FloatArray, partition: Partition, contacts: IntArray
     ) -> tuple[FloatArray, FloatArray]:
         """Projects each point onto the ground of one contact's region.
 
         Args:
             p_OP: Points in O, shape (k, 3), in metres.
-            labels: Of the candidates, shape (N,).
-            contacts: For each point the label of one candidate or more, shape (k,).
+            partition: Of the surface's `kernel`.
+            contacts: For each point the index of a contact whose region isn't empty, shape (k,).
 
         Returns:
             As `project` does.
         """
-        distances, nearest = self._tree.query(p_OP)
-        for k in np.flatnonzero(labels[nearest] != contacts):
-            away = self.p_OQ[labels == contacts[k]] - p_OP[k]
-            distances[k] = np.sqrt(np.min(np.einsum("ij,ij->i", away, away)))
-        near = [
-            triangles[labels[self._owners[triangles]] == contact]
-            for contact, triangles in zip(
-                contacts, self._triangles_within(p_OP, distances), strict=True
-            )
-        ]
-        return self._nearest_on_triangles(p_OP, near)
+        nearest, which = self.kernel.project_onto_regions(p_OP, partition, contacts, self._ground)
+        return nearest, self._triangle_normals[which]
 
     def candidates_within(self, p_OP: FloatArray, distance: float) -> IntArray:
         """Returns the candidates whose patches come that near to a point p_OP, or nearly, (k,)."""
-        (triangles,) = self._triangles_within(p_OP[None], np.array([distance]))
-        return np.unique(self._owners[triangles])
+        return self._ground.owners_within(p_OP, distance)
 
     def distance(self, p_OP: FloatArray) -> FloatArray:
         """Returns the signed distances of points in O from the whole surface.
@@ -216,13 +187,6 @@ class ObjectSurface:
             height = heights[np.argmax(np.abs(heights))]
             distances[index] = np.copysign(np.sqrt(squares[best[0]]), height)
         return distances
-
-    def _triangles_within(self, p_OP: FloatArray, distances: FloatArray) -> list[IntArray]:
-        """Returns for each point all triangles that are as near as its distance, and some more."""
-        near = self._triangle_tree.query_ball_point(
-            p_OP, distances + self._triangle_radius, return_sorted=True
-        )
-        return [np.array(triangles, dtype=np.int64) for triangles in near]
 
     def _nearest_on_triangles(
         self, p_OP: FloatArray, triangles: Sequence[IntArray]

@@ -96,7 +96,7 @@ def slow_centroid(case, kind, stretch, covariance, contact, members, active):
 def check_centroids(case, implementation, kind, *, stretch=True, spread=0.04, few=3):
     kernel = case.kernel(implementation)
     partition = case.partition(kernel)
-    labels = partition.labels_of_candidates(kernel.blocks)
+    labels = partition.labels_of_candidates()
     active = partition.sizes > 0
     movers = np.flatnonzero(active)[:few]
     covariance = case.covariance(spread * case.size)
@@ -123,7 +123,7 @@ def test_labels_are_those_of_the_printed_equations_but_for_ties(
     case = Case(seed, n, m, size=size, N=150, lost=min(lost, n))
     kernel = case.kernel(implementation)
     partition = case.partition(kernel)
-    labels = partition.labels_of_candidates(kernel.blocks)
+    labels = partition.labels_of_candidates()
     np.testing.assert_array_equal(partition.sizes, np.bincount(labels + 1, minlength=n + 1)[1:])
     kept = np.flatnonzero(np.isfinite(case.h))
     eq_1 = (case.p_OC[kept], case.h[kept], case.forbidden.points, case.forbidden.radii)
@@ -142,7 +142,7 @@ def test_labels_with_trees_of_all_depths(implementation, N):
         case = Case(seed, 1 + seed, 20 * (seed % 4), N=N)
         kernel = case.kernel(implementation)
         partition = case.partition(kernel)
-        labels = partition.labels_of_candidates(kernel.blocks)
+        labels = partition.labels_of_candidates()
         assert np.sum(partition.sizes) == np.sum(labels != NO_REGION)
         expected = compute_safe_regions(case.p_OQ, case.p_OC, case.h, case.forbidden).labels
         np.testing.assert_array_equal(labels, expected)
@@ -166,7 +166,7 @@ def test_each_tied_candidate_has_one_region(implementation):
     p_OC = np.array([[0.03, 0, 0], [-0.03, 0, 0], [0, 0.03, 0]])
     partition = kernel.partition(p_OC, np.zeros(3), np.empty((0, 3)), np.empty(0))
     assert np.sum(partition.sizes) == len(p_OQ)
-    labels = partition.labels_of_candidates(kernel.blocks)
+    labels = partition.labels_of_candidates()
     assert np.all(labels[(p_OQ[:, 0] == 0) & (p_OQ[:, 1] < -1e-9)] == 0)
 
 

@@ -68,11 +68,11 @@ def test_goals_are_the_same(surface, name, stretch, in_turns):
 
 def test_points_project_onto_their_own_region(surface):
     rng = np.random.default_rng(0)
-    regions, _ = both(surface, scattered_contacts(surface, 2), np.zeros(5))
+    _, regions = both(surface, scattered_contacts(surface, 2), np.zeros(5))
     contacts = np.flatnonzero(regions.sizes() > 0)
     for _ in range(5):
         p_OP = rng.uniform(-0.06, 0.06, (len(contacts), 3))
         members = [regions.members(int(contact)) for contact in contacts]
         expected, _ = surface.project_into(p_OP, members)
-        found, _ = surface.project_onto_regions(p_OP, regions.labels, contacts)
+        found, _ = surface.project_onto_regions(p_OP, regions.partition, contacts)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-15)

@@ -43,6 +43,7 @@ first, in code that is compiled once and kept on disk.
 """
 
 from drake_pregrasp.planning.kernels.choice import make_kernel, numba_is_installed, warm_up
+from drake_pregrasp.planning.kernels.ground import Ground
 from drake_pregrasp.planning.kernels.partition import Partition
 from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
 from drake_pregrasp.planning.kernels.triangles import closest_points
@@ -50,6 +51,7 @@ from drake_pregrasp.planning.kernels.weighting import KINDS, Weighting
 
 __all__ = [
     "KINDS",
+    "Ground",
     "Partition",
     "TickKernel",
     "Weighting",

@@ -7,6 +7,7 @@ import numpy as np
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.kernels.ground import Ground
 from drake_pregrasp.planning.kernels.numpy_kernel import NumpyKernel
 from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
 from drake_pregrasp.planning.kernels.weighting import KINDS, Weighting
@@ -69,7 +70,10 @@ def warm_up() -> None:
     for kind in KINDS:
         weighting = Weighting(kind, True, np.eye(3))
         kernel.centroids(partition, p_OQ, np.arange(2), weighting)
-    kernel.nearest_on_triangles(p_OQ[:1], [np.arange(1)], np.eye(3)[None])
+    patches = np.tile(p_OQ[:, None], (1, 3, 1))
+    kernel.nearest_on_triangles(p_OQ[:1], [np.arange(1)], patches)
+    ground = Ground(p_OQ, patches, np.arange(3))
+    kernel.project_onto_regions(p_OQ, partition, np.arange(2), ground)
 
 
 def _compiled(

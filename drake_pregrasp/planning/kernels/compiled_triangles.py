@@ -21,7 +21,7 @@ def nearest_on_triangles(points, ends, which, corners):  # type: ignore[no-untyp
         least = np.inf
         chosen[k] = which[start]
         for j in range(start, ends[k]):
-            x, y, z = _closest(points[k], corners[which[j]])
+            x, y, z = closest(points[k], corners[which[j]])
             dx, dy, dz = x - points[k, 0], y - points[k, 1], z - points[k, 2]
             square = dx * dx + dy * dy + dz * dz
             if square < least:
@@ -33,7 +33,7 @@ def nearest_on_triangles(points, ends, which, corners):  # type: ignore[no-untyp
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _closest(p, corners):  # type: ignore[no-untyped-def]
+def closest(p, corners):  # type: ignore[no-untyped-def]
     """Returns a triangle's point nearest to p.
 
     By the region of the triangle's plane that p is over: at a corner, along an edge, or inside

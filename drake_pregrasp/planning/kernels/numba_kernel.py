@@ -8,7 +8,9 @@ from drake_pregrasp.planning.arrays import FloatArray, IntArray
 from drake_pregrasp.planning.kernels.blocks import BLOCK
 from drake_pregrasp.planning.kernels.compiled_centroids import sum_up
 from drake_pregrasp.planning.kernels.compiled_partition import divide
+from drake_pregrasp.planning.kernels.compiled_projection import project
 from drake_pregrasp.planning.kernels.compiled_triangles import nearest_on_triangles
+from drake_pregrasp.planning.kernels.ground import Ground
 from drake_pregrasp.planning.kernels.numpy_kernel import SLACK
 from drake_pregrasp.planning.kernels.partition import NOBODY, Partition
 from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
@@ -25,6 +27,29 @@ class NumbaKernel(TickKernel):
         ends = np.cumsum([len(own) for own in triangles])
         nearest: FloatArray
         nearest, which = nearest_on_triangles(points, ends, np.concatenate(triangles), corners)
+        return nearest, which
+
+    def project_onto_regions(
+        self, points: FloatArray, partition: Partition, contacts: IntArray, ground: Ground
+    ) -> tuple[FloatArray, IntArray]:
+        """As of `TickKernel`."""
+        blocks = self.blocks
+        nearest: FloatArray
+        nearest, which = project(
+            points,
+            contacts,
+            self._p_OCoM,
+            blocks.order,
+            blocks.points,
+            blocks.centers,
+            blocks.halves,
+            blocks.starts,
+            partition.owners,
+            partition.labels,
+            ground.patches,
+            ground.patch_starts,
+            ground.reach,
+        )
         return nearest, which
 
     def _partition(
@@ -48,7 +73,7 @@ class NumbaKernel(TickKernel):
             owners,
             labels,
         )
-        return Partition(owners, labels, sizes)
+        return Partition(owners, labels, sizes, blocks)
 
     def _centroids(
         self, partition: Partition, r: FloatArray, movers: IntArray, weighting: Weighting

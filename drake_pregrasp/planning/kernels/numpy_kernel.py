@@ -51,7 +51,7 @@ class NumpyKernel(TickKernel):
         sizes = BLOCK * np.bincount(owners[owners >= 0], minlength=len(r))
         mixed_labels = labels[owners == MIXED].ravel()
         sizes += np.bincount(mixed_labels[mixed_labels >= 0], minlength=len(r))
-        return Partition(owners, labels, sizes)
+        return Partition(owners, labels, sizes, self.blocks)
 
     def _partition_of_few(
         self, r: FloatArray, h: FloatArray, z: FloatArray, radii: FloatArray
@@ -78,7 +78,7 @@ class NumpyKernel(TickKernel):
             labels[own[inside]] = contact
             sizes[contact] = np.sum(inside)
         owners = np.full(count, MIXED, dtype=np.int64)
-        return Partition(owners, labels.reshape(count, BLOCK), sizes)
+        return Partition(owners, labels.reshape(count, BLOCK), sizes, self.blocks)
 
     def _ask_boxes(
         self, normals: FloatArray, bounds: FloatArray

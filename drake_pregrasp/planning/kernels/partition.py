@@ -24,17 +24,20 @@ class Partition:
         labels: Contact that has each point of a mixed block, or `NOBODY`; not set elsewhere;
             shape (B, BLOCK).
         sizes: Number of candidates in each region, shape (n,).
+        blocks: Of the surface.
     """
 
     owners: IntArray
     labels: npt.NDArray[np.int16]
     sizes: IntArray
+    blocks: Blocks
 
-    def labels_of_candidates(self, blocks: Blocks) -> IntArray:
+    def labels_of_candidates(self) -> IntArray:
         """Returns the label of each candidate, in their own order, shape (N,)."""
         sorted_labels = np.repeat(self.owners, BLOCK).reshape(-1, BLOCK)
         mixed = np.flatnonzero(self.owners == MIXED)
         sorted_labels[mixed] = self.labels[mixed]
-        labels = np.empty(blocks.num_candidates, dtype=np.int64)
-        labels[blocks.order] = sorted_labels.ravel()[: blocks.num_candidates]
+        order = self.blocks.order
+        labels = np.empty(len(order), dtype=np.int64)
+        labels[order] = sorted_labels.ravel()[: len(order)]
         return labels

@@ -7,6 +7,7 @@ import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
 from drake_pregrasp.planning.kernels.blocks import Blocks, make_blocks
+from drake_pregrasp.planning.kernels.ground import Ground
 from drake_pregrasp.planning.kernels.hand_measures import newton_steps
 from drake_pregrasp.planning.kernels.partition import Partition
 from drake_pregrasp.planning.kernels.triangles import nearest_on_triangles
@@ -61,6 +62,25 @@ class TickKernel(ABC):
         """
         r = p_OC - self._p_OCoM
         return self._centroids(partition, r, movers, weighting) + self._p_OCoM
+
+    def project_onto_regions(
+        self, points: FloatArray, partition: Partition, contacts: IntArray, ground: Ground
+    ) -> tuple[FloatArray, IntArray]:
+        """Returns the nearest point to each of some points on one region's ground, and on what.
+
+        Args:
+            points: In O, shape (k, 3), in metres.
+            partition: Of this kernel.
+            contacts: For each point the contact whose region it is, shape (k,); none of an empty
+                region.
+            ground: The candidates' patches.
+
+        Returns:
+            The nearest points, shape (k, 3), and the indices of the triangles they are on.
+        """
+        labels = partition.labels_of_candidates()
+        triangles = ground.near_in_regions(points, labels, contacts)
+        return self.nearest_on_triangles(points, triangles, ground.patches)
 
     def nearest_on_triangles(
         self, points: FloatArray, triangles: Sequence[IntArray], corners: FloatArray

@@ -1,0 +1,118 @@
+"""The projection onto regions for numba: nearest boxes first."""
+
+import numba
+import numpy as np
+
+from drake_pregrasp.planning.kernels.blocks import BLOCK, FAN
+from drake_pregrasp.planning.kernels.compiled_triangles import closest
+from drake_pregrasp.planning.kernels.partition import MIXED
+
+
+@numba.njit(cache=True, error_model="numpy")
+def project(  # type: ignore[no-untyped-def]
+    points,
+    contacts,
+    p_OCoM,
+    order,
+    block_points,
+    centers,
+    halves,
+    starts,
+    owners,
+    labels,
+    patches,
+    patch_starts,
+    reach,
+):
+    """Returns what `TickKernel.project_onto_regions` does.
+
+    A box is left out if its ground is farther away than the nearest point so far, and a candidate's
+    triangles likewise: they reach no farther from it than the ground's reach.
+
+    Args:
+        points: In O, shape (k, 3), in metres.
+        contacts: Whose region each is projected onto, shape (k,).
+        p_OCoM: Centre of mass in O, shape (3,), in metres.
+        order: As in `Blocks`, and so the next four.
+        block_points: Its points.
+        centers: Midpoints of boxes.
+        halves: Their half edges.
+        starts: Of the tree's levels.
+        owners: As in `Partition`.
+        labels: As in `Partition`.
+        patches: As in `Ground`, and so the next two.
+        patch_starts: Where the candidates' begin.
+        reach: Of patches.
+    """
+    depth_of_blocks = len(starts) - 2
+    nearest, chosen = np.full((len(points), 3), np.nan), np.full(len(points), -1)
+    stack = np.empty((FAN * (depth_of_blocks + 1) + starts[1], 2), dtype=np.int64)
+    least_of = np.empty(len(stack))
+    for k in range(len(points)):
+        p = points[k]
+        x, y, z = p[0] - p_OCoM[0], p[1] - p_OCoM[1], p[2] - p_OCoM[2]
+        least = np.inf
+        top = _push(0, 0, starts[1], x, y, z, 0, centers, halves, stack, least_of)
+        while top > 0:
+            top -= 1
+            if least_of[top] > least + reach:
+                continue
+            depth, a = stack[top]
+            if depth < depth_of_blocks:
+                first, last = a * FAN, min((a + 1) * FAN, starts[depth + 2] - starts[depth + 1])
+                top = _push(
+                    depth + 1,
+                    first,
+                    last,
+                    x,
+                    y,
+                    z,
+                    top,
+                    centers[starts[depth + 1] :],
+                    halves[starts[depth + 1] :],
+                    stack,
+                    least_of,
+                )
+                continue
+            if owners[a] != contacts[k] and owners[a] != MIXED:
+                continue
+            for place in range(a * BLOCK, min((a + 1) * BLOCK, len(order))):
+                if owners[a] == MIXED and labels[a, place - a * BLOCK] != contacts[k]:
+                    continue
+                dx, dy, dz = (
+                    block_points[0, place] - x,
+                    block_points[1, place] - y,
+                    block_points[2, place] - z,
+                )
+                if dx * dx + dy * dy + dz * dz > (least + reach) ** 2:
+                    continue
+                q = order[place]
+                for j in range(patch_starts[q], patch_starts[q + 1]):
+                    u, v, w = closest(p, patches[j])
+                    away = np.sqrt((u - p[0]) ** 2 + (v - p[1]) ** 2 + (w - p[2]) ** 2)
+                    if away < least or (away == least and j < chosen[k]):
+                        least, chosen[k] = away, j
+                        nearest[k, 0], nearest[k, 1], nearest[k, 2] = u, v, w
+    return nearest, chosen
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _push(  # type: ignore[no-untyped-def]
+    depth, first, last, x, y, z, top, centers, halves, stack, least_of
+):
+    """Puts some nodes of a level on the stack, the nearest uppermost, and returns its height."""
+    bottom = top
+    for a in range(first, last):
+        dx = max(0.0, abs(x - centers[a, 0]) - halves[a, 0])
+        dy = max(0.0, abs(y - centers[a, 1]) - halves[a, 1])
+        dz = max(0.0, abs(z - centers[a, 2]) - halves[a, 2])
+        least = np.sqrt(dx * dx + dy * dy + dz * dz)
+        place = top
+        while place > bottom and least_of[place - 1] < least:
+            least_of[place] = least_of[place - 1]
+            stack[place, 0], stack[place, 1] = stack[place - 1, 0], stack[place - 1, 1]
+            place -= 1
+        least_of[place] = least
+        stack[place, 0], stack[place, 1] = depth, a
+        top += 1
+    return top

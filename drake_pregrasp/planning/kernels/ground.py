@@ -1,0 +1,87 @@
+"""The allowed surface as patches of triangles, one patch for each candidate."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from drake_pregrasp.planning.arrays import FloatArray, IntArray
+
+_ROUNDING = 1 + 1e-9
+
+
+class Ground:
+    """Finds the triangles on which the nearest point to another may be.
+
+    Args:
+        p_OQ: Candidates, shape (N, 3), in metres.
+        patches: Triangles in the order of their candidates, shape (T, 3, 3).
+        patch_starts: Place of each candidate's first triangle, and T, shape (N + 1,).
+
+    Attributes:
+        p_OQ: As given, and so the next two.
+        patches: Triangles.
+        patch_starts: Where each candidate's begin.
+        reach: No patch goes farther than that from its candidate, in metres.
+        tree: Of the candidates.
+    """
+
+    def __init__(self, p_OQ: FloatArray, patches: FloatArray, patch_starts: IntArray) -> None:
+        self.p_OQ, self.patches, self.patch_starts = p_OQ, patches, patch_starts
+        self.tree = cKDTree(p_OQ)
+        self._owners = np.repeat(np.arange(len(p_OQ)), np.diff(patch_starts))
+        away = np.linalg.norm(patches - p_OQ[self._owners, None], axis=2)
+        self.reach = float(np.max(away)) * _ROUNDING
+        centroids = np.mean(patches, axis=1)
+        radii = np.linalg.norm(patches - centroids[:, None], axis=2)
+        self._triangle_tree = cKDTree(centroids)
+        self._triangle_radius = float(np.max(radii)) * _ROUNDING
+
+    def near(self, points: FloatArray) -> list[IntArray]:
+        """Returns for each point, shape (k, 3), the triangles that may be nearest."""
+        # The centroid of the nearest triangle is at most its radius farther away than the triangle.
+        distances, _ = self._triangle_tree.query(points)
+        return self.triangles_within(points, distances)
+
+    def near_of(self, points: FloatArray, candidates: Sequence[IntArray]) -> list[IntArray]:
+        """The same out of the patches of each point's own candidates, one or more."""
+        distances = np.array(
+            [
+                np.sqrt(np.min(np.sum((self.p_OQ[q] - point) ** 2, axis=1)))
+                for point, q in zip(points, candidates, strict=True)
+            ]
+        )
+        near = []
+        is_chosen = np.zeros(len(self.p_OQ), dtype=bool)
+        for triangles, q in zip(self.triangles_within(points, distances), candidates, strict=True):
+            is_chosen[q] = True
+            near.append(triangles[is_chosen[self._owners[triangles]]])
+            is_chosen[q] = False
+        return near
+
+    def near_in_regions(
+        self, points: FloatArray, labels: IntArray, contacts: IntArray
+    ) -> list[IntArray]:
+        """The same out of the candidates that carry each point's label, one or more."""
+        distances, nearest = self.tree.query(points)
+        for k in np.flatnonzero(labels[nearest] != contacts):
+            away = self.p_OQ[labels == contacts[k]] - points[k]
+            distances[k] = np.sqrt(np.min(np.einsum("ij,ij->i", away, away)))
+        return [
+            triangles[labels[self._owners[triangles]] == contact]
+            for contact, triangles in zip(
+                contacts, self.triangles_within(points, distances), strict=True
+            )
+        ]
+
+    def owners_within(self, point: FloatArray, distance: float) -> IntArray:
+        """Returns the candidates whose patches come that near to a point, or nearly, (k,)."""
+        (triangles,) = self.triangles_within(point[None], np.array([distance]))
+        return np.unique(self._owners[triangles])
+
+    def triangles_within(self, points: FloatArray, distances: FloatArray) -> list[IntArray]:
+        """Returns for each point all triangles that are as near as its distance, and some more."""
+        near = self._triangle_tree.query_ball_point(
+            points, distances + self._triangle_radius, return_sorted=True
+        )
+        return [np.array(triangles, dtype=np.int64) for triangles in near]
