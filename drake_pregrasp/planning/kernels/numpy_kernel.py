@@ -6,6 +6,10 @@ import numpy as np
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.planning.kernels.blocks import BLOCK, FAN
+from drake_pregrasp.planning.kernels.few_candidates import (
+    centroids_of_few,
+    partition_of_few,
+)
 from drake_pregrasp.planning.kernels.hand_measures import extremes, volumes
 from drake_pregrasp.planning.kernels.partition import MIXED, NOBODY, Partition
 from drake_pregrasp.planning.kernels.region_planes import region_planes
@@ -23,13 +27,10 @@ class NumpyKernel(TickKernel):
 
     Attributes:
         few: Candidates up to which asking all of them costs less than the tree's steps.
-        worth_a_box: Pairs of a plane and a point from which on it pays to ask first which planes
-            cut the box of all points.
         chunk: Points weighed at a time, so that their arrays stay in the cache.
     """
 
     few = 1 << 13
-    worth_a_box = 1 << 15
     chunk = 1 << 13
 
     def _partition(
@@ -37,7 +38,7 @@ class NumpyKernel(TickKernel):
     ) -> Partition:
         count = self.blocks.count
         if self.blocks.num_candidates <= self.few:
-            return self._partition_of_few(r, h, z, radii)
+            return partition_of_few(self.blocks, r, h, z, radii, SLACK * self._longest_arm)
         owners = np.full(count, NOBODY, dtype=np.int64)
         labels = np.full((count, BLOCK), NOBODY, dtype=np.int16)
         for contact in np.flatnonzero(np.isfinite(h)).tolist():
@@ -52,33 +53,6 @@ class NumpyKernel(TickKernel):
         mixed_labels = labels[owners == MIXED].ravel()
         sizes += np.bincount(mixed_labels[mixed_labels >= 0], minlength=len(r))
         return Partition(owners, labels, sizes, self.blocks)
-
-    def _partition_of_few(
-        self, r: FloatArray, h: FloatArray, z: FloatArray, radii: FloatArray
-    ) -> Partition:
-        N, count, points = self.blocks.num_candidates, self.blocks.count, self.blocks.points
-        labels = np.full(count * BLOCK, NOBODY, dtype=np.int16)
-        kept = np.flatnonzero(np.isfinite(h))
-        sizes = np.zeros(len(r), dtype=np.int64)
-        if len(kept):
-            powers = np.einsum("ij,ij->i", r[kept], r[kept]) - h[kept]
-            cells = kept[np.argmin(powers[:, None] / 2 - r[kept] @ points[:, :N], axis=0)]
-        for contact in kept.tolist():
-            own = np.flatnonzero(cells == contact)
-            if len(own) == 0:
-                continue
-            q = points[:, own]
-            normals, bounds = region_planes(0, r[[contact]], h[[contact]], z, radii)
-            if normals.shape[0] * len(own) > self.worth_a_box:
-                low, high = np.min(q, axis=1), np.max(q, axis=1)
-                reach = np.abs(normals) @ ((high - low) / 2 + SLACK * self._longest_arm)
-                cut = normals @ ((low + high) / 2) + reach > bounds
-                normals, bounds = normals[cut], bounds[cut]
-            inside = ~np.any(normals @ q > bounds[:, None], axis=0)
-            labels[own[inside]] = contact
-            sizes[contact] = np.sum(inside)
-        owners = np.full(count, MIXED, dtype=np.int64)
-        return Partition(owners, labels.reshape(count, BLOCK), sizes, self.blocks)
 
     def _ask_boxes(
         self, normals: FloatArray, bounds: FloatArray
@@ -148,14 +122,14 @@ class NumpyKernel(TickKernel):
         sums = HandSums.none(len(r))
         if weighting.is_of_the_hand:
             sums = HandSums.over(r, partition.sizes > 0)
+        steps = self._newton_steps(r)
+        if self.blocks.num_candidates <= self.few:
+            return centroids_of_few(partition, movers, weighting, sums, steps)
         numbers = volume_numbers(sums) if weighting.kind == "vew" else np.empty((len(r), 0))
-        if weighting.kind in ("msv", "gii") and self.blocks.num_candidates <= self.few:
-            return self._centroids_of_few(partition, r, movers, weighting, sums)
         mixed = np.flatnonzero(partition.owners == MIXED)
         mixed_labels = partition.labels[mixed].ravel()
         places = (mixed[:, None] * BLOCK + np.arange(BLOCK)).ravel()
         whitener = weighting.whitener()
-        steps = self._newton_steps(r)
         centroids = np.empty((len(movers), 3))
         for row, contact in enumerate(movers.tolist()):
             whole = np.flatnonzero(partition.owners == contact)
@@ -169,31 +143,6 @@ class NumpyKernel(TickKernel):
             pieces = self._pieces(whole, some)
             weighed = ((q, areas, weigh(q)) for q, areas in pieces)
             centroids[row] = _measure_centroid(weighed, stretch=weighting.stretch)
-        return centroids
-
-    def _centroids_of_few(
-        self,
-        partition: Partition,
-        r: FloatArray,
-        movers: IntArray,
-        weighting: Weighting,
-        sums: HandSums,
-    ) -> FloatArray:
-        """Weighs the points of all regions at once: many small arrays would take longer."""
-        labels = partition.labels.ravel()
-        places = np.flatnonzero(np.isin(labels, movers))
-        contacts = labels[places].astype(np.int64)
-        q, areas = self.blocks.points[:, places], self.blocks.areas[places]
-        t, B = sums.t.T[:, contacts], np.moveaxis(sums.B, 0, -1)[:, :, contacts]
-        steps = self._newton_steps(r)
-        sigma_min, sigma_max = extremes(t, B, sums.n, q, steps, largest=weighting.kind == "gii")
-        b = sigma_min / sigma_max
-        centroids = np.empty((len(movers), 3))
-        for row, contact in enumerate(movers.tolist()):
-            own = contacts == contact
-            centroids[row] = _measure_centroid(
-                [(q[:, own], areas[own], b[own])], stretch=weighting.stretch
-            )
         return centroids
 
     def _pieces(self, whole: IntArray, some: IntArray) -> list[tuple[FloatArray, FloatArray]]:

@@ -29,9 +29,24 @@ def region_planes(
     others = others[others != contact]
     bounds = (powers[others] - powers[contact]) / 2
     bounds = np.where(others < contact, np.nextafter(bounds, -np.inf), bounds)
-    away = z - r[contact]
-    d = np.sqrt(np.einsum("ij,ij->i", away, away))
+    normals, distances = forbidden_planes(r[[contact]], z, R)
     return (
-        np.concatenate([r[others] - r[contact], away]),
-        np.concatenate([bounds, away @ r[contact] + d * (d - R)]),
+        np.concatenate([r[others] - r[contact], normals[0]]),
+        np.concatenate([bounds, distances[0]]),
     )
+
+
+def forbidden_planes(r: FloatArray, z: FloatArray, R: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Returns the planes n·q <= b of all contacts against forbidden points (Eq. 2).
+
+    Args:
+        r: As of `region_planes`, and so the next two.
+        z: Forbidden points.
+        R: Their radii.
+
+    Returns:
+        Normals, shape (n, m, 3), and bounds, shape (n, m).
+    """
+    normals = z - r[:, None]
+    d = np.sqrt(np.einsum("ijk,ijk->ij", normals, normals))
+    return normals, np.einsum("ijk,ik->ij", normals, r) + d * (d - R)

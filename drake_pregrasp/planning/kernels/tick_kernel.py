@@ -60,6 +60,8 @@ class TickKernel(ABC):
             movers: Contacts whose centroids are asked for, shape (k,); none of an empty region.
             weighting: Of the candidates.
         """
+        if len(movers) == 0:
+            return np.empty((0, 3))
         r = p_OC - self._p_OCoM
         return self._centroids(partition, r, movers, weighting) + self._p_OCoM
 
