@@ -32,6 +32,8 @@ class VelocityProfile:
                 f"a profile's times must increase from 0, not be {self._times.tolist()}"
             )
         areas = steps[:, None] * (self._velocities[:-1] + self._velocities[1:]) / 2
+        self._accelerations = np.zeros(self._velocities.shape)
+        self._accelerations[:-1] = np.diff(self._velocities, axis=0) / steps[:, None]
         self._positions = np.vstack([np.zeros(self.size), np.cumsum(areas, axis=0)])
 
     @property
@@ -45,8 +47,10 @@ class VelocityProfile:
         Positions start at 0 and are the exact integral: over a linear piece, the time times the
         mean of the velocities at its ends.
         """
-        row = int(np.searchsorted(self._times, time, side="right")) - 1
-        velocities = np.array([np.interp(time, self._times, v) for v in self._velocities.T])
-        mean = (self._velocities[row] + velocities) / 2
-        positions: FloatArray = self._positions[row] + (time - self._times[row]) * mean
+        row = int(self._times.searchsorted(time, side="right")) - 1
+        since = time - self._times[row]
+        velocities: FloatArray = self._velocities[row] + since * self._accelerations[row]
+        positions: FloatArray = (
+            self._positions[row] + since * (self._velocities[row] + velocities) / 2
+        )
         return positions, velocities

@@ -3,6 +3,8 @@
 import numba
 import numpy as np
 
+from drake_pregrasp.planning.kernels.triangles import FLAT
+
 
 @numba.njit(cache=True, error_model="numpy")
 def nearest_on_triangles(points, ends, which, corners):  # type: ignore[no-untyped-def]
@@ -34,11 +36,7 @@ def nearest_on_triangles(points, ends, which, corners):  # type: ignore[no-untyp
 
 @numba.njit(cache=True, error_model="numpy")
 def closest(p, corners):  # type: ignore[no-untyped-def]
-    """Returns a triangle's point nearest to p.
-
-    By the region of the triangle's plane that p is over: at a corner, along an edge, or inside
-    (Ericson, "Real-Time Collision Detection", 2004, sec. 5.1.5).
-    """
+    """Returns a triangle's point nearest to p, as `triangles.closest_points` does."""
     ax, ay, az = corners[0, 0], corners[0, 1], corners[0, 2]
     bx, by, bz = corners[1, 0] - ax, corners[1, 1] - ay, corners[1, 2] - az
     cx, cy, cz = corners[2, 0] - ax, corners[2, 1] - ay, corners[2, 2] - az
@@ -49,6 +47,8 @@ def closest(p, corners):  # type: ignore[no-untyped-def]
         cx * cx + cy * cy + cz * cz,
         bx * cx + by * cy + bz * cz,
     )
+    if bb * cc - bc * bc <= FLAT * bb * cc:
+        return _closest_on_edges(p, corners)
     b_a, c_a = bx * px + by * py + bz * pz, cx * px + cy * py + cz * pz
     b_b, c_b = b_a - bb, c_a - bc
     b_c, c_c = b_a - bc, c_a - cc
@@ -73,3 +73,20 @@ def closest(p, corners):  # type: ignore[no-untyped-def]
         whole = over_ab + over_ac + over_bc
         v, w = over_ac / whole, over_ab / whole
     return ax + v * bx + w * cx, ay + v * by + w * cy, az + v * bz + w * cz
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _closest_on_edges(p, corners):  # type: ignore[no-untyped-def]
+    least = np.inf
+    x, y, z = corners[0, 0], corners[0, 1], corners[0, 2]
+    for k in range(3):
+        start, end = corners[k], corners[(k + 1) % 3]
+        wx, wy, wz = end[0] - start[0], end[1] - start[1], end[2] - start[2]
+        square = wx * wx + wy * wy + wz * wz
+        along = (p[0] - start[0]) * wx + (p[1] - start[1]) * wy + (p[2] - start[2]) * wz
+        t = min(max(along / square, 0.0), 1.0) if square > 0.0 else 0.0
+        u, v, w = start[0] + t * wx, start[1] + t * wy, start[2] + t * wz
+        away = (u - p[0]) ** 2 + (v - p[1]) ** 2 + (w - p[2]) ** 2
+        if away < least:
+            least, x, y, z = away, u, v, w
+    return x, y, z
