@@ -127,7 +127,10 @@ class ObjectSurface:
             The nearest allowed points, shape (k, 3), and the outward normals there, shape (k, 3).
             Between patches at the same distance the one that comes first is taken.
         """
-        return self._nearest_on_triangles(p_OP, self._ground.near(p_OP))
+        if len(p_OP) == 0:
+            return np.empty((0, 3)), np.empty((0, 3))
+        nearest, which = self.kernel.project(p_OP, self._ground)
+        return nearest, self._triangle_normals[which]
 
     def project_into(
         self, p_OP: FloatArray, candidates: Sequence[IntArray]
@@ -141,7 +144,11 @@ class ObjectSurface:
         Returns:
             As `project` does.
         """
-        return self._nearest_on_triangles(p_OP, self._ground.near_of(p_OP, candidates))
+        if len(p_OP) == 0:
+            return np.empty((0, 3)), np.empty((0, 3))
+        near = self._ground.near_of(p_OP, candidates)
+        nearest, which = self.kernel.nearest_on_triangles(p_OP, near, self.patches)
+        return nearest, self._triangle_normals[which]
 
     def project_onto_regions(
         self, p_OP: FloatArray, partition: Partition, contacts: IntArray
@@ -187,11 +194,3 @@ class ObjectSurface:
             height = heights[np.argmax(np.abs(heights))]
             distances[index] = np.copysign(np.sqrt(squares[best[0]]), height)
         return distances
-
-    def _nearest_on_triangles(
-        self, p_OP: FloatArray, triangles: Sequence[IntArray]
-    ) -> tuple[FloatArray, FloatArray]:
-        if len(p_OP) == 0:
-            return np.empty((0, 3)), np.empty((0, 3))
-        nearest, which = self.kernel.nearest_on_triangles(p_OP, triangles, self.patches)
-        return nearest, self._triangle_normals[which]

@@ -29,6 +29,18 @@ class NumbaKernel(TickKernel):
         nearest, which = nearest_on_triangles(points, ends, np.concatenate(triangles), corners)
         return nearest, which
 
+    def project(self, points: FloatArray, ground: Ground) -> tuple[FloatArray, IntArray]:
+        """As of `TickKernel`."""
+        count = self.blocks.count
+        everything = Partition(
+            owners=np.zeros(count, dtype=np.int64),
+            labels=np.empty((count, BLOCK), dtype=np.int16),
+            sizes=np.array([self.blocks.num_candidates]),
+            blocks=self.blocks,
+        )
+        owner = np.zeros(len(points), dtype=np.int64)
+        return self.project_onto_regions(points, everything, owner, ground)
+
     def project_onto_regions(
         self, points: FloatArray, partition: Partition, contacts: IntArray, ground: Ground
     ) -> tuple[FloatArray, IntArray]:

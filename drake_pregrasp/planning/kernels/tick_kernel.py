@@ -65,10 +65,23 @@ class TickKernel(ABC):
         r = p_OC - self._p_OCoM
         return self._centroids(partition, r, movers, weighting) + self._p_OCoM
 
+    def project(self, points: FloatArray, ground: Ground) -> tuple[FloatArray, IntArray]:
+        """Returns the nearest point of the ground to each of some points, and what it is on.
+
+        Args:
+            points: In O, shape (k, 3), in metres.
+            ground: The candidates' patches.
+
+        Returns:
+            The nearest points, shape (k, 3), and the indices of the triangles they are on; of
+            equals the first counts.
+        """
+        return self.nearest_on_triangles(points, ground.near(points), ground.patches)
+
     def project_onto_regions(
         self, points: FloatArray, partition: Partition, contacts: IntArray, ground: Ground
     ) -> tuple[FloatArray, IntArray]:
-        """Returns the nearest point to each of some points on one region's ground, and on what.
+        """Returns what `project` does, for each point on the ground of one region.
 
         Args:
             points: In O, shape (k, 3), in metres.
@@ -76,9 +89,6 @@ class TickKernel(ABC):
             contacts: For each point the contact whose region it is, shape (k,); none of an empty
                 region.
             ground: The candidates' patches.
-
-        Returns:
-            The nearest points, shape (k, 3), and the indices of the triangles they are on.
         """
         labels = partition.labels_of_candidates()
         triangles = ground.near_in_regions(points, labels, contacts)
