@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 
@@ -92,13 +93,13 @@ class RegionConstraints:
     same_side: BoolArray | None = None
     fencing: BoolArray | None = None
 
-    @property
+    @cached_property
     def leaves_every_point(self) -> bool:
         """Whether no point by itself is kept from any contact."""
         blocked = self.obstacles.solids or len(self.obstacles.points)
         return not blocked and all(solid is None for solid in self.reach)
 
-    @property
+    @cached_property
     def is_empty(self) -> bool:
         """Whether nothing limits the regions."""
         return (

@@ -19,6 +19,9 @@ from drake_pregrasp.planning.solids import Solid
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.planning.wall_test import WALL_TESTS, SurfaceGraph, normals_agree
 
+_NO_OBSTACLES = Obstacles()
+_NO_CONSTRAINTS = RegionConstraints()
+
 
 class SafeRegionPartitioner(LeafSystem):
     """Divides the object's surface into the contacts' safe regions (Eq. 1-2). It has no state.
@@ -100,6 +103,7 @@ class SafeRegionPartitioner(LeafSystem):
         self._reach = tuple(reach)
         self._wall_test = wall_test
         self._kernel = surface.kernel if normal_length == 0 else None
+        self._is_unlimited = wall_test == "none" and not len(self._tip_radii) and not any(reach)
         self._graph = SurfaceGraph(surface) if wall_test == "surface" else None
         self._surface = surface
         self._num_contacts = num_contacts
@@ -148,7 +152,7 @@ class SafeRegionPartitioner(LeafSystem):
     def _constraints(
         self, context: Context, X_OW: RigidTransform, p_OC: FloatArray
     ) -> RegionConstraints:
-        obstacles = Obstacles()
+        obstacles = _NO_OBSTACLES
         if self._obstacles.HasValue(context):
             in_world = self._obstacles.Eval(context)
             if not isinstance(in_world, Obstacles):
@@ -157,6 +161,8 @@ class SafeRegionPartitioner(LeafSystem):
                     f" not a {type(in_world).__name__}"
                 )
             obstacles = in_world.moved(X_OW.rotation().matrix(), X_OW.translation())
+        elif self._is_unlimited:
+            return _NO_CONSTRAINTS
         X_OH = X_OW
         if self._X_WH.HasValue(context):
             X_OH = X_OW @ self._X_WH.Eval(context)
