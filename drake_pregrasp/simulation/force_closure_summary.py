@@ -1,6 +1,5 @@
 """The part of `summary.json` that says how far the goals are from losing force closure."""
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,8 +19,8 @@ def force_closure_summary(
     scenario: Scenario,
     surface: ObjectSurface,
     *,
-    static: Sequence[TickRecord],
-    final: Sequence[TickRecord],
+    static: TickRecord | None,
+    final: TickRecord | None,
 ) -> dict[str, dict[str, Any]]:
     """Returns three measures of the active contacts, with what they assume, by their names.
 
@@ -32,12 +31,12 @@ def force_closure_summary(
     Args:
         scenario: What was simulated; `measures` says how to measure.
         surface: The object's surface.
-        static: The tick to measure as `static`, or none; then its values are null.
+        static: The tick to measure as `static`; if None, its values are null.
         final: The same as `final`.
     """
     measures = scenario.measures
     model = "hard_finger" if measures.contact_model == "complete" else measures.contact_model
-    columns = [_measure(scenario, surface, model, records) for records in (static, final)]
+    columns = [_measure(scenario, surface, model, record) for record in (static, final)]
     return {
         name: {
             "friction": measures.friction,
@@ -50,13 +49,12 @@ def force_closure_summary(
 
 
 def _measure(
-    scenario: Scenario, surface: ObjectSurface, model: str, records: Sequence[TickRecord]
+    scenario: Scenario, surface: ObjectSurface, model: str, record: TickRecord | None
 ) -> tuple[float | None, ...]:
-    if not records:
+    if record is None:
         return (None,) * len(_MEASURES)
-    record, measures = records[-1], scenario.measures
+    measures = scenario.measures
     p_OC: FloatArray = (record.X_WO_estimated.inverse() @ record.p_WC.T).T
-    assert record.regions is not None  # The log keeps those of these ticks.
     p_OC = p_OC[is_active(record.contact_status)]
     _, nhat = surface.project(p_OC)
     cone: dict[str, Any] = {"model": model, "torsional_friction": measures.torsional_friction}

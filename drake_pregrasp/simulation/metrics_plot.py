@@ -22,15 +22,15 @@ def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary
     figure = Figure(figsize=(8.0, 7.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(4, 1, sharex=True)
-    time = log.column("time")
-    for axis, (measure, label, color) in zip(axes, _PANELS, strict=False):
-        axis.plot(time, log.column(measure), color=color, linewidth=1.2)
+    time, displacement, *measured = log.read("time", "displacement", *(p[0] for p in _PANELS))
+    for axis, (measure, label, color), values in zip(axes, _PANELS, measured, strict=False):
+        axis.plot(time, values, color=color, linewidth=1.2)
         static = summary["static"][measure]
         if static is not None:
             axis.axhline(static, color="0.35", linestyle="--", linewidth=1, label="static mean")
         axis.set_ylabel(label)
         axis.ticklabel_format(axis="y", useOffset=False)
-    axes[3].plot(time, 1e3 * log.column("displacement"), color="#56B4E9", linewidth=1.0)
+    axes[3].plot(time, 1e3 * displacement, color="#56B4E9", linewidth=1.0)
     axes[3].set_ylabel("displacement\n[mm per tick]")
     axes[3].set_xlabel("time [s]")
     for axis in axes:

@@ -1,6 +1,6 @@
-"""The log of a run: one row a planning tick, in memory and in `log.csv`."""
+"""The log of a run: one row of `log.csv` a planning tick."""
 
-from dataclasses import replace
+import time
 from pathlib import Path
 from types import TracebackType
 
@@ -11,19 +11,29 @@ from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.grasp_quality import GraspQuality
 from drake_pregrasp.simulation.output import writing
+from drake_pregrasp.simulation.tick_times import TickTimes
 from drake_pregrasp.systems.tick_logger import TickRecord
+
+_FLUSH_PERIOD = 1.0  # Seconds that an interrupted run may lose.
 
 
 class RunLog:
-    """Writes each tick to `log.csv` as it comes, so that an interrupted run keeps what it has.
+    """Writes ticks to `log.csv` as they come, so that an interrupted run keeps what it has.
 
-    Numbers are written with all their digits: reading them gives the same floats.
+    Numbers are written with all their digits: reading them gives the same floats. However long the
+    run is, no more than two ticks are kept in memory.
 
     Args:
         path: The file to write; what was there is replaced.
         num_contacts: n.
-        static_end: When the static phase ends, in seconds. Regions, which are large, are kept of
-            the last tick before it and of the last of all.
+        static_end: When the static phase ends, in seconds.
+
+    Attributes:
+        columns: Names of the columns.
+        num_ticks: How many there are.
+        last_static: The last tick of the static phase, if there is one.
+        last: The last of all, if there is one.
+        tick_times: How long they took.
 
     Raises:
         OutputError: If the file can't be written.
@@ -31,8 +41,11 @@ class RunLog:
 
     def __init__(self, path: Path, num_contacts: int, *, static_end: float = 0.0) -> None:
         self.columns = log_columns(num_contacts)
-        self.records: list[TickRecord] = []
-        self.rows: list[list[float]] = []
+        self.num_ticks = 0
+        self.last_static: TickRecord | None = None
+        self.last: TickRecord | None = None
+        self.tick_times = TickTimes()
+        self._flushed = time.monotonic()
         self._path = path
         self._static_end = static_end
         with writing(path):
@@ -52,20 +65,27 @@ class RunLog:
 
     def append(self, record: TickRecord) -> None:
         """Adds a tick."""
-        previous = self.records[-1] if self.records else record
-        if self.records and not previous.time < self._static_end <= record.time:
-            self.records[-1] = replace(previous, regions=None)
-        row = _row(record, previous)
-        self.records.append(record)
-        self.rows.append(row)
+        row = _row(record, self.last or record)
+        self.num_ticks += 1
+        self.last = record
+        if record.time < self._static_end:
+            self.last_static = record
+        self.tick_times.add(record.wall_seconds)
+        now = time.monotonic()
         with writing(self._path):
-            self._file.write(",".join(_text(value) for value in row) + "\n")
-            self._file.flush()
+            self._file.write(",".join(map(repr, row.tolist())) + "\n")
+            if now - self._flushed > _FLUSH_PERIOD:
+                self._file.flush()
+                self._flushed = now
 
-    def column(self, name: str) -> FloatArray:
-        """Returns a column's values over the ticks."""
-        index = self.columns.index(name)
-        return np.array([row[index] for row in self.rows])
+    def read(self, *names: str) -> list[FloatArray]:
+        """Reads columns over the ticks back from the file, once it is closed."""
+        if self.num_ticks == 0:
+            return [np.empty(0) for _ in names]
+        indices = [self.columns.index(name) for name in names]
+        with writing(self._path):
+            table = np.loadtxt(self._path, delimiter=",", skiprows=1, usecols=indices, ndmin=2)
+        return list(table.T)
 
 
 def log_columns(num_contacts: int) -> list[str]:
@@ -92,37 +112,30 @@ def _pose_columns(frames: str) -> list[str]:
     return [f"{coordinate}_{frames}" for coordinate in ("x", "y", "z", "qw", "qx", "qy", "qz")]
 
 
-def _row(record: TickRecord, previous: TickRecord) -> list[float]:
+def _row(record: TickRecord, previous: TickRecord) -> FloatArray:
     active = is_active(record.contact_status)
     dt = record.time - previous.time
     moved = active & is_active(previous.contact_status)
-    steps = np.linalg.norm((record.p_WC - previous.p_WC)[moved], axis=1)
+    squares = np.sum((record.p_WC - previous.p_WC)[moved] ** 2, axis=1)
+    energy = squares.sum() / (2 * dt**2) if dt > 0 else 0.0
     error = record.X_WO_estimated.translation() - record.X_WO.translation()
-    return [
-        record.time,
-        *record.p_WC.ravel(),
-        *active.astype(float),
-        *record.grasp_quality,
-        float(np.sum(steps)),
-        float(np.sum(steps**2) / (2 * dt**2)) if dt > 0 else 0.0,
-        *_region_sizes(record),
-        *_pose_values(record.X_WO),
-        float(RollPitchYaw(record.X_WO.rotation()).yaw_angle()),
-        *_pose_values(record.X_WO_estimated),
-        float(np.linalg.norm(error)),
-        *record.contact_status,
-        *record.contact_causes,
-    ]
+    return np.concatenate(
+        [
+            [record.time],
+            record.p_WC.ravel(),
+            active,
+            record.grasp_quality,
+            [np.sqrt(squares).sum(), energy],
+            record.regions.sizes(),
+            *_pose_values(record.X_WO),
+            [RollPitchYaw(record.X_WO.rotation()).yaw_angle()],
+            *_pose_values(record.X_WO_estimated),
+            [np.sqrt(error @ error)],
+            record.contact_status,
+            record.contact_causes,
+        ]
+    )
 
 
-def _region_sizes(record: TickRecord) -> list[float]:
-    assert record.regions is not None  # They are dropped only after this.
-    return list(record.regions.sizes().astype(float))
-
-
-def _pose_values(X: RigidTransform) -> list[float]:
-    return [*X.translation(), *X.rotation().ToQuaternion().wxyz()]
-
-
-def _text(value: float) -> str:
-    return repr(float(value))
+def _pose_values(X: RigidTransform) -> tuple[FloatArray, FloatArray]:
+    return X.translation(), X.rotation().ToQuaternion().wxyz()

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.contact_status import ContactStatus, describe_status, is_active
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.force_closure_summary import force_closure_summary
@@ -39,37 +40,35 @@ def summarize(
     `inactive_contacts` says which have no place at the last tick, and why.
     With damage, `max` and `mean` end before the first loss, and `after_damage` follows the last.
     """
-    time = log.column("time")
+    time, *values = log.read("time", *MEASURES)
+    measured = dict(zip(MEASURES, values, strict=True))
     static, adapting = static_phase(scenario, time), adapting_phase(scenario, time)
-    tick_ms = 1e3 * np.array([record.wall_seconds for record in log.records])
     return {
         "scenario": name,
         "seed": scenario.random_seed,
         "completed": completed,
         "versions": _versions(),
-        "static": _measures(log, static, np.mean),
-        "max": _measures(log, adapting, np.max),
-        "mean": _measures(log, adapting, np.mean),
-        "final": _measures(log, slice(-1, None), np.mean),
+        "static": _measures(measured, static, np.mean),
+        "max": _measures(measured, adapting, np.max),
+        "mean": _measures(measured, adapting, np.mean),
+        "final": _measures(measured, slice(-1, None), np.mean),
         "contact_model": scenario.measures.contact_model,
-        **force_closure_summary(
-            scenario, surface, static=log.records[static][-1:], final=log.records[-1:]
-        ),
-        **_after_damage(scenario, surface, log),
+        **force_closure_summary(scenario, surface, static=log.last_static, final=log.last),
+        **_after_damage(scenario, surface, measured, time),
         "inactive_contacts": _inactive_contacts(log),
-        "ticks": len(log.rows),
+        "ticks": log.num_ticks,
         "simulated_seconds": float(time[-1]) if len(time) else 0.0,
-        "tick_time_p50_ms": float(np.percentile(tick_ms, 50)) if len(tick_ms) else None,
-        "tick_time_p99_ms": float(np.percentile(tick_ms, 99)) if len(tick_ms) else None,
+        "tick_time_p50_ms": log.tick_times.percentile_ms(50),
+        "tick_time_p99_ms": log.tick_times.percentile_ms(99),
         "real_time_factor": float(time[-1]) / wall_seconds if len(time) else 0.0,
     }
 
 
 def _inactive_contacts(log: RunLog) -> dict[str, str]:
     """Returns the contacts that are there at the last tick, but have nowhere to be, and why."""
-    if not log.records:
+    record = log.last
+    if record is None:
         return {}
-    record = log.records[-1]
     without = ~is_active(record.contact_status) & (record.contact_status != ContactStatus.LOST)
     return {
         str(contact): describe_status(
@@ -80,7 +79,10 @@ def _inactive_contacts(log: RunLog) -> dict[str, str]:
 
 
 def _after_damage(
-    scenario: Scenario, surface: ObjectSurface, log: RunLog
+    scenario: Scenario,
+    surface: ObjectSurface,
+    measured: dict[str, FloatArray],
+    time: FloatArray,
 ) -> dict[str, dict[str, dict[str, float | None]]]:
     """Returns the measures after the last loss: of the static contacts left, and the best."""
     if not scenario.damage:
@@ -89,14 +91,16 @@ def _after_damage(
     return {
         "after_damage": {
             "static": {name: getattr(static, name) for name in MEASURES},
-            "max": _measures(log, last_phase(scenario, log.column("time")), np.max),
+            "max": _measures(measured, last_phase(scenario, time), np.max),
         }
     }
 
 
-def _measures(log: RunLog, ticks: slice, reduce: Any) -> dict[str, float | None]:
-    values = {name: log.column(name)[ticks] for name in MEASURES}
-    return {name: float(reduce(v)) if len(v) else None for name, v in values.items()}
+def _measures(
+    measured: dict[str, FloatArray], ticks: slice, reduce: Any
+) -> dict[str, float | None]:
+    chosen = {name: values[ticks] for name, values in measured.items()}
+    return {name: float(reduce(v)) if len(v) else None for name, v in chosen.items()}
 
 
 def _versions() -> dict[str, str]:

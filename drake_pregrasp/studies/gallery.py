@@ -134,7 +134,6 @@ def _exhibit(name: str, folder: Path) -> Exhibit:
             for m in map(moving_solid, scenario.obstacles)
         ]
         along = X_OW.rotation() @ np.array([np.cos(VIEW_YAW), np.sin(VIEW_YAW), 0.0])
-        assert record.regions is not None
         frames.append(
             render_goals(
                 surface,

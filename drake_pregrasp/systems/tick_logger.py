@@ -22,7 +22,7 @@ class TickRecord:
         contact_status: `ContactStatus` of each, shape (n,).
         contact_causes: The contact or obstacle behind it, or -1, shape (n,).
         grasp_quality: As `GraspQualityMonitor` emits it, shape (5,).
-        regions: The safe regions; None where they have been dropped to save memory.
+        regions: The safe regions.
         X_WO: The object's true pose.
         X_WO_estimated: Its estimate.
         wall_seconds: What it took to compute the goals from the plant's state.
@@ -33,7 +33,7 @@ class TickRecord:
     contact_status: FloatArray
     contact_causes: FloatArray
     grasp_quality: FloatArray
-    regions: SafeRegions | None
+    regions: SafeRegions
     X_WO: RigidTransform
     X_WO_estimated: RigidTransform
     wall_seconds: float

@@ -1,0 +1,27 @@
+"""Durations of ticks as a histogram."""
+
+import numpy as np
+import pytest
+
+from drake_pregrasp.simulation.tick_times import TickTimes
+
+
+@pytest.mark.parametrize("percent", [1, 50, 99])
+def test_percentiles_are_good_to_half_a_percent(percent):
+    seconds = np.random.default_rng(0).lognormal(np.log(1e-3), 1, 3001)
+    times = TickTimes()
+    for value in seconds:
+        times.add(value)
+    expected = 1e3 * np.percentile(seconds, percent)
+    assert times.percentile_ms(percent) == pytest.approx(expected, rel=0.02)
+
+
+@pytest.mark.parametrize(("seconds", "ms"), [(0.0, 1e-3), (1e-3, 1.0), (1e9, 1e6)])
+def test_any_duration_counts(seconds, ms):
+    times = TickTimes()
+    times.add(seconds)
+    assert times.percentile_ms(50) == pytest.approx(ms, rel=0.01)
+
+
+def test_without_ticks_there_is_no_percentile():
+    assert TickTimes().percentile_ms(50) is None
