@@ -63,10 +63,12 @@ def add_recording(
     num_contacts: int,
     path: FloatArray,
     publish_period: float,
+    live: bool,
 ) -> None:
     """Adds visualizers of the plant and the planner, looks at the object's path, and records.
 
-    The path holds positions of O in W, shape (k, 3), in metres.
+    The path holds positions of O in W, shape (k, 3), in metres. A viewer sees the run as it goes
+    only if it is `live`: that takes as long again as recording it.
     """
     MeshcatVisualizer.AddToBuilder(
         builder,
@@ -107,7 +109,7 @@ def add_recording(
     extent = max(0.1, float(surface.mesh.extents.max()))
     meshcat.SetCameraPose(*camera_pose(path, extent))
     meshcat.StartRecording(
-        frames_per_second=1 / publish_period, set_visualizations_while_recording=True
+        frames_per_second=1 / publish_period, set_visualizations_while_recording=live
     )
 
 

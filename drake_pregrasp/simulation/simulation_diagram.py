@@ -120,6 +120,7 @@ def make_diagram(
                 scenario.object,
             ),
             publish_period=scenario.recording.publish_period,
+            live=scenario.simulator_config.target_realtime_rate > 0,
         )
     diagram = builder.Build()
     diagram.set_name("pregrasp_simulation")
