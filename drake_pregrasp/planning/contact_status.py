@@ -34,6 +34,12 @@ class ContactStatus(IntEnum):
     APART_FROM_PARTNER = 7
 
 
+# By whether a contact is active, and what limits it.
+_STATUS = np.array([1.0 + np.array(Limit)] * 2)
+_STATUS[0] *= -1
+_STATUS[0, Limit.NONE] = ContactStatus.INACTIVE
+
+
 def is_active(status: FloatArray) -> BoolArray:
     """Returns which contacts take part, of their `ContactStatus`, shape (n,)."""
     mask: BoolArray = status > 0
@@ -48,9 +54,9 @@ def contact_status(active: BoolArray, lost: BoolArray, limits: IntArray) -> Floa
         lost: Mask of those whose finger is gone, shape (n,).
         limits: The `Limit` of each, shape (n,).
     """
-    limited = limits != Limit.NONE
-    status = np.where(active, 1 + limits, np.where(limited, -(1 + limits), ContactStatus.INACTIVE))
-    return np.where(lost, ContactStatus.LOST, status).astype(float)
+    status: FloatArray = _STATUS[active.astype(np.int64), limits]
+    status[lost] = ContactStatus.LOST
+    return status
 
 
 def describe_status(status: float, cause: float) -> str:

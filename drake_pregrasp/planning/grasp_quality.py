@@ -67,10 +67,13 @@ def grasp_quality(
     # Fewer than six columns leave singular values of zero.
     found = np.linalg.svd(G, compute_uv=False)
     sigma[: len(found)] = found
-    classified = "hard_finger" if model == "complete" else model
-    # Divided by the longest lever arm, so that ranks don't depend on units.
+    # Of each contact the first columns, up to three, are the forces: all that a hard finger has.
+    blocks = G.reshape(_WRENCH_SIZE, len(p_CoMC), -1)
+    blocks = (blocks[:, :, :3] if model == "complete" else blocks).copy()
+    # Their torques are divided by the longest lever arm, so that ranks don't depend on units.
     longest = max(float(np.sqrt((p_CoMC**2).sum(axis=1).max())), np.finfo(float).tiny)
-    H = grasp_matrix(p_CoMC, nhat, classified, length=longest)
+    blocks[3:, :, :3] *= length / longest
+    H = blocks.reshape(_WRENCH_SIZE, -1)
     rank = np.count_nonzero(np.linalg.svd(H, compute_uv=False) > _RANK_TOLERANCE)
     return GraspQuality(
         q_msv=float(sigma[-1]),

@@ -118,7 +118,7 @@ def compute_safe_regions(
             the regions.
     """
     constraints = constraints or RegionConstraints()
-    lost = np.isneginf(contact_weights)
+    lost = contact_weights == -np.inf
     num_sharing = max(1, len(p_OC) - int(np.count_nonzero(lost)))
     if kernel is not None and constraints.is_empty and contact_weights.max(initial=0) < np.inf:
         found = kernel.partition(p_OC, contact_weights, forbidden.points, forbidden.radii)
