@@ -143,6 +143,10 @@ class RegionConstraints:
         return limits, causes
 
 
+UNCONSTRAINED = RegionConstraints()
+"""Nothing limits the regions beside Eq. 1."""
+
+
 @dataclass(frozen=True, eq=False)
 class Planes:
     """Half-spaces n_j·(q - c_i) <= b_j that bound the region of a contact at c_i.

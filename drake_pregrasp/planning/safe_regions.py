@@ -9,6 +9,7 @@ from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.planning.kernels import Partition, TickKernel
 from drake_pregrasp.planning.region_constraints import (
     NO_CAUSE,
+    UNCONSTRAINED,
     Limit,
     Planes,
     RegionConstraints,
@@ -56,7 +57,7 @@ class SafeRegions:
             lost=np.zeros(num_contacts, dtype=bool),
             limits=np.full(num_contacts, int(Limit.NONE)),
             causes=np.full(num_contacts, NO_CAUSE),
-            constraints=RegionConstraints(),
+            constraints=UNCONSTRAINED,
         )
 
     @cached_property
@@ -117,7 +118,7 @@ def compute_safe_regions(
         kernel: Of the same candidates, with d = 3. It is faster, and used if nothing else limits
             the regions.
     """
-    constraints = constraints or RegionConstraints()
+    constraints = constraints or UNCONSTRAINED
     lost = contact_weights == -np.inf
     num_sharing = max(1, len(p_OC) - int(np.count_nonzero(lost)))
     if kernel is not None and constraints.is_empty and contact_weights.max(initial=0) < np.inf:
@@ -128,7 +129,7 @@ def compute_safe_regions(
         # Along the kernel's order each part of the surface has its share of any such sample.
         p_OQ = p_OQ[found.blocks.order[:: 1 + len(p_OQ) // _ASKED_FOR_REASONS]]
         _, limits, causes = _asked_one_by_one(
-            asked, p_OQ, p_OC, contact_weights, forbidden, RegionConstraints(), num_sharing
+            asked, p_OQ, p_OC, contact_weights, forbidden, UNCONSTRAINED, num_sharing
         )
         return SafeRegions(found, lost, limits, causes, constraints)
     labels, limits, causes = _asked_one_by_one(

@@ -10,6 +10,7 @@ from pydrake.systems.framework import Context, LeafSystem
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.region_constraints import (
+    UNCONSTRAINED,
     Obstacles,
     RegionConstraints,
 )
@@ -20,7 +21,6 @@ from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.planning.wall_test import WALL_TESTS, SurfaceGraph, normals_agree
 
 _NO_OBSTACLES = Obstacles()
-_NO_CONSTRAINTS = RegionConstraints()
 
 
 class SafeRegionPartitioner(LeafSystem):
@@ -162,7 +162,7 @@ class SafeRegionPartitioner(LeafSystem):
                 )
             obstacles = in_world.moved(X_OW.rotation().matrix(), X_OW.translation())
         elif self._is_unlimited:
-            return _NO_CONSTRAINTS
+            return UNCONSTRAINED
         X_OH = X_OW
         if self._X_WH.HasValue(context):
             X_OH = X_OW @ self._X_WH.Eval(context)
