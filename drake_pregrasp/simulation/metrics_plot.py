@@ -3,9 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-
 from drake_pregrasp.simulation.run_log import RunLog
 from drake_pregrasp.simulation.scenario import Scenario
 
@@ -19,6 +16,10 @@ _PANELS = (
 
 def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary: Any) -> None:
     """Plots the three measures and the contacts' displacement over time."""
+    # Here, because it takes a fifth of a second: not everybody runs scenarios.
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(8.0, 7.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(4, 1, sharex=True)
