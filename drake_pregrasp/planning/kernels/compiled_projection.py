@@ -23,11 +23,13 @@ def project(  # type: ignore[no-untyped-def]
     patches,
     patch_starts,
     reach,
+    longest_edge,
 ):
     """Returns what `TickKernel.project_onto_regions` does.
 
     A box is left out if its ground is farther away than the nearest point so far, and a candidate's
-    triangles likewise: they reach no farther from it than the ground's reach.
+    triangles likewise: they reach no farther from it than the ground's reach. Candidates are on the
+    ground themselves, and so are a first bound.
 
     Args:
         points: In O, shape (k, 3), in metres.
@@ -40,22 +42,23 @@ def project(  # type: ignore[no-untyped-def]
         starts: Of the tree's levels.
         owners: As in `Partition`.
         labels: As in `Partition`.
-        patches: As in `Ground`, and so the next two.
+        patches: As in `Ground`, and so the next three.
         patch_starts: Where the candidates' begin.
         reach: Of patches.
+        longest_edge: Of triangles.
     """
     depth_of_blocks = len(starts) - 2
     nearest, chosen = np.full((len(points), 3), np.nan), np.full(len(points), -1)
     stack = np.empty((FAN * (depth_of_blocks + 1) + starts[1], 2), dtype=np.int64)
-    least_of = np.empty(len(stack))
+    least_of, distances = np.empty(len(stack)), np.empty(BLOCK)
     for k in range(len(points)):
         p = points[k]
         x, y, z = p[0] - p_OCoM[0], p[1] - p_OCoM[1], p[2] - p_OCoM[2]
-        least = np.inf
+        least = bound = np.inf  # Of triangles, and of whatever is known to be on the ground.
         top = _push(0, 0, starts[1], x, y, z, 0, centers, halves, stack, least_of)
         while top > 0:
             top -= 1
-            if least_of[top] > least + reach:
+            if least_of[top] > bound + reach:
                 continue
             depth, a = stack[top]
             if depth < depth_of_blocks:
@@ -76,24 +79,36 @@ def project(  # type: ignore[no-untyped-def]
                 continue
             if owners[a] != contacts[k] and owners[a] != MIXED:
                 continue
-            for place in range(a * BLOCK, min((a + 1) * BLOCK, len(order))):
-                if owners[a] == MIXED and labels[a, place - a * BLOCK] != contacts[k]:
-                    continue
-                dx, dy, dz = (
-                    block_points[0, place] - x,
-                    block_points[1, place] - y,
-                    block_points[2, place] - z,
-                )
-                if dx * dx + dy * dy + dz * dz > (least + reach) ** 2:
+            first, last = a * BLOCK, min((a + 1) * BLOCK, len(order))
+            for place in range(first, last):
+                dx = block_points[0, place] - x
+                dy = block_points[1, place] - y
+                dz = block_points[2, place] - z
+                away = np.sqrt(dx * dx + dy * dy + dz * dz)
+                if owners[a] == MIXED and labels[a, place - first] != contacts[k]:
+                    away = np.inf
+                distances[place - first] = away
+                bound = min(bound, away)
+            for place in range(first, last):
+                away = distances[place - first]
+                if away == np.inf or away > bound + reach:
                     continue
                 q = order[place]
                 for j in range(patch_starts[q], patch_starts[q + 1]):
+                    if _distance(p, patches[j, 0]) > bound + longest_edge:
+                        continue
                     u, v, w = closest(p, patches[j])
-                    away = np.sqrt((u - p[0]) ** 2 + (v - p[1]) ** 2 + (w - p[2]) ** 2)
+                    away = _distance(p, (u, v, w))
+                    bound = min(bound, away)
                     if away < least or (away == least and j < chosen[k]):
                         least, chosen[k] = away, j
                         nearest[k, 0], nearest[k, 1], nearest[k, 2] = u, v, w
     return nearest, chosen
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _distance(p, q):  # type: ignore[no-untyped-def]
+    return np.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
 
 
 @numba.njit(cache=True, error_model="numpy")

@@ -22,7 +22,8 @@ class Ground:
         p_OQ: As given, and so the next two.
         patches: Triangles.
         patch_starts: Where each candidate's begin.
-        reach: No patch goes farther than that from its candidate, in metres.
+        reach: No patch goes farther than that from its candidate, which is on it, in metres.
+        longest_edge: Of all triangles, in metres.
         tree: Of the candidates.
     """
 
@@ -34,6 +35,8 @@ class Ground:
         self.reach = float(np.max(away)) * _ROUNDING
         centroids = np.mean(patches, axis=1)
         radii = np.linalg.norm(patches - centroids[:, None], axis=2)
+        edges = np.roll(patches, -1, axis=1) - patches
+        self.longest_edge = float(np.sqrt(np.max(np.sum(edges**2, axis=2)))) * _ROUNDING
         self._triangle_tree = cKDTree(centroids)
         self._triangle_radius = float(np.max(radii)) * _ROUNDING
 

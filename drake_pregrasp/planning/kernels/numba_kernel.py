@@ -61,6 +61,7 @@ class NumbaKernel(TickKernel):
             ground.patches,
             ground.patch_starts,
             ground.reach,
+            ground.longest_edge,
         )
         return nearest, which
 
