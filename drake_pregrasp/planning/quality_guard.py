@@ -1,6 +1,7 @@
 """Hysteresis in quality: goals that move only as far as a measure of the grasp allows."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import lru_cache
 
 import numpy as np
 
@@ -13,12 +14,17 @@ from drake_pregrasp.planning.surface import ObjectSurface
 GUARDS = ("q_msv", "q_gii", "q_vew", "margin")
 """What may not become worse: a measure of the complete grasp matrix, or the margin."""
 
-Measure = Callable[[FloatArray, FloatArray], FloatArray]
-"""Maps lever arms and normals of active contacts, shapes (n, 3), to qualities."""
+Measure = Callable[[FloatArray, FloatArray], Iterable[float]]
+"""Maps lever arms and normals of active contacts, shapes (n, 3), to qualities, one by one: who has
+seen one that is too low need not wait for the others."""
+
+_REMEMBERED = 8  # Margins. Contacts that stay have the same as at the tick before.
 
 
 def guard_measure(names: Sequence[str], friction: float) -> Measure | None:
     """Returns the measures of some names as one function, or None for no name.
+
+    The margin comes last: it is a linear programme, and the others are not.
 
     Args:
         names: Out of `GUARDS`.
@@ -33,16 +39,18 @@ def guard_measure(names: Sequence[str], friction: float) -> Measure | None:
     if not names:
         return None
 
-    def measure(p_CoMC: FloatArray, nhat: FloatArray) -> FloatArray:
-        quality = grasp_quality(p_CoMC)
-        return np.array(
-            [
-                min_weight_margin(p_CoMC, nhat, friction)
-                if name == "margin"
-                else getattr(quality, name)
-                for name in names
-            ]
-        )
+    @lru_cache(maxsize=_REMEMBERED)
+    def margin(p_CoMC: bytes, nhat: bytes) -> float:
+        p, n = (np.frombuffer(buffer).reshape(-1, 3) for buffer in (p_CoMC, nhat))
+        return min_weight_margin(p, n, friction)
+
+    def measure(p_CoMC: FloatArray, nhat: FloatArray) -> Iterator[float]:
+        of_the_matrix = [name for name in names if name != "margin"]
+        if of_the_matrix:
+            quality = grasp_quality(p_CoMC)
+            yield from (getattr(quality, name) for name in of_the_matrix)
+        if "margin" in names:
+            yield margin(p_CoMC.tobytes(), nhat.tobytes())
 
     return measure
 
@@ -69,23 +77,29 @@ def keep_quality(
         Shape (n, 3). Each measure is at least that of `p_OC_before`.
     """
     accepted = np.where(active[:, None], p_OC_before, goals)
-    quality = _quality(surface, accepted, active, measure)
+    quality = list(_quality(surface, accepted, active, measure))
     for group in groups:
         members = [contact for contact in group if active[contact]]
         if not members or np.all(goals[members] == accepted[members]):
             continue
         proposal = accepted.copy()
         proposal[members] = goals[members]
-        proposed_quality = _quality(surface, proposal, active, measure)
-        if np.all(proposed_quality >= quality):
+        proposed_quality = []
+        for value, least in zip(
+            _quality(surface, proposal, active, measure), quality, strict=False
+        ):
+            if value < least:
+                break
+            proposed_quality.append(value)
+        if len(proposed_quality) == len(quality):
             accepted, quality = proposal, proposed_quality
     return accepted
 
 
 def _quality(
     surface: ObjectSurface, p_OC: FloatArray, active: BoolArray, measure: Measure
-) -> FloatArray:
+) -> Iterable[float]:
     if not np.any(active):
-        return np.zeros(1)
+        return [0.0]
     _, normals = surface.project(p_OC[active])
     return measure(p_OC[active] - surface.p_OCoM, normals)

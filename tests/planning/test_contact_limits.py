@@ -475,7 +475,8 @@ def test_a_lost_contact_does_not_recover():
 
 
 def qualities(surface, p_OC):
-    return guard_measure(GUARDS, 0.7)(p_OC - surface.p_OCoM, surface.project(p_OC)[1])
+    measured = guard_measure(GUARDS, 0.7)(p_OC - surface.p_OCoM, surface.project(p_OC)[1])
+    return np.array(list(measured))
 
 
 @pytest.mark.parametrize("names", [("q_msv",), ("q_gii", "q_vew"), ("margin",), GUARDS])
