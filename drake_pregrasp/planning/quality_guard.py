@@ -76,30 +76,30 @@ def keep_quality(
     Returns:
         Shape (n, 3). Each measure is at least that of `p_OC_before`.
     """
-    accepted = np.where(active[:, None], p_OC_before, goals)
-    quality = list(_quality(surface, accepted, active, measure))
+    # Each contact is either where it was or at its goal, so that its normal is one of two.
+    normals_before, normals_there = surface.project(p_OC_before)[1], surface.project(goals)[1]
+    steps = ~active
+
+    def quality_after(steps: BoolArray) -> Iterable[float]:
+        if not np.any(active):
+            return [0.0]
+        p_OC = np.where(steps[:, None], goals, p_OC_before)[active]
+        normals = np.where(steps[:, None], normals_there, normals_before)[active]
+        return measure(p_OC - surface.p_OCoM, normals)
+
+    quality = list(quality_after(steps))
     for group in groups:
         members = [contact for contact in group if active[contact]]
-        if not members or np.all(goals[members] == accepted[members]):
+        if not members or np.all(goals[members] == p_OC_before[members]):
             continue
-        proposal = accepted.copy()
-        proposal[members] = goals[members]
+        proposal = steps.copy()
+        proposal[members] = True
         proposed_quality = []
-        for value, least in zip(
-            _quality(surface, proposal, active, measure), quality, strict=False
-        ):
+        for value, least in zip(quality_after(proposal), quality, strict=False):
             if value < least:
                 break
             proposed_quality.append(value)
         if len(proposed_quality) == len(quality):
-            accepted, quality = proposal, proposed_quality
+            steps, quality = proposal, proposed_quality
+    accepted: FloatArray = np.where(steps[:, None], goals, p_OC_before)
     return accepted
-
-
-def _quality(
-    surface: ObjectSurface, p_OC: FloatArray, active: BoolArray, measure: Measure
-) -> Iterable[float]:
-    if not np.any(active):
-        return [0.0]
-    _, normals = surface.project(p_OC[active])
-    return measure(p_OC[active] - surface.p_OCoM, normals)
