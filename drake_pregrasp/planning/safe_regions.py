@@ -26,7 +26,7 @@ TINY_SHARE = 0.05
 """A region is tiny if it has less than this share of what each contact would have of Y."""
 
 
-_ASKED_FOR_REASONS = 1 << 13  # Candidates, if there are more: they settle what is most frequent.
+_ASKED_FOR_REASONS = 1 << 11  # Candidates, if there are more: they settle what is most frequent.
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ def compute_safe_regions(
         # Along the kernel's order each part of the surface has its share of any such sample.
         p_OQ = p_OQ[found.blocks.order[:: 1 + len(p_OQ) // _ASKED_FOR_REASONS]]
         _, limits, causes = _asked_one_by_one(
-            asked, p_OQ, p_OC, contact_weights, forbidden, UNCONSTRAINED, num_sharing
+            asked, p_OQ, p_OC, contact_weights, forbidden, UNCONSTRAINED, num_sharing, all_tiny=True
         )
         return SafeRegions(found, lost, limits, causes, constraints)
     labels, limits, causes = _asked_one_by_one(
@@ -150,10 +150,13 @@ def _asked_one_by_one(
     forbidden: ForbiddenPoints,
     constraints: RegionConstraints,
     num_sharing: int,
+    *,
+    all_tiny: bool = False,
 ) -> tuple[IntArray, IntArray, IntArray]:
     """Returns labels, and limits and causes of tiny regions, by asking all points with all planes.
 
-    Of contacts that aren't asked for, the labels are those of their whole cells.
+    Of contacts that aren't asked for, the labels are those of their whole cells. With `all_tiny`,
+    all that are asked for are known to have tiny regions, whatever these points say.
     """
     limits, causes = _no_limits(len(p_OC))
     tiny = TINY_SHARE * len(p_OQ) / num_sharing
@@ -167,8 +170,8 @@ def _asked_one_by_one(
         point_limits, point_causes = constraints.limits_at(i, p_OQ[own, :3], nhat_OQ)
         outside = np.any(beyond, axis=0) | (point_limits != Limit.NONE)
         labels[own[outside]] = NO_REGION
-        if len(own) - np.sum(outside) < tiny:
-            if len(own) < tiny:
+        if all_tiny or len(own) - np.sum(outside) < tiny:
+            if len(own) < tiny or not np.any(outside):
                 limits[i], causes[i] = _why_the_cell_is_tiny(i, p_OQ, p_OC, cells, constraints)
             else:
                 limits[i], causes[i] = _most_frequent(planes, beyond, point_limits, point_causes)

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from drake_pregrasp.planning import safe_regions
+from drake_pregrasp.planning.box_surface import box_surface
 from drake_pregrasp.planning.contact_selection import select_contacts
 from drake_pregrasp.planning.region_constraints import Limit, RegionConstraints
-from drake_pregrasp.planning.safe_regions import compute_safe_regions
+from drake_pregrasp.planning.safe_regions import TINY_SHARE, compute_safe_regions
 from drake_pregrasp.planning.selection_input import SelectionInput
 from drake_pregrasp.planning.strategies import make_strategy
 
@@ -76,3 +78,25 @@ def test_points_project_onto_their_own_region(surface):
         expected, _ = surface.project_into(p_OP, members)
         found, _ = surface.project_onto_regions(p_OP, regions.partition, contacts)
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-15)
+
+
+@pytest.mark.parametrize("sample", [safe_regions._ASKED_FOR_REASONS, 50])
+def test_each_tiny_region_of_a_fine_surface_has_a_reason(monkeypatch, sample):
+    """Also where a small sample, that is asked for reasons, doesn't see that it is tiny."""
+    monkeypatch.setattr(safe_regions, "_ASKED_FOR_REASONS", sample)
+    fine = box_surface([0.1, 0.1, 0.1], spacing=0.0011)
+    rng, found = np.random.default_rng(0), 0
+    for _ in range(20):
+        p_OC = fine.p_OQ[rng.choice(len(fine.p_OQ), 6, replace=False)]
+        near = np.argsort(np.linalg.norm(fine.p_OQ - p_OC[0], axis=1))[:300]
+        p_OC = np.concatenate([p_OC, fine.p_OQ[rng.choice(near, 3, replace=False)]])
+        regions = compute_safe_regions(
+            fine.p_OQ, p_OC, np.zeros(9), fine.forbidden, kernel=fine.kernel
+        )
+        tiny = regions.sizes() < TINY_SHARE * len(fine.p_OQ) / 9
+        np.testing.assert_array_equal(regions.limits != Limit.NONE, tiny)
+        without = compute_safe_regions(fine.p_OQ, p_OC, np.zeros(9), fine.forbidden)
+        found += np.sum(tiny)
+        if sample > 1000:
+            assert np.sum(regions.limits != without.limits) <= 1
+    assert found > 10
