@@ -80,13 +80,13 @@ def test_points_project_onto_their_own_region(surface):
         np.testing.assert_allclose(found, expected, rtol=0, atol=1e-15)
 
 
-@pytest.mark.parametrize("sample", [safe_regions._ASKED_FOR_REASONS, 50])
+@pytest.mark.parametrize("sample", [safe_regions._ASKED_FOR_REASONS, 400])
 def test_each_tiny_region_of_a_fine_surface_has_a_reason(monkeypatch, sample):
     """Also where a small sample, that is asked for reasons, doesn't see that it is tiny."""
     monkeypatch.setattr(safe_regions, "_ASKED_FOR_REASONS", sample)
     fine = box_surface([0.1, 0.1, 0.1], spacing=0.0011)
     rng, found = np.random.default_rng(0), 0
-    for _ in range(20):
+    for _ in range(30):
         p_OC = fine.p_OQ[rng.choice(len(fine.p_OQ), 6, replace=False)]
         near = np.argsort(np.linalg.norm(fine.p_OQ - p_OC[0], axis=1))[:300]
         p_OC = np.concatenate([p_OC, fine.p_OQ[rng.choice(near, 3, replace=False)]])
