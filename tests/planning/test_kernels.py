@@ -10,7 +10,8 @@ from drake_pregrasp import ForbiddenPoints, InvalidArgumentError
 from drake_pregrasp.planning.contact_models import grasp_matrix
 from drake_pregrasp.planning.contact_selection import gaussian_log_weights, weighted_centroid
 from drake_pregrasp.planning.kernels import KINDS, Weighting, make_kernel, numba_is_installed
-from drake_pregrasp.planning.kernels.blocks import BLOCK, make_blocks
+from drake_pregrasp.planning.kernels.blocks import make_blocks
+from drake_pregrasp.planning.kernels.sorting import BLOCK
 from drake_pregrasp.planning.safe_regions import NO_REGION, compute_safe_regions
 
 TIE = 1e-12  # Of the square of the object's size: closer sides of Eq. 1 may go either way.

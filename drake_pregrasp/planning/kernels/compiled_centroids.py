@@ -5,7 +5,6 @@ import math
 import numba
 import numpy as np
 
-from drake_pregrasp.planning.kernels.blocks import BLOCK
 from drake_pregrasp.planning.kernels.compiled_weights import (
     SCRATCH,
     divide_by_largest,
@@ -16,6 +15,7 @@ from drake_pregrasp.planning.kernels.compiled_weights import (
     volumes,
 )
 from drake_pregrasp.planning.kernels.partition import MIXED
+from drake_pregrasp.planning.kernels.sorting import BLOCK
 
 POSITION, MSV, GII, VEW = range(4)
 """Kinds of weights, by their places in `KINDS`."""

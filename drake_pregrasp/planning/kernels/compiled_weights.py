@@ -5,7 +5,7 @@ import math
 import numba
 import numpy as np
 
-from drake_pregrasp.planning.kernels.blocks import BLOCK
+from drake_pregrasp.planning.kernels.sorting import BLOCK
 
 _FAST = {"reassoc", "contract", "nsz", "nnan"}
 _CERTAIN = 0.75  # As in `extreme_singular_values`, and so the next.

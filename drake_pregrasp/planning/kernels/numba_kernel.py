@@ -5,18 +5,25 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
-from drake_pregrasp.planning.kernels.blocks import BLOCK
 from drake_pregrasp.planning.kernels.compiled_centroids import sum_up
 from drake_pregrasp.planning.kernels.compiled_partition import divide
 from drake_pregrasp.planning.kernels.compiled_triangles import nearest_on_triangles
 from drake_pregrasp.planning.kernels.numpy_kernel import SLACK
-from drake_pregrasp.planning.kernels.partition import NOBODY, Partition
+from drake_pregrasp.planning.kernels.partition import Partition
+from drake_pregrasp.planning.kernels.search_tree import make_search_tree
+from drake_pregrasp.planning.kernels.sorting import BLOCK
 from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
 from drake_pregrasp.planning.kernels.weighting import KINDS, HandSums, Weighting, volume_numbers
 
 
 class NumbaKernel(TickKernel):
     """Searches the tree depth first, and sums up weights block by block without storing them."""
+
+    def __init__(
+        self, p_OQ: FloatArray, nhat_OQ: FloatArray, areas: FloatArray, p_OCoM: FloatArray
+    ) -> None:
+        super().__init__(p_OQ, nhat_OQ, areas, p_OCoM)
+        self._tree = make_search_tree(self.blocks)
 
     def nearest_on_triangles(
         self, points: FloatArray, triangles: Sequence[IntArray], corners: FloatArray
@@ -30,8 +37,8 @@ class NumbaKernel(TickKernel):
     def _partition(
         self, r: FloatArray, h: FloatArray, z: FloatArray, radii: FloatArray
     ) -> Partition:
-        blocks = self.blocks
-        owners = np.full(blocks.count, NOBODY, dtype=np.int64)
+        blocks, tree = self.blocks, self._tree
+        owners = np.empty(blocks.count, dtype=np.int64)
         labels = np.empty((blocks.count, BLOCK), dtype=np.int16)
         sizes = divide(
             r,
@@ -41,10 +48,16 @@ class NumbaKernel(TickKernel):
             self._longest_arm,
             SLACK,
             blocks.points,
-            blocks.centers,
-            blocks.halves,
-            blocks.starts,
-            blocks.num_candidates - (blocks.count - 1) * BLOCK,
+            tree.starts,
+            tree.ends,
+            tree.skips,
+            tree.depths,
+            tree.centers,
+            tree.halves,
+            tree.patches,
+            tree.frames,
+            tree.ranges,
+            tree.shared,
             owners,
             labels,
         )

@@ -5,10 +5,11 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.planning.kernels.blocks import BLOCK, FAN
+from drake_pregrasp.planning.kernels.blocks import FAN
 from drake_pregrasp.planning.kernels.hand_measures import extremes, volumes
 from drake_pregrasp.planning.kernels.partition import MIXED, NOBODY, Partition
 from drake_pregrasp.planning.kernels.region_planes import region_planes
+from drake_pregrasp.planning.kernels.sorting import BLOCK
 from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
 from drake_pregrasp.planning.kernels.weighting import HandSums, Weighting, volume_numbers
 
