@@ -161,7 +161,7 @@ def _clip(from_, size, to, a, b, c, give):  # type: ignore[no-untyped-def]
 @numba.njit(cache=True, error_model="numpy")
 def _nears(polygon, size, a, b, c, give):  # type: ignore[no-untyped-def]
     """Returns whether a corner of a polygon is beyond a line, or by less than `give` within."""
+    farthest = -np.inf
     for k in range(size):
-        if a * polygon[0, k] + b * polygon[1, k] + c > -give:
-            return True
-    return False
+        farthest = max(farthest, a * polygon[0, k] + b * polygon[1, k])
+    return farthest + c > -give
