@@ -1,6 +1,5 @@
 """The one pass over all blocks that sums up weighted centroids, for numba."""
 
-import numba
 import numpy as np
 
 from drake_pregrasp.planning.kernels.compiled_hand import hand_sums, volume_numbers, whitener
@@ -23,6 +22,7 @@ from drake_pregrasp.planning.kernels.compiled_sums import (
     write_centroid,
 )
 from drake_pregrasp.planning.kernels.compiled_weighing import POSITION, VEW, weigh
+from drake_pregrasp.planning.kernels.compiling import compiled
 from drake_pregrasp.planning.kernels.partition import MIXED
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 
@@ -30,7 +30,7 @@ _PART_ERROR = 2e-10  # Of a stand-in's weights, as a share of the mean weight so
 _TOTAL_ERROR = 3e-10  # As a share of the sum of all weights: above it candidates are weighed.
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def centroids_of(  # type: ignore[no-untyped-def]
     kind, stretch, movers, r, sizes, covariance, steps, packs, owners, labels, stand_ins
 ):
@@ -71,7 +71,7 @@ def centroids_of(  # type: ignore[no-untyped-def]
     return centroids
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def prepare(kind, r, sizes, covariance, steps):  # type: ignore[no-untyped-def]
     """Returns what `weigh` needs of all contacts: whitener, numbers, t, B, n and steps."""
     count, n = len(r), 0
@@ -85,7 +85,7 @@ def prepare(kind, r, sizes, covariance, steps):  # type: ignore[no-untyped-def]
     return np.zeros((3, 3)), numbers, t, B, n, steps
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _sum_up(  # type: ignore[no-untyped-def]
     kind, stretch, moves, hand, packs, owners, labels, stand_ins, may_stand_in, sums
 ):
@@ -169,18 +169,19 @@ def _sum_up(  # type: ignore[no-untyped-def]
             block += 1
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _add(  # type: ignore[no-untyped-def]
     kind, whitener, numbers, t, B, n, steps, contact, q, scratch, b, powers, sums
 ):
     """Adds a block of candidates to a contact's sums."""
     weigh(kind, whitener, numbers, t, B, n, steps, contact, q, scratch, b)
     refer(kind, b, powers, sums, contact)
-    heed_least(b, sums, contact)
+    if kind != POSITION:
+        heed_least(b, sums, contact)
     add(b, q, sums, contact)
 
 
-@numba.njit(cache=True)
+@compiled()
 def _ends_of_runs(owners):  # type: ignore[no-untyped-def]
     """Returns the block after the run of blocks of one owner that each block is in."""
     ends = np.empty(len(owners), dtype=np.int64)
@@ -192,14 +193,14 @@ def _ends_of_runs(owners):  # type: ignore[no-untyped-def]
     return ends
 
 
-@numba.njit(cache=True)
+@compiled()
 def _fill_up(q, filled):  # type: ignore[no-untyped-def]
     """Fills a block up with copies of its first point, without area."""
     for k in range(filled, BLOCK):
         q[0, k], q[1, k], q[2, k], q[3, k] = q[0, 0], q[1, 0], q[2, 0], 0.0
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _add_stand_in(  # type: ignore[no-untyped-def]
     kind, stretch, whitener, numbers, t, B, n, steps, contact, q, scratch, b, powers, sums
 ):

@@ -1,7 +1,8 @@
 """Which of a region's planes matter on a patch of the surface, by clipping polygons, for numba."""
 
-import numba
 import numpy as np
+
+from drake_pregrasp.planning.kernels.compiling import compiled
 
 EMPTY = -1
 """Returned where the planes leave nothing of a patch."""
@@ -10,7 +11,7 @@ EMPTY = -1
 _USED = -np.inf  # Value of a line that is done with.
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def relevant_planes(  # type: ignore[no-untyped-def]
     chosen, count, normals, bounds, slack, frame, span, lines, corners
 ):
@@ -97,7 +98,7 @@ def relevant_planes(  # type: ignore[no-untyped-def]
     return kept
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _all(chosen, count, lines, taken):  # type: ignore[no-untyped-def]
     """Keeps planes that have been taken, and those that wait, and returns how many."""
     kept = 0
@@ -110,7 +111,7 @@ def _all(chosen, count, lines, taken):  # type: ignore[no-untyped-def]
     return kept + taken
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _write_lines(  # type: ignore[no-untyped-def]
     chosen, count, normals, bounds, slack, frame, span, lines
 ):
@@ -131,7 +132,7 @@ def _write_lines(  # type: ignore[no-untyped-def]
         lines[3, p] = slack[j] + abs(along_w) * thickness
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _clip(from_, size, to, a, b, c, give):  # type: ignore[no-untyped-def]
     """Writes the part of a convex polygon where a u + b v + c <= give.
 
@@ -158,7 +159,7 @@ def _clip(from_, size, to, a, b, c, give):  # type: ignore[no-untyped-def]
     return after
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _nears(polygon, size, a, b, c, give):  # type: ignore[no-untyped-def]
     """Returns whether a corner of a polygon is beyond a line, or by less than `give` within."""
     farthest = -np.inf

@@ -2,11 +2,12 @@
 
 import math
 
-import numba
 import numpy as np
 
+from drake_pregrasp.planning.kernels.compiling import compiled
 
-@numba.njit(cache=True, error_model="numpy")
+
+@compiled()
 def hand_sums(r, sizes, t, B):  # type: ignore[no-untyped-def]
     """Writes what `HandSums.over` returns for contacts of regions that aren't empty.
 
@@ -37,7 +38,7 @@ def hand_sums(r, sizes, t, B):  # type: ignore[no-untyped-def]
     return count
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def volume_numbers(t, B, n, row):  # type: ignore[no-untyped-def]
     """Writes one row of what `weighting.volume_numbers` returns.
 
@@ -62,7 +63,7 @@ def volume_numbers(t, B, n, row):  # type: ignore[no-untyped-def]
     row[12], row[13], row[14], row[15], row[16], row[17] = a00, a01, a02, a11, a12, a22
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def whitener(covariance):  # type: ignore[no-untyped-def]
     """Returns what `Weighting.whitener` does for the position, shape (3, 3)."""
     l00 = math.sqrt(covariance[0, 0])

@@ -2,14 +2,14 @@
 
 import math
 
-import numba
+from drake_pregrasp.planning.kernels.compiling import compiled
 
 _RAYLEIGH_STEPS = 12
 _JACOBI_SWEEPS = 6
 _SETTLED = 1e-7  # Of y, as the last change: its square is what is left.
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def largest_eigenvalue(t, B, n, qx, qy, qz):  # type: ignore[no-untyped-def]
     """Returns the largest eigenvalue of G Gᵀ with one more contact at q, wherever that is.
 
@@ -48,7 +48,7 @@ def largest_eigenvalue(t, B, n, qx, qy, qz):  # type: ignore[no-untyped-def]
     return n + y
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _top_eigenvector(m00, m11, m22, m01, m02, m12):  # type: ignore[no-untyped-def]
     """Returns the unit eigenvector to the largest eigenvalue of a 3 x 3 matrix (Jacobi)."""
     ax, ay, az = 1.0, 0.0, 0.0
@@ -82,7 +82,7 @@ def _top_eigenvector(m00, m11, m22, m01, m02, m12):  # type: ignore[no-untyped-d
     return cx, cy, cz
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _rotation(p, q, m):  # type: ignore[no-untyped-def]
     """Returns cosine, sine and shift of the diagonal that take [[p, m], [m, q]] to a diagonal."""
     if m == 0.0:

@@ -1,9 +1,9 @@
 """The tree search of Eq. 1 for numba: one contact after another, depth first."""
 
-import numba
 import numpy as np
 
 from drake_pregrasp.planning.kernels.compiled_clipping import EMPTY, relevant_planes
+from drake_pregrasp.planning.kernels.compiling import compiled
 from drake_pregrasp.planning.kernels.partition import MIXED, NOBODY
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 
@@ -11,7 +11,7 @@ _FEW = 4  # Planes up to which clipping is not worth it.
 _MORE_CORNERS = 64  # Room for polygons beyond a corner for each plane.
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def divide(  # type: ignore[no-untyped-def]
     r,
     h,
@@ -132,7 +132,7 @@ def divide(  # type: ignore[no-untyped-def]
     return sizes
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _write_planes(contact, r, h, z, radii, normals, bounds):  # type: ignore[no-untyped-def]
     """Writes what `region_planes` returns, and returns how many planes there are."""
     cx, cy, cz = r[contact, 0], r[contact, 1], r[contact, 2]
@@ -154,7 +154,7 @@ def _write_planes(contact, r, h, z, radii, normals, bounds):  # type: ignore[no-
     return j + len(z)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _cutting_planes(  # type: ignore[no-untyped-def]
     asked, count, normals, bounds, slack, center, half, kept
 ):
@@ -173,7 +173,7 @@ def _cutting_planes(  # type: ignore[no-untyped-def]
     return size
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _give(contact, start, end, owners, labels):  # type: ignore[no-untyped-def]
     """Gives a contact a run of places: whole blocks, but those that are shared."""
     place = start
@@ -188,7 +188,7 @@ def _give(contact, start, end, owners, labels):  # type: ignore[no-untyped-def]
         place = stop
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _give_some(  # type: ignore[no-untyped-def]
     contact,
     normals,

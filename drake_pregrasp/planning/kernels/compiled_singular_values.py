@@ -2,11 +2,9 @@
 
 import math
 
-import numba
-
+from drake_pregrasp.planning.kernels.compiling import FAST, compiled
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 
-_FAST = {"reassoc", "contract", "nsz", "nnan"}
 _CERTAIN = 0.75  # As in `extreme_singular_values`, and so the next.
 _GAP = 1e-3
 _UNCERTAIN = -1.0  # No y is negative, and steps never leave it: its gap to b11 is below zero.
@@ -15,7 +13,7 @@ SCRATCH = 9
 """Rows of numbers a block that the singular values need."""
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(fastmath=FAST)
 def squared_smallest(t, B, contact, n, steps, q, s, out):  # type: ignore[no-untyped-def]
     """Writes sigma_min², and into s, shape (SCRATCH, BLOCK), what the largest needs.
 
@@ -47,7 +45,7 @@ def squared_smallest(t, B, contact, n, steps, q, s, out):  # type: ignore[no-unt
         out[k] = n - out[k]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(fastmath=FAST)
 def squared_largest(n, steps, s):  # type: ignore[no-untyped-def]
     """Writes sigma_max² into s[8], or a number below zero where that is not certain."""
     for k in range(BLOCK):
@@ -78,7 +76,7 @@ def squared_largest(n, steps, s):  # type: ignore[no-untyped-def]
         s[8, k] = n + s[8, k] if s[8, k] > 0.0 else _UNCERTAIN
 
 
-@numba.njit(inline="always")
+@compiled(inline="always")
 def _eigenvalue(sign, g, p11, p12, p22, b1b1, b1b2, b2b2):  # type: ignore[no-untyped-def]
     """Returns an eigenvalue of P + sign b bᵀ/g, the upper or lower one as sign, and (b·v)²/g²."""
     g = g if g > 0.0 else 1.0
@@ -94,7 +92,7 @@ def _eigenvalue(sign, g, p11, p12, p22, b1b1, b1b2, b2b2):  # type: ignore[no-un
     return 0.5 * (p11 + p22) + sign * d * (0.5 * (b1b1 + b2b2) + root), slope
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(fastmath=FAST)
 def _blocks_across(t, B, contact, q, scratch, out):  # type: ignore[no-untyped-def]
     """Writes |t|², b11, P11, P12, P22, b1 b1, b1 b2, b2 b2 into scratch, and |t|, the first x."""
     t0, t1, t2 = t[contact, 0], t[contact, 1], t[contact, 2]

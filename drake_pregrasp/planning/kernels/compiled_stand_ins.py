@@ -2,14 +2,13 @@
 
 import math
 
-import numba
 import numpy as np
 from numpy.polynomial import chebyshev
 
+from drake_pregrasp.planning.kernels.compiling import FAST, compiled
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 from drake_pregrasp.planning.kernels.stand_ins import COEFFICIENTS, GRID, NODES
 
-_FAST = {"reassoc", "contract", "nsz", "nnan"}
 _LAST, _BUT_ONE = COEFFICIENTS[NODES - 1].copy(), COEFFICIENTS[NODES - 2].copy()
 _SHARES = (1 + GRID) / 2  # How far each place is along its side.
 _FINE = chebyshev.chebvander(np.linspace(-1, 1, 64 * NODES + 1), NODES - 1) @ COEFFICIENTS
@@ -19,7 +18,7 @@ _MOST = 700.0  # Whose exponential is still finite.
 _OF_GAUSSIAN = 4.0 / (math.factorial(NODES) * 2 ** (NODES - 2))  # The 4 is for moments.
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(fastmath=FAST)
 def interpolation_error(b):  # type: ignore[no-untyped-def]
     """Returns a bound on what the polynomial through values on the grid leaves out.
 
@@ -39,7 +38,7 @@ def interpolation_error(b):  # type: ignore[no-untyped-def]
     return _LEBESGUE * (of_rows + of_columns)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def gaussian_error(whitener, q, reference):  # type: ignore[no-untyped-def]
     """Returns a bound on what the polynomial leaves out of exp(-|W q|²/2 - reference).
 
@@ -64,7 +63,7 @@ def gaussian_error(whitener, q, reference):  # type: ignore[no-untyped-def]
     return _OF_GAUSSIAN * largest * (of_u + _LEBESGUE * of_v)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _of_side(first, last, corners):  # type: ignore[no-untyped-def]
     """Returns half the length a of a side, and a bound on a⁸ He_8(x)."""
     x, y, z = last[0] - first[0], last[1] - first[1], last[2] - first[2]
@@ -76,10 +75,11 @@ def _of_side(first, last, corners):  # type: ignore[no-untyped-def]
     farthest = farthest / length if length > 0.0 else 0.0
     s = farthest * farthest
     hermite = (((s + 28.0) * s + 210.0) * s + 420.0) * s + 105.0
-    return 0.5 * length, (0.5 * length) ** 8 * hermite
+    # exp(-x²/2) |He_8(x)| is 105 at most.
+    return 0.5 * length, (0.5 * length) ** 8 * min(hermite, 105.0 * math.exp(0.5 * s))
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _whitened(whitener, q, k):  # type: ignore[no-untyped-def]
     x, y, z = q[0, k], q[1, k], q[2, k]
     return (
@@ -89,7 +89,7 @@ def _whitened(whitener, q, k):  # type: ignore[no-untyped-def]
     )
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(fastmath=FAST)
 def least_between(b):  # type: ignore[no-untyped-def]
     """Returns what the polynomial through values on the grid is above everywhere between.
 

@@ -2,21 +2,20 @@
 
 import math
 
-import numba
 import numpy as np
 
 from drake_pregrasp.planning.kernels.compiled_weighing import POSITION
 from drake_pregrasp.planning.kernels.compiled_weights import exponentials
+from drake_pregrasp.planning.kernels.compiling import FAST, compiled
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 
 AREA, REFERENCE, LEAST, ERROR = 4, 8, 9, 10
 """Columns of sums: before `AREA` sum a b and sum a b q, from there sum a and sum a q."""
 
 _COLUMNS = 11
-_FAST = {"reassoc", "contract", "nsz", "nnan"}
 
 
-@numba.njit(cache=True)
+@compiled()
 def empty_sums(kind, count):  # type: ignore[no-untyped-def]
     """Returns the sums of nothing for that many contacts.
 
@@ -30,7 +29,7 @@ def empty_sums(kind, count):  # type: ignore[no-untyped-def]
     return sums
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def refer(kind, b, powers, sums, contact):  # type: ignore[no-untyped-def]
     """Turns what `weigh` wrote into what is summed: relative to the reference."""
     if kind != POSITION:
@@ -49,13 +48,13 @@ def refer(kind, b, powers, sums, contact):  # type: ignore[no-untyped-def]
     exponentials(b, powers)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def heed_least(b, sums, contact):  # type: ignore[no-untyped-def]
     """Keeps the least weight so far of candidates, relative to the reference."""
     sums[contact, LEAST] = min(sums[contact, LEAST], _least(b))
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(fastmath=FAST)
 def add(b, q, sums, contact):  # type: ignore[no-untyped-def]
     """Adds points with areas, shape (4, BLOCK), and their weights to the sums."""
     s, sx, sy, sz, p, px, py, pz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
@@ -79,13 +78,13 @@ def add(b, q, sums, contact):  # type: ignore[no-untyped-def]
     sums[contact, 7] += pz
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def mean_weight(kind, stretch, row):  # type: ignore[no-untyped-def]
     """Returns the mean weight of all that is summed up, or NaN of nothing."""
     return row[0] / row[AREA] + _back(kind, stretch, row)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def write_centroid(kind, stretch, row, out):  # type: ignore[no-untyped-def]
     """Writes the centroid: that of the area alone where all weights are zero."""
     back = _back(kind, stretch, row)
@@ -96,7 +95,7 @@ def write_centroid(kind, stretch, row, out):  # type: ignore[no-untyped-def]
         out[axis] = moment / total if total > 0 else plain
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _back(kind, stretch, row):  # type: ignore[no-untyped-def]
     """Returns what must be added to each weight that is summed."""
     if kind == POSITION:
@@ -104,7 +103,7 @@ def _back(kind, stretch, row):  # type: ignore[no-untyped-def]
     return -row[LEAST] if stretch else row[REFERENCE]
 
 
-@numba.njit(cache=True, fastmath=_FAST)
+@compiled(fastmath=FAST)
 def _least(b):  # type: ignore[no-untyped-def]
     value = b[0]
     for k in range(BLOCK):
@@ -112,7 +111,7 @@ def _least(b):  # type: ignore[no-untyped-def]
     return value
 
 
-@numba.njit(cache=True, fastmath=_FAST)
+@compiled(fastmath=FAST)
 def _largest(b):  # type: ignore[no-untyped-def]
     value = b[0]
     for k in range(BLOCK):
@@ -120,7 +119,7 @@ def _largest(b):  # type: ignore[no-untyped-def]
     return value
 
 
-@numba.njit(cache=True, fastmath=_FAST)
+@compiled(fastmath=FAST)
 def _subtract(b, value):  # type: ignore[no-untyped-def]
     for k in range(BLOCK):
         b[k] -= value

@@ -1,10 +1,11 @@
 """Nearest points on triangles for numba."""
 
-import numba
 import numpy as np
 
+from drake_pregrasp.planning.kernels.compiling import compiled
 
-@numba.njit(cache=True, error_model="numpy")
+
+@compiled()
 def nearest_on_triangles(points, ends, which, corners):  # type: ignore[no-untyped-def]
     """Returns what `triangles.nearest_on_triangles` does.
 
@@ -32,7 +33,7 @@ def nearest_on_triangles(points, ends, which, corners):  # type: ignore[no-untyp
     return nearest, chosen
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _closest(p, corners):  # type: ignore[no-untyped-def]
     """Returns a triangle's point nearest to p.
 

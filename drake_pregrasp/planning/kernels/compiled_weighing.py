@@ -2,22 +2,20 @@
 
 import math
 
-import numba
-
 from drake_pregrasp.planning.kernels.compiled_largest_eigenvalue import largest_eigenvalue
 from drake_pregrasp.planning.kernels.compiled_singular_values import (
     squared_largest,
     squared_smallest,
 )
 from drake_pregrasp.planning.kernels.compiled_weights import gaussian_exponents, volumes
+from drake_pregrasp.planning.kernels.compiling import FAST, compiled
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 
-_FAST = {"reassoc", "contract", "nsz", "nnan"}
 POSITION, MSV, GII, VEW = range(4)
 """Kinds of weights, by their places in `KINDS`."""
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def weigh(  # type: ignore[no-untyped-def]
     kind, whitener, numbers, t, B, n, steps, contact, q, scratch, b
 ):
@@ -53,13 +51,13 @@ def weigh(  # type: ignore[no-untyped-def]
         _take_roots(b)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(fastmath=FAST)
 def _divide(b, scratch):  # type: ignore[no-untyped-def]
     for k in range(BLOCK):
         b[k] /= scratch[8, k]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(fastmath=FAST)
 def _take_roots(b):  # type: ignore[no-untyped-def]
     for k in range(BLOCK):
         b[k] = math.sqrt(b[k])

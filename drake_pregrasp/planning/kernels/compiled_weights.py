@@ -2,18 +2,17 @@
 
 import math
 
-import numba
 import numpy as np
 
+from drake_pregrasp.planning.kernels.compiling import FAST, compiled
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 
-_FAST = {"reassoc", "contract", "nsz", "nnan"}
 _LOWEST = -709.0  # Whose exponential is still a normal number.
 _LOG2_E = 1.4426950408889634
 _LN2_HIGH, _LN2_LOW = 6.93147180369123816490e-01, 1.90821492927058770002e-10  # ln 2 in two parts.
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(fastmath=FAST)
 def gaussian_exponents(whitener, q, out):  # type: ignore[no-untyped-def]
     """Writes -|W q|²/2 for a lower triangular W."""
     w00, w10, w11 = whitener[0, 0], whitener[1, 0], whitener[1, 1]
@@ -25,7 +24,7 @@ def gaussian_exponents(whitener, q, out):  # type: ignore[no-untyped-def]
         out[k] = -0.5 * (u * u + v * v + w * w)
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz"})
+@compiled(fastmath={"contract", "nsz"})
 def exponentials(out, powers):  # type: ignore[no-untyped-def]
     """Replaces numbers, at most zero, by their exponentials; powers is scratch of int64.
 
@@ -58,7 +57,7 @@ def exponentials(out, powers):  # type: ignore[no-untyped-def]
         out[k] *= scale[k]
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
+@compiled(fastmath=FAST)
 def volumes(numbers, contact, n, q, out):  # type: ignore[no-untyped-def]
     """Writes Eq. 7, from the contact's row of `volume_numbers`."""
     m0, m1, m2, alpha, e_3, e_2 = (

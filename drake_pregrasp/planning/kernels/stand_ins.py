@@ -19,7 +19,7 @@ LEAST = 4 * BLOCK
 GRID: FloatArray = -np.cos(np.pi * np.arange(NODES) / (NODES - 1)).astype(np.float64)
 """Their places along a side from -1 to 1: where Chebyshev polynomials are extreme."""
 
-COEFFICIENTS: FloatArray = np.linalg.inv(chebyshev.chebvander(GRID, NODES - 1))
+COEFFICIENTS: FloatArray = np.linalg.inv(chebyshev.chebvander(GRID, NODES - 1)).astype(float)
 """Takes values on the grid to the coefficients of Chebyshev polynomials, shape (8, 8)."""
 
 

@@ -16,7 +16,8 @@ from drake_pregrasp.planning.kernels.weighting import Weighting
 class TickKernel(ABC):
     """Regions and centroids of one surface, tick after tick; made once.
 
-    It keeps nothing between ticks, and can serve many planners.
+    It can serve many planners. Between ticks it keeps the last partition, which it returns again
+    if nothing has changed at all; results never depend on that.
 
     Args:
         p_OQ: Candidate points of Y, shape (N, 3), N >= 1, in metres.
@@ -30,6 +31,7 @@ class TickKernel(ABC):
     ) -> None:
         self._p_OCoM = p_OCoM
         self.blocks: Blocks = make_blocks(p_OQ - p_OCoM, nhat_OQ, areas)
+        self._last: tuple[tuple[bytes, ...], Partition] | None = None
         self._longest_arm = float(np.sqrt(np.max(np.sum(self.blocks.points**2, axis=0))))
 
     def partition(
@@ -37,13 +39,21 @@ class TickKernel(ABC):
     ) -> Partition:
         """Divides the candidates into the contacts' safe regions (Eq. 1-2).
 
+        What is returned may be returned again, and must not be written to.
+
         Args:
             p_OC: Contacts c_i, shape (n, 3), in metres.
             h: Their weights h_i, shape (n,), in m²; -inf for the lost.
             p_OZ: Forbidden points z_j, shape (m, 3), in metres.
             radii: R_j, shape (m,), in metres.
         """
-        return self._partition(p_OC - self._p_OCoM, h, p_OZ - self._p_OCoM, radii)
+        asked = (p_OC.tobytes(), h.tobytes(), p_OZ.tobytes(), radii.tobytes())
+        last = self._last
+        if last is not None and last[0] == asked:
+            return last[1]
+        partition = self._partition(p_OC - self._p_OCoM, h, p_OZ - self._p_OCoM, radii)
+        self._last = asked, partition
+        return partition
 
     def centroids(
         self, partition: Partition, p_OC: FloatArray, movers: IntArray, weighting: Weighting
