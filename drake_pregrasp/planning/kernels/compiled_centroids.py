@@ -72,6 +72,33 @@ def centroids_of(  # type: ignore[no-untyped-def]
 
 
 @compiled()
+def weights_of(kind, r, sizes, covariance, steps, contact, q):  # type: ignore[no-untyped-def]
+    """Returns the weights of points, shape (3, k), for a contact, without stretching, shape (k,).
+
+    Args:
+        kind: As for `centroids_of`, and so the next four.
+        r: All contacts.
+        sizes: As in `Partition`.
+        covariance: As of `Weighting`.
+        steps: Newton steps.
+        contact: The one that moves.
+        q: The points.
+    """
+    whitener, numbers, t, B, n, steps = prepare(kind, r, sizes, covariance, steps)
+    count = q.shape[1]
+    weights, b = np.empty(count), np.empty(BLOCK)
+    scratch, pack = np.empty((SCRATCH, BLOCK)), np.empty((4, BLOCK))
+    for first in range(0, count, BLOCK):
+        for k in range(BLOCK):
+            for axis in range(3):
+                pack[axis, k] = q[axis, min(first + k, count - 1)]
+        weigh(kind, whitener, numbers, t, B, n, steps, contact, pack, scratch, b)
+        for k in range(first, min(first + BLOCK, count)):
+            weights[k] = np.exp(b[k - first]) if kind == POSITION else b[k - first]
+    return weights
+
+
+@compiled()
 def prepare(kind, r, sizes, covariance, steps):  # type: ignore[no-untyped-def]
     """Returns what `weigh` needs of all contacts: whitener, numbers, t, B, n and steps."""
     count, n = len(r), 0

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
-from drake_pregrasp.planning.kernels.compiled_centroids import centroids_of
+from drake_pregrasp.planning.kernels.compiled_centroids import centroids_of, weights_of
 from drake_pregrasp.planning.kernels.compiled_partition import divide
 from drake_pregrasp.planning.kernels.compiled_triangles import nearest_on_triangles
 from drake_pregrasp.planning.kernels.numpy_kernel import SLACK
@@ -85,3 +85,22 @@ class NumbaKernel(TickKernel):
             self._stand_ins,
         )
         return centroids
+
+    def _weights(
+        self,
+        partition: Partition,
+        r: FloatArray,
+        contact: int,
+        weighting: Weighting,
+        q: FloatArray,
+    ) -> FloatArray:
+        weights: FloatArray = weights_of(
+            KINDS.index(weighting.kind),
+            r,
+            partition.sizes,
+            weighting.covariance,
+            self._newton_steps(r),
+            contact,
+            q,
+        )
+        return weights

@@ -197,6 +197,21 @@ class NumpyKernel(TickKernel):
             )
         return centroids
 
+    def _weights(
+        self,
+        partition: Partition,
+        r: FloatArray,
+        contact: int,
+        weighting: Weighting,
+        q: FloatArray,
+    ) -> FloatArray:
+        if not weighting.is_of_the_hand:
+            return np.exp(_gaussian_exponents(weighting.whitener(), q))
+        sums = HandSums.over(r, partition.sizes > 0)
+        numbers = volume_numbers(sums)[contact]
+        t, B = sums.t[contact, :, None], sums.B[contact, :, :, None]
+        return _measure(weighting.kind, numbers, t, B, sums.n, self._newton_steps(r))(q)
+
     def _pieces(self, whole: IntArray, some: IntArray) -> list[tuple[FloatArray, FloatArray]]:
         """Returns points (3, k) and areas (k,) of whole blocks and of places, in chunks."""
         points, areas = self.blocks.points, self.blocks.areas
@@ -227,13 +242,18 @@ def _measure(
     return weigh
 
 
+def _gaussian_exponents(whitener: FloatArray, q: FloatArray) -> FloatArray:
+    white = whitener @ q
+    exponents: FloatArray = -0.5 * np.einsum("ik,ik->k", white, white)
+    return exponents
+
+
 def _gaussian_centroid(
     pieces: list[tuple[FloatArray, FloatArray]], whitener: FloatArray
 ) -> FloatArray:
     highest, total, moment = -np.inf, 0.0, np.zeros(3)
     for q, areas in pieces:
-        white = whitener @ q
-        exponents = -0.5 * np.einsum("ik,ik->k", white, white)
+        exponents = _gaussian_exponents(whitener, q)
         top = float(np.max(exponents))
         if top > highest:
             shrink = np.exp(highest - top)

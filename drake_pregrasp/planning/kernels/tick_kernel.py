@@ -72,6 +72,28 @@ class TickKernel(ABC):
         r = p_OC - self._p_OCoM
         return self._centroids(partition, r, movers, weighting) + self._p_OCoM
 
+    def weights(
+        self,
+        partition: Partition,
+        p_OC: FloatArray,
+        contact: int,
+        weighting: Weighting,
+        p_OP: FloatArray,
+    ) -> FloatArray:
+        """Returns the weights b of Eq. 3 or 5-7 at any points, not stretched, shape (k,).
+
+        They are those that `centroids` sums up; those of the position are 1 at the centre of mass.
+
+        Args:
+            partition: Of this kernel. Contacts with a region take part in the hand's measures.
+            p_OC: Contacts, shape (n, 3), in metres.
+            contact: The one that moves to the points.
+            weighting: Of the points.
+            p_OP: Shape (k, 3), k >= 1, in O, in metres.
+        """
+        r, q = p_OC - self._p_OCoM, np.ascontiguousarray((p_OP - self._p_OCoM).T)
+        return self._weights(partition, r, contact, weighting, q)
+
     def nearest_on_triangles(
         self, points: FloatArray, triangles: Sequence[IntArray], corners: FloatArray
     ) -> tuple[FloatArray, IntArray]:
@@ -98,4 +120,14 @@ class TickKernel(ABC):
     @abstractmethod
     def _centroids(
         self, partition: Partition, r: FloatArray, movers: IntArray, weighting: Weighting
+    ) -> FloatArray: ...
+
+    @abstractmethod
+    def _weights(
+        self,
+        partition: Partition,
+        r: FloatArray,
+        contact: int,
+        weighting: Weighting,
+        q: FloatArray,
     ) -> FloatArray: ...
