@@ -1,159 +1,252 @@
 """The one pass over all blocks that sums up weighted centroids, for numba."""
 
-import math
-
-import numba
 import numpy as np
 
-from drake_pregrasp.planning.kernels.blocks import BLOCK
-from drake_pregrasp.planning.kernels.compiled_weights import (
-    SCRATCH,
-    divide_by_largest,
-    exponentials,
-    gaussian_exponents,
-    largest_eigenvalue,
-    smallest_singular_values,
-    volumes,
+from drake_pregrasp.planning.kernels.compiled_hand import hand_sums, volume_numbers, whitener
+from drake_pregrasp.planning.kernels.compiled_singular_values import SCRATCH
+from drake_pregrasp.planning.kernels.compiled_stand_ins import (
+    gaussian_error,
+    interpolation_error,
+    least_between,
 )
+from drake_pregrasp.planning.kernels.compiled_sums import (
+    AREA,
+    ERROR,
+    LEAST,
+    REFERENCE,
+    add,
+    empty_sums,
+    heed_least,
+    mean_weight,
+    refer,
+    write_centroid,
+)
+from drake_pregrasp.planning.kernels.compiled_weighing import POSITION, VEW, weigh
+from drake_pregrasp.planning.kernels.compiling import compiled
 from drake_pregrasp.planning.kernels.partition import MIXED
+from drake_pregrasp.planning.kernels.sorting import BLOCK
 
-POSITION, MSV, GII, VEW = range(4)
-"""Kinds of weights, by their places in `KINDS`."""
-
-_FAST = {"reassoc", "contract", "nsz", "nnan"}
+_PART_ERROR = 2e-10  # Of a stand-in's weights, as a share of the mean weight so far.
+_TOTAL_ERROR = 3e-10  # As a share of the sum of all weights: above it candidates are weighed.
 
 
-@numba.njit(cache=True, error_model="numpy")
-def sum_up(  # type: ignore[no-untyped-def]
-    kind, stretch, moves, whitener, numbers, t, B, n, steps, points, areas, owners, labels
+@compiled()
+def centroids_of(  # type: ignore[no-untyped-def]
+    kind, stretch, movers, r, sizes, covariance, steps, packs, owners, labels, stand_ins
 ):
-    """Returns the centroids of the regions of contacts that move, shape (n, 3), or NaN.
+    """Returns the centroids of the regions of contacts that move, shape (k, 3), or NaN.
 
-    Weights are summed as differences from one of their own, `reference`: sum (b - least) follows
-    from sum (b - reference) and sum 1 when the least is known, at the end. Gaussians are summed as
-    multiples of the largest so far.
+    Args:
+        kind: Place in `KINDS`.
+        stretch: As of `Weighting`.
+        movers: Contacts that move, shape (k,).
+        r: All contacts, shape (n, 3).
+        sizes: As in `Partition`.
+        covariance: As of `Weighting`.
+        steps: Newton steps.
+        packs: Points and areas of each block, shape (B, 4, BLOCK).
+        owners: As in `Partition`.
+        labels: As in `Partition`.
+        stand_ins: All arrays of `StandIns`, in their order.
     """
-    count = len(moves)
-    sums = np.zeros((count, 8))  # sum a b, sum a b q (3), sum a, sum a q (3).
-    reference = np.full(count, np.nan if kind != POSITION else -np.inf)
-    least = np.full(count, np.inf)
-    b, own = np.empty(BLOCK), np.empty(BLOCK)
-    scratch, powers = np.empty((SCRATCH, BLOCK)), np.empty(BLOCK, dtype=np.int64)
-    present = np.zeros(count, dtype=np.bool_)
-    for block in range(len(owners)):
-        owner = owners[block]
-        first, last = 0, 0
-        if owner >= 0:
-            first, last = owner, owner + 1
-        elif owner == MIXED:
-            last = count
-            present[:] = False
-            for k in range(BLOCK):
-                if labels[block, k] >= 0:
-                    present[labels[block, k]] = True
-        here = slice(block * BLOCK, (block + 1) * BLOCK)
-        x, y, z = points[0, here], points[1, here], points[2, here]
-        for contact in range(first, last):
-            if not moves[contact] or (owner == MIXED and not present[contact]):
-                continue
-            area = areas[here]
-            if kind == POSITION:
-                gaussian_exponents(whitener, x, y, z, b)
-            elif kind == VEW:
-                volumes(numbers[contact], n, x, y, z, b)
-            else:
-                smallest_singular_values(t[contact], B[contact], n, steps, x, y, z, scratch, b)
-                if kind == GII:
-                    divide_by_largest(n, steps, scratch, b)
-                    for k in range(BLOCK):
-                        if scratch[8, k] < 0.0 and (owner >= 0 or labels[block, k] == contact):
-                            top = largest_eigenvalue(t[contact], B[contact], n, x[k], y[k], z[k])
-                            b[k] /= math.sqrt(top)
-            if owner == MIXED:
-                pick = -1
-                for k in range(BLOCK):
-                    mine = labels[block, k] == contact
-                    own[k] = area[k] if mine else 0.0
-                    if mine:
-                        pick = k
-                for k in range(BLOCK):
-                    if labels[block, k] != contact:
-                        b[k] = b[pick]
-                area = own
-            if kind == POSITION:
-                top = _largest(b)
-                if top > reference[contact]:
-                    shrink = math.exp(reference[contact] - top)
-                    for k in range(4):
-                        sums[contact, k] *= shrink
-                    reference[contact] = top
-                _subtract(b, reference[contact])
-                exponentials(b, powers)
-            else:
-                if math.isnan(reference[contact]):
-                    reference[contact] = b[0]
-                _subtract(b, reference[contact])
-                least[contact] = min(least[contact], _least(b))
-            _add(b, area, x, y, z, sums[contact])
-    return _centroids(kind, stretch, sums, reference, least)
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _centroids(kind, stretch, sums, reference, least):  # type: ignore[no-untyped-def]
-    centroids = np.empty((len(sums), 3))
-    for contact in range(len(sums)):
-        back = 0.0
-        if kind != POSITION:
-            back = -least[contact] if stretch else reference[contact]
+    hand = prepare(kind, r, sizes, covariance, steps)
+    moves = np.zeros(len(r), dtype=np.bool_)
+    for k in range(len(movers)):
+        moves[movers[k]] = True
+    sums = empty_sums(kind, len(r))
+    _sum_up(kind, stretch, moves, hand, packs, owners, labels, stand_ins, True, sums)
+    again = False
+    for contact in range(len(r)):
         row = sums[contact]
-        total = row[0] + back * row[4]
-        for axis in range(3):
-            moment = row[1 + axis] + back * row[5 + axis]
-            plain = row[5 + axis] / row[4]
-            centroids[contact, axis] = moment / total if total > 0 else plain
+        error = _TOTAL_ERROR * mean_weight(kind, stretch, row) * row[AREA]
+        moves[contact] &= row[ERROR] > error
+        if moves[contact]:
+            again = True
+            row[:] = empty_sums(kind, 1)[0]
+    if again:
+        _sum_up(kind, stretch, moves, hand, packs, owners, labels, stand_ins, False, sums)
+    centroids = np.empty((len(movers), 3))
+    for k in range(len(movers)):
+        write_centroid(kind, stretch, sums[movers[k]], centroids[k])
     return centroids
 
 
-@numba.njit(cache=True, error_model="numpy", fastmath=_FAST)
-def _add(b, a, x, y, z, row):  # type: ignore[no-untyped-def]
-    s, sx, sy, sz, p, px, py, pz = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+@compiled()
+def weights_of(kind, r, sizes, covariance, steps, contact, q):  # type: ignore[no-untyped-def]
+    """Returns the weights of points, shape (3, k), for a contact, without stretching, shape (k,).
+
+    Args:
+        kind: As for `centroids_of`, and so the next four.
+        r: All contacts.
+        sizes: As in `Partition`.
+        covariance: As of `Weighting`.
+        steps: Newton steps.
+        contact: The one that moves.
+        q: The points.
+    """
+    whitener, numbers, t, B, n, steps = prepare(kind, r, sizes, covariance, steps)
+    count = q.shape[1]
+    weights, b = np.empty(count), np.empty(BLOCK)
+    scratch, pack = np.empty((SCRATCH, BLOCK)), np.empty((4, BLOCK))
+    for first in range(0, count, BLOCK):
+        for k in range(BLOCK):
+            for axis in range(3):
+                pack[axis, k] = q[axis, min(first + k, count - 1)]
+        weigh(kind, whitener, numbers, t, B, n, steps, contact, pack, scratch, b)
+        for k in range(first, min(first + BLOCK, count)):
+            weights[k] = np.exp(b[k - first]) if kind == POSITION else b[k - first]
+    return weights
+
+
+@compiled()
+def prepare(kind, r, sizes, covariance, steps):  # type: ignore[no-untyped-def]
+    """Returns what `weigh` needs of all contacts: whitener, numbers, t, B, n and steps."""
+    count, n = len(r), 0
+    t, B, numbers = np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros((count, 18))
+    if kind == POSITION:
+        return whitener(covariance), numbers, t, B, n, steps
+    n = hand_sums(r, sizes, t, B)
+    if kind == VEW:
+        for contact in range(count):
+            volume_numbers(t[contact], B[contact], n, numbers[contact])
+    return np.zeros((3, 3)), numbers, t, B, n, steps
+
+
+@compiled()
+def _sum_up(  # type: ignore[no-untyped-def]
+    kind, stretch, moves, hand, packs, owners, labels, stand_ins, may_stand_in, sums
+):
+    """Adds up the regions of contacts that move, first what no stand-in could be for."""
+    whitener, numbers, t, B, n, steps = hand
+    firsts, ends, skips, grids = stand_ins
+    rows = len(firsts) if may_stand_in else 0
+    b, powers = np.empty(BLOCK), np.empty(BLOCK, dtype=np.int64)
+    scratch = np.empty((SCRATCH, BLOCK))
+    same = _ends_of_runs(owners) if rows else owners
+    waiting, size = np.empty(rows, dtype=np.int64), 0
+    pending, filled = np.empty((len(moves), 4, BLOCK)), np.zeros(len(moves), dtype=np.int64)
+    row, block = 0, 0
+    while block < len(owners):
+        owner = owners[block]
+        if row < rows and firsts[row] == block:
+            if owner == MIXED or same[block] < ends[row]:
+                row += 1
+                continue
+            if owner >= 0 and moves[owner]:
+                waiting[size] = row
+                size += 1
+            block = ends[row]
+            row = skips[row]
+            continue
+        if owner >= 0 and moves[owner]:
+            q = packs[block]
+            _add(kind, whitener, numbers, t, B, n, steps, owner, q, scratch, b, powers, sums)
+        elif owner == MIXED:
+            for k in range(BLOCK):
+                contact = labels[block, k]
+                if contact < 0 or not moves[contact]:
+                    continue
+                place = filled[contact]
+                for axis in range(4):
+                    pending[contact, axis, place] = packs[block, axis, k]
+                filled[contact] = place + 1
+                if place == BLOCK - 1:
+                    filled[contact] = 0
+                    q = pending[contact]
+                    _add(
+                        kind,
+                        whitener,
+                        numbers,
+                        t,
+                        B,
+                        n,
+                        steps,
+                        contact,
+                        q,
+                        scratch,
+                        b,
+                        powers,
+                        sums,
+                    )
+        block += 1
+    for contact in range(len(moves)):
+        if filled[contact] > 0:
+            q = pending[contact]
+            _fill_up(q, filled[contact])
+            _add(kind, whitener, numbers, t, B, n, steps, contact, q, scratch, b, powers, sums)
+    while size > 0:
+        size -= 1
+        row = waiting[size]
+        owner = owners[firsts[row]]
+        q = grids[row]
+        if _add_stand_in(
+            kind, stretch, whitener, numbers, t, B, n, steps, owner, q, scratch, b, powers, sums
+        ):
+            continue
+        part, block = row + 1, firsts[row]
+        while block < ends[row]:
+            if part < skips[row] and firsts[part] == block:
+                waiting[size] = part
+                size += 1
+                block = ends[part]
+                part = skips[part]
+                continue
+            q = packs[block]
+            _add(kind, whitener, numbers, t, B, n, steps, owner, q, scratch, b, powers, sums)
+            block += 1
+
+
+@compiled()
+def _add(  # type: ignore[no-untyped-def]
+    kind, whitener, numbers, t, B, n, steps, contact, q, scratch, b, powers, sums
+):
+    """Adds a block of candidates to a contact's sums."""
+    weigh(kind, whitener, numbers, t, B, n, steps, contact, q, scratch, b)
+    refer(kind, b, powers, sums, contact)
+    if kind != POSITION:
+        heed_least(b, sums, contact)
+    add(b, q, sums, contact)
+
+
+@compiled()
+def _ends_of_runs(owners):  # type: ignore[no-untyped-def]
+    """Returns the block after the run of blocks of one owner that each block is in."""
+    ends = np.empty(len(owners), dtype=np.int64)
+    end = len(owners)
+    for block in range(len(owners) - 1, -1, -1):
+        if block + 1 < len(owners) and owners[block] != owners[block + 1]:
+            end = block + 1
+        ends[block] = end
+    return ends
+
+
+@compiled()
+def _fill_up(q, filled):  # type: ignore[no-untyped-def]
+    """Fills a block up with copies of its first point, without area."""
+    for k in range(filled, BLOCK):
+        q[0, k], q[1, k], q[2, k], q[3, k] = q[0, 0], q[1, 0], q[2, 0], 0.0
+
+
+@compiled()
+def _add_stand_in(  # type: ignore[no-untyped-def]
+    kind, stretch, whitener, numbers, t, B, n, steps, contact, q, scratch, b, powers, sums
+):
+    """Adds a stand-in and returns True, if it is accurate, and can't hold the least weight."""
+    allowed = _PART_ERROR * mean_weight(kind, stretch, sums[contact])
+    error = 0.0
+    if kind == POSITION:
+        error = gaussian_error(whitener, q, sums[contact, REFERENCE])
+        if not error <= allowed:
+            return False
+    weigh(kind, whitener, numbers, t, B, n, steps, contact, q, scratch, b)
+    refer(kind, b, powers, sums, contact)
+    if kind != POSITION:
+        error = interpolation_error(b)
+        if not error <= allowed:
+            return False
+        if stretch and least_between(b) - error < sums[contact, LEAST]:
+            return False
     for k in range(BLOCK):
-        w = a[k] * b[k]
-        s += w
-        sx += w * x[k]
-        sy += w * y[k]
-        sz += w * z[k]
-        p += a[k]
-        px += a[k] * x[k]
-        py += a[k] * y[k]
-        pz += a[k] * z[k]
-    row[0] += s
-    row[1] += sx
-    row[2] += sy
-    row[3] += sz
-    row[4] += p
-    row[5] += px
-    row[6] += py
-    row[7] += pz
-
-
-@numba.njit(cache=True, fastmath=_FAST)
-def _least(b):  # type: ignore[no-untyped-def]
-    value = b[0]
-    for k in range(BLOCK):
-        value = min(value, b[k])
-    return value
-
-
-@numba.njit(cache=True, fastmath=_FAST)
-def _largest(b):  # type: ignore[no-untyped-def]
-    value = b[0]
-    for k in range(BLOCK):
-        value = max(value, b[k])
-    return value
-
-
-@numba.njit(cache=True, fastmath=_FAST)
-def _subtract(b, value):  # type: ignore[no-untyped-def]
-    for k in range(BLOCK):
-        b[k] -= value
+        sums[contact, ERROR] += error * q[3, k]
+    add(b, q, sums, contact)
+    return True

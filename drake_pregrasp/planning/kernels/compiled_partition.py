@@ -1,15 +1,37 @@
 """The tree search of Eq. 1 for numba: one contact after another, depth first."""
 
-import numba
 import numpy as np
 
-from drake_pregrasp.planning.kernels.blocks import BLOCK, FAN
+from drake_pregrasp.planning.kernels.compiled_clipping import EMPTY, relevant_planes
+from drake_pregrasp.planning.kernels.compiling import compiled
 from drake_pregrasp.planning.kernels.partition import MIXED, NOBODY
+from drake_pregrasp.planning.kernels.sorting import BLOCK
+
+_FEW = 4  # Planes up to which clipping is not worth it.
+_MORE_CORNERS = 64  # Room for polygons beyond a corner for each plane.
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def divide(  # type: ignore[no-untyped-def]
-    r, h, z, radii, longest_arm, share, points, centers, halves, starts, filled, owners, labels
+    r,
+    h,
+    z,
+    radii,
+    longest_arm,
+    share,
+    points,
+    starts,
+    ends,
+    skips,
+    depths,
+    centers,
+    halves,
+    patches,
+    frames,
+    ranges,
+    shared,
+    owners,
+    labels,
 ):
     """Divides the blocks into the regions of all contacts, and returns the regions' sizes.
 
@@ -20,41 +42,97 @@ def divide(  # type: ignore[no-untyped-def]
         radii: Theirs.
         longest_arm: Of the candidates, in metres.
         share: Of its terms, by which a plane must clear a box to decide it.
-        points: As in `Blocks`, and so the next three.
+        points: As in `Blocks`.
+        starts: As in `SearchTree`, and so the next nine.
+        ends: Of the nodes' places.
+        skips: The nodes after theirs.
+        depths: Of the nodes.
         centers: Midpoints of boxes.
         halves: Their half edges.
-        starts: Of the tree's levels.
-        filled: Points in the last block that are no padding.
-        owners: As in `Partition`, written to; `NOBODY` at first.
+        patches: Rows in the next two.
+        frames: Axes of patches.
+        ranges: Where the patches are along their axes.
+        shared: Blocks of more than one leaf.
+        owners: As in `Partition`, written to.
         labels: As in `Partition`, written to.
     """
-    normals = np.empty((len(r) - 1 + len(z), 3))
-    bounds, slack = np.empty(len(normals)), np.empty(len(normals))
+    for block in range(len(owners)):
+        owners[block] = NOBODY
+    for block in shared:
+        owners[block] = MIXED
+        labels[block] = NOBODY
+    room = len(r) + len(z)
+    normals, bounds, slack = np.empty((3, room)), np.empty(room), np.empty(room)
+    deepest = 0
+    for depth in depths:
+        deepest = max(deepest, depth)
+    planes = np.empty((deepest + 2, room), dtype=np.int64)
+    counts = np.empty(deepest + 2, dtype=np.int64)
+    lines, corners = np.empty((9, room)), np.empty((2, 3, 2 * (room + _MORE_CORNERS)))
+    outside = np.empty(BLOCK, dtype=np.bool_)
+    sizes = np.zeros(len(r), dtype=np.int64)
     for contact in range(len(r)):
         if h[contact] == -np.inf:
             continue
-        k = _write_planes(contact, r, h, z, radii, normals, bounds)
-        for j in range(k):
-            size = abs(normals[j, 0]) + abs(normals[j, 1]) + abs(normals[j, 2])
+        counts[0] = _write_planes(contact, r, h, z, radii, normals, bounds)
+        for j in range(counts[0]):
+            planes[0, j] = j
+            size = abs(normals[0, j]) + abs(normals[1, j]) + abs(normals[2, j])
             slack[j] = share * (abs(bounds[j]) + size * longest_arm)
-        search_tree(
-            contact,
-            normals[:k],
-            bounds[:k],
-            slack,
-            points,
-            centers,
-            halves,
-            starts,
-            owners,
-            labels,
-        )
-    sizes = np.zeros(len(r), dtype=np.int64)
-    settle(filled, owners, labels, sizes)
+        node = 0
+        while node < len(starts):
+            depth = depths[node]
+            kept = _cutting_planes(
+                planes[depth],
+                counts[depth],
+                normals,
+                bounds,
+                slack,
+                centers[node],
+                halves[node],
+                planes[depth + 1],
+            )
+            patch = patches[node]
+            if patch >= 0 and kept > _FEW:
+                kept = relevant_planes(
+                    planes[depth + 1],
+                    kept,
+                    normals,
+                    bounds,
+                    slack,
+                    frames[patch],
+                    ranges[patch],
+                    lines,
+                    corners,
+                )
+            if kept == EMPTY:
+                node = skips[node]
+            elif kept == 0:
+                _give(contact, starts[node], ends[node], owners, labels)
+                sizes[contact] += ends[node] - starts[node]
+                node = skips[node]
+            elif skips[node] > node + 1:
+                counts[depth + 1] = kept
+                node += 1
+            else:
+                sizes[contact] += _give_some(
+                    contact,
+                    normals,
+                    bounds,
+                    planes[depth + 1],
+                    kept,
+                    starts[node],
+                    ends[node],
+                    points,
+                    outside,
+                    owners,
+                    labels,
+                )
+                node += 1
     return sizes
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _write_planes(contact, r, h, z, radii, normals, bounds):  # type: ignore[no-untyped-def]
     """Writes what `region_planes` returns, and returns how many planes there are."""
     cx, cy, cz = r[contact, 0], r[contact, 1], r[contact, 2]
@@ -64,128 +142,87 @@ def _write_planes(contact, r, h, z, radii, normals, bounds):  # type: ignore[no-
         if k == contact or h[k] == -np.inf:
             continue
         x, y, z_ = r[k, 0], r[k, 1], r[k, 2]
-        normals[j, 0], normals[j, 1], normals[j, 2] = x - cx, y - cy, z_ - cz
+        normals[0, j], normals[1, j], normals[2, j] = x - cx, y - cy, z_ - cz
         bound = (x * x + y * y + z_ * z_ - h[k] - power) / 2
         bounds[j] = np.nextafter(bound, -np.inf) if k < contact else bound
         j += 1
     for k in range(len(z)):
         x, y, z_ = z[k, 0] - cx, z[k, 1] - cy, z[k, 2] - cz
-        normals[j, 0], normals[j, 1], normals[j, 2] = x, y, z_
+        normals[0, j + k], normals[1, j + k], normals[2, j + k] = x, y, z_
         d = np.sqrt(x * x + y * y + z_ * z_)
-        bounds[j] = x * cx + y * cy + z_ * cz + d * (d - radii[k])
-        j += 1
-    return j
+        bounds[j + k] = x * cx + y * cy + z_ * cz + d * (d - radii[k])
+    return j + len(z)
 
 
-@numba.njit(cache=True, error_model="numpy")
-def search_tree(  # type: ignore[no-untyped-def]
-    contact, normals, bounds, slack, points, centers, halves, starts, owners, labels
+@compiled()
+def _cutting_planes(  # type: ignore[no-untyped-def]
+    asked, count, normals, bounds, slack, center, half, kept
 ):
-    """Gives a contact the blocks and points inside all its planes.
+    """Writes which planes cut a box, and returns how many, or `EMPTY` if one has it all outside."""
+    cx, cy, cz, hx, hy, hz = center[0], center[1], center[2], half[0], half[1], half[2]
+    size = 0
+    for p in range(count):
+        j = asked[p]
+        nx, ny, nz = normals[0, j], normals[1, j], normals[2, j]
+        over = nx * cx + ny * cy + nz * cz - bounds[j]
+        reach = abs(nx) * hx + abs(ny) * hy + abs(nz) * hz
+        if over - reach > slack[j]:
+            return EMPTY
+        kept[size] = j
+        size += over + reach > -slack[j]
+    return size
 
-    On the way down a node keeps the planes that cut its box, and hands on only those.
 
-    Args:
-        contact: Its index.
-        normals: Of its planes n·q <= b, shape (k, 3).
-        bounds: b, shape (k,).
-        slack: By which a box must be clear of each plane to be decided, shape (k,).
-        points: As in `Blocks`, and so the next three.
-        centers: Midpoints of boxes.
-        halves: Their half edges.
-        starts: Of the tree's levels.
-        owners: As in `Partition`, written to.
-        labels: As in `Partition`, written to.
-    """
-    depth_of_blocks = len(starts) - 2
-    planes = np.empty((depth_of_blocks + 2, len(bounds)), dtype=np.int64)
-    counts = np.empty(depth_of_blocks + 2, dtype=np.int64)
-    node = np.zeros(depth_of_blocks + 1, dtype=np.int64)
-    end = np.zeros(depth_of_blocks + 1, dtype=np.int64)
-    outside = np.empty(BLOCK, dtype=np.bool_)
-    for j in range(len(bounds)):
-        planes[0, j] = j
-    counts[0] = len(bounds)
-    end[0] = starts[1]
-    depth = 0
-    while depth >= 0:
-        a = node[depth]
-        if a == end[depth]:
-            depth -= 1
-            continue
-        node[depth] += 1
-        k = starts[depth] + a
-        kept = 0
-        misses = False
-        for p in range(counts[depth]):
-            j = planes[depth, p]
-            nx, ny, nz = normals[j, 0], normals[j, 1], normals[j, 2]
-            over = nx * centers[k, 0] + ny * centers[k, 1] + nz * centers[k, 2] - bounds[j]
-            reach = abs(nx) * halves[k, 0] + abs(ny) * halves[k, 1] + abs(nz) * halves[k, 2]
-            if over - reach > slack[j]:
-                misses = True
-                break
-            if over + reach > -slack[j]:
-                planes[depth + 1, kept] = j
-                kept += 1
-        if misses:
-            continue
-        if kept == 0:
-            width = FAN ** (depth_of_blocks - depth)
-            for block in range(a * width, min((a + 1) * width, len(owners))):
-                owners[block] = contact
-        elif depth < depth_of_blocks:
-            counts[depth + 1] = kept
-            depth += 1
-            node[depth] = a * FAN
-            end[depth] = min((a + 1) * FAN, starts[depth + 1] - starts[depth])
+@compiled()
+def _give(contact, start, end, owners, labels):  # type: ignore[no-untyped-def]
+    """Gives a contact a run of places: whole blocks, but those that are shared."""
+    place = start
+    while place < end:
+        block = place // BLOCK
+        stop = min(end, (block + 1) * BLOCK)
+        if owners[block] == MIXED:
+            for k in range(place, stop):
+                labels[block, k - block * BLOCK] = contact
         else:
-            _ask_points(normals, bounds, planes[depth + 1, :kept], points, a, outside)
-            if owners[a] != MIXED:
-                owners[a] = MIXED
-                for place in range(BLOCK):
-                    labels[a, place] = NOBODY
-            for place in range(BLOCK):
-                if not outside[place]:
-                    labels[a, place] = contact
+            owners[block] = contact
+        place = stop
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _ask_points(normals, bounds, planes, points, block, outside):  # type: ignore[no-untyped-def]
-    x = points[0, block * BLOCK : (block + 1) * BLOCK]
-    y = points[1, block * BLOCK : (block + 1) * BLOCK]
-    z = points[2, block * BLOCK : (block + 1) * BLOCK]
-    outside[:] = False
-    for j in planes:
-        nx, ny, nz, b = normals[j, 0], normals[j, 1], normals[j, 2], bounds[j]
-        for place in range(BLOCK):
-            outside[place] |= nx * x[place] + ny * y[place] + nz * z[place] > b
-
-
-@numba.njit(cache=True)
-def settle(filled, owners, labels, sizes):  # type: ignore[no-untyped-def]
-    """Takes the padding out of the last block, and counts the regions' candidates.
-
-    Args:
-        filled: Points in the last block that are no padding.
-        owners: As in `Partition`, written to.
-        labels: As in `Partition`, written to.
-        sizes: As in `Partition`, zeros that are added to.
-    """
-    last = len(owners) - 1
-    if filled < BLOCK:
-        if owners[last] != MIXED:
-            for place in range(filled):
-                labels[last, place] = owners[last]
-            owners[last] = MIXED
-        for place in range(filled, BLOCK):
-            labels[last, place] = NOBODY
-    for block in range(len(owners)):
-        owner = owners[block]
-        if owner >= 0:
-            sizes[owner] += BLOCK
-        elif owner == MIXED:
-            for place in range(BLOCK):
-                label = labels[block, place]
-                if label >= 0:
-                    sizes[label] += 1
+@compiled()
+def _give_some(  # type: ignore[no-untyped-def]
+    contact,
+    normals,
+    bounds,
+    planes,
+    count,
+    start,
+    end,
+    points,
+    outside,
+    owners,
+    labels,
+):
+    """Gives a contact the points of a leaf that are inside planes, and returns how many are."""
+    block = start // BLOCK
+    first, size = start - block * BLOCK, end - start
+    x, y, z = points[0, start:end], points[1, start:end], points[2, start:end]
+    for k in range(size):
+        outside[k] = False
+    for p in range(count):
+        j = planes[p]
+        nx, ny, nz, b = normals[0, j], normals[1, j], normals[2, j], bounds[j]
+        for k in range(size):
+            outside[k] |= nx * x[k] + ny * y[k] + nz * z[k] > b
+    inside = 0
+    for k in range(size):
+        inside += not outside[k]
+    if inside == BLOCK:
+        owners[block] = contact
+    elif inside > 0:
+        if owners[block] != MIXED:
+            owners[block] = MIXED
+            labels[block] = NOBODY
+        for k in range(size):
+            if not outside[k]:
+                labels[block, first + k] = contact
+    return inside

@@ -1,12 +1,12 @@
 """Nearest points on triangles for numba."""
 
-import numba
 import numpy as np
 
+from drake_pregrasp.planning.kernels.compiling import compiled
 from drake_pregrasp.planning.kernels.triangles import FLAT
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def nearest_on_triangles(points, ends, which, corners):  # type: ignore[no-untyped-def]
     """Returns what `triangles.nearest_on_triangles` does.
 
@@ -34,7 +34,7 @@ def nearest_on_triangles(points, ends, which, corners):  # type: ignore[no-untyp
     return nearest, chosen
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def closest(p, corners):  # type: ignore[no-untyped-def]
     """Returns a triangle's point nearest to p, as `triangles.closest_points` does."""
     ax, ay, az = corners[0, 0], corners[0, 1], corners[0, 2]
@@ -75,7 +75,7 @@ def closest(p, corners):  # type: ignore[no-untyped-def]
     return ax + v * bx + w * cx, ay + v * by + w * cy, az + v * bz + w * cz
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _closest_on_edges(p, corners):  # type: ignore[no-untyped-def]
     least = np.inf
     x, y, z = corners[0, 0], corners[0, 1], corners[0, 2]

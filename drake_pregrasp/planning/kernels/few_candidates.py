@@ -3,10 +3,11 @@
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
-from drake_pregrasp.planning.kernels.blocks import BLOCK, Blocks
+from drake_pregrasp.planning.kernels.blocks import Blocks
 from drake_pregrasp.planning.kernels.hand_measures import extremes, volumes
 from drake_pregrasp.planning.kernels.partition import MIXED, NOBODY, Partition
 from drake_pregrasp.planning.kernels.region_planes import forbidden_planes
+from drake_pregrasp.planning.kernels.sorting import BLOCK
 from drake_pregrasp.planning.kernels.weighting import HandSums, Weighting, volume_numbers
 
 

@@ -5,20 +5,32 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
-from drake_pregrasp.planning.kernels.blocks import BLOCK
-from drake_pregrasp.planning.kernels.compiled_centroids import sum_up
+from drake_pregrasp.planning.kernels.compiled_centroids import centroids_of, weights_of
 from drake_pregrasp.planning.kernels.compiled_partition import divide
 from drake_pregrasp.planning.kernels.compiled_projection import project
 from drake_pregrasp.planning.kernels.compiled_triangles import nearest_on_triangles
 from drake_pregrasp.planning.kernels.ground import Ground
 from drake_pregrasp.planning.kernels.numpy_kernel import SLACK
-from drake_pregrasp.planning.kernels.partition import NOBODY, Partition
+from drake_pregrasp.planning.kernels.partition import Partition
+from drake_pregrasp.planning.kernels.search_tree import make_search_tree
+from drake_pregrasp.planning.kernels.sorting import BLOCK
+from drake_pregrasp.planning.kernels.stand_ins import make_stand_ins
 from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
-from drake_pregrasp.planning.kernels.weighting import KINDS, HandSums, Weighting, volume_numbers
+from drake_pregrasp.planning.kernels.weighting import KINDS, Weighting
 
 
 class NumbaKernel(TickKernel):
     """Searches the tree depth first, and sums up weights block by block without storing them."""
+
+    def __init__(
+        self, p_OQ: FloatArray, nhat_OQ: FloatArray, areas: FloatArray, p_OCoM: FloatArray
+    ) -> None:
+        super().__init__(p_OQ, nhat_OQ, areas, p_OCoM)
+        self._tree = make_search_tree(self.blocks)
+        s = make_stand_ins(self.blocks, self._tree)
+        self._stand_ins = s.firsts, s.ends, s.skips, s.grids
+        places = np.vstack([self.blocks.points, self.blocks.areas])
+        self._packs = np.ascontiguousarray(places.reshape(4, -1, BLOCK).swapaxes(0, 1))
 
     def nearest_on_triangles(
         self, points: FloatArray, triangles: Sequence[IntArray], corners: FloatArray
@@ -68,8 +80,8 @@ class NumbaKernel(TickKernel):
     def _partition(
         self, r: FloatArray, h: FloatArray, z: FloatArray, radii: FloatArray
     ) -> Partition:
-        blocks = self.blocks
-        owners = np.full(blocks.count, NOBODY, dtype=np.int64)
+        blocks, tree = self.blocks, self._tree
+        owners = np.empty(blocks.count, dtype=np.int64)
         labels = np.empty((blocks.count, BLOCK), dtype=np.int16)
         sizes = divide(
             r,
@@ -79,10 +91,16 @@ class NumbaKernel(TickKernel):
             self._longest_arm,
             SLACK,
             blocks.points,
-            blocks.centers,
-            blocks.halves,
-            blocks.starts,
-            blocks.num_candidates - (blocks.count - 1) * BLOCK,
+            tree.starts,
+            tree.ends,
+            tree.skips,
+            tree.depths,
+            tree.centers,
+            tree.halves,
+            tree.patches,
+            tree.frames,
+            tree.ranges,
+            tree.shared,
             owners,
             labels,
         )
@@ -91,26 +109,36 @@ class NumbaKernel(TickKernel):
     def _centroids(
         self, partition: Partition, r: FloatArray, movers: IntArray, weighting: Weighting
     ) -> FloatArray:
-        blocks = self.blocks
-        sums = HandSums.none(len(r))
-        if weighting.is_of_the_hand:
-            sums = HandSums.over(r, partition.sizes > 0)
-        numbers = volume_numbers(sums) if weighting.kind == "vew" else np.empty((len(r), 0))
-        moves = np.zeros(len(r), dtype=bool)
-        moves[movers] = True
-        centroids: FloatArray = sum_up(
+        centroids: FloatArray = centroids_of(
             KINDS.index(weighting.kind),
             weighting.stretch,
-            moves,
-            weighting.whitener(),
-            numbers,
-            sums.t,
-            sums.B,
-            sums.n,
+            movers,
+            r,
+            partition.sizes,
+            weighting.covariance,
             self._newton_steps(r),
-            blocks.points,
-            blocks.areas,
+            self._packs,
             partition.owners,
             partition.labels,
+            self._stand_ins,
         )
-        return centroids[movers]
+        return centroids
+
+    def _weights(
+        self,
+        partition: Partition,
+        r: FloatArray,
+        contact: int,
+        weighting: Weighting,
+        q: FloatArray,
+    ) -> FloatArray:
+        weights: FloatArray = weights_of(
+            KINDS.index(weighting.kind),
+            r,
+            partition.sizes,
+            weighting.covariance,
+            self._newton_steps(r),
+            contact,
+            q,
+        )
+        return weights

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.planning.kernels.blocks import BLOCK, FAN
+from drake_pregrasp.planning.kernels.blocks import FAN
 from drake_pregrasp.planning.kernels.few_candidates import (
     centroids_of_few,
     partition_of_few,
@@ -13,6 +13,7 @@ from drake_pregrasp.planning.kernels.few_candidates import (
 from drake_pregrasp.planning.kernels.hand_measures import extremes, volumes
 from drake_pregrasp.planning.kernels.partition import MIXED, NOBODY, Partition
 from drake_pregrasp.planning.kernels.region_planes import region_planes
+from drake_pregrasp.planning.kernels.sorting import BLOCK
 from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
 from drake_pregrasp.planning.kernels.weighting import HandSums, Weighting, volume_numbers
 
@@ -145,6 +146,21 @@ class NumpyKernel(TickKernel):
             centroids[row] = _measure_centroid(weighed, stretch=weighting.stretch)
         return centroids
 
+    def _weights(
+        self,
+        partition: Partition,
+        r: FloatArray,
+        contact: int,
+        weighting: Weighting,
+        q: FloatArray,
+    ) -> FloatArray:
+        if not weighting.is_of_the_hand:
+            return np.exp(_gaussian_exponents(weighting.whitener(), q))
+        sums = HandSums.over(r, partition.sizes > 0)
+        numbers = volume_numbers(sums)[contact]
+        t, B = sums.t[contact, :, None], sums.B[contact, :, :, None]
+        return _measure(weighting.kind, numbers, t, B, sums.n, self._newton_steps(r))(q)
+
     def _pieces(self, whole: IntArray, some: IntArray) -> list[tuple[FloatArray, FloatArray]]:
         """Returns points (3, k) and areas (k,) of whole blocks and of places, in chunks."""
         points, areas = self.blocks.points, self.blocks.areas
@@ -175,13 +191,18 @@ def _measure(
     return weigh
 
 
+def _gaussian_exponents(whitener: FloatArray, q: FloatArray) -> FloatArray:
+    white = whitener @ q
+    exponents: FloatArray = -0.5 * np.einsum("ik,ik->k", white, white)
+    return exponents
+
+
 def _gaussian_centroid(
     pieces: list[tuple[FloatArray, FloatArray]], whitener: FloatArray
 ) -> FloatArray:
     highest, total, moment = -np.inf, 0.0, np.zeros(3)
     for q, areas in pieces:
-        white = whitener @ q
-        exponents = -0.5 * np.einsum("ik,ik->k", white, white)
+        exponents = _gaussian_exponents(whitener, q)
         top = float(np.max(exponents))
         if top > highest:
             shrink = np.exp(highest - top)

@@ -17,7 +17,8 @@ from drake_pregrasp.planning.kernels.weighting import Weighting
 class TickKernel(ABC):
     """Regions and centroids of one surface, tick after tick; made once.
 
-    It keeps nothing between ticks, and can serve many planners.
+    It can serve many planners. Between ticks it keeps the last partition, which it returns again
+    if nothing has changed at all; results never depend on that.
 
     Args:
         p_OQ: Candidate points of Y, shape (N, 3), N >= 1, in metres.
@@ -31,6 +32,7 @@ class TickKernel(ABC):
     ) -> None:
         self._p_OCoM = p_OCoM
         self.blocks: Blocks = make_blocks(p_OQ - p_OCoM, nhat_OQ, areas)
+        self._last: tuple[tuple[bytes, ...], Partition] | None = None
         self._longest_arm = float(np.sqrt(np.max(np.sum(self.blocks.points**2, axis=0))))
 
     def partition(
@@ -38,13 +40,21 @@ class TickKernel(ABC):
     ) -> Partition:
         """Divides the candidates into the contacts' safe regions (Eq. 1-2).
 
+        What is returned may be returned again, and must not be written to.
+
         Args:
             p_OC: Contacts c_i, shape (n, 3), in metres.
             h: Their weights h_i, shape (n,), in m²; -inf for the lost.
             p_OZ: Forbidden points z_j, shape (m, 3), in metres.
             radii: R_j, shape (m,), in metres.
         """
-        return self._partition(p_OC - self._p_OCoM, h, p_OZ - self._p_OCoM, radii)
+        asked = (p_OC.tobytes(), h.tobytes(), p_OZ.tobytes(), radii.tobytes())
+        last = self._last
+        if last is not None and last[0] == asked:
+            return last[1]
+        partition = self._partition(p_OC - self._p_OCoM, h, p_OZ - self._p_OCoM, radii)
+        self._last = asked, partition
+        return partition
 
     def centroids(
         self, partition: Partition, p_OC: FloatArray, movers: IntArray, weighting: Weighting
@@ -94,6 +104,28 @@ class TickKernel(ABC):
         triangles = ground.near_in_regions(points, labels, contacts)
         return self.nearest_on_triangles(points, triangles, ground.patches)
 
+    def weights(
+        self,
+        partition: Partition,
+        p_OC: FloatArray,
+        contact: int,
+        weighting: Weighting,
+        p_OP: FloatArray,
+    ) -> FloatArray:
+        """Returns the weights b of Eq. 3 or 5-7 at any points, not stretched, shape (k,).
+
+        They are those that `centroids` sums up; those of the position are 1 at the centre of mass.
+
+        Args:
+            partition: Of this kernel. Contacts with a region take part in the hand's measures.
+            p_OC: Contacts, shape (n, 3), in metres.
+            contact: The one that moves to the points.
+            weighting: Of the points.
+            p_OP: Shape (k, 3), k >= 1, in O, in metres.
+        """
+        r, q = p_OC - self._p_OCoM, np.ascontiguousarray((p_OP - self._p_OCoM).T)
+        return self._weights(partition, r, contact, weighting, q)
+
     def nearest_on_triangles(
         self, points: FloatArray, triangles: Sequence[IntArray], corners: FloatArray
     ) -> tuple[FloatArray, IntArray]:
@@ -120,4 +152,14 @@ class TickKernel(ABC):
     @abstractmethod
     def _centroids(
         self, partition: Partition, r: FloatArray, movers: IntArray, weighting: Weighting
+    ) -> FloatArray: ...
+
+    @abstractmethod
+    def _weights(
+        self,
+        partition: Partition,
+        r: FloatArray,
+        contact: int,
+        weighting: Weighting,
+        q: FloatArray,
     ) -> FloatArray: ...

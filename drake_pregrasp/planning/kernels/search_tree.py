@@ -1,0 +1,145 @@
+"""The tree that compiled kernels search: boxes around compact runs of places, and flat patches."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.planning.kernels.blocks import Blocks
+from drake_pregrasp.planning.kernels.sorting import BLOCK, cut
+
+THIN = 0.02
+"""Largest thickness of a patch, as a share of its width: a thicker one is no polygon."""
+
+_FLAT = 1e-13  # Thickness of a face, as a share of the longest lever arm: rounding is below it.
+_LEAST_PATCH = 4 * BLOCK  # Points below which a polygon costs more than it saves.
+
+
+@dataclass(frozen=True, eq=False)
+class SearchTree:
+    """K nodes, each before those below it; a leaf is a block, or that part of it in one group.
+
+    Attributes:
+        starts: First place of each node, shape (K,).
+        ends: Place after its last one, shape (K,).
+        skips: The next node that isn't below it, shape (K,).
+        depths: Number of nodes above it, shape (K,).
+        centers: Midpoints of the boxes around their points, shape (K, 3), in metres.
+        halves: Half the edge lengths of those boxes, shape (K, 3).
+        patches: Row of each node in the next two, or -1 where none is needed, shape (K,).
+        frames: Of the patches: axes u, v along them and their normal w, shape (F, 3, 3).
+        ranges: Midpoints along u, v and w, and half widths, shape (F, 2, 3), in metres.
+        is_flat: Whether each node is part of a flat face, shape (K,).
+        shared: Blocks that hold more than one leaf, or padding, shape (s,).
+    """
+
+    starts: IntArray
+    ends: IntArray
+    skips: IntArray
+    depths: IntArray
+    centers: FloatArray
+    halves: FloatArray
+    patches: IntArray
+    frames: FloatArray
+    ranges: FloatArray
+    is_flat: BoolArray
+    shared: IntArray
+
+
+def make_search_tree(blocks: Blocks) -> SearchTree:
+    """Makes the tree of a surface: the groups are its roots, and a node has four below it."""
+    runs: list[tuple[int, int, int]] = []
+    for first, end in zip(blocks.groups[:-1].tolist(), blocks.groups[1:].tolist(), strict=True):
+        _grow(first, end, 0, runs)
+    starts, ends, depths = np.array(runs, dtype=np.int64).T
+    centers, halves = np.empty((len(runs), 3)), np.empty((len(runs), 3))
+    for depth in range(int(np.max(depths)) + 1):
+        own = np.flatnonzero(depths == depth)
+        low, high = _boxes(blocks.points, starts[own], ends[own])
+        centers[own], halves[own] = (low + high) / 2, (high - low) / 2
+    skips = _next_outside(depths)
+    patches, frames, ranges, is_flat = _patches(blocks, starts, ends, skips)
+    leaves = starts // BLOCK == (ends - 1) // BLOCK
+    parts = leaves & (ends - starts < BLOCK)
+    return SearchTree(
+        starts,
+        ends,
+        skips,
+        depths,
+        centers,
+        halves,
+        patches,
+        frames,
+        ranges,
+        is_flat,
+        np.unique(starts[parts] // BLOCK),
+    )
+
+
+def _grow(first: int, end: int, depth: int, runs: list[tuple[int, int, int]]) -> None:
+    runs.append((first, end, depth))
+    middle = cut(first, end)
+    if middle is None:
+        return
+    for low, high in ((first, middle), (middle, end)):
+        quarter = cut(low, high)
+        for a, b in ((low, high),) if quarter is None else ((low, quarter), (quarter, high)):
+            _grow(a, b, depth + 1, runs)
+
+
+def _boxes(points: FloatArray, starts: IntArray, ends: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Returns the corners of boxes around runs of places that are apart and in order."""
+    borders = np.stack([starts, ends], axis=1).ravel()
+    borders = borders[:-1] if borders[-1] == points.shape[1] else borders
+    low = np.minimum.reduceat(points, borders, axis=1)[:, ::2].T
+    high = np.maximum.reduceat(points, borders, axis=1)[:, ::2].T
+    return low, high
+
+
+def _next_outside(depths: IntArray) -> IntArray:
+    skips = np.empty(len(depths), dtype=np.int64)
+    at_depth = np.full(int(np.max(depths)) + 2, len(depths))
+    for node in range(len(depths) - 1, -1, -1):
+        depth = depths[node]
+        skips[node] = np.min(at_depth[: depth + 1])
+        at_depth[depth] = node
+    return skips
+
+
+def _patches(
+    blocks: Blocks, starts: IntArray, ends: IntArray, skips: IntArray
+) -> tuple[IntArray, FloatArray, FloatArray, BoolArray]:
+    """Returns the rows of nodes that are thin and whose parent isn't, and what they have there."""
+    arm = np.sqrt(np.max(np.sum(blocks.points**2, axis=0)))
+    rows, is_flat = np.full(len(starts), -1), np.zeros(len(starts), dtype=bool)
+    frames, ranges = [np.empty((0, 3, 3))], [np.empty((0, 2, 3))]
+    node = 0
+    while node < len(starts):
+        points = blocks.points[:, starts[node] : ends[node]]
+        if points.shape[1] < _LEAST_PATCH:
+            node = skips[node]
+            continue
+        axes = _frame(points)
+        along = axes @ points
+        low, high = np.min(along, axis=1), np.max(along, axis=1)
+        middle, half = (low + high) / 2, (high - low) / 2
+        if half[2] > THIN * half[1]:
+            node += 1
+            continue
+        rows[node] = len(frames) - 1
+        frames.append(axes[None])
+        ranges.append(np.stack([middle, half])[None])
+        is_flat[node : skips[node]] = half[2] <= _FLAT * arm
+        node = skips[node]
+    return rows, np.concatenate(frames), np.concatenate(ranges), is_flat
+
+
+def _frame(points: FloatArray) -> FloatArray:
+    """Returns axes u, v and w of points, shape (3, k): w is across them, u and v as O's are."""
+    away = points - np.mean(points, axis=1, keepdims=True)
+    _, axes = np.linalg.eigh(away @ away.T)
+    w = axes[:, 0]
+    u = np.eye(3)[np.argmin(np.abs(w))]
+    u = u - (u @ w) * w
+    u /= np.linalg.norm(u)
+    return np.stack([u, np.cross(w, u), w])
