@@ -27,7 +27,7 @@ from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.smooth_file import load_estimator, smooth_file
 from drake_pregrasp.simulation.summary import MEASURES
-from drake_pregrasp.studies.bench import bench
+from drake_pregrasp.studies.bench.bench import bench
 from drake_pregrasp.studies.gallery import make_gallery
 from drake_pregrasp.studies.lookahead import study_lookahead
 from drake_pregrasp.studies.published import SCENARIOS
