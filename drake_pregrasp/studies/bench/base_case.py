@@ -1,8 +1,8 @@
 """How fast the whole base case simulates, and what its parts take.
 
 Diagrams of which each has one part more than the one before advance in turn, a little each time.
-What the last of them takes is the whole, and the differences are the parts: of time, Drake's own
-share is in the part for which its systems work.
+What the last of them takes is the whole, and the differences are the parts. Drake's own share is in
+the part for which its systems work.
 """
 
 import tempfile
@@ -70,7 +70,8 @@ class RunTime(NamedTuple):
         rate: Planning ticks a second.
         seconds: What one simulated second takes up to and with each of `PARTS`, in seconds, the
             medians over the rounds.
-        parts: What each part adds, in seconds, the medians of the differences in each round.
+        parts: What each part adds in seconds of this thread's processor time, which other
+            processes take none of, the medians of the differences in each round.
     """
 
     implementation: str
@@ -99,6 +100,7 @@ def time_run(job: RunJob) -> RunTime:
     )
     surface.__dict__["kernel"] = kernel
     seconds: dict[str, list[float]] = {part: [] for part in PARTS}
+    own_seconds: dict[str, list[float]] = {part: [] for part in PARTS}
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         logs = [
@@ -114,15 +116,16 @@ def time_run(job: RunJob) -> RunTime:
         for round_ in range(job.rounds):
             end = _WARM_UP * job.period + (round_ + 1) * job.duration
             for part, simulator in simulators.items():
-                start = time.perf_counter()
+                start, own_start = time.perf_counter(), time.thread_time()
                 simulator.AdvanceTo(end)
                 seconds[part].append((time.perf_counter() - start) / job.duration)
-    table = np.array(list(seconds.values()))
-    added = np.diff(table, axis=0, prepend=0)
+                own_seconds[part].append((time.thread_time() - own_start) / job.duration)
+    medians = np.median(list(seconds.values()), axis=1).tolist()
+    added = np.diff(list(own_seconds.values()), axis=0, prepend=0)
     return RunTime(
         job.implementation,
         1 / job.period,
-        dict(zip(PARTS, np.median(table, axis=1).tolist(), strict=True)),
+        dict(zip(PARTS, medians, strict=True)),
         dict(zip(PARTS, np.median(added, axis=1).tolist(), strict=True)),
     )
 

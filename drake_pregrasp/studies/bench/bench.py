@@ -8,9 +8,11 @@ import platform
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import TypeVar
 
+from drake_pregrasp.planning.kernels import numba_is_installed
 from drake_pregrasp.simulation.output import write_text, writing
 from drake_pregrasp.studies.bench.base_case import time_run
 from drake_pregrasp.studies.bench.global_times import compare_choices
@@ -20,7 +22,7 @@ from drake_pregrasp.studies.bench.plan import Plan, full_plan, quick_plan
 from drake_pregrasp.studies.bench.plots import plot_base_case, plot_growth, plot_ticks
 from drake_pregrasp.studies.bench.report import report
 from drake_pregrasp.studies.bench.startup import time_starts
-from drake_pregrasp.studies.bench.tick_times import time_ticks
+from drake_pregrasp.studies.bench.tick_times import BY_SIZE, time_ticks
 
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -53,7 +55,7 @@ def bench(
     outcome = measure(quick_plan() if quick else full_plan(), on_progress)
     write_text(out / "bench.json", json.dumps(outcome.to_json(), indent=1) + "\n")
     with writing(out):
-        plot_ticks(out / "ticks.png", outcome.usual_ticks())
+        plot_ticks(out / "ticks.png", outcome.series(BY_SIZE))
         plot_growth(out / "growth.png", outcome)
         plot_base_case(out / "base_case.png", outcome.runs)
     write_text(out / "bench.md", report(outcome))
@@ -63,9 +65,7 @@ def bench(
 def measure(plan: Plan, on_progress: Callable[[int, int], None]) -> Outcome:
     """Measures everything, in a process of one thread."""
     total, done = sum(len(jobs) for jobs in vars(plan).values()), 0
-    outcome = Outcome(
-        f"{platform.machine()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} at first"
-    )
+    outcome, load = Outcome(""), os.getloadavg()[0]
 
     def measured(function: Callable[[Job], Result], job: Job) -> Result:
         nonlocal done
@@ -84,7 +84,17 @@ def measure(plan: Plan, on_progress: Callable[[int, int], None]) -> Outcome:
         outcome.runs = [measured(time_run, job) for job in plan.runs]
         for start_job in plan.starts:
             outcome.starts += measured(time_starts, start_job)
+    outcome.machine = (
+        f"{platform.machine()}, {os.cpu_count()} cores, load {load:.1f} at first and"
+        f" {os.getloadavg()[0]:.1f} at last; Python {platform.python_version()}, {_versions()}"
+    )
     return outcome
+
+
+def _versions() -> str:
+    """Returns the names and versions of what the benchmark depends on most."""
+    packages = ("numpy", *(["numba"] if numba_is_installed() else []), "scipy", "drake")
+    return ", ".join(f"{package} {version(package)}" for package in packages)
 
 
 @contextmanager

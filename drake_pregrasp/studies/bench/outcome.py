@@ -7,10 +7,8 @@ from typing import Any
 from drake_pregrasp.studies.bench.base_case import RunTime
 from drake_pregrasp.studies.bench.global_times import Choice
 from drake_pregrasp.studies.bench.memory import MemoryUse
-from drake_pregrasp.studies.bench.scene import CUBE, NUM_CONTACTS, NUM_FORBIDDEN
 from drake_pregrasp.studies.bench.startup import StartTime
 from drake_pregrasp.studies.bench.tick_times import TickTimes
-from drake_pregrasp.studies.bench.ways import AS_OBSTACLES
 
 
 @dataclass
@@ -40,19 +38,9 @@ class Outcome:
             for name, value in vars(self).items()
         }
 
-    def usual_ticks(self) -> list[TickTimes]:
-        """Returns those on the cube with the usual numbers of contacts and forbidden points."""
-        return [row for row in self.on_cube(NUM_CONTACTS, NUM_FORBIDDEN) if row.way != AS_OBSTACLES]
-
-    def on_cube(self, contacts: int | None = None, forbidden: int | None = None) -> list[TickTimes]:
-        """Returns the ticks on the cube with these numbers, or any, of contacts and so on."""
-        return [
-            row
-            for row in self.ticks
-            if row.shape == CUBE
-            and contacts in (None, row.contacts)
-            and forbidden in (None, row.forbidden)
-        ]
+    def series(self, name: str) -> list[TickTimes]:
+        """Returns the ticks of one series."""
+        return [row for row in self.ticks if row.series == name]
 
 
 def median_choices(choices: Sequence[Choice]) -> list[tuple[str, bool, list[list[float]]]]:

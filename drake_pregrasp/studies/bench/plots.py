@@ -7,13 +7,16 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, NullFormatter
+from matplotlib.ticker import EngFormatter, FuncFormatter, NullFormatter
 
 from drake_pregrasp.studies.bench.base_case import PARTS, RunTime
 from drake_pregrasp.studies.bench.outcome import Outcome
-from drake_pregrasp.studies.bench.scene import MESH
-from drake_pregrasp.studies.bench.tick_tables import growth_rows
-from drake_pregrasp.studies.bench.tick_times import TickTimes
+from drake_pregrasp.studies.bench.tick_times import (
+    BY_CONTACTS,
+    BY_FORBIDDEN,
+    BY_MESH_SIZE,
+    TickTimes,
+)
 from drake_pregrasp.studies.bench.ways import AS_OBSTACLES, OF_THE_HAND
 
 # Colour, marker and line of a way: any one of them tells it from the others.
@@ -45,11 +48,12 @@ def plot_growth(path: Path, outcome: Outcome) -> None:
     """Plots tick times on the mesh, over contacts and over forbidden points, for one strategy."""
     figure, panels = _panels(3)
     shown = "gii"
-    for axis, name, rows, title in (
-        (panels[0], "size", [r for r in outcome.ticks if r.shape == MESH], "a mesh"),
-        (panels[1], "contacts", growth_rows(outcome, "contacts"), "cube, N = {}"),
-        (panels[2], "forbidden", growth_rows(outcome, "forbidden"), "cube, N = {}"),
+    for axis, series, name, title in (
+        (panels[0], BY_MESH_SIZE, "size", "on a mesh"),
+        (panels[1], BY_CONTACTS, "contacts", "N = {}"),
+        (panels[2], BY_FORBIDDEN, "forbidden", "N = {}"),
     ):
+        rows = outcome.series(series)
         own = [row for row in rows if row.strategy == shown]
         _plot_ways(axis, own, name)
         sizes = ", ".join(f"{size:,}" for size in sorted({row.size for row in own}))
@@ -81,7 +85,7 @@ def plot_base_case(path: Path, runs: Sequence[RunTime]) -> None:
     axis.set_xlim(0, 115)
     axis.set_xticks(range(0, 101, 20))
     axis.invert_yaxis()
-    axis.set_xlabel("share of what a simulated second takes [%]; its ms at the right")
+    axis.set_xlabel("share of the processor time of a simulated second [%]; its ms at the right")
     axis.spines[["top", "right"]].set_visible(False)
     figure.legend(loc="outside upper center", ncols=3, frameon=False, fontsize=9)
     figure.savefig(path, dpi=_DPI)
@@ -108,7 +112,7 @@ def _panels(count: int) -> tuple[Figure, Sequence[Axes]]:
 def _label_sizes(axis: Axes) -> None:
     axis.set_xlabel("candidates N")
     axis.set_xlim(8e2, None)
-    axis.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
+    axis.xaxis.set_major_formatter(EngFormatter(sep=""))
     axis.xaxis.set_minor_formatter(NullFormatter())
 
 

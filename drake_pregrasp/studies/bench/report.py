@@ -8,6 +8,7 @@ from drake_pregrasp.studies.bench.global_times import LAST, PER_EDGE, SETTLING
 from drake_pregrasp.studies.bench.markdown import milliseconds, table
 from drake_pregrasp.studies.bench.memory import SAMPLES, WARM_UP, first_settled
 from drake_pregrasp.studies.bench.outcome import Outcome, median_choices
+from drake_pregrasp.studies.bench.plan import GROWTH_SIZE
 from drake_pregrasp.studies.bench.scene import (
     LARGEST_RADIUS,
     MESH,
@@ -18,10 +19,10 @@ from drake_pregrasp.studies.bench.scene import (
 from drake_pregrasp.studies.bench.targets import targets
 from drake_pregrasp.studies.bench.tick_tables import (
     goals_table,
-    growth_table,
-    mesh_table,
+    medians_table,
     tick_sections,
 )
+from drake_pregrasp.studies.bench.tick_times import BY_CONTACTS, BY_FORBIDDEN, BY_MESH_SIZE, BY_SIZE
 
 
 def report(outcome: Outcome) -> str:
@@ -34,7 +35,7 @@ def report(outcome: Outcome) -> str:
         "## Asked and reached",
         *_targets_table(outcome),
         "Medians of a tick in ms, and what is asked of them; bold where it is reached.",
-        *goals_table(outcome.usual_ticks()),
+        *goals_table(outcome.series(BY_SIZE)),
         "![Planning tick over the number of candidates: four strategies, four ways](ticks.png)",
         "",
         "## Ticks",
@@ -51,20 +52,21 @@ def report(outcome: Outcome) -> str:
         " matrix unless it says *of the contact*; these, and `margin`, which no paper has printed,"
         " use the kernels for the regions only.",
         "",
-        *tick_sections(outcome.usual_ticks()),
+        *tick_sections(outcome.series(BY_SIZE)),
         f"## On a mesh: `{MESH}`",
         "",
         f"Medians in ms; {NUM_CONTACTS} contacts, {NUM_FORBIDDEN} forbidden points.",
-        *mesh_table(outcome),
+        *medians_table(outcome.series(BY_MESH_SIZE), "size", "N"),
         "## Growth",
         "",
         "![Planning tick on a mesh, over contacts, and over forbidden points](growth.png)",
         "",
-        f"Medians in ms on the cube. With more contacts, {NUM_FORBIDDEN} forbidden points:",
-        *growth_table(outcome, "contacts"),
+        f"Medians in ms on the cube, N = {GROWTH_SIZE:,}. With more contacts,"
+        f" {NUM_FORBIDDEN} forbidden points:",
+        *medians_table(outcome.series(BY_CONTACTS), "contacts", "n"),
         f"With more forbidden points, {NUM_CONTACTS} contacts. *As obstacles*: the same points as"
         " obstacles in the world:",
-        *growth_table(outcome, "forbidden"),
+        *medians_table(outcome.series(BY_FORBIDDEN), "forbidden", "m"),
         "## Against choosing all contacts anew",
         *_choices(outcome),
         "## The base case, simulated",
@@ -144,9 +146,10 @@ def _runs(outcome: Outcome) -> list[str]:
         "",
         "Contacts adapt from the start. Seconds simulated in one second:",
         *table(["planning", "kernel", "without recording", "with recording"], factors),
-        "What a simulated second takes, in ms: diagrams with one part more and more advance in"
-        " turn, and the parts are the medians of their differences. What Drake itself takes is in"
-        " each. 1,000 ms in all are real time.",
+        "What a simulated second takes, in ms of processor time, which others on the machine take"
+        " none of: diagrams with one part more and more advance in turn, and the parts are the"
+        " medians of their differences. What Drake itself takes is in each. 1,000 ms in all are"
+        " real time on a quiet machine.",
         *table(["planning", "kernel", *PARTS], parts),
         "![What a simulated second takes, by parts](base_case.png)",
         "",

@@ -10,7 +10,7 @@ from drake_pregrasp.studies.bench.global_times import GREEDY, MARGIN_WEIGHTED
 from drake_pregrasp.studies.bench.outcome import Outcome, median_choices
 from drake_pregrasp.studies.bench.scene import implementations
 from drake_pregrasp.studies.bench.tick_goals import TICK_GOALS, tick_goal
-from drake_pregrasp.studies.bench.tick_times import TickTimes
+from drake_pregrasp.studies.bench.tick_times import BY_SIZE, TickTimes
 from drake_pregrasp.studies.bench.ways import IN_DRAKE, OF_THE_HAND
 
 TAIL = 2.0
@@ -54,7 +54,7 @@ class Target(NamedTuple):
 def targets(outcome: Outcome) -> list[Target]:
     """Returns all targets, one after another."""
     return [
-        *_tick_targets(outcome.usual_ticks()),
+        *_tick_targets(outcome.series(BY_SIZE)),
         *_global_targets(outcome),
         *_run_targets(outcome),
         *_start_targets(outcome),

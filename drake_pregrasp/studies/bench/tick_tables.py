@@ -4,8 +4,6 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from drake_pregrasp.studies.bench.markdown import milliseconds, table
-from drake_pregrasp.studies.bench.outcome import Outcome
-from drake_pregrasp.studies.bench.scene import MESH, NUM_CONTACTS, NUM_FORBIDDEN
 from drake_pregrasp.studies.bench.tick_goals import TICK_GOAL_OF, TICK_GOALS, tick_goal
 from drake_pregrasp.studies.bench.tick_times import TickTimes
 from drake_pregrasp.studies.bench.ways import SLOW
@@ -40,31 +38,6 @@ def tick_sections(ticks: Sequence[TickTimes]) -> list[str]:
     return lines
 
 
-def mesh_table(outcome: Outcome) -> list[str]:
-    """Returns the ticks on the mesh."""
-    return _by_strategy([r for r in outcome.ticks if r.shape == MESH], "size", "N")
-
-
-def growth_table(outcome: Outcome, name: str) -> list[str]:
-    """Returns the ticks with more and more `contacts` or `forbidden` points."""
-    return _by_strategy(growth_rows(outcome, name), name, name)
-
-
-def growth_rows(outcome: Outcome, name: str) -> list[TickTimes]:
-    """Returns the ticks that grow with `contacts` or `forbidden`, in the order of that number.
-
-    They are those of the size, the strategies and the ways that there are for unusual numbers.
-    """
-    fixed = {"forbidden": NUM_FORBIDDEN} if name == "contacts" else {"contacts": NUM_CONTACTS}
-    rows, usual = outcome.on_cube(**fixed), (NUM_CONTACTS, NUM_FORBIDDEN)
-    unusual = [row for row in rows if (row.contacts, row.forbidden) != usual]
-    alike = {(row.size, row.strategy, row.way) for row in unusual}
-    return sorted(
-        (row for row in rows if (row.size, row.strategy, row.way) in alike),
-        key=lambda row: getattr(row, name),
-    )
-
-
 def ways_table(rows: Sequence[TickTimes], name: str, head: str) -> list[str]:
     """Returns a table of all ways, over the numbers of that name."""
     ways = _values(rows, "way")
@@ -86,10 +59,9 @@ def ways_table(rows: Sequence[TickTimes], name: str, head: str) -> list[str]:
     return table([head, "ticks", *ways, *(f"times {way}" for way in slow)], lines)
 
 
-def _by_strategy(rows: Sequence[TickTimes], name: str, head: str) -> list[str]:
-    """Returns one table of medians, a column for each strategy and way."""
+def medians_table(rows: Sequence[TickTimes], name: str, head: str) -> list[str]:
+    """Returns a table of medians, a column for each strategy and way, over those numbers."""
     columns = list(dict.fromkeys((row.strategy, row.way) for row in rows))
-    columns.sort(key=lambda column: _values(rows, "strategy").index(column[0]))
     lines = []
     for number in _values(rows, name):
         own = {(row.strategy, row.way): row for row in rows if getattr(row, name) == number}

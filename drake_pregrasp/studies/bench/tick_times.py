@@ -10,17 +10,21 @@ from drake_pregrasp.studies.bench.direct_tick import Tick, direct_scale
 from drake_pregrasp.studies.bench.scene import NUM_SETS, SceneSpec, make_scene
 from drake_pregrasp.studies.bench.ways import IN_DRAKE, SLOW, make_ticks
 
+BY_SIZE, BY_MESH_SIZE, BY_CONTACTS, BY_FORBIDDEN = "size", "mesh", "contacts", "forbidden"
+"""Series: more and more candidates on the cube, on the mesh, contacts, and forbidden points."""
+
 _SLOW_EVERY = 10
 """In every how-manieth round slow ways are timed, so that they don't take all the time."""
 
 _TRIES = 3  # Rounds that don't count.
-_FEWEST = 2  # Rounds that count in any case.
+_FEWEST = 5  # Rounds that count in any case.
 
 
 class TickJob(NamedTuple):
     """One scene and strategy, some ways in turn.
 
     Attributes:
+        series: What it belongs to: `BY_SIZE`, `BY_MESH_SIZE`, `BY_CONTACTS` or `BY_FORBIDDEN`.
         spec: The scene.
         strategy: One of `STRATEGIES`.
         ways: Names of the ways.
@@ -28,6 +32,7 @@ class TickJob(NamedTuple):
         seconds: After which there is no further round.
     """
 
+    series: str
     spec: SceneSpec
     strategy: str
     ways: Sequence[str]
@@ -39,7 +44,7 @@ class TickTimes(NamedTuple):
     """How long ticks took.
 
     Attributes:
-        shape: Of the object.
+        series: As the job's.
         size: Number of candidates.
         contacts: Number of contacts.
         forbidden: Number of forbidden points.
@@ -53,7 +58,7 @@ class TickTimes(NamedTuple):
             kernel without, in seconds; else 0.
     """
 
-    shape: str
+    series: str
     size: int
     contacts: int
     forbidden: int
@@ -94,7 +99,7 @@ def time_ticks(job: TickJob) -> list[TickTimes]:
             ports = float(np.median(np.subtract(values, plain)))
         times.append(
             TickTimes(
-                job.spec.shape,
+                job.series,
                 size,
                 job.spec.contacts,
                 forbidden,
