@@ -119,7 +119,7 @@ def _parser() -> argparse.ArgumentParser:
         "--out", metavar="FOLDER", help="where the report goes; study_NAME if not set"
     )
 
-    bencher = commands.add_parser("bench", help="measure how long a planning tick takes")
+    bencher = commands.add_parser("bench", help="measure how long planning takes")
     bencher.set_defaults(command=_bench)
     bencher.add_argument(
         "--out",

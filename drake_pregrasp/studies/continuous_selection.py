@@ -45,13 +45,13 @@ class Faces:
 
 
 def side_faces(edge: float, clearance: float) -> Faces:
-    """Returns the sides of a cube, without the strips along its top and bottom.
+    """Returns the sides of a cube one round, without the strips along its top and bottom.
 
     Args:
         edge: Of the cube, in metres.
         clearance: Width of the strips, in metres.
     """
-    normals = np.array([face_normal(face) for face in ("+x", "-x", "+y", "-y")])
+    normals = np.array([face_normal(face) for face in ("+x", "+y", "-x", "-y")])
     z = np.array([0.0, 0.0, 1.0])
     axes = np.stack([np.cross(z, normals), np.tile(z, (4, 1))], axis=1)
     return Faces(edge / 2 * normals, axes, np.array([edge / 2, edge / 2 - clearance]))
@@ -109,7 +109,7 @@ class _Loss:
         return self.faces.points(self.on, x.reshape(-1, 2) * self.faces.halves)
 
     def value(self, x: FloatArray) -> float:
-        return -least_eigenvalue(self.points(x))[0]
+        return -float(np.linalg.eigvalsh(np.sum(grasp_grams(self.points(x)), axis=0))[0])
 
     def with_gradient(self, x: FloatArray) -> tuple[float, FloatArray]:
         value, gradient = least_eigenvalue(self.points(x))

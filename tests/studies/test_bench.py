@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from drake_pregrasp.studies.bench import bench as bench_module
-from drake_pregrasp.studies.bench import global_times, startup
+from drake_pregrasp.studies.bench import global_times, scene, startup
 from drake_pregrasp.studies.bench.base_case import PARTS, RunJob, time_run
 from drake_pregrasp.studies.bench.bench import bench
 from drake_pregrasp.studies.bench.direct_tick import STRATEGIES
@@ -37,8 +37,9 @@ def test_all_ways_plan_the_same(strategy):
     for p_OC in scene.starts[:4]:
         measures = {way: tick(p_OC) for way, tick in ticks.items()}
         for way, found in measures.items():
-            # The direct way projects onto all ground, the others onto the region's own.
-            tolerance = 2e-3 if way == "direct" else 1e-9
+            # These weights are all one: stretched, a decomposition leaves rounding of them.
+            blurred = (strategy, way) == ("vew of the contact", "direct")
+            tolerance = 1e-3 if blurred else 1e-9
             np.testing.assert_allclose(found, measures["BLAS"], rtol=tolerance, err_msg=way)
 
 
@@ -91,6 +92,8 @@ def test_all_methods_are_compared_out_of_forbidden_balls(monkeypatch):
         seen.append((surface, p_OC))
         return reached(surface, p_OC)
 
+    for module in (scene, global_times):  # Balls so large that they reach all heights.
+        monkeypatch.setattr(module, "LARGEST_RADIUS", 0.04)
     monkeypatch.setattr(global_times, "PER_EDGE", 8)
     monkeypatch.setattr(global_times, "SETTLING", 3)
     monkeypatch.setattr(global_times, "LAST", 1)

@@ -57,18 +57,20 @@ def direct_tick(surface: ObjectSurface, strategy: str) -> Tick:
         d = np.sqrt(np.sum((p_OC[:, None] - z) ** 2, axis=2))
         w = 2 * R * d - d**2
         cells = np.argmin(own, axis=1)
-        goals = p_OC.copy()
+        r = p_OC - surface.p_OCoM
+        centroids, regions = [], []
         for contact in range(len(p_OC)):
             free = np.all(own[:, [contact]] <= other - w[contact], axis=1)
             members = np.flatnonzero((cells == contact) & free)
             if len(members):
-                r = p_OC - surface.p_OCoM
                 b = np.array([weight(contact, point, r) for point in members.tolist()])
                 if measure != "position":
                     b -= np.min(b)
                 b = b * areas[members] + np.finfo(float).tiny
-                goals[contact] = b @ q[members] / np.sum(b)
-        return grasp_quality(surface.project(goals)[0] - surface.p_OCoM).to_vector()
+                centroids.append(b @ q[members] / np.sum(b))
+                regions.append(sample[members])
+        goals, _ = surface.project_into(np.array(centroids).reshape(-1, 3), regions)
+        return grasp_quality(goals - surface.p_OCoM).to_vector()
 
     return tick
 

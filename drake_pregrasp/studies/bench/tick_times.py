@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.studies.bench.direct_tick import Tick, direct_scale
 from drake_pregrasp.studies.bench.scene import NUM_SETS, SceneSpec, make_scene
 from drake_pregrasp.studies.bench.ways import IN_DRAKE, SLOW, make_ticks
@@ -115,7 +116,7 @@ def time_ticks(job: TickJob) -> list[TickTimes]:
     return times
 
 
-def _time_one(tick: Tick, starts: np.ndarray, round_: int, *, alone: bool) -> float:
+def _time_one(tick: Tick, starts: FloatArray, round_: int, *, alone: bool) -> float:
     if alone:
         # The way before has filled the caches with its own; planners tick after themselves.
         tick(starts[(round_ - 1) % NUM_SETS])
