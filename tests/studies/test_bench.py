@@ -79,6 +79,7 @@ def test_ticks_are_timed_in_every_way_until_time_is_up():
     )
     assert [row.ticks for row in rows] == [12, 12, 2]
     assert all(0 < row.p50 <= row.p99 for row in rows)
+    assert all(0 < row.own_p50 <= 1.05 * row.p50 for row in rows)
     assert [row.ports != 0 for row in rows] == [False, True, False]
     (hasty,) = time_ticks(TickJob(BY_SIZE, spec, "position", ("numpy",), 12, 0.0))
     assert hasty.ticks == 5
@@ -165,7 +166,9 @@ def test_writes_its_files(tmp_path, monkeypatch):
 
 
 def row(size, way, p50, *, strategy="position", scaled=1.0, ports=0.0):
-    return TickTimes(BY_SIZE, size, 5, 200, strategy, way, 10, p50, 2 * p50, scaled, ports)
+    return TickTimes(
+        BY_SIZE, size, 5, 200, strategy, way, 10, p50, 2 * p50, scaled, ports, p50, 3 * p50
+    )
 
 
 def test_says_what_was_scaled_and_how_much_faster():
@@ -196,4 +199,5 @@ def test_targets_are_computed_from_what_was_measured():
     assert verdict("what Drake's ports add") == ("70 µs (median over sizes and strategies)", False)
     assert verdict(f"ticks with {FASTEST}") == ("1 of 1", True)
     assert verdict("99th percentile") == ("2.0 mostly, 2.0 at worst", True)
+    assert verdict("the same of processor time") == ("3.0 mostly, 3.0 at worst", False)
     assert verdict("import") == ("not measured", False)

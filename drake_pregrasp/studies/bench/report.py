@@ -34,7 +34,9 @@ def report(outcome: Outcome) -> str:
         "",
         "## Asked and reached",
         *_targets_table(outcome),
-        "Medians of a tick in ms, and what is asked of them; bold where it is reached.",
+        "Medians of a tick in ms, and what is asked of them; bold where it is reached. After the"
+        " semicolon, the median of the thread's processor time, of which others on the machine take"
+        " nothing.",
         *goals_table(outcome.series(BY_SIZE)),
         "![Planning tick over the number of candidates: four strategies, four ways](ticks.png)",
         "",

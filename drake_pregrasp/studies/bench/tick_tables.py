@@ -26,7 +26,8 @@ def _with_goal(row: TickTimes | None) -> str:
     if row is None or goal is None:
         return "—"
     mark = "**" if row.p50 <= goal else ""
-    return f"{mark}{milliseconds(row.p50)}{mark} of {milliseconds(goal)}"
+    own = milliseconds(row.own_p50)
+    return f"{mark}{milliseconds(row.p50)}{mark} of {milliseconds(goal)}; {own}"
 
 
 def tick_sections(ticks: Sequence[TickTimes]) -> list[str]:

@@ -70,13 +70,15 @@ class TickTimes(NamedTuple):
     p99: float
     scaled: float
     ports: float
+    own_p50: float
+    own_p99: float
 
 
 def time_ticks(job: TickJob) -> list[TickTimes]:
     """Times ways in turn, from the same contacts in each round."""
     scene = make_scene(job.spec)
     ticks = make_ticks(scene, job.strategy, job.ways)
-    seconds: dict[str, list[float]] = {way: [] for way in ticks}
+    seconds: dict[str, list[tuple[float, float]]] = {way: [] for way in ticks}
     start = time.perf_counter()
     for round_ in range(-_TRIES, job.rounds):
         late = time.perf_counter() - start > job.seconds
@@ -91,13 +93,14 @@ def time_ticks(job: TickJob) -> list[TickTimes]:
     size = len(scene.surface.p_OQ)
     forbidden = len(scene.surface.forbidden)
     times = []
-    for way, values in seconds.items():
+    for way, pairs in seconds.items():
+        values = np.array(pairs)
         scale = direct_scale(size) if way == "direct" else 1.0
-        p50, p99 = scale * np.percentile(values, [50, 99])
+        (p50, own_p50), (p99, own_p99) = scale * np.percentile(values, [50, 99], axis=0)
         ports = 0.0
-        plain = seconds.get(way.removesuffix(IN_DRAKE), values)
         if way.endswith(IN_DRAKE):
-            ports = float(np.median(np.subtract(values, plain)))
+            plain = seconds.get(way.removesuffix(IN_DRAKE), pairs)
+            ports = float(np.median(values[:, 0] - np.array(plain)[:, 0]))
         times.append(
             TickTimes(
                 job.series,
@@ -106,21 +109,25 @@ def time_ticks(job: TickJob) -> list[TickTimes]:
                 forbidden,
                 job.strategy,
                 way,
-                len(values),
+                len(pairs),
                 float(p50),
                 float(p99),
                 scale,
                 ports,
+                float(own_p50),
+                float(own_p99),
             )
         )
     return times
 
 
-def _time_one(tick: Tick, starts: FloatArray, round_: int, *, alone: bool) -> float:
+def _time_one(tick: Tick, starts: FloatArray, round_: int, *, alone: bool) -> tuple[float, float]:
+    """Returns the time that a tick takes, and its thread's processor time, in seconds."""
     if alone:
         # The way before has filled the caches with its own; planners tick after themselves.
         tick(starts[(round_ - 1) % NUM_SETS])
     p_OC = starts[round_ % NUM_SETS]
-    start = time.perf_counter()
+    start, own_start = time.perf_counter(), time.thread_time()
     tick(p_OC)
-    return time.perf_counter() - start
+    own = time.thread_time() - own_start
+    return time.perf_counter() - start, own
