@@ -62,7 +62,7 @@ class Plan:
 
 
 def full_plan() -> Plan:
-    """Returns what takes some eight minutes."""
+    """Returns what takes some nine minutes."""
     return Plan(
         memory=[MemoryJob(40_000)],
         ticks=_tick_jobs(PER_EDGE, MESH_SPACINGS, CONTACTS, FORBIDDEN, tuple(STRATEGIES), SECONDS),
