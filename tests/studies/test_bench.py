@@ -22,6 +22,7 @@ from drake_pregrasp.studies.bench.scene import (
     implementations,
     make_scene,
 )
+from drake_pregrasp.studies.bench.shares import REST, STAGES, ShareJob, profile_ticks
 from drake_pregrasp.studies.bench.startup import StartJob, time_starts
 from drake_pregrasp.studies.bench.targets import targets
 from drake_pregrasp.studies.bench.tick_times import BY_SIZE, TickJob, TickTimes, time_ticks
@@ -146,6 +147,7 @@ def test_writes_its_files(tmp_path, monkeypatch):
         choices=[],
         runs=[RunJob(FASTEST, 0.05, 0.1, 1)],
         starts=[],
+        shares=[],
     )
     monkeypatch.setattr(bench_module, "quick_plan", lambda: plan)
     before = dict(os.environ)
@@ -201,3 +203,12 @@ def test_targets_are_computed_from_what_was_measured():
     assert verdict("99th percentile") == ("2.0 mostly, 2.0 at worst", True)
     assert verdict("the same of processor time") == ("3.0 mostly, 3.0 at worst", False)
     assert verdict("import") == ("not measured", False)
+
+
+@pytest.mark.parametrize("way", implementations())
+def test_shares_of_a_tick_are_a_whole(way):
+    row = profile_ticks(ShareJob(cube(16), "gii", way, 20))
+    assert row.size == 1024
+    assert set(row.shares) == {*STAGES, REST}
+    assert sum(row.shares.values()) == pytest.approx(1)
+    assert all(0.01 < share < 0.9 for share in row.shares.values())

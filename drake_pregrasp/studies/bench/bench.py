@@ -21,6 +21,7 @@ from drake_pregrasp.studies.bench.outcome import Outcome
 from drake_pregrasp.studies.bench.plan import Plan, full_plan, quick_plan
 from drake_pregrasp.studies.bench.plots import plot_base_case, plot_growth, plot_ticks
 from drake_pregrasp.studies.bench.report import report
+from drake_pregrasp.studies.bench.shares import profile_ticks
 from drake_pregrasp.studies.bench.startup import time_starts
 from drake_pregrasp.studies.bench.tick_times import BY_SIZE, time_ticks
 
@@ -81,6 +82,7 @@ def measure(plan: Plan, on_progress: Callable[[int, int], None]) -> Outcome:
             outcome.ticks += measured(time_ticks, tick_job)
         for choice_job in plan.choices:
             outcome.choices += measured(compare_choices, choice_job)
+        outcome.shares = [measured(profile_ticks, job) for job in plan.shares]
         outcome.runs = [measured(time_run, job) for job in plan.runs]
         for start_job in plan.starts:
             outcome.starts += measured(time_starts, start_job)

@@ -7,6 +7,7 @@ from typing import Any
 from drake_pregrasp.studies.bench.base_case import RunTime
 from drake_pregrasp.studies.bench.global_times import Choice
 from drake_pregrasp.studies.bench.memory import MemoryUse
+from drake_pregrasp.studies.bench.shares import Shares
 from drake_pregrasp.studies.bench.startup import StartTime
 from drake_pregrasp.studies.bench.tick_times import TickTimes
 
@@ -22,6 +23,7 @@ class Outcome:
         runs: Of the base case.
         starts: Of fresh processes.
         memory: Of many ticks.
+        shares: Of the stages of ticks.
     """
 
     machine: str
@@ -30,6 +32,7 @@ class Outcome:
     runs: list[RunTime] = field(default_factory=list)
     starts: list[StartTime] = field(default_factory=list)
     memory: list[MemoryUse] = field(default_factory=list)
+    shares: list[Shares] = field(default_factory=list)
 
     def to_json(self) -> dict[str, Any]:
         """Returns the same in mappings and lists."""

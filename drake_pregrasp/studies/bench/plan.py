@@ -15,6 +15,7 @@ from drake_pregrasp.studies.bench.scene import (
     cube,
     implementations,
 )
+from drake_pregrasp.studies.bench.shares import ShareJob
 from drake_pregrasp.studies.bench.startup import StartJob
 from drake_pregrasp.studies.bench.tick_times import (
     BY_CONTACTS,
@@ -49,6 +50,10 @@ FORBIDDEN = (0, 20, NUM_FORBIDDEN, 2000)
 PERIODS = {0.05: 2.0, 0.01: 1.0, 0.001: 0.3}
 """Seconds to simulate in each round, by the planning period, in seconds."""
 
+PROFILED = {24: 1000, 71: 400, 158: 200, 500: 20}
+PROFILED_STRATEGIES = ("position", "gii")
+"""Ticks to profile, by the candidates on an edge of the cube, and with which strategies."""
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -59,6 +64,7 @@ class Plan:
     choices: Sequence[GlobalJob]
     runs: Sequence[RunJob]
     starts: Sequence[StartJob]
+    shares: Sequence[ShareJob]
 
 
 def full_plan() -> Plan:
@@ -69,6 +75,7 @@ def full_plan() -> Plan:
         choices=[GlobalJob(seed, True) for seed in range(8)],
         runs=_run_jobs(PERIODS, rounds=7),
         starts=[StartJob(3, True)],
+        shares=_share_jobs(PROFILED),
     )
 
 
@@ -83,6 +90,7 @@ def quick_plan() -> Plan:
         choices=[GlobalJob(seed, False) for seed in range(2)],
         runs=_run_jobs({0.05: 1.0, 0.001: 0.1}, rounds=3),
         starts=[StartJob(1, False)],
+        shares=_share_jobs({24: 100}),
     )
 
 
@@ -134,4 +142,13 @@ def _run_jobs(periods: dict[float, float], rounds: int) -> list[RunJob]:
         RunJob(implementation, period, duration, rounds)
         for period, duration in periods.items()
         for implementation in implementations()
+    ]
+
+
+def _share_jobs(per_edge: dict[int, int]) -> list[ShareJob]:
+    return [
+        ShareJob(cube(cells), strategy, way, ticks)
+        for cells, ticks in per_edge.items()
+        for way in reversed(implementations())
+        for strategy in PROFILED_STRATEGIES
     ]

@@ -16,6 +16,7 @@ from drake_pregrasp.studies.bench.scene import (
     NUM_FORBIDDEN,
     NUM_SETS,
 )
+from drake_pregrasp.studies.bench.shares import REST, STAGES
 from drake_pregrasp.studies.bench.targets import targets
 from drake_pregrasp.studies.bench.tick_tables import (
     goals_table,
@@ -69,6 +70,8 @@ def report(outcome: Outcome) -> str:
         f"With more forbidden points, {NUM_CONTACTS} contacts. *As obstacles*: the same points as"
         " obstacles in the world:",
         *medians_table(outcome.series(BY_FORBIDDEN), "forbidden", "m"),
+        "## Where a tick goes",
+        *_shares(outcome),
         "## Against choosing all contacts anew",
         *_choices(outcome),
         "## The base case, simulated",
@@ -91,6 +94,24 @@ def _targets_table(outcome: Outcome) -> list[str]:
         for t in targets(outcome)
     ]
     return table(["what", "asked", "reached", "met"], rows)
+
+
+def _shares(outcome: Outcome) -> list[str]:
+    rows = [
+        [
+            f"{row.size:,}",
+            row.way,
+            row.strategy,
+            *(f"{100 * row.shares[stage]:.0f} %" for stage in (*STAGES, REST)),
+        ]
+        for row in outcome.shares
+    ]
+    return [
+        "",
+        "By cProfile, which adds to what is written in Python, so that the rest looks larger than"
+        " it is.",
+        *table(["N", "kernel", "strategy", *STAGES, REST], rows),
+    ]
 
 
 def _choices(outcome: Outcome) -> list[str]:
