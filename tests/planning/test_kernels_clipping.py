@@ -46,7 +46,7 @@ def make(seed, count, thickness):
 @given(
     seed=st.integers(0, 10**6),
     count=st.integers(1, 200),
-    thickness=st.sampled_from([0.0, 1e-15, 0.02]),
+    thickness=st.sampled_from([0.0, 1e-15, 0.02, 0.5]),
     room=st.sampled_from([12, 200]),
 )
 def test_what_is_inside_the_kept_planes_is_inside_all(seed, count, thickness, room):
