@@ -166,6 +166,19 @@ def test_centroids_are_those_of_all_candidates_around_double_singular_values(kin
 
 
 @needs_numba
+@pytest.mark.parametrize("kind", ["msv", "gii", "vew"])
+def test_the_least_weight_is_found_inside_what_has_a_stand_in(kind):
+    """Of two faces each contact has one, and weighs least opposite the other contact."""
+    points, nhat = (array[: 2 * 110**2] for array in cube_grid(110))
+    for seed in range(4):
+        p_OC = np.random.default_rng(seed).uniform(-0.04, 0.04, (2, 3))
+        p_OC[:, 0] = -0.05, 0.05
+        weighting = Weighting(kind, True, np.eye(3))
+        slow, fast = centroids_of_both(points, nhat, p_OC, weighting, np.empty((0, 3)), np.empty(0))
+        np.testing.assert_allclose(fast, slow, rtol=0, atol=SAME * 0.1)
+
+
+@needs_numba
 def test_weights_that_are_nearly_the_same_everywhere_have_the_same_centroids():
     """One contact's volume doesn't depend on where it is: what is left is rounding."""
     points, nhat = cube_grid(70)

@@ -2,13 +2,11 @@
 
 import numpy as np
 
-from drake_pregrasp.planning.kernels.compiled_clipping import EMPTY, relevant_planes
 from drake_pregrasp.planning.kernels.compiling import compiled
 from drake_pregrasp.planning.kernels.partition import MIXED, NOBODY
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 
-_FEW = 4  # Planes up to which clipping is not worth it.
-_MORE_CORNERS = 64  # Room for polygons beyond a corner for each plane.
+_EMPTY = -1  # Where the planes leave nothing.
 
 
 @compiled()
@@ -26,9 +24,6 @@ def divide(  # type: ignore[no-untyped-def]
     depths,
     centers,
     halves,
-    patches,
-    frames,
-    ranges,
     shared,
     owners,
     labels,
@@ -43,15 +38,12 @@ def divide(  # type: ignore[no-untyped-def]
         longest_arm: Of the candidates, in metres.
         share: Of its terms, by which a plane must clear a box to decide it.
         points: As in `Blocks`.
-        starts: As in `SearchTree`, and so the next nine.
+        starts: As in `SearchTree`, and so the next six.
         ends: Of the nodes' places.
         skips: The nodes after theirs.
         depths: Of the nodes.
         centers: Midpoints of boxes.
         halves: Their half edges.
-        patches: Rows in the next two.
-        frames: Axes of patches.
-        ranges: Where the patches are along their axes.
         shared: Blocks of more than one leaf.
         owners: As in `Partition`, written to.
         labels: As in `Partition`, written to.
@@ -68,7 +60,6 @@ def divide(  # type: ignore[no-untyped-def]
         deepest = max(deepest, depth)
     planes = np.empty((deepest + 2, room), dtype=np.int64)
     counts = np.empty(deepest + 2, dtype=np.int64)
-    lines, corners = np.empty((9, room)), np.empty((2, 3, 2 * (room + _MORE_CORNERS)))
     outside = np.empty(BLOCK, dtype=np.bool_)
     sizes = np.zeros(len(r), dtype=np.int64)
     for contact in range(len(r)):
@@ -92,20 +83,7 @@ def divide(  # type: ignore[no-untyped-def]
                 halves[node],
                 planes[depth + 1],
             )
-            patch = patches[node]
-            if patch >= 0 and kept > _FEW:
-                kept = relevant_planes(
-                    planes[depth + 1],
-                    kept,
-                    normals,
-                    bounds,
-                    slack,
-                    frames[patch],
-                    ranges[patch],
-                    lines,
-                    corners,
-                )
-            if kept == EMPTY:
+            if kept == _EMPTY:
                 node = skips[node]
             elif kept == 0:
                 _give(contact, starts[node], ends[node], owners, labels)
@@ -158,7 +136,7 @@ def _write_planes(contact, r, h, z, radii, normals, bounds):  # type: ignore[no-
 def _cutting_planes(  # type: ignore[no-untyped-def]
     asked, count, normals, bounds, slack, center, half, kept
 ):
-    """Writes which planes cut a box, and returns how many, or `EMPTY` if one has it all outside."""
+    """Writes which planes cut a box, and returns their number, or `_EMPTY` if it is outside one."""
     cx, cy, cz, hx, hy, hz = center[0], center[1], center[2], half[0], half[1], half[2]
     size = 0
     for p in range(count):
@@ -167,7 +145,7 @@ def _cutting_planes(  # type: ignore[no-untyped-def]
         over = nx * cx + ny * cy + nz * cz - bounds[j]
         reach = abs(nx) * hx + abs(ny) * hy + abs(nz) * hz
         if over - reach > slack[j]:
-            return EMPTY
+            return _EMPTY
         kept[size] = j
         size += over + reach > -slack[j]
     return size

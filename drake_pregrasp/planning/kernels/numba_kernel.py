@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
-from drake_pregrasp.planning.kernels.compiled_centroids import centroids_of, weights_of
+from drake_pregrasp.planning.kernels.compiled_centroids import centroids_of
 from drake_pregrasp.planning.kernels.compiled_partition import divide
+from drake_pregrasp.planning.kernels.compiled_point_weights import weights_of
 from drake_pregrasp.planning.kernels.compiled_projection import project
 from drake_pregrasp.planning.kernels.compiled_triangles import nearest_on_triangles
 from drake_pregrasp.planning.kernels.ground import Ground
@@ -97,9 +98,6 @@ class NumbaKernel(TickKernel):
             tree.depths,
             tree.centers,
             tree.halves,
-            tree.patches,
-            tree.frames,
-            tree.ranges,
             tree.shared,
             owners,
             labels,

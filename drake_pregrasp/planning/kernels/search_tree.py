@@ -1,4 +1,4 @@
-"""The tree that compiled kernels search: boxes around compact runs of places, and flat patches."""
+"""The tree that compiled kernels search: boxes around compact runs of places."""
 
 from dataclasses import dataclass
 
@@ -8,11 +8,7 @@ from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.planning.kernels.blocks import Blocks
 from drake_pregrasp.planning.kernels.sorting import BLOCK, cut
 
-THIN = 0.02
-"""Largest thickness of a patch, as a share of its width: a thicker one is no polygon."""
-
 _FLAT = 1e-13  # Thickness of a face, as a share of the longest lever arm: rounding is below it.
-_LEAST_PATCH = 4 * BLOCK  # Points below which a polygon costs more than it saves.
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,10 +22,9 @@ class SearchTree:
         depths: Number of nodes above it, shape (K,).
         centers: Midpoints of the boxes around their points, shape (K, 3), in metres.
         halves: Half the edge lengths of those boxes, shape (K, 3).
-        patches: Row of each node in the next two, or -1 where none is needed, shape (K,).
-        frames: Of the patches: axes u, v along them and their normal w, shape (F, 3, 3).
-        ranges: Midpoints along u, v and w, and half widths, shape (F, 2, 3), in metres.
-        is_flat: Whether each node is part of a flat face, shape (K,).
+        groups: Group of `Blocks` that each node is part of, shape (K,).
+        frames: Of G groups: two axes along each and its normal, shape (G, 3, 3).
+        is_flat: Whether each group is flat, shape (G,).
         shared: Blocks that hold more than one leaf, or padding, shape (s,).
     """
 
@@ -39,9 +34,8 @@ class SearchTree:
     depths: IntArray
     centers: FloatArray
     halves: FloatArray
-    patches: IntArray
+    groups: IntArray
     frames: FloatArray
-    ranges: FloatArray
     is_flat: BoolArray
     shared: IntArray
 
@@ -58,7 +52,7 @@ def make_search_tree(blocks: Blocks) -> SearchTree:
         low, high = _boxes(blocks.points, starts[own], ends[own])
         centers[own], halves[own] = (low + high) / 2, (high - low) / 2
     skips = _next_outside(depths)
-    patches, frames, ranges, is_flat = _patches(blocks, starts, ends, skips)
+    frames, is_flat = _frames(blocks)
     leaves = starts // BLOCK == (ends - 1) // BLOCK
     parts = leaves & (ends - starts < BLOCK)
     return SearchTree(
@@ -68,9 +62,8 @@ def make_search_tree(blocks: Blocks) -> SearchTree:
         depths,
         centers,
         halves,
-        patches,
+        np.cumsum(depths == 0) - 1,
         frames,
-        ranges,
         is_flat,
         np.unique(starts[parts] // BLOCK),
     )
@@ -106,32 +99,15 @@ def _next_outside(depths: IntArray) -> IntArray:
     return skips
 
 
-def _patches(
-    blocks: Blocks, starts: IntArray, ends: IntArray, skips: IntArray
-) -> tuple[IntArray, FloatArray, FloatArray, BoolArray]:
-    """Returns the rows of nodes that are thin and whose parent isn't, and what they have there."""
+def _frames(blocks: Blocks) -> tuple[FloatArray, BoolArray]:
+    """Returns the axes of each group, shape (G, 3, 3), and whether it is flat, shape (G,)."""
     arm = np.sqrt(np.max(np.sum(blocks.points**2, axis=0)))
-    rows, is_flat = np.full(len(starts), -1), np.zeros(len(starts), dtype=bool)
-    frames, ranges = [np.empty((0, 3, 3))], [np.empty((0, 2, 3))]
-    node = 0
-    while node < len(starts):
-        points = blocks.points[:, starts[node] : ends[node]]
-        if points.shape[1] < _LEAST_PATCH:
-            node = skips[node]
-            continue
-        axes = _frame(points)
-        along = axes @ points
-        low, high = np.min(along, axis=1), np.max(along, axis=1)
-        middle, half = (low + high) / 2, (high - low) / 2
-        if half[2] > THIN * half[1]:
-            node += 1
-            continue
-        rows[node] = len(frames) - 1
-        frames.append(axes[None])
-        ranges.append(np.stack([middle, half])[None])
-        is_flat[node : skips[node]] = half[2] <= _FLAT * arm
-        node = skips[node]
-    return rows, np.concatenate(frames), np.concatenate(ranges), is_flat
+    frames, is_flat = [], []
+    for first, end in zip(blocks.groups[:-1].tolist(), blocks.groups[1:].tolist(), strict=True):
+        points = blocks.points[:, first:end]
+        frames.append(_frame(points))
+        is_flat.append(bool(np.ptp(frames[-1][2] @ points) <= 2 * _FLAT * arm))
+    return np.stack(frames), np.array(is_flat)
 
 
 def _frame(points: FloatArray) -> FloatArray:

@@ -46,10 +46,9 @@ def make_stand_ins(blocks: Blocks, tree: SearchTree) -> StandIns:
     Areas integrate each polynomial of degree 7 in u and in v as the candidates do. A part's
     stand-in does so too, and takes the place of its candidates here.
     """
-    patches = _patch_of_each(tree)
     large = tree.ends - tree.starts >= LEAST
     whole = (tree.starts % BLOCK == 0) & (tree.ends % BLOCK == 0)
-    nodes = np.flatnonzero(tree.is_flat & large & whole)
+    nodes = np.flatnonzero(tree.is_flat[tree.groups] & large & whole)
     row_of = np.full(len(tree.starts) + 1, len(nodes))
     row_of[nodes] = np.arange(len(nodes))
     grids = np.empty((len(nodes), 4, BLOCK))
@@ -64,7 +63,7 @@ def make_stand_ins(blocks: Blocks, tree: SearchTree) -> StandIns:
                 own = slice(tree.starts[part], tree.ends[part])
                 sources.append(np.vstack([blocks.points[:, own], blocks.areas[own]]))
             part = tree.skips[part]
-        grids[row] = _stand_in(np.concatenate(sources, axis=1), tree.frames[patches[node]])
+        grids[row] = _stand_in(np.concatenate(sources, axis=1), tree.frames[tree.groups[node]])
     next_row = np.minimum.accumulate(row_of[::-1])[::-1]
     return StandIns(
         tree.starts[nodes] // BLOCK,
@@ -72,14 +71,6 @@ def make_stand_ins(blocks: Blocks, tree: SearchTree) -> StandIns:
         next_row[tree.skips[nodes]],
         grids,
     )
-
-
-def _patch_of_each(tree: SearchTree) -> IntArray:
-    """Returns the row of the patch that each node is part of, or -1, shape (K,)."""
-    rows = np.full(len(tree.starts), -1)
-    for node in np.flatnonzero(tree.patches >= 0).tolist():
-        rows[node : tree.skips[node]] = tree.patches[node]
-    return rows
 
 
 def _stand_in(points: FloatArray, frame: FloatArray) -> FloatArray:
