@@ -76,7 +76,7 @@ def between(values, u, v):
 @settings(max_examples=60)
 @given(seed=st.integers(0, 10**6), size=st.floats(0.01, 1), spread=st.floats(0.3, 30))
 def test_the_bound_of_a_gaussian_holds(seed, size, spread):
-    from drake_pregrasp.planning.kernels.compiled_stand_ins import gaussian_error
+    from drake_pregrasp.planning.kernels.compiled.stand_ins import gaussian_error
 
     rng = np.random.default_rng(seed)
     whitener = np.tril(rng.normal(size=(3, 3))) / spread
@@ -101,7 +101,7 @@ def test_the_bound_of_a_gaussian_holds(seed, size, spread):
 @given(seed=st.integers(0, 10**6), height=st.floats(0, 1), kink=st.booleans())
 def test_the_bounds_of_other_weights_hold_also_across_kinks(seed, height, kink):
     """The estimate covers all but what a kink leaves between the places, some times as much."""
-    from drake_pregrasp.planning.kernels.compiled_stand_ins import (
+    from drake_pregrasp.planning.kernels.compiled.stand_ins import (
         interpolation_error,
         least_between,
     )

@@ -5,11 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
-from drake_pregrasp.planning.kernels.compiled_centroids import centroids_of
-from drake_pregrasp.planning.kernels.compiled_partition import divide
-from drake_pregrasp.planning.kernels.compiled_point_weights import weights_of
-from drake_pregrasp.planning.kernels.compiled_projection import project
-from drake_pregrasp.planning.kernels.compiled_triangles import nearest_on_triangles
+from drake_pregrasp.planning.kernels.compiled.centroids import centroids_of
+from drake_pregrasp.planning.kernels.compiled.partition import divide
+from drake_pregrasp.planning.kernels.compiled.point_weights import weights_of
+from drake_pregrasp.planning.kernels.compiled.projection import project
+from drake_pregrasp.planning.kernels.compiled.triangles import nearest_on_triangles
 from drake_pregrasp.planning.kernels.ground import Ground
 from drake_pregrasp.planning.kernels.numpy_kernel import SLACK
 from drake_pregrasp.planning.kernels.partition import Partition

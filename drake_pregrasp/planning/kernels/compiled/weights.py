@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from drake_pregrasp.planning.kernels.compiling import FAST, compiled
+from drake_pregrasp.planning.kernels.compiled.compiling import FAST, compiled
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 
 _LOWEST = -709.0  # Whose exponential is still a normal number.

@@ -2,14 +2,15 @@
 
 import numpy as np
 
-from drake_pregrasp.planning.kernels.compiled_point_weights import prepare
-from drake_pregrasp.planning.kernels.compiled_singular_values import SCRATCH
-from drake_pregrasp.planning.kernels.compiled_stand_ins import (
+from drake_pregrasp.planning.kernels.compiled.compiling import compiled
+from drake_pregrasp.planning.kernels.compiled.point_weights import prepare
+from drake_pregrasp.planning.kernels.compiled.singular_values import SCRATCH
+from drake_pregrasp.planning.kernels.compiled.stand_ins import (
     gaussian_error,
     interpolation_error,
     least_between,
 )
-from drake_pregrasp.planning.kernels.compiled_sums import (
+from drake_pregrasp.planning.kernels.compiled.sums import (
     AREA,
     ERROR,
     LEAST,
@@ -21,8 +22,7 @@ from drake_pregrasp.planning.kernels.compiled_sums import (
     refer,
     write_centroid,
 )
-from drake_pregrasp.planning.kernels.compiled_weighing import POSITION, weigh
-from drake_pregrasp.planning.kernels.compiling import compiled
+from drake_pregrasp.planning.kernels.compiled.weighing import POSITION, weigh
 from drake_pregrasp.planning.kernels.partition import MIXED
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 

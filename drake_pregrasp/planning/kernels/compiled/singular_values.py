@@ -2,7 +2,7 @@
 
 import math
 
-from drake_pregrasp.planning.kernels.compiling import FAST, compiled
+from drake_pregrasp.planning.kernels.compiled.compiling import FAST, compiled
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 
 _CERTAIN = 0.75  # As in `extreme_singular_values`, and so the next.

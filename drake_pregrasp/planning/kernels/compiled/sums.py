@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from drake_pregrasp.planning.kernels.compiled_weighing import POSITION
-from drake_pregrasp.planning.kernels.compiled_weights import exponentials
-from drake_pregrasp.planning.kernels.compiling import FAST, compiled
+from drake_pregrasp.planning.kernels.compiled.compiling import FAST, compiled
+from drake_pregrasp.planning.kernels.compiled.weighing import POSITION
+from drake_pregrasp.planning.kernels.compiled.weights import exponentials
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 
 AREA, REFERENCE, LEAST, ERROR = 4, 8, 9, 10

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from drake_pregrasp.planning.kernels.compiled_hand import hand_sums, volume_numbers, whitener
-from drake_pregrasp.planning.kernels.compiled_singular_values import SCRATCH
-from drake_pregrasp.planning.kernels.compiled_weighing import POSITION, VEW, weigh
-from drake_pregrasp.planning.kernels.compiling import compiled
+from drake_pregrasp.planning.kernels.compiled.compiling import compiled
+from drake_pregrasp.planning.kernels.compiled.hand import hand_sums, volume_numbers, whitener
+from drake_pregrasp.planning.kernels.compiled.singular_values import SCRATCH
+from drake_pregrasp.planning.kernels.compiled.weighing import POSITION, VEW, weigh
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 
 

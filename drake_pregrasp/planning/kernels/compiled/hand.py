@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from drake_pregrasp.planning.kernels.compiling import compiled
+from drake_pregrasp.planning.kernels.compiled.compiling import compiled
 
 
 @compiled()

@@ -2,7 +2,7 @@
 
 import math
 
-from drake_pregrasp.planning.kernels.compiling import compiled
+from drake_pregrasp.planning.kernels.compiled.compiling import compiled
 
 _RAYLEIGH_STEPS = 12
 _JACOBI_SWEEPS = 6

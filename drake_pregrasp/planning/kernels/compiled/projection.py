@@ -3,8 +3,8 @@
 import numpy as np
 
 from drake_pregrasp.planning.kernels.blocks import FAN
-from drake_pregrasp.planning.kernels.compiled_triangles import closest
-from drake_pregrasp.planning.kernels.compiling import compiled
+from drake_pregrasp.planning.kernels.compiled.compiling import compiled
+from drake_pregrasp.planning.kernels.compiled.triangles import closest
 from drake_pregrasp.planning.kernels.partition import MIXED
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drake_pregrasp.planning.kernels.compiling import compiled
+from drake_pregrasp.planning.kernels.compiled.compiling import compiled
 from drake_pregrasp.planning.kernels.partition import MIXED, NOBODY
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 

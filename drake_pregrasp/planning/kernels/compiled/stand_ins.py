@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from drake_pregrasp.planning.kernels.compiling import FAST, compiled
+from drake_pregrasp.planning.kernels.compiled.compiling import FAST, compiled
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 from drake_pregrasp.planning.kernels.stand_ins import COEFFICIENTS, GRID, NODES
 

@@ -2,13 +2,13 @@
 
 import math
 
-from drake_pregrasp.planning.kernels.compiled_largest_eigenvalue import largest_eigenvalue
-from drake_pregrasp.planning.kernels.compiled_singular_values import (
+from drake_pregrasp.planning.kernels.compiled.compiling import FAST, compiled
+from drake_pregrasp.planning.kernels.compiled.largest_eigenvalue import largest_eigenvalue
+from drake_pregrasp.planning.kernels.compiled.singular_values import (
     squared_largest,
     squared_smallest,
 )
-from drake_pregrasp.planning.kernels.compiled_weights import gaussian_exponents, volumes
-from drake_pregrasp.planning.kernels.compiling import FAST, compiled
+from drake_pregrasp.planning.kernels.compiled.weights import gaussian_exponents, volumes
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 
 POSITION, MSV, GII, VEW = range(4)
