@@ -28,7 +28,9 @@ class Ground:
     """
 
     def __init__(self, p_OQ: FloatArray, patches: FloatArray, patch_starts: IntArray) -> None:
-        self.p_OQ, self.patches, self.patch_starts = p_OQ, patches, patch_starts
+        self.p_OQ = p_OQ
+        self.patches = np.require(patches, float, ["C", "W"])
+        self.patch_starts = np.require(patch_starts, np.int64, ["C", "W"])
         self.tree = cKDTree(p_OQ)
         self._owners = np.repeat(np.arange(len(p_OQ)), np.diff(patch_starts))
         away = np.linalg.norm(patches - p_OQ[self._owners, None], axis=2)

@@ -1,6 +1,7 @@
 """The kernel in code that numba compiles, once: the extra `[fast]`."""
 
 from collections.abc import Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -18,6 +19,15 @@ from drake_pregrasp.planning.kernels.sorting import BLOCK
 from drake_pregrasp.planning.kernels.stand_ins import make_stand_ins
 from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
 from drake_pregrasp.planning.kernels.weighting import KINDS, Weighting
+
+
+def plain(array: FloatArray) -> FloatArray:
+    """Returns a copy of the one kind that functions are compiled for.
+
+    To numba, arrays of another order, or that may not be written to, are of another type, and a
+    tick that met the first of them would wait seconds for the compiler.
+    """
+    return np.array(array, dtype=float, order="C")
 
 
 class NumbaKernel(TickKernel):
@@ -39,20 +49,26 @@ class NumbaKernel(TickKernel):
         """As of `TickKernel`."""
         ends = np.cumsum([len(own) for own in triangles])
         nearest: FloatArray
-        nearest, which = nearest_on_triangles(points, ends, np.concatenate(triangles), corners)
+        nearest, which = nearest_on_triangles(
+            plain(points), ends, np.concatenate(triangles), corners
+        )
         return nearest, which
 
-    def project(self, points: FloatArray, ground: Ground) -> tuple[FloatArray, IntArray]:
-        """As of `TickKernel`."""
+    @cached_property
+    def _everything(self) -> Partition:
+        """The partition in which the first contact has all there is."""
         count = self.blocks.count
-        everything = Partition(
+        return Partition(
             owners=np.zeros(count, dtype=np.int64),
             labels=np.empty((count, BLOCK), dtype=np.int16),
             sizes=np.array([self.blocks.num_candidates]),
             blocks=self.blocks,
         )
-        owner = np.zeros(len(points), dtype=np.int64)
-        return self.project_onto_regions(points, everything, owner, ground)
+
+    def project(self, points: FloatArray, ground: Ground) -> tuple[FloatArray, IntArray]:
+        """As of `TickKernel`."""
+        first = np.zeros(len(points), dtype=np.int64)
+        return self.project_onto_regions(points, self._everything, first, ground)
 
     def project_onto_regions(
         self, points: FloatArray, partition: Partition, contacts: IntArray, ground: Ground
@@ -61,7 +77,7 @@ class NumbaKernel(TickKernel):
         blocks = self.blocks
         nearest: FloatArray
         nearest, which = project(
-            points,
+            plain(points),
             contacts,
             self._p_OCoM,
             blocks.order,
@@ -85,10 +101,10 @@ class NumbaKernel(TickKernel):
         owners = np.empty(blocks.count, dtype=np.int64)
         labels = np.empty((blocks.count, BLOCK), dtype=np.int16)
         sizes = divide(
-            r,
-            h,
-            z,
-            radii,
+            plain(r),
+            plain(h),
+            plain(z),
+            plain(radii),
             self._longest_arm,
             SLACK,
             blocks.points,
@@ -111,9 +127,9 @@ class NumbaKernel(TickKernel):
             KINDS.index(weighting.kind),
             weighting.stretch,
             movers,
-            r,
+            plain(r),
             partition.sizes,
-            weighting.covariance,
+            plain(weighting.covariance),
             self._newton_steps(r),
             self._packs,
             partition.owners,
@@ -132,9 +148,9 @@ class NumbaKernel(TickKernel):
     ) -> FloatArray:
         weights: FloatArray = weights_of(
             KINDS.index(weighting.kind),
-            r,
+            plain(r),
             partition.sizes,
-            weighting.covariance,
+            plain(weighting.covariance),
             self._newton_steps(r),
             contact,
             q,

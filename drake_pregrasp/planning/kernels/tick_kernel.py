@@ -30,7 +30,7 @@ class TickKernel(ABC):
     def __init__(
         self, p_OQ: FloatArray, nhat_OQ: FloatArray, areas: FloatArray, p_OCoM: FloatArray
     ) -> None:
-        self._p_OCoM = p_OCoM
+        self._p_OCoM: FloatArray = np.array(p_OCoM, dtype=float)
         self.blocks: Blocks = make_blocks(p_OQ - p_OCoM, nhat_OQ, areas)
         self._last: tuple[tuple[bytes, ...], Partition] | None = None
         self._longest_arm = float(np.sqrt(np.max(np.sum(self.blocks.points**2, axis=0))))
