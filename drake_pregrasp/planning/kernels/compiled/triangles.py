@@ -36,7 +36,11 @@ def nearest_on_triangles(points, ends, which, corners):  # type: ignore[no-untyp
 
 @compiled()
 def closest(p, corners):  # type: ignore[no-untyped-def]
-    """Returns a triangle's point nearest to p, as `triangles.closest_points` does."""
+    """Returns a triangle's point nearest to p.
+
+    By the region of the triangle's plane that p is over: at a corner, along an edge, or inside
+    (Ericson, "Real-Time Collision Detection", 2004, sec. 5.1.5).
+    """
     ax, ay, az = corners[0, 0], corners[0, 1], corners[0, 2]
     bx, by, bz = corners[1, 0] - ax, corners[1, 1] - ay, corners[1, 2] - az
     cx, cy, cz = corners[2, 0] - ax, corners[2, 1] - ay, corners[2, 2] - az
