@@ -33,9 +33,9 @@ def report(outcome: Outcome) -> str:
         "",
         f"Machine: {outcome.machine}. One thread, all ways in turn in one run.",
         "",
-        "## Asked and reached",
+        "## Goals, and what is reached",
         *_targets_table(outcome),
-        "Medians of a tick in ms, and what is asked of them; bold where it is reached. After the"
+        "Medians of a tick in ms, and their goals; bold where they are reached. After the"
         " semicolon, the median of the thread's processor time, of which others on the machine take"
         " nothing.",
         *goals_table(outcome.series(BY_SIZE)),
@@ -90,10 +90,10 @@ def report(outcome: Outcome) -> str:
 def _targets_table(outcome: Outcome) -> list[str]:
     marks = {True: "yes", False: "no"}
     rows = [
-        [t.what, t.asked, t.reached, "—" if t.reached == "not measured" else marks[t.met]]
+        [t.what, t.goal, t.reached, "—" if t.reached == "not measured" else marks[t.met]]
         for t in targets(outcome)
     ]
-    return table(["what", "asked", "reached", "met"], rows)
+    return table(["what", "goal", "reached", "met"], rows)
 
 
 def _shares(outcome: Outcome) -> list[str]:

@@ -1,4 +1,4 @@
-"""What was asked of the planner's speed, and what the measurements reach."""
+"""The goals for the planner's speed, and what the measurements reach."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
@@ -41,13 +41,13 @@ class Target(NamedTuple):
 
     Attributes:
         what: Is measured.
-        asked: What it is to be.
+        goal: What it is to be.
         reached: What it is; "not measured" without measurements.
         met: Whether that is enough.
     """
 
     what: str
-    asked: str
+    goal: str
     reached: str
     met: bool
 
@@ -63,12 +63,12 @@ def targets(outcome: Outcome) -> list[Target]:
 
 
 def _target(
-    what: str, asked: str, values: Sequence[float], text: str, met: Callable[..., bool]
+    what: str, goal: str, values: Sequence[float], text: str, met: Callable[..., bool]
 ) -> Target:
     """Returns a target about some numbers, which the text shows."""
     if not values:
-        return Target(what, asked, "not measured", False)
-    return Target(what, asked, text.format(*values), bool(met(*values)))
+        return Target(what, goal, "not measured", False)
+    return Target(what, goal, text.format(*values), bool(met(*values)))
 
 
 def _tick_targets(ticks: Sequence[TickTimes]) -> list[Target]:
@@ -79,17 +79,17 @@ def _tick_targets(ticks: Sequence[TickTimes]) -> list[Target]:
         met = sum(p50 <= goal for p50, goal in goals)
         rows.append(
             _target(
-                f"ticks with {kernel} within what is asked in the table below",
+                f"ticks with {kernel} that reach their goals in the table below",
                 "all",
                 [met, len(goals)] if goals else [],
                 "{:.0f} of {:.0f}",
                 lambda met, count: met == count,
             )
         )
-    asked = [row for row in ticks if row.way == fastest and tick_goal(row)]
+    measured = [row for row in ticks if row.way == fastest and tick_goal(row)]
     for what, tails in (
-        ("99th percentile over median", [row.p99 / row.p50 for row in asked]),
-        ("the same of processor time", [row.own_p99 / row.own_p50 for row in asked]),
+        ("99th percentile over median", [row.p99 / row.p50 for row in measured]),
+        ("the same of processor time", [row.own_p99 / row.own_p50 for row in measured]),
     ):
         rows.append(
             _target(

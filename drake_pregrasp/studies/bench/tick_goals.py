@@ -1,4 +1,4 @@
-"""What was asked of a tick's median, by kernel and size."""
+"""The goals for a tick's median, by kernel and size."""
 
 from drake_pregrasp.studies.bench.tick_times import TickTimes
 
@@ -16,7 +16,7 @@ TICK_GOALS = {
         1_000_000: (40e-3, 130e-3, 180e-3),
     },
 }
-"""Median seconds asked of a tick, by kernel and size: three, of which..."""
+"""Median seconds of a tick, by kernel and size: three, of which..."""
 
 TICK_GOAL_OF = {"position": 0, "vew": 0, "msv": 1, "gii": 2}
 """...each strategy has one."""
