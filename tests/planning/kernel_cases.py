@@ -20,6 +20,10 @@ IMPLEMENTATIONS = [
 ]
 
 
+SHAPES = [(1, 1, 1), (1, 0.5, 0.5), (1, 0.3, 0.3), (1, 1, 0.04), (1, 0.1, 0.1), (1, 0.3, 0.01)]
+"""Edges of boxes, in units of the longest."""
+
+
 def kernel_of(implementation, *arrays):
     """Makes a kernel; "numpy tree" is what numpy does on large surfaces, on any."""
     kernel = make_kernel(*arrays, implementation=implementation.split()[0])
@@ -31,19 +35,19 @@ def kernel_of(implementation, *arrays):
 class Case:
     """Candidates scattered over a box's faces, contacts near them, forbidden points."""
 
-    def __init__(self, seed, n, m, *, size=0.1, N=700, lost=0, coincident=False):
+    def __init__(self, seed, n, m, *, size=0.1, N=700, lost=0, coincident=False, shape=SHAPES[0]):
         rng = np.random.default_rng(seed)
-        self.size = size
-        self.p_OQ, self.nhat = on_box(rng, N, size)
+        self.size, edges = size, size * np.array(shape)
+        self.p_OQ, self.nhat = on_box(rng, N, edges)
         self.areas = rng.uniform(0.5, 2, N)
-        self.p_OCoM = size * rng.uniform(-0.1, 0.1, 3)
-        self.p_OC = on_box(rng, n, size)[0]
+        self.p_OCoM = edges * rng.uniform(-0.1, 0.1, 3)
+        self.p_OC = on_box(rng, n, edges)[0]
         if coincident:
             self.p_OC[n // 2 :] = self.p_OC[0]
         self.h = size**2 * rng.uniform(-0.05, 0.05, n)
         self.h[rng.permutation(n)[:lost]] = -np.inf
         self.forbidden = ForbiddenPoints(
-            on_box(rng, m, size)[0], size * np.abs(rng.normal(0, 0.03, m))
+            on_box(rng, m, edges)[0], min(edges) * np.abs(rng.normal(0, 0.03, m))
         )
 
     def kernel(self, implementation):
@@ -57,10 +61,10 @@ class Case:
         return spread**2 * (np.eye(3) + A @ A.T)
 
 
-def on_box(rng, count, size):
+def on_box(rng, count, edges):
     normals = np.eye(3)[rng.integers(0, 3, count)] * rng.choice([-1.0, 1.0], count)[:, None]
-    points = size * rng.uniform(-0.5, 0.5, (count, 3))
-    return np.where(normals != 0, size * normals / 2, points), normals
+    points = edges * rng.uniform(-0.5, 0.5, (count, 3))
+    return np.where(normals != 0, edges * normals / 2, points), normals
 
 
 def slow_weights(case, kind, contact, points, active):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from kernel_cases import IMPLEMENTATIONS, Case, slow_weights
+from kernel_cases import IMPLEMENTATIONS, SHAPES, Case, slow_weights
 
 from drake_pregrasp.planning.kernels import KINDS, Weighting
 
@@ -33,14 +33,16 @@ def compare(case, implementation, kind, points=None):
 
 @pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=15)
+@settings(max_examples=25)
 @given(
     seed=st.integers(0, 10**6),
     n=st.integers(1, 32),
     size=st.sampled_from([0.03, 0.1, 0.25, 1.0, 3.0]),
+    shape=st.sampled_from(SHAPES),
 )
-def test_weights_are_those_of_decomposed_matrices(implementation, kind, seed, n, size):
-    compare(Case(seed, n, 15, size=size, N=200, lost=min(seed % 3, n - 1)), implementation, kind)
+def test_weights_are_those_of_decomposed_matrices(implementation, kind, seed, n, size, shape):
+    lost = min(seed % 3, n - 1)
+    compare(Case(seed, n, 15, size=size, N=200, lost=lost, shape=shape), implementation, kind)
 
 
 @pytest.mark.parametrize("implementation", IMPLEMENTATIONS)

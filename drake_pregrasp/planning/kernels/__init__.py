@@ -30,8 +30,9 @@ and a = alpha |d|². Moving the last contact adds alpha d dᵀ to the scatter, s
 with e_3 = det K and e_2 = tr adj(K), because det(K + a I) = e_3 + e_2 a + tr(K) a² + a³ and
 adj(K + a I) = adj(K) + a (tr(K) I - K) + a² I: the terms in tr(K) a² and a³ cancel.
 
-The root x of x² + x mu(x) = tau, see there, is found by steps that solve a quadratic, and at last
-by two plain Newton steps, x <- ((1 + mu') x² + tau)/((2 + mu') x + mu), which need no square root.
+The root x of x² + x mu(x) = tau, see there, is found by steps that solve a quadratic, or, once near
+it, by plain Newton steps, x <- ((1 + mu') x² + tau)/((2 + mu') x + mu), which need no square root.
+They go on until no point moves by more than 1e-7 of itself: the rest is the square of that.
 
 **One pass is enough for stretched centroids.** Eq. 4 with weights b - min b over areas A needs min
 b, which is known at the end only. With any reference b_0 of the region's own,
@@ -82,9 +83,10 @@ from drake_pregrasp.planning.kernels.ground import Ground
 from drake_pregrasp.planning.kernels.partition import Partition
 from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
 from drake_pregrasp.planning.kernels.triangles import closest_points
-from drake_pregrasp.planning.kernels.weighting import KINDS, Weighting
+from drake_pregrasp.planning.kernels.weighting import FLAT, KINDS, Weighting
 
 __all__ = [
+    "FLAT",
     "KINDS",
     "Ground",
     "Partition",

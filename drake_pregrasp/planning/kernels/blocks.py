@@ -37,6 +37,10 @@ class Blocks:
     starts: IntArray
     groups: IntArray
 
+    def __deepcopy__(self, memo: dict[int, object]) -> "Blocks":
+        """Returns itself: nobody writes to it, and regions know it by its identity."""
+        return self
+
     @property
     def count(self) -> int:
         """B, the number of blocks."""

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
 
 _ROUNDING = 1 + 1e-9
@@ -59,7 +60,13 @@ class Ground:
         return self.triangles_within(points, distances)
 
     def near_of(self, points: FloatArray, candidates: Sequence[IntArray]) -> list[IntArray]:
-        """The same out of the patches of each point's own candidates, one or more."""
+        """The same out of the patches of each point's own candidates, one or more.
+
+        Raises:
+            InvalidArgumentError: If a point has none.
+        """
+        if not all(len(q) for q in candidates):
+            raise InvalidArgumentError("a point has no candidates to be projected onto")
         if len(self.p_OQ) <= _FEW:
             allowed = np.zeros((len(points), len(self.p_OQ)), dtype=bool)
             for row, own in zip(allowed, candidates, strict=True):

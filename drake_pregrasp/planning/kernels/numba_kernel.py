@@ -65,20 +65,18 @@ class NumbaKernel(TickKernel):
             blocks=self.blocks,
         )
 
-    def project(self, points: FloatArray, ground: Ground) -> tuple[FloatArray, IntArray]:
-        """As of `TickKernel`."""
+    def _project(self, points: FloatArray, ground: Ground) -> tuple[FloatArray, IntArray]:
         first = np.zeros(len(points), dtype=np.int64)
-        return self.project_onto_regions(points, self._everything, first, ground)
+        return self._project_onto_regions(points, self._everything, first, ground)
 
-    def project_onto_regions(
+    def _project_onto_regions(
         self, points: FloatArray, partition: Partition, contacts: IntArray, ground: Ground
     ) -> tuple[FloatArray, IntArray]:
-        """As of `TickKernel`."""
         blocks = self.blocks
         nearest: FloatArray
         nearest, which = project(
             plain(points),
-            contacts,
+            np.array(contacts, dtype=np.int64),
             self._p_OCoM,
             blocks.order,
             blocks.points,
@@ -126,11 +124,10 @@ class NumbaKernel(TickKernel):
         centroids: FloatArray = centroids_of(
             KINDS.index(weighting.kind),
             weighting.stretch,
-            movers,
+            np.array(movers, dtype=np.int64),
             plain(r),
             partition.sizes,
             plain(weighting.covariance),
-            self._newton_steps(r),
             self._packs,
             partition.owners,
             partition.labels,
@@ -151,7 +148,6 @@ class NumbaKernel(TickKernel):
             plain(r),
             partition.sizes,
             plain(weighting.covariance),
-            self._newton_steps(r),
             contact,
             q,
         )

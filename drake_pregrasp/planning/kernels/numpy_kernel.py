@@ -15,7 +15,7 @@ from drake_pregrasp.planning.kernels.partition import MIXED, NOBODY, Partition
 from drake_pregrasp.planning.kernels.region_planes import region_planes
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
-from drake_pregrasp.planning.kernels.weighting import HandSums, Weighting, volume_numbers
+from drake_pregrasp.planning.kernels.weighting import FLAT, HandSums, Weighting, volume_numbers
 
 SLACK = 1e-13
 """Share of its terms by which a plane must clear a box to decide it: rounding is far below it."""
@@ -123,9 +123,8 @@ class NumpyKernel(TickKernel):
         sums = HandSums.none(len(r))
         if weighting.is_of_the_hand:
             sums = HandSums.over(r, partition.sizes > 0)
-        steps = self._newton_steps(r)
         if self.blocks.num_candidates <= self.few:
-            return centroids_of_few(partition, movers, weighting, sums, steps)
+            return centroids_of_few(partition, movers, weighting, sums)
         numbers = volume_numbers(sums) if weighting.kind == "vew" else np.empty((len(r), 0))
         mixed = np.flatnonzero(partition.owners == MIXED)
         mixed_labels = partition.labels[mixed].ravel()
@@ -140,7 +139,7 @@ class NumpyKernel(TickKernel):
                 centroids[row] = _gaussian_centroid(pieces, whitener)
                 continue
             t, B = sums.t[contact, :, None], sums.B[contact, :, :, None]
-            weigh = _measure(weighting.kind, numbers[contact], t, B, sums.n, steps)
+            weigh = _measure(weighting.kind, numbers[contact], t, B, sums.n)
             pieces = self._pieces(whole, some)
             weighed = ((q, areas, weigh(q)) for q, areas in pieces)
             centroids[row] = _measure_centroid(weighed, stretch=weighting.stretch)
@@ -159,7 +158,7 @@ class NumpyKernel(TickKernel):
         sums = HandSums.over(r, partition.sizes > 0)
         numbers = volume_numbers(sums)[contact]
         t, B = sums.t[contact, :, None], sums.B[contact, :, :, None]
-        return _measure(weighting.kind, numbers, t, B, sums.n, self._newton_steps(r))(q)
+        return _measure(weighting.kind, numbers, t, B, sums.n)(q)
 
     def _pieces(self, whole: IntArray, some: IntArray) -> list[tuple[FloatArray, FloatArray]]:
         """Returns points (3, k) and areas (k,) of whole blocks and of places, in chunks."""
@@ -179,13 +178,11 @@ class NumpyKernel(TickKernel):
         return pieces
 
 
-def _measure(
-    kind: str, numbers: FloatArray, t: FloatArray, B: FloatArray, n: int, steps: int
-) -> Weigh:
+def _measure(kind: str, numbers: FloatArray, t: FloatArray, B: FloatArray, n: int) -> Weigh:
     def weigh(q: FloatArray) -> FloatArray:
         if kind == "vew":
             return volumes(numbers, n, q)
-        sigma_min, sigma_max = extremes(t, B, n, q, steps, largest=kind == "gii")
+        sigma_min, sigma_max = extremes(t, B, n, q, largest=kind == "gii")
         return sigma_min / sigma_max
 
     return weigh
@@ -229,6 +226,7 @@ def _measure_centroid(
         total += float(np.sum(weights))
         moment += q @ weights
     back = reference - (least if stretch else 0.0)
+    rounding = FLAT * (total + reference * area) if stretch else 0.0
     total, moment = total + back * area, moment + back * first_moment
-    centroid: FloatArray = moment / total if total > 0 else first_moment / area
+    centroid: FloatArray = moment / total if total > rounding else first_moment / area
     return centroid

@@ -45,7 +45,7 @@ def make_search_tree(blocks: Blocks) -> SearchTree:
     runs: list[tuple[int, int, int]] = []
     for first, end in zip(blocks.groups[:-1].tolist(), blocks.groups[1:].tolist(), strict=True):
         _grow(first, end, 0, runs)
-    starts, ends, depths = np.array(runs, dtype=np.int64).T
+    starts, ends, depths = np.ascontiguousarray(np.array(runs, dtype=np.int64).T)
     centers, halves = np.empty((len(runs), 3)), np.empty((len(runs), 3))
     for depth in range(int(np.max(depths)) + 1):
         own = np.flatnonzero(depths == depth)

@@ -5,13 +5,20 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
 from drake_pregrasp.planning.kernels.blocks import Blocks, make_blocks
 from drake_pregrasp.planning.kernels.ground import Ground
-from drake_pregrasp.planning.kernels.hand_measures import newton_steps
 from drake_pregrasp.planning.kernels.partition import Partition
 from drake_pregrasp.planning.kernels.triangles import nearest_on_triangles
 from drake_pregrasp.planning.kernels.weighting import Weighting
+
+
+def check_finite(what: str, points: FloatArray) -> None:
+    """Raises an InvalidArgumentError if points, shape (k, 3), aren't finite."""
+    if not np.isfinite(points).all():
+        row = int(np.flatnonzero(~np.isfinite(points).all(axis=1))[0])
+        raise InvalidArgumentError(f"{what} must be finite, not {points[row]} as number {row} is")
 
 
 class TickKernel(ABC):
@@ -47,7 +54,11 @@ class TickKernel(ABC):
             h: Their weights h_i, shape (n,), in m²; -inf for the lost.
             p_OZ: Forbidden points z_j, shape (m, 3), in metres.
             radii: R_j, shape (m,), in metres.
+
+        Raises:
+            InvalidArgumentError: If a contact isn't finite.
         """
+        check_finite("contacts", p_OC)
         asked = (p_OC.tobytes(), h.tobytes(), p_OZ.tobytes(), radii.tobytes())
         last = self._last
         if last is not None and last[0] == asked:
@@ -69,9 +80,13 @@ class TickKernel(ABC):
             p_OC: Contacts, shape (n, 3), in metres.
             movers: Contacts whose centroids are asked for, shape (k,); none of an empty region.
             weighting: Of the candidates.
+
+        Raises:
+            InvalidArgumentError: If the partition is not of this kernel, or a region is empty.
         """
         if len(movers) == 0:
             return np.empty((0, 3))
+        self._check_regions(partition, movers)
         r = p_OC - self._p_OCoM
         return self._centroids(partition, r, movers, weighting) + self._p_OCoM
 
@@ -85,7 +100,14 @@ class TickKernel(ABC):
         Returns:
             The nearest points, shape (k, 3), and the indices of the triangles they are on; of
             equals the first counts.
+
+        Raises:
+            InvalidArgumentError: If a point isn't finite.
         """
+        check_finite("points", points)
+        return self._project(points, ground)
+
+    def _project(self, points: FloatArray, ground: Ground) -> tuple[FloatArray, IntArray]:
         return self.nearest_on_triangles(points, ground.near(points), ground.patches)
 
     def project_onto_regions(
@@ -99,7 +121,18 @@ class TickKernel(ABC):
             contacts: For each point the contact whose region it is, shape (k,); none of an empty
                 region.
             ground: The candidates' patches.
+
+        Raises:
+            InvalidArgumentError: If a point isn't finite, the partition is not of this kernel, or a
+                region is empty.
         """
+        check_finite("points", points)
+        self._check_regions(partition, contacts)
+        return self._project_onto_regions(points, partition, contacts, ground)
+
+    def _project_onto_regions(
+        self, points: FloatArray, partition: Partition, contacts: IntArray, ground: Ground
+    ) -> tuple[FloatArray, IntArray]:
         labels = partition.labels_of_candidates()
         triangles = ground.near_in_regions(points, labels, contacts)
         return self.nearest_on_triangles(points, triangles, ground.patches)
@@ -139,10 +172,12 @@ class TickKernel(ABC):
         """
         return nearest_on_triangles(points, triangles, corners)
 
-    def _newton_steps(self, r: FloatArray) -> int:
-        """Returns the Newton steps that the candidates' and the contacts' lever arms need."""
-        squares = np.einsum("ij,ij->i", r, r)
-        return newton_steps(max(self._longest_arm, float(np.sqrt(np.max(squares)))))
+    def _check_regions(self, partition: Partition, contacts: IntArray) -> None:
+        if partition.blocks is not self.blocks:
+            raise InvalidArgumentError("the regions are of another surface, or of another kernel")
+        if not (partition.sizes[contacts] > 0).all():
+            empty = np.flatnonzero(partition.sizes == 0)
+            raise InvalidArgumentError(f"the regions of contacts {empty} are empty")
 
     @abstractmethod
     def _partition(

@@ -32,7 +32,7 @@ _TOTAL_ERROR = 3e-10  # As a share of the sum of all weights: above it candidate
 
 @compiled()
 def centroids_of(  # type: ignore[no-untyped-def]
-    kind, stretch, movers, r, sizes, covariance, steps, packs, owners, labels, stand_ins
+    kind, stretch, movers, r, sizes, covariance, packs, owners, labels, stand_ins
 ):
     """Returns the centroids of the regions of contacts that move, shape (k, 3), or NaN.
 
@@ -43,13 +43,12 @@ def centroids_of(  # type: ignore[no-untyped-def]
         r: All contacts, shape (n, 3).
         sizes: As in `Partition`.
         covariance: As of `Weighting`.
-        steps: Newton steps.
         packs: Points and areas of each block, shape (B, 4, BLOCK).
         owners: As in `Partition`.
         labels: As in `Partition`.
         stand_ins: All arrays of `StandIns`, in their order.
     """
-    hand = prepare(kind, r, sizes, covariance, steps)
+    hand = prepare(kind, r, sizes, covariance)
     moves = np.zeros(len(r), dtype=np.bool_)
     for k in range(len(movers)):
         moves[movers[k]] = True
@@ -76,7 +75,7 @@ def _sum_up(  # type: ignore[no-untyped-def]
     kind, stretch, moves, hand, packs, owners, labels, stand_ins, may_stand_in, sums
 ):
     """Adds up the regions of contacts that move, first what no stand-in could be for."""
-    whitener, numbers, t, B, n, steps = hand
+    whitener, numbers, t, B, n = hand
     firsts, ends, skips, grids = stand_ins
     rows = len(firsts) if may_stand_in else 0
     b, powers = np.empty(BLOCK), np.empty(BLOCK, dtype=np.int64)
@@ -99,7 +98,7 @@ def _sum_up(  # type: ignore[no-untyped-def]
             continue
         if owner >= 0 and moves[owner]:
             q = packs[block]
-            _add(kind, whitener, numbers, t, B, n, steps, owner, q, scratch, b, powers, sums)
+            _add(kind, whitener, numbers, t, B, n, owner, q, scratch, b, powers, sums)
         elif owner == MIXED:
             for k in range(BLOCK):
                 contact = labels[block, k]
@@ -119,7 +118,6 @@ def _sum_up(  # type: ignore[no-untyped-def]
                         t,
                         B,
                         n,
-                        steps,
                         contact,
                         q,
                         scratch,
@@ -132,14 +130,14 @@ def _sum_up(  # type: ignore[no-untyped-def]
         if filled[contact] > 0:
             q = pending[contact]
             _fill_up(q, filled[contact])
-            _add(kind, whitener, numbers, t, B, n, steps, contact, q, scratch, b, powers, sums)
+            _add(kind, whitener, numbers, t, B, n, contact, q, scratch, b, powers, sums)
     while size > 0:
         size -= 1
         row = waiting[size]
         owner = owners[firsts[row]]
         q = grids[row]
         if _add_stand_in(
-            kind, stretch, whitener, numbers, t, B, n, steps, owner, q, scratch, b, powers, sums
+            kind, stretch, whitener, numbers, t, B, n, owner, q, scratch, b, powers, sums
         ):
             continue
         part, block = row + 1, firsts[row]
@@ -151,16 +149,16 @@ def _sum_up(  # type: ignore[no-untyped-def]
                 part = skips[part]
                 continue
             q = packs[block]
-            _add(kind, whitener, numbers, t, B, n, steps, owner, q, scratch, b, powers, sums)
+            _add(kind, whitener, numbers, t, B, n, owner, q, scratch, b, powers, sums)
             block += 1
 
 
 @compiled()
 def _add(  # type: ignore[no-untyped-def]
-    kind, whitener, numbers, t, B, n, steps, contact, q, scratch, b, powers, sums
+    kind, whitener, numbers, t, B, n, contact, q, scratch, b, powers, sums
 ):
     """Adds a block of candidates to a contact's sums."""
-    weigh(kind, whitener, numbers, t, B, n, steps, contact, q, scratch, b)
+    weigh(kind, whitener, numbers, t, B, n, contact, q, scratch, b)
     refer(kind, b, powers, sums, contact)
     if kind != POSITION:
         heed_least(b, sums, contact)
@@ -188,7 +186,7 @@ def _fill_up(q, filled):  # type: ignore[no-untyped-def]
 
 @compiled()
 def _add_stand_in(  # type: ignore[no-untyped-def]
-    kind, stretch, whitener, numbers, t, B, n, steps, contact, q, scratch, b, powers, sums
+    kind, stretch, whitener, numbers, t, B, n, contact, q, scratch, b, powers, sums
 ):
     """Adds a stand-in and returns True, if it is accurate, and can't hold the least weight."""
     allowed = _PART_ERROR * mean_weight(kind, stretch, sums[contact])
@@ -197,7 +195,7 @@ def _add_stand_in(  # type: ignore[no-untyped-def]
         error = gaussian_error(whitener, q, sums[contact, REFERENCE])
         if not error <= allowed:
             return False
-    weigh(kind, whitener, numbers, t, B, n, steps, contact, q, scratch, b)
+    weigh(kind, whitener, numbers, t, B, n, contact, q, scratch, b)
     refer(kind, b, powers, sums, contact)
     if kind != POSITION:
         error = interpolation_error(b)

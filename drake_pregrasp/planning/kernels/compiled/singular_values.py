@@ -2,76 +2,75 @@
 
 import math
 
+from drake_pregrasp.planning.extreme_singular_values import SETTLED, STEPS
 from drake_pregrasp.planning.kernels.compiled.compiling import FAST, compiled
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 
 _CERTAIN = 0.75  # As in `extreme_singular_values`, and so the next.
 _GAP = 1e-3
 _UNCERTAIN = -1.0  # No y is negative, and steps never leave it: its gap to b11 is below zero.
-_PLAIN_STEPS = 2  # The last ones, from where each squares what is left anyway.
+_PLAIN_STEPS = 2  # As a rule; where they don't settle the largest, it is found another way.
 SCRATCH = 9
 """Rows of numbers a block that the singular values need."""
 
 
 @compiled(fastmath=FAST)
-def squared_smallest(t, B, contact, n, steps, q, s, out):  # type: ignore[no-untyped-def]
+def squared_smallest(t, B, contact, n, q, s, out):  # type: ignore[no-untyped-def]
     """Writes sigma_min², and into s, shape (SCRATCH, BLOCK), what the largest needs.
 
     Each loop is over the points of a block, without branches, so that it compiles to SIMD code. Its
     time goes into divisions and roots. So the last steps are plain Newton steps of
     f(x) = x² + x mu(x) - tau, which have no root of their own, and A = P - b bᵀ/g is taken times g.
+    Two of them are enough as a rule; there are more until all points of the block are settled.
     """
     _blocks_across(t, B, contact, q, s, out)
-    for step in range(steps):
-        if step < steps - _PLAIN_STEPS:
+    for k in range(BLOCK):
+        g = out[k] + s[1, k]
+        mu, slope = _eigenvalue(-1.0, g, s[2, k], s[3, k], s[4, k], s[5, k], s[6, k], s[7, k])
+        p = mu - slope * out[k]
+        below = p + math.sqrt(p * p + 4.0 * (1.0 + slope) * s[0, k])
+        out[k] = 2.0 * s[0, k] / (below if below > 0.0 else 1.0)
+    for step in range(STEPS):
+        for k in range(BLOCK):
+            g = out[k] + s[1, k]
+            mu, slope = _eigenvalue(-1.0, g, s[2, k], s[3, k], s[4, k], s[5, k], s[6, k], s[7, k])
+            rise = (2.0 + slope) * out[k] + mu
+            above = (1.0 + slope) * out[k] * out[k] + s[0, k]
+            better = above / (rise if rise > 0.0 else 1.0)
+            s[8, k] = abs(better - out[k]) - SETTLED * better
+            out[k] = better
+        if step > 0:
+            unsettled = 0.0
             for k in range(BLOCK):
-                g = out[k] + s[1, k]
-                mu, slope = _eigenvalue(
-                    -1.0, g, s[2, k], s[3, k], s[4, k], s[5, k], s[6, k], s[7, k]
-                )
-                p = mu - slope * out[k]
-                below = p + math.sqrt(p * p + 4.0 * (1.0 + slope) * s[0, k])
-                out[k] = 2.0 * s[0, k] / (below if below > 0.0 else 1.0)
-        else:
-            for k in range(BLOCK):
-                g = out[k] + s[1, k]
-                mu, slope = _eigenvalue(
-                    -1.0, g, s[2, k], s[3, k], s[4, k], s[5, k], s[6, k], s[7, k]
-                )
-                rise = (2.0 + slope) * out[k] + mu
-                above = (1.0 + slope) * out[k] * out[k] + s[0, k]
-                out[k] = above / (rise if rise > 0.0 else 1.0)
+                unsettled = max(unsettled, s[8, k])
+            if unsettled <= 0.0:
+                break
     for k in range(BLOCK):
         out[k] = n - out[k]
 
 
 @compiled(fastmath=FAST)
-def squared_largest(n, steps, s):  # type: ignore[no-untyped-def]
-    """Writes sigma_max² into s[8], or a number below zero where that is not certain."""
+def squared_largest(n, s):  # type: ignore[no-untyped-def]
+    """Writes sigma_max² into s[8], or a number below zero where that is not certain, or settled."""
     for k in range(BLOCK):
         certain = s[0, k] > _CERTAIN * s[1, k] * s[1, k]
-        s[8, k] = math.sqrt(s[0, k]) + s[1, k] if certain else _UNCERTAIN
-    for step in range(steps):
-        if step < steps - _PLAIN_STEPS:
-            for k in range(BLOCK):
-                g = s[8, k] - s[1, k]
-                nu, slope = _eigenvalue(
-                    1.0, g, s[2, k], s[3, k], s[4, k], s[5, k], s[6, k], s[7, k]
-                )
-                p = nu + slope * s[8, k]
-                root = math.sqrt(p * p + 4.0 * (1.0 + slope) * s[0, k])
-                better = (p + root) / (2.0 * (1.0 + slope))
-                s[8, k] = better if g > _GAP * s[8, k] else _UNCERTAIN
-        else:
-            for k in range(BLOCK):
-                g = s[8, k] - s[1, k]
-                nu, slope = _eigenvalue(
-                    1.0, g, s[2, k], s[3, k], s[4, k], s[5, k], s[6, k], s[7, k]
-                )
-                rise = (2.0 + slope) * s[8, k] - nu
-                above = (1.0 + slope) * s[8, k] * s[8, k] + s[0, k]
-                certain = (g > _GAP * s[8, k]) & (rise > 0.0)
-                s[8, k] = above / (rise if rise > 0.0 else 1.0) if certain else _UNCERTAIN
+        y = math.sqrt(s[0, k]) + s[1, k]
+        g = y - s[1, k]
+        nu, slope = _eigenvalue(1.0, g, s[2, k], s[3, k], s[4, k], s[5, k], s[6, k], s[7, k])
+        p = nu + slope * y
+        root = math.sqrt(p * p + 4.0 * (1.0 + slope) * s[0, k])
+        better = (p + root) / (2.0 * (1.0 + slope))
+        s[8, k] = better if certain & (g > _GAP * y) else _UNCERTAIN
+    for step in range(_PLAIN_STEPS):
+        for k in range(BLOCK):
+            g = s[8, k] - s[1, k]
+            nu, slope = _eigenvalue(1.0, g, s[2, k], s[3, k], s[4, k], s[5, k], s[6, k], s[7, k])
+            rise = (2.0 + slope) * s[8, k] - nu
+            above = (1.0 + slope) * s[8, k] * s[8, k] + s[0, k]
+            better = above / (rise if rise > 0.0 else 1.0)
+            settles = (step < _PLAIN_STEPS - 1) | (abs(better - s[8, k]) <= SETTLED * better)
+            certain = (g > _GAP * s[8, k]) & (rise > 0.0) & settles
+            s[8, k] = better if certain else _UNCERTAIN
     for k in range(BLOCK):
         s[8, k] = n + s[8, k] if s[8, k] > 0.0 else _UNCERTAIN
 

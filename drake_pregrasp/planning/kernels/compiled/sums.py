@@ -8,6 +8,7 @@ from drake_pregrasp.planning.kernels.compiled.compiling import FAST, compiled
 from drake_pregrasp.planning.kernels.compiled.weighing import POSITION
 from drake_pregrasp.planning.kernels.compiled.weights import exponentials
 from drake_pregrasp.planning.kernels.sorting import BLOCK
+from drake_pregrasp.planning.kernels.weighting import FLAT
 
 AREA, REFERENCE, LEAST, ERROR = 4, 8, 9, 10
 """Columns of sums: before `AREA` sum a b and sum a b q, from there sum a and sum a q."""
@@ -86,13 +87,16 @@ def mean_weight(kind, stretch, row):  # type: ignore[no-untyped-def]
 
 @compiled()
 def write_centroid(kind, stretch, row, out):  # type: ignore[no-untyped-def]
-    """Writes the centroid: that of the area alone where all weights are zero."""
+    """Writes the centroid: that of the area alone where weights are zero, or but rounding."""
     back = _back(kind, stretch, row)
     total = row[0] + back * row[AREA]
+    rounding = 0.0
+    if kind != POSITION and stretch:
+        rounding = FLAT * (row[0] + row[REFERENCE] * row[AREA])
     for axis in range(3):
         moment = row[1 + axis] + back * row[AREA + 1 + axis]
         plain = row[AREA + 1 + axis] / row[AREA]
-        out[axis] = moment / total if total > 0 else plain
+        out[axis] = moment / total if total > rounding else plain
 
 
 @compiled()

@@ -17,7 +17,7 @@ POSITION, MSV, GII, VEW = range(4)
 
 @compiled()
 def weigh(  # type: ignore[no-untyped-def]
-    kind, whitener, numbers, t, B, n, steps, contact, q, scratch, b
+    kind, whitener, numbers, t, B, n, contact, q, scratch, b
 ):
     """Writes the weights of a block's points, or the logarithms of those of the position.
 
@@ -28,7 +28,6 @@ def weigh(  # type: ignore[no-untyped-def]
         t: Sums of the others' lever arms, shape (n_all, 3).
         B: Their sums of |r|² I - r rᵀ, shape (n_all, 3, 3).
         n: Number of active contacts.
-        steps: Newton steps.
         contact: The one that moves.
         q: Points, the first three rows count, shape (4, BLOCK).
         scratch: Shape (SCRATCH, BLOCK).
@@ -39,9 +38,9 @@ def weigh(  # type: ignore[no-untyped-def]
     elif kind == VEW:
         volumes(numbers, contact, n, q, b)
     else:
-        squared_smallest(t, B, contact, n, steps, q, scratch, b)
+        squared_smallest(t, B, contact, n, q, scratch, b)
         if kind == GII:
-            squared_largest(n, steps, scratch)
+            squared_largest(n, scratch)
             for k in range(BLOCK):
                 if scratch[8, k] < 0.0:
                     scratch[8, k] = largest_eigenvalue(
