@@ -50,15 +50,16 @@ L_k, weights and moments are nearly those of the polynomial through their values
     sum A b ~ sum_k a_k b(x_k),   sum A b q ~ sum_k a_k b(x_k) x_k,   a_k = sum_q A_q L_k(q).
 
 The areas a_k are made once. So 64 points, of whatever area, do what a block does. They are used
-where their error is bounded: for the Gaussian by its 8th derivative, which is a Hermite polynomial
-times it; for the others by the last two of their Chebyshev coefficients along each line, since
-those of an analytic function fall geometrically, and those of a kink, as at double singular values,
-like k^-2, so that the last ones show it. The part is taken if the bound is at most 2e-10 of the
-mean weight, else its quarters are tried, and at last its blocks. If all bounds together exceed
-3e-10 of the sum of weights, all candidates are weighed. The least weight is one of a candidate:
-with r the rest beside the bilinear function through the corners, and Lebesgue's constant Lambda,
+where their error is small. For the Gaussian it is bounded by its 8th derivative, which is a Hermite
+polynomial times it. For the others it is estimated by the last two of their Chebyshev coefficients
+along each line, since those of an analytic function fall geometrically, and those of a kink, as at
+double singular values, like k^-2, so that the last ones show it; beside kinks it was up to four
+times as much. The part is taken if that is at most 2e-10 of the mean weight, else its quarters are
+tried, and at last its blocks. If all together exceed 2.4e-10 of the sum of weights, so that four
+times that might be 1e-9, all candidates are weighed. The least weight is one of a candidate: with r
+the rest beside the bilinear function through the corners, and Lebesgue's constant Lambda,
 
-    b >= min of the corners - Lambda² max_k |r_k| - bound
+    b >= min of the corners - Lambda² max_k |r_k| - error
 
 holds in the part, and it is opened if that is below the least so far.
 

@@ -27,7 +27,7 @@ from drake_pregrasp.planning.kernels.partition import MIXED
 from drake_pregrasp.planning.kernels.sorting import BLOCK
 
 _PART_ERROR = 2e-10  # Of a stand-in's weights, as a share of the mean weight so far.
-_TOTAL_ERROR = 3e-10  # As a share of the sum of all weights: above it candidates are weighed.
+_TOTAL_ERROR = 2.4e-10  # As a share of the sum of all weights: above it candidates are weighed.
 
 
 @compiled()

@@ -20,10 +20,11 @@ _OF_GAUSSIAN = 4.0 / (math.factorial(NODES) * 2 ** (NODES - 2))  # The 4 is for 
 
 @compiled(fastmath=FAST)
 def interpolation_error(b):  # type: ignore[no-untyped-def]
-    """Returns a bound on what the polynomial through values on the grid leaves out.
+    """Returns an estimate of what the polynomial through values on the grid leaves out.
 
-    Of functions whose coefficients fall, the last two along each line bound the rest: where they
-    are analytic all that are left out are smaller, and a kink shows in the last ones too.
+    Of functions whose coefficients fall, the last two along each line tell of the rest: where they
+    are analytic all that are left out are smaller, and a kink shows in the last ones too. It is no
+    bound: beside a kink as much as four times that was left out.
     """
     of_rows, of_columns = 0.0, 0.0
     for i in range(NODES):
