@@ -99,6 +99,7 @@ def test_all_methods_are_compared_out_of_forbidden_balls(monkeypatch):
     monkeypatch.setattr(global_times, "PER_EDGE", 8)
     monkeypatch.setattr(global_times, "SETTLING", 3)
     monkeypatch.setattr(global_times, "LAST", 1)
+    monkeypatch.setattr(global_times, "TIMED", 2)
     monkeypatch.setattr(global_times, "_reached", spy)
     choices = compare_choices(GlobalJob(0, False))
     assert sum(choice.is_planner for choice in choices) == len(PLANNERS)
@@ -109,6 +110,28 @@ def test_all_methods_are_compared_out_of_forbidden_balls(monkeypatch):
         assert 0 <= choice.margin <= 1
         assert 0 < choice.q_msv <= np.sqrt(5)
         assert choice.seconds > 0
+
+
+def test_timed_ticks_divide_the_surface_though_contacts_rest(monkeypatch):
+    count = 7
+    monkeypatch.setattr(global_times, "TIMED", count)
+    base = make_scene(cube(8))
+    surface, p_OC = base.surface, base.starts[0]
+    weigh, in_turns = PLANNERS["position"]
+    divided = []
+    own = type(surface.kernel)._partition
+
+    def spy(kernel, r, *others):
+        divided.append(r)
+        return own(kernel, r, *others)
+
+    monkeypatch.setattr(type(surface.kernel), "_partition", spy)
+    for _ in range(2):  # As of contacts at rest: the second tick finds the first's regions.
+        global_times._planned(surface, p_OC, weigh, in_turns)
+    assert len(divided) == 1
+    assert global_times.seconds_a_tick(surface, p_OC, weigh, in_turns=in_turns) > 0
+    assert len(divided) == 1 + count
+    np.testing.assert_allclose(divided, [p_OC - surface.p_OCoM] * (1 + count), atol=1e-8)
 
 
 def test_parts_of_a_simulation_add_up():
