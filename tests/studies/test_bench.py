@@ -1,15 +1,19 @@
 import json
 import os
+import subprocess
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from drake_pregrasp import box_surface
 from drake_pregrasp.studies.bench import bench as bench_module
 from drake_pregrasp.studies.bench import global_times, scene, startup
 from drake_pregrasp.studies.bench.base_case import PARTS, RunJob, time_run
 from drake_pregrasp.studies.bench.bench import bench
 from drake_pregrasp.studies.bench.direct_tick import STRATEGIES
 from drake_pregrasp.studies.bench.global_times import PLANNERS, GlobalJob, compare_choices
+from drake_pregrasp.studies.bench.implemented_surface import implemented
 from drake_pregrasp.studies.bench.memory import WARM_UP, MemoryJob, slope
 from drake_pregrasp.studies.bench.outcome import Outcome
 from drake_pregrasp.studies.bench.plan import Plan, full_plan, quick_plan
@@ -71,6 +75,19 @@ def test_the_mesh_is_a_scene_as_the_cube_is():
     measures = [tick(scene.starts[0]) for tick in ticks.values()]
     for found in measures:
         np.testing.assert_allclose(found, measures[-1], rtol=1e-9)
+
+
+@pytest.mark.parametrize("name", implementations())
+def test_surfaces_have_the_kernel_they_are_asked_for(name):
+    plain = box_surface([0.1] * 3, spacing=0.02)
+    own = implemented(plain, name)
+    assert type(own.kernel).__name__.lower() == f"{name}kernel"
+    assert own.kernel is own.kernel
+    assert own.p_OQ is plain.p_OQ
+    assert own.mesh is plain.mesh
+    p_OP = np.random.default_rng(0).normal(0, 0.05, (5, 3))
+    for found, expected in zip(own.project(p_OP), plain.project(p_OP), strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-12)
 
 
 def test_ticks_are_timed_in_every_way_until_time_is_up():
@@ -147,7 +164,30 @@ def test_fresh_processes_are_timed(monkeypatch):
     monkeypatch.setattr(startup, "implementations", lambda: ("numpy",))
     (row,) = time_starts(StartJob(1, False))
     assert min(row.imports, row.makes, row.ticks) > 0
-    assert row.imports > row.ticks
+
+
+def test_fresh_processes_find_what_the_caller_does(tmp_path, monkeypatch):
+    """One process for each row; the medians are of each stage by itself."""
+    seen = []
+
+    def run(command, *, env, **others):
+        seen.append(env)
+        seconds = [[3.0, 1.0, 2.0], [1.0, 2.0, 0.0], [2.0, 9.0, 1.0]][len(seen) - 1]
+        return subprocess.CompletedProcess(command, 0, stdout=json.dumps(seconds))
+
+    monkeypatch.setattr(startup, "implementations", lambda: ("numpy",))
+    monkeypatch.setattr(startup.subprocess, "run", run)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    (row,) = time_starts(StartJob(3, False))
+    assert (row.imports, row.makes, row.ticks) == (2, 2, 1)
+    for environment in seen:
+        first, *others = environment["PYTHONPATH"].split(os.pathsep)
+        assert (Path(first) / "drake_pregrasp").is_dir()
+        assert others == [str(tmp_path)]
+    seen.clear()
+    monkeypatch.delenv("PYTHONPATH")
+    time_starts(StartJob(1, False))
+    assert seen[0]["PYTHONPATH"] == first
 
 
 def test_the_slope_of_memory_leaves_the_warm_up_out():
