@@ -1,15 +1,20 @@
 import json
 import os
+import subprocess
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from drake_pregrasp import box_surface
+from drake_pregrasp.studies.bench import base_case, global_times, scene, startup
 from drake_pregrasp.studies.bench import bench as bench_module
-from drake_pregrasp.studies.bench import global_times, scene, startup
 from drake_pregrasp.studies.bench.base_case import PARTS, RunJob, time_run
 from drake_pregrasp.studies.bench.bench import bench
 from drake_pregrasp.studies.bench.direct_tick import STRATEGIES
 from drake_pregrasp.studies.bench.global_times import PLANNERS, GlobalJob, compare_choices
+from drake_pregrasp.studies.bench.implemented_surface import implemented
 from drake_pregrasp.studies.bench.memory import WARM_UP, MemoryJob, slope
 from drake_pregrasp.studies.bench.outcome import Outcome
 from drake_pregrasp.studies.bench.plan import Plan, full_plan, quick_plan
@@ -73,6 +78,19 @@ def test_the_mesh_is_a_scene_as_the_cube_is():
         np.testing.assert_allclose(found, measures[-1], rtol=1e-9)
 
 
+@pytest.mark.parametrize("name", implementations())
+def test_surfaces_have_the_kernel_they_are_asked_for(name):
+    plain = box_surface([0.1] * 3, spacing=0.02)
+    own = implemented(plain, name)
+    assert type(own.kernel).__name__.lower() == f"{name}kernel"
+    assert own.kernel is own.kernel
+    assert own.p_OQ is plain.p_OQ
+    assert own.mesh is plain.mesh
+    p_OP = np.random.default_rng(0).normal(0, 0.05, (5, 3))
+    for found, expected in zip(own.project(p_OP), plain.project(p_OP), strict=True):
+        np.testing.assert_allclose(found, expected, atol=1e-12)
+
+
 def test_ticks_are_timed_in_every_way_until_time_is_up():
     spec = cube(4)
     rows = time_ticks(
@@ -99,6 +117,7 @@ def test_all_methods_are_compared_out_of_forbidden_balls(monkeypatch):
     monkeypatch.setattr(global_times, "PER_EDGE", 8)
     monkeypatch.setattr(global_times, "SETTLING", 3)
     monkeypatch.setattr(global_times, "LAST", 1)
+    monkeypatch.setattr(global_times, "TIMED", 2)
     monkeypatch.setattr(global_times, "_reached", spy)
     choices = compare_choices(GlobalJob(0, False))
     assert sum(choice.is_planner for choice in choices) == len(PLANNERS)
@@ -111,20 +130,96 @@ def test_all_methods_are_compared_out_of_forbidden_balls(monkeypatch):
         assert choice.seconds > 0
 
 
+def test_timed_ticks_divide_the_surface_though_contacts_rest(monkeypatch):
+    count = 7
+    monkeypatch.setattr(global_times, "TIMED", count)
+    base = make_scene(cube(8))
+    surface, p_OC = base.surface, base.starts[0]
+    weigh, in_turns = PLANNERS["position"]
+    divided = []
+    own = type(surface.kernel)._partition
+
+    def spy(kernel, r, *others):
+        divided.append(r)
+        return own(kernel, r, *others)
+
+    monkeypatch.setattr(type(surface.kernel), "_partition", spy)
+    for _ in range(2):  # As of contacts at rest: the second tick finds the first's regions.
+        global_times._planned(surface, p_OC, weigh, in_turns)
+    assert len(divided) == 1
+    assert global_times.seconds_a_tick(surface, p_OC, weigh, in_turns=in_turns) > 0
+    assert len(divided) == 1 + count
+    np.testing.assert_allclose(divided, [p_OC - surface.p_OCoM] * (1 + count), atol=1e-8)
+
+
 def test_parts_of_a_simulation_add_up():
     run = time_run(RunJob("numpy", 0.05, 0.2, 1))
-    assert list(run.parts) == list(PARTS)
+    assert list(run.parts) == list(run.seconds) == list(PARTS)
+    assert min(run.seconds.values()) > 0
     # Its own time is part of what has passed; what it waits for is little.
     assert 0 < sum(run.parts.values()) <= 1.05 * run.seconds[PARTS[-1]]
-    assert run.factor(PARTS[-1]) == pytest.approx(1 / run.seconds["recording"])
-    assert run.factor("physics") > run.factor("planner")
+
+
+def test_parts_are_what_their_diagrams_take_more(monkeypatch):
+    """By a clock that only the simulators advance; a thread works half of the time."""
+    costs = np.random.default_rng(0).uniform(0.1, 10, len(PARTS)).tolist()
+    now, ends = [0.0], {}
+    duration, rounds = 0.2, 3
+
+    class Simulator:
+        def __init__(self, part, seconds):
+            self.part, self.seconds = part, seconds
+
+        def AdvanceTo(self, end):
+            ends.setdefault(self.part, []).append(end)
+            now[0] += self.seconds * (len(ends[self.part]) - 1)  # Nothing for the warm-up.
+
+    takes = dict(zip(PARTS, np.cumsum(costs).tolist(), strict=True))
+    clock = SimpleNamespace(perf_counter=lambda: now[0], thread_time=lambda: now[0] / 2)
+    monkeypatch.setattr(base_case, "time", clock)
+    monkeypatch.setattr(base_case, "implemented", lambda surface, name: surface)
+    monkeypatch.setattr(base_case, "_diagrams", lambda *args: {part: part for part in PARTS})
+    monkeypatch.setattr(base_case, "_simulator", lambda _, part: Simulator(part, takes[part]))
+    run = time_run(RunJob("numpy", 0.05, duration, rounds))
+    middle = 2 / duration  # The rounds take once, twice and three times as long.
+    assert run.rate == pytest.approx(20)
+    for part, cost in zip(PARTS, costs, strict=True):
+        assert run.seconds[part] == pytest.approx(middle * takes[part], rel=1e-6)
+        assert run.factor(part) == pytest.approx(1 / (middle * takes[part]), rel=1e-6)
+        assert run.parts[part] == pytest.approx(middle * cost / 2, rel=1e-6, abs=1e-6)
+        np.testing.assert_allclose(np.diff(ends[part]), duration)
+    factors = [run.factor(part) for part in PARTS]
+    assert factors == sorted(factors, reverse=True)
 
 
 def test_fresh_processes_are_timed(monkeypatch):
     monkeypatch.setattr(startup, "implementations", lambda: ("numpy",))
     (row,) = time_starts(StartJob(1, False))
     assert min(row.imports, row.makes, row.ticks) > 0
-    assert row.imports > row.ticks
+
+
+def test_fresh_processes_find_what_the_caller_does(tmp_path, monkeypatch):
+    """One process for each row; the medians are of each stage by itself."""
+    seen = []
+
+    def run(command, *, env, **others):
+        seen.append(env)
+        seconds = [[3.0, 1.0, 2.0], [1.0, 2.0, 0.0], [2.0, 9.0, 1.0]][len(seen) - 1]
+        return subprocess.CompletedProcess(command, 0, stdout=json.dumps(seconds))
+
+    monkeypatch.setattr(startup, "implementations", lambda: ("numpy",))
+    monkeypatch.setattr(startup.subprocess, "run", run)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    (row,) = time_starts(StartJob(3, False))
+    assert (row.imports, row.makes, row.ticks) == (2, 2, 1)
+    for environment in seen:
+        first, *others = environment["PYTHONPATH"].split(os.pathsep)
+        assert (Path(first) / "drake_pregrasp").is_dir()
+        assert others == [str(tmp_path)]
+    seen.clear()
+    monkeypatch.delenv("PYTHONPATH")
+    time_starts(StartJob(1, False))
+    assert seen[0]["PYTHONPATH"] == first
 
 
 def test_the_slope_of_memory_leaves_the_warm_up_out():
@@ -211,4 +306,5 @@ def test_shares_of_a_tick_are_a_whole(way):
     assert row.size == 1024
     assert set(row.shares) == {*STAGES, REST}
     assert sum(row.shares.values()) == pytest.approx(1)
-    assert all(0.01 < share < 0.9 for share in row.shares.values())
+    # All of them were met, and none of them holds another.
+    assert all(share > 0 for share in row.shares.values())

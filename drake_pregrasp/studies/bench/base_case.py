@@ -18,13 +18,13 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
-from drake_pregrasp.planning.kernels import make_kernel
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.run_log import RunLog
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.studies.bench.implemented_surface import implemented
 from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
@@ -90,15 +90,7 @@ def time_run(job: RunJob) -> RunTime:
     scenario.planner.period = job.period
     scenario.planner.static_duration = 0.0
     scenario.simulation_duration = _WARM_UP * job.period + job.rounds * job.duration
-    surface = scenario.make_surface()
-    kernel = make_kernel(
-        surface.p_OQ,
-        surface.nhat_OQ,
-        surface.areas,
-        surface.p_OCoM,
-        implementation=job.implementation,
-    )
-    surface.__dict__["kernel"] = kernel
+    surface = implemented(scenario.make_surface(), job.implementation)
     seconds: dict[str, list[float]] = {part: [] for part in PARTS}
     own_seconds: dict[str, list[float]] = {part: [] for part in PARTS}
     with ExitStack() as stack:

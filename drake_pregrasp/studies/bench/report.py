@@ -137,9 +137,11 @@ def _choices(outcome: Outcome) -> list[str]:
         " is the normalised min-weight one, friction 0.7, eight edges; Q_MSV is at most"
         f" sqrt({NUM_CONTACTS}) = {np.sqrt(NUM_CONTACTS):.4f}. All keep out of the balls around"
         f" forbidden points, SLSQP and evolution by {1e3 * LARGEST_RADIUS:g} mm from top and"
-        " bottom. A planner's time is that of a tick; its values are means of the last"
-        f" {LAST} of {SETTLING} ticks. Greedy decomposes 6 x 6 matrices with numpy, or has the"
-        " planner's closed form; SLSQP makes gradients out of differences, or is told them.",
+        " bottom. A planner's values are means of the last"
+        f" {LAST} of {SETTLING} ticks; its time is that of a tick then, from contacts that differ"
+        " from tick to tick, so that nothing is remembered. Greedy decomposes 6 x 6 matrices with"
+        " numpy, or has the planner's closed form; SLSQP makes gradients out of differences, or is"
+        " told them.",
         *table(
             ["method", "time, ms", "Q_MSV", "least", "margin", "least"],
             rows,

@@ -1,6 +1,5 @@
 """What the benchmark plans on: a cube or a mesh, forbidden points, and contact sets."""
 
-import copy
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -10,9 +9,10 @@ import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.box_surface import box_surface
-from drake_pregrasp.planning.kernels import make_kernel, numba_is_installed
+from drake_pregrasp.planning.kernels import numba_is_installed
 from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
 from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.studies.bench.implemented_surface import implemented
 
 NUM_CONTACTS = 5
 NUM_FORBIDDEN = 200
@@ -85,13 +85,7 @@ def make_scene(spec: SceneSpec) -> Scene:
     """
     rng = np.random.default_rng(spec.seed)
     surface = _with_forbidden_points(_bare_surface(spec), spec, rng)
-    surfaces = {}
-    for name in implementations():
-        surfaces[name] = copy.copy(surface)
-        kernel = make_kernel(
-            surface.p_OQ, surface.nhat_OQ, surface.areas, surface.p_OCoM, implementation=name
-        )
-        surfaces[name].__dict__["kernel"] = kernel
+    surfaces = {name: implemented(surface, name) for name in implementations()}
     clear = np.flatnonzero(surface.is_clear_of_forbidden_points)
     chosen = np.array([rng.choice(clear, spec.contacts, replace=False) for _ in range(NUM_SETS)])
     starts = surface.p_OQ[chosen]

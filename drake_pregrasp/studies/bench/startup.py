@@ -20,14 +20,13 @@ import drake_pregrasp
 imported = time.perf_counter()
 import numpy as np
 from drake_pregrasp.planning.contact_selection import select_contacts
-from drake_pregrasp.planning.kernels import make_kernel
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
 from drake_pregrasp.planning.selection_input import SelectionInput
 from drake_pregrasp.planning.strategies import make_strategy
+from drake_pregrasp.studies.bench.implemented_surface import implemented
 surface = drake_pregrasp.box_surface([0.1] * 3, spacing=0.1 / 24)
-kernel = surface.__dict__["kernel"] = make_kernel(
-    surface.p_OQ, surface.nhat_OQ, surface.areas, surface.p_OCoM, implementation=sys.argv[1]
-)
+surface = implemented(surface, sys.argv[1])
+kernel = surface.kernel
 made = time.perf_counter()
 p_OC = surface.p_OQ[::500]
 regions = compute_safe_regions(
@@ -91,7 +90,8 @@ def time_starts(job: StartJob) -> list[StartTime]:
 
 def _start(implementation: str, cache: str | None) -> list[float]:
     root = Path(drake_pregrasp.studies.__path__[0]).parent.parent
-    environment = dict(os.environ, PYTHONPATH=str(root))
+    paths = filter(None, (str(root), os.environ.get("PYTHONPATH")))
+    environment = dict(os.environ, PYTHONPATH=os.pathsep.join(paths))
     if cache is not None:
         environment["NUMBA_CACHE_DIR"] = cache
     command = [sys.executable, "-c", _SCRIPT, implementation]
