@@ -10,7 +10,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.grasp_quality import GraspQuality
-from drake_pregrasp.simulation.output import writing
+from drake_pregrasp.simulation.output import reading_back, writing
 from drake_pregrasp.simulation.tick_times import TickTimes
 from drake_pregrasp.systems.tick_logger import TickRecord
 
@@ -79,11 +79,15 @@ class RunLog:
                 self._flushed = now
 
     def read(self, *names: str) -> list[FloatArray]:
-        """Reads columns over the ticks back from the file, once it is closed."""
+        """Reads columns over the ticks back from the file, once it is closed.
+
+        Raises:
+            OutputError: If the file can't be read.
+        """
         if self.num_ticks == 0:
             return [np.empty(0) for _ in names]
         indices = [self.columns.index(name) for name in names]
-        with writing(self._path):
+        with reading_back(self._path):
             table = np.loadtxt(self._path, delimiter=",", skiprows=1, usecols=indices, ndmin=2)
         return list(table.T)
 

@@ -61,7 +61,7 @@ def margin_score(p_CoMQ: FloatArray, nhat_OQ: FloatArray) -> Score:
     """
 
     def score(held: IntArray) -> FloatArray:
-        last = np.append(held, held[-1])  # It stands where the moved contact will.
+        last = np.append(held, 0)  # Any candidate stands where the moved contact will.
         return moved_least_norm_margin(
             p_CoMQ[last],
             nhat_OQ[last],

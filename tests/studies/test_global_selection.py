@@ -44,9 +44,9 @@ def test_scores_are_the_measure_with_each_candidate_beside_those_held(make_score
         assert values[k] == pytest.approx(q_msv([*held, k]) ** 2, rel=1e-9)
 
 
-@given(seed=SEEDS)
-def test_the_margins_score_is_its_bound(seed):
-    held = random_sets(seed, 4)
+@given(seed=SEEDS, contacts=st.integers(0, 4))
+def test_the_margins_score_is_its_bound(seed, contacts):
+    held = random_sets(seed, contacts)
     values = margin_score(Q, NHAT)(held)
     for k in (3, len(Q) - 1):
         chosen = [*held, k]
