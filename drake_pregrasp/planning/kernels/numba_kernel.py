@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -42,6 +43,13 @@ class NumbaKernel(TickKernel):
         self._stand_ins = s.firsts, s.ends, s.skips, s.grids
         places = np.vstack([self.blocks.points, self.blocks.areas])
         self._packs = np.ascontiguousarray(places.reshape(4, -1, BLOCK).swapaxes(0, 1))
+
+    @staticmethod
+    def is_compiled() -> bool:
+        """Returns whether compiled code is there already, on disk or in this process."""
+        folder = divide.stats.cache_path
+        kept = folder is not None and any(Path(folder).glob(f"*.{divide.__name__}-*.nbi"))
+        return kept or bool(divide.signatures)
 
     def nearest_on_triangles(
         self, points: FloatArray, triangles: Sequence[IntArray], corners: FloatArray

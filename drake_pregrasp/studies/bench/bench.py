@@ -5,6 +5,7 @@ import logging
 import multiprocessing
 import os
 import platform
+import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
@@ -107,7 +108,11 @@ def _one_thread_process() -> Iterator[ProcessPoolExecutor]:
     try:
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(1, context, initializer=_be_quiet) as process:
-            yield process
+            try:
+                yield process
+            except BaseException:
+                process.shutdown(wait=False, cancel_futures=True)
+                raise
     finally:
         for name, value in before.items():
             if value is None:
@@ -117,5 +122,6 @@ def _one_thread_process() -> Iterator[ProcessPoolExecutor]:
 
 
 def _be_quiet() -> None:
-    """Keeps Meshcat from saying where it listens."""
+    """Keeps Meshcat from saying where it listens, and leaves interrupts to the parent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     logging.getLogger("drake").setLevel(logging.WARNING)

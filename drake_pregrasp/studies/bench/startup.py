@@ -82,6 +82,8 @@ def time_starts(job: StartJob) -> list[StartTime]:
         for implementation in implementations():
             if job.compile and implementation == "numba":
                 times.append(StartTime(implementation, True, 1, *_start(implementation, cache)))
+            elif implementation == "numba":
+                _start(implementation, cache)  # Whatever has to be compiled is, from then on.
             rows = [_start(implementation, cache) for _ in range(job.processes)]
             medians = np.median(rows, axis=0).tolist()
             times.append(StartTime(implementation, False, job.processes, *medians))
@@ -94,7 +96,8 @@ def _start(implementation: str, cache: str | None) -> list[float]:
     environment = dict(os.environ, PYTHONPATH=os.pathsep.join(paths))
     if cache is not None:
         environment["NUMBA_CACHE_DIR"] = cache
-    command = [sys.executable, "-c", _SCRIPT, implementation]
+    # Safe path: a folder of sources that this is run in would come before the one that is meant.
+    command = [sys.executable, "-P", "-c", _SCRIPT, implementation]
     done = subprocess.run(command, env=environment, check=True, capture_output=True, text=True)
     values: list[float] = json.loads(done.stdout)
     return values
