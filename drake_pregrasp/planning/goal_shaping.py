@@ -9,6 +9,7 @@ from drake_pregrasp.planning.solids import Solid
 
 _PASSES = 6  # Solids and other tips that push one tip out push it into each other a few times.
 _SAMPLES = 17  # On a straight way: its least distance from a solid of a hand's size to 0.2 mm.
+_ON_SIDE = 0.7  # Level part of an outward direction that is that of a side.
 _ROUNDING = 1e-12  # Metres.
 _GRAZE = 1e-4  # Metres by which a way may come nearer than the clearance, and still be free.
 
@@ -78,14 +79,22 @@ def _is_free(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> BoolArray:
 
 
 def _way_round(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> FloatArray:
-    """Returns ways along the object's side, level but for the height that is still to go."""
+    """Returns ways along the object's side, level but for the height that is still to go.
+
+    On top of it, and below, ways just slide along the surface.
+    """
     _, outward = room.object.distance_and_gradient(p_GT)
+    straight = goal - p_GT
+    sliding = straight - np.sum(straight * outward, axis=1, keepdims=True) * outward
     here, there = (p_GT - room.p_GO)[:, :2], (goal - room.p_GO)[:, :2]
     turn = here[:, 0] * there[:, 1] - here[:, 1] * there[:, 0]
     angle = np.arctan2(turn, np.sum(here * there, axis=1))
     tangent = np.stack([-outward[:, 1], outward[:, 0]], axis=1)
     arc = angle * np.linalg.norm(here, axis=1)
-    return np.column_stack([arc[:, None] * tangent, goal[:, 2] - p_GT[:, 2]])
+    round_it = np.column_stack([arc[:, None] * tangent, straight[:, 2]])
+    on_side = np.linalg.norm(tangent, axis=1) > _ON_SIDE
+    ways: FloatArray = np.where(on_side[:, None], round_it, sliding)
+    return ways
 
 
 def _pushed_out(p_GT: FloatArray, solid: Solid, clearance: float | FloatArray) -> FloatArray:

@@ -106,7 +106,8 @@ def _close(
     period: float,
     squeeze: Callable[[BoolArray], Squeeze],
 ) -> GraspState:
-    touches = state.active & ~state.touched & (view.presses >= settings.touch_force)
+    feels = (view.presses >= settings.touch_force) & (view.gaps <= settings.search)
+    touches = state.active & ~state.touched & feels
     touched = state.touched | touches
     elapsed = view.time - state.since
     speed = min(settings.closing_speed, settings.closing_acceleration * elapsed)
@@ -116,7 +117,7 @@ def _close(
     state = replace(state, touched=touched, standoffs=standoffs)
     if not np.any(moving):
         return _begin_squeeze(state, view, settings, squeeze)
-    missed = np.flatnonzero(moving & (standoffs < -settings.overtravel))
+    missed = np.flatnonzero(moving & (standoffs < -settings.search))
     if len(missed):
         return _open(state, view, GiveUp.MET_NOTHING, float(missed[0]))
     return state

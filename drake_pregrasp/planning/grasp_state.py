@@ -65,7 +65,8 @@ class GraspSettings:
         gate_limit: How long it waits for that, at most.
         closing_speed: Of the fingertips along the normals.
         closing_acceleration: In m/s², so that fingertips don't feel their own inertia as touch.
-        overtravel: How far beyond the surface, as it is estimated, a fingertip looks for it.
+        search: How far from the surface, as it is estimated, a fingertip may meet it. Forces felt
+            farther out are its own inertia, and beyond it there is nothing.
         touch_force: What counts as touch.
         least_fingers: With fewer it doesn't close.
         least_force: Normal force of each finger in the squeeze, at least.
@@ -84,7 +85,7 @@ class GraspSettings:
     gate_limit: float = 1.5
     closing_speed: float = 0.04
     closing_acceleration: float = 0.4
-    overtravel: float = 0.006
+    search: float = 0.006
     touch_force: float = 0.35
     least_fingers: int = 3
     least_force: float = 2.5

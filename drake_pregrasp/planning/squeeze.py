@@ -17,9 +17,9 @@ from drake_pregrasp.planning.force_closure import (
 
 _MODEL = "hard_finger"
 
-# Weight of the balance against the size of forces: what is left out of balance is then some
-# ten-thousandth of the forces, unless the cones themselves leave more.
-_BALANCE = 100.0
+# Weight of the balance against the size of forces: what is left out of balance is then about a
+# thousandth of the forces, unless the cones themselves leave more.
+_BALANCE = 300.0
 
 
 class Squeeze(NamedTuple):
