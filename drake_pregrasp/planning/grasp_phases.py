@@ -137,6 +137,7 @@ def _begin_squeeze(
         return _open(state, view, GiveUp.PRESSED_TOO_HARD, float(np.argmax(largest)))
     return replace(
         _enter(state, GraspPhase.SQUEEZE, view),
+        gripped=view.time,
         forces=planned.forces,
         force=Ramp(view.time, settings.squeeze_duration, 0.0, 1.0),
     )
@@ -148,7 +149,7 @@ def _squeeze(
     if not state.force.is_over(view.time):
         return state
     lift = Ramp(view.time, settings.lift_duration, 0.0, settings.lift_height)
-    return replace(_enter(state, GraspPhase.LIFT, view), lifted=view.time, height=lift)
+    return replace(_enter(state, GraspPhase.LIFT, view), height=lift)
 
 
 def _lift(

@@ -73,7 +73,7 @@ class GraspSettings:
         largest_force: Normal force of any finger, at most.
         squeeze_duration: In which forces come up.
         imbalance: Force that a squeeze may leave out of balance.
-        stop_duration: In which the hand stops following when it lifts.
+        stop_duration: In which the hand comes to rest when it lifts.
         lift_height: How far it lifts.
         lift_duration: In which it does so.
     """
@@ -107,7 +107,7 @@ class GraspState:
         asked: Since when the hand is asked to close, in seconds; infinite if it isn't.
         reason: A `GiveUp`.
         detail: What goes with it.
-        lifted: When it began to lift, and to go its own way; infinite before.
+        gripped: When all had touched, and the hand began to go its own way; infinite before.
         height: Of the hand above where it tracks.
         force: Share of the squeeze that is applied, from 0 to 1.
         standoffs: Gap of each fingertip that is commanded, shape (n,), in metres.
@@ -121,7 +121,7 @@ class GraspState:
     asked: float
     reason: int
     detail: float
-    lifted: float
+    gripped: float
     height: Ramp
     force: Ramp
     standoffs: FloatArray
@@ -138,7 +138,7 @@ class GraspState:
             asked=np.inf,
             reason=GiveUp.NONE,
             detail=0.0,
-            lifted=np.inf,
+            gripped=np.inf,
             height=Ramp(0.0, settings.approach_duration, settings.approach_height, 0.0),
             force=Ramp.at_rest(0.0),
             standoffs=np.full(num_fingers, settings.standoff),
@@ -154,7 +154,7 @@ class GraspState:
 
     def to_vector(self) -> FloatArray:
         """Returns everything in one vector."""
-        numbers = [self.phase, self.since, self.asked, self.reason, self.detail, self.lifted]
+        numbers = [self.phase, self.since, self.asked, self.reason, self.detail, self.gripped]
         return np.concatenate(
             [
                 numbers,
@@ -170,7 +170,7 @@ class GraspState:
     @staticmethod
     def from_vector(vector: FloatArray) -> "GraspState":
         """Returns the state that `to_vector` made a vector of."""
-        phase, since, asked, reason, detail, lifted = vector[:6].tolist()
+        phase, since, asked, reason, detail, gripped = vector[:6].tolist()
         n = (len(vector) - 14) // 6
         standoffs, active, touched = vector[14 : 14 + 3 * n].reshape(3, n).copy()
         return GraspState(
@@ -179,7 +179,7 @@ class GraspState:
             asked=asked,
             reason=int(reason),
             detail=detail,
-            lifted=lifted,
+            gripped=gripped,
             height=Ramp(*vector[6:10].tolist()),
             force=Ramp(*vector[10:14].tolist()),
             standoffs=standoffs,

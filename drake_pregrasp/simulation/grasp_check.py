@@ -35,6 +35,12 @@ def check_grasp(source: str, scenario: Scenario, surface: ObjectSurface) -> None
             "plant_config.time_step",
             f"{scenario.plant_config.time_step} must be at most {grasp.period}, the hand's period",
         )
+    if scenario.planner.estimator.lookahead:
+        raise ScenarioError(
+            source,
+            "planner.estimator.lookahead",
+            f"{scenario.planner.estimator.lookahead} must be 0 for a hand; it looks ahead itself",
+        )
     try:
         HandModel(grasp.hand)
     except InvalidArgumentError as error:

@@ -14,7 +14,7 @@ from pydrake.systems.framework import (
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray
-from drake_pregrasp.planning.carried_pose import stopping_pose
+from drake_pregrasp.planning.carried_pose import Coasting
 from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.grasp_phases import next_state
 from drake_pregrasp.planning.grasp_state import GraspPhase, GraspSettings, GraspState, GraspView
@@ -23,7 +23,7 @@ from drake_pregrasp.planning.squeeze import Squeeze, squeeze_forces
 GRAVITY = 9.81
 """Along -z of W, in m/s²."""
 
-_LAST_POSE = 18  # Numbers: R row by row, p, w and v, when the hand began to go its own way.
+_COASTING_SIZE = 18  # Of `Coasting` as a vector.
 
 
 class GraspSequencer(LeafSystem):
@@ -61,8 +61,9 @@ class GraspSequencer(LeafSystem):
     Port `p_WT` accepts a vector of 3n, `f_T_W` another: as `FingertipSensor` emits them.
 
     Port `X_WG` emits a `RigidTransform`: the frame G that carries the goals. It is O as it is
-    estimated, raised while the hand approaches. From the lift on it follows no estimate, for the
-    hand then is what moves the object: it stops, and goes straight up.
+    estimated, raised while the hand approaches. Once all fingers have touched it follows no
+    estimate, for the hand then is what moves the object: it goes on as it went, and for the lift
+    it comes to rest and goes straight up.
 
     Port `V_WG` emits a `SpatialVelocity`: of G in W.
 
@@ -108,7 +109,7 @@ class GraspSequencer(LeafSystem):
         n = num_fingers
         first = GraspState.first(n, settings)
         self._state = self.DeclareDiscreteState(first.to_vector())
-        self._lifted = self.DeclareDiscreteState(_LAST_POSE)
+        self._gripped = self.DeclareDiscreteState(_COASTING_SIZE)
         self._close = self.DeclareVectorInputPort("close", 1)
         self._status = self.DeclareVectorInputPort("contact_status", n)
         self._frames = self.DeclareVectorInputPort("contact_frames", 6 * n)
@@ -167,22 +168,18 @@ class GraspSequencer(LeafSystem):
     def _calc_motion(self, context: Context) -> tuple[RigidTransform, SpatialVelocity]:
         state: GraspState = self._remembered.Eval(context)
         time = context.get_time()
-        if np.isinf(state.lifted):
+        if np.isinf(state.gripped):
             X: RigidTransform = self._X_WO.Eval(context)
             V: SpatialVelocity = self._V_WO.Eval(context)
             R, p, w, v = X.rotation(), X.translation(), V.rotational(), V.translational()
         else:
-            last: FloatArray = context.get_discrete_state(self._lifted).value()
-            p, w, v = last[9:].reshape(3, 3)
-            R_WG, p, w, v = stopping_pose(
-                last[:9].reshape(3, 3),
-                p,
-                w,
-                v,
-                time - state.lifted,
-                self._settings.stop_duration,
+            first = Coasting.from_vector(context.get_discrete_state(self._gripped).value())
+            now = first.after(
+                time - state.gripped,
+                coast=self._settings.squeeze_duration,
+                stop=self._settings.stop_duration,
             )
-            R = RotationMatrix(R_WG)
+            R, p, w, v = RotationMatrix(now.R_WG), now.p_WG, now.w_WG, now.v_WG
         up = np.array([0.0, 0.0, 1.0])
         X_WG = RigidTransform(R, p + state.height.value(time) * up)
         return X_WG, SpatialVelocity(w=w, v=v + state.height.rate(time) * up)
@@ -214,14 +211,10 @@ class GraspSequencer(LeafSystem):
             lambda active: self._plan_squeeze(context, active),
         )
         discrete_state.set_value(self._state, after.to_vector())
-        if np.isinf(state.lifted) and np.isfinite(after.lifted):
-            last = [
-                X_WG.rotation().matrix().ravel(),
-                X_WG.translation(),
-                V_WG.rotational(),
-                V_WG.translational(),
-            ]
-            discrete_state.set_value(self._lifted, np.concatenate(last))
+        if np.isinf(state.gripped) and np.isfinite(after.gripped):
+            R_WG = X_WG.rotation().matrix()
+            first = Coasting(R_WG, X_WG.translation(), V_WG.rotational(), V_WG.translational())
+            discrete_state.set_value(self._gripped, first.to_vector())
 
     def _plan_squeeze(self, context: Context, active: BoolArray) -> Squeeze:
         p_OC, nhat = self._contacts(context)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drake_pregrasp.planning.carried_pose import stopping_pose
+from drake_pregrasp.planning.carried_pose import Coasting
 from drake_pregrasp.planning.grasp_phases import gate_is_open, next_state
 from drake_pregrasp.planning.grasp_state import (
     GiveUp,
@@ -188,13 +188,16 @@ def test_a_ramp_is_smooth_and_monotonic(time, duration, first, last):
     assert ramp.value(10.0) == pytest.approx(last, abs=1e-15)
 
 
-@given(st.floats(0, 1), st.floats(0.1, 0.5), st.floats(-1, 1))
-def test_a_hand_that_stops_moves_by_its_velocity(elapsed, stop, turn):
-    w, v = np.array([0, 0, turn]), np.array([0.05, 0.01, 0])
-    h = 1e-6
-    R, p, w_now, v_now = stopping_pose(np.eye(3), np.zeros(3), w, v, elapsed, stop)
-    R_next, p_next, _, _ = stopping_pose(np.eye(3), np.zeros(3), w, v, elapsed + h, stop)
-    np.testing.assert_allclose((p_next - p) / h, v_now, atol=1e-5)
-    assert (R_next @ R.T)[1, 0] / h == pytest.approx(w_now[2], abs=1e-4)
-    if elapsed >= stop:
-        np.testing.assert_allclose(p, v * (stop / 2), atol=1e-12)
+@given(st.floats(0, 2), st.floats(0.1, 0.5), st.floats(-1, 1))
+def test_a_hand_that_coasts_moves_by_its_twist_and_comes_to_rest(elapsed, stop, turn):
+    first = Coasting(np.eye(3), np.zeros(3), np.array([0, 0, turn]), np.array([0.05, 0.01, 0]))
+    h, coast = 1e-6, 0.5
+    now = first.after(elapsed, coast=coast, stop=stop)
+    then = first.after(elapsed + h, coast=coast, stop=stop)
+    np.testing.assert_allclose((then.p_WG - now.p_WG) / h, now.v_WG, atol=1e-5)
+    assert (then.R_WG @ now.R_WG.T)[1, 0] / h == pytest.approx(now.w_WG[2], abs=1e-4)
+    if elapsed >= coast + stop:
+        np.testing.assert_allclose(now.p_WG, first.v_WG * (coast + stop / 2), atol=1e-12)
+        assert not np.any(now.v_WG)
+    again = Coasting.from_vector(now.to_vector())
+    np.testing.assert_array_equal(again.to_vector(), now.to_vector())

@@ -124,6 +124,7 @@ def test_nothing_is_printed(tmp_path, capfd):
             r"object: a hand takes a !Box only",
         ),
         ("{motion: !Push {}}", r"motion: a hand takes what is on a !Conveyor only"),
+        ("{planner: {estimator: {lookahead: 0.1}}}", r"lookahead: 0.1 must be 0 for a hand"),
         ("{ring_contacts: 4}", r"grasp.hand.fingertips: 5 frames must be 4, one a contact"),
         ("{grasp: {hand: {fingertips: [a, b, c, d, e]}}}", r"grasp.hand: hand has no frame a; the"),
         ("{grasp: {hand: {file: nothing.sdf}}}", r"grasp.hand: .*nothing.sdf: there is no such"),
