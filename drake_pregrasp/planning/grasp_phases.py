@@ -132,9 +132,6 @@ def _begin_squeeze(
     planned = squeeze(state.active)
     if planned.residual > settings.imbalance:
         return _open(state, view, GiveUp.OUT_OF_BALANCE, planned.residual)
-    largest = np.linalg.norm(planned.forces, axis=1)
-    if np.max(largest) > settings.largest_force:
-        return _open(state, view, GiveUp.PRESSED_TOO_HARD, float(np.argmax(largest)))
     return replace(
         _enter(state, GraspPhase.SQUEEZE, view),
         gripped=view.time,

@@ -17,9 +17,10 @@ from drake_pregrasp.planning.force_closure import (
 
 _MODEL = "hard_finger"
 
-# Weight of the balance against the size of forces: what is left out of balance is then about a
-# thousandth of the forces, unless the cones themselves leave more.
+# Weights against the size of forces: what is left out of balance is then some hundred-thousandth of
+# them, unless cones and bounds leave more; and bounds come before the balance.
 _BALANCE = 300.0
+_BOUNDS = 6000.0
 
 
 class Squeeze(NamedTuple):
@@ -42,13 +43,14 @@ def squeeze_forces(
     *,
     friction: float,
     least_normal: float,
+    largest_normal: float,
 ) -> Squeeze:
     """Returns the smallest forces that balance a wrench, each inside its friction cone.
 
     It is the force-balance programme of grasping (Buss, Hashimoto & Moore, 1996, with pyramids in
-    place of cones): min sum |f_i|² over f_i = R_i E a_i, a_i >= 0, with G f + wrench = 0 as a
-    large penalty, so that forces come out where nothing balances, too. Each contact starts with
-    the least normal force, spread evenly over its edges; non-negative least squares adds the rest.
+    place of cones): min sum |f_i|² over f_i = R_i E a_i, a_i >= 0, with G f + wrench = 0 and with
+    normal forces in bounds. Bounds get slack variables, and all equations a large weight, so that
+    it is a matter of non-negative least squares, and forces come out where nothing balances, too.
 
     Args:
         p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
@@ -58,14 +60,17 @@ def squeeze_forces(
         friction: Coulomb's coefficient to plan with. The margin to the real one is what holds
             when contacts, poses and forces are not quite as planned.
         least_normal: Normal force that every fingertip has at least, in newtons.
+        largest_normal: The same at most.
 
     Raises:
-        InvalidArgumentError: If a number is below 0, or there is no contact.
+        InvalidArgumentError: If bounds or friction are out of their ranges, or there is no contact.
     """
     if len(p_CoMC) == 0:
         raise InvalidArgumentError("a squeeze needs one contact at least")
-    if not least_normal >= 0:
-        raise InvalidArgumentError(f"least_normal must be at least 0 N, not {least_normal}")
+    if not 0 <= least_normal <= largest_normal:
+        raise InvalidArgumentError(
+            f"normal forces must be from 0 N on, and not from {least_normal} to {largest_normal} N"
+        )
     E = cone_edges(friction, _MODEL, TORSIONAL_FRICTION)
     W = primitive_wrenches(
         p_CoMC, nhat, friction, model=_MODEL, torsional_friction=TORSIONAL_FRICTION
@@ -74,12 +79,20 @@ def squeeze_forces(
     scale[3:] /= longest_arm(p_CoMC)
     W, w = W * scale, wrench * scale[:, 0]
     n, edges = len(p_CoMC), E.shape[1]
-    start = np.full(n * edges, least_normal / edges)
+    normals, none = np.kron(np.eye(n), E[:1]), np.zeros((n, n))
     sizes = np.kron(np.eye(n), E)
-    A = np.vstack([_BALANCE * W, sizes])
-    b = -np.concatenate([_BALANCE * (W @ start + w), sizes @ start])
-    added, _ = nnls(A, b)
-    a = start + added
+    # Unknowns: a, then how far each normal force is above its least, and below its largest.
+    A = np.block(
+        [
+            [_BALANCE * W, np.zeros((6, 2 * n))],
+            [_BOUNDS * normals, -_BOUNDS * np.eye(n), none],
+            [_BOUNDS * normals, none, _BOUNDS * np.eye(n)],
+            [sizes, np.zeros((len(sizes), 2 * n))],
+        ]
+    )
+    b = [-_BALANCE * w, np.full(n, _BOUNDS * least_normal), np.full(n, _BOUNDS * largest_normal)]
+    solution, _ = nnls(A, np.concatenate([*b, np.zeros(len(sizes))]))
+    a = solution[: n * edges]
     local = (E @ a.reshape(n, edges).T).T
     forces: FloatArray = np.einsum("nij,nj->ni", contact_axes(nhat), local)
     return Squeeze(forces, float(np.linalg.norm(W @ a + w)))

@@ -226,6 +226,7 @@ class GraspSequencer(LeafSystem):
             np.append(X_WO.rotation().matrix().T @ weight_W, np.zeros(3)),
             friction=self._friction,
             least_normal=self._settings.least_force,
+            largest_normal=self._settings.largest_force,
         )
         forces = np.zeros_like(p_OC)
         forces[active] = planned.forces

@@ -67,6 +67,9 @@ def test_a_grasp_goes_through_all_phases():
     assert phases(states) == ["APPROACH", "TRACK", "CLOSE", "SQUEEZE", "LIFT", "HOLD"]
     assert states[-1].height.value(8.0) == SETTINGS.lift_height
     assert states[-1].reason == GiveUp.NONE
+    for state in states:
+        # It goes its own way from the squeeze on.
+        assert np.isfinite(state.gripped) == (state.phase >= GraspPhase.SQUEEZE)
 
 
 def test_nothing_closes_before_it_is_asked():
@@ -94,7 +97,11 @@ def test_what_is_felt_far_from_the_object_is_no_touch():
 
 def test_fingers_never_close_faster_than_they_may():
     standoffs = np.array([state.standoffs for state in play(Scene())])
-    assert np.min(np.diff(standoffs, axis=0)) >= -SETTINGS.closing_speed * PERIOD - 1e-12
+    steps = np.diff(standoffs[:, 0])
+    assert np.min(steps) >= -SETTINGS.closing_speed * PERIOD - 1e-12
+    first = np.flatnonzero(steps)[0]
+    gains = np.diff(steps[first - 1 : first + 5])
+    assert np.min(gains) >= -SETTINGS.closing_acceleration * PERIOD**2 - 1e-12
 
 
 @given(st.floats(0, 0.02), st.floats(0, 3))
@@ -168,6 +175,19 @@ def test_what_was_lifted_is_set_down_before_it_is_let_go():
     letting_go = backing & (forces < 1) & (forces > 0)
     assert np.any(letting_go)
     np.testing.assert_allclose(heights[letting_go], 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("open_at", [2.9, 3.5])
+def test_it_stops_at_once_when_it_is_told_to_open(open_at):
+    states = play(Scene(), open_at=open_at, end=6.0)
+    backing = [
+        (state.height.value(index * PERIOD), state.force.value(index * PERIOD))
+        for index, state in enumerate(states)
+        if state.phase == GraspPhase.BACK_OFF
+    ]
+    down = np.array(backing[:20])  # It goes up only once it has opened.
+    assert down[0].max() > 0.1
+    assert np.max(np.diff(down, axis=0)) <= 1e-12
 
 
 def test_a_state_survives_as_a_vector():

@@ -8,7 +8,7 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BusValue
 
-from drake_pregrasp import BoxSolid, HalfSpace, InvalidArgumentError
+from drake_pregrasp import BallSolid, BoxSolid, HalfSpace, InvalidArgumentError, Obstacles
 from drake_pregrasp.diagrams.grasp_config import HandModelConfig
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.planning.contact_status import ContactStatus
@@ -126,6 +126,24 @@ def test_a_palm_turns_with_the_goals_on_and_on():
         np.testing.assert_allclose(nominal[:3] - [0, 0, 0.155], p_WG, atol=1e-12)
 
 
+def test_a_palm_that_lags_by_its_gain_is_asked_to_be_ahead():
+    posture = CarrierPosture(
+        tip_frames=FRAMES,
+        finger_azimuths=AROUND,
+        home=HAND.home(np.zeros(3), 0.0),
+        carrier=HAND.carrier,
+        gain=4.0,
+        period=PERIOD,
+    )
+    context = posture.CreateDefaultContext()
+    posture.GetInputPort("X_WG").FixValue(context, RigidTransform())
+    posture.GetInputPort("tip_goals").FixValue(context, bus(RING))
+    V_WG = SpatialVelocity(w=[0, 0, 0.2], v=[0.04, 0.02, 0.0])
+    posture.GetInputPort("V_WG").FixValue(context, V_WG)
+    nominal = posture.GetOutputPort("nominal_posture").Eval(context)
+    np.testing.assert_allclose(nominal[:4], [0.01, 0.005, 0.155, 0.05], atol=1e-12)
+
+
 class Shaper:
     """A shaper round a cube with goals on a ring, at which inputs can be changed."""
 
@@ -217,6 +235,24 @@ def test_a_contact_too_low_for_a_tip_is_shifted_up():
     assert goals[0, 2] == pytest.approx(-0.05 + RADIUS + 0.004)
     frames = shaper.system.GetOutputPort("contact_frames").Eval(shaper.context).reshape(2, 5, 3)
     np.testing.assert_allclose(frames[0, 0], [0.05, -0.01, goals[0, 2]], atol=1e-9)
+    shaper.set("hold_contacts", [1.0])
+    np.testing.assert_allclose(shaper.goals(0.5), goals, atol=1e-9)
+
+
+def test_obstacles_push_goals_away_but_not_what_is_held():
+    shaper = Shaper(CONTACTS)
+    before = shaper.goals(1.0)
+    ball = BallSolid(before[0] + [0.0, 0.03, 0.0], 0.02)
+    shaper.set("obstacles", AbstractValue.Make(Obstacles((ball,))))
+    pushed = shaper.goals(0.5)
+    assert ball.distance(pushed)[0] >= RADIUS + 0.004 - 1e-6
+    frames = shaper.system.GetOutputPort("contact_frames").Eval(shaper.context).copy()
+    shaper.set("hold_contacts", [1.0])
+    nearer = BallSolid(before[0] + [0.0, 0.01, 0.0], 0.02)
+    shaper.set("obstacles", AbstractValue.Make(Obstacles((nearer,))))
+    shaper.goals(0.5)
+    held = shaper.system.GetOutputPort("contact_frames").Eval(shaper.context)
+    np.testing.assert_array_equal(held, frames)
 
 
 def test_the_carried_frame_comes_down_to_the_object():
