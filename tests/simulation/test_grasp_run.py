@@ -5,9 +5,17 @@ import json
 import numpy as np
 import pytest
 from conftest import read_log
+from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp import BoxSolid, ScenarioError, load_scenario, run
+from drake_pregrasp import (
+    BoxSolid,
+    ScenarioError,
+    load_scenario,
+    make_diagram,
+    run,
+    without_solver_chatter,
+)
 from drake_pregrasp.planning.grasp_state import GraspPhase
 
 NAME = "grasp_five_finger"
@@ -37,6 +45,22 @@ def test_fingertips_follow_and_take_the_object(text, largest_error, tmp_path):
 
 def test_they_do_so_by_noisy_poses(noisy_run):
     check_grasp(noisy_run.summary["grasp"], 0.05)
+
+
+def test_a_context_can_be_cloned_in_the_middle_of_a_run():
+    scenario = load_scenario(NAME)
+    diagram = make_diagram(scenario, scenario.make_surface())
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(0.5)
+    other = Simulator(diagram, simulator.get_context().Clone())
+    controller = diagram.GetSubsystemByName("hand_controller")
+    tips = []
+    for one in (simulator, other):
+        with without_solver_chatter():
+            one.AdvanceTo(1.0)
+        context = controller.GetMyContextFromRoot(one.get_context())
+        tips.append(controller.GetOutputPort("p_WT").Eval(context))
+    np.testing.assert_array_equal(*tips)
 
 
 def check_grasp(grasp, largest_error):
