@@ -65,7 +65,8 @@ class FingertipGoalShaper(LeafSystem):
     Port `standoffs` (optional) accepts a vector of n: the gap between each fingertip and the
     surface at its contact, in metres; below zero it presses. By default it is `standoff`.
 
-    Port `hold_contacts` (optional) accepts a number: above 0, contacts stay where they are in O.
+    Port `hold_contacts` (optional) accepts a number: above 0, contacts stay where they are in O,
+    and fingers stay active or not.
 
     Port `obstacles` (optional) accepts `Obstacles` in W, of which solids are heeded.
 
@@ -143,6 +144,7 @@ class FingertipGoalShaper(LeafSystem):
         frames = np.concatenate([contacts, normals]).ravel()
         self._asked = self.DeclareDiscreteState(frames)
         self._contacts = self.DeclareDiscreteState(frames)
+        self._active = self.DeclareDiscreteState(n)
         pose, bus = AbstractValue.Make(RigidTransform()), AbstractValue.Make(BusValue())
         self._targets = self.DeclareAbstractInputPort("fingertip_targets", bus)
         self._status = self.DeclareVectorInputPort("contact_status", n)
@@ -169,11 +171,13 @@ class FingertipGoalShaper(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
-        active = is_active(np.asarray(self._status.Eval(context)))
+        held = self._is_held(context)
+        active = context.get_discrete_state(self._active).value() > 0
+        if not held:
+            active = is_active(np.asarray(self._status.Eval(context)))
         standoffs = np.full(len(active), self._standoff)
         if self._standoffs.HasValue(context):
             standoffs = np.array(self._standoffs.Eval(context))
-        held = self._is_held(context)
         kept = self._contacts if held else self._asked
         p_OC, nhat = context.get_discrete_state(kept).value().reshape(2, -1, 3)
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
@@ -188,6 +192,7 @@ class FingertipGoalShaper(LeafSystem):
             along = shift - np.sum(shift * nhat, axis=1, keepdims=True) * nhat
             p_OC, goal = p_OC + along, goal + along
         shaped = shape_goals(p_GT, goal, self._step, room)
+        discrete_state.set_value(self._active, active.astype(float))
         discrete_state.set_value(self._tips, shaped.ravel())
         discrete_state.set_value(self._contacts, np.concatenate([p_OC, nhat]).ravel())
 

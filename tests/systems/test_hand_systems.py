@@ -214,6 +214,7 @@ def test_held_contacts_stay_when_goals_move_on():
     before = shaper.goals(1.0)
     shaper.set("hold_contacts", [1.0])
     shaper.contacts([([0.05, 0.04, 0.03], X), *CONTACTS[1:]])
+    shaper.set("contact_status", np.array([1.0, 1, 1, 1, ContactStatus.OBSTRUCTED]))
     np.testing.assert_allclose(shaper.goals(0.5), before, atol=1e-9)
     shaper.set("standoffs", np.array([-0.001, 0.02, 0.02, 0.02, 0.02]))
     pressed = shaper.goals(0.5)
