@@ -43,7 +43,7 @@ class HandController(Diagram):
         - obstacles
         output_ports:
         - desired_state
-        - tip_goals
+        - p_GT
         - p_WT
         - f_T_W
         - X_WG
@@ -52,7 +52,7 @@ class HandController(Diagram):
     The ports are those of the systems inside, which document them. From the planner come
     `fingertip_targets`, `contact_status`, `X_WO_estimated` and `V_WO_estimated`; `obstacles` is
     optional; `close` is the command. From the hand's plant come `hand_state` and `net_actuation`,
-    and back goes `desired_state` (`JointReference`). For those who watch there are `tip_goals`
+    and back goes `desired_state` (`JointReference`). For those who watch there are `p_GT`
     (`FingertipGoalShaper`), `p_WT` and `f_T_W` (`FingertipSensor`), `X_WG` and `grasp_report`
     (`GraspSequencer`).
 
@@ -186,7 +186,7 @@ class HandController(Diagram):
                 builder.ConnectInput(name, system.GetInputPort(name))
         for system, name in (
             (reference, "desired_state"),
-            (shaper, "tip_goals"),
+            (shaper, "p_GT"),
             (sensor, "p_WT"),
             (sensor, "f_T_W"),
             (sequencer, "X_WG"),

@@ -33,8 +33,9 @@ class GraspLog(CsvLog):
                     [record.time],
                     record.report,
                     record.p_WT.ravel(),
-                    record.p_WT_goal.ravel(),
+                    record.p_GT.ravel(),
                     record.f_T_W.ravel(),
+                    *pose_values(record.X_WG),
                     *pose_values(record.X_WO),
                     *pose_values(record.X_WD),
                 ]
@@ -42,7 +43,7 @@ class GraspLog(CsvLog):
         )
 
     def read_points(self, kind: str) -> FloatArray:
-        """Reads the tips' `tip`, `goal` or `force` back, shape (ticks, n, 3)."""
+        """Reads the tips' `tip` in W, `goal` in G or `force` in W back, shape (ticks, n, 3)."""
         names = _point_columns(kind, self._num_fingers)
         return np.stack(self.read(*names), axis=-1).reshape(-1, self._num_fingers, 3)
 
@@ -62,6 +63,7 @@ def grasp_columns(num_fingers: int) -> list[str]:
         *_point_columns("tip", num_fingers),
         *_point_columns("goal", num_fingers),
         *_point_columns("force", num_fingers),
+        *pose_columns("wg"),
         *pose_columns("wo"),
         *pose_columns("wd"),
     ]

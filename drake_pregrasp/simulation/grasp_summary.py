@@ -18,7 +18,8 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
     """Returns how the hand fared; null for a phase that it didn't come to.
 
     - `tracking_error_mean_mm`, `tracking_error_max_mm`: of the fingertips' centres from their goals
-      at the object as it is estimated, while the hand approaches and tracks, after `SETTLED`.
+      over the object as it is estimated at the same time, while the hand approaches and tracks,
+      after `SETTLED`. A goal that moves over the object is followed the controller's lead later.
     - `closing_motion_mm`, `squeeze_motion_mm`: how far the object's origin moved on the turntable
       while fingers closed until touch, and then while forces came up.
     - `lift_height_mm`: how far the object is above where it was before the lift, at the end.
@@ -32,7 +33,8 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
     tips, goals, forces = (log.read_points(kind) for kind in ("tip", "goal", "force"))
     object_poses, table_poses = log.read_pose("wo"), log.read_pose("wd")
     lead = scenario.grasp.period + scenario.plant_config.time_step
-    errors = 1e3 * np.linalg.norm(tips - _shifted(time, goals, lead), axis=2)
+    carried = _seen_from(log.read_pose("wg"), tips)
+    errors = 1e3 * np.linalg.norm(carried - _shifted(time, goals, lead), axis=2)
     tracking = (phase <= GraspPhase.TRACK) & (time > SETTLED)
     on_table = 1e3 * _seen_from(table_poses, object_poses[:, None, :3])
     on_object = 1e3 * _seen_from(object_poses, tips)
@@ -54,7 +56,7 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
 
 
 def _shifted(time: FloatArray, points: FloatArray, lead: float) -> FloatArray:
-    """Returns points that are given ahead of time at the time itself."""
+    """Returns points that are given ahead of time, at the time itself."""
     flat = points.reshape(len(time), -1)
     columns = [np.interp(time, time + lead, column) for column in flat.T]
     return np.stack(columns, axis=-1).reshape(points.shape)

@@ -104,9 +104,9 @@ def connect_hand(
         return
     logger = builder.AddNamedSystem(
         "grasp_logger",
-        GraspLogger(tip_frames=hand.tip_frames, period=scenario.grasp.period, sink=sink),
+        GraspLogger(num_fingers=len(hand.tip_frames), period=scenario.grasp.period, sink=sink),
     )
-    for name in ("grasp_report", "tip_goals", "p_WT", "f_T_W"):
+    for name in ("grasp_report", "p_GT", "p_WT", "f_T_W", "X_WG"):
         builder.Connect(controller.GetOutputPort(name), logger.GetInputPort(name))
     for name in ("X_WO", "X_WD"):
         builder.Connect(hand.station.GetOutputPort(name), logger.GetInputPort(name))

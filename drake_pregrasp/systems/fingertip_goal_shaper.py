@@ -48,6 +48,7 @@ class FingertipGoalShaper(LeafSystem):
         output_ports:
         - tip_goals
         - contact_frames
+        - p_GT
 
     Port `fingertip_targets` accepts a `BusValue` as `CentroidSelector` emits it: for each name of
     `tip_frames` the pose in W of a contact goal, its z axis along the inward normal. A finger
@@ -78,6 +79,9 @@ class FingertipGoalShaper(LeafSystem):
     Port `contact_frames` emits a vector of 6n: the contacts that tips go to, in O, in metres, one
     after another, then the outward unit normals there, as of the last tick. Where a tip has no
     room, as close to the table, the contact is shifted along the surface.
+
+    Port `p_GT` emits a vector of 3n: the goals in G, as of the last tick, in metres. Tips are to be
+    there, over where G is by then, `lead` after the Context's time.
 
     Goals move at most at `speed` over the object, which is why they never jump with the contacts.
     They keep out of the object and what else there is by the tips' radius and a clearance; round
@@ -167,6 +171,7 @@ class FingertipGoalShaper(LeafSystem):
             },
         )
         self.DeclareStateOutputPort("contact_frames", self._contacts)
+        self.DeclareStateOutputPort("p_GT", self._tips)
         self.DeclarePeriodicDiscreteUpdateEvent(target_period, 0.0, self._sample_targets)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
 

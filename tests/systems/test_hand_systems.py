@@ -256,7 +256,26 @@ def test_obstacles_push_goals_away_but_not_what_is_held():
     np.testing.assert_array_equal(held, frames)
 
 
-def test_the_carried_frame_comes_down_to_the_object():
+def test_who_has_touched_keeps_touching_and_all_together_carry_the_weight():
+    settings = GraspSettings()
+    sequencer, simulator, context = sequencer_over(X_WO=RigidTransform([0.0, 0.0, 0.05]))
+    sequencer.GetInputPort("close").FixValue(context, [1.0])
+    sequencer.GetInputPort("V_WO_estimated").FixValue(context, SpatialVelocity.Zero())
+    felt = np.zeros((5, 3))
+    felt[0] = -2 * settings.touch_force * NORMALS[0]
+    sequencer.GetInputPort("f_T_W").FixValue(context, felt.ravel())
+    simulator.AdvanceTo(settings.approach_duration + settings.gate_limit + 0.1)
+    forces = sequencer.GetOutputPort("squeeze_forces").Eval(context).reshape(5, 3)
+    np.testing.assert_allclose(forces[0], -settings.touch_force * NORMALS[0], atol=1e-12)
+    np.testing.assert_array_equal(forces[1:], 0)
+    sequencer.GetInputPort("f_T_W").FixValue(context, (-NORMALS).ravel())
+    simulator.AdvanceTo(context.get_time() + settings.squeeze_duration + 0.1)
+    forces = sequencer.GetOutputPort("squeeze_forces").Eval(context).reshape(5, 3)
+    np.testing.assert_allclose(forces.sum(axis=0), [0, 0, 0.4 * 9.81], atol=0.01)
+    assert np.min(-np.sum(forces * NORMALS, axis=1)) >= settings.least_force - 1e-3
+
+
+def sequencer_over(X_WO):
     sequencer = GraspSequencer(
         num_fingers=5,
         tip_radius=RADIUS,
@@ -268,26 +287,33 @@ def test_the_carried_frame_comes_down_to_the_object():
     )
     simulator = Simulator(sequencer)
     context = simulator.get_mutable_context()
-    X_WO = RigidTransform(RotationMatrix.MakeZRotation(0.3), [0.1, 0.0, 0.05])
     for port, value in (
         ("close", [0.0]),
         ("contact_status", np.ones(5)),
         ("contact_frames", np.concatenate([POINTS, NORMALS]).ravel()),
         ("X_WO_estimated", X_WO),
         ("V_WO_estimated", SpatialVelocity(w=[0, 0, 0.1], v=[0.05, 0, 0])),
-        ("p_WT", RING.ravel()),
+        ("p_WT", ((X_WO @ POINTS.T).T + RADIUS * NORMALS).ravel()),
         ("f_T_W", np.zeros(15)),
     ):
         sequencer.GetInputPort(port).FixValue(context, value)
-    heights = []
+    return sequencer, simulator, context
+
+
+def test_the_carried_frame_comes_down_to_the_object():
+    X_WO = RigidTransform(RotationMatrix.MakeZRotation(0.3), [0.1, 0.0, 0.05])
+    sequencer, simulator, context = sequencer_over(X_WO)
+    heights, speeds = [], []
     for time in np.arange(0.0, 2.0, 0.1):
         simulator.AdvanceTo(time)
         X_WG = sequencer.GetOutputPort("X_WG").Eval(context)
         np.testing.assert_array_equal(X_WG.rotation().matrix(), X_WO.rotation().matrix())
         heights.append(X_WG.translation()[2] - 0.05)
+        speeds.append(sequencer.GetOutputPort("V_WG").Eval(context).translational()[2])
     assert heights[0] == pytest.approx(GraspSettings().approach_height)
     assert heights[-1] == pytest.approx(0)
     assert np.all(np.diff(heights) <= 1e-12)
+    np.testing.assert_allclose(speeds[1:-1], np.gradient(heights, 0.1)[1:-1], atol=0.01)
 
 
 @pytest.mark.parametrize(

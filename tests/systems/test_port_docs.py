@@ -105,9 +105,7 @@ MAKERS = {
         target_period=0.05,
     ),
     FingertipSensor: lambda s, c: FingertipSensor(HandModel(HAND).kinematics),
-    GraspLogger: lambda s, c: GraspLogger(
-        tip_frames=FINGERTIPS, period=0.02, sink=lambda record: None
-    ),
+    GraspLogger: lambda s, c: GraspLogger(num_fingers=5, period=0.02, sink=lambda record: None),
     GraspSequencer: lambda s, c: GraspSequencer(
         num_fingers=5,
         tip_radius=0.009,
