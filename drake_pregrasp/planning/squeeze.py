@@ -22,6 +22,8 @@ _MODEL = "hard_finger"
 _BALANCE = 300.0
 _BOUNDS = 6000.0
 
+_PASSES = 50  # Changes of the active set for each unknown, at most.
+
 
 class Squeeze(NamedTuple):
     """Forces of fingertips on an object.
@@ -91,7 +93,8 @@ def squeeze_forces(
         ]
     )
     b = [-_BALANCE * w, np.full(n, _BOUNDS * least_normal), np.full(n, _BOUNDS * largest_normal)]
-    solution, _ = nnls(A, np.concatenate([*b, np.zeros(len(sizes))]))
+    target = np.concatenate([*b, np.zeros(len(sizes))])
+    solution, _ = nnls(A, target, maxiter=_PASSES * A.shape[1])
     a = solution[: n * edges]
     local = (E @ a.reshape(n, edges).T).T
     forces: FloatArray = np.einsum("nij,nj->ni", contact_axes(nhat), local)
