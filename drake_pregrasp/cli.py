@@ -27,7 +27,7 @@ from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.smooth_file import load_estimator, smooth_file
 from drake_pregrasp.simulation.summary import MEASURES
-from drake_pregrasp.studies.bench import bench
+from drake_pregrasp.studies.bench.bench import bench
 from drake_pregrasp.studies.gallery import make_gallery
 from drake_pregrasp.studies.lookahead import study_lookahead
 from drake_pregrasp.studies.published import SCENARIOS
@@ -119,7 +119,7 @@ def _parser() -> argparse.ArgumentParser:
         "--out", metavar="FOLDER", help="where the report goes; study_NAME if not set"
     )
 
-    bencher = commands.add_parser("bench", help="measure how long a planning tick takes")
+    bencher = commands.add_parser("bench", help="measure how long planning takes")
     bencher.set_defaults(command=_bench)
     bencher.add_argument(
         "--out",

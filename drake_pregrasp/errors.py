@@ -30,7 +30,7 @@ class ScenarioError(PregraspError):
 
 
 class OutputError(PregraspError):
-    """A run folder can't be written."""
+    """A run folder can't be written, or what was written there can't be read back."""
 
 
 class ContactError(PregraspError):

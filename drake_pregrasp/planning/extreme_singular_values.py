@@ -21,8 +21,12 @@ import numpy as np
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray
 
-STEPS = 6
-"""Newton steps: three reach rounding on arms of centimetres, arms of metres want more."""
+STEPS = 12
+"""Newton steps at most: three reach rounding where a hand holds a cube, long or flat objects want
+some more."""
+
+SETTLED = 1e-7
+"""Share of itself by which a root may still move in the last step: what is left is its square."""
 
 
 def extreme_singular_values(t: FloatArray, B: FloatArray, n: int) -> tuple[FloatArray, FloatArray]:
@@ -62,9 +66,7 @@ def _blocks_across(
     return b11, b, np.stack([np.einsum(dot, e1, B1), np.einsum(dot, e2, B1), P22])
 
 
-def largest_x(
-    tau: FloatArray, b11: FloatArray, b: FloatArray, P: FloatArray, steps: int = STEPS
-) -> FloatArray:
+def largest_x(tau: FloatArray, b11: FloatArray, b: FloatArray, P: FloatArray) -> FloatArray:
     """Returns x of the smallest singular values sqrt(n - x), shape (k,).
 
     Args:
@@ -72,21 +74,22 @@ def largest_x(
         b11: Block of B along t, shape (k,).
         b: Block between, shape (2, k).
         P: Block across t, (P11, P12, P22), shape (3, k).
-        steps: Newton steps.
     """
     x = np.sqrt(tau)
-    for _ in range(steps):
+    for _ in range(STEPS):
         d = 1 / np.where(x + b11 > 0, x + b11, 1)
         mu, bv = _eigenvalue(P - d * np.stack([b[0] ** 2, b[0] * b[1], b[1] ** 2]), b, upper=False)
         slope = (bv * d) ** 2
         p = mu - slope * x
         denominator = p + np.sqrt(p**2 + 4 * (1 + slope) * tau)
-        x = 2 * tau / np.where(denominator > 0, denominator, 1)
+        before, x = x, 2 * tau / np.where(denominator > 0, denominator, 1)
+        if np.all(np.abs(x - before) <= SETTLED * x):
+            break
     return x
 
 
 def largest_y(
-    tau: FloatArray, b11: FloatArray, b: FloatArray, P: FloatArray, steps: int = STEPS
+    tau: FloatArray, b11: FloatArray, b: FloatArray, P: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
     """Returns y of the largest singular values sqrt(n + y), and where it is certain, shape (k,).
 
@@ -95,20 +98,22 @@ def largest_y(
         b11: Block of B along t.
         b: Block between.
         P: Block across t.
-        steps: Newton steps.
     """
     # Near y = b11 the elimination divides by nearly nothing; far from it, it is sound.
     certain = tau > 0.75 * b11**2
     y = np.sqrt(tau) + b11
-    for _ in range(steps):
+    for _ in range(STEPS):
         gap = y - b11
         certain &= gap > 1e-3 * y
         d = 1 / np.where(certain, gap, 1)
         nu, bv = _eigenvalue(P + d * np.stack([b[0] ** 2, b[0] * b[1], b[1] ** 2]), b, upper=True)
         slope = (bv * d) ** 2
         p = nu + slope * y
-        y = (p + np.sqrt(p**2 + 4 * (1 + slope) * tau)) / (2 * (1 + slope))
-    return y, certain
+        before, y = y, (p + np.sqrt(p**2 + 4 * (1 + slope) * tau)) / (2 * (1 + slope))
+        settled = np.abs(y - before) <= SETTLED * y
+        if np.all(settled | ~certain):
+            break
+    return y, certain & settled
 
 
 def _eigenvalue(A: FloatArray, b: FloatArray, *, upper: bool) -> tuple[FloatArray, FloatArray]:

@@ -31,7 +31,7 @@ class GraspQuality:
 
     def to_vector(self) -> FloatArray:
         """Returns the values in the order of the attributes."""
-        return np.array([getattr(self, name) for name in self.names()])
+        return np.array(list(vars(self).values()))
 
     @staticmethod
     def names() -> list[str]:

@@ -96,7 +96,7 @@ def keep_quality(
         proposal[members] = True
         proposed_quality = []
         for value, least in zip(quality_after(proposal), quality, strict=False):
-            if value < least:
+            if not value >= least:
                 break
             proposed_quality.append(value)
         if len(proposed_quality) == len(quality):

@@ -33,7 +33,7 @@ from drake_pregrasp.planning.candidate_measures import (
 )
 from drake_pregrasp.planning.contact_selection import gaussian_log_weights
 from drake_pregrasp.planning.force_closure import FRICTION
-from drake_pregrasp.planning.kernels import KINDS
+from drake_pregrasp.planning.kernels import FLAT, KINDS
 from drake_pregrasp.planning.safe_regions import NO_REGION
 from drake_pregrasp.planning.selection_input import KernelStrategy, SelectionInput, WeightFunction
 
@@ -111,10 +111,18 @@ def position_tracking(selection: SelectionInput) -> FloatArray:
 
 
 def stretched(b: FloatArray, selection: SelectionInput) -> FloatArray:
-    """Returns b_n less the least b over the candidate's region, shape (N,)."""
-    labels = selection.regions.labels
+    """Returns b_n less the least b over the candidate's region, shape (N,).
+
+    What is left is zero in a region where it is nothing but rounding.
+    """
+    labels, areas = selection.regions.labels, selection.surface.areas
     least = np.full(len(selection.p_OC) + 1, np.inf)
     np.minimum.at(least, labels, b)
     assert NO_REGION == -1  # Candidates without region gather in the last place.
     difference: FloatArray = b - least[labels]
+    sums = [np.zeros(len(least)), np.zeros(len(least))]
+    for total, values in zip(sums, (difference, b), strict=True):
+        np.add.at(total, labels, values * areas)
+    is_flat = sums[0] <= FLAT * sums[1]
+    difference[is_flat[labels]] = 0
     return difference

@@ -147,7 +147,7 @@ class ObjectSurface:
         if len(p_OP) == 0:
             return np.empty((0, 3)), np.empty((0, 3))
         near = self._ground.near_of(p_OP, candidates)
-        nearest, which = self.kernel.nearest_on_triangles(p_OP, near, self.patches)
+        nearest, which = self.kernel.nearest_on_triangles(p_OP, near, self._ground.patches)
         return nearest, self._triangle_normals[which]
 
     def project_onto_regions(

@@ -9,7 +9,7 @@ from typing import Self
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.simulation.output import writing
+from drake_pregrasp.simulation.output import reading_back, writing
 
 _FLUSH_PERIOD = 1.0  # Seconds that an interrupted run may lose.
 
@@ -62,10 +62,14 @@ class CsvLog:
                 self._flushed = now
 
     def read(self, *names: str) -> list[FloatArray]:
-        """Reads columns back from the file, once it is closed."""
+        """Reads columns back from the file, once it is closed.
+
+        Raises:
+            OutputError: If the file can't be read.
+        """
         if self.num_rows == 0:
             return [np.empty(0) for _ in names]
         indices = [self.columns.index(name) for name in names]
-        with writing(self._path):
+        with reading_back(self._path):
             table = np.loadtxt(self._path, delimiter=",", skiprows=1, usecols=indices, ndmin=2)
         return list(table.T)

@@ -1,4 +1,4 @@
-"""Writing files, with errors that name them."""
+"""Writing files and reading them back, with errors that name them."""
 
 import contextlib
 from collections.abc import Iterator
@@ -7,14 +7,23 @@ from pathlib import Path
 from drake_pregrasp.errors import OutputError
 
 
+def writing(path: Path) -> contextlib.AbstractContextManager[None]:
+    """Turns the system's errors inside into an `OutputError`: what file can't be written."""
+    return _naming(path, "written")
+
+
+def reading_back(path: Path) -> contextlib.AbstractContextManager[None]:
+    """Turns the system's errors inside into an `OutputError`: what file can't be read."""
+    return _naming(path, "read back")
+
+
 @contextlib.contextmanager
-def writing(path: Path) -> Iterator[None]:
-    """Turns the system's errors inside into an `OutputError` that names the file."""
+def _naming(path: Path, what: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
         where, why = error.filename or path, error.strerror or error
-        raise OutputError(f"{where}: can't be written: {why}") from error
+        raise OutputError(f"{where}: can't be {what}: {why}") from error
 
 
 def write_text(path: Path, text: str) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.contact_status import ContactStatus, describe_status, is_active
+from drake_pregrasp.planning.kernels import numba_is_installed
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.force_closure_summary import force_closure_summary
 from drake_pregrasp.simulation.phases import (
@@ -104,7 +105,8 @@ def _measures(
 
 
 def _versions() -> dict[str, str]:
-    packages = ("drake", "numpy", "scipy", "trimesh")
+    # Kernels differ in last digits, so that a log is the same with the same kernel only.
+    packages = ("drake", "numpy", "scipy", "trimesh", *(["numba"] if numba_is_installed() else []))
     return {
         "drake_pregrasp": __version__,
         "python": platform.python_version(),

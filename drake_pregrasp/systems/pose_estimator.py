@@ -76,7 +76,8 @@ class PoseEstimator(LeafSystem):
             raise InvalidArgumentError(f"lookahead must be at least 0 s, not {lookahead}")
         self._period = period
         self._noise = noise
-        self._p_OCoM = np.zeros(3) if p_OCoM is None else np.array(p_OCoM)
+        self._p_OCoM = np.zeros(3) if p_OCoM is None else np.array(p_OCoM, dtype=float)
+        self._lever_arm = self._p_OCoM if np.any(self._p_OCoM) else None
         self._lookahead = lookahead
 
         self._state_index = self.DeclareDiscreteState(PoseBelief.empty().to_vector())
@@ -118,10 +119,10 @@ class PoseEstimator(LeafSystem):
             p_WCoM = X_WO @ self._p_OCoM
             R_WO: FloatArray = X_WO.rotation().matrix()
             if belief.is_empty or belief.time > time:  # The latter if the Context was set back.
-                belief = first_belief(time, p_WCoM, R_WO, self._noise, self._p_OCoM)
+                belief = first_belief(time, p_WCoM, R_WO, self._noise, self._lever_arm)
             else:
                 prior = predict(belief, time - belief.time, self._noise)
-                belief = update(prior, p_WCoM, R_WO, self._noise, self._p_OCoM)
+                belief = update(prior, p_WCoM, R_WO, self._noise, self._lever_arm)
         else:
             belief = predict(belief, max(0.0, time - belief.time), self._noise)
         output.set_value(belief)

@@ -1,86 +1,23 @@
 """Both kernels against Eq. 1 as printed, and against weights by decomposition."""
 
+import copy
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from kernel_cases import IMPLEMENTATIONS, SHAPES, Case, kernel_of, slow_weights
 from slow_safe_regions import breaks_eq_1
 
-from drake_pregrasp import ForbiddenPoints, InvalidArgumentError
-from drake_pregrasp.planning.contact_models import grasp_matrix
+from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.planning.contact_selection import gaussian_log_weights, weighted_centroid
-from drake_pregrasp.planning.kernels import KINDS, Weighting, make_kernel, numba_is_installed
-from drake_pregrasp.planning.kernels.blocks import BLOCK, make_blocks
+from drake_pregrasp.planning.kernels import KINDS, Weighting, make_kernel
+from drake_pregrasp.planning.kernels.blocks import make_blocks
+from drake_pregrasp.planning.kernels.sorting import BLOCK
 from drake_pregrasp.planning.safe_regions import NO_REGION, compute_safe_regions
 
 TIE = 1e-12  # Of the square of the object's size: closer sides of Eq. 1 may go either way.
 SAME = 1e-9  # Of the object's size.
-
-IMPLEMENTATIONS = [
-    "numpy",
-    "numpy tree",
-    pytest.param(
-        "numba",
-        marks=pytest.mark.skipif(
-            not numba_is_installed(), reason="numba is not installed (the extra [fast])"
-        ),
-    ),
-]
-
-
-def kernel_of(implementation, *arrays):
-    """Makes a kernel; "numpy tree" is what numpy does on large surfaces, on any."""
-    kernel = make_kernel(*arrays, implementation=implementation.split()[0])
-    if implementation == "numpy tree":
-        kernel.few, kernel.chunk = 0, 2 * BLOCK
-    return kernel
-
-
-class Case:
-    """Candidates scattered over a box's faces, contacts near them, forbidden points."""
-
-    def __init__(self, seed, n, m, *, size=0.1, N=700, lost=0, coincident=False):
-        rng = np.random.default_rng(seed)
-        self.size = size
-        self.p_OQ, self.nhat = on_box(rng, N, size)
-        self.areas = rng.uniform(0.5, 2, N)
-        self.p_OCoM = size * rng.uniform(-0.1, 0.1, 3)
-        self.p_OC = on_box(rng, n, size)[0]
-        if coincident:
-            self.p_OC[n // 2 :] = self.p_OC[0]
-        self.h = size**2 * rng.uniform(-0.05, 0.05, n)
-        self.h[rng.permutation(n)[:lost]] = -np.inf
-        self.forbidden = ForbiddenPoints(
-            on_box(rng, m, size)[0], size * np.abs(rng.normal(0, 0.03, m))
-        )
-
-    def kernel(self, implementation):
-        return kernel_of(implementation, self.p_OQ, self.nhat, self.areas, self.p_OCoM)
-
-    def partition(self, kernel):
-        return kernel.partition(self.p_OC, self.h, self.forbidden.points, self.forbidden.radii)
-
-    def covariance(self, spread):
-        A = np.random.default_rng(1).normal(size=(3, 3))
-        return spread**2 * (np.eye(3) + A @ A.T)
-
-
-def on_box(rng, count, size):
-    normals = np.eye(3)[rng.integers(0, 3, count)] * rng.choice([-1.0, 1.0], count)[:, None]
-    points = size * rng.uniform(-0.5, 0.5, (count, 3))
-    return np.where(normals != 0, size * normals / 2, points), normals
-
-
-def slow_weights(case, kind, contact, points, active):
-    """b_n up to a factor, by decomposing the hand's matrix at each point."""
-    weights = []
-    for q in points:
-        moved = case.p_OC.copy()
-        moved[contact] = q
-        G = grasp_matrix(moved[active] - case.p_OCoM, None, "complete")
-        sigma = np.linalg.svd(G, compute_uv=False)
-        weights.append({"msv": sigma[-1], "gii": sigma[-1] / sigma[0], "vew": np.prod(sigma)}[kind])
-    return np.array(weights)
 
 
 def slow_centroid(case, kind, stretch, covariance, contact, members, active):
@@ -177,11 +114,14 @@ def test_each_tied_candidate_has_one_region(implementation):
     seed=st.integers(0, 10**6),
     n=st.integers(1, 32),
     size=st.sampled_from([0.05, 0.1, 1.0, 3.0]),
+    shape=st.sampled_from(SHAPES),
     stretch=st.booleans(),
 )
-def test_centroids_are_those_of_decomposed_matrices(implementation, kind, seed, n, size, stretch):
+def test_centroids_are_those_of_decomposed_matrices(
+    implementation, kind, seed, n, size, shape, stretch
+):
     n = max(n, 3) if kind == "vew" else n  # With one contact the volume is the same everywhere.
-    case = Case(seed, n, 15, size=size, N=300, lost=seed % 2)
+    case = Case(seed, n, 15, size=size, N=300, lost=seed % 2, shape=shape)
     check_centroids(case, implementation, kind, stretch=stretch)
 
 
@@ -267,3 +207,45 @@ def test_blocks_hold_every_candidate_once_inside_their_boxes():
 def test_says_which_implementations_there_are():
     with pytest.raises(InvalidArgumentError, match="there are: numpy, numba"):
         make_kernel(np.zeros((1, 3)), np.eye(3)[:1], np.ones(1), np.zeros(3), implementation="cuda")
+
+
+@pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
+@pytest.mark.parametrize("kind", ["msv", "gii", "vew"])
+def test_of_weights_that_differ_by_rounding_only_areas_count(implementation, kind):
+    """One contact on a ball: all places are alike."""
+    rng = np.random.default_rng(0)
+    nhat = rng.normal(size=(500, 3))
+    nhat /= np.linalg.norm(nhat, axis=1)[:, None]
+    areas = rng.uniform(1, 2, 500)
+    kernel = kernel_of(implementation, 0.05 * nhat, nhat, areas, np.zeros(3))
+    p_OC = 0.05 * nhat[:1]
+    partition = kernel.partition(p_OC, np.zeros(1), np.empty((0, 3)), np.empty(0))
+    weighting = Weighting(kind, True, np.eye(3))
+    found = kernel.centroids(partition, p_OC, np.array([0]), weighting)
+    np.testing.assert_allclose(found[0], areas @ (0.05 * nhat) / np.sum(areas), atol=1e-12)
+
+
+@pytest.mark.parametrize("implementation", IMPLEMENTATIONS)
+def test_what_cannot_be_planned_is_refused_in_a_line(implementation):
+    case = Case(0, 3, 5)
+    kernel, other = case.kernel(implementation), case.kernel(implementation)
+    partition = case.partition(kernel)
+    weighting = Weighting("position", False, np.eye(3))
+    with pytest.raises(InvalidArgumentError, match="of another surface"):
+        other.centroids(partition, case.p_OC, np.array([0]), weighting)
+    case.h[1] = -np.inf
+    lost = case.partition(kernel)
+    with pytest.raises(InvalidArgumentError, match=r"regions of contacts \[1\] are empty"):
+        kernel.centroids(lost, case.p_OC, np.array([0, 1]), weighting)
+    case.p_OC[2, 1] = np.nan
+    with pytest.raises(InvalidArgumentError, match="contacts must be finite"):
+        case.partition(kernel)
+
+
+def test_a_copied_partition_is_still_of_its_kernel():
+    """Contexts of Drake copy what ports hold."""
+    case = Case(0, 3, 5)
+    kernel = case.kernel("numpy")
+    partition = copy.deepcopy(case.partition(kernel))
+    weighting = Weighting("position", False, np.eye(3))
+    assert kernel.centroids(partition, case.p_OC, np.arange(3), weighting).shape == (3, 3)

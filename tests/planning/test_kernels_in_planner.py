@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning import safe_regions
 from drake_pregrasp.planning.box_surface import box_surface
 from drake_pregrasp.planning.contact_selection import select_contacts
@@ -100,3 +101,23 @@ def test_each_tiny_region_of_a_fine_surface_has_a_reason(monkeypatch, sample):
         if sample > 1000:
             assert np.sum(regions.limits != without.limits) <= 1
     assert found > 10
+
+
+def test_points_that_are_not_finite_are_refused(surface):
+    _, regions = both(surface, scattered_contacts(surface, 2), np.zeros(5))
+    points = np.array([[0.0, 0, 0], [0, np.inf, 0]])
+    with pytest.raises(InvalidArgumentError, match=r"points must be finite, not \[ 0. inf  0.\]"):
+        surface.project(points)
+    with pytest.raises(InvalidArgumentError, match="points must be finite"):
+        surface.project_onto_regions(points, regions.partition, np.arange(2))
+    with pytest.raises(InvalidArgumentError, match="no candidates"):
+        surface.project_into(points[:1], [np.empty(0, dtype=int)])
+
+
+def test_systems_with_different_surfaces_say_so(surface):
+    other = box_surface([0.1, 0.1, 0.1], spacing=0.02)
+    p_OC = scattered_contacts(surface, 0)
+    _, regions = both(other, p_OC, np.zeros(5))
+    selection = SelectionInput(surface, p_OC, regions, np.eye(3))
+    with pytest.raises(InvalidArgumentError, match="of another surface"):
+        select_contacts(selection, make_strategy("position"))

@@ -23,7 +23,7 @@ IMPLEMENTATIONS = (
 def nearest(implementation, corners, points):
     if implementation == "numpy":
         return closest_points(corners, points)
-    from drake_pregrasp.planning.kernels.compiled_triangles import closest
+    from drake_pregrasp.planning.kernels.compiled.triangles import closest
 
     return np.array([closest(p, c) for p, c in zip(points, corners, strict=True)])
 

@@ -5,14 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
-
-BLOCK = 64
-"""Points in a block."""
+from drake_pregrasp.planning.kernels.sorting import BLOCK, sorted_places
 
 FAN = 8
 """Blocks, or nodes, below a node of the tree."""
-
-_MORTON_BITS = 16  # A coordinate: three of them fit into 48 bits, below those of the side.
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +26,7 @@ class Blocks:
             to the blocks, shape (K, 3).
         halves: Half the edge lengths of those boxes, shape (K, 3).
         starts: Place of each level's first node in them, and K, shape (L + 1,).
+        groups: First place of each flat face, or other group of candidates, and N, shape (F + 1,).
     """
 
     order: IntArray
@@ -38,6 +35,11 @@ class Blocks:
     centers: FloatArray
     halves: FloatArray
     starts: IntArray
+    groups: IntArray
+
+    def __deepcopy__(self, memo: dict[int, object]) -> "Blocks":
+        """Returns itself: nobody writes to it, and regions know it by its identity."""
+        return self
 
     @property
     def count(self) -> int:
@@ -51,14 +53,14 @@ class Blocks:
 
 
 def make_blocks(p_CoMQ: FloatArray, nhat: FloatArray, areas: FloatArray) -> Blocks:
-    """Sorts candidates by the side they are on, and along a Morton curve on each side.
+    """Sorts candidates by the face they are on, and compactly on each face.
 
     Args:
         p_CoMQ: Candidates relative to the centre of mass, shape (N, 3), N >= 1, in metres.
         nhat: Outward unit normals there, shape (N, 3).
         areas: Surface area each candidate stands for, shape (N,), in m².
     """
-    order = np.argsort(_side(nhat) << np.int64(3 * _MORTON_BITS) | _morton(p_CoMQ), kind="stable")
+    order, groups = sorted_places(p_CoMQ, nhat)
     count = -(-len(order) // BLOCK)
     padding = count * BLOCK - len(order)
     places = np.pad(order, (0, padding), mode="edge")
@@ -76,24 +78,5 @@ def make_blocks(p_CoMQ: FloatArray, nhat: FloatArray, areas: FloatArray) -> Bloc
         centers=(all_low + all_high) / 2,
         halves=(all_high - all_low) / 2,
         starts=np.cumsum([0, *(len(level) for level in low)]),
+        groups=groups,
     )
-
-
-def _side(nhat: FloatArray) -> IntArray:
-    """Returns which of six directions each normal is nearest to, shape (N,)."""
-    axis = np.argmax(np.abs(nhat), axis=1)
-    along = np.take_along_axis(nhat, axis[:, None], axis=1)[:, 0]
-    side: IntArray = (2 * axis + (along > 0)).astype(np.int64)
-    return side
-
-
-def _morton(points: FloatArray) -> IntArray:
-    """Returns the places of points on a Morton curve, shape (N,)."""
-    low = np.min(points, axis=0)
-    longest = max(float(np.max(np.ptp(points, axis=0))), np.finfo(float).tiny)
-    cells = ((points - low) / longest * (2**_MORTON_BITS - 1)).astype(np.int64)
-    code = np.zeros(len(points), dtype=np.int64)
-    for bit in range(_MORTON_BITS):
-        for axis in range(3):
-            code |= ((cells[:, axis] >> bit) & 1) << (3 * bit + axis)
-    return code

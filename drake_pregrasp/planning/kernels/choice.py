@@ -2,6 +2,8 @@
 
 import functools
 import importlib.util
+import logging
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,6 +13,9 @@ from drake_pregrasp.planning.kernels.ground import Ground
 from drake_pregrasp.planning.kernels.numpy_kernel import NumpyKernel
 from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
 from drake_pregrasp.planning.kernels.weighting import KINDS, Weighting
+
+if TYPE_CHECKING:
+    from drake_pregrasp.planning.kernels.numba_kernel import NumbaKernel
 
 IMPLEMENTATIONS = ("numpy", "numba")
 """Names of the kernels."""
@@ -66,6 +71,8 @@ def warm_up() -> None:
         return
     p_OQ = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
     kernel = _compiled(p_OQ, p_OQ, np.ones(2), np.zeros(3))
+    if not kernel.is_compiled():
+        logging.getLogger(__name__).warning("compiling the planner's kernels: some 20 s, once")
     partition = kernel.partition(p_OQ, np.zeros(2), np.zeros((1, 3)), np.zeros(1))
     for kind in KINDS:
         weighting = Weighting(kind, True, np.eye(3))
@@ -78,7 +85,7 @@ def warm_up() -> None:
 
 def _compiled(
     p_OQ: FloatArray, nhat_OQ: FloatArray, areas: FloatArray, p_OCoM: FloatArray
-) -> TickKernel:
+) -> "NumbaKernel":
     # Imported here, because numba takes a third of a second, and may not be there.
     from drake_pregrasp.planning.kernels.numba_kernel import NumbaKernel
 

@@ -3,11 +3,12 @@
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
-from drake_pregrasp.planning.kernels.blocks import BLOCK, Blocks
+from drake_pregrasp.planning.kernels.blocks import Blocks
 from drake_pregrasp.planning.kernels.hand_measures import extremes, volumes
 from drake_pregrasp.planning.kernels.partition import MIXED, NOBODY, Partition
 from drake_pregrasp.planning.kernels.region_planes import forbidden_planes
-from drake_pregrasp.planning.kernels.weighting import HandSums, Weighting, volume_numbers
+from drake_pregrasp.planning.kernels.sorting import BLOCK
+from drake_pregrasp.planning.kernels.weighting import FLAT, HandSums, Weighting, volume_numbers
 
 
 def partition_of_few(
@@ -54,7 +55,7 @@ def partition_of_few(
 
 
 def centroids_of_few(
-    partition: Partition, movers: IntArray, weighting: Weighting, sums: HandSums, steps: int
+    partition: Partition, movers: IntArray, weighting: Weighting, sums: HandSums
 ) -> FloatArray:
     """Returns what `TickKernel.centroids` does, relative to the centre of mass.
 
@@ -63,7 +64,6 @@ def centroids_of_few(
         movers: Contacts.
         weighting: Of the candidates.
         sums: Of the hand.
-        steps: Newton steps for the extreme singular values.
     """
     labels = partition.labels.ravel()
     by_contact = np.argsort(labels, kind="stable")
@@ -80,13 +80,16 @@ def centroids_of_few(
         exponents = -0.5 * np.einsum("ik,ik->k", white, white)
         b = np.exp(exponents - np.maximum.reduceat(exponents, starts).repeat(counts))
     else:
-        b = _hand_measure(weighting.kind, q, movers, starts, counts, sums, steps)
-        if weighting.stretch:
-            b -= np.minimum.reduceat(b, starts).repeat(counts)
+        b = _hand_measure(weighting.kind, q, movers, starts, counts, sums)
+    rounding = np.zeros(len(starts))
+    if weighting.stretch and weighting.is_of_the_hand:
+        least = np.minimum.reduceat(b, starts)
+        b -= least.repeat(counts)
+        rounding = FLAT * least * np.add.reduceat(areas, starts)
     b *= areas
     totals = np.add.reduceat(b, starts)
-    if np.any(totals <= 0):
-        b = np.where((totals > 0).repeat(counts), b, areas)
+    if np.any(totals <= rounding):
+        b = np.where((totals > rounding).repeat(counts), b, areas)
         totals = np.add.reduceat(b, starts)
     centroids: FloatArray = (np.add.reduceat(q * b, starts, axis=1) / totals).T
     return centroids
@@ -99,14 +102,11 @@ def _hand_measure(
     starts: IntArray,
     counts: IntArray,
     sums: HandSums,
-    steps: int,
 ) -> FloatArray:
     """Returns b of Eq. 5, 6 or 7 at the points of the contacts' regions, one after another."""
     if kind == "vew":
         pieces = zip(volume_numbers(sums)[movers], np.split(q, starts[1:], axis=1), strict=True)
         return np.concatenate([volumes(numbers, sums.n, points) for numbers, points in pieces])
     t, B = sums.t[movers].T.repeat(counts, axis=1), np.moveaxis(sums.B[movers], 0, -1)
-    sigma_min, sigma_max = extremes(
-        t, B.repeat(counts, axis=-1), sums.n, q, steps, largest=kind == "gii"
-    )
+    sigma_min, sigma_max = extremes(t, B.repeat(counts, axis=-1), sums.n, q, largest=kind == "gii")
     return sigma_min / sigma_max

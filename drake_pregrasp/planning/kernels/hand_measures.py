@@ -4,21 +4,10 @@ import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.extreme_singular_values import (
-    STEPS,
     largest_eigenvalues,
     largest_x,
     largest_y,
 )
-
-SHORT_ARM = 0.2
-"""Lever arms up to this many metres need `SHORT_ARM_STEPS` Newton steps only."""
-
-SHORT_ARM_STEPS = 3
-
-
-def newton_steps(longest_arm: float) -> int:
-    """Returns the Newton steps that lever arms up to that length, in metres, need."""
-    return SHORT_ARM_STEPS if longest_arm <= SHORT_ARM else STEPS
 
 
 def volumes(numbers: FloatArray, n: int, q: FloatArray) -> FloatArray:
@@ -40,7 +29,7 @@ def volumes(numbers: FloatArray, n: int, q: FloatArray) -> FloatArray:
 
 
 def extremes(
-    t: FloatArray, B: FloatArray, n: int, q: FloatArray, steps: int, *, largest: bool
+    t: FloatArray, B: FloatArray, n: int, q: FloatArray, *, largest: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Returns the extreme singular values of the hand at points, shape (k,) each.
 
@@ -49,7 +38,6 @@ def extremes(
         B: Their sum of |r|² I - r rᵀ, shape (3, 3, 1) or (3, 3, k).
         n: Number of active contacts.
         q: The points relative to the centre of mass, shape (3, k), in metres.
-        steps: Newton steps.
         largest: Whether the largest are asked for too; if not, ones stand in their place.
     """
     total = t + q
@@ -71,10 +59,10 @@ def extremes(
     P11 = np.einsum("ik,ik->k", e_1, Be_1) + square - q_1**2
     P12 = np.einsum("ik,ik->k", e_2, Be_1) - q_2 * q_1
     P = np.stack([P11, P12, np.trace(B) + 2 * square - b11 - P11])
-    sigma_min = np.sqrt(n - largest_x(tau, b11, b, P, steps))
+    sigma_min = np.sqrt(n - largest_x(tau, b11, b, P))
     if not largest:
         return sigma_min, np.ones(len(tau))
-    y, certain = largest_y(tau, b11, b, P, steps)
+    y, certain = largest_y(tau, b11, b, P)
     sigma_max = np.sqrt(n + y)
     rest = np.flatnonzero(~certain)
     if len(rest):

@@ -1,24 +1,55 @@
 """The kernel in code that numba compiles, once: the extra `[fast]`."""
 
 from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
-from drake_pregrasp.planning.kernels.blocks import BLOCK
-from drake_pregrasp.planning.kernels.compiled_centroids import sum_up
-from drake_pregrasp.planning.kernels.compiled_partition import divide
-from drake_pregrasp.planning.kernels.compiled_projection import project
-from drake_pregrasp.planning.kernels.compiled_triangles import nearest_on_triangles
+from drake_pregrasp.planning.kernels.compiled.centroids import centroids_of
+from drake_pregrasp.planning.kernels.compiled.partition import divide
+from drake_pregrasp.planning.kernels.compiled.point_weights import weights_of
+from drake_pregrasp.planning.kernels.compiled.projection import project
+from drake_pregrasp.planning.kernels.compiled.triangles import nearest_on_triangles
 from drake_pregrasp.planning.kernels.ground import Ground
 from drake_pregrasp.planning.kernels.numpy_kernel import SLACK
-from drake_pregrasp.planning.kernels.partition import NOBODY, Partition
+from drake_pregrasp.planning.kernels.partition import Partition
+from drake_pregrasp.planning.kernels.search_tree import make_search_tree
+from drake_pregrasp.planning.kernels.sorting import BLOCK
+from drake_pregrasp.planning.kernels.stand_ins import make_stand_ins
 from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
-from drake_pregrasp.planning.kernels.weighting import KINDS, HandSums, Weighting, volume_numbers
+from drake_pregrasp.planning.kernels.weighting import KINDS, Weighting
+
+
+def plain(array: FloatArray) -> FloatArray:
+    """Returns a copy of the one kind that functions are compiled for.
+
+    To numba, arrays of another order, or that may not be written to, are of another type, and a
+    tick that met the first of them would wait seconds for the compiler.
+    """
+    return np.array(array, dtype=float, order="C")
 
 
 class NumbaKernel(TickKernel):
     """Searches the tree depth first, and sums up weights block by block without storing them."""
+
+    def __init__(
+        self, p_OQ: FloatArray, nhat_OQ: FloatArray, areas: FloatArray, p_OCoM: FloatArray
+    ) -> None:
+        super().__init__(p_OQ, nhat_OQ, areas, p_OCoM)
+        self._tree = make_search_tree(self.blocks)
+        s = make_stand_ins(self.blocks, self._tree)
+        self._stand_ins = s.firsts, s.ends, s.skips, s.grids
+        places = np.vstack([self.blocks.points, self.blocks.areas])
+        self._packs = np.ascontiguousarray(places.reshape(4, -1, BLOCK).swapaxes(0, 1))
+
+    @staticmethod
+    def is_compiled() -> bool:
+        """Returns whether compiled code is there already, on disk or in this process."""
+        folder = divide.stats.cache_path
+        kept = folder is not None and any(Path(folder).glob(f"*.{divide.__name__}-*.nbi"))
+        return kept or bool(divide.signatures)
 
     def nearest_on_triangles(
         self, points: FloatArray, triangles: Sequence[IntArray], corners: FloatArray
@@ -26,30 +57,34 @@ class NumbaKernel(TickKernel):
         """As of `TickKernel`."""
         ends = np.cumsum([len(own) for own in triangles])
         nearest: FloatArray
-        nearest, which = nearest_on_triangles(points, ends, np.concatenate(triangles), corners)
+        nearest, which = nearest_on_triangles(
+            plain(points), ends, np.concatenate(triangles), corners
+        )
         return nearest, which
 
-    def project(self, points: FloatArray, ground: Ground) -> tuple[FloatArray, IntArray]:
-        """As of `TickKernel`."""
+    @cached_property
+    def _everything(self) -> Partition:
+        """The partition in which the first contact has all there is."""
         count = self.blocks.count
-        everything = Partition(
+        return Partition(
             owners=np.zeros(count, dtype=np.int64),
             labels=np.empty((count, BLOCK), dtype=np.int16),
             sizes=np.array([self.blocks.num_candidates]),
             blocks=self.blocks,
         )
-        owner = np.zeros(len(points), dtype=np.int64)
-        return self.project_onto_regions(points, everything, owner, ground)
 
-    def project_onto_regions(
+    def _project(self, points: FloatArray, ground: Ground) -> tuple[FloatArray, IntArray]:
+        first = np.zeros(len(points), dtype=np.int64)
+        return self._project_onto_regions(points, self._everything, first, ground)
+
+    def _project_onto_regions(
         self, points: FloatArray, partition: Partition, contacts: IntArray, ground: Ground
     ) -> tuple[FloatArray, IntArray]:
-        """As of `TickKernel`."""
         blocks = self.blocks
         nearest: FloatArray
         nearest, which = project(
-            points,
-            contacts,
+            plain(points),
+            np.array(contacts, dtype=np.int64),
             self._p_OCoM,
             blocks.order,
             blocks.points,
@@ -68,21 +103,24 @@ class NumbaKernel(TickKernel):
     def _partition(
         self, r: FloatArray, h: FloatArray, z: FloatArray, radii: FloatArray
     ) -> Partition:
-        blocks = self.blocks
-        owners = np.full(blocks.count, NOBODY, dtype=np.int64)
+        blocks, tree = self.blocks, self._tree
+        owners = np.empty(blocks.count, dtype=np.int64)
         labels = np.empty((blocks.count, BLOCK), dtype=np.int16)
         sizes = divide(
-            r,
-            h,
-            z,
-            radii,
+            plain(r),
+            plain(h),
+            plain(z),
+            plain(radii),
             self._longest_arm,
             SLACK,
             blocks.points,
-            blocks.centers,
-            blocks.halves,
-            blocks.starts,
-            blocks.num_candidates - (blocks.count - 1) * BLOCK,
+            tree.starts,
+            tree.ends,
+            tree.skips,
+            tree.depths,
+            tree.centers,
+            tree.halves,
+            tree.shared,
             owners,
             labels,
         )
@@ -91,26 +129,34 @@ class NumbaKernel(TickKernel):
     def _centroids(
         self, partition: Partition, r: FloatArray, movers: IntArray, weighting: Weighting
     ) -> FloatArray:
-        blocks = self.blocks
-        sums = HandSums.none(len(r))
-        if weighting.is_of_the_hand:
-            sums = HandSums.over(r, partition.sizes > 0)
-        numbers = volume_numbers(sums) if weighting.kind == "vew" else np.empty((len(r), 0))
-        moves = np.zeros(len(r), dtype=bool)
-        moves[movers] = True
-        centroids: FloatArray = sum_up(
+        centroids: FloatArray = centroids_of(
             KINDS.index(weighting.kind),
             weighting.stretch,
-            moves,
-            weighting.whitener(),
-            numbers,
-            sums.t,
-            sums.B,
-            sums.n,
-            self._newton_steps(r),
-            blocks.points,
-            blocks.areas,
+            np.array(movers, dtype=np.int64),
+            plain(r),
+            partition.sizes,
+            plain(weighting.covariance),
+            self._packs,
             partition.owners,
             partition.labels,
+            self._stand_ins,
         )
-        return centroids[movers]
+        return centroids
+
+    def _weights(
+        self,
+        partition: Partition,
+        r: FloatArray,
+        contact: int,
+        weighting: Weighting,
+        q: FloatArray,
+    ) -> FloatArray:
+        weights: FloatArray = weights_of(
+            KINDS.index(weighting.kind),
+            plain(r),
+            partition.sizes,
+            plain(weighting.covariance),
+            contact,
+            q,
+        )
+        return weights

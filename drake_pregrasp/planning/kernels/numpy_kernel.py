@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable
 import numpy as np
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.planning.kernels.blocks import BLOCK, FAN
+from drake_pregrasp.planning.kernels.blocks import FAN
 from drake_pregrasp.planning.kernels.few_candidates import (
     centroids_of_few,
     partition_of_few,
@@ -13,8 +13,9 @@ from drake_pregrasp.planning.kernels.few_candidates import (
 from drake_pregrasp.planning.kernels.hand_measures import extremes, volumes
 from drake_pregrasp.planning.kernels.partition import MIXED, NOBODY, Partition
 from drake_pregrasp.planning.kernels.region_planes import region_planes
+from drake_pregrasp.planning.kernels.sorting import BLOCK
 from drake_pregrasp.planning.kernels.tick_kernel import TickKernel
-from drake_pregrasp.planning.kernels.weighting import HandSums, Weighting, volume_numbers
+from drake_pregrasp.planning.kernels.weighting import FLAT, HandSums, Weighting, volume_numbers
 
 SLACK = 1e-13
 """Share of its terms by which a plane must clear a box to decide it: rounding is far below it."""
@@ -122,9 +123,8 @@ class NumpyKernel(TickKernel):
         sums = HandSums.none(len(r))
         if weighting.is_of_the_hand:
             sums = HandSums.over(r, partition.sizes > 0)
-        steps = self._newton_steps(r)
         if self.blocks.num_candidates <= self.few:
-            return centroids_of_few(partition, movers, weighting, sums, steps)
+            return centroids_of_few(partition, movers, weighting, sums)
         numbers = volume_numbers(sums) if weighting.kind == "vew" else np.empty((len(r), 0))
         mixed = np.flatnonzero(partition.owners == MIXED)
         mixed_labels = partition.labels[mixed].ravel()
@@ -139,11 +139,26 @@ class NumpyKernel(TickKernel):
                 centroids[row] = _gaussian_centroid(pieces, whitener)
                 continue
             t, B = sums.t[contact, :, None], sums.B[contact, :, :, None]
-            weigh = _measure(weighting.kind, numbers[contact], t, B, sums.n, steps)
+            weigh = _measure(weighting.kind, numbers[contact], t, B, sums.n)
             pieces = self._pieces(whole, some)
             weighed = ((q, areas, weigh(q)) for q, areas in pieces)
             centroids[row] = _measure_centroid(weighed, stretch=weighting.stretch)
         return centroids
+
+    def _weights(
+        self,
+        partition: Partition,
+        r: FloatArray,
+        contact: int,
+        weighting: Weighting,
+        q: FloatArray,
+    ) -> FloatArray:
+        if not weighting.is_of_the_hand:
+            return np.exp(_gaussian_exponents(weighting.whitener(), q))
+        sums = HandSums.over(r, partition.sizes > 0)
+        numbers = volume_numbers(sums)[contact]
+        t, B = sums.t[contact, :, None], sums.B[contact, :, :, None]
+        return _measure(weighting.kind, numbers, t, B, sums.n)(q)
 
     def _pieces(self, whole: IntArray, some: IntArray) -> list[tuple[FloatArray, FloatArray]]:
         """Returns points (3, k) and areas (k,) of whole blocks and of places, in chunks."""
@@ -163,16 +178,20 @@ class NumpyKernel(TickKernel):
         return pieces
 
 
-def _measure(
-    kind: str, numbers: FloatArray, t: FloatArray, B: FloatArray, n: int, steps: int
-) -> Weigh:
+def _measure(kind: str, numbers: FloatArray, t: FloatArray, B: FloatArray, n: int) -> Weigh:
     def weigh(q: FloatArray) -> FloatArray:
         if kind == "vew":
             return volumes(numbers, n, q)
-        sigma_min, sigma_max = extremes(t, B, n, q, steps, largest=kind == "gii")
+        sigma_min, sigma_max = extremes(t, B, n, q, largest=kind == "gii")
         return sigma_min / sigma_max
 
     return weigh
+
+
+def _gaussian_exponents(whitener: FloatArray, q: FloatArray) -> FloatArray:
+    white = whitener @ q
+    exponents: FloatArray = -0.5 * np.einsum("ik,ik->k", white, white)
+    return exponents
 
 
 def _gaussian_centroid(
@@ -180,8 +199,7 @@ def _gaussian_centroid(
 ) -> FloatArray:
     highest, total, moment = -np.inf, 0.0, np.zeros(3)
     for q, areas in pieces:
-        white = whitener @ q
-        exponents = -0.5 * np.einsum("ik,ik->k", white, white)
+        exponents = _gaussian_exponents(whitener, q)
         top = float(np.max(exponents))
         if top > highest:
             shrink = np.exp(highest - top)
@@ -208,6 +226,7 @@ def _measure_centroid(
         total += float(np.sum(weights))
         moment += q @ weights
     back = reference - (least if stretch else 0.0)
+    rounding = FLAT * (total + reference * area) if stretch else 0.0
     total, moment = total + back * area, moment + back * first_moment
-    centroid: FloatArray = moment / total if total > 0 else first_moment / area
+    centroid: FloatArray = moment / total if total > rounding else first_moment / area
     return centroid

@@ -6,7 +6,8 @@ import numpy as np
 import numpy.typing as npt
 
 from drake_pregrasp.planning.arrays import IntArray
-from drake_pregrasp.planning.kernels.blocks import BLOCK, Blocks
+from drake_pregrasp.planning.kernels.blocks import Blocks
+from drake_pregrasp.planning.kernels.sorting import BLOCK
 
 NOBODY = -1
 """Owner of what lies in no region."""

@@ -9,6 +9,9 @@ from drake_pregrasp.planning.arrays import BoolArray, FloatArray
 KINDS = ("position", "msv", "gii", "vew")
 """Weights that kernels know: the Gaussian of Eq. 3, and the hand's measures of Eq. 5-7."""
 
+FLAT = 1e-13
+"""Share of their mean up to which what is left of weights by a stretch is rounding: areas count."""
+
 
 @dataclass(frozen=True, eq=False)
 class Weighting:

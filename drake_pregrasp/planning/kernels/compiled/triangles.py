@@ -1,12 +1,12 @@
 """Nearest points on triangles for numba."""
 
-import numba
 import numpy as np
 
+from drake_pregrasp.planning.kernels.compiled.compiling import compiled
 from drake_pregrasp.planning.kernels.triangles import FLAT
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def nearest_on_triangles(points, ends, which, corners):  # type: ignore[no-untyped-def]
     """Returns what `triangles.nearest_on_triangles` does.
 
@@ -34,9 +34,13 @@ def nearest_on_triangles(points, ends, which, corners):  # type: ignore[no-untyp
     return nearest, chosen
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def closest(p, corners):  # type: ignore[no-untyped-def]
-    """Returns a triangle's point nearest to p, as `triangles.closest_points` does."""
+    """Returns a triangle's point nearest to p.
+
+    By the region of the triangle's plane that p is over: at a corner, along an edge, or inside
+    (Ericson, "Real-Time Collision Detection", 2004, sec. 5.1.5).
+    """
     ax, ay, az = corners[0, 0], corners[0, 1], corners[0, 2]
     bx, by, bz = corners[1, 0] - ax, corners[1, 1] - ay, corners[1, 2] - az
     cx, cy, cz = corners[2, 0] - ax, corners[2, 1] - ay, corners[2, 2] - az
@@ -75,7 +79,7 @@ def closest(p, corners):  # type: ignore[no-untyped-def]
     return ax + v * bx + w * cx, ay + v * by + w * cy, az + v * bz + w * cz
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _closest_on_edges(p, corners):  # type: ignore[no-untyped-def]
     least = np.inf
     x, y, z = corners[0, 0], corners[0, 1], corners[0, 2]

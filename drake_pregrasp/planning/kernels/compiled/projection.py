@@ -1,14 +1,15 @@
 """The projection onto regions for numba: nearest boxes first."""
 
-import numba
 import numpy as np
 
-from drake_pregrasp.planning.kernels.blocks import BLOCK, FAN
-from drake_pregrasp.planning.kernels.compiled_triangles import closest
+from drake_pregrasp.planning.kernels.blocks import FAN
+from drake_pregrasp.planning.kernels.compiled.compiling import compiled
+from drake_pregrasp.planning.kernels.compiled.triangles import closest
 from drake_pregrasp.planning.kernels.partition import MIXED
+from drake_pregrasp.planning.kernels.sorting import BLOCK
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def project(  # type: ignore[no-untyped-def]
     points,
     contacts,
@@ -106,12 +107,12 @@ def project(  # type: ignore[no-untyped-def]
     return nearest, chosen
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _distance(p, q):  # type: ignore[no-untyped-def]
     return np.sqrt((p[0] - q[0]) ** 2 + (p[1] - q[1]) ** 2 + (p[2] - q[2]) ** 2)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled()
 def _push(  # type: ignore[no-untyped-def]
     depth, first, last, x, y, z, top, centers, halves, stack, least_of
 ):

@@ -1,0 +1,1 @@
+"""What the numba kernel calls: functions that are compiled once, and kept."""

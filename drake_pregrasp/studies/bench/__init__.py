@@ -1,0 +1,1 @@
+"""The benchmark: ticks, what else one could do, whole simulations, memory, and starting up."""
