@@ -53,7 +53,8 @@ class GraspConfig:
     # Seconds between control ticks.
     period: float = field(default=0.02, metadata={"at_least": 1e-3, "at_most": 0.1})
 
-    # Coulomb's coefficient between fingertips and object.
+    # Coulomb's coefficient of the box, for the hand. Drake takes 2 µ1 µ2/(µ1 + µ2) of box and
+    # fingertips, which have 0.7: that value, too, if both have it.
     friction: float = field(default=0.7, metadata={"at_least": 0, "at_most": 10})
 
     # The one that the squeeze is planned with. What it is less than the true one is its margin.

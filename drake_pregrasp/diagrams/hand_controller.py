@@ -113,7 +113,7 @@ class HandController(Diagram):
                 object_solid=object_solid,
                 object_top=object_top,
                 fixed=fixed,
-                p_OT=(X_WG.inverse() @ hand.tips_at(self.initial).T).T,
+                p_GT=(X_WG.inverse() @ hand.tips_at(self.initial).T).T,
                 period=config.period,
                 target_period=target_period,
                 lead=config.period + plant_time_step,
@@ -199,7 +199,7 @@ class HandController(Diagram):
 def _differential_ik(hand: HandModel, period: float) -> DifferentialInverseKinematicsSystem:
     """Returns Drake's system for fingertip positions.
 
-    It has no constraints, so that Drake solves it by elimination; `JointReference` keeps limits.
+    It has no constraints; `JointReference` keeps limits.
     """
     masks = dict.fromkeys(hand.kinematics.tip_frames, _POSITION_ONLY)
     tracking = DifferentialInverseKinematicsSystem.LeastSquaresCost.Config()

@@ -31,6 +31,8 @@ def add_hand_model(plant: MultibodyPlant, config: HandModelConfig) -> ModelInsta
     parser = Parser(plant)
     parser.package_map().AddPackageXml(str(resource_folder("models") / "package.xml"))
     parser.SetAutoRenaming(True)
+    if not config.file:
+        raise InvalidArgumentError("a hand's file is empty; it must name an SDF or URDF")
     path = resolve_path(config.file, Path.cwd())
     if not path.is_file():
         raise InvalidArgumentError(f"{path}: there is no such file")

@@ -20,6 +20,9 @@ from drake_pregrasp.planning.grasp_state import (
 from drake_pregrasp.planning.ramp import Ramp
 from drake_pregrasp.planning.squeeze import Squeeze
 
+CRUSHING = 1.3
+"""Times the largest planned force from which on a hand lets go: torques tell forces roughly."""
+
 
 def gate_is_open(asked: float, view: GraspView, settings: GraspSettings) -> bool:
     """Returns whether the hand may close: no active finger is on its way, or it waited enough."""
@@ -59,7 +62,7 @@ def _fault(
     if not view.close:
         return GiveUp.TOLD_TO_OPEN, 0.0
     hardest = int(np.argmax(view.presses))
-    if view.presses[hardest] > settings.largest_force:
+    if view.presses[hardest] > CRUSHING * settings.largest_force:
         return GiveUp.PRESSED_TOO_HARD, hardest
     if state.phase >= GraspPhase.LIFT:
         lost = np.flatnonzero(state.active & (view.presses < settings.touch_force / 2))

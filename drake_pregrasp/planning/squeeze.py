@@ -94,7 +94,10 @@ def squeeze_forces(
     )
     b = [-_BALANCE * w, np.full(n, _BOUNDS * least_normal), np.full(n, _BOUNDS * largest_normal)]
     target = np.concatenate([*b, np.zeros(len(sizes))])
-    solution, _ = nnls(A, target, maxiter=_PASSES * A.shape[1])
+    try:
+        solution, _ = nnls(A, target, maxiter=_PASSES * A.shape[1])
+    except RuntimeError:  # It came to no end: there is no squeeze to rely on.
+        return Squeeze(np.zeros((n, 3)), float(np.linalg.norm(w)))
     a = solution[: n * edges]
     local = (E @ a.reshape(n, edges).T).T
     forces: FloatArray = np.einsum("nij,nj->ni", contact_axes(nhat), local)

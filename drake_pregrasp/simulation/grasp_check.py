@@ -35,6 +35,12 @@ def check_grasp(source: str, scenario: Scenario, surface: ObjectSurface) -> None
             "plant_config.time_step",
             f"{scenario.plant_config.time_step} must be at most {grasp.period}, the hand's period",
         )
+    if scenario.plant_config.discrete_contact_approximation == "tamsi":
+        raise ScenarioError(
+            source,
+            "plant_config.discrete_contact_approximation",
+            "tamsi has no drives for a hand's joints; choose sap, similar or lagged",
+        )
     if scenario.planner.estimator.lookahead:
         raise ScenarioError(
             source,

@@ -93,7 +93,7 @@ class FingertipGoalShaper(LeafSystem):
         object_solid: The object in O, convex.
         object_top: How high it reaches over O, in metres.
         fixed: Solids in W to keep out of, as the table.
-        p_OT: Where the tips' centres are at the start, in G, shape (n, 3), in metres.
+        p_GT: Where the tips' centres are at the start, in G, shape (n, 3), in metres.
         period: Seconds between ticks, greater than zero.
         target_period: Seconds between looks at `fingertip_targets`: that of the planner, between
             whose ticks they don't change in O.
@@ -113,7 +113,7 @@ class FingertipGoalShaper(LeafSystem):
         object_solid: Solid,
         object_top: float,
         fixed: Sequence[Solid],
-        p_OT: FloatArray,
+        p_GT: FloatArray,
         period: float,
         target_period: float,
         lead: float = 0.0,
@@ -122,8 +122,8 @@ class FingertipGoalShaper(LeafSystem):
     ) -> None:
         super().__init__()
         n = len(tip_frames)
-        if np.shape(p_OT) != (n, 3):
-            raise InvalidArgumentError(f"p_OT must have shape ({n}, 3), not {np.shape(p_OT)}")
+        if np.shape(p_GT) != (n, 3):
+            raise InvalidArgumentError(f"p_GT must have shape ({n}, 3), not {np.shape(p_GT)}")
         for name, value in (
             ("period", period),
             ("target_period", target_period),
@@ -136,15 +136,15 @@ class FingertipGoalShaper(LeafSystem):
         self._radius = tip_radius
         self._object = object_solid
         self._withdrawn_height = object_top + tip_radius + _WITHDRAWN_CLEARANCE
-        self._withdrawn_radius = float(np.mean(np.linalg.norm(np.asarray(p_OT)[:, :2], axis=1)))
+        self._withdrawn_radius = float(np.mean(np.linalg.norm(np.asarray(p_GT)[:, :2], axis=1)))
         self._fixed = tuple(fixed)
         self._lead, self._step, self._standoff = lead, speed * period, standoff
 
-        self._tips = self.DeclareDiscreteState(np.array(p_OT, dtype=float).ravel())
+        self._tips = self.DeclareDiscreteState(np.array(p_GT, dtype=float).ravel())
         # Before the first tick there is no contact: tips stay, and nothing is held.
-        outward = np.asarray(p_OT) * [1.0, 1.0, 0.0]
+        outward = np.asarray(p_GT) * [1.0, 1.0, 0.0]
         normals = outward / np.linalg.norm(outward, axis=1, keepdims=True)
-        contacts = np.asarray(p_OT) - (tip_radius + standoff) * normals
+        contacts = np.asarray(p_GT) - (tip_radius + standoff) * normals
         frames = np.concatenate([contacts, normals]).ravel()
         self._asked = self.DeclareDiscreteState(frames)
         self._contacts = self.DeclareDiscreteState(frames)

@@ -174,11 +174,10 @@ class GraspSequencer(LeafSystem):
             R, p, w, v = X.rotation(), X.translation(), V.rotational(), V.translational()
         else:
             first = Coasting.from_vector(context.get_discrete_state(self._gripped).value())
-            now = first.after(
-                time - state.gripped,
-                coast=self._settings.squeeze_duration,
-                stop=self._settings.stop_duration,
-            )
+            coast = self._settings.squeeze_duration
+            if state.phase == GraspPhase.BACK_OFF and state.since <= state.gripped + coast:
+                coast = np.inf  # What was not lifted goes on with its table: so do the fingers.
+            now = first.after(time - state.gripped, coast=coast, stop=self._settings.stop_duration)
             R, p, w, v = RotationMatrix(now.R_WG), now.p_WG, now.w_WG, now.v_WG
         up = np.array([0.0, 0.0, 1.0])
         X_WG = RigidTransform(R, p + state.height.value(time) * up)
@@ -254,8 +253,3 @@ class GraspSequencer(LeafSystem):
     def _calc_report(self, context: Context, output: BasicVector) -> None:
         state: GraspState = self._remembered.Eval(context)
         output.SetFromVector([state.phase, state.since, state.reason, state.detail])
-
-
-def phase_name(phase: float) -> str:
-    """Returns a phase of `grasp_report` in words."""
-    return GraspPhase(int(phase)).name.lower().replace("_", " ")

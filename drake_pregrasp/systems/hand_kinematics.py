@@ -102,8 +102,15 @@ def _find_frame(plant: MultibodyPlant, scoped_name: str) -> Frame:
 
 def _stiffness(plant: MultibodyPlant) -> FloatArray:
     stiffness = np.zeros(plant.num_positions())
+    last = -1
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_joint_actuator(index)
+        position = actuator.joint().position_start()
+        if position <= last:  # Ports of drives are in their own order, positions in the joints'.
+            raise InvalidArgumentError(
+                f"actuator {actuator.name()} must come in the order of the joints, one for each"
+            )
+        last = position
         if actuator.has_controller():
             stiffness[actuator.joint().position_start()] = actuator.get_controller_gains().p
     for index in plant.GetJointIndices():

@@ -11,7 +11,7 @@ from pydrake.systems.framework import (
 )
 
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.arrays import BoolArray, FloatArray
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
 
 LARGEST_RATE = 10.0
@@ -90,6 +90,14 @@ class JointReference(LeafSystem):
         reference: FloatArray = np.clip(q + elapsed * v, self._hand.lower, self._hand.upper)
         return reference
 
+    def _is_at_limit(self, context: Context) -> BoolArray:
+        """Returns which joints are where they can't go on, shape (nq,)."""
+        q = self._reference(context)
+        v: FloatArray = context.get_discrete_state(self._v).value()
+        above, below = q >= self._hand.upper, q <= self._hand.lower
+        at_limit: BoolArray = (above & (v > 0)) | (below & (v < 0))
+        return at_limit
+
     def _sample(self, context: Context, discrete_state: DiscreteValues) -> None:
         v: FloatArray = self._commanded.Eval(context)
         discrete_state.set_value(self._start, [context.get_time()])
@@ -110,4 +118,5 @@ class JointReference(LeafSystem):
                 jacobians = self._hand.tip_jacobians(self._posed.Eval(context))
                 q = q + np.einsum("nij,ni->j", jacobians, f_T_W) / self._hand.stiffness
         v = context.get_discrete_state(self._v).value()
+        v = np.where(self._is_at_limit(context), 0.0, v)
         output.SetFromVector(np.concatenate([q, v]))

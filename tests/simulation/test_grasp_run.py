@@ -38,9 +38,7 @@ def noisy_run(tmp_path_factory):
 
 @pytest.mark.parametrize(("text", "largest_error"), [(SLOW, 0.05), (FAST, 0.1)])
 def test_fingertips_follow_and_take_the_object(text, largest_error, tmp_path):
-    summary = grasp_run(tmp_path, text).summary
-    check_grasp(summary["grasp"], largest_error)
-    assert summary["real_time_factor"] > 1
+    check_grasp(grasp_run(tmp_path, text).summary["grasp"], largest_error)
 
 
 def test_they_do_so_by_noisy_poses(noisy_run):

@@ -5,6 +5,8 @@ import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BusValue
 
@@ -92,6 +94,8 @@ def test_a_reference_stays_within_limits_and_rates():
     simulator.AdvanceTo(1.0)
     q = reference.GetOutputPort("position").Eval(context)
     assert q[5] == HAND.kinematics.upper[5]
+    desired = reference.GetOutputPort("desired_state").Eval(context)
+    assert desired[19 + 5] == 0
 
 
 def test_a_reference_presses_by_its_stiffness():
@@ -154,7 +158,7 @@ class Shaper:
             object_solid=BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)),
             object_top=0.05,
             fixed=[HalfSpace(np.array([0, 0, -0.05]), np.array([0, 0, 1.0]))],
-            p_OT=1.2 * RING,
+            p_GT=1.2 * RING,
             period=PERIOD,
             target_period=0.05,
             **more,
@@ -337,7 +341,50 @@ def test_a_hand_that_is_not_as_described_is_refused_in_one_line(change, message)
     assert "\n" not in str(error.value)
 
 
-def test_joints_without_a_drive_are_refused():
+HAND_OF_TWO = """
+<robot name="hand">
+  <link name="palm"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0"
+    izz="1"/></inertial></link>
+  <link name="a"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0"
+    izz="1"/></inertial></link>
+  <link name="b"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0"
+    izz="1"/></inertial></link>
+  <joint name="j1" type="revolute"><parent link="palm"/><child link="a"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="j2" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  %s
+</robot>
+"""
+
+
+def drive(joint, gains):
+    gains = '<drake:controller_gains p="1" d="1"/>' if gains else ""
+    return (
+        "<transmission><type>transmission_interface/SimpleTransmission</type>"
+        f'<joint name="{joint}"/><actuator name="{joint}_drive">{gains}</actuator></transmission>'
+    )
+
+
+@pytest.mark.parametrize(
+    ("drives", "message"),
+    [
+        ([("j1", True), ("j2", False)], "joint j2 isn't driven"),
+        ([("j2", True), ("j1", True)], "j1_drive must come in the order of the joints"),
+    ],
+)
+def test_joints_must_be_driven_in_their_order(drives, message):
+    plant = MultibodyPlant(0.01)
+    text = HAND_OF_TWO % "".join(drive(*one) for one in drives)
+    text = text.replace('<robot name="hand">', '<robot name="hand" xmlns:drake="drake.mit.edu">')
+    Parser(plant).AddModelsFromString(text, "urdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("palm"))
+    plant.Finalize()
+    with pytest.raises(InvalidArgumentError, match=message):
+        HandKinematics(plant, ["hand::b"])
+
+
+def test_a_model_instance_that_is_not_there_is_named():
     plant = HandModel(HandModelConfig(file=FILE, fingertips=TIPS)).kinematics.plant
     with pytest.raises(InvalidArgumentError, match="no model instance 'foot'"):
         HandKinematics(plant, ["foot::tip"])
