@@ -1,6 +1,12 @@
 """Dynamic pre-grasp planning for hands that track a moving object, made of Drake systems."""
 
+from drake_pregrasp.diagrams.grasp_config import GraspConfig, HandModelConfig
+from drake_pregrasp.diagrams.hand_controller import HandController
+from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.limits_config import BallReach, BoxReach, LimitsConfig, Pair
+from drake_pregrasp.diagrams.motion_config import Conveyor
+from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import (
     AddPregraspPlanner,
@@ -23,8 +29,15 @@ from drake_pregrasp.simulation.run import RunResult, run
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
+from drake_pregrasp.systems.carrier_posture import CarrierPosture
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
+from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
+from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor, GraspQualityView
+from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
+from drake_pregrasp.systems.hand_kinematics import HandKinematics
+from drake_pregrasp.systems.joint_reference import JointReference
 from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
@@ -37,16 +50,29 @@ __all__ = [
     "BallReach",
     "BallSolid",
     "BlendConfig",
+    "Box",
     "BoxReach",
     "BoxSolid",
+    "CarrierPosture",
     "CentroidSelector",
     "ContactStatus",
+    "Conveyor",
     "EstimatorConfig",
+    "FingertipGoalShaper",
+    "FingertipSensor",
     "ForbiddenPoints",
+    "GraspConfig",
     "GraspQualityMonitor",
     "GraspQualityView",
+    "GraspSequencer",
     "HalfSpace",
+    "HandController",
+    "HandKinematics",
+    "HandModel",
+    "HandModelConfig",
+    "HandStation",
     "InvalidArgumentError",
+    "JointReference",
     "LimitsConfig",
     "NoiseSource",
     "NoisyPoseSensor",
@@ -74,4 +100,5 @@ __all__ = [
     "ring_contacts",
     "run",
     "shipped_scenarios",
+    "without_solver_chatter",
 ]

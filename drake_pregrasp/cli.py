@@ -7,9 +7,9 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -298,6 +298,8 @@ def _report(result: RunResult, options: argparse.Namespace) -> None:
         f"speed       {summary['real_time_factor']:.1f} x real time,"
         f" planning tick {summary['tick_time_p50_ms']:.2f} ms (median)"
     )
+    if "grasp" in summary:
+        print(f"grasp       {_grasp_in_words(summary['grasp'])}")
     for contact, reason in summary["inactive_contacts"].items():
         print(f"at the end contact {contact} has no place, and doesn't count: {reason}")
     if not result.completed:
@@ -309,6 +311,22 @@ def _report(result: RunResult, options: argparse.Namespace) -> None:
         print(f"results in {result.folder}")
     else:
         print(f"recording in {result.folder / 'recording.html'}: open it in a browser")
+
+
+def _grasp_in_words(grasp: Mapping[str, Any]) -> str:
+    words = [f"at the end: {grasp['phase']}"]
+    if grasp["gave_up"] is not None:
+        words.append(f"gave up because {grasp['gave_up']}")
+    for key, text in (
+        ("tracking_error_mean_mm", "fingertips {:.3f} mm off their goals"),
+        ("closing_motion_mm", "object moved {:.3f} mm in closing"),
+        ("lift_height_mm", "lifted {:.1f} mm"),
+        ("slip_lift_mm", "slip {:.2f} mm in the lift"),
+        ("slip_hold_mm", "{:.2f} mm in the hold"),
+    ):
+        if grasp[key] is not None:
+            words.append(text.format(grasp[key]))
+    return ", ".join(words)
 
 
 class _OneLineParser(argparse.ArgumentParser):

@@ -46,6 +46,13 @@ def test_the_strong_finger_owns_what_asks_for_much():
     assert strong > weak + 0.02
 
 
+def test_the_guide_to_composing_lifts_the_cube(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, object] = {}
+    exec(compile(block("compose.md", "python"), "compose.md", "exec"), names)
+    assert names["X_WO"].translation()[2] == pytest.approx(0.15, abs=2e-3)
+
+
 @pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\((?!https)([^)#]+)\)", page.read_text(encoding="utf-8")):

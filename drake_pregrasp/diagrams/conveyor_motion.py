@@ -1,7 +1,10 @@
 """The object on a table that moves."""
 
+from collections.abc import Callable
+
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import RigidBody
 from pydrake.systems.framework import DiagramBuilder
 
 from drake_pregrasp.diagrams.motion_config import Conveyor
@@ -17,11 +20,18 @@ def add_conveyor(
     object_config: ObjectConfig,
     motion: Conveyor,
     plant_config: MultibodyPlantConfig,
+    *,
+    add_more: Callable[[MultibodyPlant, RigidBody], None] | None = None,
 ) -> MovingObject:
-    """Puts the object at rest on the middle of a table that then moves as commanded."""
+    """Puts the object at rest on the middle of a table that then moves as commanded.
+
+    What else there is in the plant is added by `add_more`, which is given the object's body.
+    """
     plant, scene_graph = AddMultibodyPlant(plant_config, builder)
     body = add_object_body(plant, object_config)
     table = add_model(plant, "conveyor_table.sdf")
+    if add_more is not None:
+        add_more(plant, body)
     plant.Finalize()
     X_WO = RigidTransform(standing_position(object_config))
     plant.SetDefaultFloatingBaseBodyPose(body, X_WO)

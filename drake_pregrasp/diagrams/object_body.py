@@ -67,9 +67,19 @@ def add_object_body(plant: MultibodyPlant, object_config: ObjectConfig) -> Rigid
 
 
 def add_solid_collision(
-    plant: MultibodyPlant, body: RigidBody, object_config: ObjectConfig
+    plant: MultibodyPlant,
+    body: RigidBody,
+    object_config: ObjectConfig,
+    *,
+    friction: CoulombFriction = _FRICTION,
 ) -> list[GeometryId]:
     """Lets a box be touched everywhere, not only where it stands; other shapes can be anyway.
+
+    Args:
+        plant: Not finalized.
+        body: The object.
+        object_config: What it is.
+        friction: Of what is added.
 
     Returns:
         What was added. On a table it would be one hopping contact point.
@@ -77,7 +87,7 @@ def add_solid_collision(
     if not isinstance(object_config, Box):
         return []
     geometry = BoxGeometry(*np.array(object_config.size))
-    return [plant.RegisterCollisionGeometry(body, RigidTransform(), geometry, "solid", _FRICTION)]
+    return [plant.RegisterCollisionGeometry(body, RigidTransform(), geometry, "solid", friction)]
 
 
 def standing_position(object_config: ObjectConfig) -> FloatArray:

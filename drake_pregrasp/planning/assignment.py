@@ -27,3 +27,59 @@ def assign_fingers(fingertips: FloatArray, contacts: FloatArray) -> IntArray:
     _, assigned = linear_sum_assignment(travel)
     order: IntArray = np.array(assigned, dtype=np.int64)
     return order
+
+
+def assign_fingers_round(
+    finger_azimuths: FloatArray, contact_azimuths: FloatArray, *, largest_offset: float = np.pi
+) -> tuple[IntArray, float]:
+    """Returns for each finger of a radial hand its contact, and how far the palm has to turn.
+
+    Fingers keep their order round the palm, so that none crosses another. Of the n ways to do so,
+    each with the palm turned by the mean offset, the one is taken that leaves the smallest largest
+    offset.
+
+    Args:
+        finger_azimuths: Where the fingers are about the palm's axis, shape (n,), in radians.
+        contact_azimuths: Where they are to go, about the same axis, shape (n,).
+        largest_offset: Up to where a finger reaches aside from its own azimuth, in radians.
+
+    Returns:
+        The index of each finger's contact, shape (n,), and the palm's angle, from -pi to pi.
+
+    Raises:
+        InvalidArgumentError: If there is not one contact for each finger, or one is out of reach.
+    """
+    n = len(finger_azimuths)
+    if finger_azimuths.shape != contact_azimuths.shape:
+        raise InvalidArgumentError(
+            f"{n} fingers can't be assigned to {len(contact_azimuths)} contacts"
+        )
+    fingers, contacts = np.argsort(finger_azimuths), np.argsort(contact_azimuths)
+    best = (np.inf, 0.0, contacts, np.empty(n))
+    for shift in range(n):
+        shifted = np.roll(contacts, shift)
+        turns = contact_azimuths[shifted] - finger_azimuths[fingers]
+        yaw = mean_angle(turns)
+        offsets = np.abs(wrapped(turns - yaw))
+        if np.max(offsets) < best[0]:
+            best = (float(np.max(offsets)), yaw, shifted, offsets)
+    largest, yaw, shifted, offsets = best
+    if largest > largest_offset:
+        raise InvalidArgumentError(
+            f"no finger reaches contact {shifted[np.argmax(offsets)]}: it is"
+            f" {largest:.2f} rad aside from the nearest in turn, at most {largest_offset:g}"
+        )
+    order = np.empty(n, dtype=np.int64)
+    order[fingers] = shifted
+    return order, yaw
+
+
+def mean_angle(angles: FloatArray) -> float:
+    """Returns the direction of the sum of unit vectors at some angles, in radians."""
+    return float(np.arctan2(np.mean(np.sin(angles)), np.mean(np.cos(angles))))
+
+
+def wrapped(angles: FloatArray) -> FloatArray:
+    """Returns angles in the range from -pi to pi, in radians."""
+    within: FloatArray = (angles + np.pi) % (2 * np.pi) - np.pi
+    return within

@@ -9,11 +9,14 @@ from pydrake.geometry import (
 )
 from pydrake.systems.framework import DiagramBuilder
 
+from drake_pregrasp.diagrams.expected_path import expected_path
+from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.errors import OutputError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
 from drake_pregrasp.systems.status_labels import StatusLabels
 
@@ -29,6 +32,8 @@ _LIGHTS = {
 # the object: then all of it is in the picture.
 _CAMERA = np.array([1.9, 1.65, 1.1])
 _VIEW = 0.5
+
+_CLOSING = 1.0  # Seconds that closing takes, at most as a rule.
 
 _LABEL_HOVER = 0.065  # Height of the labels over the object, in metres.
 
@@ -56,7 +61,7 @@ def add_recording(
     builder: DiagramBuilder,
     meshcat: Meshcat,
     *,
-    object_plant: ObjectPlant,
+    object_plant: ObjectPlant | HandStation,
     planner: PregraspPlanner,
     surface: ObjectSurface,
     tile_surface: ObjectSurface,
@@ -111,6 +116,24 @@ def add_recording(
     meshcat.StartRecording(
         frames_per_second=1 / publish_period, set_visualizations_while_recording=live
     )
+
+
+def shown_path(scenario: Scenario) -> FloatArray:
+    """Returns positions in W that the camera has to see, shape (k, 3), in metres.
+
+    They are those of the object; with a hand also those of its palm, and no longer than until it
+    stands still.
+    """
+    grasp = scenario.grasp
+    duration = scenario.simulation_duration + scenario.planner.estimator.lookahead
+    if not grasp.has_hand:
+        return expected_path(scenario.motion, duration, scenario.object)
+    settings = grasp.make_settings()
+    still = grasp.close_at + _CLOSING + settings.squeeze_duration + settings.stop_duration
+    path = expected_path(scenario.motion, min(duration, still), scenario.object)
+    above = grasp.hand.palm_height + max(settings.lift_height, settings.approach_height)
+    raised: FloatArray = path + np.array([0.0, 0.0, above])
+    return np.concatenate([path, raised[[0, -1]]])
 
 
 def camera_pose(path: FloatArray, extent: float) -> tuple[FloatArray, FloatArray]:

@@ -1,5 +1,6 @@
 """A scenario in, a run folder out."""
 
+import contextlib
 import json
 import re
 import shutil
@@ -14,6 +15,8 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from drake_pregrasp.errors import ScenarioError
+from drake_pregrasp.simulation.grasp_log import GraspLog
+from drake_pregrasp.simulation.grasp_summary import summarize_grasp
 from drake_pregrasp.simulation.metrics_plot import plot_metrics
 from drake_pregrasp.simulation.output import write_text, writing
 from drake_pregrasp.simulation.phases import static_end
@@ -22,12 +25,15 @@ from drake_pregrasp.simulation.run_log import RunLog
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import check_scenario, dump_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
 from drake_pregrasp.simulation.summary import summarize
+from drake_pregrasp.systems.grasp_logger import GraspRecord
 from drake_pregrasp.systems.tick_logger import TickRecord
 
 RUN_FILES = (
     "recording.html",
     "log.csv",
+    "grasp.csv",
     "summary.json",
     "metrics.png",
     "diagram.dot",
@@ -82,15 +88,26 @@ def run(
     surface = scenario.make_surface()
     meshcat = start_meshcat() if recording else None
     log: RunLog
+    grasp_log: GraspLog | None = None
 
     def sink(record: TickRecord) -> None:
         log.append(record)
         if on_tick is not None:
             on_tick(record)
 
-    diagram = make_diagram(scenario, surface, sink=sink, meshcat=meshcat)
+    def grasp_sink(record: GraspRecord) -> None:
+        if grasp_log is not None:
+            grasp_log.append(record)
+
+    diagram = make_diagram(scenario, surface, sink=sink, grasp_sink=grasp_sink, meshcat=meshcat)
     folder = _prepare_folder(Path(out), name)  # Not before all else is known to be in order.
-    with RunLog(folder / "log.csv", scenario.num_contacts, static_end=static_end(scenario)) as log:
+    with contextlib.ExitStack() as logs:
+        log = logs.enter_context(
+            RunLog(folder / "log.csv", scenario.num_contacts, static_end=static_end(scenario))
+        )
+        if scenario.grasp.has_hand:
+            grasp_log = logs.enter_context(GraspLog(folder / "grasp.csv", scenario.num_contacts))
+            logs.enter_context(without_solver_chatter())
         write_text(folder / "scenario.yaml", dump_scenario(name, scenario))
         write_graphviz(diagram, folder / "diagram.dot")
         _draw_graphviz(folder / "diagram.dot")
@@ -100,6 +117,8 @@ def run(
     summary = summarize(
         name, scenario, surface, log, wall_seconds=wall_seconds, completed=completed
     )
+    if grasp_log is not None:
+        summary["grasp"] = summarize_grasp(scenario, grasp_log)
     write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     with writing(folder):
         plot_metrics(folder / "metrics.png", name, scenario, log, summary)

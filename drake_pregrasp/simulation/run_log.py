@@ -1,8 +1,6 @@
 """The log of a run: one row of `log.csv` a planning tick."""
 
-import time
 from pathlib import Path
-from types import TracebackType
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -10,18 +8,13 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.grasp_quality import GraspQuality
-from drake_pregrasp.simulation.output import reading_back, writing
+from drake_pregrasp.simulation.csv_log import CsvLog
 from drake_pregrasp.simulation.tick_times import TickTimes
 from drake_pregrasp.systems.tick_logger import TickRecord
 
-_FLUSH_PERIOD = 1.0  # Seconds that an interrupted run may lose.
 
-
-class RunLog:
-    """Writes ticks to `log.csv` as they come, so that an interrupted run keeps what it has.
-
-    Numbers are written with all their digits: reading them gives the same floats. However long the
-    run is, no more than two ticks are kept in memory.
+class RunLog(CsvLog):
+    """Writes ticks to `log.csv` as they come; no more than two of them are kept in memory.
 
     Args:
         path: The file to write; what was there is replaced.
@@ -29,7 +22,6 @@ class RunLog:
         static_end: When the static phase ends, in seconds.
 
     Attributes:
-        columns: Names of the columns.
         num_ticks: How many there are.
         last_static: The last tick of the static phase, if there is one.
         last: The last of all, if there is one.
@@ -40,28 +32,12 @@ class RunLog:
     """
 
     def __init__(self, path: Path, num_contacts: int, *, static_end: float = 0.0) -> None:
-        self.columns = log_columns(num_contacts)
+        super().__init__(path, log_columns(num_contacts))
         self.num_ticks = 0
         self.last_static: TickRecord | None = None
         self.last: TickRecord | None = None
         self.tick_times = TickTimes()
-        self._flushed = time.monotonic()
-        self._path = path
         self._static_end = static_end
-        with writing(path):
-            self._file = path.open("w", encoding="utf-8", newline="\n")
-            self._file.write(",".join(self.columns) + "\n")
-
-    def __enter__(self) -> "RunLog":
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        self._file.close()
 
     def append(self, record: TickRecord) -> None:
         """Adds a tick."""
@@ -71,25 +47,7 @@ class RunLog:
         if record.time < self._static_end:
             self.last_static = record
         self.tick_times.add(record.wall_seconds)
-        now = time.monotonic()
-        with writing(self._path):
-            self._file.write(",".join(map(repr, row.tolist())) + "\n")
-            if now - self._flushed > _FLUSH_PERIOD:
-                self._file.flush()
-                self._flushed = now
-
-    def read(self, *names: str) -> list[FloatArray]:
-        """Reads columns over the ticks back from the file, once it is closed.
-
-        Raises:
-            OutputError: If the file can't be read.
-        """
-        if self.num_ticks == 0:
-            return [np.empty(0) for _ in names]
-        indices = [self.columns.index(name) for name in names]
-        with reading_back(self._path):
-            table = np.loadtxt(self._path, delimiter=",", skiprows=1, usecols=indices, ndmin=2)
-        return list(table.T)
+        self.write(row)
 
 
 def log_columns(num_contacts: int) -> list[str]:
@@ -103,16 +61,17 @@ def log_columns(num_contacts: int) -> list[str]:
         "displacement",
         "energy",
         *(f"region{i}_size" for i in contacts),
-        *_pose_columns("wo"),
+        *pose_columns("wo"),
         "yaw_wo",
-        *_pose_columns("wo_estimated"),
+        *pose_columns("wo_estimated"),
         "position_error",
         *(f"c{i}_status" for i in contacts),
         *(f"c{i}_cause" for i in contacts),
     ]
 
 
-def _pose_columns(frames: str) -> list[str]:
+def pose_columns(frames: str) -> list[str]:
+    """Returns the names of the columns that hold a pose, as `wo` for X_WO."""
     return [f"{coordinate}_{frames}" for coordinate in ("x", "y", "z", "qw", "qx", "qy", "qz")]
 
 
@@ -131,9 +90,9 @@ def _row(record: TickRecord, previous: TickRecord) -> FloatArray:
             record.grasp_quality,
             [np.sqrt(squares).sum(), energy],
             record.regions.sizes(),
-            *_pose_values(record.X_WO),
+            *pose_values(record.X_WO),
             [RollPitchYaw(record.X_WO.rotation()).yaw_angle()],
-            *_pose_values(record.X_WO_estimated),
+            *pose_values(record.X_WO_estimated),
             [np.sqrt(error @ error)],
             record.contact_status,
             record.contact_causes,
@@ -141,5 +100,6 @@ def _row(record: TickRecord, previous: TickRecord) -> FloatArray:
     )
 
 
-def _pose_values(X: RigidTransform) -> tuple[FloatArray, FloatArray]:
+def pose_values(X: RigidTransform) -> tuple[FloatArray, FloatArray]:
+    """Returns what goes into those columns: position, and quaternion w, x, y, z."""
     return X.translation(), X.rotation().ToQuaternion().wxyz()

@@ -7,11 +7,13 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 
 from drake_pregrasp.diagrams.expected_path import initial_pose
+from drake_pregrasp.diagrams.grasp_config import GraspConfig
+from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.motion_config import Conveyor, MotionConfig
 from drake_pregrasp.diagrams.object_config import Box, ObjectConfig
 from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.assignment import assign_fingers
+from drake_pregrasp.planning.assignment import assign_fingers, assign_fingers_round
 from drake_pregrasp.planning.contact_models import CONTACT_MODELS
 from drake_pregrasp.planning.force_closure import FRICTION, TORSIONAL_FRICTION
 from drake_pregrasp.planning.initial_contacts import ring_contacts
@@ -145,6 +147,9 @@ class Scenario:
     obstacles: list[ObstacleConfig] = field(default_factory=list)
 
     hand: HandConfig = field(default_factory=HandConfig)
+
+    # A simulated hand that follows the goals, and grasps; by default there is none.
+    grasp: GraspConfig = field(default_factory=GraspConfig)
     recording: RecordingConfig = field(default_factory=RecordingConfig)
 
     @property
@@ -170,6 +175,9 @@ class Scenario:
 
         Args:
             surface: From `make_surface`.
+
+        Raises:
+            InvalidArgumentError: If the hand's fingers can't be assigned to them.
         """
         if self.ring_contacts:
             p_OC = ring_contacts(surface, self.ring_contacts)
@@ -178,9 +186,17 @@ class Scenario:
             p_OC = (low + high) / 2 + np.array(self.initial_contacts) * (high - low) / 2
             if not isinstance(self.object, Box):
                 p_OC, _ = surface.project(p_OC)
+        X_WO = initial_pose(self.motion, self.object)
+        if self.grasp.has_hand:
+            r_W: FloatArray = (X_WO.rotation() @ (p_OC - surface.p_OCoM).T).T
+            order, _ = assign_fingers_round(
+                HandModel(self.grasp.hand).azimuths,
+                np.arctan2(r_W[:, 1], r_W[:, 0]),
+                largest_offset=self.grasp.hand.largest_offset,
+            )
+            return np.array(p_OC[order])
         if not self.hand.fingertips:
             return p_OC
-        X_WO = initial_pose(self.motion, self.object)
         X_OH = X_WO.inverse() @ self.hand.initial_X_WH(X_WO)
         p_OF: FloatArray = (X_OH @ np.array(self.hand.fingertips).T).T
         assigned: FloatArray = p_OC[assign_fingers(p_OF, p_OC)]

@@ -12,6 +12,7 @@ from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.planning.blends import BLEND
 from drake_pregrasp.planning.strategies import STRATEGIES
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.simulation.grasp_check import check_grasp
 from drake_pregrasp.simulation.limits_check import check_limits, check_reach
 from drake_pregrasp.simulation.motion_check import check_motion
 from drake_pregrasp.simulation.obstacle_config import check_obstacles
@@ -65,6 +66,7 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
             " choose hydroelastic_with_fallback",
         )
     check_motion(source, scenario.motion, surface)
+    check_grasp(source, scenario, surface)
     if scenario.planner.strategy == BLEND and not any(vars(scenario.planner.blend).values()):
         raise ScenarioError(
             source,

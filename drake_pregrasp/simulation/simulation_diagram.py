@@ -7,15 +7,17 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_pregrasp.diagrams.expected_path import expected_path
+from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.planning.grasp_quality import GraspQuality
 from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.simulation.hand_wiring import AddedHand, add_hand, connect_hand
 from drake_pregrasp.simulation.obstacle_config import moving_solid
-from drake_pregrasp.simulation.recording import add_recording
+from drake_pregrasp.simulation.recording import add_recording, shown_path
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.contact_weights import ContactWeights
+from drake_pregrasp.systems.grasp_logger import GraspRecord
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
 from drake_pregrasp.systems.hand_pose import HandPose
 from drake_pregrasp.systems.moving_obstacles import MovingObstacles
@@ -30,6 +32,7 @@ def make_diagram(
     surface: ObjectSurface,
     *,
     sink: Callable[[TickRecord], None] | None = None,
+    grasp_sink: Callable[[GraspRecord], None] | None = None,
     meshcat: Meshcat | None = None,
 ) -> Diagram:
     """Wires a scenario's diagram.
@@ -38,14 +41,21 @@ def make_diagram(
         scenario: What to simulate.
         surface: The object's surface, from `scenario.make_surface()`.
         sink: Gets a record of each planning tick.
+        grasp_sink: Gets a record of each control tick, if there is a hand.
         meshcat: Where to draw and record, if at all.
     """
     config = scenario.planner
     n = scenario.num_contacts
     builder = DiagramBuilder()
-    object_plant = builder.AddNamedSystem(
-        "object_plant", ObjectPlant(scenario.object, scenario.motion, scenario.plant_config)
-    )
+    p_OC = scenario.initial_p_OC(surface)
+    hand = None
+    if scenario.grasp.has_hand:
+        hand = add_hand(builder, scenario, surface, p_OC)
+        object_plant: ObjectPlant | HandStation = hand.station
+    else:
+        object_plant = builder.AddNamedSystem(
+            "object_plant", ObjectPlant(scenario.object, scenario.motion, scenario.plant_config)
+        )
     noise = builder.AddNamedSystem(
         "noise",
         NoiseSource(
@@ -66,7 +76,13 @@ def make_diagram(
             [(event.at, event.contacts) for event in scenario.damage],
         ),
     )
-    planner = AddPregraspPlanner(builder, config, surface, scenario.initial_p_OC(surface))
+    planner = AddPregraspPlanner(
+        builder,
+        config,
+        surface,
+        p_OC,
+        fingertip_frames=None if hand is None else hand.tip_frames,
+    )
     monitor = builder.AddNamedSystem(
         "grasp_quality_monitor",
         GraspQualityMonitor(
@@ -76,7 +92,9 @@ def make_diagram(
             length=scenario.measures.length,
         ),
     )
-    _add_obstacles_and_hand(builder, scenario, planner, meshcat)
+    _add_obstacles_and_hand(builder, scenario, planner, hand, meshcat)
+    if hand is not None:
+        connect_hand(builder, scenario, hand, planner, grasp_sink)
     X_WO = object_plant.GetOutputPort("X_WO")
     builder.Connect(X_WO, sensor.GetInputPort("X_WO"))
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
@@ -114,11 +132,7 @@ def make_diagram(
             surface=surface,
             tile_surface=scenario.make_surface(scenario.recording.tile_size),
             num_contacts=n,
-            path=expected_path(
-                scenario.motion,
-                scenario.simulation_duration + config.estimator.lookahead,
-                scenario.object,
-            ),
+            path=shown_path(scenario),
             publish_period=scenario.recording.publish_period,
             live=scenario.simulator_config.target_realtime_rate > 0,
         )
@@ -131,6 +145,7 @@ def _add_obstacles_and_hand(
     builder: DiagramBuilder,
     scenario: Scenario,
     planner: PregraspPlanner,
+    hand: AddedHand | None,
     meshcat: Meshcat | None,
 ) -> None:
     if scenario.obstacles:
@@ -142,6 +157,8 @@ def _add_obstacles_and_hand(
             ),
         )
         builder.Connect(obstacles.get_output_port(), planner.GetInputPort("obstacles"))
+        if hand is not None:
+            builder.Connect(obstacles.get_output_port(), hand.controller.GetInputPort("obstacles"))
         if meshcat is not None:
             visualizer = builder.AddNamedSystem(
                 "obstacle_visualizer",
@@ -153,8 +170,7 @@ def _add_obstacles_and_hand(
             )
             builder.Connect(obstacles.get_output_port(), visualizer.get_input_port())
     if scenario.planner.limits.reach:
-        hand = scenario.hand
-        X_WH = hand.initial_X_WH(RigidTransform())
-        pose = builder.AddNamedSystem("hand_pose", HandPose(X_WH, follow=hand.follow))
+        X_WH = scenario.hand.initial_X_WH(RigidTransform())
+        pose = builder.AddNamedSystem("hand_pose", HandPose(X_WH, follow=scenario.hand.follow))
         builder.Connect(planner.GetOutputPort("X_WO_estimated"), pose.get_input_port())
         builder.Connect(pose.get_output_port(), planner.GetInputPort("X_WH"))

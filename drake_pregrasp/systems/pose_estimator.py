@@ -133,7 +133,7 @@ class PoseEstimator(LeafSystem):
 
     def _looked_ahead(self, context: Context) -> PoseBelief:
         belief: PoseBelief = self._belief.Eval(context)
-        return predict(belief, self._lookahead, self._noise)
+        return predict(belief, self._lookahead, self._noise) if self._lookahead else belief
 
     def _calc_pose(self, context: Context, output: AbstractValue) -> None:
         belief = self._looked_ahead(context)

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from thin_cup import CUP, RADIUS, WALL
 
 from drake_pregrasp import InvalidArgumentError, box_surface
-from drake_pregrasp.planning.assignment import assign_fingers
+from drake_pregrasp.planning.assignment import assign_fingers, assign_fingers_round, wrapped
 from drake_pregrasp.planning.initial_contacts import ring_contacts
 from drake_pregrasp.planning.mesh_surface import mesh_surface
 from drake_pregrasp.planning.no_touch import AxisArea
@@ -91,3 +92,40 @@ def test_a_ring_may_fill_all_ground_and_no_more():
     for bad in (0, count + 1):
         with pytest.raises(InvalidArgumentError, match=f"ground for 1 to {count} contacts"):
             ring_contacts(surface, bad)
+
+
+azimuths = arrays(float, 5, elements=st.floats(-3.1, 3.1), unique=True)
+
+
+@given(azimuths, st.floats(-3, 3))
+def test_a_turned_hand_finds_its_own_fingers(fingers, turn):
+    order, yaw = assign_fingers_round(fingers, fingers + turn)
+    np.testing.assert_allclose(wrapped((fingers + turn)[order] - fingers - yaw), 0, atol=1e-9)
+
+
+@given(azimuths, azimuths)
+def test_fingers_keep_their_order_round_the_palm(fingers, contacts):
+    order, _ = assign_fingers_round(fingers, contacts)
+    ranks = np.argsort(np.argsort(contacts))[order][np.argsort(fingers)]
+    assert np.all((np.diff(np.append(ranks, ranks[0])) - 1) % 5 == 0)
+
+
+@given(azimuths, azimuths, st.permutations(range(5)))
+def test_the_order_of_the_contacts_does_not_matter(fingers, contacts, shuffled):
+    order, yaw = assign_fingers_round(fingers, contacts)
+    again, yaw_again = assign_fingers_round(fingers, contacts[shuffled])
+
+    def worst(azimuths, turn):
+        return np.max(np.abs(wrapped(azimuths - fingers - turn)))
+
+    offsets = worst(contacts[order], yaw), worst(contacts[shuffled][again], yaw_again)
+    assert offsets[0] == pytest.approx(offsets[1])
+
+
+def test_an_assignment_out_of_reach_is_refused():
+    fingers = 2 * np.pi * np.arange(5) / 5
+    crowded = np.array([0.0, 0.1, 0.2, 0.3, 3.0])
+    with pytest.raises(InvalidArgumentError, match=r"no finger reaches contact \d: it is"):
+        assign_fingers_round(fingers, crowded, largest_offset=0.5)
+    with pytest.raises(InvalidArgumentError, match="5 fingers can't be assigned to 4 contacts"):
+        assign_fingers_round(fingers, crowded[:4])

@@ -39,7 +39,11 @@ def pose(log, row, frames):
 
 def test_the_run_folder_is_complete(base_run):
     files = {path.name for path in base_run.folder.iterdir()}
-    assert files - {"diagram.svg"} == set(RUN_FILES) - {"diagram.svg", "recording.html"}
+    assert files - {"diagram.svg"} == set(RUN_FILES) - {
+        "diagram.svg",
+        "recording.html",
+        "grasp.csv",
+    }
     assert json.loads((base_run.folder / "summary.json").read_text()) == base_run.summary
 
 

@@ -4,12 +4,22 @@ import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.systems.framework import BusValue
 
 from drake_pregrasp import (
+    BallSolid,
+    CarrierPosture,
     CentroidSelector,
     EstimatorConfig,
+    FingertipGoalShaper,
+    FingertipSensor,
     ForbiddenPoints,
     GraspQualityMonitor,
+    GraspSequencer,
+    HandModel,
+    HandModelConfig,
+    JointReference,
     NoisyPoseSensor,
     PoseEstimator,
     SafeRegionPartitioner,
@@ -17,12 +27,20 @@ from drake_pregrasp import (
     load_scenario,
 )
 from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
+from drake_pregrasp.planning.grasp_state import GraspSettings
 from drake_pregrasp.planning.region_constraints import Obstacles
 from drake_pregrasp.planning.safe_regions import SafeRegions, compute_safe_regions
-from drake_pregrasp.planning.solids import BallSolid
 
 SURFACE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
 P_OC = load_scenario("a_base").initial_p_OC(SURFACE)
+HAND = HandModel(
+    HandModelConfig(
+        file="package://drake_pregrasp/five_finger_hand.sdf",
+        fingertips=[f"finger_{i}_tip" for i in range(5)],
+    )
+)
+FRAMES = HAND.kinematics.tip_frames
+V_A, V_B = SpatialVelocity.Zero(), SpatialVelocity(w=[0, 0, 0.5], v=[0.1, 0, 0])
 X_A = RigidTransform()
 X_B = RigidTransform(RollPitchYaw(0.1, -0.2, 0.3), [0.02, 0.03, 0.01])
 OTHER = P_OC * [1, -1, 1]
@@ -40,6 +58,13 @@ def obstacles(x):
 
 def hand_pose(x):
     return AbstractValue.Make(RigidTransform([x, 0.0, 0.0]))
+
+
+def tip_goals(points):
+    goals = BusValue()
+    for name, point in zip(FRAMES, points, strict=True):
+        goals.Set(name, AbstractValue.Make(RigidTransform(point)))
+    return AbstractValue.Make(goals)
 
 
 # For each system: how to make it, two values for each input, and the outputs that follow it.
@@ -75,6 +100,64 @@ CASES = {
             "safe_regions": (regions(P_OC), regions(OTHER), ["p_WC"]),
         },
     ),
+    "fingertip_sensor": (
+        lambda: FingertipSensor(HAND.kinematics),
+        {
+            "hand_state": (np.zeros(38), np.full(38, 0.1), ["p_WT", "f_T_W"]),
+            "net_actuation": (np.ones(19), np.full(19, 2.0), ["f_T_W"]),
+        },
+    ),
+    "joint_reference": (
+        lambda: JointReference(HAND.kinematics, period=0.02, initial=np.full(19, 0.1)),
+        {"f_T_W": (np.zeros(15), np.ones(15), ["desired_state"])},
+    ),
+    "carrier_posture": (
+        lambda: CarrierPosture(
+            tip_frames=FRAMES,
+            finger_azimuths=np.arange(5.0),
+            home=np.zeros(19),
+            carrier=[0, 1, 2, 3],
+            gain=5.0,
+            period=0.02,
+        ),
+        {
+            "tip_goals": (tip_goals(P_OC), tip_goals(OTHER), ["nominal_posture"]),
+            "X_WG": (X_A, X_B, ["nominal_posture"]),
+            "V_WG": (V_A, V_B, ["nominal_posture"]),
+        },
+    ),
+    "shaper": (
+        lambda: FingertipGoalShaper(
+            tip_frames=FRAMES,
+            tip_radius=0.009,
+            object_solid=BallSolid(np.zeros(3), 0.05),
+            object_top=0.05,
+            fixed=[],
+            p_OT=P_OC,
+            period=0.02,
+            target_period=0.05,
+            lead=0.03,
+        ),
+        {
+            "X_WG": (X_A, X_B, ["tip_goals"]),
+            "V_WG": (V_A, V_B, ["tip_goals"]),
+        },
+    ),
+    "sequencer": (
+        lambda: GraspSequencer(
+            num_fingers=5,
+            tip_radius=0.009,
+            mass=0.4,
+            p_OCoM=np.zeros(3),
+            friction=0.5,
+            settings=GraspSettings(),
+            period=0.02,
+        ),
+        {
+            "X_WO_estimated": (X_A, X_B, ["X_WG"]),
+            "V_WO_estimated": (V_A, V_B, ["V_WG"]),
+        },
+    ),
     "monitor": (
         lambda: GraspQualityMonitor(surface=SURFACE, num_contacts=5),
         {
@@ -89,6 +172,10 @@ CASES = {
 def plain(value):
     if isinstance(value, RigidTransform):
         return value.GetAsMatrix34()
+    if isinstance(value, SpatialVelocity):
+        return value.get_coeffs().copy()
+    if isinstance(value, BusValue):
+        return np.array([value.Find(name).GetAsMatrix34() for name in FRAMES])
     if isinstance(value, SafeRegions):
         return value.labels.copy()
     return np.array(value)

@@ -18,16 +18,28 @@ from scipy.spatial.transform import Rotation
 import drake_pregrasp.diagrams
 import drake_pregrasp.systems
 from drake_pregrasp import ObjectPlant, PlannerConfig, PregraspPlanner
+from drake_pregrasp.diagrams.grasp_config import GraspConfig, HandModelConfig
+from drake_pregrasp.diagrams.hand_controller import HandController
+from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.motion_config import Conveyor
 from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
+from drake_pregrasp.planning.grasp_state import GraspSettings
 from drake_pregrasp.planning.pose_track import PoseTrack
+from drake_pregrasp.planning.solids import BallSolid
 from drake_pregrasp.planning.velocity_profile import VelocityProfile
 from drake_pregrasp.systems.body_pose import BodyPose
+from drake_pregrasp.systems.carrier_posture import CarrierPosture
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.contact_weights import ContactWeights
+from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
+from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
+from drake_pregrasp.systems.grasp_logger import GraspLogger
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
+from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
 from drake_pregrasp.systems.hand_pose import HandPose
+from drake_pregrasp.systems.joint_reference import JointReference
 from drake_pregrasp.systems.launch import Launch
 from drake_pregrasp.systems.moving_obstacles import MovingObstacles
 from drake_pregrasp.systems.noise_source import NoiseSource
@@ -49,14 +61,70 @@ def make_launch() -> Launch:
     return Launch(plant, body, SpatialVelocity.Zero())
 
 
+FINGERTIPS = [f"finger_{i}_tip" for i in range(5)]
+HAND = HandModelConfig(file="package://drake_pregrasp/five_finger_hand.sdf", fingertips=FINGERTIPS)
+
+
+def make_controller(p_OC: np.ndarray) -> HandController:
+    return HandController(
+        GraspConfig(hand=HAND),
+        HandModel(HAND),
+        object_solid=BallSolid(np.zeros(3), 0.05),
+        object_top=0.05,
+        mass=0.4,
+        p_OCoM=np.zeros(3),
+        fixed=[],
+        X_WO=RigidTransform(),
+        p_OC=p_OC,
+        target_period=0.05,
+        plant_time_step=0.01,
+    )
+
+
 PLANT = MultibodyPlantConfig(time_step=0.0125, discrete_contact_approximation="sap")
 MAKERS = {
     BodyPose: lambda s, c: BodyPose(BodyIndex(1)),
+    CarrierPosture: lambda s, c: CarrierPosture(
+        tip_frames=FINGERTIPS,
+        finger_azimuths=np.arange(5.0),
+        home=np.zeros(19),
+        carrier=[0, 1, 2, 3],
+        gain=5.0,
+        period=0.02,
+    ),
     CentroidSelector: lambda s, c: CentroidSelector(surface=s, p_OC=c, period=0.1),
     ContactWeights: lambda s, c: ContactWeights(np.zeros(len(c))),
+    FingertipGoalShaper: lambda s, c: FingertipGoalShaper(
+        tip_frames=FINGERTIPS,
+        tip_radius=0.009,
+        object_solid=BallSolid(np.zeros(3), 0.05),
+        object_top=0.05,
+        fixed=[],
+        p_OT=1.5 * c,
+        period=0.02,
+        target_period=0.05,
+    ),
+    FingertipSensor: lambda s, c: FingertipSensor(HandModel(HAND).kinematics),
+    GraspLogger: lambda s, c: GraspLogger(num_fingers=5, period=0.02, sink=lambda record: None),
+    GraspSequencer: lambda s, c: GraspSequencer(
+        num_fingers=5,
+        tip_radius=0.009,
+        mass=0.4,
+        p_OCoM=np.zeros(3),
+        friction=0.5,
+        settings=GraspSettings(),
+        period=0.02,
+    ),
+    HandController: lambda s, c: make_controller(c),
     HandPose: lambda s, c: HandPose(RigidTransform()),
     Launch: lambda s, c: make_launch(),
     MovingObstacles: lambda s, c: MovingObstacles([]),
+    HandStation: lambda s, c: HandStation(
+        Box(), Conveyor(), PLANT, HAND, friction=0.7, initial=np.zeros(19)
+    ),
+    JointReference: lambda s, c: JointReference(
+        HandModel(HAND).kinematics, period=0.02, initial=np.zeros(19)
+    ),
     GraspQualityMonitor: lambda s, c: GraspQualityMonitor(surface=s, num_contacts=len(c)),
     ObstacleVisualizer: lambda s, c: ObstacleVisualizer(
         meshcat=Meshcat(MeshcatParams(host="localhost")), solids=[], publish_period=0.1

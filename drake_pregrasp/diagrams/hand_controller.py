@@ -1,0 +1,222 @@
+"""The hand's side of the loop: from contact goals to desired joint states."""
+
+import numpy as np
+from pydrake.math import RigidTransform
+from pydrake.multibody.inverse_kinematics import DifferentialInverseKinematicsSystem
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.planning import DofMask
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from drake_pregrasp.diagrams.grasp_config import GraspConfig
+from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.assignment import mean_angle
+from drake_pregrasp.planning.solids import Solid
+from drake_pregrasp.systems.carrier_posture import CarrierPosture
+from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
+from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
+from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
+from drake_pregrasp.systems.joint_reference import JointReference
+
+POSTURE_GAIN = 5.0
+"""How fast the carrier follows its nominal posture, in 1/s."""
+
+_TRACKING_WEIGHT = 100.0  # Of fingertips against posture, as Drake's documentation advises.
+_POSITION_ONLY = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+_LARGEST_TWIST = SpatialVelocity([5.0] * 3, [1.0] * 3)  # rad/s and m/s, of any fingertip.
+
+
+class HandController(Diagram):
+    """Follows contact goals with fingertips, and on command grasps and lifts.
+
+    .. pydrake_system::
+
+        name: HandController
+        input_ports:
+        - fingertip_targets
+        - contact_status
+        - X_WO_estimated
+        - V_WO_estimated
+        - close
+        - hand_state
+        - net_actuation
+        - obstacles
+        output_ports:
+        - desired_state
+        - p_GT
+        - p_WT
+        - f_T_W
+        - X_WG
+        - grasp_report
+
+    The ports are those of the systems inside, which document them. From the planner come
+    `fingertip_targets`, `contact_status`, `X_WO_estimated` and `V_WO_estimated`; `obstacles` is
+    optional; `close` is the command. From the hand's plant come `hand_state` and `net_actuation`,
+    and back goes `desired_state` (`JointReference`). For those who watch there are `p_GT`
+    (`FingertipGoalShaper`), `p_WT` and `f_T_W` (`FingertipSensor`), `X_WG` and `grasp_report`
+    (`GraspSequencer`).
+
+    Goals are carried ahead by the control period, in which the reference gets there, and by the
+    plant's time step, at whose start it samples desired states.
+
+    The attribute `initial` holds the hand's positions at the start, shape (nq,): over the object,
+    raised, and turned to its contacts.
+
+    Args:
+        config: How it grasps.
+        hand: The hand.
+        object_solid: The object in O, convex.
+        object_top: How high it reaches over O, in metres.
+        mass: Of the object, in kg.
+        p_OCoM: Its centre of mass in O, shape (3,), in metres.
+        fixed: Solids in W to keep fingertips out of, as the table.
+        X_WO: Where the object is at the start.
+        p_OC: Its initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
+        target_period: Seconds between ticks of the planner.
+        plant_time_step: Of the hand's plant, in seconds.
+
+    Raises:
+        InvalidArgumentError: If an argument is out of its range.
+    """
+
+    initial: FloatArray
+
+    def __init__(
+        self,
+        config: GraspConfig,
+        hand: HandModel,
+        *,
+        object_solid: Solid,
+        object_top: float,
+        mass: float,
+        p_OCoM: FloatArray,
+        fixed: list[Solid],
+        X_WO: RigidTransform,
+        p_OC: FloatArray,
+        target_period: float,
+        plant_time_step: float,
+    ) -> None:
+        super().__init__()
+        builder = DiagramBuilder()
+        tip_frames = hand.kinematics.tip_frames
+        settings = config.make_settings()
+        raised = np.array([0.0, 0.0, settings.approach_height])
+        X_WG = RigidTransform(X_WO.rotation(), X_WO.translation() + raised)
+        level = (X_WO.rotation() @ (p_OC - p_OCoM).T).T
+        yaw = mean_angle(np.arctan2(level[:, 1], level[:, 0]) - hand.azimuths)
+        self.initial = hand.home(X_WG.translation(), yaw)
+        shaper = builder.AddNamedSystem(
+            "fingertip_goal_shaper",
+            FingertipGoalShaper(
+                tip_frames=tip_frames,
+                tip_radius=config.hand.tip_radius,
+                object_solid=object_solid,
+                object_top=object_top,
+                fixed=fixed,
+                p_GT=(X_WG.inverse() @ hand.tips_at(self.initial).T).T,
+                period=config.period,
+                target_period=target_period,
+                lead=config.period + plant_time_step,
+                speed=config.goal_speed,
+                standoff=config.standoff,
+            ),
+        )
+        posture = builder.AddNamedSystem(
+            "carrier_posture",
+            CarrierPosture(
+                tip_frames=tip_frames,
+                finger_azimuths=hand.azimuths,
+                home=hand.home(np.zeros(3), yaw),
+                carrier=hand.carrier,
+                gain=POSTURE_GAIN,
+                period=config.period,
+            ),
+        )
+        kinematics = builder.AddNamedSystem(
+            "differential_ik", _differential_ik(hand, config.period)
+        )
+        reference = builder.AddNamedSystem(
+            "joint_reference",
+            JointReference(hand.kinematics, period=config.period, initial=self.initial),
+        )
+        sensor = builder.AddNamedSystem("fingertip_sensor", FingertipSensor(hand.kinematics))
+        sequencer = builder.AddNamedSystem(
+            "grasp_sequencer",
+            GraspSequencer(
+                num_fingers=len(tip_frames),
+                tip_radius=config.hand.tip_radius,
+                mass=mass,
+                p_OCoM=p_OCoM,
+                friction=config.planned_friction,
+                settings=settings,
+                period=config.period,
+            ),
+        )
+        for source, output, target, target_input in (
+            (sequencer, "X_WG", shaper, "X_WG"),
+            (sequencer, "V_WG", shaper, "V_WG"),
+            (sequencer, "standoffs", shaper, "standoffs"),
+            (sequencer, "hold_contacts", shaper, "hold_contacts"),
+            (sequencer, "X_WG", posture, "X_WG"),
+            (sequencer, "V_WG", posture, "V_WG"),
+            (shaper, "tip_goals", posture, "tip_goals"),
+            (shaper, "tip_goals", kinematics, "desired_cartesian_poses"),
+            (posture, "nominal_posture", kinematics, "nominal_posture"),
+            (reference, "position", kinematics, "position"),
+            (kinematics, "commanded_velocity", reference, "commanded_velocity"),
+            (sequencer, "squeeze_forces", reference, "f_T_W"),
+            (shaper, "contact_frames", sequencer, "contact_frames"),
+            (sensor, "p_WT", sequencer, "p_WT"),
+            (sensor, "f_T_W", sequencer, "f_T_W"),
+        ):
+            builder.Connect(source.GetOutputPort(output), target.GetInputPort(target_input))
+
+        builder.ExportInput(shaper.GetInputPort("fingertip_targets"), "fingertip_targets")
+        for name, (first, *others) in (
+            ("contact_status", (shaper, sequencer)),
+            ("X_WO_estimated", (shaper, sequencer)),
+            ("V_WO_estimated", (sequencer,)),
+            ("close", (sequencer,)),
+            ("hand_state", (sensor,)),
+            ("net_actuation", (sensor,)),
+            ("obstacles", (shaper,)),
+        ):
+            builder.ExportInput(first.GetInputPort(name), name)
+            for system in others:
+                builder.ConnectInput(name, system.GetInputPort(name))
+        for system, name in (
+            (reference, "desired_state"),
+            (shaper, "p_GT"),
+            (sensor, "p_WT"),
+            (sensor, "f_T_W"),
+            (sequencer, "X_WG"),
+            (sequencer, "grasp_report"),
+        ):
+            builder.ExportOutput(system.GetOutputPort(name), name)
+        builder.BuildInto(self)
+
+
+def _differential_ik(hand: HandModel, period: float) -> DifferentialInverseKinematicsSystem:
+    """Returns Drake's system for fingertip positions.
+
+    It has no constraints; `JointReference` keeps limits.
+    """
+    masks = dict.fromkeys(hand.kinematics.tip_frames, _POSITION_ONLY)
+    tracking = DifferentialInverseKinematicsSystem.LeastSquaresCost.Config()
+    tracking.cartesian_qp_weight = _TRACKING_WEIGHT
+    tracking.cartesian_axis_masks = masks
+    centering = DifferentialInverseKinematicsSystem.JointCenteringCost.Config()
+    centering.posture_gain = POSTURE_GAIN
+    centering.cartesian_axis_masks = masks
+    recipe = DifferentialInverseKinematicsSystem.Recipe()
+    recipe.AddIngredient(DifferentialInverseKinematicsSystem.LeastSquaresCost(tracking))
+    recipe.AddIngredient(DifferentialInverseKinematicsSystem.JointCenteringCost(centering))
+    return DifferentialInverseKinematicsSystem(
+        recipe=recipe,
+        task_frame="world",
+        collision_checker=hand.checker,
+        active_dof=DofMask([True] * hand.kinematics.num_positions),
+        time_step=period,
+        K_VX=1.0,
+        Vd_TG_limit=_LARGEST_TWIST,
+    )

@@ -1,0 +1,104 @@
+"""How hard each fingertip presses to hold an object: forces in balance, inside friction cones."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import nnls
+
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.contact_models import contact_axes
+from drake_pregrasp.planning.force_closure import (
+    TORSIONAL_FRICTION,
+    cone_edges,
+    longest_arm,
+    primitive_wrenches,
+)
+
+_MODEL = "hard_finger"
+
+# Weights against the size of forces: what is left out of balance is then some hundred-thousandth of
+# them, unless cones and bounds leave more; and bounds come before the balance.
+_BALANCE = 300.0
+_BOUNDS = 6000.0
+
+_PASSES = 50  # Changes of the active set for each unknown, at most.
+
+
+class Squeeze(NamedTuple):
+    """Forces of fingertips on an object.
+
+    Attributes:
+        forces: Shape (n, 3), in newtons.
+        residual: What the object is out of balance by, in newtons: torques count divided by the
+            longest lever arm.
+    """
+
+    forces: FloatArray
+    residual: float
+
+
+def squeeze_forces(
+    p_CoMC: FloatArray,
+    nhat: FloatArray,
+    wrench: FloatArray,
+    *,
+    friction: float,
+    least_normal: float,
+    largest_normal: float,
+) -> Squeeze:
+    """Returns the smallest forces that balance a wrench, each inside its friction cone.
+
+    It is the force-balance programme of grasping (Buss, Hashimoto & Moore, 1996, with pyramids in
+    place of cones): min sum |f_i|² over f_i = R_i E a_i, a_i >= 0, with G f + wrench = 0 and with
+    normal forces in bounds. Bounds get slack variables, and all equations a large weight, so that
+    it is a matter of non-negative least squares, and forces come out where nothing balances, too.
+
+    Args:
+        p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
+        nhat: Outward unit normals there, in the same frame, shape (n, 3).
+        wrench: What else acts on the object, as its weight: force in N and torque about the centre
+            of mass in N m, in that frame, shape (6,).
+        friction: Coulomb's coefficient to plan with. The margin to the real one is what holds
+            when contacts, poses and forces are not quite as planned.
+        least_normal: Normal force that every fingertip has at least, in newtons.
+        largest_normal: The same at most.
+
+    Raises:
+        InvalidArgumentError: If bounds or friction are out of their ranges, or there is no contact.
+    """
+    if len(p_CoMC) == 0:
+        raise InvalidArgumentError("a squeeze needs one contact at least")
+    if not 0 <= least_normal <= largest_normal:
+        raise InvalidArgumentError(
+            f"normal forces must be from 0 N on, and not from {least_normal} to {largest_normal} N"
+        )
+    E = cone_edges(friction, _MODEL, TORSIONAL_FRICTION)
+    W = primitive_wrenches(
+        p_CoMC, nhat, friction, model=_MODEL, torsional_friction=TORSIONAL_FRICTION
+    )
+    scale = np.ones((6, 1))
+    scale[3:] /= longest_arm(p_CoMC)
+    W, w = W * scale, wrench * scale[:, 0]
+    n, edges = len(p_CoMC), E.shape[1]
+    normals, none = np.kron(np.eye(n), E[:1]), np.zeros((n, n))
+    sizes = np.kron(np.eye(n), E)
+    # Unknowns: a, then how far each normal force is above its least, and below its largest.
+    A = np.block(
+        [
+            [_BALANCE * W, np.zeros((6, 2 * n))],
+            [_BOUNDS * normals, -_BOUNDS * np.eye(n), none],
+            [_BOUNDS * normals, none, _BOUNDS * np.eye(n)],
+            [sizes, np.zeros((len(sizes), 2 * n))],
+        ]
+    )
+    b = [-_BALANCE * w, np.full(n, _BOUNDS * least_normal), np.full(n, _BOUNDS * largest_normal)]
+    target = np.concatenate([*b, np.zeros(len(sizes))])
+    try:
+        solution, _ = nnls(A, target, maxiter=_PASSES * A.shape[1])
+    except RuntimeError:  # It came to no end: there is no squeeze to rely on.
+        return Squeeze(np.zeros((n, 3)), float(np.linalg.norm(w)))
+    a = solution[: n * edges]
+    local = (E @ a.reshape(n, edges).T).T
+    forces: FloatArray = np.einsum("nij,nj->ni", contact_axes(nhat), local)
+    return Squeeze(forces, float(np.linalg.norm(W @ a + w)))

@@ -1,0 +1,120 @@
+"""A scenario's hand in its diagram."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import cast
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+
+from drake_pregrasp.diagrams.expected_path import initial_pose
+from drake_pregrasp.diagrams.hand_controller import HandController
+from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.hand_station import HandStation
+from drake_pregrasp.diagrams.motion_config import Conveyor
+from drake_pregrasp.diagrams.object_config import Box
+from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
+from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.solids import BoxSolid, HalfSpace
+from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.systems.grasp_logger import GraspLogger, GraspRecord
+
+
+@dataclass(frozen=True)
+class AddedHand:
+    """A hand in a diagram that is being built.
+
+    Attributes:
+        station: The plant with object and hand.
+        controller: What drives the hand.
+        tip_frames: Scoped names of the fingertips' frames.
+    """
+
+    station: HandStation
+    controller: HandController
+    tip_frames: list[str]
+
+
+def add_hand(
+    builder: DiagramBuilder, scenario: Scenario, surface: ObjectSurface, p_OC: FloatArray
+) -> AddedHand:
+    """Adds a scenario's plant with object and hand, and the hand's controller; connects them.
+
+    Args:
+        builder: Where to add them.
+        scenario: With a hand.
+        surface: The object's.
+        p_OC: Initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
+    """
+    box, conveyor = cast(Box, scenario.object), cast(Conveyor, scenario.motion)
+    grasp, size = scenario.grasp, np.array(box.size)
+    hand = HandModel(grasp.hand)
+    controller = builder.AddNamedSystem(
+        "hand_controller",
+        HandController(
+            grasp,
+            hand,
+            object_solid=BoxSolid(np.zeros(3), np.eye(3), size),
+            object_top=float(size[2] / 2),
+            mass=box.mass,
+            p_OCoM=surface.p_OCoM,
+            fixed=[HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0]))],
+            X_WO=initial_pose(conveyor, box),
+            p_OC=p_OC,
+            target_period=scenario.planner.period,
+            plant_time_step=scenario.plant_config.time_step,
+        ),
+    )
+    station = builder.AddNamedSystem(
+        "object_plant",
+        HandStation(
+            box,
+            conveyor,
+            scenario.plant_config,
+            grasp.hand,
+            friction=grasp.friction,
+            initial=controller.initial,
+        ),
+    )
+    for name in ("hand_state", "net_actuation"):
+        builder.Connect(station.GetOutputPort(name), controller.GetInputPort(name))
+    builder.Connect(
+        controller.GetOutputPort("desired_state"), station.GetInputPort("desired_state")
+    )
+    return AddedHand(station, controller, hand.kinematics.tip_frames)
+
+
+def connect_hand(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    hand: AddedHand,
+    planner: PregraspPlanner,
+    sink: Callable[[GraspRecord], None] | None,
+) -> None:
+    """Connects a hand to the planner, to the command to close, and to who watches."""
+    controller = hand.controller
+    for name in ("fingertip_targets", "contact_status", "X_WO_estimated", "V_WO_estimated"):
+        builder.Connect(planner.GetOutputPort(name), controller.GetInputPort(name))
+    command = builder.AddNamedSystem("close_command", _step_at(scenario.grasp.close_at))
+    builder.Connect(command.get_output_port(), controller.GetInputPort("close"))
+    if sink is None:
+        return
+    logger = builder.AddNamedSystem(
+        "grasp_logger",
+        GraspLogger(num_fingers=len(hand.tip_frames), period=scenario.grasp.period, sink=sink),
+    )
+    for name in ("grasp_report", "p_GT", "p_WT", "f_T_W", "X_WG"):
+        builder.Connect(controller.GetOutputPort(name), logger.GetInputPort(name))
+    for name in ("X_WO", "X_WD"):
+        builder.Connect(hand.station.GetOutputPort(name), logger.GetInputPort(name))
+
+
+def _step_at(time: float) -> TrajectorySource:
+    """Returns a source of 0 that becomes 1 at a time."""
+    if time <= 0:
+        return TrajectorySource(PiecewisePolynomial(np.ones((1, 1))))
+    breaks = [0.0, time, 2 * time]
+    return TrajectorySource(PiecewisePolynomial.ZeroOrderHold(breaks, [[0.0, 1.0, 1.0]]))

@@ -1,0 +1,257 @@
+"""Contact goals made into fingertip goals that a hand can follow without harm."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.systems.framework import (
+    BusValue,
+    Context,
+    DiscreteValues,
+    LeafSystem,
+)
+
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.contact_status import is_active
+from drake_pregrasp.planning.goal_shaping import TipRoom, shape_goals
+from drake_pregrasp.planning.region_constraints import Obstacles
+from drake_pregrasp.planning.rotation_vectors import rotation_matrix
+from drake_pregrasp.planning.solids import Solid
+
+MOVING_CLEARANCE = 0.008
+"""Least gap between moving fingertips and the object, in metres."""
+
+OTHER_CLEARANCE = 0.004
+"""Least gap between fingertips and all else, also among themselves, in metres."""
+
+_WITHDRAWN_CLEARANCE = 0.02  # Of fingers without a contact, over the object's top, in metres.
+
+
+class FingertipGoalShaper(LeafSystem):
+    """Turns contact goals into goals for fingertips, and carries them along with the object.
+
+    .. pydrake_system::
+
+        name: FingertipGoalShaper
+        input_ports:
+        - fingertip_targets
+        - contact_status
+        - X_WO_estimated
+        - X_WG
+        - V_WG
+        - standoffs
+        - hold_contacts
+        - obstacles
+        output_ports:
+        - tip_goals
+        - contact_frames
+        - p_GT
+
+    Port `fingertip_targets` accepts a `BusValue` as `CentroidSelector` emits it: for each name of
+    `tip_frames` the pose in W of a contact goal, its z axis along the inward normal. A finger
+    without an entry keeps the one it had.
+
+    Port `contact_status` accepts a vector of n `ContactStatus` values.
+
+    Port `X_WO_estimated` accepts a `RigidTransform`: where the object O is believed to be in W.
+
+    Port `X_WG` accepts a `RigidTransform`: the frame G that goals are carried in. It takes O's
+    place: without a lift it is where O is believed to be.
+
+    Port `V_WG` accepts a `SpatialVelocity`: of G in W. Without a lift it is the estimated one of O.
+
+    Port `standoffs` (optional) accepts a vector of n: the gap between each fingertip and the
+    surface at its contact, in metres; below zero it presses. By default it is `standoff`.
+
+    Port `hold_contacts` (optional) accepts a number: above 0, contacts stay where they are in O,
+    and fingers stay active or not.
+
+    Port `obstacles` (optional) accepts `Obstacles` in W, of which solids are heeded.
+
+    Port `tip_goals` emits a `BusValue`: for each name of `tip_frames` a `RigidTransform` in W with
+    the goal of the tip's centre, where it will be `lead` after the Context's time; its orientation
+    is W's. It plugs into `desired_cartesian_poses` of `DifferentialInverseKinematicsSystem`, with
+    masks for positions only.
+
+    Port `contact_frames` emits a vector of 6n: the contacts that tips go to, in O, in metres, one
+    after another, then the outward unit normals there, as of the last tick. Where a tip has no
+    room, as close to the table, the contact is shifted along the surface.
+
+    Port `p_GT` emits a vector of 3n: the goals in G, as of the last tick, in metres. Tips are to be
+    there, over where G is by then, `lead` after the Context's time.
+
+    Goals move at most at `speed` over the object, which is why they never jump with the contacts.
+    They keep out of the object and what else there is by the tips' radius and a clearance; round
+    the object they take the shorter way. Fingers without an active contact wait above it.
+
+    Args:
+        tip_frames: Scoped names of the fingertips' frames.
+        tip_radius: In metres.
+        object_solid: The object in O, convex.
+        object_top: How high it reaches over O, in metres.
+        fixed: Solids in W to keep out of, as the table.
+        p_GT: Where the tips' centres are at the start, in G, shape (n, 3), in metres.
+        period: Seconds between ticks, greater than zero.
+        target_period: Seconds between looks at `fingertip_targets`: that of the planner, between
+            whose ticks they don't change in O.
+        lead: How far ahead `tip_goals` are, in seconds: as long as what follows takes.
+        speed: In m/s.
+        standoff: In metres.
+
+    Raises:
+        InvalidArgumentError: If an argument is out of its range.
+    """
+
+    def __init__(
+        self,
+        *,
+        tip_frames: Sequence[str],
+        tip_radius: float,
+        object_solid: Solid,
+        object_top: float,
+        fixed: Sequence[Solid],
+        p_GT: FloatArray,
+        period: float,
+        target_period: float,
+        lead: float = 0.0,
+        speed: float = 0.3,
+        standoff: float = 0.02,
+    ) -> None:
+        super().__init__()
+        n = len(tip_frames)
+        if np.shape(p_GT) != (n, 3):
+            raise InvalidArgumentError(f"p_GT must have shape ({n}, 3), not {np.shape(p_GT)}")
+        for name, value in (
+            ("period", period),
+            ("target_period", target_period),
+            ("speed", speed),
+            ("tip_radius", tip_radius),
+        ):
+            if not value > 0:
+                raise InvalidArgumentError(f"{name} must be greater than 0, not {value}")
+        self._tip_frames = list(tip_frames)
+        self._radius = tip_radius
+        self._object = object_solid
+        self._withdrawn_height = object_top + tip_radius + _WITHDRAWN_CLEARANCE
+        self._withdrawn_radius = float(np.mean(np.linalg.norm(np.asarray(p_GT)[:, :2], axis=1)))
+        self._fixed = tuple(fixed)
+        self._lead, self._step, self._standoff = lead, speed * period, standoff
+
+        self._tips = self.DeclareDiscreteState(np.array(p_GT, dtype=float).ravel())
+        # Before the first tick there is no contact: tips stay, and nothing is held.
+        outward = np.asarray(p_GT) * [1.0, 1.0, 0.0]
+        normals = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+        contacts = np.asarray(p_GT) - (tip_radius + standoff) * normals
+        frames = np.concatenate([contacts, normals]).ravel()
+        self._asked = self.DeclareDiscreteState(frames)
+        self._contacts = self.DeclareDiscreteState(frames)
+        self._active = self.DeclareDiscreteState(n)
+        pose, bus = AbstractValue.Make(RigidTransform()), AbstractValue.Make(BusValue())
+        self._targets = self.DeclareAbstractInputPort("fingertip_targets", bus)
+        self._status = self.DeclareVectorInputPort("contact_status", n)
+        self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", pose)
+        self._X_WG = self.DeclareAbstractInputPort("X_WG", pose)
+        self._V_WG = self.DeclareAbstractInputPort("V_WG", AbstractValue.Make(SpatialVelocity()))
+        self._standoffs = self.DeclareVectorInputPort("standoffs", n)
+        self._hold = self.DeclareVectorInputPort("hold_contacts", 1)
+        self._obstacles = self.DeclareAbstractInputPort(
+            "obstacles", AbstractValue.Make(Obstacles())
+        )
+        self.DeclareAbstractOutputPort(
+            "tip_goals",
+            lambda: AbstractValue.Make(BusValue()),
+            self._calc_tip_goals,
+            {
+                self.discrete_state_ticket(self._tips),
+                self._X_WG.ticket(),
+                self._V_WG.ticket(),
+            },
+        )
+        self.DeclareStateOutputPort("contact_frames", self._contacts)
+        self.DeclareStateOutputPort("p_GT", self._tips)
+        self.DeclarePeriodicDiscreteUpdateEvent(target_period, 0.0, self._sample_targets)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        held = self._is_held(context)
+        active = context.get_discrete_state(self._active).value() > 0
+        if not held:
+            active = is_active(np.asarray(self._status.Eval(context)))
+        standoffs = np.full(len(active), self._standoff)
+        if self._standoffs.HasValue(context):
+            standoffs = np.array(self._standoffs.Eval(context))
+        kept = self._contacts if held else self._asked
+        p_OC, nhat = context.get_discrete_state(kept).value().reshape(2, -1, 3)
+        p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
+        goal = np.where(
+            active[:, None],
+            p_OC + (self._radius + standoffs)[:, None] * nhat,
+            self._withdrawn(p_GT),
+        )
+        room = self._room(context, np.where(active, standoffs, MOVING_CLEARANCE))
+        if not held:
+            shift = np.where(active[:, None], room.permitted(goal) - goal, 0)
+            along = shift - np.sum(shift * nhat, axis=1, keepdims=True) * nhat
+            p_OC, goal = p_OC + along, goal + along
+        shaped = shape_goals(p_GT, goal, self._step, room)
+        discrete_state.set_value(self._active, active.astype(float))
+        discrete_state.set_value(self._tips, shaped.ravel())
+        discrete_state.set_value(self._contacts, np.concatenate([p_OC, nhat]).ravel())
+
+    def _is_held(self, context: Context) -> bool:
+        return bool(self._hold.HasValue(context) and self._hold.Eval(context)[0] > 0)
+
+    def _sample_targets(self, context: Context, discrete_state: DiscreteValues) -> None:
+        if self._is_held(context):
+            return
+        asked: FloatArray = context.get_discrete_state(self._asked).value().copy()
+        p_OC, nhat = asked.reshape(2, -1, 3)
+        targets: BusValue = self._targets.Eval(context)
+        X_OW: RigidTransform = self._X_WO.Eval(context).inverse()
+        for finger, name in enumerate(self._tip_frames):
+            X_WC = targets.Find(name)
+            if X_WC is not None:
+                X_OC: RigidTransform = X_OW @ X_WC
+                p_OC[finger] = X_OC.translation()
+                nhat[finger] = -X_OC.rotation().matrix()[:, 2]
+        discrete_state.set_value(self._asked, asked)
+
+    def _withdrawn(self, p_GT: FloatArray) -> FloatArray:
+        level = p_GT * [1.0, 1.0, 0.0]
+        length = np.maximum(np.linalg.norm(level, axis=1, keepdims=True), self._radius)
+        raised: FloatArray = level * self._withdrawn_radius / length
+        raised[:, 2] = self._withdrawn_height
+        return raised
+
+    def _room(self, context: Context, standoffs: FloatArray) -> TipRoom:
+        X_GW: RigidTransform = self._X_WG.Eval(context).inverse()
+        solids = list(self._fixed)
+        if self._obstacles.HasValue(context):
+            solids += self._obstacles.Eval(context).solids
+        return TipRoom(
+            object=self._object,
+            p_GO=np.zeros(3),
+            object_clearances=self._radius + np.minimum(standoffs, MOVING_CLEARANCE),
+            others=tuple(
+                (
+                    solid.moved(X_GW.rotation().matrix(), X_GW.translation()),
+                    self._radius + OTHER_CLEARANCE,
+                )
+                for solid in solids
+            ),
+            spacing=2 * self._radius + OTHER_CLEARANCE,
+        )
+
+    def _calc_tip_goals(self, context: Context, output: AbstractValue) -> None:
+        p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
+        X_WG: RigidTransform = self._X_WG.Eval(context)
+        V_WG: SpatialVelocity = self._V_WG.Eval(context)
+        R_WG = rotation_matrix(V_WG.rotational() * self._lead) @ X_WG.rotation().matrix()
+        p_WT = p_GT @ R_WG.T + X_WG.translation() + V_WG.translational() * self._lead
+        goals = BusValue()
+        for name, point in zip(self._tip_frames, p_WT, strict=True):
+            goals.Set(name, AbstractValue.Make(RigidTransform(point)))
+        output.set_value(goals)

@@ -1,0 +1,122 @@
+"""Desired joint states from the velocities of differential inverse kinematics."""
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import (
+    BasicVector,
+    Context,
+    DiscreteValues,
+    LeafSystem,
+    ValueProducer,
+)
+
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.planning.arrays import BoolArray, FloatArray
+from drake_pregrasp.systems.hand_kinematics import HandKinematics
+
+LARGEST_RATE = 10.0
+"""Of any joint, in rad/s or m/s: near a singular posture all joints slow down together."""
+
+
+class JointReference(LeafSystem):
+    """Integrates joint velocities to desired joint states, and adds what presses the tips.
+
+    .. pydrake_system::
+
+        name: JointReference
+        input_ports:
+        - commanded_velocity
+        - f_T_W
+        output_ports:
+        - position
+        - desired_state
+
+    Port `commanded_velocity` accepts a vector of nq, as `DifferentialInverseKinematicsSystem` emits
+    it; it is sampled once each period.
+
+    Port `f_T_W` (optional) accepts a vector of 3n: forces that fingertips are to press with, in W,
+    in newtons.
+
+    Port `position` emits a vector of nq: the reference q at the Context's time. It is what that
+    system has to start from: never the measured positions, which lag behind.
+
+    Port `desired_state` emits a vector of 2 nq: q + K_p^-1 J^T f, then the velocities, which feed
+    forward. Joints that are held by their gains K_p at q press with f when they are asked to be
+    there.
+
+    The reference moves steadily between ticks, so a drive that samples it at any rate is fed
+    without steps. A joint that comes to its limit stays there.
+
+    Args:
+        hand: Its kinematics.
+        period: Seconds between ticks, greater than zero.
+        initial: Positions at the start, shape (nq,).
+
+    Raises:
+        InvalidArgumentError: If `period` isn't positive, or `initial` has another length.
+    """
+
+    def __init__(self, hand: HandKinematics, *, period: float, initial: FloatArray) -> None:
+        super().__init__()
+        nq, n = hand.num_positions, len(hand.tip_frames)
+        if not period > 0:
+            raise InvalidArgumentError(f"period must be greater than 0 s, not {period}")
+        if np.shape(initial) != (nq,):
+            raise InvalidArgumentError(f"the hand has {nq} joints, not {np.size(initial)}")
+        self._hand = hand
+        self._start = self.DeclareDiscreteState(np.array([0.0]))
+        self._q = self.DeclareDiscreteState(np.array(initial, dtype=float))
+        self._v = self.DeclareDiscreteState(np.zeros(nq))
+        self._commanded = self.DeclareVectorInputPort("commanded_velocity", nq)
+        self._forces = self.DeclareVectorInputPort("f_T_W", 3 * n)
+        stored = {self.time_ticket(), self.xd_ticket()}
+        self._posed = self.DeclareCacheEntry(
+            "the hand's plant at the reference",
+            ValueProducer(
+                lambda: AbstractValue.Make(hand.plant.CreateDefaultContext()), self._calc_posed
+            ),
+            stored,
+        )
+        self.DeclareVectorOutputPort("position", nq, self._calc_position, stored)
+        self.DeclareVectorOutputPort(
+            "desired_state", 2 * nq, self._calc_desired, stored | {self._forces.ticket()}
+        )
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
+
+    def _reference(self, context: Context) -> FloatArray:
+        elapsed = context.get_time() - context.get_discrete_state(self._start)[0]
+        q: FloatArray = context.get_discrete_state(self._q).value()
+        v: FloatArray = context.get_discrete_state(self._v).value()
+        reference: FloatArray = np.clip(q + elapsed * v, self._hand.lower, self._hand.upper)
+        return reference
+
+    def _is_at_limit(self, context: Context) -> BoolArray:
+        """Returns which joints are where they can't go on, shape (nq,)."""
+        q = self._reference(context)
+        v: FloatArray = context.get_discrete_state(self._v).value()
+        above, below = q >= self._hand.upper, q <= self._hand.lower
+        at_limit: BoolArray = (above & (v > 0)) | (below & (v < 0))
+        return at_limit
+
+    def _sample(self, context: Context, discrete_state: DiscreteValues) -> None:
+        v: FloatArray = self._commanded.Eval(context)
+        discrete_state.set_value(self._start, [context.get_time()])
+        discrete_state.set_value(self._q, self._reference(context))
+        discrete_state.set_value(self._v, v / max(1.0, np.max(np.abs(v)) / LARGEST_RATE))
+
+    def _calc_posed(self, context: Context, output: AbstractValue) -> None:
+        self._hand.plant.SetPositions(output.get_mutable_value(), self._reference(context))
+
+    def _calc_position(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._reference(context))
+
+    def _calc_desired(self, context: Context, output: BasicVector) -> None:
+        q = self._reference(context)
+        if self._forces.HasValue(context):
+            f_T_W: FloatArray = self._forces.Eval(context).reshape(-1, 3)
+            if np.any(f_T_W):
+                jacobians = self._hand.tip_jacobians(self._posed.Eval(context))
+                q = q + np.einsum("nij,ni->j", jacobians, f_T_W) / self._hand.stiffness
+        v = context.get_discrete_state(self._v).value()
+        v = np.where(self._is_at_limit(context), 0.0, v)
+        output.SetFromVector(np.concatenate([q, v]))

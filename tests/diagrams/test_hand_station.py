@@ -1,0 +1,43 @@
+"""The plant with object and hand: who can touch whom."""
+
+from itertools import combinations
+
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlantConfig
+
+from drake_pregrasp import Box, Conveyor, HandModelConfig, HandStation
+
+TIPS = [f"finger_{i}_tip" for i in range(5)]
+HAND = HandModelConfig(file="package://drake_pregrasp/five_finger_hand.sdf", fingertips=TIPS)
+
+
+def test_the_box_stands_on_its_feet_and_only_tips_and_object_meet():
+    config = MultibodyPlantConfig(time_step=0.01, discrete_contact_approximation="sap")
+    station = HandStation(Box(), Conveyor(), config, HAND, friction=0.7, initial=np.zeros(19))
+    plant, inspector = station.plant, station.scene_graph.model_inspector()
+
+    def shapes(*bodies):
+        return {
+            inspector.GetName(g).split("::")[-1] + f" of {body}": g
+            for body in bodies
+            for g in plant.GetCollisionGeometriesForBody(plant.GetBodyByName(body))
+        }
+
+    def meet(one, other):
+        return not inspector.CollisionFiltered(one, other)
+
+    cube = shapes("cube")
+    table = shapes("turntable")["top of turntable"]
+    last = shapes(*(f"finger_{i}_distal" for i in range(5)))
+    first = shapes(*(f"finger_{i}_proximal" for i in range(5)))
+    feet = {name: g for name, g in cube.items() if name.startswith("foot")}
+    (solid,) = set(cube.values()) - set(feet.values())
+    assert len(feet) == 4
+    assert all(meet(foot, table) for foot in feet.values())
+    assert not meet(solid, table)
+    for part in {**last, **first}.values():
+        assert meet(part, solid)
+        assert not any(meet(part, foot) for foot in feet.values())
+    assert not any(meet(a, b) for a, b in combinations(first.values(), 2))
+    assert not any(meet(a, b) for a in first.values() for b in last.values())
+    assert meet(last["tip of finger_0_distal"], last["tip of finger_1_distal"])

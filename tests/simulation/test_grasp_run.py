@@ -1,0 +1,169 @@
+"""A hand in the complete diagram: it follows, closes, lifts and holds, or gives up and says why."""
+
+import json
+
+import numpy as np
+import pytest
+from conftest import read_log
+from pydrake.systems.analysis import Simulator
+from scipy.spatial.transform import Rotation
+
+from drake_pregrasp import (
+    BoxSolid,
+    ScenarioError,
+    load_scenario,
+    make_diagram,
+    run,
+    without_solver_chatter,
+)
+from drake_pregrasp.planning.grasp_state import GraspPhase
+
+NAME = "grasp_five_finger"
+QUIET = "sensor: {position_std: 0.0, orientation_std: 0.0}"
+SLOW = f"{{motion: {{linear_velocity: 0.001, angular_velocity: 0.0174}}, {QUIET}}}"
+FAST = f"{{motion: {{linear_velocity: 0.05, angular_velocity: 0.5236}}, {QUIET}}}"
+
+
+def grasp_run(folder, text="{}", **changes):
+    scenario = load_scenario(NAME, text=text)
+    for key, value in changes.items():
+        setattr(scenario, key, value)
+    return run(scenario, name="grasp", out=folder, recording=False)
+
+
+@pytest.fixture(scope="module")
+def noisy_run(tmp_path_factory):
+    return grasp_run(tmp_path_factory.mktemp("noisy"))
+
+
+@pytest.mark.parametrize(("text", "largest_error"), [(SLOW, 0.05), (FAST, 0.1)])
+def test_fingertips_follow_and_take_the_object(text, largest_error, tmp_path):
+    check_grasp(grasp_run(tmp_path, text).summary["grasp"], largest_error)
+
+
+def test_they_do_so_by_noisy_poses(noisy_run):
+    check_grasp(noisy_run.summary["grasp"], 0.3)
+
+
+def test_a_context_can_be_cloned_in_the_middle_of_a_run():
+    scenario = load_scenario(NAME)
+    diagram = make_diagram(scenario, scenario.make_surface())
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(0.5)
+    other = Simulator(diagram, simulator.get_context().Clone())
+    controller = diagram.GetSubsystemByName("hand_controller")
+    tips = []
+    for one in (simulator, other):
+        with without_solver_chatter():
+            one.AdvanceTo(1.0)
+        context = controller.GetMyContextFromRoot(one.get_context())
+        tips.append(controller.GetOutputPort("p_WT").Eval(context))
+    np.testing.assert_array_equal(*tips)
+
+
+def check_grasp(grasp, largest_error):
+    assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
+    assert grasp["tracking_error_mean_mm"] < largest_error
+    assert grasp["closing_motion_mm"] < 0.1
+    assert 98 < grasp["lift_height_mm"] < 101
+    assert grasp["slip_lift_mm"] < 1
+    assert grasp["slip_hold_mm"] < 1
+    assert 2.0 < min(grasp["tip_forces"]) < max(grasp["tip_forces"]) < 10.0
+
+
+def test_the_log_shows_all_phases_in_their_order(noisy_run):
+    log = read_log(noisy_run.folder / "grasp.csv")
+    assert list(dict.fromkeys(log["phase"])) == [
+        GraspPhase.APPROACH,
+        GraspPhase.TRACK,
+        GraspPhase.CLOSE,
+        GraspPhase.SQUEEZE,
+        GraspPhase.LIFT,
+        GraspPhase.HOLD,
+    ]
+    forces = np.stack([log[f"force{i}_{axis}"] for i in range(5) for axis in "xyz"], axis=-1)
+    held = forces[log["phase"] == GraspPhase.HOLD].reshape(-1, 5, 3).sum(axis=1)
+    # They carry the object's weight together, and push it nowhere. Torques tell it to some 5 %,
+    # for tips touch beside their centres.
+    np.testing.assert_allclose(np.mean(held, axis=0), [0, 0, 0.4 * 9.81], atol=0.3)
+
+
+def test_fingertips_keep_off_the_object_before_they_close(noisy_run):
+    log = read_log(noisy_run.folder / "grasp.csv")
+    cube = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
+    X_OW = Rotation.from_quat(np.stack([log[f"q{axis}_wo"] for axis in "xyzw"], axis=-1)).inv()
+    p_WO = np.stack([log[f"{axis}_wo"] for axis in "xyz"], axis=-1)
+    for finger in range(5):
+        p_WT = np.stack([log[f"tip{finger}_{axis}"] for axis in "xyz"], axis=-1)
+        gaps = cube.distance(X_OW.apply(p_WT - p_WO)) - 0.009
+        assert np.min(gaps[log["phase"] < GraspPhase.CLOSE]) > 0.007
+        assert np.max(np.abs(gaps[log["phase"] == GraspPhase.HOLD])) < 1e-3
+
+
+def test_the_same_scenario_gives_the_same_log(noisy_run, tmp_path):
+    scenario = load_scenario(file=noisy_run.folder / "scenario.yaml")
+    again = run(scenario, name="again", out=tmp_path, recording=False)
+    for file in ("log.csv", "grasp.csv"):
+        assert (again.folder / file).read_bytes() == (noisy_run.folder / file).read_bytes()
+
+
+def test_a_hand_that_cannot_grasp_opens_and_says_why(tmp_path):
+    lost = "{damage: [{at: 3.0, contacts: [1, 3, 4]}], simulation_duration: 8.0}"
+    result = grasp_run(tmp_path, lost)
+    written = json.loads((result.folder / "summary.json").read_text())
+    assert written["grasp"]["gave_up"] == "only 2 active fingers"
+    assert written["grasp"]["phase"] == "back_off"
+    assert written["grasp"]["slip_lift_mm"] is None
+
+
+def test_a_slippery_object_is_set_down_again(tmp_path):
+    soft = "{grasp: {least_force: 0.1, planned_friction: 0.7, friction: 0.35}}"
+    grasp = grasp_run(tmp_path, soft).summary["grasp"]
+    assert "lost touch" in grasp["gave_up"]
+    assert grasp["lift_height_mm"] < 5
+
+
+def test_an_obstacle_over_the_table_keeps_its_distance_from_fingertips(tmp_path):
+    obstacle = "{obstacles: [!BallObstacle {radius: 0.03, center: [0.12, 0.0, 0.05]}], %s}"
+    still = "motion: {linear_velocity: 0.0, angular_velocity: 0.3}, simulation_duration: 4.0"
+    result = grasp_run(tmp_path, obstacle % still)
+    log = read_log(result.folder / "grasp.csv")
+    for finger in range(5):
+        tip = np.stack([log[f"tip{finger}_{axis}"] for axis in "xyz"], axis=-1)
+        assert np.min(np.linalg.norm(tip - [0.12, 0.0, 0.05], axis=1)) > 0.03 + 0.009
+
+
+def test_nothing_is_printed(tmp_path, capfd):
+    grasp_run(tmp_path, simulation_duration=0.5)
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            "{object: !Ball {}, plant_config: {contact_model: hydroelastic_with_fallback}}",
+            r"object: a hand takes a !Box only",
+        ),
+        ("{motion: !Push {}}", r"motion: a hand takes what is on a !Conveyor only"),
+        ("{planner: {estimator: {lookahead: 0.1}}}", r"lookahead: 0.1 must be 0 for a hand"),
+        ("{ring_contacts: 4}", r"grasp.hand.fingertips: 5 frames must be 4, one a contact"),
+        ("{grasp: {hand: {fingertips: [a, b, c, d, e]}}}", r"grasp.hand: hand has no frame a; the"),
+        ("{grasp: {hand: {file: nothing.sdf}}}", r"grasp.hand: .*nothing.sdf: there is no such"),
+        ("{grasp: {least_force: 20}}", r"grasp.least_force: 20.0 must be at most 12.0"),
+        (
+            "{object: {mass: 5}}",
+            r"grasp.largest_force: 5 fingers of 12.0 N hold 30 N with friction 0.5; the object"
+            r" weighs 49",
+        ),
+        ("{plant_config: {time_step: 0.05}}", r"plant_config.time_step: 0.05 must be at most 0.02"),
+        (
+            "{initial_contacts: [[1,-0.6,0], [1,-0.3,0], [1,0,0], [1,0.3,0], [1,0.6,0]]}",
+            r"initial_contacts: no finger reaches contact \d: it is",
+        ),
+    ],
+)
+def test_what_a_hand_cannot_do_is_refused_in_one_line(text, message):
+    with pytest.raises(ScenarioError, match=message) as error:
+        load_scenario(NAME, text=text)
+    assert "\n" not in str(error.value)

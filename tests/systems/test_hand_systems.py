@@ -1,0 +1,390 @@
+"""The hand's systems, each by itself: what they measure, carry, and command."""
+
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import BusValue
+
+from drake_pregrasp import BallSolid, BoxSolid, HalfSpace, InvalidArgumentError, Obstacles
+from drake_pregrasp.diagrams.grasp_config import HandModelConfig
+from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.planning.contact_status import ContactStatus
+from drake_pregrasp.planning.grasp_state import GraspSettings
+from drake_pregrasp.systems.carrier_posture import CarrierPosture
+from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
+from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
+from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
+from drake_pregrasp.systems.hand_kinematics import HandKinematics
+from drake_pregrasp.systems.joint_reference import LARGEST_RATE, JointReference
+
+FILE = "package://drake_pregrasp/five_finger_hand.sdf"
+TIPS = [f"finger_{i}_tip" for i in range(5)]
+HAND = HandModel(HandModelConfig(file=FILE, fingertips=TIPS))
+FRAMES = HAND.kinematics.tip_frames
+Q = HAND.home(np.array([0.1, -0.05, 0.05]), 0.4) + 0.05 * np.sin(np.arange(19))
+RADIUS, PERIOD = 0.009, 0.02
+AROUND = 2 * np.pi * np.arange(5) / 5
+RING = 0.079 * np.stack([np.cos(AROUND), np.sin(AROUND), 0 * AROUND], axis=1)
+
+
+def jacobians(q):
+    plant = HAND.kinematics.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, q)
+    return HAND.kinematics.tip_jacobians(context)
+
+
+def bus(points):
+    value = BusValue()
+    for name, point in zip(FRAMES, points, strict=True):
+        value.Set(name, AbstractValue.Make(RigidTransform(point)))
+    return value
+
+
+def points_of(value):
+    return np.array([value.Find(name).translation() for name in FRAMES])
+
+
+def test_a_sensor_feels_what_fingers_press_with():
+    sensor = FingertipSensor(HAND.kinematics)
+    context = sensor.CreateDefaultContext()
+    f_T_W = np.random.default_rng(1).normal(size=(5, 3))
+    torques = np.einsum("nij,ni->j", jacobians(Q), f_T_W)
+    sensor.GetInputPort("hand_state").FixValue(context, np.concatenate([Q, 0 * Q]))
+    sensor.GetInputPort("net_actuation").FixValue(context, torques)
+    felt = sensor.GetOutputPort("f_T_W").Eval(context).reshape(5, 3)
+    np.testing.assert_allclose(felt, f_T_W, atol=1e-6)
+    p_WT = sensor.GetOutputPort("p_WT").Eval(context).reshape(5, 3)
+    np.testing.assert_allclose(p_WT, HAND.tips_at(Q), atol=1e-12)
+
+
+def reference_context(v, initial=Q):
+    reference = JointReference(HAND.kinematics, period=PERIOD, initial=initial)
+    simulator = Simulator(reference)
+    context = simulator.get_mutable_context()
+    reference.GetInputPort("commanded_velocity").FixValue(context, v)
+    simulator.Initialize()
+    return reference, simulator, context
+
+
+def test_a_reference_moves_steadily_between_ticks():
+    v = np.linspace(-0.2, 0.2, 19)
+    reference, simulator, context = reference_context(v)
+    simulator.AdvanceTo(PERIOD / 2)  # The first tick is over.
+    for time in (0.03, 0.04, 0.047, 0.06):
+        simulator.AdvanceTo(time)
+        q = reference.GetOutputPort("position").Eval(context)
+        np.testing.assert_allclose(q, Q + v * time, atol=1e-12)
+        desired = reference.GetOutputPort("desired_state").Eval(context)
+        np.testing.assert_allclose(desired, np.concatenate([q, v]), atol=1e-12)
+
+
+def test_a_reference_stays_within_limits_and_rates():
+    v = np.zeros(19)
+    v[5] = 100.0
+    reference, simulator, context = reference_context(v)
+    simulator.AdvanceTo(PERIOD)
+    desired = reference.GetOutputPort("desired_state").Eval(context)
+    assert desired[19 + 5] == LARGEST_RATE
+    simulator.AdvanceTo(1.0)
+    q = reference.GetOutputPort("position").Eval(context)
+    assert q[5] == HAND.kinematics.upper[5]
+    desired = reference.GetOutputPort("desired_state").Eval(context)
+    assert desired[19 + 5] == 0
+
+
+def test_a_reference_presses_by_its_stiffness():
+    reference, _, context = reference_context(np.zeros(19))
+    f_T_W = np.random.default_rng(2).normal(size=(5, 3))
+    reference.GetInputPort("f_T_W").FixValue(context, f_T_W.ravel())
+    offset = reference.GetOutputPort("desired_state").Eval(context)[:19] - Q
+    torques = HAND.kinematics.stiffness * offset
+    np.testing.assert_allclose(torques, np.einsum("nij,ni->j", jacobians(Q), f_T_W), atol=1e-9)
+
+
+def test_a_palm_turns_with_the_goals_on_and_on():
+    posture = CarrierPosture(
+        tip_frames=FRAMES,
+        finger_azimuths=AROUND,
+        home=HAND.home(np.zeros(3), 0.0),
+        carrier=HAND.carrier,
+        gain=5.0,
+        period=PERIOD,
+    )
+    simulator = Simulator(posture)
+    context = simulator.get_mutable_context()
+    posture.GetInputPort("V_WG").FixValue(context, SpatialVelocity.Zero())
+    for index, angle in enumerate(np.arange(0.0, 13.0, 0.3)):
+        p_WG = np.array([0.01 * index, 0.0, 0.1])
+        R = RotationMatrix.MakeZRotation(angle).matrix()
+        posture.GetInputPort("X_WG").FixValue(context, RigidTransform(p_WG))
+        posture.GetInputPort("tip_goals").FixValue(context, bus(RING @ R.T + p_WG))
+        simulator.AdvanceTo(index * PERIOD + 1e-3)
+        nominal = posture.GetOutputPort("nominal_posture").Eval(context)
+        assert nominal[3] == pytest.approx(angle)
+        np.testing.assert_allclose(nominal[:3] - [0, 0, 0.155], p_WG, atol=1e-12)
+
+
+def test_a_palm_that_lags_by_its_gain_is_asked_to_be_ahead():
+    posture = CarrierPosture(
+        tip_frames=FRAMES,
+        finger_azimuths=AROUND,
+        home=HAND.home(np.zeros(3), 0.0),
+        carrier=HAND.carrier,
+        gain=4.0,
+        period=PERIOD,
+    )
+    context = posture.CreateDefaultContext()
+    posture.GetInputPort("X_WG").FixValue(context, RigidTransform())
+    posture.GetInputPort("tip_goals").FixValue(context, bus(RING))
+    V_WG = SpatialVelocity(w=[0, 0, 0.2], v=[0.04, 0.02, 0.0])
+    posture.GetInputPort("V_WG").FixValue(context, V_WG)
+    nominal = posture.GetOutputPort("nominal_posture").Eval(context)
+    np.testing.assert_allclose(nominal[:4], [0.01, 0.005, 0.155, 0.05], atol=1e-12)
+
+
+class Shaper:
+    """A shaper round a cube with goals on a ring, at which inputs can be changed."""
+
+    def __init__(self, contacts, **more):
+        self.system = FingertipGoalShaper(
+            tip_frames=FRAMES,
+            tip_radius=RADIUS,
+            object_solid=BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)),
+            object_top=0.05,
+            fixed=[HalfSpace(np.array([0, 0, -0.05]), np.array([0, 0, 1.0]))],
+            p_GT=1.2 * RING,
+            period=PERIOD,
+            target_period=0.05,
+            **more,
+        )
+        self.simulator = Simulator(self.system)
+        self.context = self.simulator.get_mutable_context()
+        self.set("contact_status", np.full(5, float(ContactStatus.ACTIVE)))
+        self.set("X_WO_estimated", RigidTransform())
+        self.set("X_WG", RigidTransform())
+        self.set("V_WG", SpatialVelocity.Zero())
+        self.contacts(contacts)
+
+    def set(self, port, value):
+        self.system.GetInputPort(port).FixValue(self.context, value)
+
+    def contacts(self, contacts):
+        targets = BusValue()
+        for name, (point, normal) in zip(FRAMES, contacts, strict=False):
+            R = RotationMatrix.MakeFromOneVector(-np.array(normal, dtype=float), 2)
+            targets.Set(name, AbstractValue.Make(RigidTransform(R, point)))
+        self.set("fingertip_targets", targets)
+
+    def goals(self, seconds):
+        self.simulator.AdvanceTo(self.context.get_time() + seconds)
+        return points_of(self.system.GetOutputPort("tip_goals").Eval(self.context))
+
+
+X, Y = [1, 0, 0], [0, 1, 0]
+CONTACTS = [
+    ([0.05, -0.01, 0.0], X),
+    ([0.02, 0.05, 0.0], Y),
+    ([-0.03, 0.05, 0.02], Y),
+    ([-0.05, -0.02, 0.0], [-1, 0, 0]),
+    ([0.0, -0.05, 0.01], [0, -1, 0]),
+]
+POINTS, NORMALS = (np.array(column, dtype=float) for column in zip(*CONTACTS, strict=True))
+
+
+def test_goals_come_to_stand_off_their_contacts():
+    goals = Shaper(CONTACTS, standoff=0.02).goals(1.0)
+    np.testing.assert_allclose(goals, POINTS + 0.029 * NORMALS, atol=1e-9)
+
+
+def test_goals_are_carried_ahead_with_the_frame():
+    shaper = Shaper(CONTACTS, lead=0.03)
+    still = shaper.goals(1.0)
+    R = RotationMatrix.MakeZRotation(0.3).matrix()
+    shaper.set("X_WG", RigidTransform(RotationMatrix(R), [0.1, 0.2, 0.3]))
+    shaper.set("V_WG", SpatialVelocity(w=[0, 0, 0.5], v=[0.05, 0, 0]))
+    ahead = RotationMatrix.MakeZRotation(0.3 + 0.015).matrix()
+    expected = still @ ahead.T + [0.1 + 0.0015, 0.2, 0.3]
+    np.testing.assert_allclose(shaper.goals(0.0), expected, atol=1e-12)
+
+
+def test_held_contacts_stay_when_goals_move_on():
+    shaper = Shaper(CONTACTS)
+    before = shaper.goals(1.0)
+    shaper.set("hold_contacts", [1.0])
+    shaper.contacts([([0.05, 0.04, 0.03], X), *CONTACTS[1:]])
+    shaper.set("contact_status", np.array([1.0, 1, 1, 1, ContactStatus.OBSTRUCTED]))
+    np.testing.assert_allclose(shaper.goals(0.5), before, atol=1e-9)
+    shaper.set("standoffs", np.array([-0.001, 0.02, 0.02, 0.02, 0.02]))
+    pressed = shaper.goals(0.5)
+    np.testing.assert_allclose(pressed[0] - before[0], [-0.021, 0, 0], atol=1e-9)
+
+
+def test_fingers_without_a_contact_wait_above():
+    shaper = Shaper(CONTACTS[:4])
+    shaper.set("contact_status", np.array([1.0, 1, 1, 1, ContactStatus.LOST]))
+    goals = shaper.goals(2.0)
+    assert goals[4, 2] >= 0.05 + RADIUS + 0.02 - 1e-9
+    np.testing.assert_allclose(goals[:4], (POINTS + 0.029 * NORMALS)[:4], atol=1e-9)
+
+
+def test_a_contact_too_low_for_a_tip_is_shifted_up():
+    low = [([0.05, -0.01, -0.049], X), *CONTACTS[1:]]
+    shaper = Shaper(low)
+    goals = shaper.goals(1.0)
+    assert goals[0, 2] == pytest.approx(-0.05 + RADIUS + 0.004)
+    frames = shaper.system.GetOutputPort("contact_frames").Eval(shaper.context).reshape(2, 5, 3)
+    np.testing.assert_allclose(frames[0, 0], [0.05, -0.01, goals[0, 2]], atol=1e-9)
+    shaper.set("hold_contacts", [1.0])
+    np.testing.assert_allclose(shaper.goals(0.5), goals, atol=1e-9)
+
+
+def test_obstacles_push_goals_away_but_not_what_is_held():
+    shaper = Shaper(CONTACTS)
+    before = shaper.goals(1.0)
+    ball = BallSolid(before[0] + [0.0, 0.03, 0.0], 0.02)
+    shaper.set("obstacles", AbstractValue.Make(Obstacles((ball,))))
+    pushed = shaper.goals(0.5)
+    assert ball.distance(pushed)[0] >= RADIUS + 0.004 - 1e-6
+    frames = shaper.system.GetOutputPort("contact_frames").Eval(shaper.context).copy()
+    shaper.set("hold_contacts", [1.0])
+    nearer = BallSolid(before[0] + [0.0, 0.01, 0.0], 0.02)
+    shaper.set("obstacles", AbstractValue.Make(Obstacles((nearer,))))
+    shaper.goals(0.5)
+    held = shaper.system.GetOutputPort("contact_frames").Eval(shaper.context)
+    np.testing.assert_array_equal(held, frames)
+
+
+def test_who_has_touched_keeps_touching_and_all_together_carry_the_weight():
+    settings = GraspSettings()
+    sequencer, simulator, context = sequencer_over(X_WO=RigidTransform([0.0, 0.0, 0.05]))
+    sequencer.GetInputPort("close").FixValue(context, [1.0])
+    sequencer.GetInputPort("V_WO_estimated").FixValue(context, SpatialVelocity.Zero())
+    felt = np.zeros((5, 3))
+    felt[0] = -2 * settings.touch_force * NORMALS[0]
+    sequencer.GetInputPort("f_T_W").FixValue(context, felt.ravel())
+    simulator.AdvanceTo(settings.approach_duration + settings.gate_limit + 0.1)
+    forces = sequencer.GetOutputPort("squeeze_forces").Eval(context).reshape(5, 3)
+    np.testing.assert_allclose(forces[0], -settings.touch_force * NORMALS[0], atol=1e-12)
+    np.testing.assert_array_equal(forces[1:], 0)
+    sequencer.GetInputPort("f_T_W").FixValue(context, (-NORMALS).ravel())
+    simulator.AdvanceTo(context.get_time() + settings.squeeze_duration + 0.1)
+    forces = sequencer.GetOutputPort("squeeze_forces").Eval(context).reshape(5, 3)
+    np.testing.assert_allclose(forces.sum(axis=0), [0, 0, 0.4 * 9.81], atol=0.01)
+    assert np.min(-np.sum(forces * NORMALS, axis=1)) >= settings.least_force - 1e-3
+
+
+def sequencer_over(X_WO):
+    sequencer = GraspSequencer(
+        num_fingers=5,
+        tip_radius=RADIUS,
+        mass=0.4,
+        p_OCoM=np.zeros(3),
+        friction=0.5,
+        settings=GraspSettings(),
+        period=PERIOD,
+    )
+    simulator = Simulator(sequencer)
+    context = simulator.get_mutable_context()
+    for port, value in (
+        ("close", [0.0]),
+        ("contact_status", np.ones(5)),
+        ("contact_frames", np.concatenate([POINTS, NORMALS]).ravel()),
+        ("X_WO_estimated", X_WO),
+        ("V_WO_estimated", SpatialVelocity(w=[0, 0, 0.1], v=[0.05, 0, 0])),
+        ("p_WT", ((X_WO @ POINTS.T).T + RADIUS * NORMALS).ravel()),
+        ("f_T_W", np.zeros(15)),
+    ):
+        sequencer.GetInputPort(port).FixValue(context, value)
+    return sequencer, simulator, context
+
+
+def test_the_carried_frame_comes_down_to_the_object():
+    X_WO = RigidTransform(RotationMatrix.MakeZRotation(0.3), [0.1, 0.0, 0.05])
+    sequencer, simulator, context = sequencer_over(X_WO)
+    heights, speeds = [], []
+    for time in np.arange(0.0, 2.0, 0.1):
+        simulator.AdvanceTo(time)
+        X_WG = sequencer.GetOutputPort("X_WG").Eval(context)
+        np.testing.assert_array_equal(X_WG.rotation().matrix(), X_WO.rotation().matrix())
+        heights.append(X_WG.translation()[2] - 0.05)
+        speeds.append(sequencer.GetOutputPort("V_WG").Eval(context).translational()[2])
+    assert heights[0] == pytest.approx(GraspSettings().approach_height)
+    assert heights[-1] == pytest.approx(0)
+    assert np.all(np.diff(heights) <= 1e-12)
+    np.testing.assert_allclose(speeds[1:-1], np.gradient(heights, 0.1)[1:-1], atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"fingertips": ["thumb"]}, "must have the carrier's joints first"),
+        ({"fingertips": [*TIPS[:4], "thumb"]}, "hand has no frame thumb; there are: "),
+        ({"fingertips": [*TIPS[:4], "palm"]}, "hand::palm has 0 joints of its own"),
+        ({"carrier": ["x", "y", "z", "roll"]}, "has no joint roll; there are: x, y, z, yaw"),
+        ({"carrier": ["yaw", "x", "y", "z"]}, "must have the carrier's joints first"),
+        ({"home": [0.0, 0.9]}, "then 2 of each of 5 fingers, 14 in all, not 19"),
+        ({"file": "package://drake_pregrasp/nothing.sdf"}, "there is no such file"),
+        ({"file": "package://drake_pregrasp/package.xml"}, "is no model of a hand"),
+        ({"file": "package://drake_pregrasp/cube.sdf"}, "has no joint x; there are: "),
+    ],
+)
+def test_a_hand_that_is_not_as_described_is_refused_in_one_line(change, message):
+    config = HandModelConfig(**{"file": FILE, "fingertips": TIPS, **change})
+    with pytest.raises(InvalidArgumentError, match=message) as error:
+        HandModel(config)
+    assert "\n" not in str(error.value)
+
+
+HAND_OF_TWO = """
+<robot name="hand">
+  <link name="palm"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0"
+    izz="1"/></inertial></link>
+  <link name="a"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0"
+    izz="1"/></inertial></link>
+  <link name="b"><inertial><mass value="1"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0"
+    izz="1"/></inertial></link>
+  <joint name="j1" type="revolute"><parent link="palm"/><child link="a"/><axis xyz="0 0 1"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="j2" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 1 0"/>
+    <limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  %s
+</robot>
+"""
+
+
+def drive(joint, gains):
+    gains = '<drake:controller_gains p="1" d="1"/>' if gains else ""
+    return (
+        "<transmission><type>transmission_interface/SimpleTransmission</type>"
+        f'<joint name="{joint}"/><actuator name="{joint}_drive">{gains}</actuator></transmission>'
+    )
+
+
+@pytest.mark.parametrize(
+    ("drives", "message"),
+    [
+        ([("j1", True), ("j2", False)], "joint j2 isn't driven"),
+        ([("j2", True), ("j1", True)], "j1_drive must come in the order of the joints"),
+    ],
+)
+def test_joints_must_be_driven_in_their_order(drives, message):
+    plant = MultibodyPlant(0.01)
+    text = HAND_OF_TWO % "".join(drive(*one) for one in drives)
+    text = text.replace('<robot name="hand">', '<robot name="hand" xmlns:drake="drake.mit.edu">')
+    Parser(plant).AddModelsFromString(text, "urdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("palm"))
+    plant.Finalize()
+    with pytest.raises(InvalidArgumentError, match=message):
+        HandKinematics(plant, ["hand::b"])
+
+
+def test_a_model_instance_that_is_not_there_is_named():
+    plant = HandModel(HandModelConfig(file=FILE, fingertips=TIPS)).kinematics.plant
+    with pytest.raises(InvalidArgumentError, match="no model instance 'foot'"):
+        HandKinematics(plant, ["foot::tip"])
