@@ -19,16 +19,8 @@ def rotation_matrix(theta: FloatArray) -> FloatArray:
     Args:
         theta: Rotation vector, shape (3,), in radians.
     """
-    x, y, z = theta.tolist()
-    square = x * x + y * y + z * z
-    a, b, _ = _coefficients(square)
-    return np.array(
-        [
-            [1 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
-            [b * x * y + a * z, 1 - b * (x * x + z * z), b * y * z - a * x],
-            [b * x * z - a * y, b * y * z + a * x, 1 - b * (x * x + y * y)],
-        ]
-    )
+    a, b, _ = _coefficients(theta)
+    return _polynomial(theta, a, b)
 
 
 def rotation_vector(R: FloatArray) -> FloatArray:
@@ -64,20 +56,27 @@ def left_jacobian(theta: FloatArray) -> FloatArray:
     Args:
         theta: Rotation vector, shape (3,), in radians.
     """
+    _, b, c = _coefficients(theta)
+    return _polynomial(theta, b, c)
+
+
+def _polynomial(theta: FloatArray, first: float, second: float) -> FloatArray:
+    """Returns I + first [theta]x + second [theta]x², shape (3, 3)."""
     x, y, z = theta.tolist()
-    square = x * x + y * y + z * z
-    _, b, c = _coefficients(square)
+    a, b = first, second
     return np.array(
         [
-            [1 - c * (y * y + z * z), c * x * y - b * z, c * x * z + b * y],
-            [c * x * y + b * z, 1 - c * (x * x + z * z), c * y * z - b * x],
-            [c * x * z - b * y, c * y * z + b * x, 1 - c * (x * x + y * y)],
+            [1 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
+            [b * x * y + a * z, 1 - b * (x * x + z * z), b * y * z - a * x],
+            [b * x * z - a * y, b * y * z + a * x, 1 - b * (x * x + y * y)],
         ]
     )
 
 
-def _coefficients(square: float) -> tuple[float, float, float]:
-    """Returns sin(s)/s, (1 - cos(s))/s² and (s - sin(s))/s³, of s²."""
+def _coefficients(theta: FloatArray) -> tuple[float, float, float]:
+    """Returns sin(s)/s, (1 - cos(s))/s² and (s - sin(s))/s³, with s = |theta|."""
+    x, y, z = theta.tolist()
+    square = x * x + y * y + z * z
     if square < _SMALL**2:
         return (
             1 - square / 6 * (1 - square / 20 * (1 - square / 42)),
