@@ -69,7 +69,9 @@ def test_a_tip_gets_everywhere_without_touching_or_jumping(start, end):
     assume(min(p[0, 2], goal[0, 2]) > -0.05)  # Nothing goes below what stands on a table.
     for _ in range(150):  # The longest way is half round at 6 mm a step.
         moved = shape_goals(p, goal, STEP, ALONE)
-        assert np.linalg.norm(moved - p) <= 1.001 * STEP
+        # A step along the surface that bends away at an edge is pushed out as well.
+        pushed = np.hypot(CLEARANCE, STEP) - CLEARANCE
+        assert np.linalg.norm(moved - p) <= 1.001 * np.hypot(STEP, pushed)
         assert BOX.distance(moved)[0] >= CLEARANCE - 1e-9
         p = moved
     np.testing.assert_allclose(p, goal, atol=1e-9)

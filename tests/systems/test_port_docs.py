@@ -100,7 +100,7 @@ MAKERS = {
         object_solid=BallSolid(np.zeros(3), 0.05),
         object_top=0.05,
         fixed=[],
-        p_OT=1.5 * c,
+        p_GT=1.5 * c,
         period=0.02,
         target_period=0.05,
     ),
