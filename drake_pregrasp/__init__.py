@@ -4,7 +4,7 @@ from drake_pregrasp.diagrams.grasp_config import GraspConfig, HandModelConfig
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import HandStation
-from drake_pregrasp.diagrams.limits_config import BallReach, BoxReach, LimitsConfig, Pair
+from drake_pregrasp.diagrams.limits_config import LimitsConfig, Pair
 from drake_pregrasp.diagrams.motion_config import Conveyor
 from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
@@ -15,6 +15,7 @@ from drake_pregrasp.diagrams.pregrasp_planner import (
     PlannerConfig,
     PregraspPlanner,
 )
+from drake_pregrasp.diagrams.reach_config import BallReach, BoxReach, SectorReach
 from drake_pregrasp.errors import InvalidArgumentError, OutputError, PregraspError, ScenarioError
 from drake_pregrasp.planning.box_surface import box_surface
 from drake_pregrasp.planning.contact_status import ContactStatus
@@ -90,6 +91,7 @@ __all__ = [
     "SafeRegionPartitioner",
     "Scenario",
     "ScenarioError",
+    "SectorReach",
     "__version__",
     "box_surface",
     "compute_safe_regions",

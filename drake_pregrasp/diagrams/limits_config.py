@@ -3,55 +3,15 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydrake.math import RollPitchYaw
 
-from drake_pregrasp.diagrams.config_fields import zeros
+from drake_pregrasp.diagrams.reach_config import ReachConfig
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.planning.box_surface import BOX_FACES
 from drake_pregrasp.planning.contact_limits import ContactLimits, CoupledPair
+from drake_pregrasp.planning.no_touch import AxisArea
 from drake_pregrasp.planning.quality_guard import GUARDS, guard_measure
-from drake_pregrasp.planning.solids import BallSolid, BoxSolid, Solid
 
-_POINT = {"length": 3, "at_least": -10, "at_most": 10}
 _LENGTH = {"at_least": 0, "at_most": 10}
-
-
-@dataclass
-class BallReach:
-    """A finger that reaches everything inside a ball."""
-
-    # The ball's centre in the hand's frame H, in metres.
-    center: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
-
-    # Its radius, in metres.
-    radius: float = field(default=0.0, metadata={"required": True, "above": 0, "at_most": 10})
-
-    def make_solid(self) -> Solid:
-        """Returns the ball, in H."""
-        return BallSolid(np.array(self.center), self.radius)
-
-
-@dataclass
-class BoxReach:
-    """A finger that reaches everything inside a box."""
-
-    # Edge lengths, in metres.
-    size: list[float] = field(
-        default_factory=zeros,
-        metadata={"required": True, "length": 3, "above": 0, "at_most": 10},
-    )
-
-    # Its centre in the hand's frame H, in metres.
-    center: list[float] = field(default_factory=zeros, metadata=_POINT)
-
-    # Its orientation in H, as roll, pitch and yaw, in radians.
-    rpy: list[float] = field(
-        default_factory=zeros, metadata={"length": 3, "at_least": -10, "at_most": 10}
-    )
-
-    def make_solid(self) -> Solid:
-        """Returns the box, in H."""
-        R_HB = RollPitchYaw(self.rpy).ToRotationMatrix().matrix()
-        return BoxSolid(np.array(self.center), R_HB, np.array(self.size))
 
 
 @dataclass
@@ -90,8 +50,20 @@ class LimitsConfig:
     # Between fingertips and obstacles, in metres.
     clearance: float = field(default=0.004, metadata=_LENGTH)
 
-    # Where each finger can be, in the hand's frame H. Empty: everywhere.
-    reach: list[BallReach | BoxReach] = field(default_factory=list)
+    # Between fingertips, at least, in metres.
+    tip_gap: float = field(default=0.0, metadata=_LENGTH)
+
+    # How far from the surface fingertips wait, in metres: they stay clear of obstacles there, too.
+    standoff: float = field(default=0.0, metadata=_LENGTH)
+
+    # What each finger reaches, in the hand's frame H. Empty: everything.
+    reach: list[ReachConfig] = field(default_factory=list)
+
+    # For each contact the names of faces, as +z, that it may not touch, while others may. A face of
+    # a mesh is all ground whose normal is nearest to that axis of O. Empty: none.
+    forbidden_faces: list[list[str]] = field(
+        default_factory=list, metadata={"elements": {"one_of": BOX_FACES}}
+    )
 
     # Contacts that keep a distance.
     pairs: list[Pair] = field(default_factory=list)
@@ -102,6 +74,10 @@ class LimitsConfig:
 
     # Whether a contact without a region moves to the nearest place that it may have.
     recover: bool = False
+
+    def closed(self) -> list[list[AxisArea]]:
+        """Returns the ground that is forbidden to single contacts."""
+        return [[AxisArea(face) for face in faces] for faces in self.forbidden_faces]
 
     def make_limits(self, period: float, friction: float) -> ContactLimits:
         """Returns the limits for goals that are planned once a period, in seconds.

@@ -151,20 +151,23 @@ def follow_pairs(
     return p_OC
 
 
-def tip_gaps(p_OC: FloatArray, nhat_OC: FloatArray, tip_radii: FloatArray) -> FloatArray:
-    """Returns the gaps between fingertips that touch at the contacts from outside, shape (n, n).
+def tip_gaps(
+    p_OC: FloatArray, nhat_OC: FloatArray, tip_radii: FloatArray, gap: float = 0.0
+) -> FloatArray:
+    """Returns what is to spare between fingertips that touch at the contacts, shape (n, n).
 
     Args:
         p_OC: Contacts, shape (n, 3), in metres.
         nhat_OC: Outward unit normals there, shape (n, 3).
         tip_radii: Shape (n,), in metres.
+        gap: That there has to be between them, in metres.
 
     Returns:
-        In metres, below zero where tips overlap; infinite on the diagonal.
+        In metres, below zero where tips are too near; infinite on the diagonal.
     """
     centres = p_OC + tip_radii[:, None] * nhat_OC
     distances = np.linalg.norm(centres[:, None] - centres, axis=2)
-    gaps: FloatArray = distances - tip_radii[:, None] - tip_radii
+    gaps: FloatArray = distances - tip_radii[:, None] - tip_radii - gap
     np.fill_diagonal(gaps, np.inf)
     return gaps
 
@@ -175,9 +178,10 @@ def hold_where_tips_meet(
     p_OC_before: FloatArray,
     active: BoolArray,
     tip_radii: FloatArray,
+    gap: float,
     pairs: Sequence[CoupledPair],
 ) -> FloatArray:
-    """Takes steps back until no two fingertips overlap that didn't do so before.
+    """Takes steps back until no two fingertips are too near that weren't so before.
 
     Holding all is always a way out, so the search ends; coupled contacts are held together.
 
@@ -187,16 +191,17 @@ def hold_where_tips_meet(
         p_OC_before: Goals of the tick before, shape (n, 3).
         active: Contacts that take part, shape (n,).
         tip_radii: Shape (n,), in metres.
+        gap: Between tips, in metres.
         pairs: Coupled contacts.
     """
     both_active = active[:, None] & active
-    before = tip_gaps(p_OC_before, surface.project(p_OC_before)[1], tip_radii)
+    before = tip_gaps(p_OC_before, surface.project(p_OC_before)[1], tip_radii, gap)
     needed = np.minimum(0.0, before) - ROUNDING
     p_OC = p_OC.copy()
     partners = {pair.first: pair.second for pair in pairs}
     partners |= {pair.second: pair.first for pair in pairs}
     for _ in range(len(p_OC)):
-        gaps = tip_gaps(p_OC, surface.project(p_OC)[1], tip_radii)
+        gaps = tip_gaps(p_OC, surface.project(p_OC)[1], tip_radii, gap)
         meets = np.any((gaps < needed) & both_active, axis=1)
         moved = np.any(p_OC != p_OC_before, axis=1)
         if not np.any(meets & moved):

@@ -67,7 +67,9 @@ def limited_goals(
     tip_radii = regions.constraints.tip_radii
     if len(tip_radii):
         taking_part = (regions.sizes() > 0) & ~regions.lost
-        apart = hold_where_tips_meet(surface, goals, p_OC, taking_part, tip_radii, pairs)
+        apart = hold_where_tips_meet(
+            surface, goals, p_OC, taking_part, tip_radii, regions.constraints.tip_gap, pairs
+        )
         # Steps that are taken back one by one can leave the rest worse than all of them held.
         if limits.guard is not None and np.any(apart != goals):
             everybody = [range(len(goals))]
@@ -97,7 +99,8 @@ def with_returning_contacts(
         for other in np.flatnonzero(there).tolist():
             other_radius = constraints.tip_radius(other)
             away = centres - (goals[other] + other_radius * normals[other])
-            free &= np.linalg.norm(away, axis=1) > radius + other_radius
+            room = radius + other_radius + constraints.tip_gap
+            free &= np.linalg.norm(away, axis=1) > room
         on_its_side = free & normals_agree(normals[contact][None], surface.nhat_OQ)[0]
         choices = np.flatnonzero(on_its_side if np.any(on_its_side) else free)
         if len(choices):
@@ -137,7 +140,8 @@ def judged_goals(
         if limit != Limit.NONE:
             active[contact], limits[contact], causes[contact] = False, limit, cause
     if len(constraints.tip_radii):
-        gaps = tip_gaps(goals, surface.project(goals)[1], constraints.tip_radii)
+        normals = surface.project(goals)[1]
+        gaps = tip_gaps(goals, normals, constraints.tip_radii, constraints.tip_gap)
         for contact in np.flatnonzero(active).tolist():
             meets = np.flatnonzero((gaps[contact, :contact] < -ROUNDING) & active[:contact])
             if len(meets):

@@ -40,6 +40,13 @@ class AxisArea:
 
     face: str
 
+    def holds(self, normals: FloatArray) -> BoolArray:
+        """Returns which outward unit normals, shape (k, 3), are those of its ground, shape (k,)."""
+        axis, sign = "xyz".index(self.face[1]), -1.0 if self.face[0] == "-" else 1.0
+        nearest = np.argmax(np.abs(normals), axis=1)
+        on_it: BoolArray = (nearest == axis) & (sign * normals[:, axis] > 0)
+        return on_it
+
 
 @dataclass(frozen=True)
 class PartArea:
@@ -73,9 +80,7 @@ def is_forbidden(
         if isinstance(area, FacingArea):
             forbidden |= triangles.normals @ area.direction >= np.cos(area.angle) - 1e-9
         elif isinstance(area, AxisArea):
-            axis, sign = "xyz".index(area.face[1]), -1.0 if area.face[0] == "-" else 1.0
-            nearest = np.argmax(np.abs(triangles.normals), axis=1)
-            forbidden |= (nearest == axis) & (sign * triangles.normals[:, axis] > 0)
+            forbidden |= area.holds(triangles.normals)
         elif isinstance(area, PartArea):
             forbidden |= face_parts[triangles.faces] == area.part
         else:

@@ -1,6 +1,6 @@
 """What limits safe regions beside Eq. 1: fingertips, obstacles, reach, and thin walls."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.planning.finger_reach import FingerReach
+from drake_pregrasp.planning.no_touch import AxisArea
 from drake_pregrasp.planning.solids import Solid
 from drake_pregrasp.planning.surface import ForbiddenPoints
 
@@ -16,6 +18,8 @@ NO_CAUSE = -1
 
 OPPOSITE = -0.5
 """Cosine between outward normals below which ground faces opposite ways: 120 degrees."""
+
+_ALONG = (0.0, 0.5, 1.0)  # Of the way from contact to standoff: where tips stay off obstacles.
 
 
 class Limit(IntEnum):
@@ -70,15 +74,19 @@ class RegionConstraints:
 
     Attributes:
         obstacles: Regions end at the plane across the way from c_i to an obstacle's nearest point,
-            set back by the fingertip's radius and the clearance; and no region has a candidate that
-            is nearer than that to an obstacle.
+            set back by the fingertip's radius and the clearance; and no region has a candidate
+            whose fingertip would be nearer than that to an obstacle, on its way from the standoff.
         clearance: Between fingertips and obstacles, in metres.
         tip_radii: Of the fingertips, balls that touch the surface from outside, shape (n,), in
             metres; empty for points. Regions are set back by them from their common boundary.
+        tip_gap: Between fingertips, at least, in metres.
+        standoff: How far from the surface tips wait, along the normal, in metres.
         nhat_OQ: Outward unit normals at the candidates, shape (N, 3); needed for fingertips.
         nhat_OC: The same at the contacts, shape (n, 3). Contacts that face opposite ways, as on
             the two sides of a plate, need no room from each other.
-        reach: For each contact the solid in which it has to be, or None; empty for no limit.
+        reach: What the finger of each contact reaches, or None; empty for no limit.
+        closed: For each contact the ground, in O, that is forbidden to it but not to others; empty
+            for none.
         same_side: Candidates that no wall hides from each contact, shape (n, N). Those behind a
             wall belong to the nearest contact on their own side.
         fencing: Which of the object's forbidden points fence each contact in, shape (n, m).
@@ -87,17 +95,20 @@ class RegionConstraints:
     obstacles: Obstacles = field(default_factory=Obstacles)
     clearance: float = 0.0
     tip_radii: FloatArray = field(default_factory=lambda: np.empty(0))
+    tip_gap: float = 0.0
+    standoff: float = 0.0
     nhat_OQ: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     nhat_OC: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
-    reach: Sequence[Solid | None] = ()
+    reach: Sequence[FingerReach | None] = ()
+    closed: Sequence[Sequence[AxisArea]] = ()
     same_side: BoolArray | None = None
     fencing: BoolArray | None = None
 
     @cached_property
     def leaves_every_point(self) -> bool:
         """Whether no point by itself is kept from any contact."""
-        blocked = self.obstacles.solids or len(self.obstacles.points)
-        return not blocked and all(solid is None for solid in self.reach)
+        blocked = self.obstacles.solids or len(self.obstacles.points) or any(self.closed)
+        return not blocked and all(reach is None for reach in self.reach)
 
     @cached_property
     def is_empty(self) -> bool:
@@ -118,7 +129,8 @@ class RegionConstraints:
     ) -> tuple[IntArray, IntArray]:
         """Returns what keeps a contact from points: a `Limit` each, and its cause.
 
-        Only what holds for a point by itself is asked: first reach, then obstacles in their order.
+        Only what holds for a point by itself is asked: first closed ground, then reach, then
+        obstacles in their order.
 
         Args:
             contact: Its index.
@@ -127,20 +139,35 @@ class RegionConstraints:
         """
         limits = np.full(len(points), int(Limit.NONE))
         causes = np.full(len(points), NO_CAUSE)
+        radius = self.tip_radius(contact)
+        if len(self.closed):
+            for area in self.closed[contact]:
+                limits[area.holds(normals)] = Limit.FORBIDDEN
         if len(self.reach) and (reach := self.reach[contact]) is not None:
-            limits[reach.distance(points) > 0] = Limit.REACH
-        distance = self.tip_radius(contact) + self.clearance
-        centres = points + self.tip_radius(contact) * normals
-        for index, solid in enumerate(self.obstacles.solids):
-            touched = (solid.distance(centres) < distance) & (limits == Limit.NONE)
+            tips = points + (radius + self.standoff) * normals
+            unreached = ~reach.permits(points, normals, tips)
+            limits[unreached & (limits == Limit.NONE)] = Limit.REACH
+        for index, gap in self._obstacle_gaps(points + radius * normals, normals):
+            touched = (gap < radius + self.clearance) & (limits == Limit.NONE)
             limits[touched], causes[touched] = Limit.OBSTACLE, index
-        spheres = self.obstacles.points
-        if len(spheres):
-            gaps = np.linalg.norm(centres[:, None] - spheres.points, axis=2) - spheres.radii
-            touched = (np.min(gaps, axis=1) < distance) & (limits == Limit.NONE)
-            limits[touched] = Limit.OBSTACLE
-            causes[touched] = len(self.obstacles.solids) + np.argmin(gaps, axis=1)[touched]
         return limits, causes
+
+    def _obstacle_gaps(
+        self, centres: FloatArray, normals: FloatArray
+    ) -> Iterator[tuple[int, FloatArray]]:
+        """Yields each obstacle's index, and its distances from tips' centres, shape (k,).
+
+        The least one counts, between where the tip touches and its standoff.
+        """
+        shares = _ALONG if self.standoff > 0 else _ALONG[:1]
+        k = len(centres)
+        along = np.concatenate([centres + share * self.standoff * normals for share in shares])
+        for index, solid in enumerate(self.obstacles.solids):
+            yield index, np.min(solid.distance(along).reshape(len(shares), k), axis=0)
+        spheres = self.obstacles.points
+        for index, (point, radius) in enumerate(zip(spheres.points, spheres.radii, strict=True)):
+            distances = np.linalg.norm(along - point, axis=1).reshape(len(shares), k)
+            yield len(self.obstacles.solids) + index, np.min(distances, axis=0) - radius
 
 
 UNCONSTRAINED = RegionConstraints()
@@ -232,7 +259,8 @@ def neighbour_planes(
     """Returns the boundaries of a weighted Voronoi cell, set back by the fingertip's radius.
 
     The boundary towards c_k is (c_k - c_i)·(q - c_i) <= (d² + h_i - h_k)/2, d = |c_k - c_i|.
-    Setting it back by r_i on one side and by r_k on the other keeps the tips r_i + r_k apart.
+    Setting it back by r_i on one side and by r_k on the other, and by half a gap on both, keeps
+    the tips r_i + r_k and the gap apart.
     Equal weights h_i alone, even squares of radii, cancel and keep nothing apart.
 
     Args:
@@ -240,7 +268,7 @@ def neighbour_planes(
         p_OC: All contacts, shape (n, d), in metres; their first three coordinates are places, and
             only these are looked at.
         contact_weights: h, shape (n,), in m²; -inf for the lost, which need no room.
-        constraints: With the fingertips.
+        constraints: With the fingertips and their gap.
     """
     normals = p_OC[:, :3] - p_OC[contact, :3]
     d = np.sqrt(np.einsum("ij,ij->i", normals, normals))
@@ -250,7 +278,7 @@ def neighbour_planes(
     others = np.flatnonzero(needs_room)
     d = d[others]
     bounds = (d**2 + contact_weights[contact] - contact_weights[others]) / 2
-    bounds -= d * constraints.tip_radius(contact)
+    bounds -= d * (constraints.tip_radius(contact) + constraints.tip_gap / 2)
     limits = np.full(len(others), int(Limit.CROWDED))
     return Planes(_with_zeros(normals[others], p_OC.shape[1]), bounds, limits, others)
 

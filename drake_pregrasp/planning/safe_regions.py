@@ -206,7 +206,7 @@ def _planes(
     tip_radius = constraints.tip_radius(contact)
     margin = tip_radius + constraints.clearance
     obstacles = constraints.obstacles
-    if tip_radius > 0:
+    if tip_radius + constraints.tip_gap > 0:
         planes.append(neighbour_planes(contact, p_OC, contact_weights, constraints))
     if obstacles.solids:
         planes.append(solid_planes(p_OCi, obstacles.solids, margin))

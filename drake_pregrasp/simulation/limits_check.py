@@ -20,7 +20,7 @@ def check_limits(
         surface: The object's.
     """
     key = "planner.limits"
-    for name in ("tip_radii", "reach"):
+    for name in ("tip_radii", "reach", "forbidden_faces"):
         count = len(getattr(limits, name))
         if count not in (0, num_contacts):
             raise ScenarioError(
@@ -28,6 +28,15 @@ def check_limits(
                 f"{key}.{name}",
                 f"{count} elements must be none or one for each of the {num_contacts} contacts",
             )
+    for index, reach in enumerate(limits.reach):
+        try:
+            reach.make_reach()
+        except InvalidArgumentError as error:
+            raise ScenarioError(source, f"{key}.reach[{index}]", str(error)) from error
+    if max(limits.tip_gap, limits.standoff) > 0 and not limits.tip_radii:
+        name = "tip_gap" if limits.tip_gap > 0 else "standoff"
+        problem = f"{getattr(limits, name)} needs tip_radii, whose tips it keeps clear"
+        raise ScenarioError(source, f"{key}.{name}", problem)
     longest = float(np.linalg.norm(surface.mesh.extents))
     for index, pair in enumerate(limits.pairs):
         pair_key = f"{key}.pairs[{index}]"
@@ -78,7 +87,8 @@ def check_reach(
     farthest = float(np.max(np.linalg.norm(surface.p_OQ, axis=1)))
     for index, reach in enumerate(limits.reach):
         # The hand doesn't turn, but the object may: only the distance of its origin is sure.
-        gap = float(reach.make_solid().distance(p_HO[None])[0]) - farthest
+        solid = reach.make_reach().solid
+        gap = -np.inf if solid is None else float(solid.distance(p_HO[None])[0]) - farthest
         if gap > 0:
             raise ScenarioError(
                 source,

@@ -9,6 +9,8 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.finger_reach import FingerReach
+from drake_pregrasp.planning.no_touch import AxisArea
 from drake_pregrasp.planning.region_constraints import (
     UNCONSTRAINED,
     Obstacles,
@@ -16,7 +18,6 @@ from drake_pregrasp.planning.region_constraints import (
 )
 from drake_pregrasp.planning.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
 from drake_pregrasp.planning.sampling import lifted
-from drake_pregrasp.planning.solids import Solid
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.planning.wall_test import WALL_TESTS, SurfaceGraph, normals_agree
 
@@ -59,7 +60,11 @@ class SafeRegionPartitioner(LeafSystem):
         num_contacts: n.
         tip_radii: Radii of the fingertips, shape (n,), in metres; empty for points.
         clearance: Between fingertips and obstacles, in metres.
-        reach: For each contact the solid in H in which it has to be, or None; empty for no limit.
+        tip_gap: Between fingertips, at least, in metres.
+        standoff: How far from the surface fingertips wait, in metres: they stay clear of obstacles
+            there, too.
+        reach: For each contact what its finger reaches, in H, or None; empty for no limit.
+        closed: For each contact the ground that only it may not touch; empty for none.
         wall_test: How a region is kept from reaching through a thin wall, out of `WALL_TESTS`.
         normal_length: If above zero, Eq. 1 is over six coordinates: the places and, times this
             length in metres, the outward normals. Regions then keep to ground that faces the
@@ -76,34 +81,48 @@ class SafeRegionPartitioner(LeafSystem):
         num_contacts: int,
         tip_radii: FloatArray | None = None,
         clearance: float = 0.0,
-        reach: Sequence[Solid | None] = (),
+        tip_gap: float = 0.0,
+        standoff: float = 0.0,
+        reach: Sequence[FingerReach | None] = (),
+        closed: Sequence[Sequence[AxisArea]] = (),
         wall_test: str = "none",
         normal_length: float = 0.0,
     ) -> None:
         super().__init__()
         self._tip_radii = np.empty(0) if tip_radii is None else np.array(tip_radii, dtype=float)
-        for name, count in (("tip_radii", len(self._tip_radii)), ("reach", len(reach))):
+        for name, count in (
+            ("tip_radii", len(self._tip_radii)),
+            ("reach", len(reach)),
+            ("closed", len(closed)),
+        ):
             if count not in (0, num_contacts):
                 raise InvalidArgumentError(f"{name} must be {num_contacts} or none, not {count}")
         if not np.all(self._tip_radii >= 0):
             raise InvalidArgumentError(f"tip_radii must be at least 0 m, not {self._tip_radii}")
-        if not clearance >= 0:
-            raise InvalidArgumentError(f"clearance must be at least 0 m, not {clearance}")
+        for name, length in (
+            ("clearance", clearance),
+            ("tip_gap", tip_gap),
+            ("standoff", standoff),
+            ("normal_length", normal_length),
+        ):
+            if not length >= 0:
+                raise InvalidArgumentError(f"{name} must be at least 0 m, not {length}")
+        if max(tip_gap, standoff) > 0 and not len(self._tip_radii):
+            raise InvalidArgumentError("a tip gap or a standoff needs tip_radii")
         if wall_test not in WALL_TESTS:
             raise InvalidArgumentError(
                 f"no wall test {wall_test!r}; there are: {', '.join(WALL_TESTS)}"
             )
-        if not normal_length >= 0:
-            raise InvalidArgumentError(f"normal_length must be at least 0 m, not {normal_length}")
-        self._clearance = clearance
+        self._clearance, self._tip_gap, self._standoff = clearance, tip_gap, standoff
         self._normal_length = normal_length
         self._points = surface.p_OQ
         if normal_length > 0:
             self._points = lifted(surface.p_OQ, surface.nhat_OQ, normal_length)
-        self._reach = tuple(reach)
+        self._reach, self._closed = tuple(reach), tuple(closed)
         self._wall_test = wall_test
         self._kernel = surface.kernel if normal_length == 0 else None
-        self._is_unlimited = wall_test == "none" and not len(self._tip_radii) and not any(reach)
+        self._is_unlimited = wall_test == "none" and not len(self._tip_radii)
+        self._is_unlimited &= not any(reach) and not any(closed)
         self._graph = SurfaceGraph(surface) if wall_test == "surface" else None
         self._surface = surface
         self._num_contacts = num_contacts
@@ -180,9 +199,12 @@ class SafeRegionPartitioner(LeafSystem):
             obstacles=obstacles,
             clearance=self._clearance,
             tip_radii=self._tip_radii,
+            tip_gap=self._tip_gap,
+            standoff=self._standoff,
             nhat_OQ=surface.nhat_OQ,
             nhat_OC=nhat_OC,
-            reach=[None if solid is None else solid.moved(R_OH, p_OH) for solid in self._reach],
+            reach=[None if reach is None else reach.moved(R_OH, p_OH) for reach in self._reach],
+            closed=self._closed,
             same_side=same_side,
             fencing=fencing,
         )

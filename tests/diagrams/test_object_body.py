@@ -9,10 +9,11 @@ from pydrake.multibody.tree import UnitInertia
 from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import ObjectPlant
-from drake_pregrasp.diagrams.limits_config import BallReach, BoxReach, LimitsConfig, Pair
+from drake_pregrasp.diagrams.limits_config import LimitsConfig, Pair
 from drake_pregrasp.diagrams.motion_config import Conveyor
 from drake_pregrasp.diagrams.object_body import add_object_body, standing_position
 from drake_pregrasp.diagrams.object_config import Ball, Box, Cylinder, Mesh, Revolved
+from drake_pregrasp.diagrams.reach_config import BallReach, BoxReach
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.resources import resource_folder
 
@@ -100,9 +101,13 @@ def test_it_stands_as_high_as_its_lowest_point_is_deep(name):
 
 
 def test_reaches_are_solids_of_the_hand():
-    ball = BallReach(center=[0.1, 0, 0], radius=0.05).make_solid()
+    ball = BallReach(center=[0.1, 0, 0], radius=0.05).make_reach().solid
     np.testing.assert_allclose(ball.distance(np.zeros((1, 3))), [0.05])
-    box = BoxReach(size=[0.2, 0.02, 0.02], center=[0, 0, 0.1], rpy=[0, 0, np.pi / 4]).make_solid()
+    box = (
+        BoxReach(size=[0.2, 0.02, 0.02], center=[0, 0, 0.1], rpy=[0, 0, np.pi / 4])
+        .make_reach()
+        .solid
+    )
     diagonal = 0.09 * np.sqrt(0.5)  # Along which the box, turned, is long.
     probes = np.array([[diagonal, diagonal, 0.1], [diagonal, -diagonal, 0.1]])
     np.testing.assert_allclose(box.distance(probes), [-0.01, 0.08], atol=1e-12)

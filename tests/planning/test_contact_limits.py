@@ -19,6 +19,7 @@ from drake_pregrasp.planning.contact_limits import (
     tip_gaps,
 )
 from drake_pregrasp.planning.contact_selection import gaussian_log_weights, select_contacts
+from drake_pregrasp.planning.finger_reach import FingerReach
 from drake_pregrasp.planning.goal_limits import hold_contacts
 from drake_pregrasp.planning.mesh_surface import mesh_surface
 from drake_pregrasp.planning.no_touch import AxisArea
@@ -306,7 +307,7 @@ def test_of_a_pair_both_are_held_where_one_meets_a_fingertip():
     goals = before + np.array([[0, 0.04, 0], [0, 0.04, 0], [0, 0.001, 0]])
     active, tips = np.ones(3, dtype=bool), np.full(3, 0.01)
     for pairs, stays in (((PAIR,), [True, True]), ((), [True, False])):
-        held = hold_where_tips_meet(CUBE, goals, before, active, tips, pairs)
+        held = hold_where_tips_meet(CUBE, goals, before, active, tips, 0.0, pairs)
         np.testing.assert_array_equal(np.all(held == before, axis=1)[:2], stays)
 
 
@@ -316,7 +317,7 @@ def test_who_is_held_may_hold_those_behind():
     before = np.stack([np.full(4, 0.05), y, np.zeros(4)], axis=1)
     goals = before + np.array([0, 0.02, 0]) * (y < 0.04)[:, None]
     active, tips = np.ones(4, dtype=bool), np.full(4, 0.01)
-    held = hold_where_tips_meet(CUBE, goals, before, active, tips, ())
+    held = hold_where_tips_meet(CUBE, goals, before, active, tips, 0.0, ())
     np.testing.assert_array_equal(held, before)
 
 
@@ -377,7 +378,7 @@ def test_a_contact_held_on_forbidden_ground_is_inactive_and_says_so():
 def test_a_contact_without_a_region_comes_back_to_a_permitted_place_with_room():
     rng = np.random.default_rng(0)
     tips = np.full(5, 0.008)
-    reach = [BallSolid(np.array([0.0, 0.0, 0.02]), 0.055)] * 5
+    reach = [FingerReach(BallSolid(np.array([0.0, 0.0, 0.02]), 0.055))] * 5
     wall = Obstacles((HalfSpace(np.array([0, 0, -0.02]), np.array([0, 0, 1.0])),))
     constraints = {"tip_radii": tips, "reach": reach, "obstacles": wall, "clearance": 0.002}
     for _ in range(6):
@@ -447,7 +448,7 @@ def test_the_way_back_leads_through_no_wall():
 
 def test_without_recovery_it_stays():
     start = spread_contacts(BALL, 4, 0.03)
-    reach = [None, BallSolid(-start[1], 0.02), None, None]
+    reach = [None, FingerReach(BallSolid(-start[1], 0.02)), None, None]
     for recover in (False, True):
         limits, p_OC = ContactLimits(recover=recover), start.copy()
         for _ in range(4):  # Round the ball: no step goes to ground that faces the other way.

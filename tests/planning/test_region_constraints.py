@@ -8,6 +8,7 @@ from slow_safe_regions import breaks_eq_1
 from thin_cup import CUP, RADIUS, WALL
 
 from drake_pregrasp import ForbiddenPoints, box_surface
+from drake_pregrasp.planning.finger_reach import FingerReach
 from drake_pregrasp.planning.mesh_surface import mesh_surface
 from drake_pregrasp.planning.no_touch import AxisArea
 from drake_pregrasp.planning.region_constraints import (
@@ -137,7 +138,7 @@ def test_straight_ways_inside_a_region_keep_clear_of_obstacles(seed):
 @pytest.mark.parametrize("seed", range(3))
 def test_what_keeps_a_contact_from_a_point_is_what_touches_its_fingertip_there(seed):
     obstacles, tips = near_obstacles(seed), np.array([0.0, 0.006])
-    reach = [None, BallSolid(np.zeros(3), 0.07)]
+    reach = [None, FingerReach(BallSolid(np.zeros(3), 0.07))]
     limits = RegionConstraints(obstacles, clearance=CLEARANCE, tip_radii=tips, reach=reach)
     rng = np.random.default_rng(seed)
     points, normals = rng.uniform(-0.09, 0.09, (300, 3)), rng.normal(size=(300, 3))
@@ -169,6 +170,7 @@ def test_more_reach_never_takes_a_candidate_from_anyone(seed):
     before = None
     for radius in (0.01, 0.03, 0.05, 0.2):
         reach = [BallSolid(center, radius), None, BallSolid(center, 0.05), None]
+        reach = [None if solid is None else FingerReach(solid) for solid in reach]
         now = regions(BALL, p_OC, reach=reach).labels
         if before is not None:
             had = before != NO_REGION
@@ -181,7 +183,7 @@ def test_reach_is_where_a_contact_can_be_and_of_no_others_concern():
     p_OC = contacts(BALL, 3)
     solid = BallSolid(p_OC[1], 0.02)
     free = regions(BALL, p_OC).labels
-    limited = regions(BALL, p_OC, reach=[None, solid, None]).labels
+    limited = regions(BALL, p_OC, reach=[None, FingerReach(solid), None]).labels
     inside = np.linalg.norm(BALL.p_OQ - p_OC[1], axis=1) <= 0.02
     np.testing.assert_array_equal(limited, np.where((free == 1) & ~inside, NO_REGION, free))
 
@@ -200,7 +202,10 @@ def test_relabelling_contacts_relabels_the_result(seed):
     weights[rng.integers(n)] = -np.inf if seed % 2 else 0.0
     given_to_each = {
         "tip_radii": rng.uniform(0, 0.02, n),
-        "reach": [BallSolid(rng.uniform(-0.04, 0.04, 3), rng.uniform(0.02, 0.1)) for _ in range(n)],
+        "reach": [
+            FingerReach(BallSolid(rng.uniform(-0.04, 0.04, 3), rng.uniform(0.02, 0.1)))
+            for _ in range(n)
+        ],
         "same_side": normals_agree(nhat_OC, BALL.nhat_OQ),
         "fencing": rng.uniform(size=(n, 0)) > 0,
     }
@@ -322,9 +327,9 @@ def test_crowded_to_a_few_candidates_names_a_neighbour():
 
 
 def test_out_of_reach_is_said():
-    reach = [BallSolid(np.array([0.5, 0, 0]), 0.1), None, None, None]
+    reach = [FingerReach(BallSolid(np.array([0.5, 0, 0]), 0.1)), None, None, None]
     assert cause(regions(CUBE, FOUR, reach=reach)) == (Limit.REACH, NO_CAUSE, 0)
-    hardly = [BallSolid(FOUR[0], 0.012), None, None, None]
+    hardly = [FingerReach(BallSolid(FOUR[0], 0.012)), None, None, None]
     limit, _, size = cause(regions(CUBE, FOUR, reach=hardly))
     assert limit == Limit.REACH
     assert size > 0
@@ -342,7 +347,12 @@ def test_an_obstacle_is_named_by_its_index_solids_first():
 
 
 def test_of_several_causes_the_one_that_keeps_out_most_is_named():
-    reach = [BallSolid(np.array([0.05, 0.01, 0.1]), 0.08), None, None, None]  # The upper half.
+    reach = [
+        FingerReach(BallSolid(np.array([0.05, 0.01, 0.1]), 0.08)),
+        None,
+        None,
+        None,
+    ]  # The upper half.
     wall = Obstacles((HalfSpace(np.zeros(3), np.array([-1.0, 0, 0])),))  # All.
     assert cause(regions(CUBE, FOUR, reach=reach, obstacles=wall))[0] == Limit.OBSTACLE
     assert cause(regions(CUBE, FOUR, reach=reach))[0] == Limit.NONE
@@ -522,7 +532,7 @@ def test_lifting_by_nothing_changes_nothing():
     limits = RegionConstraints(
         obstacles=near_obstacles(1),
         clearance=CLEARANCE,
-        reach=[BallSolid(np.zeros(3), 0.08)] * 4,
+        reach=[FingerReach(BallSolid(np.zeros(3), 0.08))] * 4,
     )
     plain = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(4), surface.forbidden, limits)
     for length, same in ((0.0, True), (0.05, False)):

@@ -47,7 +47,7 @@ def test_a_shipped_scenario_keeps_its_limits(name, tmp_path):
             X_HW = scenario.hand.initial_X_WH(record.X_WO_estimated).inverse()
             for contact in active:
                 p_HC = (X_HW @ record.p_WC[contact])[None]
-                assert limits.reach[contact].make_solid().distance(p_HC)[0] < 1e-9
+                assert limits.reach[contact].make_reach().solid.distance(p_HC)[0] < 1e-9
         for pair in contact_limits.pairs:
             if pair.first in active and pair.second in active:
                 assert pair.error(p_OC) <= pair.tolerance + 1e-9

@@ -27,6 +27,7 @@ from drake_pregrasp import (
     load_scenario,
 )
 from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
+from drake_pregrasp.planning.finger_reach import FingerReach
 from drake_pregrasp.planning.grasp_state import GraspSettings
 from drake_pregrasp.planning.region_constraints import Obstacles
 from drake_pregrasp.planning.safe_regions import SafeRegions, compute_safe_regions
@@ -82,7 +83,7 @@ CASES = {
     ),
     "partitioner": (
         lambda: SafeRegionPartitioner(
-            surface=SURFACE, num_contacts=5, reach=[BallSolid(np.zeros(3), 0.06)] * 5
+            surface=SURFACE, num_contacts=5, reach=[FingerReach(BallSolid(np.zeros(3), 0.06))] * 5
         ),
         {
             "X_WO_estimated": (X_A, X_B, ["safe_regions"]),

@@ -15,6 +15,7 @@ from drake_pregrasp import ContactStatus, ForbiddenPoints, InvalidArgumentError
 from drake_pregrasp.errors import ContactError
 from drake_pregrasp.planning.contact_limits import ContactLimits
 from drake_pregrasp.planning.contact_status import contact_status, describe_status
+from drake_pregrasp.planning.finger_reach import FingerReach
 from drake_pregrasp.planning.region_constraints import NO_CAUSE, Limit, Obstacles
 from drake_pregrasp.planning.safe_regions import NO_REGION
 from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace
@@ -103,7 +104,7 @@ def differ(a, b):
 
 
 def test_reach_moves_with_the_hand(surface, p_OC):
-    reach = [None, None, None, BallSolid(np.array([0.02, 0.0, 0.0]), 0.05), None]
+    reach = [None, None, None, FingerReach(BallSolid(np.array([0.02, 0.0, 0.0]), 0.05)), None]
     X_OH = RigidTransform(RollPitchYaw(0.4, 0.1, 0.5), p_OC[3] - [0.02, 0.01, 0])
     free = partition(surface, p_OC)
     here = partition(surface, p_OC, X=RigidTransform(), X_WH=X_OH, reach=reach)
@@ -119,7 +120,7 @@ def test_reach_moves_with_the_hand(surface, p_OC):
 
 
 def test_without_a_hand_reach_is_in_the_world(surface, p_OC):
-    reach = [BallSolid(X_WO @ p_OC[0], 0.03)] + [None] * 4
+    reach = [FingerReach(BallSolid(X_WO @ p_OC[0], 0.03))] + [None] * 4
     in_world = partition(surface, p_OC, reach=reach)
     assert in_world.sizes()[0] > 0
     as_hand = partition(surface, p_OC, reach=reach, X_WH=RigidTransform())
@@ -201,7 +202,7 @@ def select(surface, p_OC, regions, **arguments):
 
 def test_the_selector_says_what_has_become_of_each_contact_and_why(surface, p_OC):
     ball = Obstacles((BallSolid(np.array([9.0, 0, 0]), 0.1), BallSolid(X_WO @ p_OC[1], 0.05)))
-    reach = [None, None, BallSolid(np.array([9.0, 0, 0]), 0.1), None, None]
+    reach = [None, None, FingerReach(BallSolid(np.array([9.0, 0, 0]), 0.1)), None, None]
     regions = partition(surface, p_OC, obstacles=ball, reach=reach)
     system, context, emitted = select(surface, p_OC, regions)
     status, causes, p_WC = emitted()
