@@ -27,8 +27,10 @@ def convert_meshes(
         on_progress: Called with how many files are done, of how many.
     """
     visuals = [(link, visual) for link in robot.iter("link") for visual in link.findall("visual")]
-    hulls = [mesh for mesh in robot.iterfind("link/collision/geometry/mesh")]
-    names = sorted({_name(m) for m in hulls} | {_name(m) for _, v in visuals for m in v.iter("mesh")})
+    hulls = list(robot.iterfind("link/collision/geometry/mesh"))
+    names = sorted(
+        {_name(m) for m in hulls} | {_name(m) for _, v in visuals for m in v.iter("mesh")}
+    )
     shown = {_name(mesh) for _, visual in visuals for mesh in visual.iter("mesh")}
     converted: dict[str, list[ConvertedMesh]] = {}
     for done, name in enumerate(names):

@@ -54,7 +54,9 @@ def add_robot(robot: Element, other: Element) -> None:
     robot.extend(copy.deepcopy([e for e in other if e.tag in ("link", "joint")]))
 
 
-def weld(robot: Element, parent: str, child: str, *, xyz: Iterable[float], rpy: Iterable[float]) -> None:
+def weld(
+    robot: Element, parent: str, child: str, *, xyz: Iterable[float], rpy: Iterable[float]
+) -> None:
     """Adds a fixed joint between two links; `world` is Drake's own."""
     joint = SubElement(robot, "joint", name=f"{child}_to_{parent}", type="fixed")
     SubElement(joint, "origin", xyz=_text(xyz), rpy=_text(rpy))
@@ -82,7 +84,9 @@ def mend_inertias(robot: Element) -> list[str]:
     """
     mended = []
     for link in robot.findall("link"):
-        inertial, inertia, mass = (link.find(p) for p in ("inertial", "inertial/inertia", "inertial/mass"))
+        inertial, inertia, mass = (
+            link.find(p) for p in ("inertial", "inertial/inertia", "inertial/mass")
+        )
         if inertial is None or inertia is None or mass is None:
             continue
         if float(mass.get("value", "0")) == 0:

@@ -77,6 +77,4 @@ _POSTURE_SHARE = 0.1  # Of its way home that the arm goes at a step, where the p
 def pose_error(X_WP: RigidTransform, X_WD: RigidTransform) -> FloatArray:
     """Returns the rotation vector and the way from a pose to another, in W, shape (6,)."""
     turn = RotationMatrix(X_WD.rotation() @ X_WP.rotation().inverse()).ToAngleAxis()
-    return np.concatenate(
-        [turn.axis() * turn.angle(), X_WD.translation() - X_WP.translation()]
-    )
+    return np.concatenate([turn.axis() * turn.angle(), X_WD.translation() - X_WP.translation()])

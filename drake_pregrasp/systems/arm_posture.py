@@ -1,14 +1,12 @@
 """Where an arm would like to be while the fingertips of its hand follow their goals."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import (
-    BasicVector,
     BusValue,
     Context,
     DiscreteValues,
@@ -90,9 +88,7 @@ class ArmPosture(LeafSystem):
         self._lead, self._gain_lead = lead, 1 / gain
         self._yaw = self.DeclareDiscreteState(np.array([yaw]))
         self._q = self.DeclareDiscreteState(np.array(initial, dtype=float))
-        self._tip_goals = self.DeclareAbstractInputPort(
-            "tip_goals", AbstractValue.Make(BusValue())
-        )
+        self._tip_goals = self.DeclareAbstractInputPort("tip_goals", AbstractValue.Make(BusValue()))
         self._X_WG = self.DeclareAbstractInputPort("X_WG", AbstractValue.Make(RigidTransform()))
         self._V_WG = self.DeclareAbstractInputPort("V_WG", AbstractValue.Make(SpatialVelocity()))
         inputs = {self._tip_goals.ticket(), self._X_WG.ticket(), self._V_WG.ticket()}
