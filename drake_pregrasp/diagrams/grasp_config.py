@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 
+from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.planning.grasp_state import GraspSettings
 
 _LENGTH = {"above": 0, "at_most": 10}
@@ -47,6 +48,11 @@ class GraspConfig:
 
     hand: HandModelConfig = field(default_factory=HandModelConfig)
 
+    # Least and largest angle of the wrist, in radians; empty for those of the model.
+    wrist_range: list[float] = field(
+        default_factory=list, metadata={"at_least": -100, "at_most": 100}
+    )
+
     # When the hand is asked to close, in seconds.
     close_at: float = field(default=4.0, metadata={"at_least": 0, "at_most": 1e6})
 
@@ -87,6 +93,12 @@ class GraspConfig:
     def has_hand(self) -> bool:
         """Whether there is a hand."""
         return bool(self.hand.file)
+
+    @property
+    def yaw_range(self) -> tuple[float, float]:
+        """Least and largest angle of the wrist, in radians."""
+        low, high = self.wrist_range or FREE_TURN
+        return low, high
 
     def make_settings(self) -> GraspSettings:
         """Returns the settings of the sequencer."""

@@ -4,23 +4,24 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.inverse_kinematics import DifferentialInverseKinematicsSystem
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.planning import DofMask
+from pydrake.planning import DofMask, JointLimits
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.diagrams.grasp_config import GraspConfig
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.assignment import mean_angle
+from drake_pregrasp.planning.assignment import mean_angle, turned_within
 from drake_pregrasp.planning.solids import Solid
 from drake_pregrasp.systems.carrier_posture import CarrierPosture
 from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
 from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
-from drake_pregrasp.systems.joint_reference import JointReference
+from drake_pregrasp.systems.joint_reference import LARGEST_RATE, JointReference
 
 POSTURE_GAIN = 5.0
 """How fast the carrier follows its nominal posture, in 1/s."""
 
+_LIMIT_INFLUENCE = 0.05  # Radians or metres from a limit, in which joints slow down.
 _TRACKING_WEIGHT = 100.0  # Of fingertips against posture, as Drake's documentation advises.
 _POSITION_ONLY = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
 _LARGEST_TWIST = SpatialVelocity([5.0] * 3, [1.0] * 3)  # rad/s and m/s, of any fingertip.
@@ -47,6 +48,7 @@ class HandController(Diagram):
         - p_WT
         - f_T_W
         - X_WG
+        - X_WH
         - grasp_report
 
     The ports are those of the systems inside, which document them. From the planner come
@@ -54,7 +56,8 @@ class HandController(Diagram):
     optional; `close` is the command. From the hand's plant come `hand_state` and `net_actuation`,
     and back goes `desired_state` (`JointReference`). For those who watch there are `p_GT`
     (`FingertipGoalShaper`), `p_WT` and `f_T_W` (`FingertipSensor`), `X_WG` and `grasp_report`
-    (`GraspSequencer`).
+    (`GraspSequencer`), and for the planner, which then knows what fingers reach, `X_WH`
+    (`CarrierPosture`).
 
     Goals are carried ahead by the control period, in which the reference gets there, and by the
     plant's time step, at whose start it samples desired states.
@@ -103,7 +106,8 @@ class HandController(Diagram):
         raised = np.array([0.0, 0.0, settings.approach_height])
         X_WG = RigidTransform(X_WO.rotation(), X_WO.translation() + raised)
         level = (X_WO.rotation() @ (p_OC - p_OCoM).T).T
-        yaw = mean_angle(np.arctan2(level[:, 1], level[:, 0]) - hand.azimuths)
+        turn = mean_angle(np.arctan2(level[:, 1], level[:, 0]) - hand.azimuths)
+        yaw = turned_within(turn, config.yaw_range)
         self.initial = hand.home(X_WG.translation(), yaw)
         shaper = builder.AddNamedSystem(
             "fingertip_goal_shaper",
@@ -130,6 +134,7 @@ class HandController(Diagram):
                 carrier=hand.carrier,
                 gain=POSTURE_GAIN,
                 period=config.period,
+                yaw_range=config.yaw_range,
             ),
         )
         kinematics = builder.AddNamedSystem(
@@ -174,7 +179,7 @@ class HandController(Diagram):
         builder.ExportInput(shaper.GetInputPort("fingertip_targets"), "fingertip_targets")
         for name, (first, *others) in (
             ("contact_status", (shaper, sequencer)),
-            ("X_WO_estimated", (shaper, sequencer)),
+            ("X_WO_estimated", (shaper, sequencer, posture)),
             ("V_WO_estimated", (sequencer,)),
             ("close", (sequencer,)),
             ("hand_state", (sensor,)),
@@ -190,6 +195,7 @@ class HandController(Diagram):
             (sensor, "p_WT"),
             (sensor, "f_T_W"),
             (sequencer, "X_WG"),
+            (posture, "X_WH"),
             (sequencer, "grasp_report"),
         ):
             builder.ExportOutput(system.GetOutputPort(name), name)
@@ -199,7 +205,7 @@ class HandController(Diagram):
 def _differential_ik(hand: HandModel, period: float) -> DifferentialInverseKinematicsSystem:
     """Returns Drake's system for fingertip positions.
 
-    It has no constraints; `JointReference` keeps limits.
+    Its fingertips share out what joints at their limits can't do.
     """
     masks = dict.fromkeys(hand.kinematics.tip_frames, _POSITION_ONLY)
     tracking = DifferentialInverseKinematicsSystem.LeastSquaresCost.Config()
@@ -211,6 +217,16 @@ def _differential_ik(hand: HandModel, period: float) -> DifferentialInverseKinem
     recipe = DifferentialInverseKinematicsSystem.Recipe()
     recipe.AddIngredient(DifferentialInverseKinematicsSystem.LeastSquaresCost(tracking))
     recipe.AddIngredient(DifferentialInverseKinematicsSystem.JointCenteringCost(centering))
+    margins = DifferentialInverseKinematicsSystem.JointVelocityLimitConstraint.Config()
+    margins.min_margin, margins.influence_margin = 0.0, _LIMIT_INFLUENCE
+    rates = np.full(hand.kinematics.num_positions, LARGEST_RATE)
+    endless = np.full(hand.kinematics.num_positions, np.inf)
+    limits = JointLimits(
+        hand.kinematics.lower, hand.kinematics.upper, -rates, rates, -endless, endless
+    )
+    recipe.AddIngredient(
+        DifferentialInverseKinematicsSystem.JointVelocityLimitConstraint(margins, limits)
+    )
     return DifferentialInverseKinematicsSystem(
         recipe=recipe,
         task_frame="world",

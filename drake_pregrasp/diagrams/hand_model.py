@@ -15,6 +15,7 @@ from pydrake.planning import RobotDiagramBuilder, SceneGraphCollisionChecker
 from drake_pregrasp.diagrams.grasp_config import HandModelConfig
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.resources import resolve_path, resource_folder
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
 
@@ -22,8 +23,15 @@ HAND = "hand"
 """The model instance that a hand is, whatever its file calls it."""
 
 
-def add_hand_model(plant: MultibodyPlant, config: HandModelConfig) -> ModelInstanceIndex:
+def add_hand_model(
+    plant: MultibodyPlant, config: HandModelConfig, yaw_range: tuple[float, float] = FREE_TURN
+) -> ModelInstanceIndex:
     """Adds a hand to a plant that isn't finalized, without gravity, as if it were compensated.
+
+    Args:
+        plant: Where to add it.
+        config: The hand.
+        yaw_range: Of its wrist, in radians; an endless one leaves that of the model.
 
     Raises:
         InvalidArgumentError: If its file can't be loaded.
@@ -43,6 +51,10 @@ def add_hand_model(plant: MultibodyPlant, config: HandModelConfig) -> ModelInsta
         raise InvalidArgumentError(f"{path} is no model of a hand: {problem}") from error
     plant.RenameModelInstance(hand, HAND)
     plant.set_gravity_enabled(hand, False)
+    wrist = config.carrier[-1]
+    if yaw_range != FREE_TURN and plant.HasJointNamed(wrist, hand):
+        joint = plant.GetMutableJointByName(wrist, hand)
+        joint.set_position_limits([yaw_range[0]], [yaw_range[1]])
     return hand
 
 
@@ -51,6 +63,7 @@ class HandModel:
 
     Args:
         config: The hand.
+        yaw_range: Of its wrist, as for `add_hand_model`.
 
     Attributes:
         checker: What Drake's `DifferentialInverseKinematicsSystem` takes.
@@ -62,10 +75,10 @@ class HandModel:
         InvalidArgumentError: If the model and its description don't fit together.
     """
 
-    def __init__(self, config: HandModelConfig) -> None:
+    def __init__(self, config: HandModelConfig, yaw_range: tuple[float, float] = FREE_TURN) -> None:
         builder = RobotDiagramBuilder(time_step=0.0)
         plant = builder.plant()
-        hand = add_hand_model(plant, config)
+        hand = add_hand_model(plant, config, yaw_range)
         plant.Finalize()
         names = [plant.get_joint(index).name() for index in plant.GetJointIndices(hand)]
         for name in config.carrier:

@@ -14,6 +14,7 @@ from drake_pregrasp.diagrams.motion_config import Conveyor
 from drake_pregrasp.diagrams.object_body import add_solid_collision
 from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.systems.body_pose import BodyPose
 
 
@@ -56,6 +57,7 @@ class HandStation(Diagram):
         hand_config: The hand.
         friction: Coulomb's coefficient of the box, for the hand.
         initial: The hand's positions at the start, shape (nq,).
+        yaw_range: Of its wrist, as for `add_hand_model`.
 
     Raises:
         InvalidArgumentError: If the hand's model can't be loaded.
@@ -73,6 +75,7 @@ class HandStation(Diagram):
         *,
         friction: float,
         initial: FloatArray,
+        yaw_range: tuple[float, float] = FREE_TURN,
     ) -> None:
         super().__init__()
         builder = DiagramBuilder()
@@ -81,7 +84,7 @@ class HandStation(Diagram):
         def add_hand(plant: MultibodyPlant, body: RigidBody) -> None:
             coefficients = CoulombFriction(static_friction=friction, dynamic_friction=friction)
             solid.extend(add_solid_collision(plant, body, object_config, friction=coefficients))
-            add_hand_model(plant, hand_config)
+            add_hand_model(plant, hand_config, yaw_range)
 
         moving = add_conveyor(
             builder, object_config, motion_config, plant_config, add_more=add_hand

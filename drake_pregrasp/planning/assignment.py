@@ -1,10 +1,15 @@
 """Which finger goes to which contact."""
 
+import math
+
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
+
+FREE_TURN = (-np.inf, np.inf)
+"""Range of a palm that turns as far as it likes."""
 
 
 def assign_fingers(fingertips: FloatArray, contacts: FloatArray) -> IntArray:
@@ -30,21 +35,26 @@ def assign_fingers(fingertips: FloatArray, contacts: FloatArray) -> IntArray:
 
 
 def assign_fingers_round(
-    finger_azimuths: FloatArray, contact_azimuths: FloatArray, *, largest_offset: float = np.pi
+    finger_azimuths: FloatArray,
+    contact_azimuths: FloatArray,
+    *,
+    largest_offset: float = np.pi,
+    yaw_range: tuple[float, float] = FREE_TURN,
 ) -> tuple[IntArray, float]:
     """Returns for each finger of a radial hand its contact, and how far the palm has to turn.
 
     Fingers keep their order round the palm, so that none crosses another. Of the n ways to do so,
-    each with the palm turned by the mean offset, the one is taken that leaves the smallest largest
-    offset.
+    each with the palm turned by the mean offset, as far as it can, the one is taken that leaves the
+    smallest largest offset.
 
     Args:
         finger_azimuths: Where the fingers are about the palm's axis, shape (n,), in radians.
         contact_azimuths: Where they are to go, about the same axis, shape (n,).
         largest_offset: Up to where a finger reaches aside from its own azimuth, in radians.
+        yaw_range: Least and largest angle of the palm, in radians.
 
     Returns:
-        The index of each finger's contact, shape (n,), and the palm's angle, from -pi to pi.
+        The index of each finger's contact, shape (n,), and the palm's angle.
 
     Raises:
         InvalidArgumentError: If there is not one contact for each finger, or one is out of reach.
@@ -59,7 +69,7 @@ def assign_fingers_round(
     for shift in range(n):
         shifted = np.roll(contacts, shift)
         turns = contact_azimuths[shifted] - finger_azimuths[fingers]
-        yaw = mean_angle(turns)
+        yaw = turned_within(mean_angle(turns), yaw_range)
         offsets = np.abs(wrapped(turns - yaw))
         if np.max(offsets) < best[0]:
             best = (float(np.max(offsets)), yaw, shifted, offsets)
@@ -77,6 +87,20 @@ def assign_fingers_round(
 def mean_angle(angles: FloatArray) -> float:
     """Returns the direction of the sum of unit vectors at some angles, in radians."""
     return float(np.arctan2(np.mean(np.sin(angles)), np.mean(np.cos(angles))))
+
+
+def turned_within(yaw: float, yaw_range: tuple[float, float]) -> float:
+    """Returns an angle, or one that is whole turns away, as near to it as a range has it.
+
+    Args:
+        yaw: In radians.
+        yaw_range: Least and largest angle, in radians; of an endless range, all are inside.
+    """
+    low, high = yaw_range
+    if not np.isfinite(low + high):
+        return float(np.clip(yaw, low, high))
+    middle = (low + high) / 2
+    return float(np.clip(middle + math.remainder(yaw - middle, 2 * math.pi), low, high))
 
 
 def wrapped(angles: FloatArray) -> FloatArray:

@@ -51,7 +51,7 @@ def add_hand(
     """
     box, conveyor = cast(Box, scenario.object), cast(Conveyor, scenario.motion)
     grasp, size = scenario.grasp, np.array(box.size)
-    hand = HandModel(grasp.hand)
+    hand = HandModel(grasp.hand, grasp.yaw_range)
     controller = builder.AddNamedSystem(
         "hand_controller",
         HandController(
@@ -77,6 +77,7 @@ def add_hand(
             grasp.hand,
             friction=grasp.friction,
             initial=controller.initial,
+            yaw_range=grasp.yaw_range,
         ),
     )
     for name in ("hand_state", "net_actuation"):

@@ -193,6 +193,7 @@ class Scenario:
                 HandModel(self.grasp.hand).azimuths,
                 np.arctan2(r_W[:, 1], r_W[:, 0]),
                 largest_offset=self.grasp.hand.largest_offset,
+                yaw_range=self.grasp.yaw_range,
             )
             return np.array(p_OC[order])
         if not self.hand.fingertips:

@@ -169,7 +169,9 @@ def _add_obstacles_and_hand(
                 ),
             )
             builder.Connect(obstacles.get_output_port(), visualizer.get_input_port())
-    if scenario.planner.limits.reach:
+    if scenario.planner.limits.reach and hand is not None:
+        builder.Connect(hand.controller.GetOutputPort("X_WH"), planner.GetInputPort("X_WH"))
+    elif scenario.planner.limits.reach:
         X_WH = scenario.hand.initial_X_WH(RigidTransform())
         pose = builder.AddNamedSystem("hand_pose", HandPose(X_WH, follow=scenario.hand.follow))
         builder.Connect(planner.GetOutputPort("X_WO_estimated"), pose.get_input_port())

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import (
     BasicVector,
@@ -17,7 +17,7 @@ from pydrake.systems.framework import (
 )
 
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.assignment import mean_angle
+from drake_pregrasp.planning.assignment import FREE_TURN, mean_angle
 
 
 class CarrierPosture(LeafSystem):
@@ -30,8 +30,10 @@ class CarrierPosture(LeafSystem):
         - tip_goals
         - X_WG
         - V_WG
+        - X_WO_estimated
         output_ports:
         - nominal_posture
+        - X_WH
 
     Port `tip_goals` accepts a `BusValue` of `RigidTransform` in W, as of `FingertipGoalShaper`.
 
@@ -39,10 +41,18 @@ class CarrierPosture(LeafSystem):
 
     Port `V_WG` accepts a `SpatialVelocity`: of that frame in W.
 
+    Port `X_WO_estimated` (optional) accepts a `RigidTransform`: where the object is believed to be;
+    `X_WH` needs it.
+
     Port `nominal_posture` emits a vector of nq, for the port of that name of
     `DifferentialInverseKinematicsSystem`: the fingers' home positions, and the carrier over the
     origin of G. It turns so that fingers are aside from their own azimuths as little as they can
-    be on the average, without a jump at half a turn.
+    be on the average, without a jump at half a turn, but only within its range.
+
+    Port `X_WH` emits a `RigidTransform`: the hand's frame H in W, that of the fingers' reach. Its
+    origin is the object's, over which the palm is, and it turns with the palm, as of the last tick.
+    A palm of limited range is taken in the middle of it, so that it can turn either way while the
+    fingers close.
 
     What follows a posture by a gain K lags by the time 1/K behind a steady motion; the posture is
     ahead by that.
@@ -54,6 +64,7 @@ class CarrierPosture(LeafSystem):
         carrier: Which of them are x, y, z and yaw.
         gain: K, in 1/s.
         period: Seconds between ticks, greater than zero.
+        yaw_range: Least and largest angle of the palm, in radians.
     """
 
     def __init__(
@@ -65,17 +76,21 @@ class CarrierPosture(LeafSystem):
         carrier: Sequence[int],
         gain: float,
         period: float,
+        yaw_range: tuple[float, float] = FREE_TURN,
     ) -> None:
         super().__init__()
         self._tip_frames = list(tip_frames)
         self._azimuths = np.array(finger_azimuths)
         self._home = np.array(home, dtype=float)
         self._slides, self._turn = list(carrier[:3]), carrier[3]
-        self._lead = 1 / gain
+        self._lead, self._yaw_range = 1 / gain, yaw_range
         self._yaw = self.DeclareDiscreteState(np.array([self._home[self._turn]]))
         self._goals = self.DeclareAbstractInputPort("tip_goals", AbstractValue.Make(BusValue()))
         self._X_WG = self.DeclareAbstractInputPort("X_WG", AbstractValue.Make(RigidTransform()))
         self._V_WG = self.DeclareAbstractInputPort("V_WG", AbstractValue.Make(SpatialVelocity()))
+        self._X_WO = self.DeclareAbstractInputPort(
+            "X_WO_estimated", AbstractValue.Make(RigidTransform())
+        )
         self._turned = self.DeclareCacheEntry(
             "yaw",
             ValueProducer(
@@ -85,6 +100,12 @@ class CarrierPosture(LeafSystem):
             {self.xd_ticket(), self._goals.ticket(), self._X_WG.ticket()},
         )
         self.DeclareVectorOutputPort("nominal_posture", len(self._home), self._calc_posture)
+        self.DeclareAbstractOutputPort(
+            "X_WH",
+            lambda: AbstractValue.Make(RigidTransform()),
+            self._calc_hand,
+            {self.discrete_state_ticket(self._yaw), self._X_WO.ticket()},
+        )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_yaw)
 
     def _calc_yaw(self, context: Context) -> float:
@@ -94,7 +115,7 @@ class CarrierPosture(LeafSystem):
         level = (p_WT - X_WG.translation())[:, :2]
         yaw = mean_angle(np.arctan2(level[:, 1], level[:, 0]) - self._azimuths)
         before = float(context.get_discrete_state(self._yaw)[0])
-        return before + math.remainder(yaw - before, 2 * math.pi)
+        return float(np.clip(before + math.remainder(yaw - before, 2 * math.pi), *self._yaw_range))
 
     def _store_yaw(self, context: Context, discrete_state: DiscreteValues) -> None:
         discrete_state.set_value(self._yaw, [self._turned.Eval(context)])
@@ -104,5 +125,12 @@ class CarrierPosture(LeafSystem):
         posture = self._home.copy()
         posture[self._slides] += self._X_WG.Eval(context).translation()
         posture[self._slides] += V_WG.translational() * self._lead
-        posture[self._turn] = self._turned.Eval(context) + V_WG.rotational()[2] * self._lead
+        yaw = self._turned.Eval(context) + V_WG.rotational()[2] * self._lead
+        posture[self._turn] = np.clip(yaw, *self._yaw_range)
         output.SetFromVector(posture)
+
+    def _calc_hand(self, context: Context, output: AbstractValue) -> None:
+        middle = sum(self._yaw_range) / 2
+        yaw = middle if np.isfinite(middle) else context.get_discrete_state(self._yaw)[0]
+        p_WO = self._X_WO.Eval(context).translation()
+        output.set_value(RigidTransform(RotationMatrix.MakeZRotation(yaw), p_WO))
