@@ -1,7 +1,5 @@
 """Where an arm would like to be while the fingertips of its hand follow their goals."""
 
-import math
-
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
@@ -15,8 +13,9 @@ from pydrake.systems.framework import (
 )
 
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.assignment import mean_angle
+from drake_pregrasp.planning.assignment import FREE_TURN, palm_turn
 from drake_pregrasp.systems.arm_kinematics import ArmKinematics
+from drake_pregrasp.systems.carrier_posture import reach_frame
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
 
 
@@ -30,9 +29,11 @@ class ArmPosture(LeafSystem):
         - tip_goals
         - X_WG
         - V_WG
+        - X_WO_estimated
         output_ports:
         - goals
         - nominal_posture
+        - X_WH
 
     Port `tip_goals` accepts a `BusValue` of `RigidTransform` in W, as of `FingertipGoalShaper`.
 
@@ -40,13 +41,18 @@ class ArmPosture(LeafSystem):
 
     Port `V_WG` accepts a `SpatialVelocity`: of that frame in W.
 
+    Port `X_WO_estimated` (optional) accepts a `RigidTransform`: where the object is believed to be;
+    `X_WH` needs it.
+
     Port `goals` emits a `BusValue`: the goals of the tips, and that of the palm, of which the
     orientation counts.
 
     Port `nominal_posture` emits a vector of nq, for the port of that name of
     `DifferentialInverseKinematicsSystem`: the fingers' home positions, and the arm's that bring the
     palm over the object, as at home. It turns so that fingers are aside from their own azimuths as
-    little as they can be on the average, without a jump at half a turn.
+    little as they can be on the average, without a jump at half a turn, but only within its range.
+
+    Port `X_WH` emits a `RigidTransform`: the hand's frame H in W, as that of `CarrierPosture`.
 
     What follows a posture by a gain K lags by the time 1/K behind a steady motion; the posture is
     ahead by that.
@@ -64,6 +70,7 @@ class ArmPosture(LeafSystem):
         lead: For when the goals of the tips are, in seconds after the Context's time.
         gain: K, in 1/s.
         period: Seconds between ticks, greater than zero.
+        yaw_range: Least and largest angle of the palm, in radians.
     """
 
     def __init__(
@@ -80,17 +87,21 @@ class ArmPosture(LeafSystem):
         lead: float,
         gain: float,
         period: float,
+        yaw_range: tuple[float, float] = FREE_TURN,
     ) -> None:
         super().__init__()
         self._hand, self._arm, self._palm_frame = hand, arm, palm_frame
         self._azimuths, self._X_GP = np.array(finger_azimuths), X_GP
         self._home = np.array(home, dtype=float)
-        self._lead, self._gain_lead = lead, 1 / gain
+        self._lead, self._gain_lead, self._yaw_range = lead, 1 / gain, yaw_range
         self._yaw = self.DeclareDiscreteState(np.array([yaw]))
         self._q = self.DeclareDiscreteState(np.array(initial, dtype=float))
         self._tip_goals = self.DeclareAbstractInputPort("tip_goals", AbstractValue.Make(BusValue()))
         self._X_WG = self.DeclareAbstractInputPort("X_WG", AbstractValue.Make(RigidTransform()))
         self._V_WG = self.DeclareAbstractInputPort("V_WG", AbstractValue.Make(SpatialVelocity()))
+        self._X_WO = self.DeclareAbstractInputPort(
+            "X_WO_estimated", AbstractValue.Make(RigidTransform())
+        )
         inputs = {self._tip_goals.ticket(), self._X_WG.ticket(), self._V_WG.ticket()}
         self._turned = self.DeclareCacheEntry(
             "yaw",
@@ -128,22 +139,29 @@ class ArmPosture(LeafSystem):
             lambda context, output: output.SetFromVector(self._solved.Eval(context)),
             {self._solved.ticket()},
         )
+        self.DeclareAbstractOutputPort(
+            "X_WH",
+            lambda: AbstractValue.Make(RigidTransform()),
+            self._calc_hand,
+            {self.discrete_state_ticket(self._yaw), self._X_WO.ticket()},
+        )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store)
 
     def _calc_yaw(self, context: Context) -> float:
         goals: BusValue = self._tip_goals.Eval(context)
         X_WG: RigidTransform = self._X_WG.Eval(context)
         p_WT = np.array([goals.Find(name).translation() for name in self._hand.tip_frames])
-        level = (p_WT - X_WG.translation())[:, :2]
-        yaw = mean_angle(np.arctan2(level[:, 1], level[:, 0]) - self._azimuths)
+        V_WG: SpatialVelocity = self._V_WG.Eval(context)
+        p_WG = X_WG.translation() + V_WG.translational() * self._lead
         before = float(context.get_discrete_state(self._yaw)[0])
-        return before + math.remainder(yaw - before, 2 * math.pi)
+        return palm_turn(p_WT - p_WG, self._azimuths, before, self._yaw_range)
 
     def _palm_goal(self, context: Context, lead: float) -> RigidTransform:
         """Returns where the palm is to be a while after the Context's time."""
         V_WG: SpatialVelocity = self._V_WG.Eval(context)
         p_WG = self._X_WG.Eval(context).translation() + V_WG.translational() * lead
         yaw = self._turned.Eval(context) + V_WG.rotational()[2] * (lead - self._lead)
+        yaw = float(np.clip(yaw, *self._yaw_range))
         return RigidTransform(RotationMatrix.MakeZRotation(yaw), p_WG) @ self._X_GP
 
     def _solve(self, context: Context) -> FloatArray:
@@ -164,3 +182,7 @@ class ArmPosture(LeafSystem):
         X_WP = self._palm_goal(context, self._lead)
         goals.Set(self._palm_frame, AbstractValue.Make(X_WP))
         output.set_value(goals)
+
+    def _calc_hand(self, context: Context, output: AbstractValue) -> None:
+        yaw = float(context.get_discrete_state(self._yaw)[0])
+        output.set_value(reach_frame(self._X_WO.Eval(context), yaw, self._yaw_range))
