@@ -118,7 +118,12 @@ class HalfSpace(Solid):
 
     def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `Solid`."""
-        return (p_FP - self.point) @ self.normal, np.tile(self.normal, (len(p_FP), 1))
+        return self.distance(p_FP), np.tile(self.normal, (len(p_FP), 1))
+
+    def distance(self, p_FP: FloatArray) -> FloatArray:
+        """See `Solid`."""
+        distances: FloatArray = (p_FP - self.point) @ self.normal
+        return distances
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "HalfSpace":
         """See `Solid`."""

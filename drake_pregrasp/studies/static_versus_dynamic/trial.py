@@ -116,7 +116,8 @@ class Trial:
         X_WO = plant.GetFreeBodyPose(context, body)
         x, y, angle = self.start.misplacement
         moved = RigidTransform(
-            RotationMatrix.MakeZRotation(angle) @ X_WO.rotation(), X_WO.translation() + [x, y, 0.0]
+            RotationMatrix.MakeZRotation(angle) @ X_WO.rotation(),
+            X_WO.translation() + np.array([x, y, 0.0]),
         )
         plant.SetFreeBodyPose(context, body, moved)
 

@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import ConstantValueSource
+from pydrake.systems.primitives import ConstantValueSource, DiscreteTimeDelay
 
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_controller import HandController
@@ -43,6 +43,7 @@ PLANT = MultibodyPlantConfig(
 """The plant's settings."""
 
 _RING = 0.092  # Radius on which fingertips of a still hand wait, in metres.
+_GOALS_FIRST = 3  # Control ticks in which the goals of a still hand become those of closing.
 _CLOSING = 0.8  # Seconds for which chosen contacts have to stay clear: as long as closing takes.
 
 
@@ -192,9 +193,13 @@ def make_trial_diagram(
     builder.Connect(
         controller.GetOutputPort("desired_state"), station.GetInputPort("desired_state")
     )
-    builder.ExportInput(controller.GetInputPort("close"), "close")
-    if arm == "still":
-        builder.ConnectInput("close", goals.GetInputPort("close"))
+    if arm == "still":  # Its goals first have to get from the ring to the object.
+        builder.ExportInput(goals.GetInputPort("close"), "close")
+        told = builder.AddSystem(DiscreteTimeDelay(grasp.period, _GOALS_FIRST, 1))
+        builder.ConnectInput("close", told.get_input_port())
+        builder.Connect(told.get_output_port(), controller.GetInputPort("close"))
+    else:
+        builder.ExportInput(controller.GetInputPort("close"), "close")
     logger = builder.AddSystem(GraspLogger(num_fingers=FINGERS, period=grasp.period, sink=sink))
     for name in ("grasp_report", "p_GT", "p_WT", "f_T_W", "X_WG"):
         builder.Connect(controller.GetOutputPort(name), logger.GetInputPort(name))
