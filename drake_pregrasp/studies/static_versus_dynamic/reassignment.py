@@ -29,8 +29,9 @@ class Reassignment(LeafSystem):
         - fingertip_targets
         - contact_status
 
-    The ports are as those of `PregraspPlanner`: it is fingers that are lost, not contacts. When contacts are more than 40 degrees aside of
-    their fingers on the average, all fingers change over to the next contact that way round.
+    The ports are as those of `PregraspPlanner`: it is fingers that are lost, not contacts. When
+    contacts are more than 40 degrees aside of their fingers on the average, all fingers change over
+    to the next contact that way round.
 
     Args:
         tip_frames: Scoped names of the fingertips' frames.

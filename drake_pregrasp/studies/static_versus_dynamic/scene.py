@@ -1,6 +1,6 @@
 """What happens under each condition: how the object moves, what is in the way, what goes wrong."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -84,17 +84,17 @@ def _sphere() -> MovingSolid:
 
 
 _BESIDE_WALL = (MovingSolid(_WALL, np.zeros(3)),)
-_MOVING = {"linear_velocity": 0.01, "angular_velocity": float(np.radians(10))}
+_MOVING = Scene(linear_velocity=0.01, angular_velocity=float(np.radians(10)))
 _FAST = float(np.radians(20))
 
 SCENES = {
-    "nominal": Scene(**_MOVING),
-    "one_lost": Scene(**_MOVING, lost_fingers=1),
-    "two_lost": Scene(**_MOVING, lost_fingers=2),
+    "nominal": _MOVING,
+    "one_lost": replace(_MOVING, lost_fingers=1),
+    "two_lost": replace(_MOVING, lost_fingers=2),
     "turning": Scene(angular_velocity=_FAST, yaw_range=LIMITED_WRIST),
     "wall": Scene(angular_velocity=float(np.radians(10)), area=_BESIDE_WALL),
     "headline": Scene(angular_velocity=_FAST, yaw_range=LIMITED_WRIST, area=_BESIDE_WALL),
     "sphere": Scene(angular_velocity=float(np.radians(5)), area=(_sphere(),)),
-    "noise": Scene(**_MOVING, position_std=0.004, orientation_std=float(np.radians(2))),
+    "noise": replace(_MOVING, position_std=0.004, orientation_std=float(np.radians(2))),
 }
 """The scenes by the keys of `CONDITIONS`."""

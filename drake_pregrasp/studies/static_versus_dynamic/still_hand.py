@@ -29,9 +29,9 @@ class StillHand(LeafSystem):
         - contact_status
 
     The ports are as those of `PregraspPlanner`, but for `close`, the command. Until it comes,
-    fingers wait on the ring. From then on their goals are where the rays from the middle of the ring
-    meet the object. A finger that is lost, or whose fingertip would be near an obstacle, is not
-    active, by the rule that the planner has.
+    fingers wait on the ring. From then on their goals are where the rays from its middle meet the
+    object. A finger that is lost, or whose fingertip would be near an obstacle, is not active, by
+    the rule that the planner has.
 
     Args:
         tip_frames: Scoped names of the fingertips' frames.
@@ -96,7 +96,8 @@ class StillHand(LeafSystem):
             constraints.limits_at(finger, points[[finger]], normals[[finger]])[0][0]
             for finger in range(len(points))
         ]
-        return np.array(limits) == Limit.NONE
+        permitted: BoolArray = np.array(limits) == Limit.NONE
+        return permitted
 
     def _calc_targets(self, context: Context, output: AbstractValue) -> None:
         targets = BusValue()
