@@ -1,6 +1,6 @@
 """Limits and coupling of contact goals from one tick to the next."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,6 +14,9 @@ from drake_pregrasp.planning.wall_test import normals_agree
 
 ROUNDING = 1e-9
 """Overlap of fingertips that is none, in metres."""
+
+Projection = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+"""Maps points, shape (k, 3), to the nearest ones on a surface and the normals there."""
 
 _HALVINGS = 12  # Of a step that comes out too long; then it is left out.
 _ROUNDS = 40  # To bring a pair to its distance.
@@ -173,7 +176,7 @@ def tip_gaps(
 
 
 def hold_where_tips_meet(
-    surface: ObjectSurface,
+    project: Projection,
     p_OC: FloatArray,
     p_OC_before: FloatArray,
     active: BoolArray,
@@ -186,7 +189,7 @@ def hold_where_tips_meet(
     Holding all is always a way out, so the search ends; coupled contacts are held together.
 
     Args:
-        surface: The object's surface.
+        project: Of the object's surface.
         p_OC: Goals, shape (n, 3), in metres.
         p_OC_before: Goals of the tick before, shape (n, 3).
         active: Contacts that take part, shape (n,).
@@ -195,13 +198,13 @@ def hold_where_tips_meet(
         pairs: Coupled contacts.
     """
     both_active = active[:, None] & active
-    before = tip_gaps(p_OC_before, surface.project(p_OC_before)[1], tip_radii, gap)
+    before = tip_gaps(p_OC_before, project(p_OC_before)[1], tip_radii, gap)
     needed = np.minimum(0.0, before) - ROUNDING
     p_OC = p_OC.copy()
     partners = {pair.first: pair.second for pair in pairs}
     partners |= {pair.second: pair.first for pair in pairs}
     for _ in range(len(p_OC)):
-        gaps = tip_gaps(p_OC, surface.project(p_OC)[1], tip_radii, gap)
+        gaps = tip_gaps(p_OC, project(p_OC)[1], tip_radii, gap)
         meets = np.any((gaps < needed) & both_active, axis=1)
         moved = np.any(p_OC != p_OC_before, axis=1)
         if not np.any(meets & moved):

@@ -117,6 +117,8 @@ def _chosen(
         else:
             points.append(weighted_centroid(surface.p_OQ[q], log_weights[q], surface.areas[q]))
     goals, _ = surface.project_into(np.array(points), members)
+    if not selection.regions.constraints.leaves_every_point:
+        selection.project(goals)  # All at once.
     for k, (contact, q) in enumerate(zip(movers.tolist(), members, strict=True)):
         goals[k] = _permitted(selection, contact, goals[k], q)
     return goals

@@ -68,7 +68,13 @@ def limited_goals(
     if len(tip_radii):
         taking_part = (regions.sizes() > 0) & ~regions.lost
         apart = hold_where_tips_meet(
-            surface, goals, p_OC, taking_part, tip_radii, regions.constraints.tip_gap, pairs
+            selection.project,
+            goals,
+            p_OC,
+            taking_part,
+            tip_radii,
+            regions.constraints.tip_gap,
+            pairs,
         )
         # Steps that are taken back one by one can leave the rest worse than all of them held.
         if limits.guard is not None and np.any(apart != goals):
@@ -90,7 +96,7 @@ def with_returning_contacts(
     constraints, goals = regions.constraints, goals.copy()
     without = (regions.sizes() == 0) & ~regions.lost
     there = ~without & ~regions.lost
-    normals = surface.project(goals)[1]
+    normals = selection.project(goals)[1]
     for contact in np.flatnonzero(without).tolist():
         limits, _ = constraints.limits_at(contact, surface.p_OQ, surface.nhat_OQ)
         free = (limits == Limit.NONE) & surface.is_clear_of_forbidden_points
@@ -107,7 +113,7 @@ def with_returning_contacts(
             away = surface.p_OQ[choices] - goals[contact]
             target = surface.p_OQ[choices[np.argmin(np.sum(away**2, axis=1))]]
             goals[contact] = step_toward(surface, goals[contact], target, max_step)
-            normals[contact] = surface.project(goals[contact][None])[1][0]
+            normals[contact] = selection.project(goals[contact][None])[1][0]
             there[contact] = True
     return goals
 
@@ -126,12 +132,12 @@ def judged_goals(
         on_ground: Those that are known to be on allowed ground, shape (n,).
         contact_limits: With the pairs.
     """
-    surface, regions = selection.surface, selection.regions
+    regions = selection.regions
     constraints, limits, causes = regions.constraints, regions.limits.copy(), regions.causes.copy()
     active = (regions.sizes() > 0) & ~regions.lost
     unknown = np.flatnonzero(~on_ground)
     if len(unknown):
-        nearest, _ = surface.project(goals[unknown])
+        nearest, _ = selection.project(goals[unknown])
         off = unknown[np.linalg.norm(nearest - goals[unknown], axis=1) > CONTACT_TOLERANCE]
         limits[off], causes[off], active[off] = Limit.FORBIDDEN, NO_CAUSE, False
     limiting = () if constraints.leaves_every_point else np.flatnonzero(active).tolist()
@@ -140,7 +146,7 @@ def judged_goals(
         if limit != Limit.NONE:
             active[contact], limits[contact], causes[contact] = False, limit, cause
     if len(constraints.tip_radii):
-        normals = surface.project(goals)[1]
+        normals = selection.project(goals)[1]
         gaps = tip_gaps(goals, normals, constraints.tip_radii, constraints.tip_gap)
         for contact in np.flatnonzero(active).tolist():
             meets = np.flatnonzero((gaps[contact, :contact] < -ROUNDING) & active[:contact])
@@ -159,6 +165,9 @@ def limit_at(selection: SelectionInput, contact: int, p_OCi: FloatArray) -> tupl
     constraints = selection.regions.constraints
     if constraints.leaves_every_point:
         return Limit.NONE, NO_CAUSE
-    _, normals = selection.surface.project(p_OCi[None])
-    limits, causes = constraints.limits_at(contact, p_OCi[None], normals)
-    return int(limits[0]), int(causes[0])
+    key = contact, p_OCi.tobytes()
+    if key not in selection.known_limits:
+        _, normals = selection.project(p_OCi[None])
+        limits, causes = constraints.limits_at(contact, p_OCi[None], normals)
+        selection.known_limits[key] = int(limits[0]), int(causes[0])
+    return selection.known_limits[key]

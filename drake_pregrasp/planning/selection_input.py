@@ -2,9 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray
 from drake_pregrasp.planning.contact_status import is_active
+from drake_pregrasp.planning.remembered_projection import RememberedProjection
 from drake_pregrasp.planning.safe_regions import SafeRegions
 from drake_pregrasp.planning.surface import ObjectSurface
 
@@ -25,6 +27,16 @@ class SelectionInput:
     p_OC: FloatArray
     regions: SafeRegions
     covariance_O: FloatArray
+
+    @cached_property
+    def project(self) -> RememberedProjection:
+        """Projects points onto the surface, each once a tick."""
+        return RememberedProjection(self.surface)
+
+    @cached_property
+    def known_limits(self) -> dict[tuple[int, bytes], tuple[int, int]]:
+        """What keeps a contact from a point, and its cause, where that has been asked for."""
+        return {}
 
 
 WeightFunction = Callable[[SelectionInput], FloatArray]

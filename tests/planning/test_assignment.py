@@ -10,7 +10,13 @@ from hypothesis.extra.numpy import arrays
 from thin_cup import CUP, RADIUS, WALL
 
 from drake_pregrasp import InvalidArgumentError, box_surface
-from drake_pregrasp.planning.assignment import assign_fingers, assign_fingers_round, wrapped
+from drake_pregrasp.planning.assignment import (
+    FREE_TURN,
+    assign_fingers,
+    assign_fingers_round,
+    turned_within,
+    wrapped,
+)
 from drake_pregrasp.planning.initial_contacts import ring_contacts
 from drake_pregrasp.planning.mesh_surface import mesh_surface
 from drake_pregrasp.planning.no_touch import AxisArea
@@ -120,6 +126,26 @@ def test_the_order_of_the_contacts_does_not_matter(fingers, contacts, shuffled):
 
     offsets = worst(contacts[order], yaw), worst(contacts[shuffled][again], yaw_again)
     assert offsets[0] == pytest.approx(offsets[1])
+
+
+@given(azimuths, azimuths, st.floats(-3, 3), st.floats(0.0, 1.0))
+def test_a_wrist_of_limited_range_stays_in_it(fingers, contacts, middle, half):
+    yaw_range = (middle - half, middle + half)
+    _, yaw = assign_fingers_round(fingers, contacts, yaw_range=yaw_range)
+    assert yaw_range[0] <= yaw <= yaw_range[1]
+
+
+@given(st.floats(-20, 20), st.floats(-20, 20), st.floats(0.0, 3.0))
+def test_turning_within_a_range_goes_as_near_as_it_can(yaw, middle, half):
+    yaw_range = (middle - half, middle + half)
+    turned = turned_within(yaw, yaw_range)
+    choices = np.linspace(*yaw_range, 200)
+    assert yaw_range[0] <= turned <= yaw_range[1]
+    assert abs(wrapped(turned - yaw)) <= np.min(np.abs(wrapped(choices - yaw))) + 1e-9
+
+
+def test_an_endless_range_leaves_angles_alone():
+    assert turned_within(7.0, FREE_TURN) == 7.0
 
 
 def test_an_assignment_out_of_reach_is_refused():

@@ -307,7 +307,7 @@ def test_of_a_pair_both_are_held_where_one_meets_a_fingertip():
     goals = before + np.array([[0, 0.04, 0], [0, 0.04, 0], [0, 0.001, 0]])
     active, tips = np.ones(3, dtype=bool), np.full(3, 0.01)
     for pairs, stays in (((PAIR,), [True, True]), ((), [True, False])):
-        held = hold_where_tips_meet(CUBE, goals, before, active, tips, 0.0, pairs)
+        held = hold_where_tips_meet(CUBE.project, goals, before, active, tips, 0.0, pairs)
         np.testing.assert_array_equal(np.all(held == before, axis=1)[:2], stays)
 
 
@@ -317,7 +317,7 @@ def test_who_is_held_may_hold_those_behind():
     before = np.stack([np.full(4, 0.05), y, np.zeros(4)], axis=1)
     goals = before + np.array([0, 0.02, 0]) * (y < 0.04)[:, None]
     active, tips = np.ones(4, dtype=bool), np.full(4, 0.01)
-    held = hold_where_tips_meet(CUBE, goals, before, active, tips, 0.0, ())
+    held = hold_where_tips_meet(CUBE.project, goals, before, active, tips, 0.0, ())
     np.testing.assert_array_equal(held, before)
 
 

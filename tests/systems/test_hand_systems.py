@@ -13,6 +13,7 @@ from pydrake.systems.framework import BusValue
 from drake_pregrasp import BallSolid, BoxSolid, HalfSpace, InvalidArgumentError, Obstacles
 from drake_pregrasp.diagrams.grasp_config import HandModelConfig
 from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.planning.contact_status import ContactStatus
 from drake_pregrasp.planning.grasp_state import GraspSettings
 from drake_pregrasp.systems.carrier_posture import CarrierPosture
@@ -146,6 +147,57 @@ def test_a_palm_that_lags_by_its_gain_is_asked_to_be_ahead():
     posture.GetInputPort("V_WG").FixValue(context, V_WG)
     nominal = posture.GetOutputPort("nominal_posture").Eval(context)
     np.testing.assert_allclose(nominal[:4], [0.01, 0.005, 0.155, 0.05], atol=1e-12)
+
+
+LIMITED = (-0.5, 0.3)
+
+
+def posture_of(yaw_range):
+    return CarrierPosture(
+        tip_frames=FRAMES,
+        finger_azimuths=AROUND,
+        home=HAND.home(np.zeros(3), 0.0),
+        carrier=HAND.carrier,
+        gain=5.0,
+        period=PERIOD,
+        yaw_range=yaw_range,
+    )
+
+
+def test_a_palm_of_limited_range_stays_in_it_and_comes_back_the_other_way_round():
+    posture = posture_of(LIMITED)
+    simulator = Simulator(posture)
+    context = simulator.get_mutable_context()
+    posture.GetInputPort("V_WG").FixValue(context, SpatialVelocity.Zero())
+    posture.GetInputPort("X_WG").FixValue(context, RigidTransform())
+    yaws = []
+    for index, angle in enumerate(np.arange(0.0, 2 * np.pi, 0.2)):
+        R = RotationMatrix.MakeZRotation(angle).matrix()
+        posture.GetInputPort("tip_goals").FixValue(context, bus(RING @ R.T))
+        simulator.AdvanceTo(index * PERIOD + 1e-3)
+        yaws.append(posture.GetOutputPort("nominal_posture").Eval(context)[3])
+    assert max(yaws) == LIMITED[1]
+    assert min(yaws) == LIMITED[0]
+    assert yaws[-1] == pytest.approx(6.2 - 2 * np.pi)
+
+
+@pytest.mark.parametrize(("yaw_range", "expected"), [(LIMITED, -0.1), (FREE_TURN, 0.4)])
+def test_the_hand_is_over_the_object_and_turned_as_its_palm_or_in_the_middle(yaw_range, expected):
+    posture = posture_of(yaw_range)
+    simulator = Simulator(posture)
+    context = simulator.get_mutable_context()
+    R = RotationMatrix.MakeZRotation(0.4)
+    posture.GetInputPort("V_WG").FixValue(context, SpatialVelocity.Zero())
+    posture.GetInputPort("X_WG").FixValue(context, RigidTransform([0.3, 0.2, 0.5]))
+    goals = RING @ R.matrix().T + [0.3, 0.2, 0.5]
+    posture.GetInputPort("tip_goals").FixValue(context, bus(goals))
+    X_WO = RigidTransform(RotationMatrix.MakeXRotation(0.2), [0.3, 0.2, 0.1])
+    posture.GetInputPort("X_WO_estimated").FixValue(context, X_WO)
+    simulator.AdvanceTo(PERIOD + 1e-3)
+    X_WH = posture.GetOutputPort("X_WH").Eval(context)
+    assert X_WH.IsNearlyEqualTo(
+        RigidTransform(RotationMatrix.MakeZRotation(expected), [0.3, 0.2, 0.1]), 1e-9
+    )
 
 
 class Shaper:

@@ -62,6 +62,20 @@ def test_obstacles_move_steadily_without_turning(time):
     assert len(obstacles.points) == 0
 
 
+def test_obstacles_are_swept_over_the_time_for_which_contacts_must_stay_clear():
+    system = MovingObstacles(MOVING, lookahead=0.1, sweep=0.8)
+    context = system.CreateDefaultContext()
+    context.SetTime(1.0)
+    probes = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 3))
+    for solid, start, velocity in zip(
+        system.get_output_port().Eval(context).solids, SOLIDS, VELOCITIES, strict=True
+    ):
+        swept = solid.distance(probes)
+        for time in (1.1, 1.5, 1.9):
+            now = start.distance(probes - time * np.array(velocity))
+            assert np.all(swept <= now + 1e-12)
+
+
 def hand_at(X_WH, follow, X_WO_estimated):
     system = HandPose(X_WH, follow=follow)
     context = system.CreateDefaultContext()

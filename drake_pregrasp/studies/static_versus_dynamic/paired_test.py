@@ -1,0 +1,58 @@
+"""Whether one arm succeeds more often than another, with the same seeds."""
+
+from collections.abc import Iterable
+from typing import NamedTuple
+
+from scipy.stats import binom
+
+SIGNIFICANT = 0.05
+"""Differences with a smaller probability by chance are said to be shown."""
+
+LEAST_PAIRS = 6
+"""With fewer pairs no difference can be shown: 2 / 2**5 is above that bound."""
+
+
+class PairedTest(NamedTuple):
+    """Exact McNemar test of two arms.
+
+    Attributes:
+        pairs: How many pairs there are.
+        gained: In how many of them only the first arm succeeds.
+        lost: In how many only the second.
+        p: Probability of a difference at least as large, either way, if neither is better.
+    """
+
+    pairs: int
+    gained: int
+    lost: int
+    p: float
+
+    @property
+    def ahead(self) -> bool:
+        """Whether it is shown that the first succeeds more often."""
+        return self.p < SIGNIFICANT and self.gained > self.lost
+
+    @property
+    def behind(self) -> bool:
+        """Whether it is shown that the second does."""
+        return self.p < SIGNIFICANT and self.gained < self.lost
+
+    def reversed(self) -> "PairedTest":
+        """Returns the test of the second against the first."""
+        return PairedTest(self.pairs, self.lost, self.gained, self.p)
+
+
+def paired_test(pairs: Iterable[tuple[bool, bool]]) -> PairedTest:
+    """Returns the exact test of McNemar (Psychometrika 12, 1947).
+
+    Pairs in which both succeed, or none, say nothing on the difference. Among the others either
+    is as likely as the other if no arm is better: a fair coin.
+
+    Args:
+        pairs: Whether the first and the second arm succeed, with one seed each.
+    """
+    pairs = list(pairs)
+    gained = sum(first and not second for first, second in pairs)
+    lost = sum(second and not first for first, second in pairs)
+    tail = float(binom.cdf(min(gained, lost), gained + lost, 0.5))
+    return PairedTest(len(pairs), gained, lost, min(1.0, 2 * tail))
