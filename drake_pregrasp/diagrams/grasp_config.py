@@ -28,6 +28,9 @@ class GraspConfig:
         default_factory=list, metadata={"at_least": -100, "at_most": 100}
     )
 
+    # Whether the planner keeps to what the fingers reach, and leaves their tips room.
+    use_reach: bool = False
+
     # When the hand is asked to close, in seconds.
     close_at: float = field(default=4.0, metadata={"at_least": 0, "at_most": 1e6})
 

@@ -93,7 +93,9 @@ def make_diagram(
             length=scenario.measures.length,
         ),
     )
-    _add_obstacles_and_hand(builder, scenario, planner, hand, meshcat)
+    _add_obstacles_and_hand(
+        builder, scenario, planner, hand, meshcat, reach=bool(config.limits.reach)
+    )
     if hand is not None:
         connect_hand(builder, scenario, hand, planner, grasp_sink)
     X_WO = object_plant.GetOutputPort("X_WO")
@@ -148,6 +150,8 @@ def _add_obstacles_and_hand(
     planner: PregraspPlanner,
     hand: AddedHand | None,
     meshcat: Meshcat | None,
+    *,
+    reach: bool,
 ) -> None:
     if scenario.obstacles:
         obstacles = builder.AddNamedSystem(
@@ -170,9 +174,9 @@ def _add_obstacles_and_hand(
                 ),
             )
             builder.Connect(obstacles.get_output_port(), visualizer.get_input_port())
-    if scenario.planner.limits.reach and hand is not None:
+    if reach and hand is not None:
         builder.Connect(hand.controller.GetOutputPort("X_WH"), planner.GetInputPort("X_WH"))
-    elif scenario.planner.limits.reach:
+    elif reach:
         X_WH = scenario.hand.initial_X_WH(RigidTransform())
         pose = builder.AddNamedSystem("hand_pose", HandPose(X_WH, follow=scenario.hand.follow))
         builder.Connect(planner.GetOutputPort("X_WO_estimated"), pose.get_input_port())

@@ -18,6 +18,7 @@ from drake_pregrasp.studies.static_versus_dynamic.outcome import (
     Outcome,
     TrialJob,
 )
+from drake_pregrasp.studies.static_versus_dynamic.planned_start import TIP_RADIUS
 from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, Scene
 from drake_pregrasp.systems.grasp_logger import GraspRecord
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
@@ -155,7 +156,7 @@ def _residual(scene: Scene, contacts: tuple[FloatArray, FloatArray, FloatArray])
 
 def _any_in_area(scene: Scene, record: GraspRecord) -> bool:
     gaps = [solid.distance(record.p_WT) for solid in scene.area_at(record.time)]
-    return bool(np.min(gaps) < scene.grasp().hand.tip_radius)
+    return bool(np.min(gaps) < TIP_RADIUS)
 
 
 def _share(found: Sequence[bool]) -> float:

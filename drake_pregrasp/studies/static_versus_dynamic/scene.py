@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_pregrasp.diagrams.grasp_config import GraspConfig, HandModelConfig
+from drake_pregrasp.diagrams.grasp_config import GraspConfig
 from drake_pregrasp.diagrams.motion_config import Conveyor
 from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.planning.assignment import FREE_TURN
@@ -60,10 +60,7 @@ class Scene:
         """Returns the hand."""
         free = self.yaw_range == FREE_TURN
         return GraspConfig(
-            hand=HandModelConfig(
-                file="package://drake_pregrasp/five_finger_hand.sdf",
-                fingertips=[f"finger_{finger}_tip" for finger in range(FINGERS)],
-            ),
+            hand="package://drake_pregrasp/five_finger_hand.yaml",
             wrist_range=[] if free else list(self.yaw_range),
         )
 

@@ -10,6 +10,7 @@ from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.box_surface import box_surface
 from drake_pregrasp.planning.contact_status import ContactStatus, is_active
 from drake_pregrasp.planning.grasp_state import GraspPhase, GraspState
+from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalLook, grasp_outcome
@@ -49,7 +50,7 @@ class Trial:
         self.scene: Scene = SCENES[job.condition]
         self.surface = box_surface(BOX.size, spacing=SPACING, forbidden_faces=["+z", "-z"])
         grasp = self.scene.grasp()
-        self.hand = HandModel(grasp.hand, grasp.yaw_range)
+        self.hand = HandModel(load_hand(grasp.hand), grasp.yaw_range)
         self.start: Start = random_start(self.scene, self.surface, self.hand, job.seed)
         self.records: list[GraspRecord] = []
         self.looks: list[GoalLook] = []

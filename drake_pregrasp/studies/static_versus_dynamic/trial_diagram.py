@@ -118,7 +118,7 @@ def make_trial_diagram(
             BOX,
             conveyor,
             PLANT,
-            grasp.hand,
+            hand.description,
             friction=grasp.friction,
             initial=controller.initial,
             yaw_range=grasp.yaw_range,
