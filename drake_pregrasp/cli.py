@@ -29,6 +29,7 @@ from drake_pregrasp.simulation.smooth_file import load_estimator, smooth_file
 from drake_pregrasp.simulation.summary import MEASURES
 from drake_pregrasp.studies.bench.bench import bench
 from drake_pregrasp.studies.gallery import make_gallery
+from drake_pregrasp.studies.grasp_pictures import picture_grasps
 from drake_pregrasp.studies.lookahead import study_lookahead
 from drake_pregrasp.studies.published import SCENARIOS
 from drake_pregrasp.studies.reproduce import reproduce
@@ -41,7 +42,12 @@ BAD_INPUT = 2
 INTERRUPTED = 130
 BROKEN_PIPE = 141
 
-_STUDIES = {"gallery": make_gallery, "lookahead": study_lookahead, "shapes": study_shapes}
+_STUDIES = {
+    "gallery": make_gallery,
+    "grasps": picture_grasps,
+    "lookahead": study_lookahead,
+    "shapes": study_shapes,
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
