@@ -6,6 +6,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.box_surface import box_surface
 from drake_pregrasp.planning.contact_status import ContactStatus, is_active
@@ -26,7 +27,7 @@ from drake_pregrasp.systems.grasp_logger import GraspRecord
 SPACING = 0.005
 """Of the surface's candidates, in metres."""
 
-_LOOKED_AT = 0.05  # Seconds between looks at goals: the planner's period.
+_TICK = PlannerConfig.period  # Seconds between looks at goals.
 _HOLD = 1.0  # Seconds of holding, after which the outcome is read.
 _LONGEST_GRASP = 8.0  # Seconds after the command, after which it has failed in any case.
 
@@ -87,21 +88,24 @@ class Trial:
         return outcomes
 
     def track(self, until: float) -> None:
-        """Lets the hand follow until a time, in seconds."""
+        """Lets the hand follow until a time, in seconds: that of a tick of the planner."""
         while self.context.get_time() < until - 1e-9:
-            self.simulator.AdvanceTo(min(until, self.context.get_time() + _LOOKED_AT))
+            self._advance()
             self.looks.append(self._look())
 
     def grasp(self, close_at: float) -> None:
         """Tells the hand to close, and goes on until it has held the object for a while."""
         self.parts.diagram.GetInputPort("close").FixValue(self.context, [1.0])
         while self.context.get_time() < close_at + _LONGEST_GRASP:
-            self.simulator.AdvanceTo(self.context.get_time() + _LOOKED_AT)
-            _, since, *_ = self.records[-1].report
-            phase = self.records[-1].report[0]
+            self._advance()
+            phase, since, *_ = self.records[-1].report
             held = self.context.get_time() - since
             if phase == GraspPhase.BACK_OFF or (phase == GraspPhase.HOLD and held >= _HOLD):
                 return
+
+    def _advance(self) -> None:
+        """Goes on to the planner's next tick: to its very time, so that it plans only once."""
+        self.simulator.AdvanceTo((round(self.context.get_time() / _TICK) + 1) * _TICK)
 
     def state(self) -> GraspState:
         """Returns what the hand remembers."""
