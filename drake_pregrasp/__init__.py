@@ -1,7 +1,8 @@
 """Dynamic pre-grasp planning for hands that track a moving object, made of Drake systems."""
 
-from drake_pregrasp.diagrams.grasp_config import GraspConfig, HandModelConfig
+from drake_pregrasp.diagrams.grasp_config import GraspConfig
 from drake_pregrasp.diagrams.hand_controller import HandController
+from drake_pregrasp.diagrams.hand_description import HandDescription
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.limits_config import LimitsConfig, Pair
@@ -26,11 +27,14 @@ from drake_pregrasp.planning.safe_regions import compute_safe_regions
 from drake_pregrasp.planning.shapes import load_shape
 from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
+from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.run import RunResult, run
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
+from drake_pregrasp.systems.arm_kinematics import ArmKinematics
+from drake_pregrasp.systems.arm_posture import ArmPosture
 from drake_pregrasp.systems.carrier_posture import CarrierPosture
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
@@ -48,6 +52,8 @@ from drake_pregrasp.version import __version__
 
 __all__ = [
     "AddPregraspPlanner",
+    "ArmKinematics",
+    "ArmPosture",
     "BallReach",
     "BallSolid",
     "BlendConfig",
@@ -68,9 +74,9 @@ __all__ = [
     "GraspSequencer",
     "HalfSpace",
     "HandController",
+    "HandDescription",
     "HandKinematics",
     "HandModel",
-    "HandModelConfig",
     "HandStation",
     "InvalidArgumentError",
     "JointReference",
@@ -95,6 +101,7 @@ __all__ = [
     "__version__",
     "box_surface",
     "compute_safe_regions",
+    "load_hand",
     "load_scenario",
     "load_shape",
     "make_diagram",

@@ -7,7 +7,10 @@ import pytest
 from hypothesis import settings
 
 from drake_pregrasp import RunResult, Scenario, box_surface, load_scenario, run
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.robots.robot_data import find_robot_data
+from drake_pregrasp.robots.robot_models import robot_model
 
 # The same examples every time; machines differ too much for deadlines.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
@@ -54,3 +57,13 @@ def base_log(base_run: RunResult) -> dict[str, np.ndarray]:
 def read_log(path: Path) -> dict[str, np.ndarray]:
     table = np.genfromtxt(path, delimiter=",", names=True)
     return {name: table[name] for name in table.dtype.names}
+
+
+@pytest.fixture(scope="session")
+def allegro_panda() -> Path:
+    """The URDF of an Allegro hand on a Panda arm, made if it isn't there yet."""
+    try:
+        find_robot_data()
+    except InvalidArgumentError as error:
+        pytest.skip(str(error))
+    return robot_model("robots://allegro_panda.urdf")

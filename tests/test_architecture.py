@@ -10,6 +10,7 @@ FLOORS = [
     "errors",
     "resources",
     "version",
+    "robots",
     "planning",
     "systems",
     "diagrams",

@@ -1,52 +1,27 @@
 """What grasps the object, and how: what the key `grasp` of a scenario holds."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from drake_pregrasp.diagrams.hand_description import Closing, Fingertip
 from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.planning.grasp_state import GraspSettings
 
 _LENGTH = {"above": 0, "at_most": 10}
 _TIME = {"above": 0, "at_most": 1e6}
+_CLOSING = 1.0  # Seconds that closing takes, at most as a rule.
 _FORCE = {"above": 0, "at_most": 1e4}
-
-
-@dataclass
-class HandModelConfig:
-    """A radial hand on a carrier of four axes."""
-
-    # An SDF or URDF file with one model, all of whose joints are driven: a path from the folder of
-    # the scenario's file, or package://drake_pregrasp/..., for the one that is shipped. Empty: no
-    # hand, only planning.
-    file: str = field(default="", metadata={"path": True})
-
-    # The frames at the fingertips' centres, one for each contact.
-    fingertips: list[str] = field(default_factory=list)
-
-    # Radius of the fingertips, in metres.
-    tip_radius: float = field(default=0.009, metadata={"above": 0, "at_most": 0.1})
-
-    # The joints that slide along x, y and z of W, and turn about z.
-    carrier: list[str] = field(
-        default_factory=lambda: ["x", "y", "z", "yaw"], metadata={"length": 4}
-    )
-
-    # Height of the carrier over the object's origin, in metres.
-    palm_height: float = field(default=0.155, metadata={"at_least": 0, "at_most": 10})
-
-    # Positions of each finger's joints in its home posture, in their order in the model.
-    home: list[float] = field(
-        default_factory=lambda: [0.0, 0.9, 1.35], metadata={"at_least": -10, "at_most": 10}
-    )
-
-    # Angle by which a fingertip may go aside from its finger's azimuth at the start, in radians.
-    largest_offset: float = field(default=1.25, metadata={"above": 0, "at_most": 3.2})
 
 
 @dataclass
 class GraspConfig:
     """When and how the hand closes, squeezes and lifts."""
 
-    hand: HandModelConfig = field(default_factory=HandModelConfig)
+    # What grasps: a file with a hand's description, from the folder of the scenario's file, or
+    # package://drake_pregrasp/..., for one that is shipped. Empty: no hand, only planning.
+    hand: str = field(default="", metadata={"path": True})
 
     # Least and largest angle of the wrist, in radians; empty for those of the model.
     wrist_range: list[float] = field(
@@ -92,7 +67,7 @@ class GraspConfig:
     @property
     def has_hand(self) -> bool:
         """Whether there is a hand."""
-        return bool(self.hand.file)
+        return bool(self.hand)
 
     @property
     def yaw_range(self) -> tuple[float, float]:
@@ -100,19 +75,28 @@ class GraspConfig:
         low, high = self.wrist_range or FREE_TURN
         return low, high
 
-    def make_settings(self) -> GraspSettings:
-        """Returns the settings of the sequencer."""
+    def make_settings(self, fingertips: Sequence[Fingertip] = ()) -> GraspSettings:
+        """Returns the settings of the sequencer, within what fingers may do to close."""
+        closing = [tip.closing for tip in fingertips] or [Closing()]
         return GraspSettings(
             standoff=self.standoff,
             gate_limit=self.gate_limit,
-            closing_speed=self.closing_speed,
+            closing_speed=np.minimum(self.closing_speed, [c.speed for c in closing]),
+            search=np.array([c.depth for c in closing]),
             touch_force=self.touch_force,
             least_force=self.least_force,
-            largest_force=self.largest_force,
+            largest_force=np.minimum(self.largest_force, [c.force for c in closing]),
             lift_height=self.lift_height,
             lift_duration=self.lift_duration,
         )
 
-    def largest_lift(self, num_fingers: int) -> float:
+    @property
+    def expected_rest(self) -> float:
+        """About when the hand stops to follow the object's motion, for the lift, in seconds."""
+        settings = self.make_settings()
+        return self.close_at + _CLOSING + settings.squeeze_duration + settings.stop_duration
+
+    def largest_lift(self, fingertips: Sequence[Fingertip]) -> float:
         """Returns the weight that fingers can hold by friction alone, in newtons."""
-        return num_fingers * self.largest_force * self.planned_friction
+        forces = [min(self.largest_force, tip.closing.force) for tip in fingertips]
+        return sum(forces) * self.planned_friction

@@ -9,10 +9,10 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.diagrams.grasp_config import GraspConfig
 from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.posture_wiring import add_posture
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.assignment import mean_angle, turned_within
 from drake_pregrasp.planning.solids import Solid
-from drake_pregrasp.systems.carrier_posture import CarrierPosture
 from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
 from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
@@ -57,7 +57,7 @@ class HandController(Diagram):
     and back goes `desired_state` (`JointReference`). For those who watch there are `p_GT`
     (`FingertipGoalShaper`), `p_WT` and `f_T_W` (`FingertipSensor`), `X_WG` and `grasp_report`
     (`GraspSequencer`), and for the planner, which then knows what fingers reach, `X_WH`
-    (`CarrierPosture`).
+    (`CarrierPosture` or `ArmPosture`).
 
     Goals are carried ahead by the control period, in which the reference gets there, and by the
     plant's time step, at whose start it samples desired states.
@@ -79,7 +79,8 @@ class HandController(Diagram):
         plant_time_step: Of the hand's plant, in seconds.
 
     Raises:
-        InvalidArgumentError: If an argument is out of its range.
+        InvalidArgumentError: If an argument is out of its range, or an arm can't bring the palm
+            over the object.
     """
 
     initial: FloatArray
@@ -102,7 +103,7 @@ class HandController(Diagram):
         super().__init__()
         builder = DiagramBuilder()
         tip_frames = hand.kinematics.tip_frames
-        settings = config.make_settings()
+        settings = config.make_settings(hand.description.fingertips)
         raised = np.array([0.0, 0.0, settings.approach_height])
         X_WG = RigidTransform(X_WO.rotation(), X_WO.translation() + raised)
         level = (X_WO.rotation() @ (p_OC - p_OCoM).T).T
@@ -113,7 +114,7 @@ class HandController(Diagram):
             "fingertip_goal_shaper",
             FingertipGoalShaper(
                 tip_frames=tip_frames,
-                tip_radius=config.hand.tip_radius,
+                tip_radius=hand.tip_radii,
                 object_solid=object_solid,
                 object_top=object_top,
                 fixed=fixed,
@@ -125,21 +126,22 @@ class HandController(Diagram):
                 standoff=config.standoff,
             ),
         )
-        posture = builder.AddNamedSystem(
-            "carrier_posture",
-            CarrierPosture(
-                tip_frames=tip_frames,
-                finger_azimuths=hand.azimuths,
-                home=hand.home(np.zeros(3), yaw),
-                carrier=hand.carrier,
-                gain=POSTURE_GAIN,
-                period=config.period,
-                yaw_range=config.yaw_range,
-            ),
+        added = add_posture(
+            builder,
+            hand,
+            shaper.GetOutputPort("tip_goals"),
+            initial=self.initial,
+            yaw=yaw,
+            yaw_range=config.yaw_range,
+            lead=config.period + plant_time_step,
+            gain=POSTURE_GAIN,
+            period=config.period,
         )
+        posture = added.system
         kinematics = builder.AddNamedSystem(
-            "differential_ik", _differential_ik(hand, config.period)
+            "differential_ik", _differential_ik(hand, added.masks, config.period)
         )
+        builder.Connect(added.goals, kinematics.GetInputPort("desired_cartesian_poses"))
         reference = builder.AddNamedSystem(
             "joint_reference",
             JointReference(hand.kinematics, period=config.period, initial=self.initial),
@@ -149,7 +151,7 @@ class HandController(Diagram):
             "grasp_sequencer",
             GraspSequencer(
                 num_fingers=len(tip_frames),
-                tip_radius=config.hand.tip_radius,
+                tip_radius=hand.tip_radii,
                 mass=mass,
                 p_OCoM=p_OCoM,
                 friction=config.planned_friction,
@@ -164,8 +166,6 @@ class HandController(Diagram):
             (sequencer, "hold_contacts", shaper, "hold_contacts"),
             (sequencer, "X_WG", posture, "X_WG"),
             (sequencer, "V_WG", posture, "V_WG"),
-            (shaper, "tip_goals", posture, "tip_goals"),
-            (shaper, "tip_goals", kinematics, "desired_cartesian_poses"),
             (posture, "nominal_posture", kinematics, "nominal_posture"),
             (reference, "position", kinematics, "position"),
             (kinematics, "commanded_velocity", reference, "commanded_velocity"),
@@ -202,12 +202,14 @@ class HandController(Diagram):
         builder.BuildInto(self)
 
 
-def _differential_ik(hand: HandModel, period: float) -> DifferentialInverseKinematicsSystem:
-    """Returns Drake's system for fingertip positions.
+def _differential_ik(
+    hand: HandModel, more_masks: dict[str, FloatArray], period: float
+) -> DifferentialInverseKinematicsSystem:
+    """Returns Drake's system for fingertip positions, and for what more there is to follow.
 
     Its fingertips share out what joints at their limits can't do.
     """
-    masks = dict.fromkeys(hand.kinematics.tip_frames, _POSITION_ONLY)
+    masks = dict.fromkeys(hand.kinematics.tip_frames, _POSITION_ONLY) | more_masks
     tracking = DifferentialInverseKinematicsSystem.LeastSquaresCost.Config()
     tracking.cartesian_qp_weight = _TRACKING_WEIGHT
     tracking.cartesian_axis_masks = masks

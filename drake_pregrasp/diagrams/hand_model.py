@@ -12,11 +12,14 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.planning import RobotDiagramBuilder, SceneGraphCollisionChecker
 
-from drake_pregrasp.diagrams.grasp_config import HandModelConfig
+from drake_pregrasp.diagrams.hand_description import Carrier, HandDescription
+from drake_pregrasp.diagrams.palm_base import make_base
+from drake_pregrasp.diagrams.reach_config import SectorReach
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.resources import resolve_path, resource_folder
+from drake_pregrasp.robots.robot_models import ROBOTS_URL, robot_model
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
 
 HAND = "hand"
@@ -24,80 +27,81 @@ HAND = "hand"
 
 
 def add_hand_model(
-    plant: MultibodyPlant, config: HandModelConfig, yaw_range: tuple[float, float] = FREE_TURN
+    plant: MultibodyPlant,
+    description: HandDescription,
+    yaw_range: tuple[float, float] = FREE_TURN,
 ) -> ModelInstanceIndex:
     """Adds a hand to a plant that isn't finalized, without gravity, as if it were compensated.
 
     Args:
         plant: Where to add it.
-        config: The hand.
-        yaw_range: Of its wrist, in radians; an endless one leaves that of the model.
+        description: The hand.
+        yaw_range: Of a carrier's wrist, in radians; an endless one leaves that of the model.
 
     Raises:
-        InvalidArgumentError: If its file can't be loaded.
+        InvalidArgumentError: If its model can't be loaded.
     """
     parser = Parser(plant)
     parser.package_map().AddPackageXml(str(resource_folder("models") / "package.xml"))
     parser.SetAutoRenaming(True)
-    if not config.file:
-        raise InvalidArgumentError("a hand's file is empty; it must name an SDF or URDF")
-    path = resolve_path(config.file, Path.cwd())
-    if not path.is_file():
-        raise InvalidArgumentError(f"{path}: there is no such file")
+    path = _model_path(description.model)
     try:
         (hand,) = parser.AddModels(str(path))
     except (RuntimeError, ValueError) as error:
         problem = str(error).splitlines()[0]
-        raise InvalidArgumentError(f"{path} is no model of a hand: {problem}") from error
+        raise InvalidArgumentError(f"model: {path} is no model of a hand: {problem}") from error
     plant.RenameModelInstance(hand, HAND)
     plant.set_gravity_enabled(hand, False)
-    wrist = config.carrier[-1]
-    if yaw_range != FREE_TURN and plant.HasJointNamed(wrist, hand):
-        joint = plant.GetMutableJointByName(wrist, hand)
-        joint.set_position_limits([yaw_range[0]], [yaw_range[1]])
+    if isinstance(description.base, Carrier) and yaw_range != FREE_TURN:
+        wrist = description.base.joints[-1]
+        if plant.HasJointNamed(wrist, hand):
+            joint = plant.GetMutableJointByName(wrist, hand)
+            joint.set_position_limits([yaw_range[0]], [yaw_range[1]])
     return hand
+
+
+def _model_path(model: str) -> Path:
+    if not model:
+        raise InvalidArgumentError("model: it is empty, and must name an SDF or URDF")
+    if model.startswith(ROBOTS_URL):
+        return robot_model(model)
+    path = resolve_path(model, Path.cwd())
+    if not path.is_file():
+        raise InvalidArgumentError(f"model: {path}: there is no such file")
+    return path
 
 
 class HandModel:
     """A hand by itself, for its kinematics.
 
     Args:
-        config: The hand.
+        description: The hand.
         yaw_range: Of its wrist, as for `add_hand_model`.
 
     Attributes:
+        description: The same.
         checker: What Drake's `DifferentialInverseKinematicsSystem` takes.
         kinematics: Of the fingertips.
-        carrier: Indices of the carrier's joints among the positions.
-        azimuths: Of the fingertips about the palm's axis at yaw 0 and at home, shape (n,).
+        base: Of what carries the palm.
+        tip_radii: Of the fingertips, shape (n,), in metres.
+        azimuths: Of the fingertips about z, over the object at yaw 0 and at home, shape (n,).
 
     Raises:
         InvalidArgumentError: If the model and its description don't fit together.
     """
 
-    def __init__(self, config: HandModelConfig, yaw_range: tuple[float, float] = FREE_TURN) -> None:
+    def __init__(
+        self, description: HandDescription, yaw_range: tuple[float, float] = FREE_TURN
+    ) -> None:
         builder = RobotDiagramBuilder(time_step=0.0)
         plant = builder.plant()
-        hand = add_hand_model(plant, config, yaw_range)
+        hand = add_hand_model(plant, description, yaw_range)
         plant.Finalize()
-        names = [plant.get_joint(index).name() for index in plant.GetJointIndices(hand)]
-        for name in config.carrier:
-            if name not in names:
-                raise InvalidArgumentError(
-                    f"{config.file} has no joint {name}; there are: {', '.join(names)}"
-                )
-        self._config = config
-        self.carrier = [
-            plant.GetJointByName(name, hand).position_start() for name in config.carrier
-        ]
-        nq, expected = plant.num_positions(), 4 + len(config.home) * len(config.fingertips)
-        if self.carrier != list(range(4)) or nq != expected:
-            raise InvalidArgumentError(
-                f"{config.file} must have the carrier's joints first, then {len(config.home)} of"
-                f" each of {len(config.fingertips)} fingers, {expected} in all, not {nq}"
-            )
-        frames = [f"{HAND}::{name}" for name in config.fingertips]
+        self.description = description
+        self.base = make_base(description.base, plant, hand)
+        frames = [f"{HAND}::{tip.frame}" for tip in description.fingertips]
         self.kinematics = HandKinematics(plant, frames)
+        self.tip_radii: FloatArray = np.array([tip.radius for tip in description.fingertips])
         with _without_chatter():
             self.checker = SceneGraphCollisionChecker(
                 model=builder.Build(),
@@ -106,8 +110,10 @@ class HandModel:
                 configuration_distance_function=lambda a, b: float(np.linalg.norm(a - b)),
                 implicit_context_parallelism=Parallelism(parallelize=False),
             )
-        p_PT = self.tips_at(self.home(np.zeros(3), 0.0))
-        self.azimuths: FloatArray = np.arctan2(p_PT[:, 1], p_PT[:, 0])
+        self._fingers_home = self._place_fingers()
+        p_HT = self.home_tips()
+        self.azimuths: FloatArray = np.arctan2(p_HT[:, 1], p_HT[:, 0])
+        self._check_reach(p_HT)
 
     def home(self, p_WO: FloatArray, yaw: float) -> FloatArray:
         """Returns the home positions of all joints over an object, shape (nq,).
@@ -115,10 +121,11 @@ class HandModel:
         Args:
             p_WO: Where the object is in W, shape (3,), in metres.
             yaw: Of the palm, in radians.
+
+        Raises:
+            InvalidArgumentError: If an arm can't bring the palm there.
         """
-        palm = p_WO + np.array([0.0, 0.0, self._config.palm_height])
-        fingers = np.tile(self._config.home, len(self._config.fingertips))
-        return np.concatenate([palm, [yaw], fingers])
+        return self.base.posed(self._fingers_home, p_WO, yaw)
 
     def tips_at(self, q: FloatArray) -> FloatArray:
         """Returns the fingertips' centres in W at positions q, shape (n, 3), in metres."""
@@ -126,6 +133,66 @@ class HandModel:
         context = plant.CreateDefaultContext()
         plant.SetPositions(context, q)
         return self.kinematics.tip_positions(context)
+
+    def home_tips(self) -> FloatArray:
+        """Returns the tips' centres at home, in the frame H of reach, shape (n, 3), in metres."""
+        return self.base.seen_from_object(self.kinematics, self._fingers_home)
+
+    @property
+    def largest_offsets(self) -> FloatArray:
+        """How far tips may be aside from their fingers' azimuths, shape (n,), in radians."""
+        reaches = [tip.reach for tip in self.description.fingertips]
+        return np.array(
+            [reach.half_angle if isinstance(reach, SectorReach) else np.pi for reach in reaches]
+        )
+
+    def _place_fingers(self) -> FloatArray:
+        """Returns home positions of the fingers, with zeros for what carries them, shape (nq,)."""
+        plant, kinematics = self.kinematics.plant, self.kinematics
+        names = np.array(plant.GetPositionNames(add_model_instance_prefix=False))
+        home = np.zeros(kinematics.num_positions)
+        left = np.ones(len(home), dtype=bool)
+        left[self.base.joints] = False
+        for index, tip in enumerate(self.description.fingertips):
+            own = kinematics.own_joints(index)
+            key = f"fingertips[{index}].home"
+            if len(own) != len(tip.home):
+                raise InvalidArgumentError(
+                    f"{key}: {len(tip.home)} positions must be {len(own)}, for the joints that move"
+                    f" {tip.frame} only: {', '.join(names[own])}"
+                )
+            home[own], left[own] = tip.home, False
+            lower, upper = kinematics.lower[own], kinematics.upper[own]
+            for name, value, least, most in zip(names[own], tip.home, lower, upper, strict=True):
+                if not least <= value <= most:
+                    raise InvalidArgumentError(
+                        f"{key}: {value:g} of {name} must be from {least:g} to {most:g}"
+                    )
+        if np.any(left):
+            raise InvalidArgumentError(
+                f"{', '.join(names[left])}: neither of base.joints, nor of one finger alone"
+            )
+        return home
+
+    def _check_reach(self, p_HT: FloatArray) -> None:
+        for index, tip in enumerate(self.description.fingertips):
+            key = f"fingertips[{index}].reach"
+            try:
+                reach = tip.reach.make_reach()
+            except InvalidArgumentError as error:
+                raise InvalidArgumentError(f"{key}: {error}") from error
+            p_HC = p_HT[index : index + 1]
+            if not reach.permits(p_HC, _any_normal(reach.direction), p_HC)[0]:
+                place = ", ".join(f"{x:.3g}" for x in p_HT[index])
+                raise InvalidArgumentError(
+                    f"{key}: it must hold the finger's own home, where {tip.frame} is at ({place})"
+                    " m in H"
+                )
+
+
+def _any_normal(direction: FloatArray | None) -> FloatArray:
+    """Returns a normal that no bound on incidence minds, shape (1, 3)."""
+    return np.zeros((1, 3)) if direction is None else direction[None]
 
 
 @contextlib.contextmanager

@@ -8,7 +8,7 @@ from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.diagrams.conveyor_motion import add_conveyor
-from drake_pregrasp.diagrams.grasp_config import HandModelConfig
+from drake_pregrasp.diagrams.hand_description import HandDescription
 from drake_pregrasp.diagrams.hand_model import HAND, add_hand_model
 from drake_pregrasp.diagrams.motion_config import Conveyor
 from drake_pregrasp.diagrams.object_body import add_solid_collision
@@ -45,8 +45,8 @@ class HandStation(Diagram):
 
     Port `X_WD` emits a `RigidTransform`: the turntable D, which the box stands on.
 
-    The box stands on its feet, and is a box for the hand. Of the hand's parts only the fingers'
-    last links meet each other. It is without gravity, as if that were compensated.
+    The box stands on its feet, and is a box for the hand. Of the hand's parts only the bodies that
+    fingertips are on meet each other. It is without gravity, as if that were compensated.
 
     The attributes `plant` and `scene_graph` hold the model and what shows it.
 
@@ -54,7 +54,7 @@ class HandStation(Diagram):
         object_config: The box.
         motion_config: How it moves.
         plant_config: Time step and contact model.
-        hand_config: The hand.
+        hand: The hand.
         friction: Coulomb's coefficient of the box, for the hand.
         initial: The hand's positions at the start, shape (nq,).
         yaw_range: Of its wrist, as for `add_hand_model`.
@@ -71,7 +71,7 @@ class HandStation(Diagram):
         object_config: Box,
         motion_config: Conveyor,
         plant_config: MultibodyPlantConfig,
-        hand_config: HandModelConfig,
+        hand: HandDescription,
         *,
         friction: float,
         initial: FloatArray,
@@ -84,28 +84,28 @@ class HandStation(Diagram):
         def add_hand(plant: MultibodyPlant, body: RigidBody) -> None:
             coefficients = CoulombFriction(static_friction=friction, dynamic_friction=friction)
             solid.extend(add_solid_collision(plant, body, object_config, friction=coefficients))
-            add_hand_model(plant, hand_config, yaw_range)
+            add_hand_model(plant, hand, yaw_range)
 
         moving = add_conveyor(
             builder, object_config, motion_config, plant_config, add_more=add_hand
         )
         self.plant, self.scene_graph = moving.plant, moving.scene_graph
-        hand = self.plant.GetModelInstanceByName(HAND)
-        self.plant.SetDefaultPositions(hand, initial)
-        self._filter_collisions(hand, solid, hand_config)
+        instance = self.plant.GetModelInstanceByName(HAND)
+        self.plant.SetDefaultPositions(instance, initial)
+        self._filter_collisions(instance, solid, hand)
         turntable = self.plant.GetBodyByName("turntable")
         disc = builder.AddNamedSystem("turntable_pose", BodyPose(turntable.index()))
         builder.Connect(self.plant.get_body_poses_output_port(), disc.get_input_port())
-        builder.ExportInput(self.plant.get_desired_state_input_port(hand), "desired_state")
+        builder.ExportInput(self.plant.get_desired_state_input_port(instance), "desired_state")
         builder.ExportOutput(moving.X_WO, "X_WO")
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")
-        builder.ExportOutput(self.plant.get_state_output_port(hand), "hand_state")
-        builder.ExportOutput(self.plant.get_net_actuation_output_port(hand), "net_actuation")
+        builder.ExportOutput(self.plant.get_state_output_port(instance), "hand_state")
+        builder.ExportOutput(self.plant.get_net_actuation_output_port(instance), "net_actuation")
         builder.ExportOutput(disc.get_output_port(), "X_WD")
         builder.BuildInto(self)
 
     def _filter_collisions(
-        self, hand: ModelInstanceIndex, solid: list[GeometryId], config: HandModelConfig
+        self, instance: ModelInstanceIndex, solid: list[GeometryId], hand: HandDescription
     ) -> None:
         plant = self.plant
 
@@ -115,8 +115,8 @@ class HandStation(Diagram):
         turntable = shapes([plant.GetBodyByName("turntable")])
         cube = plant.GetBodyByName("cube")
         feet = [geometry for geometry in shapes([cube]) if geometry not in solid]
-        geometries = shapes(plant.get_body(index) for index in plant.GetBodyIndices(hand))
-        frames = [plant.GetFrameByName(name, hand) for name in config.fingertips]
+        geometries = shapes(plant.get_body(index) for index in plant.GetBodyIndices(instance))
+        frames = [plant.GetFrameByName(tip.frame, instance) for tip in hand.fingertips]
         tips = shapes(frame.body() for frame in frames)
         links = [geometry for geometry in geometries if geometry not in tips]
         manager = self.scene_graph.collision_filter_manager()

@@ -38,7 +38,7 @@ def assign_fingers_round(
     finger_azimuths: FloatArray,
     contact_azimuths: FloatArray,
     *,
-    largest_offset: float = np.pi,
+    largest_offset: float | FloatArray = np.pi,
     yaw_range: tuple[float, float] = FREE_TURN,
 ) -> tuple[IntArray, float]:
     """Returns for each finger of a radial hand its contact, and how far the palm has to turn.
@@ -50,7 +50,8 @@ def assign_fingers_round(
     Args:
         finger_azimuths: Where the fingers are about the palm's axis, shape (n,), in radians.
         contact_azimuths: Where they are to go, about the same axis, shape (n,).
-        largest_offset: Up to where a finger reaches aside from its own azimuth, in radians.
+        largest_offset: Up to where a finger reaches aside from its own azimuth, in radians; or that
+            of each, shape (n,).
         yaw_range: Least and largest angle of the palm, in radians.
 
     Returns:
@@ -73,11 +74,13 @@ def assign_fingers_round(
         offsets = np.abs(wrapped(turns - yaw))
         if np.max(offsets) < best[0]:
             best = (float(np.max(offsets)), yaw, shifted, offsets)
-    largest, yaw, shifted, offsets = best
-    if largest > largest_offset:
+    _, yaw, shifted, offsets = best
+    allowed = np.broadcast_to(largest_offset, n)[fingers]
+    worst = int(np.argmax(offsets - allowed))
+    if offsets[worst] > allowed[worst]:
         raise InvalidArgumentError(
-            f"no finger reaches contact {shifted[np.argmax(offsets)]}: it is"
-            f" {largest:.2f} rad aside from the nearest in turn, at most {largest_offset:g}"
+            f"no finger reaches contact {shifted[worst]}: it is {offsets[worst]:.2f} rad aside"
+            f" from the nearest in turn, at most {allowed[worst]:g}"
         )
     order = np.empty(n, dtype=np.int64)
     order[fingers] = shifted
@@ -87,6 +90,24 @@ def assign_fingers_round(
 def mean_angle(angles: FloatArray) -> float:
     """Returns the direction of the sum of unit vectors at some angles, in radians."""
     return float(np.arctan2(np.mean(np.sin(angles)), np.mean(np.cos(angles))))
+
+
+def palm_turn(
+    p_GT: FloatArray,
+    finger_azimuths: FloatArray,
+    before: float,
+    yaw_range: tuple[float, float] = FREE_TURN,
+) -> float:
+    """Returns how far a palm turns so that its fingers are least aside from their own azimuths.
+
+    Args:
+        p_GT: Where the fingertips are to be about the palm's axis, z, shape (n, 3), in metres.
+        finger_azimuths: Where the fingers are about it at yaw 0, shape (n,), in radians.
+        before: The last yaw: there is no jump at half a turn.
+        yaw_range: Least and largest angle of the palm, in radians.
+    """
+    yaw = mean_angle(np.arctan2(p_GT[:, 1], p_GT[:, 0]) - finger_azimuths)
+    return float(np.clip(before + math.remainder(yaw - before, 2 * math.pi), *yaw_range))
 
 
 def turned_within(yaw: float, yaw_range: tuple[float, float]) -> float:

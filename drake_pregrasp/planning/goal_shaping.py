@@ -23,15 +23,15 @@ class TipRoom:
         p_GO: A point inside it, shape (3,), in metres.
         object_clearances: Least distance of each tip's centre from it, shape (n,), in metres.
         others: What else to stay clear of, as the table and obstacles, each with the least distance
-            of tips' centres from it, in metres.
-        spacing: Least distance of two tips' centres, in metres.
+            of tips' centres from it, or that of each, shape (n,), in metres.
+        spacing: Least distance of two tips' centres, in metres; or of each pair, shape (n, n).
     """
 
     object: Solid
     p_GO: FloatArray
     object_clearances: FloatArray
-    others: tuple[tuple[Solid, float], ...] = ()
-    spacing: float = 0.0
+    others: tuple[tuple[Solid, float | FloatArray], ...] = ()
+    spacing: float | FloatArray = 0.0
 
     def permitted(self, p_GT: FloatArray) -> FloatArray:
         """Returns the nearest permitted places, or nearly, shape (n, 3).
@@ -106,7 +106,7 @@ def _pushed_out(p_GT: FloatArray, solid: Solid, clearance: float | FloatArray) -
     return p_GT + np.maximum(lacking, 0)[:, None] * gradient
 
 
-def _spread(p_GT: FloatArray, spacing: float) -> FloatArray:
+def _spread(p_GT: FloatArray, spacing: float | FloatArray) -> FloatArray:
     """Pushes tips apart that are too near, both by the same; else returns the same array."""
     away = p_GT[:, None] - p_GT
     distance = np.sqrt(np.einsum("ijk,ijk->ij", away, away))

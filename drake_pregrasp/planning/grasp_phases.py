@@ -77,8 +77,9 @@ def _fault(
 ) -> tuple[GiveUp, float] | None:
     if not view.close:
         return GiveUp.TOLD_TO_OPEN, 0.0
-    hardest = int(np.argmax(view.presses))
-    if view.presses[hardest] > CRUSHING * settings.largest_force:
+    excess = view.presses - CRUSHING * settings.largest_force
+    hardest = int(np.argmax(excess))
+    if excess[hardest] > 0:
         return GiveUp.PRESSED_TOO_HARD, hardest
     if state.phase >= GraspPhase.LIFT:
         lost = np.flatnonzero(state.active & (view.presses < settings.touch_force / 2))
@@ -137,7 +138,7 @@ def _close(
     touches = state.active & ~state.touched & feels
     touched = state.touched | touches
     elapsed = view.time - state.since
-    speed = min(settings.closing_speed, settings.closing_acceleration * elapsed)
+    speed = np.minimum(settings.closing_speed, settings.closing_acceleration * elapsed)
     moving = state.active & ~touched
     # A finger that meets the object stays where it is, and no longer where it was to go.
     standoffs = np.where(touches, view.gaps, state.standoffs - np.where(moving, speed * period, 0))

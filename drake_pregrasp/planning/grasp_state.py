@@ -57,6 +57,8 @@ def describe_give_up(reason: int, detail: float) -> str | None:
 class GraspSettings:
     """How a hand grasps; lengths in metres, times in seconds, forces in newtons.
 
+    The closing speed, the search and the largest force may be those of each finger, shape (n,).
+
     Attributes:
         approach_height: From where it comes down, above where it tracks.
         approach_duration: How long that takes.
@@ -84,13 +86,13 @@ class GraspSettings:
     standoff: float = 0.02
     gate_distance: float = 0.004
     gate_limit: float = 1.5
-    closing_speed: float = 0.04
+    closing_speed: float | FloatArray = 0.04
     closing_acceleration: float = 0.4
-    search: float = 0.006
+    search: float | FloatArray = 0.006
     touch_force: float = 0.35
     least_fingers: int = 3
     least_force: float = 2.5
-    largest_force: float = 12.0
+    largest_force: float | FloatArray = 12.0
     squeeze_duration: float = 0.5
     imbalance: float = 0.2
     stop_duration: float = 0.3

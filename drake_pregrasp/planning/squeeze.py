@@ -44,8 +44,8 @@ def squeeze_forces(
     wrench: FloatArray,
     *,
     friction: float,
-    least_normal: float,
-    largest_normal: float,
+    least_normal: float | FloatArray,
+    largest_normal: float | FloatArray,
 ) -> Squeeze:
     """Returns the smallest forces that balance a wrench, each inside its friction cone.
 
@@ -61,7 +61,8 @@ def squeeze_forces(
             of mass in N m, in that frame, shape (6,).
         friction: Coulomb's coefficient to plan with. The margin to the real one is what holds
             when contacts, poses and forces are not quite as planned.
-        least_normal: Normal force that every fingertip has at least, in newtons.
+        least_normal: Normal force that every fingertip has at least, in newtons, or that of each,
+            shape (n,).
         largest_normal: The same at most.
 
     Raises:
@@ -69,7 +70,7 @@ def squeeze_forces(
     """
     if len(p_CoMC) == 0:
         raise InvalidArgumentError("a squeeze needs one contact at least")
-    if not 0 <= least_normal <= largest_normal:
+    if not np.all((np.asarray(least_normal) >= 0) & (least_normal <= np.asarray(largest_normal))):
         raise InvalidArgumentError(
             f"normal forces must be from 0 N on, and not from {least_normal} to {largest_normal} N"
         )
@@ -92,7 +93,7 @@ def squeeze_forces(
             [sizes, np.zeros((len(sizes), 2 * n))],
         ]
     )
-    b = [-_BALANCE * w, np.full(n, _BOUNDS * least_normal), np.full(n, _BOUNDS * largest_normal)]
+    b = [-_BALANCE * w, _BOUNDS * np.full(n, least_normal), _BOUNDS * np.full(n, largest_normal)]
     target = np.concatenate([*b, np.zeros(len(sizes))])
     try:
         solution, _ = nnls(A, target, maxiter=_PASSES * A.shape[1])

@@ -1,12 +1,23 @@
 """What no single key of a grasp shows."""
 
+import numpy as np
+
+from drake_pregrasp.diagrams.expected_path import initial_pose
+from drake_pregrasp.diagrams.hand_description import HandDescription
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.motion_config import Conveyor
 from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.assignment import palm_turn
+from drake_pregrasp.planning.no_touch import AxisArea
 from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.planning.velocity_profile import VelocityProfile
+from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
+
+_MOMENTS = 4  # At which an arm's reach is tried.
 
 
 def check_grasp(source: str, scenario: Scenario, surface: ObjectSurface) -> None:
@@ -24,10 +35,14 @@ def check_grasp(source: str, scenario: Scenario, surface: ObjectSurface) -> None
         raise ScenarioError(source, "object", "a hand takes a !Box only; choose one, or no hand")
     if not isinstance(scenario.motion, Conveyor):
         raise ScenarioError(source, "motion", "a hand takes what is on a !Conveyor only")
-    fingers, count = len(grasp.hand.fingertips), scenario.num_contacts
+    try:
+        hand = load_hand(grasp.hand)
+    except ScenarioError as error:
+        raise ScenarioError(source, "grasp.hand", str(error)) from error
+    fingers, count = len(hand.fingertips), scenario.num_contacts
     if fingers != count:
         raise ScenarioError(
-            source, "grasp.hand.fingertips", f"{fingers} frames must be {count}, one a contact"
+            source, "grasp.hand", f"{fingers} fingertips must be {count}, one a contact"
         )
     if scenario.plant_config.time_step > grasp.period:
         raise ScenarioError(
@@ -48,24 +63,66 @@ def check_grasp(source: str, scenario: Scenario, surface: ObjectSurface) -> None
             f"{scenario.planner.estimator.lookahead} must be 0 for a hand; it looks ahead itself",
         )
     try:
-        HandModel(grasp.hand)
+        model = HandModel(hand)
     except InvalidArgumentError as error:
-        raise ScenarioError(source, "grasp.hand", str(error)) from error
-    if grasp.least_force > grasp.largest_force:
+        raise ScenarioError(source, "grasp.hand", f"{grasp.hand}: {error}") from error
+    largest = np.min(grasp.make_settings(hand.fingertips).largest_force)
+    if grasp.least_force > largest:
         raise ScenarioError(
             source,
             "grasp.least_force",
-            f"{grasp.least_force} must be at most {grasp.largest_force}, the largest force",
+            f"{grasp.least_force} must be at most {largest}, the largest force",
         )
-    weight = GRAVITY * scenario.object.mass
-    if grasp.largest_lift(fingers) < weight:
+    weight, lift = GRAVITY * scenario.object.mass, grasp.largest_lift(hand.fingertips)
+    if lift < weight:
         raise ScenarioError(
             source,
             "grasp.largest_force",
-            f"{fingers} fingers of {grasp.largest_force} N hold {grasp.largest_lift(fingers):.3g} N"
+            f"{fingers} fingers of {grasp.largest_force} N hold {lift:.3g} N"
             f" with friction {grasp.planned_friction}; the object weighs {weight:.3g} N",
         )
     try:
-        scenario.initial_p_OC(surface)
+        p_OC = scenario.initial_p_OC(surface)
     except InvalidArgumentError as error:
         raise ScenarioError(source, "initial_contacts", str(error)) from error
+    _check_faces(source, hand, surface, p_OC)
+    _check_arm(source, scenario, model, scenario.motion, p_OC)
+
+
+def _check_faces(
+    source: str, hand: HandDescription, surface: ObjectSurface, p_OC: FloatArray
+) -> None:
+    """Each finger starts at ground that it may touch."""
+    _, normals = surface.project(p_OC)
+    for tip, point, normal in zip(hand.fingertips, p_OC, normals, strict=True):
+        for face in tip.forbidden_faces:
+            if AxisArea(face).holds(normal[None])[0]:
+                place = ", ".join(f"{x:.3g}" for x in point)
+                raise ScenarioError(
+                    source,
+                    "initial_contacts",
+                    f"the contact at ({place}) m is nearest to {tip.frame}, to which {face} is"
+                    f" forbidden; forbidden to it are: {', '.join(tip.forbidden_faces)}",
+                )
+
+
+def _check_arm(
+    source: str, scenario: Scenario, model: HandModel, motion: Conveyor, p_OC: FloatArray
+) -> None:
+    """An arm can follow the object as far as it goes, and lift it there."""
+    grasp, settings = scenario.grasp, scenario.grasp.make_settings()
+    profile = VelocityProfile(motion.velocities())
+    X_WO = initial_pose(motion, scenario.object)
+    first = palm_turn(p_OC, model.azimuths, 0.0, grasp.yaw_range)
+    end = min(scenario.simulation_duration, grasp.expected_rest)
+    for time in np.linspace(0.0, end, _MOMENTS):
+        slid, turned = profile.at(time)[0]
+        for height in (0.0, max(settings.lift_height, settings.approach_height)):
+            try:
+                model.home(
+                    X_WO.translation() + np.array([slid, 0.0, height]),
+                    float(np.clip(first + turned, *grasp.yaw_range)),
+                )
+            except InvalidArgumentError as error:
+                problem = f"at {time:.3g} s the object is out of the arm's reach: {error}"
+                raise ScenarioError(source, "motion", problem) from error

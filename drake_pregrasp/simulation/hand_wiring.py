@@ -19,6 +19,7 @@ from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.solids import BoxSolid, HalfSpace
 from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.grasp_logger import GraspLogger, GraspRecord
 
@@ -51,7 +52,7 @@ def add_hand(
     """
     box, conveyor = cast(Box, scenario.object), cast(Conveyor, scenario.motion)
     grasp, size = scenario.grasp, np.array(box.size)
-    hand = HandModel(grasp.hand, grasp.yaw_range)
+    hand = HandModel(load_hand(grasp.hand), grasp.yaw_range)
     controller = builder.AddNamedSystem(
         "hand_controller",
         HandController(
@@ -74,7 +75,7 @@ def add_hand(
             box,
             conveyor,
             scenario.plant_config,
-            grasp.hand,
+            hand.description,
             friction=grasp.friction,
             initial=controller.initial,
             yaw_range=grasp.yaw_range,

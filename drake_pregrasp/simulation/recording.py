@@ -16,6 +16,7 @@ from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.errors import OutputError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
 from drake_pregrasp.systems.status_labels import StatusLabels
@@ -32,8 +33,6 @@ _LIGHTS = {
 # the object: then all of it is in the picture.
 _CAMERA = np.array([1.9, 1.65, 1.1])
 _VIEW = 0.5
-
-_CLOSING = 1.0  # Seconds that closing takes, at most as a rule.
 
 _LABEL_HOVER = 0.065  # Height of the labels over the object, in metres.
 
@@ -129,9 +128,8 @@ def shown_path(scenario: Scenario) -> FloatArray:
     if not grasp.has_hand:
         return expected_path(scenario.motion, duration, scenario.object)
     settings = grasp.make_settings()
-    still = grasp.close_at + _CLOSING + settings.squeeze_duration + settings.stop_duration
-    path = expected_path(scenario.motion, min(duration, still), scenario.object)
-    above = grasp.hand.palm_height + max(settings.lift_height, settings.approach_height)
+    path = expected_path(scenario.motion, min(duration, grasp.expected_rest), scenario.object)
+    above = load_hand(grasp.hand).palm_height + max(settings.lift_height, settings.approach_height)
     raised: FloatArray = path + np.array([0.0, 0.0, above])
     return np.concatenate([path, raised[[0, -1]]])
 

@@ -19,6 +19,7 @@ from drake_pregrasp.planning.force_closure import FRICTION, TORSIONAL_FRICTION
 from drake_pregrasp.planning.initial_contacts import ring_contacts
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_config import HandConfig
+from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.obstacle_config import ObstacleConfig
 from drake_pregrasp.simulation.surface_config import SurfaceConfig
 from drake_pregrasp.systems.noise_source import MAX_SEED
@@ -188,11 +189,12 @@ class Scenario:
                 p_OC, _ = surface.project(p_OC)
         X_WO = initial_pose(self.motion, self.object)
         if self.grasp.has_hand:
+            hand = HandModel(load_hand(self.grasp.hand))
             r_W: FloatArray = (X_WO.rotation() @ (p_OC - surface.p_OCoM).T).T
             order, _ = assign_fingers_round(
-                HandModel(self.grasp.hand).azimuths,
+                hand.azimuths,
                 np.arctan2(r_W[:, 1], r_W[:, 0]),
-                largest_offset=self.grasp.hand.largest_offset,
+                largest_offset=hand.largest_offsets,
                 yaw_range=self.grasp.yaw_range,
             )
             return np.array(p_OC[order])

@@ -12,6 +12,7 @@ from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.planning.grasp_quality import GraspQuality
 from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.simulation.hand_limits import hand_planner
 from drake_pregrasp.simulation.hand_wiring import AddedHand, add_hand, connect_hand
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.recording import add_recording, shown_path
@@ -44,7 +45,7 @@ def make_diagram(
         grasp_sink: Gets a record of each control tick, if there is a hand.
         meshcat: Where to draw and record, if at all.
     """
-    config = scenario.planner
+    config = hand_planner(scenario)
     n = scenario.num_contacts
     builder = DiagramBuilder()
     p_OC = scenario.initial_p_OC(surface)

@@ -1,6 +1,5 @@
 """Where a hand's carrier would like to be while its fingertips follow their goals."""
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,7 +16,7 @@ from pydrake.systems.framework import (
 )
 
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.assignment import FREE_TURN, mean_angle
+from drake_pregrasp.planning.assignment import FREE_TURN, palm_turn
 
 
 class CarrierPosture(LeafSystem):
@@ -112,10 +111,8 @@ class CarrierPosture(LeafSystem):
         goals: BusValue = self._goals.Eval(context)
         X_WG: RigidTransform = self._X_WG.Eval(context)
         p_WT = np.array([goals.Find(name).translation() for name in self._tip_frames])
-        level = (p_WT - X_WG.translation())[:, :2]
-        yaw = mean_angle(np.arctan2(level[:, 1], level[:, 0]) - self._azimuths)
         before = float(context.get_discrete_state(self._yaw)[0])
-        return float(np.clip(before + math.remainder(yaw - before, 2 * math.pi), *self._yaw_range))
+        return palm_turn(p_WT - X_WG.translation(), self._azimuths, before, self._yaw_range)
 
     def _store_yaw(self, context: Context, discrete_state: DiscreteValues) -> None:
         discrete_state.set_value(self._yaw, [self._turned.Eval(context)])
@@ -130,7 +127,12 @@ class CarrierPosture(LeafSystem):
         output.SetFromVector(posture)
 
     def _calc_hand(self, context: Context, output: AbstractValue) -> None:
-        middle = sum(self._yaw_range) / 2
-        yaw = middle if np.isfinite(middle) else context.get_discrete_state(self._yaw)[0]
-        p_WO = self._X_WO.Eval(context).translation()
-        output.set_value(RigidTransform(RotationMatrix.MakeZRotation(yaw), p_WO))
+        yaw = float(context.get_discrete_state(self._yaw)[0])
+        output.set_value(reach_frame(self._X_WO.Eval(context), yaw, self._yaw_range))
+
+
+def reach_frame(X_WO: RigidTransform, yaw: float, yaw_range: tuple[float, float]) -> RigidTransform:
+    """Returns the hand's frame H in W: over the object, turned as the palm, or as its middle."""
+    middle = sum(yaw_range) / 2
+    turn = RotationMatrix.MakeZRotation(middle if np.isfinite(middle) else yaw)
+    return RigidTransform(turn, X_WO.translation())

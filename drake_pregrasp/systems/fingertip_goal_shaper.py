@@ -89,7 +89,7 @@ class FingertipGoalShaper(LeafSystem):
 
     Args:
         tip_frames: Scoped names of the fingertips' frames.
-        tip_radius: In metres.
+        tip_radius: In metres; or that of each, shape (n,).
         object_solid: The object in O, convex.
         object_top: How high it reaches over O, in metres.
         fixed: Solids in W to keep out of, as the table.
@@ -109,7 +109,7 @@ class FingertipGoalShaper(LeafSystem):
         self,
         *,
         tip_frames: Sequence[str],
-        tip_radius: float,
+        tip_radius: float | FloatArray,
         object_solid: Solid,
         object_top: float,
         fixed: Sequence[Solid],
@@ -128,14 +128,14 @@ class FingertipGoalShaper(LeafSystem):
             ("period", period),
             ("target_period", target_period),
             ("speed", speed),
-            ("tip_radius", tip_radius),
+            ("tip_radius", np.min(tip_radius)),
         ):
             if not value > 0:
                 raise InvalidArgumentError(f"{name} must be greater than 0, not {value}")
         self._tip_frames = list(tip_frames)
-        self._radius = tip_radius
+        self._radius: FloatArray = np.broadcast_to(np.asarray(tip_radius, dtype=float), n)
         self._object = object_solid
-        self._withdrawn_height = object_top + tip_radius + _WITHDRAWN_CLEARANCE
+        self._withdrawn_height = object_top + self._radius + _WITHDRAWN_CLEARANCE
         self._withdrawn_radius = float(np.mean(np.linalg.norm(np.asarray(p_GT)[:, :2], axis=1)))
         self._fixed = tuple(fixed)
         self._lead, self._step, self._standoff = lead, speed * period, standoff
@@ -144,7 +144,7 @@ class FingertipGoalShaper(LeafSystem):
         # Before the first tick there is no contact: tips stay, and nothing is held.
         outward = np.asarray(p_GT) * [1.0, 1.0, 0.0]
         normals = outward / np.linalg.norm(outward, axis=1, keepdims=True)
-        contacts = np.asarray(p_GT) - (tip_radius + standoff) * normals
+        contacts = np.asarray(p_GT) - (self._radius + standoff)[:, None] * normals
         frames = np.concatenate([contacts, normals]).ravel()
         self._asked = self.DeclareDiscreteState(frames)
         self._contacts = self.DeclareDiscreteState(frames)
@@ -221,7 +221,7 @@ class FingertipGoalShaper(LeafSystem):
 
     def _withdrawn(self, p_GT: FloatArray) -> FloatArray:
         level = p_GT * [1.0, 1.0, 0.0]
-        length = np.maximum(np.linalg.norm(level, axis=1, keepdims=True), self._radius)
+        length = np.maximum(np.linalg.norm(level, axis=1, keepdims=True), self._radius[:, None])
         raised: FloatArray = level * self._withdrawn_radius / length
         raised[:, 2] = self._withdrawn_height
         return raised
@@ -242,7 +242,7 @@ class FingertipGoalShaper(LeafSystem):
                 )
                 for solid in solids
             ),
-            spacing=2 * self._radius + OTHER_CLEARANCE,
+            spacing=self._radius[:, None] + self._radius + OTHER_CLEARANCE,
         )
 
     def _calc_tip_goals(self, context: Context, output: AbstractValue) -> None:

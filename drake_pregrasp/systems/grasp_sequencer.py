@@ -78,7 +78,7 @@ class GraspSequencer(LeafSystem):
 
     Args:
         num_fingers: n.
-        tip_radius: In metres.
+        tip_radius: In metres; or that of each, shape (n,).
         mass: Of the object, in kg.
         p_OCoM: Its centre of mass in O, shape (3,), in metres.
         friction: Coulomb's coefficient that squeezes are planned with.
@@ -93,7 +93,7 @@ class GraspSequencer(LeafSystem):
         self,
         *,
         num_fingers: int,
-        tip_radius: float,
+        tip_radius: float | FloatArray,
         mass: float,
         p_OCoM: FloatArray,
         friction: float,
@@ -103,7 +103,8 @@ class GraspSequencer(LeafSystem):
         super().__init__()
         if not period > 0:
             raise InvalidArgumentError(f"period must be greater than 0 s, not {period}")
-        self._radius, self._mass, self._friction = tip_radius, mass, friction
+        self._radius = np.broadcast_to(np.asarray(tip_radius, dtype=float), num_fingers)
+        self._mass, self._friction = mass, friction
         self._p_OCoM = np.array(p_OCoM)
         self._settings, self._period = settings, period
         n = num_fingers
@@ -225,7 +226,7 @@ class GraspSequencer(LeafSystem):
             np.append(X_WO.rotation().matrix().T @ weight_W, np.zeros(3)),
             friction=self._friction,
             least_normal=self._settings.least_force,
-            largest_normal=self._settings.largest_force,
+            largest_normal=np.broadcast_to(self._settings.largest_force, active.shape)[active],
         )
         forces = np.zeros_like(p_OC)
         forces[active] = planned.forces

@@ -8,7 +8,7 @@ from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import Context
 
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.arrays import FloatArray, IntArray
 
 _FORCE_DIRECTIONS = 3
 _DAMPING = 1e-10  # In m², beside squares of a finger's length: it can be stretched out straight.
@@ -56,6 +56,10 @@ class HandKinematics:
     def num_positions(self) -> int:
         """How many joints there are, nq."""
         return int(self.plant.num_positions())
+
+    def own_joints(self, finger: int) -> IntArray:
+        """Returns which joints move the tip of that finger only."""
+        return np.flatnonzero(self._is_own[finger])
 
     def tip_positions(self, plant_context: Context) -> FloatArray:
         """Returns the fingertips' centres in W, shape (n, 3), in metres."""

@@ -1,0 +1,78 @@
+"""An Allegro hand, palm down, on the flange of a Panda arm."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
+
+from drake_pregrasp.robots.robot_data import RobotData
+from drake_pregrasp.robots.robot_meshes import convert_meshes
+from drake_pregrasp.robots.urdf_mending import (
+    Drive,
+    add_robot,
+    drive_joints,
+    drop_from,
+    drop_ignored,
+    mend_inertias,
+    set_friction,
+    weld,
+)
+
+_PANDA = "robots/panda_description/urdf/panda.urdf"
+_ALLEGRO = "robots/allegro_hand_description/urdf/allegro_right_hand.urdf"
+
+# The arm stands behind the conveyor, and reaches over it.
+_BASE_XYZ = (-0.55, 0.0, 0.0)
+
+# Fingers that hang down would not do: the thumb ends 0.1 m before the others. The palm's face, its
+# x axis, is along the flange's z, and fingers reach forward before they bend down.
+_PALM_XYZ = (-0.02, 0.0, 0.045)
+_PALM_RPY = (math.pi, -math.pi / 2, 0.0)
+
+# Stiff where the arm is long, and with rotors, as the real ones have behind their gears. Each
+# prefix is that of some joints' names.
+_DRIVES = {
+    **dict.fromkeys([f"panda_joint{i}" for i in range(1, 5)], Drive(3000.0, 300.0, 0.1)),
+    **dict.fromkeys([f"panda_joint{i}" for i in range(5, 7)], Drive(1500.0, 100.0, 0.1)),
+    "panda_joint7": Drive(1000.0, 60.0, 0.1),
+    # The model allows 15 N m; the hand's maker says 0.9.
+    "joint_": Drive(4.0, 0.12, 5e-4, effort=0.9),
+}
+
+_FRICTION = 0.7  # Of rubber on most things.
+
+
+def write_allegro_panda(
+    data: RobotData, folder: Path, on_progress: Callable[[int, int], None]
+) -> Path:
+    """Writes the pair's URDF and its meshes into a folder, and returns the URDF.
+
+    Args:
+        data: Where arm and hand come from.
+        folder: Empty.
+        on_progress: Called with how many meshes are done, of how many.
+
+    Raises:
+        InvalidArgumentError: If `data` lacks a file, or has one that can't be read.
+    """
+    robot = ElementTree.parse(data.find(_PANDA)).getroot()
+    robot.set("name", "allegro_panda")
+    drop_from(robot, "panda_hand")
+    add_robot(robot, ElementTree.parse(data.find(_ALLEGRO)).getroot())
+    weld(robot, "world", "panda_link0", xyz=_BASE_XYZ, rpy=(0.0, 0.0, 0.0))
+    weld(robot, "panda_link8", "palm_link", xyz=_PALM_XYZ, rpy=_PALM_RPY)
+    drop_ignored(robot)
+    mend_inertias(robot)
+    for prefix, drive in _DRIVES.items():
+        drive_joints(robot, drive, prefix=prefix)
+    set_friction(robot, _FRICTION)
+    convert_meshes(robot, data.find, folder, on_progress)
+    path = folder / "allegro_panda.urdf"
+    _write(robot, path)
+    return path
+
+
+def _write(robot: Element, path: Path) -> None:
+    ElementTree.indent(robot)
+    ElementTree.ElementTree(robot).write(path, encoding="utf-8", xml_declaration=True)

@@ -1,0 +1,122 @@
+"""The pair as Drake sees it: arm and hand driven, level, light and possible."""
+
+import logging
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from pydrake.geometry import Role
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
+
+from drake_pregrasp.robots.robot_data import find_robot_data
+from drake_pregrasp.robots.robot_models import robot_model
+
+TIPS = [f"link_{i}.0_tip" for i in (3, 7, 11, 15)]
+
+
+@pytest.fixture(scope="module")
+def urdf(allegro_panda):
+    return allegro_panda
+
+
+@pytest.fixture(scope="module")
+def loaded(urdf):
+    plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.01)
+    Parser(plant).AddModels(str(urdf))
+    plant.Finalize()
+    return plant, scene_graph
+
+
+def test_drake_loads_it_without_a_word(urdf, capfd):
+    logger = logging.getLogger("drake")
+    records = []
+    handler = logging.Handler()
+    handler.emit = records.append
+    logger.addHandler(handler)
+    try:
+        plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.01)
+        Parser(plant).AddModels(str(urdf))
+    finally:
+        logger.removeHandler(handler)
+    assert [record.getMessage() for record in records] == []
+    assert capfd.readouterr() == ("", "")
+
+
+def test_every_joint_is_driven_in_the_order_of_the_joints(loaded):
+    plant, _ = loaded
+    drives = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
+    assert [drive.joint().position_start() for drive in drives] == list(range(23))
+    assert all(drive.has_controller() and drive.default_rotor_inertia() > 0 for drive in drives)
+    efforts = np.array([drive.effort_limit() for drive in drives])
+    np.testing.assert_array_equal(efforts[7:], 0.9)
+    np.testing.assert_array_equal(efforts[:7], [87, 87, 87, 87, 12, 12, 12])
+
+
+def test_there_is_no_gripper_left(loaded):
+    plant, _ = loaded
+    names = [
+        plant.get_body(i).name()
+        for i in plant.GetBodyIndices(plant.GetModelInstanceByName("allegro_panda"))
+    ]
+    assert not [name for name in names if "finger" in name or name.startswith("panda_hand")]
+    assert set(TIPS) < set(names)
+
+
+def test_the_palm_faces_down_where_the_flange_does(loaded):
+    plant, _ = loaded
+    context = plant.CreateDefaultContext()
+    q = np.zeros(23)
+    q[:7] = [0.0, 0.1, 0.0, -2.2, 0.0, 2.3, 0.0]  # The flange is straight down.
+    plant.SetPositions(context, q)
+    palm = plant.GetFrameByName("palm_link").CalcPoseInWorld(context)
+    # Its face is along x of its frame; fingers begin along z.
+    np.testing.assert_allclose(palm.rotation().matrix()[:, 0], [0, 0, -1], atol=1e-8)
+    np.testing.assert_allclose(palm.rotation().matrix()[:, 2], [1, 0, 0], atol=1e-8)
+    base = plant.GetFrameByName("panda_link0").CalcPoseInWorld(context)
+    np.testing.assert_allclose(base.translation(), [-0.55, 0, 0])
+
+
+def test_all_bodies_are_possible(loaded):
+    plant, _ = loaded
+    context = plant.CreateDefaultContext()
+    for index in plant.GetBodyIndices(plant.GetModelInstanceByName("allegro_panda")):
+        inertia = plant.get_body(index).CalcSpatialInertiaInBodyFrame(context)
+        assert inertia.IsPhysicallyValid()
+
+
+def test_collision_shapes_are_solid_and_few(loaded):
+    _, scene_graph = loaded
+    inspector = scene_graph.model_inspector()
+    shapes = [
+        type(inspector.GetShape(geometry)).__name__
+        for geometry in inspector.GetAllGeometryIds(Role.kProximity)
+    ]
+    assert shapes.count("Convex") + shapes.count("Mesh") == 8  # Of the arm's links.
+    assert shapes.count("Box") == 17
+    assert shapes.count("Sphere") == 4
+    assert len(shapes) == 29
+
+
+def test_masses_and_moving_parts_are_those_of_the_package(urdf):
+    def links(file):
+        root = ElementTree.parse(file).getroot()
+        return {
+            link.get("name"): float(link.find("inertial/mass").get("value"))
+            for link in root.iter("link")
+            if link.find("inertial/mass") is not None
+        }
+
+    data = find_robot_data()
+    package = links(data.find("robots/panda_description/urdf/panda.urdf"))
+    package |= links(data.find("robots/allegro_hand_description/urdf/allegro_right_hand.urdf"))
+    ours = links(urdf)
+    assert ours
+    assert all(package[name] == mass for name, mass in ours.items())
+
+
+def test_the_second_time_it_is_there_already(urdf):
+    before = urdf.stat().st_mtime_ns
+    assert robot_model("robots://allegro_panda.urdf") == urdf
+    assert urdf.stat().st_mtime_ns == before
