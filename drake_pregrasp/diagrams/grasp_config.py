@@ -9,9 +9,11 @@ from drake_pregrasp.diagrams.hand_description import Closing, Fingertip
 from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.planning.grasp_state import GraspSettings
 
+CLOSING_DURATION = 1.0
+"""Seconds that closing takes, at most as a rule."""
+
 _LENGTH = {"above": 0, "at_most": 10}
 _TIME = {"above": 0, "at_most": 1e6}
-_CLOSING = 1.0  # Seconds that closing takes, at most as a rule.
 _FORCE = {"above": 0, "at_most": 1e4}
 
 
@@ -94,7 +96,7 @@ class GraspConfig:
     def expected_rest(self) -> float:
         """About when the hand stops to follow the object's motion, for the lift, in seconds."""
         settings = self.make_settings()
-        return self.close_at + _CLOSING + settings.squeeze_duration + settings.stop_duration
+        return self.close_at + CLOSING_DURATION + settings.squeeze_duration + settings.stop_duration
 
     def largest_lift(self, fingertips: Sequence[Fingertip]) -> float:
         """Returns the weight that fingers can hold by friction alone, in newtons."""

@@ -58,7 +58,7 @@ def random_start(scene: Scene, surface: ObjectSurface, hand: HandModel, seed: in
             order, yaw = assign_fingers_round(
                 hand.azimuths,
                 np.arctan2(p_OC[:, 1], p_OC[:, 0]),
-                largest_offset=scene.grasp().hand.largest_offset,
+                largest_offset=hand.largest_offsets,
                 yaw_range=scene.yaw_range,
             )
         except InvalidArgumentError:

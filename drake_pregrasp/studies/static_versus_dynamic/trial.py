@@ -11,11 +11,11 @@ from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.box_surface import box_surface
 from drake_pregrasp.planning.contact_status import ContactStatus, is_active
 from drake_pregrasp.planning.grasp_state import GraspPhase, GraspState
+from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalLook, grasp_outcome
 from drake_pregrasp.studies.static_versus_dynamic.outcome import Outcome, TrialJob
-from drake_pregrasp.studies.static_versus_dynamic.planned_start import STANDOFF, TIP_RADIUS
 from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, SCENES, Scene
 from drake_pregrasp.studies.static_versus_dynamic.start import Start, random_start
 from drake_pregrasp.studies.static_versus_dynamic.trial_diagram import (
@@ -50,7 +50,8 @@ class Trial:
         self.scene: Scene = SCENES[job.condition]
         self.surface = box_surface(BOX.size, spacing=SPACING, forbidden_faces=["+z", "-z"])
         grasp = self.scene.grasp()
-        self.hand = HandModel(grasp.hand, grasp.yaw_range)
+        self.standoff = grasp.standoff
+        self.hand = HandModel(load_hand(grasp.hand), grasp.yaw_range)
         self.start: Start = random_start(self.scene, self.surface, self.hand, job.seed)
         self.records: list[GraspRecord] = []
         self.looks: list[GoalLook] = []
@@ -78,6 +79,7 @@ class Trial:
                     self.looks,
                     state=self.state(),
                     p_OCoM=self.surface.p_OCoM,
+                    tip_radii=self.hand.tip_radii,
                 )
             )
             del self.records[tracked:]
@@ -134,12 +136,13 @@ class Trial:
         planned = active if self.job.arm.startswith("dynamic") else status != ContactStatus.LOST
         time = self.context.get_time()
         distance = np.inf
-        for name, is_planned in zip(self.hand.kinematics.tip_frames, planned, strict=True):
+        frames, radii = self.hand.kinematics.tip_frames, self.hand.tip_radii
+        for name, radius, is_planned in zip(frames, radii, planned, strict=True):
             if not is_planned:
                 continue
             X_WC: RigidTransform = targets.Find(name)
             out = -X_WC.rotation().matrix()[:, 2]
-            tips = X_WC.translation() + np.array([[TIP_RADIUS], [TIP_RADIUS + STANDOFF]]) * out
+            tips = X_WC.translation() + np.array([[radius], [radius + self.standoff]]) * out
             for solid in self.scene.area_at(time):
-                distance = min(distance, float(np.min(solid.distance(tips))) - TIP_RADIUS)
+                distance = min(distance, float(np.min(solid.distance(tips))) - radius)
         return GoalLook(time, int(np.sum(active)), distance)
