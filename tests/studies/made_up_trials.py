@@ -4,7 +4,6 @@ import math
 import os
 import time
 import zlib
-from pathlib import Path
 
 import numpy as np
 
@@ -84,7 +83,7 @@ def dying_trial(job: TrialJob) -> list[Outcome]:
 
 
 def main() -> None:
-    """Runs the command with slow trials: `python made_up_trials.py OUT SEEDS`."""
+    """Runs the command with slow trials: `python made_up_trials.py --out ...`."""
     import argparse
     import sys
 
@@ -93,7 +92,6 @@ def main() -> None:
 
     parser = argparse.ArgumentParser()
     add_command(parser.add_subparsers(), lambda: Experiment(slow_trial, {}))
-    sys.path.insert(0, str(Path(__file__).parent))
     options = parser.parse_args(["static-versus-dynamic", *sys.argv[1:]])
     sys.exit(options.command(options))
 

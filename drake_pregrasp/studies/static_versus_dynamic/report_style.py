@@ -2,7 +2,7 @@
 
 STYLE = """
 :root { --ink: #1f2328; --muted: #656d76; --line: #d8dee4; --bar: #d6e6f2; }
-body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); max-width: 78rem;
+body { font: 16px/1.5 system-ui, sans-serif; color: var(--ink); max-width: 84rem;
        margin: 2.5rem auto 5rem; padding: 0 1.5rem; }
 h1 { font-size: 2rem; line-height: 1.2; margin-bottom: .5rem; }
 h2 { line-height: 1.2; margin: 3rem 0 .8rem; padding-top: .8rem;
@@ -23,7 +23,7 @@ th:first-child, td.arm, td.name, th.name { text-align: left; }
 tr:has(> td.arm) td { border-top: 1px solid #8c959f; }
 td.arm { font-weight: 600; } td.name { white-space: normal; }
 td small, th small { display: block; color: var(--muted); font-weight: 400; }
-td.beside small { display: inline-block; min-width: 4.4rem; margin-left: .5em; }
+td.beside small { display: inline-block; min-width: 4.2rem; margin-left: .3em; }
 td.bar { background: linear-gradient(to right, var(--bar) var(--share), transparent var(--share)); }
 td.weak { color: #9aa1a9; } td.weak small { color: inherit; }
 .ahead { color: #00664b; font-weight: 600; } td.ahead { background: #e3f4ee; }

@@ -4,6 +4,7 @@ import math
 import statistics
 from collections import Counter
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS, TESTED_ARM
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
@@ -21,30 +22,28 @@ WEAK_BELOW = 10
 
 _NONE = "–"
 
-_MEDIANS: Sequence[tuple[str, str, Callable[[Outcome], float]]] = (
-    ("slip", "{:.2f}", lambda o: o.slip_mm),
-    ("tilt", "{:.1f}", lambda o: o.tilt_deg),
-    ("residual", "{:.3f}", lambda o: o.residual_n),
-    ("pushed before", "{:.2f}", lambda o: o.pushed_before_mm),
-    ("turned before", "{:.2f}", lambda o: o.turned_before_deg),
-    ("pushed closing", "{:.2f}", lambda o: o.pushed_closing_mm),
-    ("fingers", "{:.1f}", lambda o: o.fingers),
-    ("waited", "{:.2f}", lambda o: o.waited_s),
-    ("goal in area", "{:.1f}", lambda o: 100 * o.goal_in_area),
-    ("tip in area", "{:.1f}", lambda o: 100 * o.tip_in_area),
+
+class _Column(NamedTuple):
+    """A measure of which the tables show medians."""
+
+    name: str
+    unit: str
+    shown: str
+    value: Callable[[Outcome], float]
+
+
+_COLUMNS = (
+    _Column("slip", "mm", "{:.2f}", lambda o: o.slip_mm),
+    _Column("tilt", "°", "{:.1f}", lambda o: o.tilt_deg),
+    _Column("residual", "N", "{:.3f}", lambda o: o.residual_n),
+    _Column("pushed before", "mm", "{:.2f}", lambda o: o.pushed_before_mm),
+    _Column("turned before", "°", "{:.2f}", lambda o: o.turned_before_deg),
+    _Column("pushed closing", "mm", "{:.2f}", lambda o: o.pushed_closing_mm),
+    _Column("fingers", "number", "{:.1f}", lambda o: o.fingers),
+    _Column("waited", "s", "{:.2f}", lambda o: o.waited_s),
+    _Column("goal in area", "% of ticks", "{:.1f}", lambda o: 100 * o.goal_in_area),
+    _Column("tip in area", "% of ticks", "{:.1f}", lambda o: 100 * o.tip_in_area),
 )
-_UNITS = {
-    "slip": "mm",
-    "tilt": "°",
-    "residual": "N",
-    "pushed before": "mm",
-    "turned before": "°",
-    "pushed closing": "mm",
-    "fingers": "number",
-    "waited": "s",
-    "goal in area": "% of ticks",
-    "tip in area": "% of ticks",
-}
 _MEASURES = ("q_msv", "q_gii")
 _SUCCESSES: tuple[Success, ...] = ("lifted", "clean")
 
@@ -83,12 +82,14 @@ def overview_table(verdicts: Sequence[Verdict]) -> str:
 
 def outcome_table(results: Results, condition: str) -> str:
     """Returns counts and medians of a condition, a line for each arm and closing time."""
+    outcomes = [o for o in results.outcomes if o.condition == condition]
+    columns = [c for c in _COLUMNS if not all(math.isnan(c.value(o)) for o in outcomes)]
     head = [
         Cell("arm"),
         Cell("closes at", "s"),
         Cell("clean", "95 % interval"),
         Cell("lifted", "95 % interval"),
-        *(Cell(name, _UNITS[name]) for name, _, _ in _MEDIANS),
+        *(Cell(column.name, column.unit) for column in columns),
         Cell("gave up", "number"),
     ]
     rows = []
@@ -103,7 +104,7 @@ def outcome_table(results: Results, condition: str) -> str:
                     Cell(f"{time:g}"),
                     _share(results.count(condition, arm, time), len(cell)),
                     _share(results.count(condition, arm, time, "lifted"), len(cell)),
-                    *(_median(cell, value, shown) for _, shown, value in _MEDIANS),
+                    *(_median(cell, column) for column in columns),
                     Cell(str(sum(bool(o.gave_up) for o in cell))),
                 ]
             )
@@ -214,6 +215,6 @@ def _share(count: int, of: int) -> Cell:
     return Cell(f"{count} of {of}", interval, "beside", share=count / of)
 
 
-def _median(cell: Sequence[Outcome], value: Callable[[Outcome], float], shown: str) -> Cell:
-    values = [v for v in map(value, cell) if not math.isnan(v)]
-    return Cell(shown.format(statistics.median(values)) if values else _NONE)
+def _median(cell: Sequence[Outcome], column: _Column) -> Cell:
+    values = [value for value in map(column.value, cell) if not math.isnan(value)]
+    return Cell(column.shown.format(statistics.median(values)) if values else _NONE)

@@ -13,17 +13,21 @@ from drake_pregrasp.studies.static_versus_dynamic.verdicts import Tests, Verdict
 
 _TESTED = ARMS[TESTED_ARM].label.capitalize()
 _SMALL_P = 0.001
+_NO_BREAK = "\u00a0"
+_SHOWN = f"p < {SIGNIFICANT:g}".replace(" ", _NO_BREAK)
 
 
-def p_in_words(p: float) -> str:
-    """Returns a probability, as exactly as it matters."""
-    return f"p < {_SMALL_P:g}" if p < _SMALL_P else f"p = {p:.2g}"
+def p_in_words(p: float, sign: str = "=") -> str:
+    """Returns a probability, as exactly as it matters, in words that no line breaks."""
+    shown = f"< {_SMALL_P:g}" if p < _SMALL_P else f"{sign} {p:.2g}"
+    return f"p {shown}".replace(" ", _NO_BREAK)
 
 
 def tests_in_words(tests: Tests) -> str:
-    """Returns the times of tests, and the largest p of them."""
+    """Returns the times of tests, and p, or a bound of all of them."""
     largest = max(test.p for test in tests.values())
-    return f"at {listed(f'{time:g}' for time in tests)} s, {p_in_words(largest)}"
+    times = listed(f"{time:g}" for time in tests)
+    return f"at {times}{_NO_BREAK}s, {p_in_words(largest, '=' if len(tests) == 1 else '≤')}"
 
 
 def listed(words: Iterable[str], conjunction: str = "and") -> str:
@@ -78,10 +82,13 @@ def condition_in_words(results: Results, verdict: Verdict) -> list[str]:
     share = {arm: sum(clean[arm]) / of[arm] for arm in arms}
     best = [arm for arm in arms if share[arm] == max(share.values())]
     at = "/".join(f"{time:g}" for time in times)
-    counts = "; ".join(f"{_arm(arm)} {'/'.join(map(str, clean[arm]))}" for arm in best)
-    sentences = [
-        f"Clean most often, of {len(results.seeds(condition))} seeds closing at {at} s: {counts}."
-    ]
+    counts = "; ".join(
+        f"{_arm(arm)} {'/'.join(map(str, clean[arm]))} of {of[arm] // len(times)} seeds"
+        for arm in best
+    )
+    sentences = [f"Clean most often, closing at {at}{_NO_BREAK}s: {counts}."]
+    if not any(share.values()):
+        sentences = ["No grasp is clean."]
     if len(arms) > 1:
         sentences.append(_unbeaten_in_words(verdict))
     for found, words in (
@@ -112,25 +119,25 @@ def comparisons_in_words(verdicts: Sequence[Verdict]) -> str:
     below = sum(p < SIGNIFICANT for p in p_values)
     return (
         f"Many comparisons: the tests of {_TESTED.lower()} against other arms are"
-        f" {len(p_values)}, of which {below} have p < {SIGNIFICANT:g}. If no arm were better than"
+        f" {len(p_values)}, of which {below} have {_SHOWN}. If no arm were better than"
         f" another, {SIGNIFICANT * len(p_values):.1f} or fewer could be expected to. Seen as one"
         f" family (Holm), {survivors(p_values)} remain. Verdicts above are by single tests."
     )
 
 
 def _unbeaten_in_words(verdict: Verdict) -> str:
-    unbeaten, bound = [_arm(arm) for arm in verdict.unbeaten], f"p < {SIGNIFICANT:g}"
+    unbeaten = [_arm(arm) for arm in verdict.unbeaten]
     if len(unbeaten) == 1:
         return (
             f"Winner: {unbeaten[0]} is the only arm that no other one beats at any closing time"
-            f" ({bound})."
+            f" ({_SHOWN})."
         )
     if unbeaten:
         return (
             f"No single winner: no arm beats {listed(unbeaten, 'or')} at any closing time"
-            f" ({bound})."
+            f" ({_SHOWN})."
         )
-    return f"No single winner: another beats each arm at some closing time ({bound})."
+    return f"No single winner: another beats each arm at some closing time ({_SHOWN})."
 
 
 def _only_against(verdict: Verdict) -> str:
