@@ -71,11 +71,17 @@ def words_of(rows):
 
 def test_words_follow_the_rows_whoever_wins():
     helps = words_of(rows_of("nominal", {"frozen": 4, "dynamic_reach": 19}))
-    assert "more often than every other arm, at one closing time at least, under: nominal." in helps
+    assert (
+        "more often than every other arm, at one closing time at least, under: nominal (at every"
+        in helps
+    )
     assert "Under no condition is it shown to be clean less often" in helps
     assert "Clean most often, closing at 4 s: dynamic with reach 19 of 20 seeds." in helps
     assert "Winner: dynamic with reach is the only arm" in helps
     assert "clean more often than frozen plan (at 4 s, p < 0.001)." in helps
+    rows = rows_of("nominal", {"frozen": 4, "dynamic_reach": 19})
+    rows += rows_of("nominal", {"frozen": 4, "dynamic_reach": 4}, times=(8.0,))
+    assert "at one closing time at least, under: nominal." in words_of(rows)
     hurts = words_of(rows_of("nominal", {"frozen": 19, "dynamic_reach": 4}))
     assert "not shown to be clean more often than any other arm under: nominal." in hurts
     assert "clean less often than another arm, at one closing time at least, under: nom" in hurts
@@ -195,6 +201,8 @@ def test_every_count_and_test_is_on_the_page(page):
 
 
 def test_the_same_rows_give_the_same_page_in_any_order(tmp_path):
+    seeds = [o.seed for o in Results(ROWS[::-1]).cell("wall", "still", 6.0)]
+    assert seeds == list(range(8))
     for name, rows in (("a", ROWS), ("b", ROWS[::-1])):
         write_report(tmp_path / name, rows, {}, failures={})
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
@@ -234,23 +242,23 @@ def test_strips_are_of_one_length_and_drawn(tmp_path):
 
 
 def test_pictures_keep_their_places_in_the_grid(tmp_path):
-    colors = [["red", "lime"], ["blue", "yellow"]]
+    colors = [["red", "lime", "black"], ["blue", "yellow", "cyan"]]
     files = [[tmp_path / f"{color}.png" for color in of_row] for of_row in colors]
     for file in itertools.chain(*files):
         Image.new("RGB", (40, 30), file.stem).save(file)
-    labels = {"rows": ["a $", "b"], "columns": ["1 s", "2 s"]}
-    captions = [["x", "y"], ["z", "$"]]
+    labels = {"rows": ["a $", "b"], "columns": ["1 s", "2 s", "3 s"]}
+    captions = [["x", "y", "z"], ["x", "$", "z"]]
     plot_picture_grid(tmp_path / "grid.png", files, captions=captions, **labels)
     grid = imread(tmp_path / "grid.png")
     height, width, _ = grid.shape
     for y, of_row in zip((0.25, 0.75), colors, strict=True):
-        for x, color in zip((0.3, 0.75), of_row, strict=True):
+        for x, color in zip((0.2, 0.5, 0.85), of_row, strict=True):
             pixel = grid[int(y * height), int(x * width), :3]
             np.testing.assert_allclose(pixel, to_rgb(color), atol=0.01)
-    with pytest.raises(InvalidArgumentError, match=r"pictures: 2 rows of 2 .* not rows of \[2\]"):
+    with pytest.raises(InvalidArgumentError, match=r"pictures: 2 rows of 3 .* not rows of \[3\]"):
         plot_picture_grid(tmp_path / "x.png", files[:1], **labels)
-    with pytest.raises(InvalidArgumentError, match=r"captions: 2 rows of 2 .* \[2, 1\]"):
-        plot_picture_grid(tmp_path / "x.png", files, captions=[["x", "y"], ["z"]], **labels)
+    with pytest.raises(InvalidArgumentError, match=r"captions: 2 rows of 3 .* \[3, 1\]"):
+        plot_picture_grid(tmp_path / "x.png", files, captions=[captions[0], ["z"]], **labels)
     files[0][0].unlink()
     with pytest.raises(OutputError, match=r"red.png: can't be read back"):
         plot_picture_grid(tmp_path / "x.png", files, **labels)

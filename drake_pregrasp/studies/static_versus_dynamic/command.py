@@ -51,8 +51,17 @@ def add_command(
     parser.add_argument(
         "--out", default="studies", metavar="FOLDER", help=f"its folder {NAME} gets the report"
     )
-    parser.add_argument("--seeds", type=int, default=SEEDS, metavar="N", help="how many seeds")
-    parser.add_argument("--first_seed", type=int, default=0, metavar="K", help="the first of them")
+    for flag, default, metavar, text in (
+        ("--seeds", SEEDS, "N", "how many seeds"),
+        ("--first_seed", 0, "K", "the first of them"),
+    ):
+        parser.add_argument(
+            flag,
+            type=int,
+            default=default,
+            metavar=metavar,
+            help=f"{text}; %(default)s if not set",
+        )
     for name, known in (("conditions", CONDITIONS), ("arms", ARMS)):
         parser.add_argument(
             f"--{name}",

@@ -172,9 +172,10 @@ def ranking_table(results: Results) -> str:
     return table(
         head,
         rows,
-        "Probability that the measure of a success is higher than that of a failure (AUC): 1 tells"
-        f" all apart, 0.5 none. Grey: fewer than {WEAK_BELOW} successes or failures, so it says"
-        " little.",
+        "Probability that the measure of a success is higher than that of a failure (AUC), all"
+        " arms and closing times together: 1 tells all apart, 0.5 none. Grasps without contacts"
+        f" have no measure and are left out. Grey: fewer than {WEAK_BELOW} successes or failures,"
+        " so it says little.",
     )
 
 

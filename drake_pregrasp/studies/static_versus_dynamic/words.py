@@ -49,7 +49,7 @@ def overview(verdicts: Sequence[Verdict]) -> list[str]:
     if all_of:
         sentences.append(
             f"{_TESTED} is clean more often than every other arm, at one closing time at least,"
-            f" under: {_labels(all_of)}."
+            f" under: {'; '.join(f'{_label(v)}{_always(v)}' for v in all_of)}."
         )
     if some:
         details = (f"{_label(v)}{_only_against(v)}" for v in some)
@@ -138,6 +138,11 @@ def _unbeaten_in_words(verdict: Verdict) -> str:
             f" ({_SHOWN})."
         )
     return f"No single winner: another beats each arm at some closing time ({_SHOWN})."
+
+
+def _always(verdict: Verdict) -> str:
+    everywhere = verdict.ahead == verdict.tests
+    return " (at every closing time)" if everywhere else ""
 
 
 def _only_against(verdict: Verdict) -> str:
