@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
+from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS, TESTED_ARM
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.results import Results, Success
 
@@ -41,6 +41,7 @@ class Goal(NamedTuple):
 
 
 GOALS: Sequence[Goal] = (
+    Goal("two_lost", "dynamic_reach", "lifted", "least", 29),
     Goal("turning", "dynamic_reach", "clean", "least", 27),
     Goal("turning", "frozen", "clean", "most", 3, (8.0, 12.0)),
     Goal("turning", "dynamic", "clean", "most", 3, (8.0, 12.0)),
@@ -56,8 +57,11 @@ GOALS: Sequence[Goal] = (
 )
 """The goals on grasps."""
 
-NO_GOAL_IN_AREA = ("dynamic_reach", ("wall", "headline", "sphere"))
-"""The arm of which no goal may ever be in a no-touch area, and under which conditions."""
+AREA_CONDITIONS = ("wall", "headline", "sphere")
+"""Where goals and fingertips of `TESTED_ARM` are to keep out of a no-touch area."""
+
+LARGEST_TIP_SHARE = 0.01
+"""Share of all ticks at which its fingertips may be in the area."""
 
 
 class GoalResult(NamedTuple):
@@ -77,10 +81,10 @@ class GoalResult(NamedTuple):
 
 def judge_goals(results: Results, goals: Sequence[Goal] = GOALS) -> list[GoalResult]:
     """Returns what became of the goals, and of that on goals in no-touch areas."""
-    arm, conditions = NO_GOAL_IN_AREA
     return [
         *(_judge(results, goal) for goal in goals),
-        *(_judge_area(results, condition, arm) for condition in conditions),
+        *(_judge_area(results, condition, TESTED_ARM) for condition in AREA_CONDITIONS),
+        *(_judge_tips(results, condition, TESTED_ARM) for condition in AREA_CONDITIONS),
     ]
 
 
@@ -117,6 +121,22 @@ def _judge_area(results: Results, condition: str, arm: str) -> GoalResult:
     return GoalResult(
         goal, f"{100 * worst:.2g} % of the ticks in the worst grasp", reached=worst == 0
     )
+
+
+def _judge_tips(results: Results, condition: str, arm: str) -> GoalResult:
+    bound = f"under {100 * LARGEST_TIP_SHARE:g} % of ticks"
+    goal = f"{ARMS[arm].label}, {CONDITIONS[condition].label}: fingertips in the area {bound}"
+    shares = [
+        o.tip_in_area
+        for time in results.times(condition)
+        for o in results.cell(condition, arm, time)
+        if not math.isnan(o.tip_in_area)
+    ]
+    if not shares:
+        return GoalResult(goal, "not run", None)
+    mean = sum(shares) / len(shares)
+    found = f"{100 * mean:.2g} % on the average, {100 * max(shares):.2g} % in the worst grasp"
+    return GoalResult(goal, found, reached=mean < LARGEST_TIP_SHARE)
 
 
 def _list(times: Sequence[float]) -> str:

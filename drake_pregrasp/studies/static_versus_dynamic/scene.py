@@ -15,6 +15,9 @@ from drake_pregrasp.systems.moving_obstacles import MovingSolid
 BOX = Box(size=[0.1, 0.1, 0.1], mass=0.4)
 """The object."""
 
+SPACING = 0.005
+"""Of its surface's candidates, in metres."""
+
 HAND = "package://drake_pregrasp/five_finger_hand.yaml"
 """The hand."""
 

@@ -14,18 +14,17 @@ from drake_pregrasp.planning.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
+from drake_pregrasp.studies.static_versus_dynamic.experiment import Experiment
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalLook, grasp_outcome
 from drake_pregrasp.studies.static_versus_dynamic.outcome import Outcome, TrialJob
-from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, SCENES, Scene
+from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, SCENES, SPACING, Scene
 from drake_pregrasp.studies.static_versus_dynamic.start import Start, random_start
+from drake_pregrasp.studies.static_versus_dynamic.study_settings import study_settings
 from drake_pregrasp.studies.static_versus_dynamic.trial_diagram import (
     TrialDiagram,
     make_trial_diagram,
 )
 from drake_pregrasp.systems.grasp_logger import GraspRecord
-
-SPACING = 0.005
-"""Of the surface's candidates, in metres."""
 
 _TICK = PlannerConfig.period  # Seconds between looks at goals.
 _HOLD = 1.0  # Seconds of holding, after which the outcome is read.
@@ -36,6 +35,10 @@ def run_trial(job: TrialJob) -> list[Outcome]:
     """Makes a trial; returns an outcome for each closing time of its condition."""
     with without_solver_chatter():
         return Trial(job).outcomes()
+
+
+EXPERIMENT = Experiment(run_trial, settings=study_settings())
+"""The trials as the study's command runs them."""
 
 
 class Trial:
