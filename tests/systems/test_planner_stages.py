@@ -123,6 +123,7 @@ def test_a_hand_that_closes_holds_goals_where_they_are_on_the_object(surface, p_
     later = RigidTransform(RollPitchYaw(0.1, 0.2, -0.7), [0.3, 0.1, 0.0])
     context.SetTime(PERIOD)
     system.GetInputPort("X_WO_estimated").FixValue(context, later)
+    system.GetInputPort("p_WO_covariance").FixValue(context, np.diag([4e-3, 1e-4, 1e-3]).ravel())
     moving = system.GetOutputPort("p_WC").Eval(context).copy()
     system.GetInputPort("hold_contacts").FixValue(context, [1.0])
     held = system.GetOutputPort("p_WC").Eval(context)
