@@ -132,7 +132,7 @@ class HandController(Diagram):
             builder,
             hand,
             shaper.GetOutputPort("tip_goals"),
-            initial=self.initial,
+            p_WG=X_WG.translation(),
             yaw=yaw,
             yaw_range=config.yaw_range,
             lead=config.period + plant_time_step,
