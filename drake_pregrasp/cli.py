@@ -34,6 +34,8 @@ from drake_pregrasp.studies.lookahead import study_lookahead
 from drake_pregrasp.studies.published import SCENARIOS
 from drake_pregrasp.studies.reproduce import reproduce
 from drake_pregrasp.studies.shapes import study_shapes
+from drake_pregrasp.studies.static_versus_dynamic import command as static_versus_dynamic
+from drake_pregrasp.studies.step_bar import step_bar
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.tick_logger import TickRecord
 from drake_pregrasp.version import __version__
@@ -43,10 +45,10 @@ INTERRUPTED = 130
 BROKEN_PIPE = 141
 
 _STUDIES = {
-    "gallery": make_gallery,
-    "grasps": picture_grasps,
-    "lookahead": study_lookahead,
-    "shapes": study_shapes,
+    "gallery": (make_gallery, "pictures of the shipped scenarios, with their measures"),
+    "grasps": (picture_grasps, "pictures of the shipped hands"),
+    "lookahead": (study_lookahead, "what goals for a later pose gain on fast objects"),
+    "shapes": (study_shapes, "whether contacts stay where they may be, on ten shapes"),
 }
 
 
@@ -119,11 +121,14 @@ def _parser() -> argparse.ArgumentParser:
     )
 
     student = commands.add_parser("study", help="measure what a feature gains")
-    student.set_defaults(command=_study)
-    student.add_argument("study", choices=_STUDIES, metavar="NAME", help=", ".join(_STUDIES))
-    student.add_argument(
-        "--out", metavar="FOLDER", help="where the report goes; study_NAME if not set"
-    )
+    studies = student.add_subparsers(required=True, metavar="NAME", dest="study")
+    for name, (_, text) in _STUDIES.items():
+        study = studies.add_parser(name, help=text)
+        study.set_defaults(command=_study)
+        study.add_argument(
+            "--out", default=f"study_{name}", metavar="FOLDER", help="where the report goes"
+        )
+    static_versus_dynamic.add_command(studies)
 
     bencher = commands.add_parser("bench", help="measure how long planning takes")
     bencher.set_defaults(command=_bench)
@@ -180,7 +185,7 @@ def _run(options: argparse.Namespace) -> int:
 def _reproduce(options: argparse.Namespace) -> int:
     cases = [case.strip() for case in options.cases.split(",")]
     start = time.perf_counter()
-    with _step_bar() as on_progress:
+    with step_bar() as on_progress:
         report = reproduce(options.out, cases, on_progress=on_progress)
     print(f"reproduced in {(time.perf_counter() - start) / 60:.1f} minutes")
     print(f"report in {report}: open it in a browser")
@@ -188,15 +193,15 @@ def _reproduce(options: argparse.Namespace) -> int:
 
 
 def _study(options: argparse.Namespace) -> int:
-    out = options.out or f"study_{options.study}"
-    with _step_bar() as on_progress:
-        report = _STUDIES[options.study](out, on_progress=on_progress)
+    study, _ = _STUDIES[options.study]
+    with step_bar() as on_progress:
+        report = study(options.out, on_progress=on_progress)
     print(f"report in {report}")
     return 0
 
 
 def _bench(options: argparse.Namespace) -> int:
-    with _step_bar() as on_progress:
+    with step_bar() as on_progress:
         report = bench(options.out, quick=options.quick, on_progress=on_progress)
     print(f"report in {report}")
     return 0
@@ -248,20 +253,6 @@ def _stop_on_signals() -> Iterator[Callable[[], bool]]:
     finally:
         for number, handler in zip(numbers, before, strict=True):
             signal.signal(number, handler)
-
-
-@contextlib.contextmanager
-def _step_bar() -> Iterator[Callable[[int, int], None]]:
-    """Shows steps done and to do on a terminal, and nothing when the output goes elsewhere."""
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("step {task.completed} of {task.total}"),
-        BarColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, disable=not console.is_terminal) as bar:
-        task = bar.add_task("", total=None)
-        yield lambda done, total: bar.update(task, completed=done, total=total)
 
 
 @contextlib.contextmanager

@@ -9,9 +9,11 @@ from drake_pregrasp.diagrams.hand_description import Closing, Fingertip
 from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.planning.grasp_state import GraspSettings
 
+CLOSING_DURATION = 1.0
+"""Seconds that closing takes, at most as a rule."""
+
 _LENGTH = {"above": 0, "at_most": 10}
 _TIME = {"above": 0, "at_most": 1e6}
-_CLOSING = 1.0  # Seconds that closing takes, at most as a rule.
 _FORCE = {"above": 0, "at_most": 1e4}
 
 
@@ -28,8 +30,8 @@ class GraspConfig:
         default_factory=list, metadata={"at_least": -100, "at_most": 100}
     )
 
-    # Whether the planner keeps to what the fingers reach, and leaves their tips room.
-    use_reach: bool = False
+    # Whether the planner keeps to what the fingers reach.
+    use_reach: bool = True
 
     # When the hand is asked to close, in seconds.
     close_at: float = field(default=4.0, metadata={"at_least": 0, "at_most": 1e6})
@@ -97,7 +99,7 @@ class GraspConfig:
     def expected_rest(self) -> float:
         """About when the hand stops to follow the object's motion, for the lift, in seconds."""
         settings = self.make_settings()
-        return self.close_at + _CLOSING + settings.squeeze_duration + settings.stop_duration
+        return self.close_at + CLOSING_DURATION + settings.squeeze_duration + settings.stop_duration
 
     def largest_lift(self, fingertips: Sequence[Fingertip]) -> float:
         """Returns the weight that fingers can hold by friction alone, in newtons."""

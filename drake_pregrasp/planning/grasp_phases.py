@@ -24,10 +24,26 @@ CRUSHING = 1.3
 """Times the largest planned force from which on a hand lets go: torques tell forces roughly."""
 
 
-def gate_is_open(asked: float, view: GraspView, settings: GraspSettings) -> bool:
-    """Returns whether the hand may close: no active finger is on its way, or it waited enough."""
-    arrived = view.distances[view.active] <= settings.gate_distance
-    return bool(np.all(arrived)) or view.time - asked >= settings.gate_limit - 1e-9
+def fingers_have_arrived(view: GraspView, settings: GraspSettings) -> bool:
+    """Returns whether no active finger is on its way."""
+    return bool(np.all(view.distances[view.active] <= settings.gate_distance))
+
+
+def hindrance(
+    view: GraspView, settings: GraspSettings, squeeze: Callable[[BoolArray], Squeeze]
+) -> tuple[GiveUp, float] | None:
+    """Returns why closing now would be in vain, and what goes with it; None if it wouldn't.
+
+    Args:
+        view: What is seen.
+        settings: How the hand grasps.
+        squeeze: As for `next_state`.
+    """
+    count = int(np.sum(view.active))
+    if count < settings.least_fingers:
+        return GiveUp.TOO_FEW_FINGERS, count
+    residual = squeeze(view.active).residual
+    return (GiveUp.OUT_OF_BALANCE, residual) if residual > settings.imbalance else None
 
 
 def next_state(
@@ -93,14 +109,22 @@ def _approach(
 
 
 def _track(
-    state: GraspState, view: GraspView, settings: GraspSettings, period: float, squeeze: object
+    state: GraspState,
+    view: GraspView,
+    settings: GraspSettings,
+    period: float,
+    squeeze: Callable[[BoolArray], Squeeze],
 ) -> GraspState:
-    if np.isinf(state.asked) or not gate_is_open(max(state.asked, state.since), view, settings):
+    """Waits, with a limit, for fingers on their way and for a grasp that can hold."""
+    if np.isinf(state.asked):
         return state
-    count = int(np.sum(view.active))
-    if count < settings.least_fingers:
-        return _open(state, view, GiveUp.TOO_FEW_FINGERS, count)
-    return replace(_enter(state, GraspPhase.CLOSE, view), active=view.active.copy())
+    waited = view.time - max(state.asked, state.since) >= settings.gate_limit - 1e-9
+    if not waited and not fingers_have_arrived(view, settings):
+        return state
+    why_not = hindrance(view, settings, squeeze)
+    if why_not is None:
+        return replace(_enter(state, GraspPhase.CLOSE, view), active=view.active.copy())
+    return _open(state, view, *why_not) if waited else state
 
 
 def _close(

@@ -64,7 +64,8 @@ class GraspSettings:
         approach_duration: How long that takes.
         standoff: Gap between fingertips and object while tracking.
         gate_distance: All active fingers have to be that near to their goals before it closes.
-        gate_limit: How long it waits for that, at most.
+        gate_limit: How long it waits for that, and for enough fingers whose forces can balance, at
+            most.
         closing_speed: Of the fingertips along the normals.
         closing_acceleration: In m/s², so that fingertips don't feel their own inertia as touch.
         search: How far from the surface, as it is estimated, a fingertip may meet it. Forces felt

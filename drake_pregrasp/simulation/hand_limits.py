@@ -1,7 +1,9 @@
-"""What a scenario's hand asks of the planner."""
+"""What a hand asks of the planner."""
 
 from dataclasses import replace
 
+from drake_pregrasp.diagrams.grasp_config import GraspConfig
+from drake_pregrasp.diagrams.hand_description import HandDescription
 from drake_pregrasp.diagrams.limits_config import LimitsConfig
 from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
 from drake_pregrasp.simulation.hand_file import load_hand
@@ -9,27 +11,37 @@ from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.fingertip_goal_shaper import OTHER_CLEARANCE
 
 
-def hand_planner(scenario: Scenario) -> PlannerConfig:
-    """Returns a scenario's planner, with limits that are those of its hand.
+def hand_limits(hand: HandDescription, grasp: GraspConfig, *, reach: bool = True) -> LimitsConfig:
+    """Returns limits with which goals are those that a hand's fingertips can go to.
 
-    With a hand whose fingers may not touch all faces, the planner knows it; with `use_reach` also
-    what fingers reach, and the tips' size and gap. Limits that the scenario gives come first.
+    Args:
+        hand: The hand.
+        grasp: How it grasps.
+        reach: Whether to heed what fingers reach.
     """
-    config, grasp = scenario.planner, scenario.grasp
-    if not grasp.has_hand:
+    tips = hand.fingertips
+    return LimitsConfig(
+        tip_radii=[tip.radius for tip in tips],
+        tip_gap=OTHER_CLEARANCE,
+        clearance=OTHER_CLEARANCE,
+        standoff=grasp.standoff,
+        reach=[tip.reach for tip in tips] if reach else [],
+        forbidden_faces=[tip.forbidden_faces for tip in tips],
+        recover=True,
+    )
+
+
+def hand_planner(scenario: Scenario) -> PlannerConfig:
+    """Returns a scenario's planner, with the limits of its hand where it has one.
+
+    What the scenario says of limits beyond their defaults comes first.
+    """
+    config = scenario.planner
+    if not scenario.grasp.has_hand:
         return config
-    tips, limits = load_hand(grasp.hand).fingertips, config.limits
-    changes: dict[str, object] = {}
-    faces = [tip.forbidden_faces for tip in tips]
-    if any(faces) and not limits.forbidden_faces:
-        changes["forbidden_faces"] = faces
-    if grasp.use_reach and not limits.reach:
-        changes["reach"] = [tip.reach for tip in tips]
-    if grasp.use_reach and not limits.tip_radii:
-        changes |= {
-            "tip_radii": [tip.radius for tip in tips],
-            "tip_gap": max(limits.tip_gap, OTHER_CLEARANCE),
-            "standoff": limits.standoff or grasp.standoff,
-        }
-    changed: LimitsConfig = replace(limits, **changes)  # type: ignore[arg-type]
-    return replace(config, limits=changed)
+    own, none = config.limits, LimitsConfig()
+    limits = hand_limits(
+        load_hand(scenario.grasp.hand), scenario.grasp, reach=scenario.grasp.use_reach
+    )
+    said = {name: value for name, value in vars(own).items() if value != getattr(none, name)}
+    return replace(config, limits=replace(limits, **said))

@@ -22,6 +22,10 @@ from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.grasp_logger import GraspLogger, GraspRecord
+from drake_pregrasp.systems.moving_obstacles import MovingSolid
+
+TABLE = MovingSolid(HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0])), np.zeros(3))
+"""The conveyor's top, which no fingertip may touch."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,7 @@ def add_hand(
             object_top=float(size[2] / 2),
             mass=box.mass,
             p_OCoM=surface.p_OCoM,
-            fixed=[HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0]))],
+            fixed=[TABLE.solid],
             X_WO=initial_pose(conveyor, box),
             p_OC=p_OC,
             target_period=scenario.planner.period,
@@ -100,6 +104,9 @@ def connect_hand(
     controller = hand.controller
     for name in ("fingertip_targets", "contact_status", "X_WO_estimated", "V_WO_estimated"):
         builder.Connect(planner.GetOutputPort(name), controller.GetInputPort(name))
+    builder.Connect(
+        controller.GetOutputPort("hold_contacts"), planner.GetInputPort("hold_contacts")
+    )
     command = builder.AddNamedSystem("close_command", _step_at(scenario.grasp.close_at))
     builder.Connect(command.get_output_port(), controller.GetInputPort("close"))
     if sink is None:

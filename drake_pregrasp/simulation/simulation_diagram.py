@@ -7,13 +7,14 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from drake_pregrasp.diagrams.grasp_config import CLOSING_DURATION
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.planning.grasp_quality import GraspQuality
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_limits import hand_planner
-from drake_pregrasp.simulation.hand_wiring import AddedHand, add_hand, connect_hand
+from drake_pregrasp.simulation.hand_wiring import TABLE, AddedHand, add_hand, connect_hand
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.recording import add_recording, shown_path
 from drake_pregrasp.simulation.scenario import Scenario
@@ -93,9 +94,9 @@ def make_diagram(
             length=scenario.measures.length,
         ),
     )
-    _add_obstacles_and_hand(
-        builder, scenario, planner, hand, meshcat, reach=bool(config.limits.reach)
-    )
+    _add_obstacles(builder, scenario, planner, hand, meshcat)
+    if config.limits.reach:
+        _connect_hand_frame(builder, scenario, planner, hand)
     if hand is not None:
         connect_hand(builder, scenario, hand, planner, grasp_sink)
     X_WO = object_plant.GetOutputPort("X_WO")
@@ -146,40 +147,49 @@ def make_diagram(
     return diagram
 
 
-def _add_obstacles_and_hand(
+def _add_obstacles(
     builder: DiagramBuilder,
     scenario: Scenario,
     planner: PregraspPlanner,
     hand: AddedHand | None,
     meshcat: Meshcat | None,
-    *,
-    reach: bool,
 ) -> None:
-    if scenario.obstacles:
+    solids = [moving_solid(o) for o in scenario.obstacles]
+    shown = MovingObstacles(solids, lookahead=scenario.planner.estimator.lookahead)
+    if hand is not None:  # Contacts that it closes on have to stay clear until it has them.
         obstacles = builder.AddNamedSystem(
-            "moving_obstacles",
-            MovingObstacles(
-                [moving_solid(o) for o in scenario.obstacles],
-                lookahead=scenario.planner.estimator.lookahead,
-            ),
+            "heeded_obstacles", MovingObstacles([*solids, TABLE], sweep=CLOSING_DURATION)
         )
         builder.Connect(obstacles.get_output_port(), planner.GetInputPort("obstacles"))
-        if hand is not None:
-            builder.Connect(obstacles.get_output_port(), hand.controller.GetInputPort("obstacles"))
-        if meshcat is not None:
-            visualizer = builder.AddNamedSystem(
-                "obstacle_visualizer",
-                ObstacleVisualizer(
-                    meshcat=meshcat,
-                    solids=[o.make_solid() for o in scenario.obstacles],
-                    publish_period=scenario.recording.publish_period,
-                ),
-            )
-            builder.Connect(obstacles.get_output_port(), visualizer.get_input_port())
-    if reach and hand is not None:
-        builder.Connect(hand.controller.GetOutputPort("X_WH"), planner.GetInputPort("X_WH"))
-    elif reach:
-        X_WH = scenario.hand.initial_X_WH(RigidTransform())
-        pose = builder.AddNamedSystem("hand_pose", HandPose(X_WH, follow=scenario.hand.follow))
+        builder.Connect(obstacles.get_output_port(), hand.controller.GetInputPort("obstacles"))
+    if not solids:
+        return
+    builder.AddNamedSystem("moving_obstacles", shown)
+    if hand is None:
+        builder.Connect(shown.get_output_port(), planner.GetInputPort("obstacles"))
+    if meshcat is not None:
+        visualizer = builder.AddNamedSystem(
+            "obstacle_visualizer",
+            ObstacleVisualizer(
+                meshcat=meshcat,
+                solids=[moving.solid for moving in solids],
+                publish_period=scenario.recording.publish_period,
+            ),
+        )
+        builder.Connect(shown.get_output_port(), visualizer.get_input_port())
+
+
+def _connect_hand_frame(
+    builder: DiagramBuilder, scenario: Scenario, planner: PregraspPlanner, hand: AddedHand | None
+) -> None:
+    """Tells the planner where the hand is, in whose frame fingers have their reach."""
+    if hand is not None:
+        X_WH = hand.controller.GetOutputPort("X_WH")
+    else:
+        pose = builder.AddNamedSystem(
+            "hand_pose",
+            HandPose(scenario.hand.initial_X_WH(RigidTransform()), follow=scenario.hand.follow),
+        )
         builder.Connect(planner.GetOutputPort("X_WO_estimated"), pose.get_input_port())
-        builder.Connect(pose.get_output_port(), planner.GetInputPort("X_WH"))
+        X_WH = pose.get_output_port()
+    builder.Connect(X_WH, planner.GetInputPort("X_WH"))

@@ -1,10 +1,11 @@
 """Many independent computations, as many at a time as there are processors."""
 
+import contextlib
 import multiprocessing
 import os
 import signal
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from typing import TypeVar
 
 Job = TypeVar("Job")
@@ -24,19 +25,39 @@ def in_processes(
         jobs: Its arguments.
         on_done: Called after each.
     """
+    results: dict[int, Result] = {}
+    with contextlib.closing(as_they_end(function, jobs)) as ended:
+        for index, future in ended:
+            results[index] = future.result()
+            on_done()
+    return [results[index] for index in range(len(jobs))]
+
+
+def as_they_end(
+    function: Callable[[Job], Result], jobs: Sequence[Job], *, processes: int | None = None
+) -> Generator[tuple[int, "Future[Result]"], None, None]:
+    """Yields the index of each job as it ends, with its result or what was raised.
+
+    Close it to leave it early: jobs that wait are dropped, and those under way end first.
+
+    Args:
+        function: One that can be pickled: a module's, or a `partial` of it.
+        jobs: Its arguments.
+        processes: How many at a time; as many as there are processors if not set.
+    """
     # Fresh processes: Drake's systems in Python outlive their diagram, and threads don't survive
     # a fork.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(os.cpu_count(), context, initializer=_ignore_interrupts) as pool:
-        futures = [pool.submit(function, job) for job in jobs]
+    with ProcessPoolExecutor(
+        processes or os.cpu_count(), context, initializer=_ignore_interrupts
+    ) as pool:
+        indices = {pool.submit(function, job): index for index, job in enumerate(jobs)}
         try:
-            for future in as_completed(futures):
-                future.result()
-                on_done()
+            for future in as_completed(indices):
+                yield indices[future], future
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-        return [future.result() for future in futures]
 
 
 def _ignore_interrupts() -> None:

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drake_pregrasp.planning.carried_pose import Coasting
-from drake_pregrasp.planning.grasp_phases import gate_is_open, next_state
+from drake_pregrasp.planning.grasp_phases import fingers_have_arrived, next_state
 from drake_pregrasp.planning.grasp_state import (
     GiveUp,
     GraspPhase,
@@ -104,11 +104,38 @@ def test_fingers_never_close_faster_than_they_may():
     assert np.min(gains) >= -SETTINGS.closing_acceleration * PERIOD**2 - 1e-12
 
 
-@given(st.floats(0, 0.02), st.floats(0, 3))
-def test_the_gate_waits_for_fingers_on_their_way_and_no_longer_than_its_limit(distance, waited):
-    view = Scene(distance=distance).view(waited, True, GraspState.first(N, SETTINGS))
-    expected = distance <= SETTINGS.gate_distance or waited >= SETTINGS.gate_limit
-    assert gate_is_open(0.0, view, SETTINGS) == expected
+def closing_time(states):
+    return PERIOD * [state.phase == GraspPhase.CLOSE for state in states].index(True)
+
+
+@pytest.mark.parametrize("arrives", [0.0, 0.3, 1.2, 5.0])
+def test_the_gate_waits_for_fingers_on_their_way_and_no_longer_than_its_limit(arrives):
+    def travel(scene, state):
+        scene.calls = getattr(scene, "calls", -1) + 1
+        scene.distance = 0.01 * (scene.calls * PERIOD < 2.0 + arrives - 1e-9)
+
+    waited = closing_time(play(Scene(), change=travel)) - 2.0
+    assert waited == pytest.approx(min(arrives, SETTINGS.gate_limit))
+
+
+@pytest.mark.parametrize("comes", [0.3, 1.2])
+def test_the_gate_waits_for_a_finger_that_is_missing_and_for_balance(comes):
+    def balanced_later(active):
+        return Squeeze(np.zeros((N, 3)), 1.0 if scene.time < 2.0 + comes - 1e-9 else 0.0)
+
+    def appear(scene, state):
+        scene.time = getattr(scene, "time", -PERIOD) + PERIOD
+        scene.active = ALL if scene.time >= 2.0 + comes - 1e-9 else np.arange(N) < 2
+
+    scene = Scene(active=np.arange(N) < 2)
+    assert closing_time(play(scene, change=appear)) == pytest.approx(2.0 + comes)
+    scene = Scene()
+
+    def count(scene, state):
+        scene.time = getattr(scene, "time", -PERIOD) + PERIOD
+
+    states = play(scene, change=count, squeeze=balanced_later)
+    assert closing_time(states) == pytest.approx(2.0 + comes)
 
 
 def test_the_gate_does_not_wait_for_lost_fingers():
@@ -116,9 +143,9 @@ def test_the_gate_does_not_wait_for_lost_fingers():
     scene = Scene(active=np.arange(N) != 3)
     view = scene.view(0.0, True, state)
     view.distances[3] = 1.0
-    assert gate_is_open(0.0, view, SETTINGS)
+    assert fingers_have_arrived(view, SETTINGS)
     view.distances[2] = 1.0
-    assert not gate_is_open(0.0, view, SETTINGS)
+    assert not fingers_have_arrived(view, SETTINGS)
 
 
 def test_lost_fingers_take_no_part():

@@ -102,7 +102,9 @@ def test_a_clearer_lead_is_less_likely_by_chance(gained, lost):
 
 
 def test_as_many_pairs_as_are_needed_are_enough_and_fewer_are_not():
-    assert paired_test([(True, False)] * LEAST_PAIRS).ahead
+    test = paired_test([(True, False)] * LEAST_PAIRS)
+    assert (test.ahead, test.behind) == (True, False)
+    assert (test.reversed().ahead, test.reversed().behind) == (False, True)
     assert paired_test([(True, False)] * (LEAST_PAIRS - 1)).p >= SIGNIFICANT
 
 

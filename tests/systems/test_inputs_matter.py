@@ -94,6 +94,7 @@ CASES = {
             "X_WO_estimated": (X_A, X_B, ["p_WC", "p_WC_previous"]),
             "p_WO_covariance": (1e-6 * np.eye(3).ravel(), 1e-2 * np.eye(3).ravel(), ["p_WC"]),
             "safe_regions": (regions(P_OC), regions(OTHER), ["p_WC"]),
+            "hold_contacts": ([0.0], [1.0], ["p_WC", "contact_status"]),
         },
     ),
     "fingertip_sensor": (

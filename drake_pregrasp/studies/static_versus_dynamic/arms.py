@@ -27,13 +27,15 @@ ARMS = {
         "frozen plan", "contacts are planned at the start, then carried with it", "#E69F00", "s"
     ),
     "reassigned": Arm(
-        "frozen, re-assigned",
+        "re-assigned plan",
         "as the frozen plan, but contacts go to other fingers, round the hand, as it turns",
         "#D55E00",
         "D",
     ),
     "still": Arm("still hand", "the hand stands still and just closes", "#56B4E9", "P"),
-    "dynamic": Arm("dynamic, no reach", "contacts are planned anew at every tick", "#009E73", "^"),
+    "dynamic": Arm(
+        "dynamic without reach", "contacts are planned anew at every tick", "#009E73", "^"
+    ),
     "dynamic_reach": Arm(
         "dynamic with reach",
         "contacts are planned anew at every tick, within the reach of each finger",

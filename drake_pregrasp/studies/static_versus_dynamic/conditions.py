@@ -18,9 +18,9 @@ class Condition(NamedTuple):
 
 
 CONDITIONS = {
-    "nominal": Condition("nominal", "an object moves, and all fingers work", (4.0, 8.0, 12.0)),
-    "one_lost": Condition("one finger lost", "a finger is lost on the way", (4.0, 8.0, 12.0)),
-    "two_lost": Condition("two fingers lost", "two fingers are lost on the way", (4.0, 8.0, 12.0)),
+    "nominal": Condition("nominal", "an object moves, and all fingers work", (4.0, 7.0)),
+    "one_lost": Condition("one finger lost", "a finger is lost on the way", (4.0, 7.0)),
+    "two_lost": Condition("two fingers lost", "two fingers are lost on the way", (4.0, 7.0)),
     "turning": Condition(
         "turning", "the object turns, and the wrist turns little", (4.0, 8.0, 12.0)
     ),
@@ -33,6 +33,6 @@ CONDITIONS = {
         (4.0, 8.0, 12.0),
     ),
     "sphere": Condition("sphere", "a big no-touch sphere passes the object", (4.8, 6.0, 8.0)),
-    "noise": Condition("noise", "poses are measured with much noise", (4.0, 8.0, 12.0)),
+    "noise": Condition("noise", "poses are measured with much noise", (4.0, 7.0)),
 }
 """The conditions by their keys, in the order in which they are shown."""

@@ -18,7 +18,6 @@ from drake_pregrasp.studies.static_versus_dynamic.outcome import (
     Outcome,
     TrialJob,
 )
-from drake_pregrasp.studies.static_versus_dynamic.planned_start import TIP_RADIUS
 from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, Scene
 from drake_pregrasp.systems.grasp_logger import GraspRecord
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
@@ -51,6 +50,7 @@ def grasp_outcome(
     *,
     state: GraspState,
     p_OCoM: FloatArray,
+    tip_radii: FloatArray,
 ) -> Outcome:
     """Reads an outcome.
 
@@ -62,6 +62,7 @@ def grasp_outcome(
         looks: Goals while it tracked.
         state: What the hand remembers at the end.
         p_OCoM: The object's centre of mass in O, shape (3,), in metres.
+        tip_radii: Of the fingertips, shape (n,), in metres.
     """
     told = [r.time >= close_at - 1e-9 for r in records].index(True)
     phases = np.array([r.report[0] for r in records])
@@ -98,7 +99,7 @@ def grasp_outcome(
         fingers=int(np.sum(state.active)),
         waited_s=float(records[end if closing is None else closing].time - close_at),
         goal_in_area=_share([look.distance < 0 for look in looks]) if area else np.nan,
-        tip_in_area=_share([_any_in_area(scene, r) for r in on_table]) if area else np.nan,
+        tip_in_area=_share([_in_area(scene, tip_radii, r) for r in on_table]) if area else np.nan,
         q_msv=np.nan if contacts is None else grasp_quality(contacts[0]).q_msv,
         q_gii=np.nan if contacts is None else grasp_quality(contacts[0]).q_gii,
         gave_up=describe_give_up(state.reason, state.detail) or "",
@@ -154,9 +155,9 @@ def _residual(scene: Scene, contacts: tuple[FloatArray, FloatArray, FloatArray])
     ).residual
 
 
-def _any_in_area(scene: Scene, record: GraspRecord) -> bool:
-    gaps = [solid.distance(record.p_WT) for solid in scene.area_at(record.time)]
-    return bool(np.min(gaps) < TIP_RADIUS)
+def _in_area(scene: Scene, tip_radii: FloatArray, record: GraspRecord) -> bool:
+    gaps = [solid.distance(record.p_WT) - tip_radii for solid in scene.area_at(record.time)]
+    return bool(np.min(gaps) < 0)
 
 
 def _share(found: Sequence[bool]) -> float:

@@ -72,9 +72,10 @@ class Outcome:
         residual_n: Of the contacts' balance of forces at the squeeze; nan if there are none.
         fingers: How many took part.
         waited_s: How long the gate held the command to close back.
-        goal_in_area: Share of the ticks before closing at which a goal, of a fingertip in contact
-            or standing off, was in the no-touch area; nan if there is no such area.
-        tip_in_area: Share of them at which a fingertip was.
+        goal_in_area: Share of the planner's ticks before closing at which a goal of the arm's plan,
+            for a fingertip in contact or standing off, was in the no-touch area, whether or not
+            the hand then withdrew that finger; nan if there is no such area.
+        tip_in_area: Share of the control ticks from 1 s until the lift at which a fingertip was.
         q_msv: Of the contacts that there were at the end of closing; nan if there were none.
         q_gii: The same.
         gave_up: Why the hand gave up, in words; empty if it did not.

@@ -6,44 +6,34 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from drake_pregrasp.diagrams.limits_config import LimitsConfig
+from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PlannerConfig
-from drake_pregrasp.diagrams.reach_config import SectorReach
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.region_constraints import Obstacles
 from drake_pregrasp.planning.surface import ObjectSurface
-from drake_pregrasp.studies.static_versus_dynamic.scene import FINGERS, Scene
+from drake_pregrasp.simulation.hand_limits import hand_limits
+from drake_pregrasp.studies.static_versus_dynamic.scene import Scene
 
-TIP_RADIUS, TIP_GAP, STANDOFF = 0.009, 0.004, 0.02
-"""Of the hand's fingertips, in metres."""
-
-_HALF_ANGLE, _INCIDENCE = float(np.radians(65)), float(np.radians(70))
 _TICKS = 60
 _FOREVER = 1e6
 
 
 def planner_config(
-    scene: Scene, azimuths: FloatArray, *, reach: bool, hold: bool = False
+    scene: Scene, hand: HandModel, *, reach: bool, hold: bool = False
 ) -> PlannerConfig:
     """Returns the planner's settings.
 
     Args:
         scene: With the noise to expect.
-        azimuths: Of the fingers, shape (n,), in radians.
+        hand: The hand.
         reach: Whether it knows what fingers reach.
         hold: Whether contacts stay where they are on the object.
     """
     config = PlannerConfig(static_duration=_FOREVER if hold else 0.0)
     config.estimator.position_std = scene.position_std
     config.estimator.orientation_std = scene.orientation_std
-    config.limits = LimitsConfig(
-        tip_radii=[TIP_RADIUS] * FINGERS, tip_gap=TIP_GAP, standoff=STANDOFF, recover=not hold
-    )
-    if reach:
-        config.limits.reach = [
-            SectorReach(azimuth=float(a), half_angle=_HALF_ANGLE, incidence=_INCIDENCE)
-            for a in azimuths
-        ]
+    config.limits = hand_limits(hand.description, scene.grasp(), reach=reach)
+    config.limits.recover = not hold
     return config
 
 
@@ -53,7 +43,7 @@ def planned_start(
     p_OC: FloatArray,
     X_WO: RigidTransform,
     *,
-    azimuths: FloatArray,
+    hand: HandModel,
     yaw: float,
 ) -> FloatArray:
     """Returns what contacts come to in 60 ticks of the planner, shape (n, 3), in O, in metres.
@@ -65,11 +55,11 @@ def planned_start(
         surface: The object's.
         p_OC: Where contacts start, shape (n, 3), in metres.
         X_WO: Where the object is taken to be.
-        azimuths: Of the fingers about z of H, shape (n,), in radians.
+        hand: The hand.
         yaw: Of the palm.
     """
     builder = DiagramBuilder()
-    config = planner_config(scene, azimuths, reach=True)
+    config = planner_config(scene, hand, reach=True)
     planner = AddPregraspPlanner(builder, config, surface, p_OC)
     builder.ExportInput(planner.GetInputPort("X_WO_measured"), "X_WO")
     for name in ("obstacles", "X_WH"):

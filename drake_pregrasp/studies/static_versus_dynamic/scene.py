@@ -9,19 +9,25 @@ from drake_pregrasp.diagrams.motion_config import Conveyor
 from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.planning.solids import BallSolid, HalfSpace, Solid
+from drake_pregrasp.simulation.hand_wiring import TABLE
 from drake_pregrasp.systems.moving_obstacles import MovingSolid
 
 BOX = Box(size=[0.1, 0.1, 0.1], mass=0.4)
 """The object."""
 
+SPACING = 0.005
+"""Of its surface's candidates, in metres."""
+
+HAND = "package://drake_pregrasp/five_finger_hand.yaml"
+"""The hand."""
+
 FINGERS = 5
-"""How many the hand has."""
+"""How many it has."""
 
 LIMITED_WRIST = (-float(np.radians(30)), float(np.radians(30)))
 """Range of a wrist that turns little, in radians."""
 
 _WALL = HalfSpace(np.array([0.0, 0.04, 0.0]), np.array([0.0, -1.0, 0.0]))
-_TABLE = HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0]))
 _CROSSING_TIME = 6.0  # When the sphere is nearest to the object, in seconds.
 _SPHERE_RADIUS, _SPHERE_GAP, _SPHERE_SPEED = 0.07, 0.02, 0.03
 
@@ -57,12 +63,9 @@ class Scene:
         )
 
     def grasp(self) -> GraspConfig:
-        """Returns the hand."""
+        """Returns how the hand grasps."""
         free = self.yaw_range == FREE_TURN
-        return GraspConfig(
-            hand="package://drake_pregrasp/five_finger_hand.yaml",
-            wrist_range=[] if free else list(self.yaw_range),
-        )
+        return GraspConfig(hand=HAND, wrist_range=[] if free else list(self.yaw_range))
 
     def area_at(self, time: float) -> list[Solid]:
         """Returns the no-touch area at a time, in W."""
@@ -70,7 +73,7 @@ class Scene:
 
     def obstacles(self) -> list[MovingSolid]:
         """Returns the no-touch area and the table."""
-        return [*self.area, MovingSolid(_TABLE, np.zeros(3))]
+        return [*self.area, TABLE]
 
 
 def _sphere() -> MovingSolid:

@@ -16,6 +16,14 @@ _HEIGHTS = (-0.030, 0.035)  # Of contacts over the object's centre, in metres.
 _MISPLACED = 0.005  # Standard deviation of the object's place, along x and y, in metres.
 _MISTURNED = float(np.radians(4))  # Of its angle about z, in radians.
 
+START_SETTINGS = {
+    "least_distance": _LEAST_DISTANCE,
+    "heights": list(_HEIGHTS),
+    "misplaced": _MISPLACED,
+    "misturned": _MISTURNED,
+}
+"""What random starts depend on."""
+
 
 @dataclass(frozen=True, eq=False)
 class Start:

@@ -6,6 +6,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.box_surface import box_surface
 from drake_pregrasp.planning.contact_status import ContactStatus, is_active
@@ -13,21 +14,19 @@ from drake_pregrasp.planning.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
+from drake_pregrasp.studies.static_versus_dynamic.experiment import Experiment
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalLook, grasp_outcome
 from drake_pregrasp.studies.static_versus_dynamic.outcome import Outcome, TrialJob
-from drake_pregrasp.studies.static_versus_dynamic.planned_start import STANDOFF, TIP_RADIUS
-from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, SCENES, Scene
+from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, SCENES, SPACING, Scene
 from drake_pregrasp.studies.static_versus_dynamic.start import Start, random_start
+from drake_pregrasp.studies.static_versus_dynamic.study_settings import study_settings
 from drake_pregrasp.studies.static_versus_dynamic.trial_diagram import (
     TrialDiagram,
     make_trial_diagram,
 )
 from drake_pregrasp.systems.grasp_logger import GraspRecord
 
-SPACING = 0.005
-"""Of the surface's candidates, in metres."""
-
-_LOOKED_AT = 0.05  # Seconds between looks at goals: the planner's period.
+_TICK = PlannerConfig.period  # Seconds between looks at goals.
 _HOLD = 1.0  # Seconds of holding, after which the outcome is read.
 _LONGEST_GRASP = 8.0  # Seconds after the command, after which it has failed in any case.
 
@@ -36,6 +35,10 @@ def run_trial(job: TrialJob) -> list[Outcome]:
     """Makes a trial; returns an outcome for each closing time of its condition."""
     with without_solver_chatter():
         return Trial(job).outcomes()
+
+
+EXPERIMENT = Experiment(run_trial, settings=study_settings())
+"""The trials as the study's command runs them."""
 
 
 class Trial:
@@ -50,6 +53,7 @@ class Trial:
         self.scene: Scene = SCENES[job.condition]
         self.surface = box_surface(BOX.size, spacing=SPACING, forbidden_faces=["+z", "-z"])
         grasp = self.scene.grasp()
+        self.standoff = grasp.standoff
         self.hand = HandModel(load_hand(grasp.hand), grasp.yaw_range)
         self.start: Start = random_start(self.scene, self.surface, self.hand, job.seed)
         self.records: list[GraspRecord] = []
@@ -78,6 +82,7 @@ class Trial:
                     self.looks,
                     state=self.state(),
                     p_OCoM=self.surface.p_OCoM,
+                    tip_radii=self.hand.tip_radii,
                 )
             )
             del self.records[tracked:]
@@ -88,21 +93,24 @@ class Trial:
         return outcomes
 
     def track(self, until: float) -> None:
-        """Lets the hand follow until a time, in seconds."""
+        """Lets the hand follow until a time, in seconds: that of a tick of the planner."""
         while self.context.get_time() < until - 1e-9:
-            self.simulator.AdvanceTo(min(until, self.context.get_time() + _LOOKED_AT))
+            self._advance()
             self.looks.append(self._look())
 
     def grasp(self, close_at: float) -> None:
         """Tells the hand to close, and goes on until it has held the object for a while."""
         self.parts.diagram.GetInputPort("close").FixValue(self.context, [1.0])
         while self.context.get_time() < close_at + _LONGEST_GRASP:
-            self.simulator.AdvanceTo(self.context.get_time() + _LOOKED_AT)
-            _, since, *_ = self.records[-1].report
-            phase = self.records[-1].report[0]
+            self._advance()
+            phase, since, *_ = self.records[-1].report
             held = self.context.get_time() - since
             if phase == GraspPhase.BACK_OFF or (phase == GraspPhase.HOLD and held >= _HOLD):
                 return
+
+    def _advance(self) -> None:
+        """Goes on to the planner's next tick: to its very time, so that it plans only once."""
+        self.simulator.AdvanceTo((round(self.context.get_time() / _TICK) + 1) * _TICK)
 
     def state(self) -> GraspState:
         """Returns what the hand remembers."""
@@ -131,12 +139,13 @@ class Trial:
         planned = active if self.job.arm.startswith("dynamic") else status != ContactStatus.LOST
         time = self.context.get_time()
         distance = np.inf
-        for name, is_planned in zip(self.hand.kinematics.tip_frames, planned, strict=True):
+        frames, radii = self.hand.kinematics.tip_frames, self.hand.tip_radii
+        for name, radius, is_planned in zip(frames, radii, planned, strict=True):
             if not is_planned:
                 continue
             X_WC: RigidTransform = targets.Find(name)
             out = -X_WC.rotation().matrix()[:, 2]
-            tips = X_WC.translation() + np.array([[TIP_RADIUS], [TIP_RADIUS + STANDOFF]]) * out
+            tips = X_WC.translation() + np.array([[radius], [radius + self.standoff]]) * out
             for solid in self.scene.area_at(time):
-                distance = min(distance, float(np.min(solid.distance(tips))) - TIP_RADIUS)
+                distance = min(distance, float(np.min(solid.distance(tips))) - radius)
         return GoalLook(time, int(np.sum(active)), distance)

@@ -10,20 +10,17 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource, DiscreteTimeDelay
 
 from drake_pregrasp.diagrams.expected_path import initial_pose
+from drake_pregrasp.diagrams.grasp_config import CLOSING_DURATION
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.region_constraints import RegionConstraints
-from drake_pregrasp.planning.solids import BoxSolid, HalfSpace
+from drake_pregrasp.planning.solids import BoxSolid
 from drake_pregrasp.planning.surface import ObjectSurface
-from drake_pregrasp.studies.static_versus_dynamic.planned_start import (
-    STANDOFF,
-    TIP_RADIUS,
-    planned_start,
-    planner_config,
-)
+from drake_pregrasp.simulation.hand_wiring import TABLE
+from drake_pregrasp.studies.static_versus_dynamic.planned_start import planned_start, planner_config
 from drake_pregrasp.studies.static_versus_dynamic.reassignment import Reassignment
 from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, FINGERS, Scene
 from drake_pregrasp.studies.static_versus_dynamic.start import Start
@@ -44,7 +41,6 @@ PLANT = MultibodyPlantConfig(
 
 _RING = 0.092  # Radius on which fingertips of a still hand wait, in metres.
 _GOALS_FIRST = 3  # Control ticks in which the goals of a still hand become those of closing.
-_CLOSING = 0.8  # Seconds for which chosen contacts have to stay clear: as long as closing takes.
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,13 +85,12 @@ def make_trial_diagram(
     dynamic = arm.startswith("dynamic")
     p_OC = start.p_OC
     if arm in ("world", "frozen", "reassigned"):
-        p_OC = planned_start(scene, surface, p_OC, X_WO, azimuths=hand.azimuths, yaw=start.yaw)
+        p_OC = planned_start(scene, surface, p_OC, X_WO, hand=hand, yaw=start.yaw)
     elif arm == "still":
         p_OC = _ring(hand.azimuths + start.yaw)
     builder = DiagramBuilder()
-    config = planner_config(scene, hand.azimuths, reach=arm == "dynamic_reach", hold=not dynamic)
+    config = planner_config(scene, hand, reach=arm == "dynamic_reach", hold=not dynamic)
     box = BoxSolid(np.zeros(3), np.eye(3), np.array(BOX.size))
-    table = HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0]))
     controller = builder.AddNamedSystem(
         "hand_controller",
         HandController(
@@ -105,7 +100,7 @@ def make_trial_diagram(
             object_top=BOX.size[2] / 2,
             mass=BOX.mass,
             p_OCoM=surface.p_OCoM,
-            fixed=[table],
+            fixed=[TABLE.solid],
             X_WO=X_WO,
             p_OC=p_OC,
             target_period=grasp.period if arm == "still" else config.period,
@@ -131,7 +126,7 @@ def make_trial_diagram(
         NoisyPoseSensor(position_std=scene.position_std, orientation_std=scene.orientation_std)
     )
     weights = builder.AddSystem(ContactWeights(np.zeros(FINGERS), [(scene.lost_at, start.lost)]))
-    obstacles = builder.AddSystem(MovingObstacles(scene.obstacles(), sweep=_CLOSING))
+    obstacles = builder.AddSystem(MovingObstacles(scene.obstacles(), sweep=CLOSING_DURATION))
     held = _ring(hand.azimuths) if arm == "still" else p_OC
     planner = AddPregraspPlanner(
         builder,
@@ -144,8 +139,8 @@ def make_trial_diagram(
     if arm == "still":
         constraints = RegionConstraints(
             clearance=config.limits.clearance,
-            tip_radii=np.full(FINGERS, TIP_RADIUS),
-            standoff=STANDOFF,
+            tip_radii=np.array(config.limits.tip_radii),
+            standoff=config.limits.standoff,
         )
         goals = builder.AddNamedSystem(
             "still_hand",
@@ -174,6 +169,9 @@ def make_trial_diagram(
     builder.Connect(weights.get_output_port(), goals.GetInputPort("contact_weights"))
     builder.Connect(obstacles.get_output_port(), planner.GetInputPort("obstacles"))
     builder.Connect(obstacles.get_output_port(), controller.GetInputPort("obstacles"))
+    builder.Connect(
+        controller.GetOutputPort("hold_contacts"), planner.GetInputPort("hold_contacts")
+    )
     if config.limits.reach:
         builder.Connect(controller.GetOutputPort("X_WH"), planner.GetInputPort("X_WH"))
     builder.Connect(station.GetOutputPort("X_WO"), sensor.GetInputPort("X_WO"))

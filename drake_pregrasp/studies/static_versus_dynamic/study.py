@@ -1,0 +1,89 @@
+"""The study: makes the trials that are missing, and a report of all that there are."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
+from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
+from drake_pregrasp.studies.static_versus_dynamic.experiment import Experiment
+from drake_pregrasp.studies.static_versus_dynamic.outcome import TrialJob
+from drake_pregrasp.studies.static_versus_dynamic.report import REPORT, write_report
+from drake_pregrasp.studies.static_versus_dynamic.store import OutcomeStore
+from drake_pregrasp.studies.static_versus_dynamic.trials import run_missing
+
+NAME = "static-versus-dynamic"
+"""Of the study, of its command, and of its folder."""
+
+
+class StudyResult(NamedTuple):
+    """What a run of the study has left.
+
+    Attributes:
+        report: The page.
+        wanted: How many trials were wanted.
+        made: How many of them are there.
+        failed: How many trials of the folder have failed, those of earlier runs included.
+    """
+
+    report: Path
+    wanted: int
+    made: int
+    failed: int
+
+
+def trial_jobs(
+    conditions: Sequence[str], arms: Sequence[str], seeds: Sequence[int]
+) -> list[TrialJob]:
+    """Returns the trials, all arms with one seed before the next: half a study compares them too.
+
+    Raises:
+        InvalidArgumentError: If there is no such condition or arm.
+    """
+    for kind, names, known in (("condition", conditions, CONDITIONS), ("arm", arms, ARMS)):
+        for name in names:
+            if name not in known:
+                raise InvalidArgumentError(f"{name}: no such {kind}; there are: {','.join(known)}")
+    return [
+        TrialJob(condition, arm, seed)
+        for seed in dict.fromkeys(seeds)
+        for condition in CONDITIONS
+        if condition in conditions
+        for arm in ARMS
+        if arm in arms
+    ]
+
+
+def study_static_versus_dynamic(
+    out: str | Path,
+    experiment: Experiment,
+    jobs: Sequence[TrialJob],
+    *,
+    processes: int | None = None,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+) -> StudyResult:
+    """Runs what is missing and writes the report.
+
+    Args:
+        out: Its folder `static-versus-dynamic` is the study's.
+        experiment: How trials are made.
+        jobs: The trials that are wanted, from `trial_jobs`.
+        processes: How many at a time; as many as there are processors if not set.
+        on_progress: Called with the number of trials done and of those that were missing.
+
+    Raises:
+        OutputError: If the folder can't be used, or is of a study with other settings.
+    """
+    folder = Path(out) / NAME
+    closing_times = {key: condition.closing_times for key, condition in CONDITIONS.items()}
+    settings = {**experiment.settings, "closing_times": closing_times}
+    with OutcomeStore(folder, settings, closing_times) as store:
+        failures = run_missing(
+            store, folder, jobs, experiment.run_trial, processes=processes, on_progress=on_progress
+        )
+        made = sum(job in store for job in jobs)
+        outcomes = store.outcomes
+    figures = experiment.make_figures(folder, outcomes)
+    write_report(folder / REPORT, outcomes, settings, failures=failures, figures=figures)
+    return StudyResult(folder / REPORT, len(jobs), made, len(failures))
