@@ -66,9 +66,10 @@ def picture_grasps(
     shipped = shipped_scenarios()
     names = [name for name, (file, _) in shipped.items() if file.stem == "hands"]
     lines = ["# Hands", "", "Pictures are made by `drake-pregrasp study grasps`."]
-    for done, name in enumerate(names):
+    scenarios = [load_scenario(name) for name in names]  # All of them, before a picture is made.
+    for done, (name, scenario) in enumerate(zip(names, scenarios, strict=True)):
         on_progress(done, len(names))
-        image = picture_grasp(load_scenario(name))
+        image = picture_grasp(scenario)
         with writing(folder):
             Image.fromarray(image).save(folder / f"{name}.png", optimize=True)
         description = shipped[name][1]
