@@ -126,6 +126,7 @@ class HandController(Diagram):
                 lead=config.period + plant_time_step,
                 speed=config.goal_speed,
                 standoff=config.standoff,
+                withdrawn_radii=hand.withdrawn_radii,
             ),
         )
         added = add_posture(

@@ -82,6 +82,10 @@ class Fingertip:
     # palm, and whose axes are W's at yaw 0.
     reach: ReachConfig = field(default_factory=SectorReach, metadata={"required": True})
 
+    # How far from the object's z axis it waits, over the object's top, while it has no contact, in
+    # metres. 0: as far as tips are at home on the average.
+    withdrawn_radius: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1})
+
     closing: Closing = field(default_factory=Closing)
 
     # Faces of the object, as +z, that it may not touch.

@@ -31,6 +31,7 @@ class HandModel:
         kinematics: Of the fingertips.
         base: Of what carries the palm.
         tip_radii: Of the fingertips, shape (n,), in metres.
+        withdrawn_radii: As `FingertipGoalShaper` takes them, shape (n,).
         azimuths: Of the fingertips about z, over the object at yaw 0 and at home, shape (n,).
 
     Raises:
@@ -49,6 +50,9 @@ class HandModel:
         frames = [f"{HAND}::{tip.frame}" for tip in description.fingertips]
         self.kinematics = HandKinematics(plant, frames)
         self.tip_radii: FloatArray = np.array([tip.radius for tip in description.fingertips])
+        self.withdrawn_radii: FloatArray = np.array(
+            [tip.withdrawn_radius for tip in description.fingertips]
+        )
         with _without_chatter():
             self.checker = SceneGraphCollisionChecker(
                 model=builder.Build(),

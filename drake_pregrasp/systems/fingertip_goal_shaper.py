@@ -100,6 +100,8 @@ class FingertipGoalShaper(LeafSystem):
         lead: How far ahead `tip_goals` are, in seconds: as long as what follows takes.
         speed: In m/s.
         standoff: In metres.
+        withdrawn_radii: How far from z of G each finger without an active contact waits, shape
+            (n,), in metres; where it is 0, and by default, as far as they all are at the start.
 
     Raises:
         InvalidArgumentError: If an argument is out of its range.
@@ -119,6 +121,7 @@ class FingertipGoalShaper(LeafSystem):
         lead: float = 0.0,
         speed: float = 0.3,
         standoff: float = 0.02,
+        withdrawn_radii: FloatArray | None = None,
     ) -> None:
         super().__init__()
         n = len(tip_frames)
@@ -136,7 +139,11 @@ class FingertipGoalShaper(LeafSystem):
         self._radius: FloatArray = np.broadcast_to(np.asarray(tip_radius, dtype=float), n)
         self._object = object_solid
         self._withdrawn_height = object_top + self._radius + _WITHDRAWN_CLEARANCE
-        self._withdrawn_radius = float(np.mean(np.linalg.norm(np.asarray(p_GT)[:, :2], axis=1)))
+        self._withdrawn_radii = np.full(n, np.mean(np.linalg.norm(np.asarray(p_GT)[:, :2], axis=1)))
+        if withdrawn_radii is not None:
+            self._withdrawn_radii = np.where(
+                withdrawn_radii, withdrawn_radii, self._withdrawn_radii
+            )
         self._fixed = tuple(fixed)
         self._lead, self._step, self._standoff = lead, speed * period, standoff
 
@@ -222,7 +229,7 @@ class FingertipGoalShaper(LeafSystem):
     def _withdrawn(self, p_GT: FloatArray) -> FloatArray:
         level = p_GT * [1.0, 1.0, 0.0]
         length = np.maximum(np.linalg.norm(level, axis=1, keepdims=True), self._radius[:, None])
-        raised: FloatArray = level * self._withdrawn_radius / length
+        raised: FloatArray = level * self._withdrawn_radii[:, None] / length
         raised[:, 2] = self._withdrawn_height
         return raised
 
