@@ -139,11 +139,9 @@ class FingertipGoalShaper(LeafSystem):
         self._radius: FloatArray = np.broadcast_to(np.asarray(tip_radius, dtype=float), n)
         self._object = object_solid
         self._withdrawn_height = object_top + self._radius + _WITHDRAWN_CLEARANCE
-        self._withdrawn_radii = np.full(n, np.mean(np.linalg.norm(np.asarray(p_GT)[:, :2], axis=1)))
-        if withdrawn_radii is not None:
-            self._withdrawn_radii = np.where(
-                withdrawn_radii, withdrawn_radii, self._withdrawn_radii
-            )
+        mean_radius = np.mean(np.linalg.norm(np.asarray(p_GT)[:, :2], axis=1))
+        asked = np.zeros(n) if withdrawn_radii is None else withdrawn_radii
+        self._withdrawn_radii = np.where(asked, asked, mean_radius)
         self._fixed = tuple(fixed)
         self._lead, self._step, self._standoff = lead, speed * period, standoff
 

@@ -67,6 +67,15 @@ def test_fingertips_keep_off_the_object_before_they_close(fast_run):
         assert np.max(np.abs(gaps[log["phase"] == GraspPhase.HOLD])) < 1e-3
 
 
+def test_two_fingers_and_the_thumb_lift_when_the_third_is_lost(allegro_panda, tmp_path):
+    lost = f"{{damage: [{{at: 2.0, contacts: [0]}}], {QUIET}, simulation_duration: 7.0}}"
+    result = run(load_scenario(NAME, text=lost), name="lost", out=tmp_path, recording=False)
+    grasp = result.summary["grasp"]
+    assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
+    assert grasp["lift_height_mm"] > 97
+    assert grasp["tip_forces"][0] < 0.1 < 1.0 < min(grasp["tip_forces"][1:])
+
+
 def test_torques_are_far_below_what_the_hand_can_do(allegro_panda):
     scenario = load_scenario(NAME, text=FAST % "sensor: {}")
     diagram = make_diagram(scenario, scenario.make_surface())
