@@ -106,7 +106,8 @@ def render_goals(
         )
     )
     middle = np.mean(surface.mesh.bounds, axis=0)
-    X_OK = _camera_pose(yaw, middle, 2.9 * float(np.linalg.norm(extents)) / 1.4)
+    view = np.array([0.85 * np.cos(yaw), 0.85 * np.sin(yaw), 0.53])
+    X_OK = camera_looking(middle + 2.9 * float(np.linalg.norm(extents)) / 1.4 * view, middle)
     image = query.RenderColorImage(camera, scene.world_frame_id(), X_OK)
     rgb: FloatArray = np.array(image.data[:, :, :3])
     return rgb
@@ -127,11 +128,9 @@ def _drawn_mesh(triangles: FloatArray, lift: float = 0.0) -> Mesh:
     return Mesh(mesh_data=InMemoryMesh(mesh_file=memory), scale=1.0)
 
 
-def _camera_pose(yaw: float, p_OT: FloatArray, distance: float) -> RigidTransform:
-    """Returns X_OK of a camera K (z forward, y down) that looks down at a target T."""
-    p_TK = distance * np.array([0.85 * np.cos(yaw), 0.85 * np.sin(yaw), 0.53])
-    z = -p_TK / np.linalg.norm(p_TK)
+def camera_looking(p_FK: FloatArray, p_FT: FloatArray) -> RigidTransform:
+    """Returns X_FK of a camera K (z forward, y down, level) that looks at a target T."""
+    z = (p_FT - p_FK) / np.linalg.norm(p_FT - p_FK)
     x = np.cross(z, [0.0, 0.0, 1.0])
     x /= np.linalg.norm(x)
-    R_OK = RotationMatrix(np.column_stack([x, np.cross(z, x), z]))
-    return RigidTransform(R_OK, p_OT + p_TK)
+    return RigidTransform(RotationMatrix(np.column_stack([x, np.cross(z, x), z])), p_FK)
