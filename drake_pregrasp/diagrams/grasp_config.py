@@ -30,6 +30,9 @@ class GraspConfig:
         default_factory=list, metadata={"at_least": -100, "at_most": 100}
     )
 
+    # Whether the planner keeps to what the fingers reach.
+    use_reach: bool = True
+
     # When the hand is asked to close, in seconds.
     close_at: float = field(default=4.0, metadata={"at_least": 0, "at_most": 1e6})
 

@@ -49,6 +49,7 @@ class HandController(Diagram):
         - f_T_W
         - X_WG
         - X_WH
+        - hold_contacts
         - grasp_report
 
     The ports are those of the systems inside, which document them. From the planner come
@@ -56,8 +57,9 @@ class HandController(Diagram):
     optional; `close` is the command. From the hand's plant come `hand_state` and `net_actuation`,
     and back goes `desired_state` (`JointReference`). For those who watch there are `p_GT`
     (`FingertipGoalShaper`), `p_WT` and `f_T_W` (`FingertipSensor`), `X_WG` and `grasp_report`
-    (`GraspSequencer`), and for the planner, which then knows what fingers reach, `X_WH`
-    (`CarrierPosture` or `ArmPosture`).
+    (`GraspSequencer`). For the planner there are `X_WH` (`CarrierPosture` or `ArmPosture`), with
+    which it knows what fingers reach, and `hold_contacts` (`GraspSequencer`), with which it rests
+    while the hand grasps.
 
     Goals are carried ahead by the control period, in which the reference gets there, and by the
     plant's time step, at whose start it samples desired states.
@@ -130,7 +132,7 @@ class HandController(Diagram):
             builder,
             hand,
             shaper.GetOutputPort("tip_goals"),
-            initial=self.initial,
+            p_WG=X_WG.translation(),
             yaw=yaw,
             yaw_range=config.yaw_range,
             lead=config.period + plant_time_step,
@@ -196,6 +198,7 @@ class HandController(Diagram):
             (sensor, "f_T_W"),
             (sequencer, "X_WG"),
             (posture, "X_WH"),
+            (sequencer, "hold_contacts"),
             (sequencer, "grasp_report"),
         ):
             builder.ExportOutput(system.GetOutputPort(name), name)

@@ -13,7 +13,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.planning import RobotDiagramBuilder, SceneGraphCollisionChecker
 
 from drake_pregrasp.diagrams.hand_description import Carrier, HandDescription
-from drake_pregrasp.diagrams.palm_base import make_base
+from drake_pregrasp.diagrams.palm_base import PalmArm, make_base
 from drake_pregrasp.diagrams.reach_config import SectorReach
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
@@ -126,6 +126,13 @@ class HandModel:
             InvalidArgumentError: If an arm can't bring the palm there.
         """
         return self.base.posed(self._fingers_home, p_WO, yaw)
+
+    @property
+    def relaxed(self) -> FloatArray:
+        """Positions that joints of an arm and of fingers are drawn to, shape (nq,)."""
+        if isinstance(self.base, PalmArm):
+            return self.base.with_home(self._fingers_home)
+        return self._fingers_home
 
     def tips_at(self, q: FloatArray) -> FloatArray:
         """Returns the fingertips' centres in W at positions q, shape (n, 3), in metres."""

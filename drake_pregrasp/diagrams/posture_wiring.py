@@ -11,8 +11,6 @@ from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.systems.arm_posture import ArmPosture
 from drake_pregrasp.systems.carrier_posture import CarrierPosture
 
-_ORIENTATION_ONLY = np.array([1.0, 1.0, 1.0, 0.0, 0.0, 0.0])
-
 
 @dataclass(frozen=True)
 class AddedPosture:
@@ -35,7 +33,7 @@ def add_posture(
     hand: HandModel,
     tip_goals: OutputPort,
     *,
-    initial: FloatArray,
+    p_WG: FloatArray,
     yaw: float,
     yaw_range: tuple[float, float],
     lead: float,
@@ -48,7 +46,7 @@ def add_posture(
         builder: Where to add it.
         hand: The hand.
         tip_goals: Of `FingertipGoalShaper`.
-        initial: All joints' positions at the start, shape (nq,).
+        p_WG: Where the goals' frame G is at the start, shape (3,), in metres.
         yaw: Of the palm at the start, in radians.
         yaw_range: Least and largest angle of the palm, in radians.
         lead: For when the goals are, in seconds after the Context's time.
@@ -74,20 +72,18 @@ def add_posture(
     held = builder.AddNamedSystem(
         "arm_posture",
         ArmPosture(
-            hand=hand.kinematics,
-            arm=base.kinematics,
+            tip_frames=hand.kinematics.tip_frames,
             palm_frame=base.palm_frame,
             finger_azimuths=hand.azimuths,
             X_GP=base.X_GP,
-            home=base.with_home(initial),
-            initial=initial,
+            home=hand.relaxed,
+            p_WG=p_WG,
             yaw=yaw,
             lead=lead,
-            gain=gain,
             period=period,
             yaw_range=yaw_range,
         ),
     )
     builder.Connect(tip_goals, held.GetInputPort("tip_goals"))
-    masks = {base.palm_frame: _ORIENTATION_ONLY}
+    masks = {base.palm_frame: np.ones(6)}
     return AddedPosture(held, held.GetOutputPort("goals"), masks)

@@ -142,6 +142,7 @@ class PregraspPlanner(Diagram):
         - contact_weights
         - obstacles
         - X_WH
+        - hold_contacts
         output_ports:
         - p_WC
         - contact_status
@@ -155,10 +156,10 @@ class PregraspPlanner(Diagram):
 
     The ports are those of the systems inside, which document them: `X_WO_measured`,
     `X_WO_estimated`, `V_WO_estimated` and `p_WO_covariance` of `PoseEstimator`; `contact_weights`,
-    `obstacles`, `X_WH` (all optional) and `safe_regions` of `SafeRegionPartitioner`; `p_WC`,
-    `contact_status`, `contact_causes`, `fingertip_targets` and `p_WC_previous` of
-    `CentroidSelector`. A hand whose pose at `X_WH` follows the goals has to follow
-    `p_WC_previous`: the others depend on `X_WH`.
+    `obstacles`, `X_WH` (all optional) and `safe_regions` of `SafeRegionPartitioner`;
+    `hold_contacts` (optional), `p_WC`, `contact_status`, `contact_causes`, `fingertip_targets` and
+    `p_WC_previous` of `CentroidSelector`. A hand whose pose at `X_WH` follows the goals has to
+    follow `p_WC_previous`: the others depend on `X_WH`.
 
     Args:
         config: Planning rate and settings.
@@ -234,6 +235,7 @@ class PregraspPlanner(Diagram):
         builder.ExportInput(estimator.GetInputPort("X_WO_measured"), "X_WO_measured")
         for name in ("contact_weights", "obstacles", "X_WH"):
             builder.ExportInput(partitioner.GetInputPort(name), name)
+        builder.ExportInput(selector.GetInputPort("hold_contacts"), "hold_contacts")
         for name in ("p_WC", "contact_status", "fingertip_targets"):
             builder.ExportOutput(selector.GetOutputPort(name), name)
         for name in ("X_WO_estimated", "V_WO_estimated", "p_WO_covariance"):

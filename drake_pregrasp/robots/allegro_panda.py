@@ -15,7 +15,7 @@ from drake_pregrasp.robots.urdf_mending import (
     drop_from,
     drop_ignored,
     mend_inertias,
-    set_friction,
+    set_contact,
     weld,
 )
 
@@ -33,14 +33,16 @@ _PALM_RPY = (math.pi, -math.pi / 2, 0.0)
 # Stiff where the arm is long, and with rotors, as the real ones have behind their gears. Each
 # prefix is that of some joints' names.
 _DRIVES = {
-    **dict.fromkeys([f"panda_joint{i}" for i in range(1, 5)], Drive(3000.0, 300.0, 0.1)),
-    **dict.fromkeys([f"panda_joint{i}" for i in range(5, 7)], Drive(1500.0, 100.0, 0.1)),
-    "panda_joint7": Drive(1000.0, 60.0, 0.1),
+    **dict.fromkeys([f"panda_joint{i}" for i in range(1, 5)], Drive(9000.0, 600.0, 0.1)),
+    **dict.fromkeys([f"panda_joint{i}" for i in range(5, 7)], Drive(4500.0, 200.0, 0.1)),
+    "panda_joint7": Drive(3000.0, 120.0, 0.1),
     # The model allows 15 N m; the hand's maker says 0.9.
-    "joint_": Drive(4.0, 0.12, 5e-4, effort=0.9),
+    **dict.fromkeys([f"joint_{i}.0" for i in range(12)], Drive(4.0, 0.12, 5e-4, effort=0.9)),
+    **dict.fromkeys([f"joint_{i}.0" for i in range(12, 16)], Drive(1.5, 0.05, 5e-4, effort=0.9)),
 }
 
 _FRICTION = 0.7  # Of rubber on most things.
+_STIFFNESS = 1e4  # Of rubber tips, in N/m: contacts that were harder would come and go.
 
 
 def write_allegro_panda(
@@ -66,7 +68,7 @@ def write_allegro_panda(
     mend_inertias(robot)
     for prefix, drive in _DRIVES.items():
         drive_joints(robot, drive, prefix=prefix)
-    set_friction(robot, _FRICTION)
+    set_contact(robot, _FRICTION, _STIFFNESS)
     convert_meshes(robot, data.find, folder, on_progress)
     path = folder / "allegro_panda.urdf"
     _write(robot, path)

@@ -125,9 +125,10 @@ def drive_joints(robot: Element, drive: Drive, *, prefix: str) -> None:
         SubElement(actuator, f"{{{DRAKE}}}controller_gains", gains)
 
 
-def set_friction(robot: Element, coefficient: float) -> None:
-    """Gives all collision shapes Coulomb's coefficient."""
+def set_contact(robot: Element, coefficient: float, stiffness: float) -> None:
+    """Gives collision shapes Coulomb's coefficient, and a stiffness in N/m for point contact."""
     for collision in robot.iterfind("link/collision"):
         properties = SubElement(collision, f"{{{DRAKE}}}proximity_properties")
         SubElement(properties, f"{{{DRAKE}}}mu_static", value=f"{coefficient:g}")
         SubElement(properties, f"{{{DRAKE}}}mu_dynamic", value=f"{coefficient:g}")
+        SubElement(properties, f"{{{DRAKE}}}point_contact_stiffness", value=f"{stiffness:g}")

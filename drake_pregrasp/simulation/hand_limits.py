@@ -40,6 +40,8 @@ def hand_planner(scenario: Scenario) -> PlannerConfig:
     if not scenario.grasp.has_hand:
         return config
     own, none = config.limits, LimitsConfig()
-    limits = hand_limits(load_hand(scenario.grasp.hand), scenario.grasp)
+    limits = hand_limits(
+        load_hand(scenario.grasp.hand), scenario.grasp, reach=scenario.grasp.use_reach
+    )
     said = {name: value for name, value in vars(own).items() if value != getattr(none, name)}
     return replace(config, limits=replace(limits, **said))

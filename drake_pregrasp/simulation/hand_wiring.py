@@ -104,6 +104,9 @@ def connect_hand(
     controller = hand.controller
     for name in ("fingertip_targets", "contact_status", "X_WO_estimated", "V_WO_estimated"):
         builder.Connect(planner.GetOutputPort(name), controller.GetInputPort(name))
+    builder.Connect(
+        controller.GetOutputPort("hold_contacts"), planner.GetInputPort("hold_contacts")
+    )
     command = builder.AddNamedSystem("close_command", _step_at(scenario.grasp.close_at))
     builder.Connect(command.get_output_port(), controller.GetInputPort("close"))
     if sink is None:

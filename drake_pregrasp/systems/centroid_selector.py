@@ -40,6 +40,7 @@ class CentroidSelector(LeafSystem):
         - X_WO_estimated
         - p_WO_covariance
         - safe_regions
+        - hold_contacts
         output_ports:
         - p_WC
         - contact_status
@@ -52,6 +53,9 @@ class CentroidSelector(LeafSystem):
     Port `p_WO_covariance` accepts a vector of 9: the estimate's covariance in W, row-major, in m².
 
     Port `safe_regions` accepts the `SafeRegions` of the contacts at `p_WC_previous`.
+
+    Port `hold_contacts` (optional) accepts a number: above 0, goals stay where they are on the
+    object, and active or not, as while a hand closes on them.
 
     Port `p_WC` emits a vector of 3n: the contact goals in W, one after another, in metres. At a
     tick they are that tick's new goals, before and after the discrete update that stores them;
@@ -173,6 +177,7 @@ class CentroidSelector(LeafSystem):
         self._safe_regions = self.DeclareAbstractInputPort(
             "safe_regions", AbstractValue.Make(object())
         )
+        self._hold = self.DeclareVectorInputPort("hold_contacts", 1)
         self._goals = self.DeclareCacheEntry(
             "contact goals at the Context's time",
             ValueProducer(
@@ -207,7 +212,8 @@ class CentroidSelector(LeafSystem):
         time = context.get_time()
         stored_time = context.get_discrete_state(self._time_index)[0]
         p_OC = self._stored_p_OC(context)
-        if not tick_is_due(time, stored_time, self._period):
+        held = self._hold.HasValue(context) and self._hold.Eval(context)[0] > 0
+        if held or not tick_is_due(time, stored_time, self._period):
             status = context.get_discrete_state(self._status_index).value()
             causes = context.get_discrete_state(self._causes_index).value()
             output.set_value(ContactGoals(p_OC, status, causes))

@@ -5,10 +5,9 @@ from itertools import combinations
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlantConfig
 
-from drake_pregrasp import Box, Conveyor, HandModelConfig, HandStation
+from drake_pregrasp import Box, Conveyor, HandStation, load_hand
 
-TIPS = [f"finger_{i}_tip" for i in range(5)]
-HAND = HandModelConfig(file="package://drake_pregrasp/five_finger_hand.sdf", fingertips=TIPS)
+HAND = load_hand("package://drake_pregrasp/five_finger_hand.yaml")
 
 
 def test_the_box_stands_on_its_feet_and_only_tips_and_object_meet():

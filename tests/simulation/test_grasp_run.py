@@ -147,9 +147,12 @@ def test_nothing_is_printed(tmp_path, capfd):
         ),
         ("{motion: !Push {}}", r"motion: a hand takes what is on a !Conveyor only"),
         ("{planner: {estimator: {lookahead: 0.1}}}", r"lookahead: 0.1 must be 0 for a hand"),
-        ("{ring_contacts: 4}", r"grasp.hand.fingertips: 5 frames must be 4, one a contact"),
-        ("{grasp: {hand: {fingertips: [a, b, c, d, e]}}}", r"grasp.hand: hand has no frame a; the"),
-        ("{grasp: {hand: {file: nothing.sdf}}}", r"grasp.hand: .*nothing.sdf: there is no such"),
+        ("{ring_contacts: 4}", r"grasp.hand: 5 fingertips must be 4, one a contact"),
+        ("{grasp: {hand: nothing.yaml}}", r"grasp.hand: .*nothing.yaml: can't be read: No such"),
+        (
+            "{grasp: {hand: https://a.b/c.yaml}}",
+            r"grasp.hand: .*only package://drake_preg",
+        ),
         ("{grasp: {least_force: 20}}", r"grasp.least_force: 20.0 must be at most 12.0"),
         (
             "{object: {mass: 5}}",

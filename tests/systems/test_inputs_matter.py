@@ -18,12 +18,12 @@ from drake_pregrasp import (
     GraspQualityMonitor,
     GraspSequencer,
     HandModel,
-    HandModelConfig,
     JointReference,
     NoisyPoseSensor,
     PoseEstimator,
     SafeRegionPartitioner,
     box_surface,
+    load_hand,
     load_scenario,
 )
 from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
@@ -34,12 +34,7 @@ from drake_pregrasp.planning.safe_regions import SafeRegions, compute_safe_regio
 
 SURFACE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
 P_OC = load_scenario("a_base").initial_p_OC(SURFACE)
-HAND = HandModel(
-    HandModelConfig(
-        file="package://drake_pregrasp/five_finger_hand.sdf",
-        fingertips=[f"finger_{i}_tip" for i in range(5)],
-    )
-)
+HAND = HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
 FRAMES = HAND.kinematics.tip_frames
 V_A, V_B = SpatialVelocity.Zero(), SpatialVelocity(w=[0, 0, 0.5], v=[0.1, 0, 0])
 X_A = RigidTransform()
@@ -99,6 +94,7 @@ CASES = {
             "X_WO_estimated": (X_A, X_B, ["p_WC", "p_WC_previous"]),
             "p_WO_covariance": (1e-6 * np.eye(3).ravel(), 1e-2 * np.eye(3).ravel(), ["p_WC"]),
             "safe_regions": (regions(P_OC), regions(OTHER), ["p_WC"]),
+            "hold_contacts": ([0.0], [1.0], ["p_WC", "contact_status"]),
         },
     ),
     "fingertip_sensor": (

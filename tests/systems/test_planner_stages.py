@@ -115,6 +115,25 @@ def test_selector_starts_from_the_state_in_its_context(surface, p_OC):
     assert np.max(np.abs(system.GetOutputPort("p_WC").Eval(context) - in_world(moved))) < 1e-12
 
 
+def test_a_hand_that_closes_holds_goals_where_they_are_on_the_object(surface, p_OC):
+    system, context, _ = selector_and_context(surface, p_OC)
+    context.SetDiscreteState(system.EvalUniquePeriodicDiscreteUpdate(context))
+    stored = context.get_discrete_state(1).value().reshape(-1, 3)
+    status = system.GetOutputPort("contact_status").Eval(context).copy()
+    later = RigidTransform(RollPitchYaw(0.1, 0.2, -0.7), [0.3, 0.1, 0.0])
+    context.SetTime(PERIOD)
+    system.GetInputPort("X_WO_estimated").FixValue(context, later)
+    system.GetInputPort("p_WO_covariance").FixValue(context, np.diag([4e-3, 1e-4, 1e-3]).ravel())
+    moving = system.GetOutputPort("p_WC").Eval(context).copy()
+    system.GetInputPort("hold_contacts").FixValue(context, [1.0])
+    held = system.GetOutputPort("p_WC").Eval(context)
+    np.testing.assert_allclose(held.reshape(-1, 3), (later @ stored.T).T, atol=1e-12)
+    np.testing.assert_array_equal(system.GetOutputPort("contact_status").Eval(context), status)
+    system.GetInputPort("hold_contacts").FixValue(context, [0.0])
+    np.testing.assert_array_equal(system.GetOutputPort("p_WC").Eval(context), moving)
+    assert not np.allclose(held, moving)
+
+
 def test_held_contacts_on_forbidden_ground_are_inactive(surface, p_OC):
     p_OC = p_OC.copy()
     p_OC[0] = [0.0, 0.0, 0.05]

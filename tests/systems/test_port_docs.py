@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 import drake_pregrasp.diagrams
 import drake_pregrasp.systems
 from drake_pregrasp import ObjectPlant, PlannerConfig, PregraspPlanner
-from drake_pregrasp.diagrams.grasp_config import GraspConfig, HandModelConfig
+from drake_pregrasp.diagrams.grasp_config import GraspConfig
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import HandStation
@@ -29,6 +29,8 @@ from drake_pregrasp.planning.grasp_state import GraspSettings
 from drake_pregrasp.planning.pose_track import PoseTrack
 from drake_pregrasp.planning.solids import BallSolid
 from drake_pregrasp.planning.velocity_profile import VelocityProfile
+from drake_pregrasp.simulation.hand_file import load_hand
+from drake_pregrasp.systems.arm_posture import ArmPosture
 from drake_pregrasp.systems.body_pose import BodyPose
 from drake_pregrasp.systems.carrier_posture import CarrierPosture
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
@@ -62,12 +64,13 @@ def make_launch() -> Launch:
 
 
 FINGERTIPS = [f"finger_{i}_tip" for i in range(5)]
-HAND = HandModelConfig(file="package://drake_pregrasp/five_finger_hand.sdf", fingertips=FINGERTIPS)
+HAND_FILE = "package://drake_pregrasp/five_finger_hand.yaml"
+HAND = load_hand(HAND_FILE)
 
 
 def make_controller(p_OC: np.ndarray) -> HandController:
     return HandController(
-        GraspConfig(hand=HAND),
+        GraspConfig(hand=HAND_FILE),
         HandModel(HAND),
         object_solid=BallSolid(np.zeros(3), 0.05),
         object_top=0.05,
@@ -83,6 +86,17 @@ def make_controller(p_OC: np.ndarray) -> HandController:
 
 PLANT = MultibodyPlantConfig(time_step=0.0125, discrete_contact_approximation="sap")
 MAKERS = {
+    ArmPosture: lambda s, c: ArmPosture(
+        tip_frames=FINGERTIPS,
+        palm_frame="palm",
+        finger_azimuths=np.arange(5.0),
+        X_GP=RigidTransform(),
+        home=np.zeros(27),
+        p_WG=np.zeros(3),
+        yaw=0.0,
+        lead=0.03,
+        period=0.02,
+    ),
     BodyPose: lambda s, c: BodyPose(BodyIndex(1)),
     CarrierPosture: lambda s, c: CarrierPosture(
         tip_frames=FINGERTIPS,

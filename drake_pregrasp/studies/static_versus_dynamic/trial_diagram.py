@@ -169,6 +169,9 @@ def make_trial_diagram(
     builder.Connect(weights.get_output_port(), goals.GetInputPort("contact_weights"))
     builder.Connect(obstacles.get_output_port(), planner.GetInputPort("obstacles"))
     builder.Connect(obstacles.get_output_port(), controller.GetInputPort("obstacles"))
+    builder.Connect(
+        controller.GetOutputPort("hold_contacts"), planner.GetInputPort("hold_contacts")
+    )
     if config.limits.reach:
         builder.Connect(controller.GetOutputPort("X_WH"), planner.GetInputPort("X_WH"))
     builder.Connect(station.GetOutputPort("X_WO"), sensor.GetInputPort("X_WO"))
