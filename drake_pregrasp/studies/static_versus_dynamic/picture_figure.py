@@ -1,5 +1,6 @@
 """The picture grid of the headline condition: what the hand does under some of the arms."""
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -34,6 +35,7 @@ CLOSED_AT = 8.0
 """When the hand is told to close, in seconds: the last of the moments before it."""
 
 _MOMENTS = (0.5, 4.0, CLOSED_AT)  # In seconds, at ticks of the planner.
+_CHARACTERS_A_LINE = 34  # That fit below a picture.
 
 
 class _Sitting(NamedTuple):
@@ -66,7 +68,7 @@ def make_pictures(folder: Path, outcomes: Mapping[TrialJob, Outcome]) -> Path:
         ]
         usable = in_processes(_take, sittings)
         captions = [
-            [*(f"{k} of {FINGERS} fingers usable" for k in of_row), in_few_words(outcome)]
+            [*(f"{k} of {FINGERS} fingers usable" for k in of_row), _wrapped(in_few_words(outcome))]
             for of_row, outcome in zip(usable, outcomes.values(), strict=True)
         ]
         path = folder / PICTURES
@@ -77,7 +79,7 @@ def make_pictures(folder: Path, outcomes: Mapping[TrialJob, Outcome]) -> Path:
                 rows=[ARMS[job.arm].label for job in outcomes],
                 columns=[
                     *(f"t = {moment:g} s" for moment in _MOMENTS),
-                    f"end of the grasp closed at {CLOSED_AT:g} s",
+                    f"end of grasp closed at {CLOSED_AT:g} s",
                 ],
                 captions=captions,
             )
@@ -100,6 +102,10 @@ def _take(sitting: _Sitting) -> Sequence[int]:
         trial.grasp(CLOSED_AT)
         imsave(end, photograph(trial, marks=False))
     return usable
+
+
+def _wrapped(words: str) -> str:
+    return textwrap.fill(words, _CHARACTERS_A_LINE)
 
 
 def in_few_words(outcome: Outcome) -> str:

@@ -24,12 +24,12 @@ class Representative(NamedTuple):
     def in_words(self, time: float) -> str:
         """Returns the rule that it was chosen by, for a caption."""
         if self.typical == self.arms:
-            where = "every row"
+            where = "every row,"
         else:
             where = f"the most rows, {self.typical} of {self.arms},"
         return (
             f"Seed {self.seed} is the first of {self.seeds} for which, in {where} the grasp closed"
-            f" at {time:g} s is clean, or is not, as most grasps of the row's arm at that time."
+            f" at {time:g} s is clean, or is not, as most of that arm's grasps at that time."
         )
 
 
