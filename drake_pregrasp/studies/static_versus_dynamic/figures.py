@@ -35,7 +35,7 @@ _PICTURES_SAY = (
 _STRIPS_SAY = (
     "The same seed, {seed}. For each arm, while the hand follows: how many fingers are usable; how"
     " far a fingertip at a goal of the arm's plan, in contact or standing off, is from the wall,"
-    " with its inside shaded as far as {deepest:g} mm; and whether a grasp that closes then is clean,"
+    " with its inside shaded down to {deepest:g} mm; and whether a grasp that closes then is clean,"
     " tried every {step:g} s."
 )
 
