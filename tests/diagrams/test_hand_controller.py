@@ -29,18 +29,12 @@ def controller(config=None, **changes):
 
 
 def test_it_starts_over_the_object_turned_to_its_contacts():
-    turned = RING @ np.array(
-        [[np.cos(0.4), np.sin(0.4), 0], [-np.sin(0.4), np.cos(0.4), 0], [0, 0, 1]]
-    )
     for p_OC, yaw in ((RING, 0.0), (TURNED, 0.4)):
         np.testing.assert_allclose(controller(p_OC=p_OC).initial[3], yaw, atol=1e-4)
 
 
 def test_its_wrist_starts_within_its_range():
     config = GraspConfig(wrist_range=[-0.1, 0.2])
-    turned = RING @ np.array(
-        [[np.cos(0.4), np.sin(0.4), 0], [-np.sin(0.4), np.cos(0.4), 0], [0, 0, 1]]
-    )
     assert controller(config, p_OC=TURNED).initial[3] == pytest.approx(0.2)
 
 
