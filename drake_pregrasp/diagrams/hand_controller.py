@@ -10,6 +10,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from drake_pregrasp.diagrams.grasp_config import GraspConfig
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.posture_wiring import add_posture
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.assignment import mean_angle, turned_within
 from drake_pregrasp.planning.solids import Solid
@@ -103,6 +104,18 @@ class HandController(Diagram):
         plant_time_step: float,
     ) -> None:
         super().__init__()
+        n = len(hand.kinematics.tip_frames)
+        for name, value, shape in (("p_OC", p_OC, (n, 3)), ("p_OCoM", p_OCoM, (3,))):
+            if np.shape(value) != shape:
+                raise InvalidArgumentError(f"{name} must have shape {shape}, not {np.shape(value)}")
+        for name, amount in (("mass", mass), ("plant_time_step", plant_time_step)):
+            if not amount > 0:
+                raise InvalidArgumentError(f"{name} must be greater than 0, not {amount}")
+        if not config.touch_force < config.least_force:
+            raise InvalidArgumentError(
+                f"touch_force must be less than least_force, {config.least_force}, not"
+                f" {config.touch_force}"
+            )
         builder = DiagramBuilder()
         tip_frames = hand.kinematics.tip_frames
         settings = config.make_settings(hand.description.fingertips)
@@ -121,6 +134,7 @@ class HandController(Diagram):
                 object_top=object_top,
                 fixed=fixed,
                 p_GT=(X_WG.inverse() @ hand.tips_at(self.initial).T).T,
+                finger_azimuths=hand.azimuths,
                 period=config.period,
                 target_period=target_period,
                 lead=config.period + plant_time_step,
@@ -169,6 +183,7 @@ class HandController(Diagram):
             (sequencer, "hold_contacts", shaper, "hold_contacts"),
             (sequencer, "X_WG", posture, "X_WG"),
             (sequencer, "V_WG", posture, "V_WG"),
+            (posture, "X_WH", shaper, "X_WH"),
             (posture, "nominal_posture", kinematics, "nominal_posture"),
             (reference, "position", kinematics, "position"),
             (kinematics, "commanded_velocity", reference, "commanded_velocity"),

@@ -23,7 +23,8 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
     - `closing_motion_mm`, `squeeze_motion_mm`: how far the object's origin moved on the turntable
       while fingers closed until touch, and then while forces came up.
     - `lift_height_mm`: how far the object is above where it was before the lift, at the end.
-    - `slip_lift_mm`, `slip_hold_mm`: how far a fingertip moved over the object, at most.
+    - `slip_lift_mm`, `slip_hold_mm`: how far a fingertip that pressed when the lift began moved
+      over the object, at most.
     - `tip_forces`: what each finger presses with at the end, in newtons.
     - `gave_up`: why the hand opened again, or null.
     """
@@ -39,6 +40,9 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
     on_table = 1e3 * _seen_from(table_poses, object_poses[:, None, :3])
     on_object = 1e3 * _seen_from(object_poses, tips)
     lifted = np.flatnonzero(phase == GraspPhase.LIFT)
+    if len(lifted):
+        presses = np.linalg.norm(forces[lifted[0]], axis=1) >= scenario.grasp.touch_force / 2
+        on_object = on_object[:, presses]
     return {
         "phase": GraspPhase(int(phase[-1])).name.lower(),
         "gave_up": describe_give_up(int(reason[-1]), detail[-1]),

@@ -30,7 +30,7 @@ from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
-from drake_pregrasp.studies.rendered_goals import camera_looking
+from drake_pregrasp.studies.drawn_mesh import camera_pose
 from drake_pregrasp.systems.grasp_logger import GraspRecord
 
 ByteArray = NDArray[np.uint8]
@@ -118,7 +118,7 @@ def _look(station: HandStation, context: object, view: FloatArray) -> ByteArray:
             "vtk", CameraInfo(*_PIXELS, _FIELD), ClippingRange(0.05, 10.0), RigidTransform()
         )
     )
-    X_WK = camera_looking(target + view, target)
+    X_WK = camera_pose(target, view)
     image = query.RenderColorImage(camera, query.inspector().world_frame_id(), X_WK)
     return np.array(image.data[:, :, :3])
 

@@ -4,6 +4,7 @@ import contextlib
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from typing import TypeVar
@@ -48,9 +49,7 @@ def as_they_end(
     # Fresh processes: Drake's systems in Python outlive their diagram, and threads don't survive
     # a fork.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(
-        processes or os.cpu_count(), context, initializer=_ignore_interrupts
-    ) as pool:
+    with ProcessPoolExecutor(processes or os.cpu_count(), context, initializer=_prepare) as pool:
         indices = {pool.submit(function, job): index for index, job in enumerate(jobs)}
         try:
             for future in as_completed(indices):
@@ -60,6 +59,15 @@ def as_they_end(
             raise
 
 
-def _ignore_interrupts() -> None:
-    # They reach the parent, which then ends the rest in order.
+def _prepare() -> None:
+    # Interrupts reach the parent, which then ends the rest in order.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    # A parent that is killed can't end its processes, and they would wait for jobs for ever.
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

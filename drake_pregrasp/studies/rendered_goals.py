@@ -3,16 +3,13 @@
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.common import MemoryFile
 from pydrake.geometry import (
     Box,
     ClippingRange,
     ColorRenderCamera,
     GeometryInstance,
-    InMemoryMesh,
     LightParameter,
     MakeRenderEngineVtk,
-    Mesh,
     PerceptionProperties,
     RenderCameraCore,
     RenderEngineVtkParams,
@@ -26,9 +23,9 @@ from pydrake.systems.sensors import CameraInfo
 
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
 from drake_pregrasp.planning.safe_regions import NO_REGION
-from drake_pregrasp.planning.sampling import unit_normals
 from drake_pregrasp.planning.solids import BallSolid, BoxSolid, Solid
 from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.studies.drawn_mesh import camera_pose, drawn_mesh
 from drake_pregrasp.systems.palette import NO_REGION_COLOR, contact_color, tint
 
 _BACKGROUND = [1.0, 1.0, 1.0]
@@ -78,12 +75,12 @@ def render_goals(
         scene.RegisterAnchoredGeometry(source, instance)
 
     extents = surface.mesh.extents
-    add(RigidTransform(), _drawn_mesh(surface.mesh.triangles), _OBJECT_COLOR, "object")
+    add(RigidTransform(), drawn_mesh(surface.mesh.triangles), _OBJECT_COLOR, "object")
     owners = np.repeat(labels, np.diff(surface.patch_starts))
     for label in np.unique(labels).tolist():
         color = NO_REGION_COLOR if label == NO_REGION else tint(contact_color(label), 0.3)
         region = surface.patches[owners == label]
-        add(RigidTransform(), _drawn_mesh(region, lift=_LIFT), color, f"region_{label}")
+        add(RigidTransform(), drawn_mesh(region, lift=_LIFT), color, f"region_{label}")
     radius = _MARKER_SHARE * float(np.cbrt(np.prod(extents)))
     # Outside the surface, as a fingertip would be: a thin wall must not show it on both sides.
     centres = p_OC + radius * surface.project(p_OC)[1]
@@ -106,31 +103,8 @@ def render_goals(
         )
     )
     middle = np.mean(surface.mesh.bounds, axis=0)
-    view = np.array([0.85 * np.cos(yaw), 0.85 * np.sin(yaw), 0.53])
-    X_OK = camera_looking(middle + 2.9 * float(np.linalg.norm(extents)) / 1.4 * view, middle)
+    distance = 2.9 * float(np.linalg.norm(extents)) / 1.4
+    X_OK = camera_pose(middle, distance * np.array([0.85 * np.cos(yaw), 0.85 * np.sin(yaw), 0.53]))
     image = query.RenderColorImage(camera, scene.world_frame_id(), X_OK)
     rgb: FloatArray = np.array(image.data[:, :, :3])
     return rgb
-
-
-def _drawn_mesh(triangles: FloatArray, lift: float = 0.0) -> Mesh:
-    """Returns triangles, shape (k, 3, 3), lifted off the surface, as a mesh with flat normals."""
-    normals = unit_normals(triangles)
-    corners = (triangles + lift * normals[:, None]).reshape(-1, 3)
-    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in corners.tolist()]
-    lines += [f"vn {x:.6f} {y:.6f} {z:.6f}" for x, y, z in normals.tolist()]
-    lines += [
-        f"f {3 * k + 1}//{k + 1} {3 * k + 2}//{k + 1} {3 * k + 3}//{k + 1}"
-        for k in range(len(normals))
-    ]
-    text = ("\n".join(lines) + "\n").encode()
-    memory = MemoryFile(text, ".obj", "drawn.obj")
-    return Mesh(mesh_data=InMemoryMesh(mesh_file=memory), scale=1.0)
-
-
-def camera_looking(p_FK: FloatArray, p_FT: FloatArray) -> RigidTransform:
-    """Returns X_FK of a camera K (z forward, y down, level) that looks at a target T."""
-    z = (p_FT - p_FK) / np.linalg.norm(p_FT - p_FK)
-    x = np.cross(z, [0.0, 0.0, 1.0])
-    x /= np.linalg.norm(x)
-    return RigidTransform(RotationMatrix(np.column_stack([x, np.cross(z, x), z])), p_FK)

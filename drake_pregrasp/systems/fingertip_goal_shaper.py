@@ -45,6 +45,7 @@ class FingertipGoalShaper(LeafSystem):
         - standoffs
         - hold_contacts
         - obstacles
+        - X_WH
         output_ports:
         - tip_goals
         - contact_frames
@@ -71,6 +72,9 @@ class FingertipGoalShaper(LeafSystem):
 
     Port `obstacles` (optional) accepts `Obstacles` in W, of which solids are heeded.
 
+    Port `X_WH` (optional) accepts a `RigidTransform`: the hand's frame H. Fingers without an active
+    contact wait at their own azimuths in it; without it, where they are.
+
     Port `tip_goals` emits a `BusValue`: for each name of `tip_frames` a `RigidTransform` in W with
     the goal of the tip's centre, where it will be `lead` after the Context's time; its orientation
     is W's. It plugs into `desired_cartesian_poses` of `DifferentialInverseKinematicsSystem`, with
@@ -94,6 +98,7 @@ class FingertipGoalShaper(LeafSystem):
         object_top: How high it reaches over O, in metres.
         fixed: Solids in W to keep out of, as the table.
         p_GT: Where the tips' centres are at the start, in G, shape (n, 3), in metres.
+        finger_azimuths: Of the fingers about z of H, shape (n,), in radians.
         period: Seconds between ticks, greater than zero.
         target_period: Seconds between looks at `fingertip_targets`: that of the planner, between
             whose ticks they don't change in O.
@@ -116,6 +121,7 @@ class FingertipGoalShaper(LeafSystem):
         object_top: float,
         fixed: Sequence[Solid],
         p_GT: FloatArray,
+        finger_azimuths: FloatArray,
         period: float,
         target_period: float,
         lead: float = 0.0,
@@ -138,6 +144,9 @@ class FingertipGoalShaper(LeafSystem):
         self._tip_frames = list(tip_frames)
         self._radius: FloatArray = np.broadcast_to(np.asarray(tip_radius, dtype=float), n)
         self._object = object_solid
+        self._ways_out = np.stack(
+            [np.cos(finger_azimuths), np.sin(finger_azimuths), np.zeros(n)], axis=1
+        )
         self._withdrawn_height = object_top + self._radius + _WITHDRAWN_CLEARANCE
         mean_radius = np.mean(np.linalg.norm(np.asarray(p_GT)[:, :2], axis=1))
         asked = np.zeros(n) if withdrawn_radii is None else withdrawn_radii
@@ -148,7 +157,8 @@ class FingertipGoalShaper(LeafSystem):
         self._tips = self.DeclareDiscreteState(np.array(p_GT, dtype=float).ravel())
         # Before the first tick there is no contact: tips stay, and nothing is held.
         outward = np.asarray(p_GT) * [1.0, 1.0, 0.0]
-        normals = outward / np.linalg.norm(outward, axis=1, keepdims=True)
+        length = np.linalg.norm(outward, axis=1, keepdims=True)
+        normals = np.where(length > 0, outward / np.where(length > 0, length, 1), self._ways_out)
         contacts = np.asarray(p_GT) - (self._radius + standoff)[:, None] * normals
         frames = np.concatenate([contacts, normals]).ravel()
         self._asked = self.DeclareDiscreteState(frames)
@@ -165,6 +175,7 @@ class FingertipGoalShaper(LeafSystem):
         self._obstacles = self.DeclareAbstractInputPort(
             "obstacles", AbstractValue.Make(Obstacles())
         )
+        self._X_WH = self.DeclareAbstractInputPort("X_WH", pose)
         self.DeclareAbstractOutputPort(
             "tip_goals",
             lambda: AbstractValue.Make(BusValue()),
@@ -194,7 +205,7 @@ class FingertipGoalShaper(LeafSystem):
         goal = np.where(
             active[:, None],
             p_OC + (self._radius + standoffs)[:, None] * nhat,
-            self._withdrawn(p_GT),
+            self._withdrawn(context, p_GT),
         )
         room = self._room(context, np.where(active, standoffs, MOVING_CLEARANCE))
         if not held:
@@ -224,8 +235,11 @@ class FingertipGoalShaper(LeafSystem):
                 nhat[finger] = -X_OC.rotation().matrix()[:, 2]
         discrete_state.set_value(self._asked, asked)
 
-    def _withdrawn(self, p_GT: FloatArray) -> FloatArray:
+    def _withdrawn(self, context: Context, p_GT: FloatArray) -> FloatArray:
         level = p_GT * [1.0, 1.0, 0.0]
+        if self._X_WH.HasValue(context):
+            R_GW = self._X_WG.Eval(context).rotation().inverse()
+            level = self._ways_out @ (R_GW @ self._X_WH.Eval(context).rotation()).matrix().T
         length = np.maximum(np.linalg.norm(level, axis=1, keepdims=True), self._radius[:, None])
         raised: FloatArray = level * self._withdrawn_radii[:, None] / length
         raised[:, 2] = self._withdrawn_height

@@ -4,12 +4,14 @@ import math
 import os
 import time
 import zlib
+from pathlib import Path
 
 import numpy as np
 
 from drake_pregrasp import ScenarioError
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.outcome import Outcome, TrialJob
+from drake_pregrasp.studies.static_versus_dynamic.strip_charts import Strip
 
 SKILL = {
     "nominal": (0.3, 0.9, 0.98, 0.97, 0.97, 0.98, 0.98),
@@ -66,6 +68,8 @@ def failing_trial(job: TrialJob) -> list[Outcome]:
         raise ScenarioError("somewhere", "key", "doesn't fit,\nnot at all")
     if (job.arm, job.seed) == ("still", 0):
         return made_up_trial(job)[:-1]
+    if (job.arm, job.seed) == ("dynamic_reach", 1):
+        return None
     return made_up_trial(job)
 
 
@@ -80,6 +84,15 @@ def dying_trial(job: TrialJob) -> list[Outcome]:
     if job.seed == 1:
         os._exit(7)
     return made_up_trial(job)
+
+
+def made_up_strip(folder: Path, job: TrialJob) -> Strip:
+    """Returns a strip that follows from the job alone, and leaves a file that says so."""
+    (folder / f"{job.arm}_{job.seed}").touch(exist_ok=False)
+    rng = np.random.default_rng(zlib.crc32(repr(tuple(job)).encode()))
+    clearance = np.where(np.arange(4) == 2, np.nan, rng.normal(size=4))
+    closings = [(0.5, True), (1.0, bool(rng.integers(2)))]
+    return Strip(job.arm, rng.uniform(size=4), np.arange(4.0), clearance, closings)
 
 
 def main() -> None:

@@ -1,5 +1,6 @@
 """A study's outcomes survive whatever ends it, and the same study leaves the same bytes."""
 
+import contextlib
 import dataclasses
 import math
 import os
@@ -162,7 +163,11 @@ def test_files_of_something_else_are_refused(tmp_path, file, text, problem):
 def test_trials_that_fail_do_not_stop_the_others_and_are_tried_again(tmp_path):
     failures, _ = run(tmp_path, trial=failing_trial, processes=2)
     assert failures == read_failures(tmp_path / "failed.csv")
-    assert {(job.arm, job.seed) for job in failures} == {("frozen", 0), ("still", 0)}
+    assert {(job.arm, job.seed) for job in failures} == {
+        ("frozen", 0),
+        ("still", 0),
+        ("dynamic_reach", 1),
+    }
     assert (
         "ScenarioError: somewhere: key: doesn't fit, not at all (made_up_trials.py:"
         in (failures[TrialJob("nominal", "frozen", 0)])
@@ -174,7 +179,7 @@ def test_trials_that_fail_do_not_stop_the_others_and_are_tried_again(tmp_path):
     with OutcomeStore(tmp_path, SETTINGS, TIMES) as store:
         assert {job for job in JOBS if job not in store} == set(failures)
     left, _ = run(tmp_path, [job for job in JOBS if job.arm == "frozen"])
-    assert left == {job: why for job, why in failures.items() if job.arm == "still"}
+    assert left == {job: why for job, why in failures.items() if job.arm != "frozen"}
     cured, after = run(tmp_path)
     assert cured == {}
     assert not (tmp_path / "failed.csv").exists()
@@ -188,16 +193,30 @@ def test_a_process_that_dies_is_said_to_have(tmp_path):
         assert [job for job in JOBS if job in store] == [job for job in JOBS if job.seed == 0]
 
 
-def test_an_interrupted_study_keeps_what_is_done_and_says_how_to_go_on(tmp_path):
+@contextlib.contextmanager
+def start_slow_study(out):
+    """Starts a study in a process of its own, and waits for its first outcomes."""
     command = [sys.executable, str(Path(__file__).with_name("made_up_trials.py")), "--seeds", "4"]
-    command += ["--out", str(tmp_path), "--conditions", "nominal", "--processes", "1"]
+    command += ["--out", str(out), "--conditions", "nominal", "--processes", "1"]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
-    path = tmp_path / "static-versus-dynamic" / OUTCOMES
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     with subprocess.Popen(command, env=environment, **pipes) as process:
         deadline = time.monotonic() + 60
-        while time.monotonic() < deadline and not holds_a_row(path):
+        while time.monotonic() < deadline and not holds_a_row(study_rows(out)):
             time.sleep(0.02)
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def study_rows(out: Path) -> Path:
+    return out / "static-versus-dynamic" / OUTCOMES
+
+
+def test_an_interrupted_study_keeps_what_is_done_and_says_how_to_go_on(tmp_path):
+    path = study_rows(tmp_path)
+    with start_slow_study(tmp_path) as process:
         process.send_signal(signal.SIGINT)
         output, errors = process.communicate(timeout=60)
     assert process.returncode == 130
@@ -235,3 +254,24 @@ def test_each_bound_of_a_clean_grasp_counts():
     }.items():
         assert not dataclasses.replace(good, **{name: value}).clean, name
     assert not dataclasses.replace(good, slip_mm=MAX_SLIP_MM).clean
+
+
+def test_processes_end_with_a_study_that_is_killed(tmp_path):
+    with start_slow_study(tmp_path) as process:
+        children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+        if not children.exists():
+            pytest.skip("children of a process are not listed here")
+        workers = [Path("/proc") / child for child in children.read_text().split()]
+        assert workers
+        process.kill()
+    deadline = time.monotonic() + 20
+    while time.monotonic() < deadline and any(is_running(worker) for worker in workers):
+        time.sleep(0.02)
+    assert not any(is_running(worker) for worker in workers)
+
+
+def is_running(process: Path) -> bool:
+    try:
+        return " Z " not in (process / "stat").read_text()
+    except OSError:
+        return False

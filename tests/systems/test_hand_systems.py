@@ -12,7 +12,7 @@ from pydrake.systems.framework import BusValue
 
 from drake_pregrasp import BallSolid, BoxSolid, HalfSpace, InvalidArgumentError, Obstacles
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.planning.assignment import FREE_TURN
+from drake_pregrasp.planning.assignment import FREE_TURN, wrapped
 from drake_pregrasp.planning.contact_status import ContactStatus
 from drake_pregrasp.planning.grasp_state import GraspSettings
 from drake_pregrasp.simulation.hand_file import load_hand
@@ -211,6 +211,7 @@ class Shaper:
             object_top=0.05,
             fixed=[HalfSpace(np.array([0, 0, -0.05]), np.array([0, 0, 1.0]))],
             p_GT=1.2 * RING,
+            finger_azimuths=AROUND,
             period=PERIOD,
             target_period=0.05,
             **more,
@@ -283,6 +284,38 @@ def test_fingers_without_a_contact_wait_above():
     goals = shaper.goals(2.0)
     assert goals[4, 2] >= 0.05 + RADIUS + 0.02 - 1e-9
     np.testing.assert_allclose(goals[:4], (POINTS + 0.029 * NORMALS)[:4], atol=1e-9)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, -2.0])
+def test_fingers_without_a_contact_wait_at_their_own_azimuths_in_the_hand(yaw):
+    shaper = Shaper(CONTACTS)
+    shaper.set("contact_status", np.full(5, float(ContactStatus.OUT_OF_REACH)))
+    X_WG = RigidTransform(RotationMatrix.MakeZRotation(1.1), [0.2, 0.1, 0.3])
+    shaper.set("X_WG", X_WG)
+    shaper.set("X_WH", RigidTransform(RotationMatrix.MakeZRotation(yaw), [0.2, 0.1, 0.05]))
+    goals = shaper.goals(3.0)
+    away = goals - X_WG.translation()
+    azimuths = np.arctan2(away[:, 1], away[:, 0])
+    np.testing.assert_allclose(wrapped(azimuths - AROUND - yaw), 0, atol=1e-6)
+    np.testing.assert_allclose(away[:, 2], 0.05 + RADIUS + 0.02, atol=1e-9)
+
+
+def test_a_tip_on_the_axis_has_a_way_out():
+    p_GT = 1.2 * RING
+    p_GT[2] = [0.0, 0.0, 0.2]
+    system = FingertipGoalShaper(
+        tip_frames=FRAMES,
+        tip_radius=RADIUS,
+        object_solid=BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)),
+        object_top=0.05,
+        fixed=[],
+        p_GT=p_GT,
+        finger_azimuths=AROUND,
+        period=PERIOD,
+        target_period=0.05,
+    )
+    frames = system.GetOutputPort("contact_frames").Eval(system.CreateDefaultContext())
+    np.testing.assert_allclose(frames.reshape(2, 5, 3)[1, 2], RING[2] / 0.079, atol=1e-12)
 
 
 def test_a_contact_too_low_for_a_tip_is_shifted_up():

@@ -131,6 +131,7 @@ CASES = {
             object_top=0.05,
             fixed=[],
             p_GT=P_OC,
+            finger_azimuths=np.arange(5.0),
             period=0.02,
             target_period=0.05,
             lead=0.03,

@@ -115,6 +115,7 @@ MAKERS = {
         object_top=0.05,
         fixed=[],
         p_GT=1.5 * c,
+        finger_azimuths=np.arange(5.0),
         period=0.02,
         target_period=0.05,
     ),

@@ -28,12 +28,12 @@ SEEDS = 30
 FAILED_STATUS = 1
 INTERRUPTED_STATUS = 130
 
-_TRIAL = "drake_pregrasp.studies.static_versus_dynamic.trial"
+_SIMULATED = "drake_pregrasp.studies.static_versus_dynamic.simulated"
 
 
 def load_experiment() -> Experiment:
     """Returns the trials of the study, which most commands have no use for."""
-    experiment: Experiment = importlib.import_module(_TRIAL).EXPERIMENT
+    experiment: Experiment = importlib.import_module(_SIMULATED).EXPERIMENT
     return experiment
 
 

@@ -8,6 +8,9 @@ from typing import NamedTuple
 
 from drake_pregrasp.simulation.output import reading_back
 
+NONE = "–"
+"""What a cell says where there is no value."""
+
 
 class Cell(NamedTuple):
     """A cell of a table.

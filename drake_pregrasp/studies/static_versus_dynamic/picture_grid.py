@@ -11,6 +11,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.simulation.output import reading_back
 
 _INCHES_A_PICTURE = 3.0
+_INCHES_A_LINE = 0.27
 
 
 def plot_picture_grid(
@@ -46,11 +47,11 @@ def plot_picture_grid(
             with reading_back(file):
                 images.append(imread(file))
     height, width = images[0].shape[:2]
-    below = 0.3 if captions else 0.05
+    below = _INCHES_A_LINE * _lines(captions) if captions else 0.05
     figure = Figure(
         figsize=(
-            0.5 + _INCHES_A_PICTURE * len(columns),
-            0.4 + (_INCHES_A_PICTURE * height / width + below) * len(rows),
+            0.6 + _INCHES_A_PICTURE * len(columns),
+            0.3 + (_INCHES_A_PICTURE * height / width + below) * len(rows),
         ),
         layout="constrained",
     )
@@ -63,9 +64,13 @@ def plot_picture_grid(
         axis.set_yticks([])
         axis.spines[:].set_color("0.8")
         if row_index == 0:
-            axis.set_title(columns[column], fontsize=11, parse_math=False)
+            axis.set_title(columns[column], fontsize=12, parse_math=False)
         if column == 0:
-            axis.set_ylabel(rows[row_index], fontsize=11, parse_math=False)
+            axis.set_ylabel(rows[row_index], fontsize=12, parse_math=False)
         if captions:
-            axis.set_xlabel(captions[row_index][column], fontsize=9, parse_math=False)
+            axis.set_xlabel(captions[row_index][column], fontsize=11, parse_math=False)
     figure.savefig(path, dpi=130)
+
+
+def _lines(captions: Sequence[Sequence[str]]) -> int:
+    return max(len(text.splitlines()) for of_row in captions for text in of_row)

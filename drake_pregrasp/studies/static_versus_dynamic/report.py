@@ -18,14 +18,13 @@ from drake_pregrasp.studies.static_versus_dynamic.outcome import (
     Outcome,
     TrialJob,
 )
+from drake_pregrasp.studies.static_versus_dynamic.outcome_table import outcome_table, surrenders
 from drake_pregrasp.studies.static_versus_dynamic.report_style import STYLE
 from drake_pregrasp.studies.static_versus_dynamic.report_tables import (
     goal_table,
-    outcome_table,
     overview_table,
     paired_table,
     ranking_table,
-    surrenders,
 )
 from drake_pregrasp.studies.static_versus_dynamic.results import Results
 from drake_pregrasp.studies.static_versus_dynamic.settings_file import digest

@@ -84,6 +84,9 @@ def study_static_versus_dynamic(
         )
         made = sum(job in store for job in jobs)
         outcomes = store.outcomes
-    figures = experiment.make_figures(folder, outcomes)
-    write_report(folder / REPORT, outcomes, settings, failures=failures, figures=figures)
-    return StudyResult(folder / REPORT, len(jobs), made, len(failures))
+    # Without figures first: they take long, and the report must not be lost with them.
+    report = folder / REPORT
+    write_report(report, outcomes, settings, failures=failures)
+    if figures := experiment.make_figures(folder, outcomes):
+        write_report(report, outcomes, settings, failures=failures, figures=figures)
+    return StudyResult(report, len(jobs), made, len(failures))

@@ -1,5 +1,7 @@
 """One trial: a tracking run, and a grasp from it at each closing time."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
@@ -14,12 +16,10 @@ from drake_pregrasp.planning.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
-from drake_pregrasp.studies.static_versus_dynamic.experiment import Experiment
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalLook, grasp_outcome
 from drake_pregrasp.studies.static_versus_dynamic.outcome import Outcome, TrialJob
 from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, SCENES, SPACING, Scene
 from drake_pregrasp.studies.static_versus_dynamic.start import Start, random_start
-from drake_pregrasp.studies.static_versus_dynamic.study_settings import study_settings
 from drake_pregrasp.studies.static_versus_dynamic.trial_diagram import (
     TrialDiagram,
     make_trial_diagram,
@@ -35,10 +35,6 @@ def run_trial(job: TrialJob) -> list[Outcome]:
     """Makes a trial; returns an outcome for each closing time of its condition."""
     with without_solver_chatter():
         return Trial(job).outcomes()
-
-
-EXPERIMENT = Experiment(run_trial, settings=study_settings())
-"""The trials as the study's command runs them."""
 
 
 class Trial:
@@ -66,10 +62,17 @@ class Trial:
         self.parts.diagram.GetInputPort("close").FixValue(self.context, [0.0])
         self._misplace()
 
-    def outcomes(self) -> list[Outcome]:
-        """Tracks the object, and grasps it at each closing time."""
+    def outcomes(self, closing_times: Sequence[float] | None = None) -> list[Outcome]:
+        """Tracks the object, and grasps it at each closing time.
+
+        Args:
+            closing_times: In seconds, in their order, at ticks of the planner; those of the
+                condition if not set.
+        """
         outcomes = []
-        for close_at in CONDITIONS[self.job.condition].closing_times:
+        if closing_times is None:
+            closing_times = CONDITIONS[self.job.condition].closing_times
+        for close_at in closing_times:
             self.track(close_at)
             saved, tracked = self.context.Clone(), len(self.records)
             self.grasp(close_at)

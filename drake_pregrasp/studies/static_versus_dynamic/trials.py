@@ -76,7 +76,7 @@ def run_missing(
 def _attempt(run_trial: Callable[[TrialJob], list[Outcome]], job: TrialJob) -> list[Outcome] | str:
     """Returns the outcomes or, because not all errors get from process to process, the words."""
     try:
-        return run_trial(job)
+        return list(run_trial(job))
     except Exception as error:
         return in_words(error)
 
