@@ -76,15 +76,22 @@ def test_two_fingers_and_the_thumb_lift_when_the_third_is_lost(allegro_panda, tm
     assert grasp["tip_forces"][0] < 0.1 < 1.0 < min(grasp["tip_forces"][1:])
 
 
-def test_torques_are_far_below_what_the_hand_can_do(allegro_panda):
+def test_the_arm_holds_the_palm_and_the_hand_is_far_from_its_largest_torques(hand):
     scenario = load_scenario(NAME, text=FAST % "sensor: {}")
     diagram = make_diagram(scenario, scenario.make_surface())
     station = diagram.GetSubsystemByName("object_plant")
-    torques = []
+    controller = diagram.GetSubsystemByName("hand_controller")
+    plant = hand.kinematics.plant
+    own = plant.CreateDefaultContext()
+    torques, heights = [], []
 
     def monitor(context):
-        own = station.GetMyContextFromRoot(context)
-        torques.append(np.array(station.GetOutputPort("net_actuation").Eval(own)))
+        station_context = station.GetMyContextFromRoot(context)
+        torques.append(np.array(station.GetOutputPort("net_actuation").Eval(station_context)))
+        plant.SetPositions(own, station.GetOutputPort("hand_state").Eval(station_context)[:23])
+        X_WG = controller.GetOutputPort("X_WG").Eval(controller.GetMyContextFromRoot(context))
+        p_WP = hand.base.kinematics.palm_pose(own).translation()
+        heights.append((context.get_time(), p_WP[2] - X_WG.translation()[2]))
         return EventStatus.DidNothing()
 
     simulator = Simulator(diagram)
@@ -95,6 +102,8 @@ def test_torques_are_far_below_what_the_hand_can_do(allegro_panda):
     assert station.GetOutputPort("X_WO").Eval(context).translation()[2] > 0.1
     assert np.max(np.abs(np.array(torques)[:, 7:])) < 0.5 * 0.9
     assert np.all(np.max(np.abs(torques), axis=0)[:7] < [87, 87, 87, 87, 12, 12, 12])
+    after = np.array([height for time, height in heights if time > 1.6])
+    np.testing.assert_allclose(after, hand.base.X_GP.translation()[2], atol=2e-3)
 
 
 @pytest.mark.parametrize("yaw", [-1.0, 0.0, 1.2])
