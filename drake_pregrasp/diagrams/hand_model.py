@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 from pydrake.common import Parallelism
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.planning import RobotDiagramBuilder, SceneGraphCollisionChecker
 
 from drake_pregrasp.diagrams.hand_description import HandDescription
@@ -107,7 +108,7 @@ class HandModel:
     def _place_fingers(self) -> FloatArray:
         """Returns home positions of the fingers, with zeros for what carries them, shape (nq,)."""
         plant, kinematics = self.kinematics.plant, self.kinematics
-        names = np.array(plant.GetPositionNames(add_model_instance_prefix=False))
+        names = np.array(_joint_names(plant))
         home = np.zeros(kinematics.num_positions)
         left = np.ones(len(home), dtype=bool)
         left[self.base.joints] = False
@@ -146,6 +147,13 @@ class HandModel:
                     f"{key}: it must hold the finger's own home, where {tip.frame} is at ({place})"
                     " m in H"
                 )
+
+
+def _joint_names(plant: MultibodyPlant) -> list[str]:
+    """Returns for each position the name of its joint."""
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
+    moving = [joint for joint in joints if joint.num_positions()]
+    return [joint.name() for joint in sorted(moving, key=lambda joint: joint.position_start())]
 
 
 def _any_normal(direction: FloatArray | None) -> FloatArray:

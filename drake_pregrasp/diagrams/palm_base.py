@@ -9,7 +9,7 @@ from drake_pregrasp.diagrams.hand_description import Arm, BaseConfig, Carrier
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.systems.arm_kinematics import ArmKinematics, pose_error
-from drake_pregrasp.systems.hand_kinematics import HandKinematics
+from drake_pregrasp.systems.hand_kinematics import HandKinematics, frame_names
 
 _STEPS = 300  # That an arm takes to its first pose, at most.
 _ARRIVED = 1e-5  # Metres and radians, of the palm.
@@ -93,9 +93,9 @@ class PalmArm:
                 f"base.home: {len(config.home)} positions must be {len(self.joints)}, one a joint"
             )
         if not plant.HasFrameNamed(config.palm, hand):
-            there = [plant.get_frame(index).name() for index in plant.GetFrameIndices(hand)]
+            there = ", ".join(frame_names(plant, hand))
             raise InvalidArgumentError(
-                f"base.palm: there is no frame {config.palm}; there are: {', '.join(there)}"
+                f"base.palm: there is no frame {config.palm}; there are: {there}"
             )
         palm = plant.GetFrameByName(config.palm, hand)
         self.palm_frame = palm.scoped_name().get_full()
@@ -162,4 +162,10 @@ def _positions(plant: MultibodyPlant, hand: ModelInstanceIndex, names: list[str]
             raise InvalidArgumentError(
                 f"base.joints: there is no joint {name}; there are: {', '.join(there)}"
             )
-    return [plant.GetJointByName(name, hand).position_start() for name in names]
+    joints = [plant.GetJointByName(name, hand) for name in names]
+    for joint in joints:
+        if joint.num_positions() != 1:
+            raise InvalidArgumentError(
+                f"base.joints: {joint.name()} is {joint.type_name()}; it must slide or turn"
+            )
+    return [joint.position_start() for joint in joints]

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable
+from pydrake.multibody.tree import Frame, JacobianWrtVariable, ModelInstanceIndex
 from pydrake.systems.framework import Context
 
 from drake_pregrasp.errors import InvalidArgumentError
@@ -99,9 +99,18 @@ def _find_frame(plant: MultibodyPlant, scoped_name: str) -> Frame:
         model = plant.GetModelInstanceByName(instance)
         if plant.HasFrameNamed(name, model):
             return plant.GetFrameByName(name, model)
-        there = [plant.get_frame(index).name() for index in plant.GetFrameIndices(model)]
-        raise InvalidArgumentError(f"{instance} has no frame {name}; there are: {', '.join(there)}")
+        there = ", ".join(frame_names(plant, model))
+        raise InvalidArgumentError(f"{instance} has no frame {name}; there are: {there}")
     raise InvalidArgumentError(f"no model instance {instance!r} for the frame {scoped_name}")
+
+
+def frame_names(plant: MultibodyPlant, model: ModelInstanceIndex) -> list[str]:
+    """Returns the names of a model's frames, but for those that Drake adds for its joints."""
+    joints = [plant.get_joint(index).name() for index in plant.GetJointIndices(model)]
+    added = tuple(f"{joint}_" for joint in joints)
+    names = [plant.get_frame(index).name() for index in plant.GetFrameIndices(model)]
+    bodies = [plant.get_body(index).name() for index in plant.GetBodyIndices(model)]
+    return [name for name in names if name in bodies or not name.startswith(added)]
 
 
 def _stiffness(plant: MultibodyPlant) -> FloatArray:

@@ -20,6 +20,7 @@ from drake_pregrasp import (
 )
 from drake_pregrasp.cli import main
 from drake_pregrasp.planning.grasp_state import GraspPhase
+from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.robots import robot_data
 from drake_pregrasp.systems.arm_kinematics import pose_error
 
@@ -142,6 +143,25 @@ def test_where_the_arm_does_not_reach_is_said_before_it_moves(hand):
     assert "\n" not in str(error.value)
     with pytest.raises(ScenarioError, match=r"motion: at \S+ s the object is out of the arm's re"):
         load_scenario(NAME, text="{motion: {linear_velocity: 0.2}}")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("link_3.0_tip", "tip", r"hand has no frame tip; there are: panda_link0, [^_]*(?!_parent)"),
+        ("palm: palm_link", "palm: hand", r"base.palm: there is no frame hand; there are: panda_"),
+        ("panda_joint7]", "panda_joint8]", r"base.joints: panda_joint8 is weld; it must"),
+        ("home: [0.0, -0.3,", "home: [-0.3,", r"base.home: 6 positions must be 7, one a joint"),
+    ],
+)
+def test_an_arm_that_is_not_as_described_is_refused(allegro_panda, tmp_path, old, new, message):
+    text = (resource_folder("models") / "allegro_panda.yaml").read_text()
+    assert old in text
+    (tmp_path / "hand.yaml").write_text(text.replace(old, new, 1))
+    with pytest.raises(InvalidArgumentError, match=message) as error:
+        HandModel(load_hand(tmp_path / "hand.yaml"))
+    assert "_parent" not in str(error.value)
+    assert "\n" not in str(error.value)
 
 
 def test_a_contact_that_the_thumb_may_not_have_is_refused(allegro_panda):
