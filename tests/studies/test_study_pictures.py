@@ -159,6 +159,15 @@ def tracking():
     return trial
 
 
+def likeness(pixels):
+    """Returns how like colours are to those of the fingers, shape (k, 5): 1 if only lit else."""
+    colors = [contact_color(finger) for finger in range(5)]
+    hues = np.array([[color.r(), color.g(), color.b()] for color in colors])
+    hues /= np.linalg.norm(hues, axis=1, keepdims=True)
+    lengths = np.maximum(np.linalg.norm(pixels, axis=1, keepdims=True), 1)
+    return pixels / lengths @ hues.T
+
+
 def test_a_picture_shows_goals_and_regions_where_they_are(tracking):
     bare, marked = (photograph(tracking, marks=marks).astype(int) for marks in (False, True))
     X_WK = camera_over(tracking)
@@ -178,15 +187,30 @@ def test_a_picture_shows_goals_and_regions_where_they_are(tracking):
     of_object = pixels_of(X_WK, (X_WO @ tracking.surface.p_OQ.T).T)
     inside = (changed > of_object.min(axis=0) - 5) & (changed < of_object.max(axis=0) + 5)
     assert np.mean(inside.all(axis=1)) > 0.98  # All but the smoothing of some edges.
-    hues = {
-        finger: np.array([getattr(contact_color(finger), channel)() for channel in "rgb"])
-        for finger in range(5)
-    }
-    colored = marked[np.ptp(marked, axis=2) > np.ptp(bare, axis=2) + 60]
-    colored = colored / np.linalg.norm(colored, axis=1, keepdims=True)
-    likeness = colored @ np.array([h / np.linalg.norm(h) for h in hues.values()]).T
-    assert len(colored) > 100
-    assert np.mean(likeness.max(axis=1) > 0.95) > 0.9
+    planner, surface = tracking.parts.planner, tracking.surface
+    port = planner.GetOutputPort("safe_regions")
+    labels = port.Eval(planner.GetMyContextFromRoot(tracking.context)).labels
+    p_WQ = (X_WO @ surface.p_OQ.T).T
+    nhat_WQ = surface.nhat_OQ @ X_WO.rotation().matrix().T
+    facing = np.sum((X_WK.translation() - p_WQ) * nhat_WQ, axis=1) > 0.2
+    owned = facing & (labels >= 0)
+    columns, rows = pixels_of(X_WK, p_WQ[owned]).round().astype(int).T
+    found = likeness(marked[rows, columns])
+    right = found[np.arange(len(found)), labels[owned]] > 0.97
+    assert len(right) > 100
+    assert np.mean(right & (np.argmax(found, axis=1) == labels[owned])) > 0.7  # Links hide some.
+
+
+def test_a_picture_shows_the_hand_where_it_is(tracking):
+    picture = photograph(tracking, marks=False).astype(float)
+    plant = tracking.parts.station.plant
+    context = plant.GetMyContextFromRoot(tracking.context)
+    frames = [plant.GetFrameByName(f"finger_{finger}_tip") for finger in range(5)]
+    p_WT = [frame.CalcPoseInWorld(context).translation() for frame in frames]
+    pixels = pixels_of(camera_over(tracking), p_WT).round().astype(int)
+    columns, rows = pixels.T
+    own = np.diag(likeness(picture[rows, columns]))
+    assert np.median(own) > 0.97  # Of most; links may be before some.
 
 
 def test_a_picture_leaves_no_trace(tracking):
