@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up_trials import made_up_strip, made_up_trial
+from matplotlib.image import imread
 from pydrake.geometry import (
     GeometryInstance,
     MakeRenderEngineVtk,
@@ -36,7 +37,11 @@ from drake_pregrasp.studies.static_versus_dynamic.photograph import (
     photograph,
     shown_goals,
 )
-from drake_pregrasp.studies.static_versus_dynamic.picture_figure import in_few_words
+from drake_pregrasp.studies.static_versus_dynamic.picture_figure import (
+    PICTURES,
+    in_few_words,
+    make_pictures,
+)
 from drake_pregrasp.studies.static_versus_dynamic.representative import representative_seed
 from drake_pregrasp.studies.static_versus_dynamic.study import trial_jobs
 from drake_pregrasp.studies.static_versus_dynamic.trial import Trial
@@ -225,6 +230,22 @@ def test_a_picture_leaves_no_trace(tracking):
             before.get_discrete_state(index).value(),
         )
     assert tracking.parts.diagram.GetInputPort("close").Eval(tracking.context) == [0.0]
+
+
+def test_the_grid_has_a_row_for_each_trial(tmp_path):
+    jobs = [TrialJob("headline", arm, 0) for arm in ("frozen", "still")]
+    outcomes = {job: grasp(job.arm, 0, True, close_at=0.1) for job in jobs}
+    path = make_pictures(tmp_path, outcomes, moments=(0.1,))
+    assert path == tmp_path / PICTURES
+    grid = imread(path)
+    info = CAMERA.core().intrinsics()
+    assert 0.8 < grid.shape[0] / grid.shape[1] * info.width() / info.height() < 1.2
+    # One wall in each of the two rows and columns: what is much redder than green.
+    red = grid[..., 0] - grid[..., 1] > 0.15
+    half_height, half_width = np.array(red.shape) // 2
+    for part in (red[:half_height], red[half_height:]):
+        assert part[:, :half_width].sum() > 1000
+        assert part[:, half_width:].sum() > 1000
 
 
 def test_closings_on_the_way_change_nothing():
