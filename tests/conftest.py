@@ -1,12 +1,20 @@
 """What many tests stand on."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import settings
 
-from drake_pregrasp import RunResult, Scenario, box_surface, load_scenario, run
+from drake_pregrasp import (
+    RunResult,
+    Scenario,
+    box_surface,
+    load_scenario,
+    run,
+    shipped_scenarios,
+)
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.robots.robot_data import find_robot_data
@@ -59,11 +67,27 @@ def read_log(path: Path) -> dict[str, np.ndarray]:
     return {name: table[name] for name in table.dtype.names}
 
 
-@pytest.fixture(scope="session")
-def allegro_panda() -> Path:
-    """The URDF of an Allegro hand on a Panda arm, made if it isn't there yet."""
+def lacking_robots() -> str:
+    """Says that the extra `robots` isn't installed, or nothing."""
     try:
         find_robot_data()
     except InvalidArgumentError as error:
-        pytest.skip(str(error))
+        return str(error)
+    return ""
+
+
+@pytest.fixture(scope="session")
+def allegro_panda() -> Path:
+    """The URDF of an Allegro hand on a Panda arm, made if it isn't there yet."""
+    if lacking_robots():
+        pytest.skip(lacking_robots())
     return robot_model("robots://allegro_panda.urdf")
+
+
+def usable_scenarios() -> list[Any]:
+    """The names of the shipped scenarios; those of robots that aren't there are skipped."""
+    lacking = pytest.mark.skipif(bool(lacking_robots()), reason=lacking_robots() or "there")
+    return [
+        pytest.param(name, marks=lacking if name == "grasp_allegro_panda" else ())
+        for name in shipped_scenarios()
+    ]

@@ -53,6 +53,16 @@ def test_the_guide_to_composing_lifts_the_cube(monkeypatch, tmp_path):
     assert names["X_WO"].translation()[2] == pytest.approx(0.15, abs=2e-3)
 
 
+def test_the_guide_to_a_hand_of_your_own_grasps_with_it(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_hand.yaml").write_text(block("own_hand.md", "yaml"))
+    (options,) = re.findall(r"--scenario_text '(.*)'", (DOCS / "own_hand.md").read_text())
+    scenario = load_scenario("grasp_five_finger", text=options)
+    grasp = run(scenario, name="mine", out=tmp_path, recording=False).summary["grasp"]
+    assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
+    assert grasp["lift_height_mm"] > 98
+
+
 @pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\((?!https)([^)#]+)\)", page.read_text(encoding="utf-8")):

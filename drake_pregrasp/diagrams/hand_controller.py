@@ -10,6 +10,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from drake_pregrasp.diagrams.grasp_config import GraspConfig
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.posture_wiring import add_posture
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.assignment import mean_angle, turned_within
 from drake_pregrasp.planning.solids import Solid
@@ -103,6 +104,18 @@ class HandController(Diagram):
         plant_time_step: float,
     ) -> None:
         super().__init__()
+        n = len(hand.kinematics.tip_frames)
+        for name, value, shape in (("p_OC", p_OC, (n, 3)), ("p_OCoM", p_OCoM, (3,))):
+            if np.shape(value) != shape:
+                raise InvalidArgumentError(f"{name} must have shape {shape}, not {np.shape(value)}")
+        for name, amount in (("mass", mass), ("plant_time_step", plant_time_step)):
+            if not amount > 0:
+                raise InvalidArgumentError(f"{name} must be greater than 0, not {amount}")
+        if not config.touch_force < config.least_force:
+            raise InvalidArgumentError(
+                f"touch_force must be less than least_force, {config.least_force}, not"
+                f" {config.touch_force}"
+            )
         builder = DiagramBuilder()
         tip_frames = hand.kinematics.tip_frames
         settings = config.make_settings(hand.description.fingertips)

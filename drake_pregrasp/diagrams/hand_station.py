@@ -9,7 +9,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.diagrams.conveyor_motion import add_conveyor
 from drake_pregrasp.diagrams.hand_description import HandDescription
-from drake_pregrasp.diagrams.hand_model import HAND, add_hand_model
+from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
 from drake_pregrasp.diagrams.motion_config import Conveyor
 from drake_pregrasp.diagrams.object_body import add_solid_collision
 from drake_pregrasp.diagrams.object_config import Box

@@ -123,7 +123,8 @@ def _track(
         return state
     why_not = hindrance(view, settings, squeeze)
     if why_not is None:
-        return replace(_enter(state, GraspPhase.CLOSE, view), active=view.active.copy())
+        closing = _enter(state, GraspPhase.CLOSE, view)
+        return replace(closing, active=view.active.copy(), reason=GiveUp.NONE, detail=0.0)
     return _open(state, view, *why_not) if waited else state
 
 
@@ -192,7 +193,11 @@ def _hold(
 def _back_off(
     state: GraspState, view: GraspView, settings: GraspSettings, period: float, squeeze: object
 ) -> GraspState:
-    """Sets down what was lifted, lets go, opens, and goes up; one after another."""
+    """Sets down what was lifted, lets go, opens, and goes up; one after another.
+
+    If it had not gripped the object, it then begins anew once it is no longer told to close. If it
+    had, it no longer follows it, and stays where it is.
+    """
     now = view.time
     if not state.height.is_over(now) or not state.force.is_over(now):
         return state
@@ -212,7 +217,10 @@ def _back_off(
     if height < settings.approach_height:
         up = Ramp(now, settings.approach_duration, height, settings.approach_height)
         return replace(state, height=up, standoffs=opened)
-    return replace(state, standoffs=opened)
+    if view.close or np.isfinite(state.gripped):
+        return replace(state, standoffs=opened)
+    down = Ramp(now, settings.approach_duration, height, 0.0)
+    return replace(_enter(state, GraspPhase.APPROACH, view), height=down, standoffs=opened)
 
 
 _STEPS: dict[GraspPhase, Callable[..., GraspState]] = {

@@ -47,7 +47,7 @@ def describe_give_up(reason: int, detail: float) -> str | None:
     """Returns why the hand has opened in words, or None if it hasn't.
 
     Args:
-        reason: A `GiveUp`.
+        reason: A `GiveUp`, of the last time it did, until it closes again.
         detail: The finger, the number or the force that goes with it.
     """
     return None if reason == GiveUp.NONE else _REASONS[GiveUp(reason)].format(detail)

@@ -42,14 +42,17 @@ def convert_mesh(source: Path, target: Path, *, colors: bool) -> list[ConvertedM
     except (OSError, ValueError, ImportError) as error:
         problem = str(error).splitlines()[0]
         raise InvalidArgumentError(f"{source} can't be read as a mesh: {problem}") from error
+    meshes = [mesh for mesh in scene.dump() if isinstance(mesh, trimesh.Trimesh)]
+    if not meshes:
+        raise InvalidArgumentError(f"{source} can't be read as a mesh: it has no triangles")
     parts: dict[tuple[float, ...] | None, list[Any]] = {}
-    for mesh in scene.dump():
+    for mesh in meshes:
         parts.setdefault(_color(mesh) if colors else None, []).append(mesh)
     converted = []
-    for index, (color, meshes) in enumerate(sorted(parts.items(), key=lambda item: str(item[0]))):
+    for index, (color, same) in enumerate(sorted(parts.items(), key=lambda item: str(item[0]))):
         path = target.with_name(f"{target.name}_{index}.obj" if len(parts) > 1 else target.name)
         path = path.with_suffix(".obj")
-        path.write_text(_obj_text(meshes), encoding="ascii")
+        path.write_text(_obj_text(same), encoding="ascii")
         converted.append(ConvertedMesh(path, color))
     return converted
 

@@ -13,6 +13,7 @@ from drake_pregrasp.planning.assignment import palm_turn
 from drake_pregrasp.planning.no_touch import AxisArea
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.planning.velocity_profile import VelocityProfile
+from drake_pregrasp.simulation.hand_config import HandConfig
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
@@ -39,6 +40,8 @@ def check_grasp(source: str, scenario: Scenario, surface: ObjectSurface) -> None
         hand = load_hand(grasp.hand)
     except ScenarioError as error:
         raise ScenarioError(source, "grasp.hand", str(error)) from error
+    if scenario.hand != HandConfig():
+        raise ScenarioError(source, "hand", "has no use beside grasp.hand, which says where it is")
     fingers, count = len(hand.fingertips), scenario.num_contacts
     if fingers != count:
         raise ScenarioError(
@@ -72,6 +75,12 @@ def check_grasp(source: str, scenario: Scenario, surface: ObjectSurface) -> None
             source,
             "grasp.least_force",
             f"{grasp.least_force} must be at most {largest}, the largest force",
+        )
+    if grasp.touch_force >= grasp.least_force:
+        raise ScenarioError(
+            source,
+            "grasp.touch_force",
+            f"{grasp.touch_force} must be less than {grasp.least_force}, the least force",
         )
     weight, lift = GRAVITY * scenario.object.mass, grasp.largest_lift(hand.fingertips)
     if lift < weight:

@@ -10,6 +10,7 @@ from pydrake.geometry import (
 from pydrake.systems.framework import DiagramBuilder
 
 from drake_pregrasp.diagrams.expected_path import expected_path
+from drake_pregrasp.diagrams.hand_description import Arm
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
@@ -32,6 +33,8 @@ _LIGHTS = {
 # From where the camera looks, for an object of unit size, and what share of a longer path counts as
 # the object: then all of it is in the picture.
 _CAMERA = np.array([1.9, 1.65, 1.1])
+_ARM_CAMERA = np.array([0.9, -2.1, 1.1])  # Beside the arm, which stands behind along x.
+_ARM_RAISED = np.array([0.0, 0.0, 0.15])  # As much of an arm over its palm is shown, in metres.
 _VIEW = 0.5
 
 _LABEL_HOVER = 0.065  # Height of the labels over the object, in metres.
@@ -66,12 +69,14 @@ def add_recording(
     tile_surface: ObjectSurface,
     num_contacts: int,
     path: FloatArray,
+    direction: FloatArray,
     publish_period: float,
     live: bool,
 ) -> None:
     """Adds visualizers of the plant and the planner, looks at the object's path, and records.
 
-    The path holds positions of O in W, shape (k, 3), in metres. A viewer sees the run as it goes
+    The path holds positions of O in W, shape (k, 3), in metres; the camera is in that direction. A
+    viewer sees the run as it goes
     only if it is `live`: that takes as long again as recording it.
     """
     MeshcatVisualizer.AddToBuilder(
@@ -105,20 +110,20 @@ def add_recording(
             num_contacts=num_contacts,
             publish_period=publish_period,
             hover=_LABEL_HOVER + float(np.max(surface.mesh.vertices[:, 2])),
-            yaw=float(np.arctan2(_CAMERA[1], _CAMERA[0]) + np.pi / 2),
+            yaw=float(np.arctan2(direction[1], direction[0]) + np.pi / 2),
         ),
     )
     for name in ("X_WO_estimated", "contact_status", "contact_causes"):
         builder.Connect(planner.GetOutputPort(name), labels.GetInputPort(name))
     extent = max(0.1, float(surface.mesh.extents.max()))
-    meshcat.SetCameraPose(*camera_pose(path, extent))
+    meshcat.SetCameraPose(*camera_pose(path, extent, direction))
     meshcat.StartRecording(
         frames_per_second=1 / publish_period, set_visualizations_while_recording=live
     )
 
 
-def shown_path(scenario: Scenario) -> FloatArray:
-    """Returns positions in W that the camera has to see, shape (k, 3), in metres.
+def shown_path(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
+    """Returns positions in W that the camera has to see, shape (k, 3), in metres, and from where.
 
     They are those of the object; with a hand also those of its palm, and no longer than until it
     stands still.
@@ -126,25 +131,32 @@ def shown_path(scenario: Scenario) -> FloatArray:
     grasp = scenario.grasp
     duration = scenario.simulation_duration + scenario.planner.estimator.lookahead
     if not grasp.has_hand:
-        return expected_path(scenario.motion, duration, scenario.object)
+        return expected_path(scenario.motion, duration, scenario.object), _CAMERA
     settings = grasp.make_settings()
     path = expected_path(scenario.motion, min(duration, grasp.expected_rest), scenario.object)
-    above = load_hand(grasp.hand).palm_height + max(settings.lift_height, settings.approach_height)
+    hand = load_hand(grasp.hand)
+    above = hand.palm_height + max(settings.lift_height, settings.approach_height)
     raised: FloatArray = path + np.array([0.0, 0.0, above])
-    return np.concatenate([path, raised[[0, -1]]])
+    has_arm = isinstance(hand.base, Arm)
+    if has_arm:
+        raised += _ARM_RAISED
+    return np.concatenate([path, raised[[0, -1]]]), _ARM_CAMERA if has_arm else _CAMERA
 
 
-def camera_pose(path: FloatArray, extent: float) -> tuple[FloatArray, FloatArray]:
+def camera_pose(
+    path: FloatArray, extent: float, direction: FloatArray = _CAMERA
+) -> tuple[FloatArray, FloatArray]:
     """Returns where the camera is and what it looks at, so that a whole path is in the picture.
 
     Args:
         path: Positions of the object, shape (k, 3), in metres.
         extent: Size of the object, in metres.
+        direction: From where it looks, for an object of unit size, shape (3,).
     """
     low, high = path.min(axis=0), path.max(axis=0)
     target: FloatArray = (low + high) / 2
     scale = max(extent, _VIEW * float((high - low).max() + extent))
-    return target + scale * _CAMERA, target
+    return target + scale * direction, target
 
 
 def recording_html(meshcat: Meshcat) -> str:

@@ -128,6 +128,7 @@ def make_diagram(
         ):
             builder.Connect(planner.GetOutputPort(port), logger.GetInputPort(port))
     if meshcat is not None:
+        path, direction = shown_path(scenario)
         add_recording(
             builder,
             meshcat,
@@ -136,7 +137,8 @@ def make_diagram(
             surface=surface,
             tile_surface=scenario.make_surface(scenario.recording.tile_size),
             num_contacts=n,
-            path=shown_path(scenario),
+            path=path,
+            direction=direction,
             publish_period=scenario.recording.publish_period,
             live=scenario.simulator_config.target_realtime_rate > 0,
         )

@@ -190,6 +190,27 @@ def test_it_backs_off_and_says_why(reason):
     assert last.height.value(14.0) == pytest.approx(SETTINGS.approach_height)
 
 
+def test_a_hand_that_gripped_nothing_begins_anew_when_it_is_told_to_again():
+    def appear(scene, state):
+        scene.time = getattr(scene, "time", -PERIOD) + PERIOD
+        scene.active = ALL if scene.time > 6.0 else np.arange(N) < 2
+
+    scene, states, state = Scene(), [], GraspState.first(N, SETTINGS)
+    for tick in range(700):
+        time = tick * PERIOD
+        appear(scene, state)
+        view = scene.view(time, 2.0 <= time < 7.0 or time >= 9.0, state)
+        state = next_state(state, view, SETTINGS, PERIOD, balanced)
+        states.append(state)
+    names = [GraspPhase(s.phase).name for s in states]
+    order = [name for k, name in enumerate(names) if k == 0 or names[k - 1] != name]
+    first = ["APPROACH", "TRACK", "BACK_OFF"]
+    assert order == [*first, "APPROACH", "TRACK", "CLOSE", "SQUEEZE", "LIFT", "HOLD"]
+    tracking = [s for s in states if s.phase == GraspPhase.TRACK]
+    assert tracking[-1].reason == GiveUp.TOO_FEW_FINGERS
+    assert states[-1].reason == GiveUp.NONE
+
+
 def test_what_was_lifted_is_set_down_before_it_is_let_go():
     states = play(Scene(), open_at=6.5, end=14.0)
     times = PERIOD * np.arange(len(states))

@@ -120,3 +120,16 @@ def test_the_second_time_it_is_there_already(urdf):
     before = urdf.stat().st_mtime_ns
     assert robot_model("robots://allegro_panda.urdf") == urdf
     assert urdf.stat().st_mtime_ns == before
+
+
+def test_the_first_time_it_is_made_in_silence_and_wholly(
+    allegro_panda, tmp_path, capfd, monkeypatch
+):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    made = robot_model("robots://allegro_panda.urdf")
+    assert capfd.readouterr() == ("", "")
+    names = {path.name for path in made.parent.iterdir()}
+    assert names == {path.name for path in allegro_panda.parent.iterdir()}
+    assert made.read_bytes() == allegro_panda.read_bytes()
+    named = {mesh.get("filename") for mesh in ElementTree.parse(made).getroot().iter("mesh")}
+    assert named == names - {made.name}

@@ -117,7 +117,7 @@ def test_a_hand_that_cannot_grasp_opens_and_says_why(tmp_path):
 
 
 def test_a_slippery_object_is_set_down_again(tmp_path):
-    soft = "{grasp: {least_force: 0.1, planned_friction: 0.7, friction: 0.35}}"
+    soft = "{grasp: {touch_force: 0.05, least_force: 0.1, planned_friction: 0.7, friction: 0.35}}"
     grasp = grasp_run(tmp_path, soft).summary["grasp"]
     assert "lost touch" in grasp["gave_up"]
     assert grasp["lift_height_mm"] < 5
@@ -159,6 +159,8 @@ def test_nothing_is_printed(tmp_path, capfd):
             r"grasp.largest_force: 5 fingers of 12.0 N hold 30 N with friction 0.5; the object"
             r" weighs 49",
         ),
+        ("{hand: {follow: false}}", r"hand: has no use beside grasp.hand"),
+        ("{grasp: {least_force: 0.2}}", r"grasp.touch_force: 0.35 must be less than 0.2"),
         ("{plant_config: {time_step: 0.05}}", r"plant_config.time_step: 0.05 must be at most 0.02"),
         (
             "{initial_contacts: [[1,-0.6,0], [1,-0.3,0], [1,0,0], [1,0.3,0], [1,0.6,0]]}",

@@ -1,5 +1,6 @@
 """Descriptions of hands: what is loaded, and what is refused in one line."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,9 @@ LIMITED = "closing: {force: 3.0, speed: 0.01}, radius: 0.009"
 
 def shipped():
     return (MODELS / "five_finger_hand.yaml").read_text()
+
+
+SECTOR = re.search(r"!SectorReach \{azimuth: 0.0,[^}]*\}", shipped()).group()
 
 
 def write(folder: Path, text: str) -> Path:
@@ -57,7 +61,7 @@ def test_a_model_is_found_from_the_folder_of_its_description(tmp_path, monkeypat
     ],
 )
 def test_reach_may_be_a_ball_a_box_or_a_sector(tmp_path, reach):
-    text = shipped().replace("!SectorReach {azimuth: 0.0, half_angle: 1.25}", reach)
+    text = shipped().replace(SECTOR, reach)
     hand = load_hand(write(tmp_path, text))
     kinds = {kind.__name__: kind for kind in (BallReach, BoxReach, SectorReach)}
     assert isinstance(hand.fingertips[0].reach, kinds[reach.split()[0].removeprefix("!")])
@@ -82,17 +86,17 @@ def test_reach_may_be_a_ball_a_box_or_a_sector(tmp_path, reach):
             r"fingertips\[0\].home: 4.35 of .* must be from",
         ),
         (
-            "!SectorReach {azimuth: 0.0, half_angle: 1.25}",
+            SECTOR,
             "!SectorReach {azimuth: 3.0, half_angle: 1.25}",
             r"fingertips\[0\].reach: it must hold the finger's own home, where finger_0_tip is at",
         ),
         (
-            "!SectorReach {azimuth: 0.0, half_angle: 1.25}",
+            SECTOR,
             "!BallReach {center: [1, 0, 0], radius: 0.1}",
             r"fingertips\[0\].reach: it must hold the finger's own home",
         ),
         (
-            "!SectorReach {azimuth: 0.0, half_angle: 1.25}",
+            SECTOR,
             "!BallReach {center: [0.07, 0, 0], radius: 0.1, incidence: 1.0}",
             r"fingertips\[0\].reach: a reach with an angle needs a direction",
         ),

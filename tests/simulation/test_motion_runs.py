@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import read_log
+from conftest import read_log, usable_scenarios
 from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RigidTransform
 
@@ -54,7 +54,7 @@ def test_goals_stay_within_the_surface_of_a_tossed_object(tmp_path):
             assert np.max(np.abs(surface.distance(true.T))) < 3e-3
 
 
-@pytest.mark.parametrize("name", shipped_scenarios())
+@pytest.mark.parametrize("name", usable_scenarios())
 def test_the_camera_sees_the_whole_motion(name):
     scenario = load_scenario(name)
     path = expected_path(scenario.motion, scenario.simulation_duration, scenario.object)

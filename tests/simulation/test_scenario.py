@@ -2,6 +2,7 @@ import dataclasses
 from pathlib import Path
 
 import pytest
+from conftest import usable_scenarios
 
 from drake_pregrasp import Scenario, ScenarioError, load_scenario, shipped_scenarios
 from drake_pregrasp.diagrams.motion_config import PoseStream
@@ -279,7 +280,7 @@ def test_texts_override_single_keys_and_are_checked(tmp_path):
         load_scenario("a_base", text="{contact_weights: [1.0]}")
 
 
-@pytest.mark.parametrize("name", shipped_scenarios())
+@pytest.mark.parametrize("name", usable_scenarios())
 def test_shipped_scenarios_survive_being_written_and_read(name, tmp_path):
     scenario = load_scenario(name)
     file = tmp_path / "scenario.yaml"

@@ -1,0 +1,100 @@
+"""What is mended in a URDF, one after another."""
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.robots.mesh_conversion import convert_mesh
+from drake_pregrasp.robots.urdf_mending import Drive, drive_joints, drop_from, mend_inertias
+
+ROBOT = """
+<robot name="tree">
+  <link name="a"/><link name="b"/><link name="c"/><link name="d"/>
+  <joint name="ab" type="revolute"><parent link="a"/><child link="b"/>
+    <limit effort="15" lower="-1" upper="1" velocity="1"/></joint>
+  <joint name="bc" type="fixed"><parent link="b"/><child link="c"/></joint>
+  <joint name="ad" type="revolute"><parent link="a"/><child link="d"/>
+    <limit effort="15" lower="-1" upper="1" velocity="1"/></joint>
+</robot>
+"""
+moments = st.floats(1e-6, 1.0)
+
+
+def names(robot, tag):
+    return [element.get("name") for element in robot.findall(tag)]
+
+
+def test_what_hangs_on_a_dropped_link_goes_with_it():
+    robot = ElementTree.fromstring(ROBOT)
+    drop_from(robot, "b")
+    assert names(robot, "link") == ["a", "d"]
+    assert names(robot, "joint") == ["ad"]
+
+
+def test_only_movable_joints_of_the_prefix_are_driven():
+    robot = ElementTree.fromstring(ROBOT)
+    drive_joints(robot, Drive(3.0, 0.1, 1e-4, effort=0.9), prefix="a")
+    assert [joint.get("name") for joint in robot.iterfind("transmission/joint")] == ["ab", "ad"]
+    assert {limit.get("effort") for limit in robot.iterfind("joint/limit")} == {"0.9"}
+    drive_joints(robot, Drive(3.0, 0.1, 1e-4), prefix="b")
+    assert len(robot.findall("transmission")) == 2
+
+
+def link_with(inertia, mass=1.0):
+    values = " ".join(f'{name}="{value!r}"' for name, value in inertia.items())
+    return ElementTree.fromstring(
+        f'<robot><link name="a"><inertial><mass value="{mass}"/><inertia {values}/></inertial>'
+        "</link></robot>"
+    )
+
+
+@given(st.lists(moments, min_size=3, max_size=3), st.integers(0, 100))
+def test_inertias_of_bodies_stay_and_others_lose_their_products(squares, seed):
+    # Of point masses on three axes, turned: always possible.
+    x, y, z = squares
+    R = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
+    I = R @ np.diag([y + z, x + z, x + y]) @ R.T  # noqa: E741
+    keys = {
+        "ixx": (0, 0),
+        "iyy": (1, 1),
+        "izz": (2, 2),
+        "ixy": (0, 1),
+        "ixz": (0, 2),
+        "iyz": (1, 2),
+    }
+    inertia = {key: float(I[place]) for key, place in keys.items()}
+    robot = link_with(inertia)
+    assert mend_inertias(robot) == []
+    broken = link_with({**inertia, "ixy": inertia["ixx"] + inertia["iyy"]})
+    assert mend_inertias(broken) == ["a"]
+    assert broken.find("link/inertial/inertia").get("ixy") == "0"
+    assert float(broken.find("link/inertial/inertia").get("ixx")) == inertia["ixx"]
+
+
+def test_links_without_mass_have_no_inertia():
+    robot = link_with(dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), 0.0), mass=0)
+    assert mend_inertias(robot) == []
+    assert robot.find("link/inertial") is None
+
+
+def test_converted_meshes_have_the_same_shape_with_normals(tmp_path):
+    cone = trimesh.creation.cone(radius=0.04, height=0.11)
+    cone.export(tmp_path / "cone.stl")
+    (part,) = convert_mesh(tmp_path / "cone.stl", tmp_path / "part.0", colors=True)
+    assert part.path.name == "part.obj"
+    assert "vn " in part.path.read_text()
+    again = trimesh.load_mesh(part.path)
+    assert again.volume == pytest.approx(cone.volume, rel=1e-3)
+    np.testing.assert_allclose(again.bounds, cone.bounds, atol=1e-5)
+
+
+def test_a_file_that_is_no_mesh_is_refused_in_a_line(tmp_path):
+    (tmp_path / "no.stl").write_text("solid\nnothing")
+    with pytest.raises(InvalidArgumentError, match=r"no.stl can't be read as a mesh") as error:
+        convert_mesh(tmp_path / "no.stl", tmp_path / "part", colors=False)
+    assert "\n" not in str(error.value)

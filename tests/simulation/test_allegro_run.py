@@ -1,0 +1,142 @@
+"""An Allegro hand on a Panda arm in the complete diagram."""
+
+import numpy as np
+import pytest
+from conftest import read_log
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import EventStatus
+from scipy.spatial.transform import Rotation
+
+from drake_pregrasp import (
+    BoxSolid,
+    HandModel,
+    InvalidArgumentError,
+    ScenarioError,
+    load_hand,
+    load_scenario,
+    make_diagram,
+    run,
+    without_solver_chatter,
+)
+from drake_pregrasp.cli import main
+from drake_pregrasp.planning.grasp_state import GraspPhase
+from drake_pregrasp.robots import robot_data
+from drake_pregrasp.systems.arm_kinematics import pose_error
+
+NAME = "grasp_allegro_panda"
+FILE = "package://drake_pregrasp/allegro_panda.yaml"
+FAST = """{
+  motion: {linear_velocity: 0.05, angular_velocity: 0.2618},
+  grasp: {close_at: 3.0},
+  simulation_duration: 6.5,
+  %s
+}"""
+QUIET = "sensor: {position_std: 0.0, orientation_std: 0.0}"
+
+
+@pytest.fixture(scope="module")
+def hand(allegro_panda):
+    return HandModel(load_hand(FILE))
+
+
+@pytest.fixture(scope="module")
+def fast_run(allegro_panda, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("allegro")
+    return run(load_scenario(NAME, text=FAST % QUIET), name=NAME, out=folder, recording=False)
+
+
+def test_it_follows_lifts_and_holds(fast_run):
+    grasp = fast_run.summary["grasp"]
+    assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
+    assert grasp["tracking_error_mean_mm"] < 0.2
+    assert 97 < grasp["lift_height_mm"] < 101
+    assert grasp["slip_lift_mm"] + grasp["slip_hold_mm"] < 1.5
+    assert grasp["closing_motion_mm"] < 0.5
+    assert 1.0 < min(grasp["tip_forces"]) < max(grasp["tip_forces"]) < 8.0
+
+
+def test_fingertips_keep_off_the_object_before_they_close(fast_run):
+    log = read_log(fast_run.folder / "grasp.csv")
+    cube = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.065))
+    R_OW = Rotation.from_quat(np.stack([log[f"q{axis}_wo"] for axis in "xyzw"], axis=-1)).inv()
+    p_WO = np.stack([log[f"{axis}_wo"] for axis in "xyz"], axis=-1)
+    for finger in range(4):
+        p_WT = np.stack([log[f"tip{finger}_{axis}"] for axis in "xyz"], axis=-1)
+        gaps = cube.distance(R_OW.apply(p_WT - p_WO)) - 0.012
+        assert np.min(gaps[log["phase"] < GraspPhase.CLOSE]) > 0.007
+        assert np.max(np.abs(gaps[log["phase"] == GraspPhase.HOLD])) < 1e-3
+
+
+def test_torques_are_far_below_what_the_hand_can_do(allegro_panda):
+    scenario = load_scenario(NAME, text=FAST % "sensor: {}")
+    diagram = make_diagram(scenario, scenario.make_surface())
+    station = diagram.GetSubsystemByName("object_plant")
+    torques = []
+
+    def monitor(context):
+        own = station.GetMyContextFromRoot(context)
+        torques.append(np.array(station.GetOutputPort("net_actuation").Eval(own)))
+        return EventStatus.DidNothing()
+
+    simulator = Simulator(diagram)
+    simulator.set_monitor(monitor)
+    with without_solver_chatter():
+        simulator.AdvanceTo(5.8)  # Most of the lift is done.
+    context = station.GetMyContextFromRoot(simulator.get_context())
+    assert station.GetOutputPort("X_WO").Eval(context).translation()[2] > 0.1
+    assert np.max(np.abs(np.array(torques)[:, 7:])) < 0.5 * 0.9
+    assert np.all(np.max(np.abs(torques), axis=0)[:7] < [87, 87, 87, 87, 12, 12, 12])
+
+
+@pytest.mark.parametrize("yaw", [-1.0, 0.0, 1.2])
+@pytest.mark.parametrize("p_WO", [[0.0, 0.0, 0.0325], [0.2, 0.0, 0.0325], [0.1, 0.1, 0.15]])
+def test_the_arm_brings_the_palm_and_the_tips_over_the_object(hand, p_WO, yaw):
+    q = hand.home(np.array(p_WO), yaw)
+    kinematics = hand.kinematics
+    assert np.all((kinematics.lower <= q) & (q <= kinematics.upper))
+    p_WT = hand.tips_at(q)
+    azimuths = np.arctan2(*(p_WT - p_WO)[:, [1, 0]].T)
+    turned = (azimuths - hand.azimuths - yaw + np.pi) % (2 * np.pi) - np.pi
+    np.testing.assert_allclose(turned, 0, atol=1e-3)
+    np.testing.assert_allclose(p_WT[:, 2], p_WO[2], atol=0.005)
+
+
+def test_steps_of_an_arm_converge_quadratically(hand):
+    base, plant = hand.base, hand.kinematics.plant
+    context = plant.CreateDefaultContext()
+    q = home = hand.home(np.array([0.1, 0.0, 0.05]), 0.3)
+    plant.SetPositions(context, q)
+    X_WP = base.kinematics.palm_pose(context)
+    q = q.copy()
+    q[base.joints] += 0.02 * np.cos(np.arange(7))
+    errors = []
+    for _ in range(3):
+        plant.SetPositions(context, q)
+        errors.append(np.linalg.norm(pose_error(base.kinematics.palm_pose(context), X_WP)))
+        q = base.kinematics.step_to(context, q, X_WP, home)
+    assert errors[1] < 2 * errors[0] ** 2
+    assert errors[2] < 0.1 * errors[1]
+
+
+def test_where_the_arm_does_not_reach_is_said_before_it_moves(hand):
+    with pytest.raises(InvalidArgumentError, match=r"can't hold the palm at \(0.9\d+, ") as error:
+        hand.home(np.array([1.0, 0.0, 0.0]), 0.0)
+    assert "\n" not in str(error.value)
+    with pytest.raises(ScenarioError, match=r"motion: at \S+ s the object is out of the arm's re"):
+        load_scenario(NAME, text="{motion: {linear_velocity: 0.2}}")
+
+
+def test_a_contact_that_the_thumb_may_not_have_is_refused(allegro_panda):
+    beside = "{initial_contacts: [[1,0.88,0], [1,0,0], [1,-0.88,0], [0,-1,0]]}"
+    with pytest.raises(ScenarioError, match=r"initial_contacts: the contact at .* is forbidden"):
+        load_scenario(NAME, text=beside)
+
+
+def test_without_the_extra_a_line_says_what_to_install(monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(robot_data, "PACKAGE", "example-robot-data-that-is-not-there")
+    assert main(["run", NAME]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "grasp.hand" in line
+    assert "pip install 'drake_pregrasp[robots]'" in line
+    assert not (tmp_path / "runs").exists()

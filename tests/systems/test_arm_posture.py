@@ -1,0 +1,137 @@
+"""Where an arm holds the palm: over the object, without a lag, and calm."""
+
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import BusValue
+
+from drake_pregrasp import ArmPosture, InvalidArgumentError
+from drake_pregrasp.planning.assignment import FREE_TURN
+from drake_pregrasp.systems.arm_posture import SMOOTHING
+
+FRAMES = [f"hand::tip_{i}" for i in range(4)]
+AZIMUTHS = np.array([0.4, 0.0, -0.4, np.pi])
+RING = 0.065 * np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS), 0 * AZIMUTHS], axis=1)
+X_GP = RigidTransform(RollPitchYaw(0.0, np.pi / 2, 0.0), [-0.03, 0.0, 0.08])
+HOME = np.arange(23.0)
+PERIOD, LEAD = 0.02, 0.03
+
+
+def make_posture(yaw_range=FREE_TURN, yaw=0.0):
+    return ArmPosture(
+        tip_frames=FRAMES,
+        palm_frame="hand::palm",
+        finger_azimuths=AZIMUTHS,
+        X_GP=X_GP,
+        home=HOME,
+        p_WG=np.zeros(3),
+        yaw=yaw,
+        lead=LEAD,
+        period=PERIOD,
+        yaw_range=yaw_range,
+    )
+
+
+def place(posture, context, p_WG, yaw, v=(0.0, 0.0, 0.0), w=0.0):
+    """Puts G there, with goals of tips that are on the ring when they are due."""
+    posture.GetInputPort("X_WG").FixValue(context, RigidTransform(p_WG))
+    posture.GetInputPort("V_WG").FixValue(context, SpatialVelocity(w=[0, 0, w], v=v))
+    due = RotationMatrix.MakeZRotation(yaw + LEAD * w).matrix()
+    goals = BusValue()
+    for name, point in zip(FRAMES, RING @ due.T + p_WG + LEAD * np.array(v), strict=True):
+        goals.Set(name, AbstractValue.Make(RigidTransform(point)))
+    posture.GetInputPort("tip_goals").FixValue(context, goals)
+
+
+def palm_goal(posture, context):
+    return posture.GetOutputPort("goals").Eval(context).Find("hand::palm")
+
+
+def test_goals_of_tips_are_passed_on_and_the_posture_is_home():
+    posture = make_posture()
+    context = posture.CreateDefaultContext()
+    place(posture, context, np.array([0.1, 0.2, 0.3]), 0.5)
+    goals = posture.GetOutputPort("goals").Eval(context)
+    asked = posture.GetInputPort("tip_goals").Eval(context)
+    for name in FRAMES:
+        assert goals.Find(name).IsExactlyEqualTo(asked.Find(name))
+    np.testing.assert_array_equal(posture.GetOutputPort("nominal_posture").Eval(context), HOME)
+
+
+def test_a_palm_over_a_steady_motion_is_where_it_belongs_when_the_goals_are_due():
+    posture = make_posture()
+    simulator = Simulator(posture)
+    context = simulator.get_mutable_context()
+    v, w = np.array([0.05, 0.0, 0.0]), 0.2618
+    for index in range(100):
+        time = index * PERIOD
+        place(posture, context, v * time, w * time, v, w)
+        due = time + LEAD
+        turn = RotationMatrix.MakeZRotation(w * due)
+        expected = RigidTransform(turn, v * due) @ X_GP
+        assert palm_goal(posture, context).IsNearlyEqualTo(expected, 1e-9)
+        simulator.AdvanceTo(time + PERIOD / 2)  # The tick at that time is over.
+
+
+def test_a_jump_is_taken_up_without_one():
+    posture = make_posture()
+    simulator = Simulator(posture)
+    context = simulator.get_mutable_context()
+    place(posture, context, np.zeros(3), 0.0)
+    simulator.AdvanceTo(0.1)
+    place(posture, context, np.array([0.01, 0.0, 0.0]), 0.1)
+    offs = []
+    for index in range(6, 120):
+        simulator.AdvanceTo(index * PERIOD + 1e-6)
+        offs.append(palm_goal(posture, context).translation()[0] - X_GP.translation()[0])
+    steps = np.diff(offs)
+    assert np.all(steps > -1e-12)
+    assert np.max(steps) <= 0.011 * PERIOD / SMOOTHING
+    assert np.exp(-20) < abs(offs[-1] - 0.01 - 0.03 * (1 - np.cos(0.1))) < 1e-4
+
+
+@pytest.mark.parametrize("yaw", [-3.0, 0.0, 2.0, 3.1])
+def test_it_turns_on_past_half_a_turn(yaw):
+    posture = make_posture(yaw=yaw)
+    simulator = Simulator(posture)
+    context = simulator.get_mutable_context()
+    w = 1.0
+    for index in range(200):
+        place(posture, context, np.zeros(3), yaw + w * index * PERIOD, w=w)
+        simulator.AdvanceTo((index + 0.5) * PERIOD)
+    turn = context.get_discrete_state(0).value()[3]
+    assert turn == pytest.approx(yaw + w * 200 * PERIOD)
+
+
+def test_it_stays_in_its_range_and_says_where_the_hand_is():
+    posture = make_posture((-0.5, 0.3))
+    simulator = Simulator(posture)
+    context = simulator.get_mutable_context()
+    X_WO = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.1, 0.2, 0.3])
+    posture.GetInputPort("X_WO_estimated").FixValue(context, X_WO)
+    for index in range(100):
+        place(posture, context, np.zeros(3), 0.01 * index, w=0.5)
+        simulator.AdvanceTo(index * PERIOD)
+    x_P = palm_goal(posture, context).rotation().matrix() @ X_GP.rotation().matrix().T
+    assert np.arctan2(x_P[1, 0], x_P[0, 0]) == pytest.approx(0.3)
+    X_WH = posture.GetOutputPort("X_WH").Eval(context)
+    expected = RigidTransform(RotationMatrix.MakeZRotation(-0.1), X_WO.translation())
+    assert X_WH.IsNearlyEqualTo(expected, 1e-12)
+
+
+def test_a_period_has_to_be_positive():
+    with pytest.raises(InvalidArgumentError, match="period must be greater than 0 s, not 0"):
+        ArmPosture(
+            tip_frames=FRAMES,
+            palm_frame="palm",
+            finger_azimuths=AZIMUTHS,
+            X_GP=X_GP,
+            home=HOME,
+            p_WG=np.zeros(3),
+            yaw=0.0,
+            lead=0.0,
+            period=0,
+        )
