@@ -22,6 +22,7 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform
 
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.sampling import unit_normals
 from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
 from drake_pregrasp.studies.drawn_mesh import camera_pose
@@ -29,7 +30,7 @@ from drake_pregrasp.studies.static_versus_dynamic import closings, figures
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.closings import CLOSINGS, strips_of
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
-from drake_pregrasp.studies.static_versus_dynamic.experiment import ReportFigure
+from drake_pregrasp.studies.static_versus_dynamic.experiment import Experiment, ReportFigure
 from drake_pregrasp.studies.static_versus_dynamic.marks import ring_triangles
 from drake_pregrasp.studies.static_versus_dynamic.outcome import TrialJob
 from drake_pregrasp.studies.static_versus_dynamic.photograph import (
@@ -43,8 +44,13 @@ from drake_pregrasp.studies.static_versus_dynamic.picture_figure import (
     in_few_words,
     make_pictures,
 )
+from drake_pregrasp.studies.static_versus_dynamic.report import REPORT
 from drake_pregrasp.studies.static_versus_dynamic.representative import representative_seed
-from drake_pregrasp.studies.static_versus_dynamic.study import trial_jobs
+from drake_pregrasp.studies.static_versus_dynamic.study import (
+    NAME,
+    study_static_versus_dynamic,
+    trial_jobs,
+)
 from drake_pregrasp.studies.static_versus_dynamic.trial import Trial
 from drake_pregrasp.systems.palette import contact_color
 
@@ -329,3 +335,12 @@ def test_figures_are_of_the_arms_there_are(tmp_path, monkeypatch, seeds, arms):
     if "strips" in asked:
         assert asked["strips"] == [TrialJob("headline", a, seed) for a in ARMS if a in arms]
         assert made[1].path.exists()
+
+
+def test_a_report_is_there_before_its_figures(tmp_path):
+    def make_figures(folder, outcomes):
+        raise InvalidArgumentError("no picture")
+
+    with pytest.raises(InvalidArgumentError, match="no picture"):
+        study_static_versus_dynamic(tmp_path, Experiment(made_up_trial, {}, make_figures), [])
+    assert (tmp_path / NAME / REPORT).exists()
