@@ -3,12 +3,14 @@
 import dataclasses
 import functools
 import json
+from concurrent.futures import Future
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up_trials import made_up_strip, made_up_trial
+from matplotlib.image import imread
 from pydrake.geometry import (
     GeometryInstance,
     MakeRenderEngineVtk,
@@ -20,14 +22,15 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform
 
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.sampling import unit_normals
 from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
 from drake_pregrasp.studies.drawn_mesh import camera_pose
-from drake_pregrasp.studies.static_versus_dynamic import figures
+from drake_pregrasp.studies.static_versus_dynamic import closings, figures
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.closings import CLOSINGS, strips_of
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
-from drake_pregrasp.studies.static_versus_dynamic.experiment import ReportFigure
+from drake_pregrasp.studies.static_versus_dynamic.experiment import Experiment, ReportFigure
 from drake_pregrasp.studies.static_versus_dynamic.marks import ring_triangles
 from drake_pregrasp.studies.static_versus_dynamic.outcome import TrialJob
 from drake_pregrasp.studies.static_versus_dynamic.photograph import (
@@ -36,9 +39,18 @@ from drake_pregrasp.studies.static_versus_dynamic.photograph import (
     photograph,
     shown_goals,
 )
-from drake_pregrasp.studies.static_versus_dynamic.picture_figure import in_few_words
+from drake_pregrasp.studies.static_versus_dynamic.picture_figure import (
+    PICTURES,
+    in_few_words,
+    make_pictures,
+)
+from drake_pregrasp.studies.static_versus_dynamic.report import REPORT
 from drake_pregrasp.studies.static_versus_dynamic.representative import representative_seed
-from drake_pregrasp.studies.static_versus_dynamic.study import trial_jobs
+from drake_pregrasp.studies.static_versus_dynamic.study import (
+    NAME,
+    study_static_versus_dynamic,
+    trial_jobs,
+)
 from drake_pregrasp.studies.static_versus_dynamic.trial import Trial
 from drake_pregrasp.systems.palette import contact_color
 
@@ -159,6 +171,15 @@ def tracking():
     return trial
 
 
+def likeness(pixels):
+    """Returns how like colours are to those of the fingers, shape (k, 5): 1 if only lit else."""
+    colors = [contact_color(finger) for finger in range(5)]
+    hues = np.array([[color.r(), color.g(), color.b()] for color in colors])
+    hues /= np.linalg.norm(hues, axis=1, keepdims=True)
+    lengths = np.maximum(np.linalg.norm(pixels, axis=1, keepdims=True), 1)
+    return pixels / lengths @ hues.T
+
+
 def test_a_picture_shows_goals_and_regions_where_they_are(tracking):
     bare, marked = (photograph(tracking, marks=marks).astype(int) for marks in (False, True))
     X_WK = camera_over(tracking)
@@ -178,15 +199,30 @@ def test_a_picture_shows_goals_and_regions_where_they_are(tracking):
     of_object = pixels_of(X_WK, (X_WO @ tracking.surface.p_OQ.T).T)
     inside = (changed > of_object.min(axis=0) - 5) & (changed < of_object.max(axis=0) + 5)
     assert np.mean(inside.all(axis=1)) > 0.98  # All but the smoothing of some edges.
-    hues = {
-        finger: np.array([getattr(contact_color(finger), channel)() for channel in "rgb"])
-        for finger in range(5)
-    }
-    colored = marked[np.ptp(marked, axis=2) > np.ptp(bare, axis=2) + 60]
-    colored = colored / np.linalg.norm(colored, axis=1, keepdims=True)
-    likeness = colored @ np.array([h / np.linalg.norm(h) for h in hues.values()]).T
-    assert len(colored) > 100
-    assert np.mean(likeness.max(axis=1) > 0.95) > 0.9
+    planner, surface = tracking.parts.planner, tracking.surface
+    port = planner.GetOutputPort("safe_regions")
+    labels = port.Eval(planner.GetMyContextFromRoot(tracking.context)).labels
+    p_WQ = (X_WO @ surface.p_OQ.T).T
+    nhat_WQ = surface.nhat_OQ @ X_WO.rotation().matrix().T
+    facing = np.sum((X_WK.translation() - p_WQ) * nhat_WQ, axis=1) > 0.2
+    owned = facing & (labels >= 0)
+    columns, rows = pixels_of(X_WK, p_WQ[owned]).round().astype(int).T
+    found = likeness(marked[rows, columns])
+    right = found[np.arange(len(found)), labels[owned]] > 0.97
+    assert len(right) > 100
+    assert np.mean(right & (np.argmax(found, axis=1) == labels[owned])) > 0.7  # Links hide some.
+
+
+def test_a_picture_shows_the_hand_where_it_is(tracking):
+    picture = photograph(tracking, marks=False).astype(float)
+    plant = tracking.parts.station.plant
+    context = plant.GetMyContextFromRoot(tracking.context)
+    frames = [plant.GetFrameByName(f"finger_{finger}_tip") for finger in range(5)]
+    p_WT = [frame.CalcPoseInWorld(context).translation() for frame in frames]
+    pixels = pixels_of(camera_over(tracking), p_WT).round().astype(int)
+    columns, rows = pixels.T
+    own = np.diag(likeness(picture[rows, columns]))
+    assert np.median(own) > 0.97  # Of most; links may be before some.
 
 
 def test_a_picture_leaves_no_trace(tracking):
@@ -203,6 +239,22 @@ def test_a_picture_leaves_no_trace(tracking):
     assert tracking.parts.diagram.GetInputPort("close").Eval(tracking.context) == [0.0]
 
 
+def test_the_grid_has_a_row_for_each_trial(tmp_path):
+    jobs = [TrialJob("headline", arm, 0) for arm in ("frozen", "still")]
+    outcomes = {job: grasp(job.arm, 0, True, close_at=0.1) for job in jobs}
+    path = make_pictures(tmp_path, outcomes, moments=(0.1,))
+    assert path == tmp_path / PICTURES
+    grid = imread(path)
+    info = CAMERA.core().intrinsics()
+    assert 0.8 < grid.shape[0] / grid.shape[1] * info.width() / info.height() < 1.2
+    # One wall in each of the two rows and columns: what is much redder than green.
+    red = grid[..., 0] - grid[..., 1] > 0.15
+    half_height, half_width = np.array(red.shape) // 2
+    for part in (red[:half_height], red[half_height:]):
+        assert part[:, :half_width].sum() > 1000
+        assert part[:, half_width:].sum() > 1000
+
+
 def test_closings_on_the_way_change_nothing():
     job = TrialJob("headline", "dynamic_reach", 1)
     with without_solver_chatter():
@@ -214,13 +266,22 @@ def test_closings_on_the_way_change_nothing():
     assert repr(last) == repr(alone)  # In which nan is as nan is.
 
 
-def test_what_is_kept_is_not_made_again(tmp_path):
+def at_once(function, jobs):
+    """Does what `as_they_end` does without processes."""
+    for index, job in enumerate(jobs):
+        future = Future()
+        future.set_result(function(job))
+        yield index, future
+
+
+def test_what_is_kept_is_not_made_again(tmp_path, monkeypatch):
     folder, made = tmp_path / "study", tmp_path / "made"
     folder.mkdir()
     made.mkdir()
     jobs = [TrialJob("headline", arm, 3) for arm in ("still", "frozen")]
     make = functools.partial(made_up_strip, made)
     made_now = strips_of(folder, jobs, make)
+    monkeypatch.setattr(closings, "as_they_end", at_once)
     again = strips_of(folder, jobs[::-1], make)[::-1]  # Making one twice raises.
     assert [strip.arm for strip in again] == ["still", "frozen"]
     for strip, other in zip(made_now, again, strict=True):
@@ -274,3 +335,12 @@ def test_figures_are_of_the_arms_there_are(tmp_path, monkeypatch, seeds, arms):
     if "strips" in asked:
         assert asked["strips"] == [TrialJob("headline", a, seed) for a in ARMS if a in arms]
         assert made[1].path.exists()
+
+
+def test_a_report_is_there_before_its_figures(tmp_path):
+    def make_figures(folder, outcomes):
+        raise InvalidArgumentError("no picture")
+
+    with pytest.raises(InvalidArgumentError, match="no picture"):
+        study_static_versus_dynamic(tmp_path, Experiment(made_up_trial, {}, make_figures), [])
+    assert (tmp_path / NAME / REPORT).exists()

@@ -26,11 +26,12 @@ from drake_pregrasp.studies.static_versus_dynamic.outcome import TrialJob
 from drake_pregrasp.studies.static_versus_dynamic.planned_start import planned_start
 from drake_pregrasp.studies.static_versus_dynamic.reassignment import Reassignment
 from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, HAND, SCENES
+from drake_pregrasp.studies.static_versus_dynamic.simulated import EXPERIMENT
 from drake_pregrasp.studies.static_versus_dynamic.start import random_start
 from drake_pregrasp.studies.static_versus_dynamic.still_hand import StillHand
 from drake_pregrasp.studies.static_versus_dynamic.study import study_static_versus_dynamic
 from drake_pregrasp.studies.static_versus_dynamic.study_settings import study_settings
-from drake_pregrasp.studies.static_versus_dynamic.trial import EXPERIMENT, Trial, run_trial
+from drake_pregrasp.studies.static_versus_dynamic.trial import Trial, run_trial
 from drake_pregrasp.systems.grasp_logger import GraspRecord
 
 MODEL = HandModel(load_hand(HAND))

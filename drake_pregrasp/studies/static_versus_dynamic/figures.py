@@ -16,7 +16,7 @@ from drake_pregrasp.studies.static_versus_dynamic.picture_figure import (
 )
 from drake_pregrasp.studies.static_versus_dynamic.representative import representative_seed
 from drake_pregrasp.studies.static_versus_dynamic.scene import FINGERS
-from drake_pregrasp.studies.static_versus_dynamic.strip_charts import DEEPEST_SHOWN_MM, plot_strips
+from drake_pregrasp.studies.static_versus_dynamic.strip_charts import FARTHEST_SHOWN_MM, plot_strips
 
 STRIPS = "strips.png"
 """The file of the strip charts, in the study's folder."""
@@ -35,7 +35,7 @@ _PICTURES_SAY = (
 _STRIPS_SAY = (
     "The same seed, {seed}. For each arm, while the hand follows: how many fingers are usable; how"
     " far a fingertip at a goal of the arm's plan, in contact or standing off, is from the wall,"
-    " with its inside shaded down to {deepest:g} mm; and whether a grasp that closes then is clean,"
+    " with its inside shaded, up to {farthest:g} mm; and whether a grasp that closes then is clean,"
     " tried every {step:g} s."
 )
 
@@ -74,6 +74,6 @@ def make_figures(folder: Path, outcomes: Sequence[Outcome]) -> list[ReportFigure
         with writing(path):
             plot_strips(path, strips, num_fingers=FINGERS)
         step = CLOSING_TIMES[1] - CLOSING_TIMES[0]
-        text = _STRIPS_SAY.format(seed=chosen.seed, step=step, deepest=DEEPEST_SHOWN_MM)
+        text = _STRIPS_SAY.format(seed=chosen.seed, step=step, farthest=FARTHEST_SHOWN_MM)
         figures.append(ReportFigure(f"{label}: when closing would be clean", path, text))
     return figures

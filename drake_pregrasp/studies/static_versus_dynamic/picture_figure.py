@@ -34,7 +34,9 @@ ROWS = ("frozen", "still", "dynamic_reach")
 CLOSED_AT = 8.0
 """When the hand is told to close, in seconds: the last of the moments before it."""
 
-_MOMENTS = (0.5, 4.0, CLOSED_AT)  # In seconds, at ticks of the planner.
+MOMENTS = (0.5, 4.0, CLOSED_AT)
+"""When pictures are taken before the grasp, in seconds, at ticks of the planner."""
+
 _CHARACTERS_A_LINE = 34  # That fit below a picture.
 
 
@@ -42,15 +44,22 @@ class _Sitting(NamedTuple):
     """A trial to take pictures of, and their files: for each moment, and for the grasp's end."""
 
     trial: TrialJob
+    moments: tuple[float, ...]
     files: tuple[Path, ...]
 
 
-def make_pictures(folder: Path, outcomes: Mapping[TrialJob, Outcome]) -> Path:
+def make_pictures(
+    folder: Path,
+    outcomes: Mapping[TrialJob, Outcome],
+    *,
+    moments: tuple[float, ...] = MOMENTS,
+) -> Path:
     """Makes the grid, a row for each trial, with a process for each.
 
     Args:
         folder: Where it goes.
-        outcomes: For each trial that is shown, that of the grasp closed at `CLOSED_AT`.
+        outcomes: For each trial that is shown, that of the grasp closed at the last moment.
+        moments: When pictures are taken before the grasp, in seconds, at ticks of the planner.
 
     Returns:
         Its path.
@@ -62,7 +71,8 @@ def make_pictures(folder: Path, outcomes: Mapping[TrialJob, Outcome]) -> Path:
         sittings = [
             _Sitting(
                 job,
-                tuple(Path(temporary) / f"{job.arm}_{k}.png" for k in range(len(_MOMENTS) + 1)),
+                moments,
+                tuple(Path(temporary) / f"{job.arm}_{k}.png" for k in range(len(moments) + 1)),
             )
             for job in outcomes
         ]
@@ -78,8 +88,8 @@ def make_pictures(folder: Path, outcomes: Mapping[TrialJob, Outcome]) -> Path:
                 [sitting.files for sitting in sittings],
                 rows=[ARMS[job.arm].label for job in outcomes],
                 columns=[
-                    *(f"t = {moment:g} s" for moment in _MOMENTS),
-                    f"end of grasp closed at {CLOSED_AT:g} s",
+                    *(f"t = {moment:g} s" for moment in moments),
+                    f"end of grasp closed at {moments[-1]:g} s",
                 ],
                 captions=captions,
             )
@@ -95,11 +105,11 @@ def _take(sitting: _Sitting) -> Sequence[int]:
     usable = []
     with without_solver_chatter():
         trial = Trial(sitting.trial)
-        for moment, file in zip(_MOMENTS, before, strict=True):
+        for moment, file in zip(sitting.moments, before, strict=True):
             trial.track(moment)
             imsave(file, photograph(trial, marks=True))
             usable.append(trial.looks[-1].usable)
-        trial.grasp(CLOSED_AT)
+        trial.grasp(sitting.moments[-1])
         imsave(end, photograph(trial, marks=False))
     return usable
 

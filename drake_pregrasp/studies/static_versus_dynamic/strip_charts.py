@@ -17,8 +17,8 @@ _CLEAN_COLOR, _OTHER_COLOR = "#009E73", "#D55E00"
 _AREA_COLOR = "#F6DDCB"
 _INCHES_A_STRIP = 2.1
 
-DEEPEST_SHOWN_MM = 60.0
-"""How far inside the area charts reach: what is farther in is off the chart."""
+FARTHEST_SHOWN_MM = 60.0
+"""How far inside and outside the area charts reach: what is farther is off them."""
 
 
 class Strip(NamedTuple):
@@ -65,7 +65,10 @@ def plot_strips(path: Path, strips: Sequence[Strip], *, num_fingers: int) -> Non
     limits = (min(s.time[0] for s in strips), max(ends))
     margin = 0.02 * (limits[1] - limits[0])
     known = np.concatenate([s.clearance_mm[np.isfinite(s.clearance_mm)] for s in strips])
-    clearances = (max(-DEEPEST_SHOWN_MM, known.min(initial=0.0)), max(1.0, known.max(initial=1.0)))
+    clearances = (
+        max(-FARTHEST_SHOWN_MM, known.min(initial=0.0)),
+        min(FARTHEST_SHOWN_MM, known.max(initial=1.0)),
+    )
     parts = figure.subfigures(len(strips), 1, squeeze=False).ravel()
     for index, (part, strip) in enumerate(zip(parts, strips, strict=True)):
         axes = part.subplots(3, 1, sharex=True, height_ratios=(1, 1.3, 0.45))
