@@ -202,7 +202,8 @@ class GraspView:
         active: Which fingers have a contact to go to, shape (n,).
         distances: How far each fingertip is on its way to its goal, shape (n,), in metres.
         gaps: Between each fingertip and the surface at its contact, shape (n,), in metres.
-        presses: Normal force of each fingertip on the object, shape (n,), in newtons.
+        presses: Normal force of each fingertip on the object, shape (n,), in newtons. Until the
+            hand closes they are not looked at.
     """
 
     time: float

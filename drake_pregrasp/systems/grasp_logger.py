@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
@@ -50,6 +51,8 @@ class GraspLogger(LeafSystem):
         - X_WO
         - X_WD
 
+    All ports but `f_T_W` have to be connected; without it, forces are recorded as zeros.
+
     The ports accept what ports of these names emit: `grasp_report`, `p_GT`, `p_WT`, `f_T_W` and
     `X_WG` of `HandController`, `X_WO` and `X_WD` of `HandStation`.
 
@@ -82,10 +85,16 @@ class GraspLogger(LeafSystem):
                 report=self._report.Eval(context).copy(),
                 p_WT=self._p_WT.Eval(context).reshape(-1, 3).copy(),
                 p_GT=self._p_GT.Eval(context).reshape(-1, 3).copy(),
-                f_T_W=self._f_T_W.Eval(context).reshape(-1, 3).copy(),
+                f_T_W=self._forces(context),
                 X_WG=RigidTransform(self._X_WG.Eval(context)),
                 X_WO=RigidTransform(self._X_WO.Eval(context)),
                 X_WD=RigidTransform(self._X_WD.Eval(context)),
             )
         )
         return EventStatus.Succeeded()
+
+    def _forces(self, context: Context) -> FloatArray:
+        if not self._f_T_W.HasValue(context):
+            return np.zeros((self._f_T_W.size() // 3, 3))
+        forces: FloatArray = self._f_T_W.Eval(context).reshape(-1, 3).copy()
+        return forces

@@ -193,7 +193,10 @@ class GraspSequencer(LeafSystem):
         X_WG, V_WG = self._motion.Eval(context)
         p_OC, nhat = self._contacts(context)
         p_GT = (X_WG.inverse() @ self._p_WT.Eval(context).reshape(-1, 3).T).T
-        f_T_G = self._f_T_W.Eval(context).reshape(-1, 3) @ X_WG.rotation().matrix()
+        presses = np.zeros(len(p_OC))
+        if state.phase >= GraspPhase.CLOSE:  # Before that nobody asks, and forces cost some time.
+            f_T_G = self._f_T_W.Eval(context).reshape(-1, 3) @ X_WG.rotation().matrix()
+            presses = -np.sum(f_T_G * nhat, axis=1)
         p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat
         view = GraspView(
             time=context.get_time(),
@@ -201,7 +204,7 @@ class GraspSequencer(LeafSystem):
             active=is_active(np.asarray(self._status.Eval(context))),
             distances=np.linalg.norm(p_GT_goal - p_GT, axis=1),
             gaps=np.sum((p_GT - p_OC) * nhat, axis=1) - self._radius,
-            presses=-np.sum(f_T_G * nhat, axis=1),
+            presses=presses,
         )
         after = next_state(
             state,

@@ -199,7 +199,7 @@ def make_trial_diagram(
     else:
         builder.ExportInput(controller.GetInputPort("close"), "close")
     logger = builder.AddSystem(GraspLogger(num_fingers=FINGERS, period=grasp.period, sink=sink))
-    for name in ("grasp_report", "p_GT", "p_WT", "f_T_W", "X_WG"):
+    for name in ("grasp_report", "p_GT", "p_WT", "X_WG"):  # Nobody asks for forces.
         builder.Connect(controller.GetOutputPort(name), logger.GetInputPort(name))
     for name in ("X_WO", "X_WD"):
         builder.Connect(station.GetOutputPort(name), logger.GetInputPort(name))
