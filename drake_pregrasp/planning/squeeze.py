@@ -22,6 +22,10 @@ _MODEL = "hard_finger"
 _BALANCE = 300.0
 _BOUNDS = 6000.0
 
+FRICTION_SHARES = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+"""Of the coefficient that is given: cones that `safest_squeeze` tries, one after another."""
+
+_IN_BALANCE = 0.02  # Newtons that may be left.
 _PASSES = 50  # Changes of the active set for each unknown, at most.
 
 
@@ -103,3 +107,40 @@ def squeeze_forces(
     local = (E @ a.reshape(n, edges).T).T
     forces: FloatArray = np.einsum("nij,nj->ni", contact_axes(nhat), local)
     return Squeeze(forces, float(np.linalg.norm(W @ a + w)))
+
+
+def safest_squeeze(
+    p_CoMC: FloatArray,
+    nhat: FloatArray,
+    wrench: FloatArray,
+    *,
+    friction: float,
+    least_normal: float,
+    largest_normal: float | FloatArray,
+) -> Squeeze:
+    """Returns the squeeze that needs least friction, of some steps, and balances a wrench.
+
+    The smallest forces lie on the edges of their cones. Where there is room for larger ones, cones
+    are made narrower, so that forces that come out otherwise than planned stay inside the true
+    ones. What balances with no narrower cone is planned with the widest.
+
+    Args:
+        p_CoMC: As for `squeeze_forces`, like all others.
+        nhat: Outward unit normals.
+        wrench: What else acts on the object.
+        friction: The largest coefficient to plan with.
+        least_normal: In newtons.
+        largest_normal: In newtons.
+    """
+    for share in FRICTION_SHARES:
+        squeeze = squeeze_forces(
+            p_CoMC,
+            nhat,
+            wrench,
+            friction=share * friction,
+            least_normal=least_normal,
+            largest_normal=largest_normal,
+        )
+        if squeeze.residual <= _IN_BALANCE:
+            break
+    return squeeze

@@ -18,7 +18,7 @@ from drake_pregrasp.planning.carried_pose import Coasting
 from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.grasp_phases import next_state
 from drake_pregrasp.planning.grasp_state import GraspPhase, GraspSettings, GraspState, GraspView
-from drake_pregrasp.planning.squeeze import Squeeze, squeeze_forces
+from drake_pregrasp.planning.squeeze import Squeeze, safest_squeeze
 
 GRAVITY = 9.81
 """Along -z of W, in m/s²."""
@@ -223,7 +223,7 @@ class GraspSequencer(LeafSystem):
         p_OC, nhat = self._contacts(context)
         X_WO: RigidTransform = self._X_WO.Eval(context)
         weight_W = np.array([0.0, 0.0, -GRAVITY * self._mass])
-        planned = squeeze_forces(
+        planned = safest_squeeze(
             (p_OC - self._p_OCoM)[active],
             nhat[active],
             np.append(X_WO.rotation().matrix().T @ weight_W, np.zeros(3)),
