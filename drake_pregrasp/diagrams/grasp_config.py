@@ -9,9 +9,6 @@ from drake_pregrasp.diagrams.hand_description import Closing, Fingertip
 from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.planning.grasp_state import GraspSettings
 
-CLOSING_DURATION = 1.0
-"""Seconds that closing takes, at most as a rule."""
-
 _LENGTH = {"above": 0, "at_most": 10}
 _TIME = {"above": 0, "at_most": 1e6}
 _FORCE = {"above": 0, "at_most": 1e4}
@@ -95,11 +92,18 @@ class GraspConfig:
             lift_duration=self.lift_duration,
         )
 
+    def closing_duration(self, fingertips: Sequence[Fingertip] = ()) -> float:
+        """Returns about how long fingers take from their standoff to the object, in seconds."""
+        settings = self.make_settings(fingertips)
+        speed = float(np.min(settings.closing_speed))
+        return self.standoff / speed + speed / settings.closing_acceleration
+
     @property
     def expected_rest(self) -> float:
         """About when the hand stops to follow the object's motion, for the lift, in seconds."""
         settings = self.make_settings()
-        return self.close_at + CLOSING_DURATION + settings.squeeze_duration + settings.stop_duration
+        closing = self.closing_duration() + settings.squeeze_duration
+        return self.close_at + closing + settings.stop_duration
 
     def largest_lift(self, fingertips: Sequence[Fingertip]) -> float:
         """Returns the weight that fingers can hold by friction alone, in newtons."""

@@ -56,6 +56,10 @@ class LimitsConfig:
     # How far from the surface fingertips wait, in metres: they stay clear of obstacles there, too.
     standoff: float = field(default=0.0, metadata=_LENGTH)
 
+    # For how long from now on contacts stay clear of obstacles, as these and the object move on, in
+    # seconds.
+    horizon: float = field(default=0.0, metadata={"at_least": 0, "at_most": 60})
+
     # What each finger reaches, in the hand's frame H. Empty: everything.
     reach: list[ReachConfig] = field(default_factory=list)
 

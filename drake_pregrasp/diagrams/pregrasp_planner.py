@@ -196,6 +196,7 @@ class PregraspPlanner(Diagram):
                 clearance=config.limits.clearance,
                 tip_gap=config.limits.tip_gap,
                 standoff=config.limits.standoff,
+                horizon=config.limits.horizon,
                 reach=[reach.make_reach() for reach in config.limits.reach],
                 closed=config.limits.closed(),
                 wall_test=config.wall_test,
@@ -225,6 +226,7 @@ class PregraspPlanner(Diagram):
         )
         for source, output, target, target_input in (
             (estimator, "X_WO_estimated", partitioner, "X_WO_estimated"),
+            (estimator, "V_WO_estimated", partitioner, "V_WO_estimated"),
             (estimator, "X_WO_estimated", selector, "X_WO_estimated"),
             (estimator, "p_WO_covariance", selector, "p_WO_covariance"),
             (partitioner, "safe_regions", selector, "safe_regions"),

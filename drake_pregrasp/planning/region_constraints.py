@@ -1,7 +1,7 @@
 """What limits safe regions beside Eq. 1: fingertips, obstacles, reach, and thin walls."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import cached_property
 
@@ -51,10 +51,20 @@ class Obstacles:
     Attributes:
         solids: Convex solids.
         points: Points z_j with radii R_j.
+        velocities: Of the solids, shape (k, 3), in m/s; empty if they don't move. Points don't.
     """
 
     solids: tuple[Solid, ...] = ()
     points: ForbiddenPoints = field(default_factory=ForbiddenPoints.none)
+    velocities: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+
+    def after(self, seconds: float) -> "Obstacles":
+        """Returns where they are some time later."""
+        if not np.any(self.velocities):
+            return self
+        ways = seconds * self.velocities
+        moved = zip(self.solids, ways, strict=True)
+        return replace(self, solids=tuple(solid.moved(np.eye(3), way) for solid, way in moved))
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "Obstacles":
         """Returns the same obstacles expressed in a frame G, in which F has that pose."""
@@ -65,6 +75,7 @@ class Obstacles:
                 self.points.radii,
                 self.points.normals @ R_GF.T,
             ),
+            self.velocities @ R_GF.T,
         )
 
 
@@ -76,6 +87,8 @@ class RegionConstraints:
         obstacles: Regions end at the plane across the way from c_i to an obstacle's nearest point,
             set back by the fingertip's radius and the clearance; and no region has a candidate
             whose fingertip would be nearer than that to an obstacle, on its way from the standoff.
+        later: Where obstacles will be, in O as it will be then, while contacts are still in use: a
+            region has no candidate either whose fingertip would be near one of these.
         clearance: Between fingertips and obstacles, in metres.
         tip_radii: Of the fingertips, balls that touch the surface from outside, shape (n,), in
             metres; empty for points. Regions are set back by them from their common boundary.
@@ -93,6 +106,7 @@ class RegionConstraints:
     """
 
     obstacles: Obstacles = field(default_factory=Obstacles)
+    later: Sequence[Obstacles] = ()
     clearance: float = 0.0
     tip_radii: FloatArray = field(default_factory=lambda: np.empty(0))
     tip_gap: float = 0.0
@@ -157,17 +171,18 @@ class RegionConstraints:
     ) -> Iterator[tuple[int, FloatArray]]:
         """Yields each obstacle's index, and its distances from tips' centres, shape (k,).
 
-        The least one counts, between where the tip touches and its standoff.
+        The least one counts, between where the tip touches and its standoff, now and later.
         """
         shares = _ALONG if self.standoff > 0 else _ALONG[:1]
         k = len(centres)
         along = np.concatenate([centres + share * self.standoff * normals for share in shares])
-        for index, solid in enumerate(self.obstacles.solids):
-            yield index, np.min(solid.distance(along).reshape(len(shares), k), axis=0)
-        spheres = self.obstacles.points
-        for index, (point, radius) in enumerate(zip(spheres.points, spheres.radii, strict=True)):
-            distances = np.linalg.norm(along - point, axis=1).reshape(len(shares), k)
-            yield len(self.obstacles.solids) + index, np.min(distances, axis=0) - radius
+        for obstacles in (self.obstacles, *self.later):
+            for index, solid in enumerate(obstacles.solids):
+                yield index, np.min(solid.distance(along).reshape(len(shares), k), axis=0)
+            spheres = zip(obstacles.points.points, obstacles.points.radii, strict=True)
+            for index, (point, radius) in enumerate(spheres, start=len(obstacles.solids)):
+                distances = np.linalg.norm(along - point, axis=1).reshape(len(shares), k)
+                yield index, np.min(distances, axis=0) - radius
 
 
 UNCONSTRAINED = RegionConstraints()

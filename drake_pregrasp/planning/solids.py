@@ -8,8 +8,6 @@ import numpy as np
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 
-_PLACES = 5  # Of a solid on its way.
-
 
 class Solid(ABC):
     """A closed convex set of points of a frame F, known by its signed distance."""
@@ -128,33 +126,6 @@ class HalfSpace(Solid):
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "HalfSpace":
         """See `Solid`."""
         return HalfSpace(R_GF @ self.point + p_GF, R_GF @ self.normal)
-
-
-@dataclass(frozen=True, eq=False)
-class SweptSolid(Solid):
-    """All that a solid passes over on a straight way, in steps.
-
-    Attributes:
-        solid: At the start.
-        way: How far it goes, shape (3,), in metres.
-    """
-
-    solid: Solid
-    way: FloatArray
-
-    def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See `Solid`; the nearest of the places on its way counts."""
-        found = [
-            self.solid.distance_and_gradient(p_FP - share * self.way)
-            for share in np.linspace(0.0, 1.0, _PLACES)
-        ]
-        distances = np.array([distance for distance, _ in found])
-        nearest = np.argmin(distances, axis=0), np.arange(len(p_FP))
-        return distances[nearest], np.array([gradient for _, gradient in found])[nearest]
-
-    def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "SweptSolid":
-        """See `Solid`."""
-        return SweptSolid(self.solid.moved(R_GF, p_GF), R_GF @ self.way)
 
 
 def _unit(vectors: FloatArray, lengths: FloatArray) -> FloatArray:

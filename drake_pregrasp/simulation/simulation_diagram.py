@@ -7,7 +7,6 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_pregrasp.diagrams.grasp_config import CLOSING_DURATION
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
@@ -156,10 +155,8 @@ def _add_obstacles(
 ) -> None:
     solids = [moving_solid(o) for o in scenario.obstacles]
     shown = MovingObstacles(solids, lookahead=scenario.planner.estimator.lookahead)
-    if hand is not None:  # Contacts that it closes on have to stay clear until it has them.
-        obstacles = builder.AddNamedSystem(
-            "heeded_obstacles", MovingObstacles([*solids, TABLE], sweep=CLOSING_DURATION)
-        )
+    if hand is not None:
+        obstacles = builder.AddNamedSystem("heeded_obstacles", MovingObstacles([*solids, TABLE]))
         builder.Connect(obstacles.get_output_port(), planner.GetInputPort("obstacles"))
         builder.Connect(obstacles.get_output_port(), hand.controller.GetInputPort("obstacles"))
     if not solids:

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.region_constraints import Obstacles
-from drake_pregrasp.planning.solids import Solid, SweptSolid
+from drake_pregrasp.planning.solids import Solid
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,19 +35,16 @@ class MovingObstacles(LeafSystem):
         - obstacles
 
     Port `obstacles` emits `Obstacles` in W, where they are `lookahead` after the Context's time,
-    each with all that it passes over in the time `sweep` after that.
+    with their velocities.
 
     Args:
         obstacles: The solids, in the order of their indices.
         lookahead: In seconds: that of the goals that are to stay clear of them.
-        sweep: In seconds: as long as contacts that are chosen now have to stay clear of them.
     """
 
-    def __init__(
-        self, obstacles: Sequence[MovingSolid], *, lookahead: float = 0.0, sweep: float = 0.0
-    ) -> None:
+    def __init__(self, obstacles: Sequence[MovingSolid], *, lookahead: float = 0.0) -> None:
         super().__init__()
-        self._lookahead, self._sweep = lookahead, sweep
+        self._lookahead = lookahead
         self._moving = tuple(obstacles)
         self.DeclareAbstractOutputPort(
             "obstacles",
@@ -58,9 +55,6 @@ class MovingObstacles(LeafSystem):
 
     def _calc_obstacles(self, context: Context, output: AbstractValue) -> None:
         time = context.get_time() + self._lookahead
-        output.set_value(Obstacles(tuple(self._at(time, moving) for moving in self._moving)))
-
-    def _at(self, time: float, moving: MovingSolid) -> Solid:
-        solid = moving.solid.moved(np.eye(3), time * moving.velocity)
-        way = self._sweep * moving.velocity
-        return SweptSolid(solid, way) if np.any(way) else solid
+        solids = tuple(m.solid.moved(np.eye(3), time * m.velocity) for m in self._moving)
+        velocities = np.array([m.velocity for m in self._moving]).reshape(-1, 3)
+        output.set_value(Obstacles(solids, velocities=velocities))

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
 from drake_pregrasp.errors import InvalidArgumentError
@@ -16,12 +17,14 @@ from drake_pregrasp.planning.region_constraints import (
     Obstacles,
     RegionConstraints,
 )
+from drake_pregrasp.planning.rotation_vectors import rotation_matrix
 from drake_pregrasp.planning.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
 from drake_pregrasp.planning.sampling import lifted
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.planning.wall_test import WALL_TESTS, SurfaceGraph, normals_agree
 
 _NO_OBSTACLES = Obstacles()
+_MOMENTS = 4  # Of the horizon, with now, at which obstacles are looked at.
 
 
 class SafeRegionPartitioner(LeafSystem):
@@ -36,6 +39,7 @@ class SafeRegionPartitioner(LeafSystem):
         - contact_weights
         - obstacles
         - X_WH
+        - V_WO_estimated
         output_ports:
         - safe_regions
 
@@ -53,6 +57,9 @@ class SafeRegionPartitioner(LeafSystem):
 
     Both are for the time that `X_WO_estimated` is for: if that looks ahead, so must they.
 
+    Port `V_WO_estimated` (optional) accepts a `SpatialVelocity`: of O in W, with which it goes on
+    over the horizon. Unconnected, it is taken to stay.
+
     Port `safe_regions` emits `SafeRegions` over the surface's candidate points.
 
     Args:
@@ -63,6 +70,8 @@ class SafeRegionPartitioner(LeafSystem):
         tip_gap: Between fingertips, at least, in metres.
         standoff: How far from the surface fingertips wait, in metres: they stay clear of obstacles
             there, too.
+        horizon: For how long from now contacts have to stay clear of obstacles, as these and the
+            object move on, in seconds.
         reach: For each contact what its finger reaches, in H, or None; empty for no limit.
         closed: For each contact the ground that only it may not touch; empty for none.
         wall_test: How a region is kept from reaching through a thin wall, out of `WALL_TESTS`.
@@ -83,6 +92,7 @@ class SafeRegionPartitioner(LeafSystem):
         clearance: float = 0.0,
         tip_gap: float = 0.0,
         standoff: float = 0.0,
+        horizon: float = 0.0,
         reach: Sequence[FingerReach | None] = (),
         closed: Sequence[Sequence[AxisArea]] = (),
         wall_test: str = "none",
@@ -99,14 +109,15 @@ class SafeRegionPartitioner(LeafSystem):
                 raise InvalidArgumentError(f"{name} must be {num_contacts} or none, not {count}")
         if not np.all(self._tip_radii >= 0):
             raise InvalidArgumentError(f"tip_radii must be at least 0 m, not {self._tip_radii}")
-        for name, length in (
+        for name, amount in (
             ("clearance", clearance),
             ("tip_gap", tip_gap),
             ("standoff", standoff),
+            ("horizon", horizon),
             ("normal_length", normal_length),
         ):
-            if not length >= 0:
-                raise InvalidArgumentError(f"{name} must be at least 0 m, not {length}")
+            if not amount >= 0:
+                raise InvalidArgumentError(f"{name} must be at least 0, not {amount}")
         if max(tip_gap, standoff) > 0 and not len(self._tip_radii):
             raise InvalidArgumentError("a tip gap or a standoff needs tip_radii")
         if wall_test not in WALL_TESTS:
@@ -118,6 +129,7 @@ class SafeRegionPartitioner(LeafSystem):
         self._points = surface.p_OQ
         if normal_length > 0:
             self._points = lifted(surface.p_OQ, surface.nhat_OQ, normal_length)
+        self._moments = np.linspace(0.0, horizon, _MOMENTS)[1:] if horizon > 0 else ()
         self._reach, self._closed = tuple(reach), tuple(closed)
         self._wall_test = wall_test
         self._kernel = surface.kernel if normal_length == 0 else None
@@ -135,6 +147,9 @@ class SafeRegionPartitioner(LeafSystem):
             "obstacles", AbstractValue.Make(Obstacles())
         )
         self._X_WH = self.DeclareAbstractInputPort("X_WH", AbstractValue.Make(RigidTransform()))
+        self._V_WO = self.DeclareAbstractInputPort(
+            "V_WO_estimated", AbstractValue.Make(SpatialVelocity())
+        )
         self.DeclareAbstractOutputPort(
             "safe_regions",
             self._allocate_regions,
@@ -171,7 +186,7 @@ class SafeRegionPartitioner(LeafSystem):
     def _constraints(
         self, context: Context, X_OW: RigidTransform, p_OC: FloatArray
     ) -> RegionConstraints:
-        obstacles = _NO_OBSTACLES
+        obstacles, later = _NO_OBSTACLES, []
         if self._obstacles.HasValue(context):
             in_world = self._obstacles.Eval(context)
             if not isinstance(in_world, Obstacles):
@@ -180,6 +195,7 @@ class SafeRegionPartitioner(LeafSystem):
                     f" not a {type(in_world).__name__}"
                 )
             obstacles = in_world.moved(X_OW.rotation().matrix(), X_OW.translation())
+            later = [self._obstacles_after(context, in_world, moment) for moment in self._moments]
         elif self._is_unlimited:
             return UNCONSTRAINED
         X_OH = X_OW
@@ -197,6 +213,7 @@ class SafeRegionPartitioner(LeafSystem):
                 same_side &= self._graph.near_over_the_surface(p_OC, nhat_OC)
         return RegionConstraints(
             obstacles=obstacles,
+            later=later,
             clearance=self._clearance,
             tip_radii=self._tip_radii,
             tip_gap=self._tip_gap,
@@ -208,3 +225,13 @@ class SafeRegionPartitioner(LeafSystem):
             same_side=same_side,
             fencing=fencing,
         )
+
+    def _obstacles_after(self, context: Context, in_world: Obstacles, seconds: float) -> Obstacles:
+        """Returns where obstacles will be, in O as it will be then."""
+        X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
+        R_WO, p_WO = X_WO.rotation().matrix(), X_WO.translation()
+        if self._V_WO.HasValue(context):
+            V_WO: SpatialVelocity = self._V_WO.Eval(context)
+            R_WO = rotation_matrix(V_WO.rotational() * seconds) @ R_WO
+            p_WO = p_WO + V_WO.translational() * seconds
+        return in_world.after(seconds).moved(R_WO.T, -R_WO.T @ p_WO)

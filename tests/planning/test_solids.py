@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.planning.region_constraints import Obstacles
-from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace, SweptSolid
+from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.planning.surface import ForbiddenPoints
 
 
@@ -24,23 +24,6 @@ def random_solid(kind, seed):
     if kind == "box":
         return BoxSolid(center, rotation(rng), rng.uniform(0.2, 2, 3))
     return HalfSpace(center, rng.normal(size=3))
-
-
-def test_a_swept_solid_is_as_near_as_the_nearest_place_on_its_way():
-    rng = np.random.default_rng(4)
-    points, way = rng.uniform(-2, 2, (100, 3)), np.array([0.3, -0.2, 0.1])
-    for kind in ("ball", "box", "half-space"):
-        solid = random_solid(kind, 5)
-        swept = SweptSolid(solid, way)
-        distances, gradients = swept.distance_and_gradient(points)
-        fine = [solid.moved(np.eye(3), s * way).distance(points) for s in np.linspace(0, 1, 401)]
-        nearest = np.min(fine, axis=0)
-        assert np.all(distances >= nearest - 1e-12)
-        assert np.all(distances <= nearest + np.linalg.norm(way) / 8)
-        np.testing.assert_allclose(np.linalg.norm(gradients, axis=1), 1)
-        R, p = rotation(rng), rng.normal(size=3)
-        moved = swept.moved(R, p).distance(points @ R.T + p)
-        np.testing.assert_allclose(moved, distances, atol=1e-12)
 
 
 kinds = pytest.mark.parametrize("kind", ["ball", "box", "half-space"])

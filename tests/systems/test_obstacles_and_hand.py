@@ -62,18 +62,19 @@ def test_obstacles_move_steadily_without_turning(time):
     assert len(obstacles.points) == 0
 
 
-def test_obstacles_are_swept_over_the_time_for_which_contacts_must_stay_clear():
-    system = MovingObstacles(MOVING, lookahead=0.1, sweep=0.8)
-    context = system.CreateDefaultContext()
-    context.SetTime(1.0)
+def test_obstacles_tell_where_they_will_be():
+    system = MovingObstacles(MOVING, lookahead=0.1)
+    now, then = system.CreateDefaultContext(), system.CreateDefaultContext()
+    then.SetTime(0.8)
     probes = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 3))
-    for solid, start, velocity in zip(
-        system.get_output_port().Eval(context).solids, SOLIDS, VELOCITIES, strict=True
+    R, p = X_WO.rotation().matrix(), X_WO.translation()
+    expected = system.get_output_port().Eval(then)
+    for later, solid in (
+        (system.get_output_port().Eval(now).after(0.8), expected),
+        (system.get_output_port().Eval(now).moved(R, p).after(0.8), expected.moved(R, p)),
     ):
-        swept = solid.distance(probes)
-        for time in (1.1, 1.5, 1.9):
-            now = start.distance(probes - time * np.array(velocity))
-            assert np.all(swept <= now + 1e-12)
+        for one, other in zip(later.solids, solid.solids, strict=True):
+            np.testing.assert_allclose(one.distance(probes), other.distance(probes), atol=1e-12)
 
 
 def hand_at(X_WH, follow, X_WO_estimated):

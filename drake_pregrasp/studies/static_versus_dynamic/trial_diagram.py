@@ -10,7 +10,6 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantValueSource, DiscreteTimeDelay
 
 from drake_pregrasp.diagrams.expected_path import initial_pose
-from drake_pregrasp.diagrams.grasp_config import CLOSING_DURATION
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import HandStation
@@ -36,6 +35,7 @@ PLANT = MultibodyPlantConfig(
     use_sampled_output_ports=False,
     contact_model="point",
     discrete_contact_approximation="sap",
+    sap_near_rigid_threshold=0.02,
 )
 """The plant's settings."""
 
@@ -126,7 +126,7 @@ def make_trial_diagram(
         NoisyPoseSensor(position_std=scene.position_std, orientation_std=scene.orientation_std)
     )
     weights = builder.AddSystem(ContactWeights(np.zeros(FINGERS), [(scene.lost_at, start.lost)]))
-    obstacles = builder.AddSystem(MovingObstacles(scene.obstacles(), sweep=CLOSING_DURATION))
+    obstacles = builder.AddSystem(MovingObstacles(scene.obstacles()))
     held = _ring(hand.azimuths) if arm == "still" else p_OC
     planner = AddPregraspPlanner(
         builder,
