@@ -14,7 +14,7 @@ from pydrake.systems.framework import (
 )
 
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.arrays import BoolArray, FloatArray
 from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.goal_shaping import TipRoom, shape_goals
 from drake_pregrasp.planning.region_constraints import Obstacles
@@ -70,7 +70,8 @@ class FingertipGoalShaper(LeafSystem):
     Port `hold_contacts` (optional) accepts a number: above 0, contacts stay where they are in O,
     and fingers stay active or not.
 
-    Port `obstacles` (optional) accepts `Obstacles` in W, of which solids are heeded.
+    Port `obstacles` (optional) accepts `Obstacles` in W, of which solids are heeded; not by fingers
+    that hold their contacts.
 
     Port `X_WH` (optional) accepts a `RigidTransform`: the hand's frame H. Fingers without an active
     contact wait at their own azimuths in it; without it, where they are.
@@ -207,7 +208,7 @@ class FingertipGoalShaper(LeafSystem):
             p_OC + (self._radius + standoffs)[:, None] * nhat,
             self._withdrawn(context, p_GT),
         )
-        room = self._room(context, np.where(active, standoffs, MOVING_CLEARANCE))
+        room = self._room(context, np.where(active, standoffs, MOVING_CLEARANCE), held & active)
         if not held:
             shift = np.where(active[:, None], room.permitted(goal) - goal, 0)
             along = shift - np.sum(shift * nhat, axis=1, keepdims=True) * nhat
@@ -245,21 +246,21 @@ class FingertipGoalShaper(LeafSystem):
         raised[:, 2] = self._withdrawn_height
         return raised
 
-    def _room(self, context: Context, standoffs: FloatArray) -> TipRoom:
+    def _room(self, context: Context, standoffs: FloatArray, holding: BoolArray) -> TipRoom:
         X_GW: RigidTransform = self._X_WG.Eval(context).inverse()
-        solids = list(self._fixed)
+        clearances = self._radius + OTHER_CLEARANCE
+        others = [(solid, clearances) for solid in self._fixed]
         if self._obstacles.HasValue(context):
-            solids += self._obstacles.Eval(context).solids
+            # A finger that were pushed along the object would lose the grasp.
+            heeded = np.where(holding, -np.inf, clearances)
+            others += [(solid, heeded) for solid in self._obstacles.Eval(context).solids]
         return TipRoom(
             object=self._object,
             p_GO=np.zeros(3),
             object_clearances=self._radius + np.minimum(standoffs, MOVING_CLEARANCE),
             others=tuple(
-                (
-                    solid.moved(X_GW.rotation().matrix(), X_GW.translation()),
-                    self._radius + OTHER_CLEARANCE,
-                )
-                for solid in solids
+                (solid.moved(X_GW.rotation().matrix(), X_GW.translation()), clearance)
+                for solid, clearance in others
             ),
             spacing=self._radius[:, None] + self._radius + OTHER_CLEARANCE,
         )

@@ -340,7 +340,9 @@ def test_obstacles_push_goals_away_but_not_what_is_held():
     shaper.set("hold_contacts", [1.0])
     nearer = BallSolid(before[0] + [0.0, 0.01, 0.0], 0.02)
     shaper.set("obstacles", AbstractValue.Make(Obstacles((nearer,))))
-    shaper.goals(0.5)
+    held_goals = shaper.goals(0.5)
+    contacts, normals = frames.reshape(2, 5, 3)
+    np.testing.assert_allclose(held_goals, contacts + 0.029 * normals, atol=1e-9)
     held = shaper.system.GetOutputPort("contact_frames").Eval(shaper.context)
     np.testing.assert_array_equal(held, frames)
 
