@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.planning.squeeze import squeeze_forces
+from drake_pregrasp.planning.squeeze import FRICTION_SHARES, safest_squeeze, squeeze_forces
 
 WEIGHT = np.array([0, 0, -4.0, 0, 0, 0])
 AROUND = 2 * np.pi * np.arange(5) / 5
@@ -78,6 +78,36 @@ def test_what_is_too_heavy_for_the_largest_force_is_told():
 
 def test_what_nothing_balances_is_told():
     assert squeeze(ONE_SIDE, np.tile([1.0, 0, 0], (3, 1))).residual > 1
+
+
+def safest(p=RING, nhat=OUTWARD, *, friction=0.5, largest=12.0):
+    return safest_squeeze(
+        p, nhat, WEIGHT, friction=friction, least_normal=2.5, largest_normal=largest
+    )
+
+
+def steepest(forces, nhat=OUTWARD):
+    """The largest ratio of a force across its normal to the force along it."""
+    normal = -np.sum(forces * nhat, axis=1)
+    return np.max(np.linalg.norm(forces + normal[:, None] * nhat, axis=1) / normal)
+
+
+@given(heights)
+def test_the_safest_squeeze_balances_with_no_more_friction_than_the_smallest(z):
+    smallest, safe = squeeze(raised(z), largest=12.0), safest(raised(z))
+    assert safe.residual <= max(0.02, smallest.residual)
+    assert steepest(safe.forces) <= steepest(smallest.forces) + 1e-6
+
+
+def test_the_safest_squeeze_uses_narrower_cones_the_larger_forces_may_be():
+    used = [steepest(safest(largest=largest).forces) for largest in (2.5, 3.0, 4.0, 12.0)]
+    np.testing.assert_allclose(used, sorted(used, reverse=True), rtol=1e-12)
+    assert used[-1] <= FRICTION_SHARES[0] * 0.5 + 1e-9 < used[0]
+
+
+def test_what_nothing_balances_is_planned_with_the_widest_cone():
+    p, nhat = ONE_SIDE, np.tile([1.0, 0, 0], (3, 1))
+    np.testing.assert_array_equal(safest(p, nhat).forces, squeeze(p, nhat, largest=12.0).forces)
 
 
 def test_bad_arguments_are_refused():

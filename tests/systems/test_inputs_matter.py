@@ -17,6 +17,7 @@ from drake_pregrasp import (
     ForbiddenPoints,
     GraspQualityMonitor,
     GraspSequencer,
+    HalfSpace,
     HandModel,
     JointReference,
     NoisyPoseSensor,
@@ -50,6 +51,11 @@ def regions(p_OC):
 def obstacles(x):
     points = ForbiddenPoints(np.array([[x, 0.0, 0.0]]), np.array([0.03]))
     return AbstractValue.Make(Obstacles(points=points))
+
+
+def wall(x):
+    half_space = HalfSpace(np.array([x, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]))
+    return AbstractValue.Make(Obstacles((half_space,)))
 
 
 def hand_pose(x):
@@ -86,6 +92,17 @@ CASES = {
             "contact_weights": (np.zeros(5), np.array([0, 0, 0, 0, 1e-2]), ["safe_regions"]),
             "obstacles": (obstacles(9.0), obstacles(0.06), ["safe_regions"]),
             "X_WH": (hand_pose(0.0), hand_pose(0.04), ["safe_regions"]),
+        },
+    ),
+    "partitioner that looks ahead": (
+        lambda: SafeRegionPartitioner(
+            surface=SURFACE, num_contacts=5, tip_radii=np.full(5, 0.009), horizon=1.0
+        ),
+        {
+            "X_WO_estimated": (X_A, X_B, ["safe_regions"]),
+            "p_WC": (P_OC.ravel(), OTHER.ravel(), ["safe_regions"]),
+            "obstacles": (wall(0.06), wall(0.12), ["safe_regions"]),
+            "V_WO_estimated": (V_A, V_B, ["safe_regions"]),
         },
     ),
     "selector": (

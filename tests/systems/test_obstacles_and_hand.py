@@ -8,7 +8,8 @@ import pytest
 import trimesh
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat, MeshcatParams, Rgba
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import ContactStatus, ForbiddenPoints, InvalidArgumentError
@@ -60,6 +61,44 @@ def test_obstacles_move_steadily_without_turning(time):
         expected = start.distance(probes - time * np.array(velocity))
         np.testing.assert_allclose(solid.distance(probes), expected, atol=1e-12)
     assert len(obstacles.points) == 0
+
+
+@pytest.mark.parametrize("V_WO", [None, SpatialVelocity(w=[0, 0, 0.5], v=[0.02, -0.01, 0.0])])
+def test_over_a_horizon_regions_keep_clear_of_where_obstacles_will_be(surface, p_OC, V_WO):
+    velocity, horizon, radius = np.array([-0.06, 0.01, 0.0]), 0.9, 0.009
+    wall = HalfSpace(np.array([0.12, 0.0, 0.0]), np.array([-1.0, 0.1, 0.0]))
+    obstacles = Obstacles((wall,), velocities=velocity[None])
+    X = RigidTransform(RollPitchYaw(0.0, 0.0, 0.3), [0.01, 0.0, 0.0])
+    system = SafeRegionPartitioner(
+        surface=surface, num_contacts=5, tip_radii=np.full(5, radius), horizon=horizon
+    )
+    context = system.CreateDefaultContext()
+    system.GetInputPort("X_WO_estimated").FixValue(context, X)
+    system.GetInputPort("p_WC").FixValue(context, (X @ p_OC.T).T.ravel())
+    system.GetInputPort("obstacles").FixValue(context, AbstractValue.Make(obstacles))
+    if V_WO is not None:
+        system.GetInputPort("V_WO_estimated").FixValue(context, V_WO)
+    labels = system.get_output_port().Eval(context).labels
+    now = SafeRegionPartitioner(surface=surface, num_contacts=5, tip_radii=np.full(5, radius))
+    now_context = now.CreateDefaultContext()
+    for name in ("X_WO_estimated", "p_WC", "obstacles"):
+        value = system.GetInputPort(name).Eval(context)
+        now.GetInputPort(name).FixValue(
+            now_context, value if name == "p_WC" else AbstractValue.Make(value)
+        )
+    without = now.get_output_port().Eval(now_context).labels
+    touched = np.zeros(len(labels), dtype=bool)
+    for moment in np.linspace(0.0, horizon, 4):
+        X_then = X
+        if V_WO is not None:
+            turned = RotationMatrix.MakeZRotation(0.5 * moment) @ X.rotation()
+            X_then = RigidTransform(turned, X.translation() + moment * V_WO.translational())
+        tips = X_then @ (surface.p_OQ + radius * surface.nhat_OQ).T
+        there = wall.moved(np.eye(3), moment * velocity)
+        touched |= there.distance(tips.T) < radius
+    kept = without != NO_REGION
+    assert 0 < np.sum(touched & kept) < np.sum(kept)
+    np.testing.assert_array_equal(labels[kept], np.where(touched, NO_REGION, without)[kept])
 
 
 def test_obstacles_tell_where_they_will_be():
@@ -188,9 +227,9 @@ def test_normals_as_coordinates_keep_regions_to_one_face(surface):
         ({"tip_radii": np.zeros(3)}, "tip_radii must be 5 or none, not 3"),
         ({"tip_radii": -np.ones(5)}, "tip_radii must be at least 0 m"),
         ({"reach": [None]}, "reach must be 5 or none, not 1"),
-        ({"clearance": -1.0}, "clearance must be at least 0 m, not -1"),
+        ({"clearance": -1.0}, "clearance must be at least 0, not -1"),
         ({"wall_test": "glance"}, "no wall test 'glance'; there are: none, normals, surface"),
-        ({"normal_length": np.nan}, "normal_length must be at least 0 m"),
+        ({"normal_length": np.nan}, "normal_length must be at least 0"),
     ],
 )
 def test_the_partitioner_refuses_what_makes_no_sense(surface, arguments, problem):
