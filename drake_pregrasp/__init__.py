@@ -28,6 +28,7 @@ from drake_pregrasp.planning.shapes import load_shape
 from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
 from drake_pregrasp.simulation.hand_file import load_hand
+from drake_pregrasp.simulation.hand_limits import hand_limits
 from drake_pregrasp.simulation.run import RunResult, run
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
@@ -101,6 +102,7 @@ __all__ = [
     "__version__",
     "box_surface",
     "compute_safe_regions",
+    "hand_limits",
     "load_hand",
     "load_scenario",
     "load_shape",
