@@ -50,7 +50,7 @@ class TrialDiagram:
     Attributes:
         diagram: The diagram.
         station: The plant.
-        planner: The planner, whose estimate all arms use.
+        planner: The planner, whose estimate of the pose the hand uses.
         controller: What drives the hand.
         goals: Who says where fingers go, by the ports `fingertip_targets` and `contact_status`.
     """
