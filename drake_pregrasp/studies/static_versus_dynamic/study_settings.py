@@ -32,6 +32,7 @@ _MODULES = (
     "still_hand.py",
     "trial.py",
     "trial_diagram.py",
+    "trial_goals.py",
 )
 
 
