@@ -101,8 +101,8 @@ def condition_in_words(results: Results, verdict: Verdict, num_tests: int) -> li
     pairs = [c.test.pairs for of_arm in verdict.against.values() for c in of_arm.values()]
     if pairs and min(pairs) < (fewest := least_pairs(num_tests)):
         sentences.append(
-            f"With {min(pairs)} common seeds no difference can be shown: {fewest} are the fewest that"
-            f" can if p is corrected for {num_tests} tests."
+            f"With {min(pairs)} common seeds no difference can be shown: {fewest} are the fewest"
+            f" that can if p is corrected for {num_tests} tests."
         )
     return sentences
 
