@@ -9,13 +9,14 @@ import signal
 
 import numpy as np
 import pytest
-from made_up_trials import failing_trial, made_up_trial
+from made_up_trials import at_once, failing_trial, made_up_trial
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 from PIL import Image
 
 from drake_pregrasp import InvalidArgumentError, OutputError
 from drake_pregrasp.cli import _OneLineParser, main
+from drake_pregrasp.studies.static_versus_dynamic import trials
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.command import add_command
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
@@ -249,7 +250,8 @@ def test_every_count_and_test_is_on_the_page(page):
 def test_the_same_rows_give_the_same_page_in_any_order(tmp_path):
     seeds = [o.seed for o in Results(ROWS[::-1]).cell("wall", "still", 6.0)]
     assert seeds == list(range(8))
-    for name, rows in (("a", ROWS), ("b", ROWS[::-1])):
+    some = [o for o in ROWS if o.condition in ("nominal", "wall")]
+    for name, rows in (("a", some), ("b", some[::-1])):
         write_report(tmp_path / name, rows, {}, failures={})
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
@@ -320,7 +322,8 @@ def run_command(arguments, trial):
     return options.command(options)
 
 
-def test_the_command_runs_reports_and_says_what_failed(tmp_path, capsys):
+def test_the_command_runs_reports_and_says_what_failed(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(trials, "as_they_end", at_once)
     few = ["--out", tmp_path, "--conditions", "nominal, wall", "--arms", "frozen,dynamic_reach"]
     folder = tmp_path / "static-versus-dynamic"
     assert run_command([*few, "--seeds", 2, "--first_seed", 5], made_up_trial) == 0
