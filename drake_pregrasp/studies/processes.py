@@ -19,6 +19,7 @@ def in_processes(
     function: Callable[[Job], Result],
     jobs: Sequence[Job],
     *,
+    processes: int | None = None,
     on_done: Callable[[], None] = lambda: None,
 ) -> list[Result]:
     """Returns what the function makes of each job, in their order.
@@ -26,10 +27,11 @@ def in_processes(
     Args:
         function: One that can be pickled: a module's, or a `partial` of it.
         jobs: Its arguments.
+        processes: How many at a time; as many as there are processors if not set.
         on_done: Called after each.
     """
     results: dict[int, Result] = {}
-    with contextlib.closing(as_they_end(function, jobs)) as ended:
+    with contextlib.closing(as_they_end(function, jobs, processes=processes)) as ended:
         for index, future in ended:
             results[index] = future.result()
             on_done()

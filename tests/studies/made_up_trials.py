@@ -2,8 +2,10 @@
 
 import math
 import os
+import pickle
 import time
 import zlib
+from concurrent.futures import Future
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +87,18 @@ def dying_trial(job: TrialJob) -> list[Outcome]:
     if job.seed == 1:
         os._exit(7)
     return made_up_trial(job)
+
+
+def at_once(function, jobs, *, processes=None):
+    """Does what `as_they_end` does without processes, but for the order, which is reversed.
+
+    All goes through pickle there and back, as it would with processes.
+    """
+    for index, job in reversed(list(enumerate(jobs))):
+        sent_function, sent_job = pickle.loads(pickle.dumps((function, job)))
+        future = Future()
+        future.set_result(pickle.loads(pickle.dumps(sent_function(sent_job))))
+        yield index, future
 
 
 def made_up_strip(folder: Path, job: TrialJob) -> Strip:

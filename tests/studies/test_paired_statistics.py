@@ -7,12 +7,15 @@ import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from scipy.stats import binom, binomtest, mannwhitneyu
+from scipy.stats import binom, binomtest, mannwhitneyu, multinomial
 
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.studies.static_versus_dynamic.holm import holm
+from drake_pregrasp.studies.static_versus_dynamic.paired_difference import paired_difference
 from drake_pregrasp.studies.static_versus_dynamic.paired_test import (
-    LEAST_PAIRS,
     SIGNIFICANT,
+    PairedTest,
+    least_pairs,
     paired_test,
 )
 from drake_pregrasp.studies.static_versus_dynamic.ranking import rank
@@ -87,8 +90,10 @@ def test_the_paired_test_is_a_fair_coin_on_the_pairs_that_differ(pairs):
 def test_exchanged_arms_exchange_the_result(pairs, random):
     test = paired_test(pairs)
     other_way = paired_test([(second, first) for first, second in pairs])
-    assert other_way == test.reversed()
-    assert (other_way.ahead, other_way.behind) == (test.behind, test.ahead)
+    assert other_way == PairedTest(test.pairs, test.lost, test.gained, test.p)
+    np.testing.assert_allclose(
+        paired_difference(other_way), -np.flip(paired_difference(test)), atol=1e-12
+    )
     random.shuffle(pairs)
     assert paired_test(pairs) == test
     assert paired_test([*pairs, (True, True), (False, False)])[1:] == test[1:]
@@ -101,11 +106,67 @@ def test_a_clearer_lead_is_less_likely_by_chance(gained, lost):
     assert paired_test([*base, (True, False)]).p < paired_test(base).p
 
 
-def test_as_many_pairs_as_are_needed_are_enough_and_fewer_are_not():
-    test = paired_test([(True, False)] * LEAST_PAIRS)
-    assert (test.ahead, test.behind) == (True, False)
-    assert (test.reversed().ahead, test.reversed().behind) == (False, True)
-    assert paired_test([(True, False)] * (LEAST_PAIRS - 1)).p >= SIGNIFICANT
+@pytest.mark.parametrize("num_tests", [1, 2, 7, 120])
+def test_as_many_pairs_as_are_needed_are_enough_and_fewer_are_not(num_tests):
+    enough = least_pairs(num_tests)
+    others = [1.0] * (num_tests - 1)
+    assert holm([paired_test([(True, False)] * enough).p, *others])[0] < SIGNIFICANT
+    fewer = [paired_test([(True, False)] * (enough - 1)).p] * num_tests
+    assert min(holm(fewer)) >= SIGNIFICANT
+
+
+probabilities = st.lists(st.floats(0, 1), max_size=12)
+
+
+@given(probabilities, st.randoms(use_true_random=False))
+def test_holm_rejects_what_his_step_down_does(p_values, random):
+    corrected = holm(p_values)
+    remaining, shown = len(p_values), set()
+    for index in sorted(range(len(p_values)), key=p_values.__getitem__):
+        if p_values[index] * remaining >= SIGNIFICANT:
+            break
+        shown.add(index)
+        remaining -= 1
+    assert {k for k, p in enumerate(corrected) if p < SIGNIFICANT} == shown
+    assert all(
+        p <= q <= min(1, len(p_values) * p) for p, q in zip(p_values, corrected, strict=True)
+    )
+    order = random.sample(range(len(p_values)), len(p_values))
+    assert holm([p_values[k] for k in order]) == [corrected[k] for k in order]
+
+
+@given(probabilities, st.floats(0, 1))
+def test_one_test_more_shows_no_other_more(p_values, another):
+    with_it = holm([*p_values, another])
+    assert all(p <= q for p, q in zip(holm(p_values), with_it, strict=False))
+
+
+@pytest.mark.parametrize("pairs", [3, 12])
+def test_intervals_of_differences_cover_the_true_one_as_often_as_they_say(pairs):
+    counts = [(b, c) for b in range(pairs + 1) for c in range(pairs + 1 - b)]
+    intervals = np.array([paired_difference(PairedTest(pairs, b, c, 1.0)) for b, c in counts])
+    outcomes = [(b, c, pairs - b - c) for b, c in counts]
+    for gained in np.linspace(0, 1, 21):
+        for lost in np.linspace(0, 1 - gained, 11):
+            shares = (gained, lost, max(0.0, 1 - gained - lost))
+            chances = multinomial.pmf(outcomes, pairs, shares)
+            inside = (intervals[:, 0] <= gained - lost + 1e-12) & (
+                gained - lost - 1e-12 <= intervals[:, 1]
+            )
+            assert chances @ inside >= 0.95 - 1e-9
+
+
+@given(pairs)
+def test_intervals_of_differences_hold_what_was_found_and_shrink_with_more(pairs):
+    test = paired_test(pairs)
+    low, high = paired_difference(test)
+    assert -1 <= low <= high <= 1
+    if pairs:
+        assert low <= (test.gained - test.lost) / len(pairs) <= high
+        twice = paired_difference(paired_test(pairs * 2))
+        assert twice.high - twice.low < high - low
+    wider = paired_difference(test, confidence=0.99)
+    assert wider.low <= low <= high <= wider.high
 
 
 scored = st.lists(

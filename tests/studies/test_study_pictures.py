@@ -3,14 +3,13 @@
 import dataclasses
 import functools
 import json
-from concurrent.futures import Future
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up_trials import made_up_strip, made_up_trial
-from matplotlib.image import imread
+from made_up_trials import at_once, made_up_strip, made_up_trial
+from matplotlib.image import imread, imsave
 from pydrake.geometry import (
     GeometryInstance,
     MakeRenderEngineVtk,
@@ -25,8 +24,9 @@ from pydrake.math import RigidTransform
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.sampling import unit_normals
 from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
+from drake_pregrasp.studies import processes
 from drake_pregrasp.studies.drawn_mesh import camera_pose
-from drake_pregrasp.studies.static_versus_dynamic import closings, figures
+from drake_pregrasp.studies.static_versus_dynamic import closings, figures, picture_figure, trials
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.closings import CLOSINGS, strips_of
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
@@ -239,7 +239,8 @@ def test_a_picture_leaves_no_trace(tracking):
     assert tracking.parts.diagram.GetInputPort("close").Eval(tracking.context) == [0.0]
 
 
-def test_the_grid_has_a_row_for_each_trial(tmp_path):
+def test_the_grid_has_a_row_for_each_trial(tmp_path, monkeypatch):
+    monkeypatch.setattr(processes, "as_they_end", at_once)
     jobs = [TrialJob("headline", arm, 0) for arm in ("frozen", "still")]
     outcomes = {job: grasp(job.arm, 0, True, close_at=0.1) for job in jobs}
     path = make_pictures(tmp_path, outcomes, moments=(0.1,))
@@ -259,19 +260,11 @@ def test_closings_on_the_way_change_nothing():
     job = TrialJob("headline", "dynamic_reach", 1)
     with without_solver_chatter():
         some, none = Trial(job), Trial(job)
-        first, *_, last = some.outcomes((0.2, 0.4, 0.6))
-        (alone,) = none.outcomes((0.6,))
-    assert (first.close_at, last.close_at) == (0.2, 0.6)
+        first, last = some.outcomes((0.2, 0.4))
+        (alone,) = none.outcomes((0.4,))
+    assert (first.close_at, last.close_at) == (0.2, 0.4)
     assert some.looks == none.looks
     assert repr(last) == repr(alone)  # In which nan is as nan is.
-
-
-def at_once(function, jobs):
-    """Does what `as_they_end` does without processes."""
-    for index, job in enumerate(jobs):
-        future = Future()
-        future.set_result(function(job))
-        yield index, future
 
 
 def test_what_is_kept_is_not_made_again(tmp_path, monkeypatch):
@@ -280,8 +273,8 @@ def test_what_is_kept_is_not_made_again(tmp_path, monkeypatch):
     made.mkdir()
     jobs = [TrialJob("headline", arm, 3) for arm in ("still", "frozen")]
     make = functools.partial(made_up_strip, made)
-    made_now = strips_of(folder, jobs, make)
     monkeypatch.setattr(closings, "as_they_end", at_once)
+    made_now = strips_of(folder, jobs, make)
     again = strips_of(folder, jobs[::-1], make)[::-1]  # Making one twice raises.
     assert [strip.arm for strip in again] == ["still", "frozen"]
     for strip, other in zip(made_now, again, strict=True):
@@ -313,24 +306,36 @@ def test_figures_are_of_the_arms_there_are(tmp_path, monkeypatch, seeds, arms):
     rows = grasps(CONDITIONS, arms, range(seeds))
     asked = {}
 
-    def make_pictures(folder, outcomes):
-        asked["pictures"] = outcomes
+    def make_pictures(folder, outcomes, *, processes, on_progress):
+        asked["pictures"], asked["processes"] = outcomes, [processes]
+        for done in range(len(outcomes) + 1):
+            on_progress(done, len(outcomes))
         return folder / "pictures.png"
 
-    def strips(folder, jobs):
+    def strips(folder, jobs, *, processes, on_progress):
         asked["strips"] = jobs
+        asked["processes"].append(processes)
         (folder / "made").mkdir()
+        on_progress(0, len(jobs))
+        on_progress(len(jobs), len(jobs))
         return [made_up_strip(folder / "made", job) for job in jobs]
 
     monkeypatch.setattr(figures, "make_pictures", make_pictures)
     monkeypatch.setattr(figures, "strips_of", strips)
-    made = figures.make_figures(tmp_path, rows)
+    steps = []
+    made = figures.make_figures(
+        tmp_path, rows, processes=3, on_progress=lambda *step: steps.append(step)
+    )
+    assert set(asked["processes"]) == {3}
+    assert steps == sorted(steps)
+    assert steps[-1] == (len(asked["pictures"]) + len(asked.get("strips", [])),) * 2
     assert all(isinstance(figure, ReportFigure) for figure in made)
     shown = [arm for arm in figures.ROWS if arm in arms]
     assert [job.arm for job in asked["pictures"]] == shown
     assert all(o.job == job and o.close_at == 8.0 for job, o in asked["pictures"].items())
     (seed,) = {job.seed for job in asked["pictures"]}
     assert f"Seed {seed} is the first of {seeds}" in made[0].caption
+    assert ("Dots" in made[0].caption) == ("dynamic_reach" in arms)
     assert ("strips" in asked) == (len(made) == 2) == (seeds >= figures.SEEDS_FOR_STRIPS)
     if "strips" in asked:
         assert asked["strips"] == [TrialJob("headline", a, seed) for a in ARMS if a in arms]
@@ -338,9 +343,64 @@ def test_figures_are_of_the_arms_there_are(tmp_path, monkeypatch, seeds, arms):
 
 
 def test_a_report_is_there_before_its_figures(tmp_path):
-    def make_figures(folder, outcomes):
+    def make_figures(folder, outcomes, **options):
         raise InvalidArgumentError("no picture")
 
     with pytest.raises(InvalidArgumentError, match="no picture"):
         study_static_versus_dynamic(tmp_path, Experiment(made_up_trial, {}, make_figures), [])
     assert (tmp_path / NAME / REPORT).exists()
+
+
+def test_figures_are_made_with_the_processes_asked_for_and_the_bar_goes_on(tmp_path, monkeypatch):
+    asked = {}
+
+    def make_figures(folder, outcomes, *, processes, on_progress):
+        asked["processes"] = processes
+        on_progress(1, 2)
+        on_progress(2, 2)
+        return []
+
+    monkeypatch.setattr(trials, "as_they_end", at_once)
+    steps = []
+    study_static_versus_dynamic(
+        tmp_path,
+        Experiment(made_up_trial, {}, make_figures),
+        trial_jobs(["wall"], ["still", "frozen"], [0]),
+        processes=3,
+        on_progress=lambda *step: steps.append(step),
+    )
+    assert asked["processes"] == 3
+    assert steps == [(0, 2), (1, 2), (2, 2), (3, 4), (4, 4)]
+
+
+def test_processes_are_as_many_as_asked_for_wherever_figures_start_some(tmp_path, monkeypatch):
+    asked = []
+
+    def noted(function, jobs, *, processes):
+        asked.append(processes)
+        return at_once(function, jobs)
+
+    monkeypatch.setattr(closings, "as_they_end", noted)
+    monkeypatch.setattr(processes, "as_they_end", noted)
+    monkeypatch.setattr(picture_figure, "_take", photographed)
+    jobs = [TrialJob("headline", arm, 3) for arm in ("still", "frozen")]
+    made = tmp_path / "made"
+    made.mkdir()
+    steps = []
+
+    def on_progress(*step):
+        steps.append(step)
+
+    make = functools.partial(made_up_strip, made)
+    strips_of(tmp_path, jobs, make, processes=2, on_progress=on_progress)
+    strips_of(tmp_path, jobs, make, processes=2, on_progress=on_progress)
+    outcomes = {job: grasp(job.arm, 3, True) for job in jobs}
+    make_pictures(tmp_path, outcomes, moments=(0.1,), processes=4, on_progress=on_progress)
+    assert asked == [2, 2, 4]
+    assert steps == [(0, 2), (1, 2), (2, 2), (0, 0), (0, 2), (1, 2), (2, 2)]
+
+
+def photographed(sitting):
+    for file in sitting.files:
+        imsave(file, np.zeros((4, 3, 3)))
+    return [5] * len(sitting.moments)

@@ -9,26 +9,30 @@ import signal
 
 import numpy as np
 import pytest
-from made_up_trials import failing_trial, made_up_trial
+from made_up_trials import at_once, failing_trial, made_up_trial
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 from PIL import Image
 
 from drake_pregrasp import InvalidArgumentError, OutputError
 from drake_pregrasp.cli import _OneLineParser, main
+from drake_pregrasp.studies.static_versus_dynamic import trials
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.command import add_command
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.experiment import Experiment, ReportFigure
 from drake_pregrasp.studies.static_versus_dynamic.goals import Goal, judge_goals
 from drake_pregrasp.studies.static_versus_dynamic.markup import Cell, table
+from drake_pregrasp.studies.static_versus_dynamic.no_worse import no_worse_in_words
 from drake_pregrasp.studies.static_versus_dynamic.outcome import Outcome, TrialJob
+from drake_pregrasp.studies.static_versus_dynamic.paired_difference import paired_difference
+from drake_pregrasp.studies.static_versus_dynamic.paired_test import SIGNIFICANT
 from drake_pregrasp.studies.static_versus_dynamic.picture_grid import plot_picture_grid
 from drake_pregrasp.studies.static_versus_dynamic.report import write_report
 from drake_pregrasp.studies.static_versus_dynamic.results import Results
 from drake_pregrasp.studies.static_versus_dynamic.strip_charts import Strip, plot_strips
 from drake_pregrasp.studies.static_versus_dynamic.study import trial_jobs
-from drake_pregrasp.studies.static_versus_dynamic.verdicts import judge, survivors
+from drake_pregrasp.studies.static_versus_dynamic.verdicts import judge
 from drake_pregrasp.studies.static_versus_dynamic.words import (
     comparisons_in_words,
     condition_in_words,
@@ -64,32 +68,32 @@ def rows_of(condition, clean_seeds, seeds=20, times=(4.0,)):
 
 def words_of(rows):
     results = Results(rows)
-    verdicts = [judge(results, condition) for condition in results.conditions]
-    text = [*overview(verdicts), *(condition_in_words(results, verdicts[0]))]
+    verdicts = judge(results)
+    num_tests = sum(len(of_arm) for v in verdicts for of_arm in v.against.values())
+    text = [*overview(verdicts), *condition_in_words(results, verdicts[0], num_tests)]
     return "\n".join(text).replace("\u00a0", " ")
 
 
-def test_words_follow_the_rows_whoever_wins():
+def test_words_follow_the_rows_whoever_leads():
     helps = words_of(rows_of("nominal", {"frozen": 4, "dynamic_reach": 19}))
     assert (
         "more often than every other arm, at one closing time at least, under: nominal (at every"
         in helps
     )
     assert "Under no condition is it shown to be clean less often" in helps
-    assert "Clean most often, closing at 4 s: dynamic with reach 19 of 20 seeds." in helps
-    assert "Winner: dynamic with reach is the only arm" in helps
-    assert "clean more often than frozen plan (at 4 s, p < 0.001)." in helps
+    assert "Largest count of clean grasps, closing at 4 s: dynamic with reach 19 of 20" in helps
+    assert "is ahead of (clean more often than) frozen plan (at 1 of 1 closing times: 4" in helps
     rows = rows_of("nominal", {"frozen": 4, "dynamic_reach": 19})
     rows += rows_of("nominal", {"frozen": 4, "dynamic_reach": 4}, times=(8.0,))
     assert "at one closing time at least, under: nominal." in words_of(rows)
+    assert "frozen plan (at 1 of 2 closing times: 4 s, p < 0.001)." in words_of(rows)
     hurts = words_of(rows_of("nominal", {"frozen": 19, "dynamic_reach": 4}))
     assert "not shown to be clean more often than any other arm under: nominal." in hurts
     assert "clean less often than another arm, at one closing time at least, under: nom" in hurts
-    assert "Winner: frozen plan is the only arm" in hurts
+    assert "is behind (clean less often than) frozen plan (at 1 of 1 closing times: 4 s" in hurts
     equal = words_of(rows_of("nominal", {"frozen": 10, "dynamic_reach": 10}))
     assert "not shown to be clean more often than any other arm under: nominal." in equal
-    assert "No single winner: no arm beats frozen plan or dynamic with reach" in equal
-    assert "No difference is shown between it and frozen plan (least p = 1)." in equal
+    assert "not shown to differ, at any closing time, from frozen plan (least p = 1)." in equal
     some = words_of(rows_of("nominal", {"frozen": 4, "still": 20, "dynamic_reach": 19}))
     assert "than some arms and not all, or only at some times, under: nominal (not than still" in (
         some
@@ -111,29 +115,71 @@ def test_only_common_seeds_are_compared():
     assert Results(kept).test("wall", "dynamic_reach", "frozen", 4.0)[:3] == (10, 10, 0)
 
 
-@pytest.mark.parametrize("condition", CONDITIONS)
-def test_exchanged_arms_exchange_what_is_said(condition):
+def test_exchanged_arms_exchange_what_is_said():
     names = {"frozen": "dynamic_reach", "dynamic_reach": "frozen"}
-    swapped = [dataclasses.replace(r, arm=names.get(r.arm, r.arm)) for r in ROWS]
-    before, after = (
-        judge(Results([r for r in rows if r.arm in names]), condition) for rows in (ROWS, swapped)
-    )
-    assert [*before.ahead.get("frozen", {})] == [*after.behind.get("frozen", {})]
-    assert [*before.behind.get("frozen", {})] == [*after.ahead.get("frozen", {})]
-    assert {names[arm] for arm in before.unbeaten} == set(after.unbeaten)
+    rows = [o for job in trial_jobs(CONDITIONS, names, range(20)) for o in made_up_trial(job)]
+    swapped = [dataclasses.replace(r, arm=names[r.arm]) for r in rows]
+    before, after = judge(Results(rows)), judge(Results(swapped))
+    assert any(verdict.ahead for verdict in before)
+    for one, other in zip(before, after, strict=True):
+        assert [*one.ahead.get("frozen", {})] == [*other.behind.get("frozen", {})]
+        assert [*one.behind.get("frozen", {})] == [*other.ahead.get("frozen", {})]
+        assert one.open.keys() == other.open.keys()
+
+
+def test_only_tests_of_the_tested_arm_are_made_and_what_others_do_to_each_other_is_not_said():
+    rivals = [arm for arm in ARMS if arm != "dynamic_reach"]
+    for verdict in judge(Results(ROWS)):
+        assert list(verdict.against) == rivals
+        for of_arm in verdict.against.values():
+            assert list(of_arm) == list(CONDITIONS[verdict.condition].closing_times)
+    rows = rows_of("wall", {"frozen": 0, "still": 20})
+    assert [verdict.against for verdict in judge(Results(rows))] == [{}]
+
+
+def test_what_is_said_is_corrected_for_all_that_is_tested():
+    clean = {"frozen": 4, "dynamic_reach": 10}
+    alone = rows_of("nominal", clean)
+    assert judge(Results(alone))[0].ahead
+    # Other conditions add tests, which show nothing, and the same rows no longer do.
+    more = alone + rows_of("wall", {"frozen": 9, "dynamic_reach": 9})
+    verdict = judge(Results(more))[0]
+    assert verdict.against["frozen"][4.0].test.p < SIGNIFICANT
+    assert (verdict.ahead, verdict.behind) == ({}, {})
+    assert "not shown to differ" in words_of(more)
 
 
 def test_many_comparisons_are_counted():
-    assert survivors([]) == 0
-    assert survivors([0.04]) == 1
-    assert survivors([0.03, 0.03]) == 0
-    assert survivors([0.001, 0.03, 0.04]) == 1
-    assert survivors([0.01, 0.02, 0.5]) == 2
-    results = Results(rows_of("wall", {"frozen": 0, "still": 19, "dynamic_reach": 20}))
-    words = comparisons_in_words([judge(results, "wall")])
-    assert "other arms are 2, of which 1 have" in words
-    assert "0.1 or fewer" in words
-    assert "(Holm), 1 remain." in words
+    rows = rows_of("wall", {"frozen": 0, "still": 12, "dynamic_reach": 18})
+    rows += rows_of("nominal", {"frozen": 20, "dynamic_reach": 0})
+    words = comparisons_in_words(judge(Results(rows))).replace("\u00a0", " ")
+    assert "rest on the 3 tests of dynamic with reach" in words
+    assert "3 would have p < 0.05 by themselves; 3 have" in words
+    rows += rows_of("sphere", {"frozen": 3, "dynamic_reach": 3})
+    words = comparisons_in_words(judge(Results(rows))).replace("\u00a0", " ")
+    assert "3 would have p < 0.05 by themselves; 2 have" in words
+
+
+@pytest.mark.parametrize(("frozen", "tested"), [(20, 20), (20, 12), (12, 20), (0, 20)])
+def test_no_worse_is_the_lower_end_of_the_interval_rounded_outward(frozen, tested):
+    rows = rows_of("nominal", {"frozen": frozen, "dynamic_reach": tested}, times=(4.0, 7.0))
+    words = no_worse_in_words(Results(rows))
+    assert len(words) == 2
+    low, high = paired_difference(Results(rows).test("nominal", "dynamic_reach", "frozen", 4.0))
+    said = float(re.search(r"by more than (\S+) clean grasps of 20,", words[0]).group(1))
+    assert max(0, -20 * low) <= said <= max(0, -20 * low) + 0.1
+    ends = re.search(r"shares (\S+) % to (\S+) %", words[0]).groups()
+    assert float(ends[0]) <= 100 * low
+    assert float(ends[1]) >= 100 * high
+    np.testing.assert_allclose(np.array(ends, dtype=float), [100 * low, 100 * high], atol=0.1)
+
+
+def test_no_worse_is_said_of_common_seeds_alone():
+    assert no_worse_in_words(Results(rows_of("wall", {"frozen": 1, "dynamic_reach": 1}))) == []
+    assert no_worse_in_words(Results(rows_of("nominal", {"frozen": 1}))) == []
+    rows = rows_of("nominal", {"frozen": 20, "dynamic_reach": 20})
+    apart = [r for r in rows if (r.arm == "frozen") == bool(r.seed % 2)]
+    assert no_worse_in_words(Results(apart)) == []
 
 
 @pytest.mark.parametrize(
@@ -195,15 +241,17 @@ def test_every_count_and_test_is_on_the_page(page):
             for time in results.times(condition):
                 for success in ("clean", "lifted"):
                     assert f">{results.count(condition, arm, time, success)} of 8<" in part
-        for tests in judge(results, condition).tests.values():
-            for test in tests.values():
+        (verdict,) = (v for v in judge(results) if v.condition == condition)
+        for of_arm in verdict.against.values():
+            for test, _ in of_arm.values():
                 assert f"+{test.gained} −{test.lost} of 8" in part
 
 
 def test_the_same_rows_give_the_same_page_in_any_order(tmp_path):
     seeds = [o.seed for o in Results(ROWS[::-1]).cell("wall", "still", 6.0)]
     assert seeds == list(range(8))
-    for name, rows in (("a", ROWS), ("b", ROWS[::-1])):
+    some = [o for o in ROWS if o.condition in ("nominal", "wall")]
+    for name, rows in (("a", some), ("b", some[::-1])):
         write_report(tmp_path / name, rows, {}, failures={})
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
@@ -274,7 +322,8 @@ def run_command(arguments, trial):
     return options.command(options)
 
 
-def test_the_command_runs_reports_and_says_what_failed(tmp_path, capsys):
+def test_the_command_runs_reports_and_says_what_failed(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(trials, "as_they_end", at_once)
     few = ["--out", tmp_path, "--conditions", "nominal, wall", "--arms", "frozen,dynamic_reach"]
     folder = tmp_path / "static-versus-dynamic"
     assert run_command([*few, "--seeds", 2, "--first_seed", 5], made_up_trial) == 0

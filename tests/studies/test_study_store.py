@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up_trials import dying_trial, failing_trial, made_up_trial
+from made_up_trials import at_once, dying_trial, failing_trial, made_up_trial
 
 from drake_pregrasp import OutputError
-from drake_pregrasp.studies.static_versus_dynamic import outcome_csv
+from drake_pregrasp.studies.static_versus_dynamic import outcome_csv, trials
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.failures import read_failures
@@ -39,9 +39,12 @@ JOBS = trial_jobs(["nominal", "sphere"], ["frozen", "still", "dynamic_reach"], r
 SETTINGS = {"speed": 0.02, "wrist": {"range": 30}}
 
 
-def run(folder, jobs=JOBS, trial=made_up_trial, settings=SETTINGS, **options):
-    with OutcomeStore(folder, settings, TIMES) as store:
-        failures = run_missing(store, folder, jobs, trial, **{"processes": 1, **options})
+def run(folder, jobs=JOBS, trial=made_up_trial, settings=SETTINGS, *, processes=None, **options):
+    """Runs what is missing, without processes if their number isn't given."""
+    with OutcomeStore(folder, settings, TIMES) as store, pytest.MonkeyPatch.context() as patch:
+        if processes is None:
+            patch.setattr(trials, "as_they_end", at_once)
+        failures = run_missing(store, folder, jobs, trial, processes=processes, **options)
     return failures, (folder / OUTCOMES).read_bytes()
 
 
@@ -90,10 +93,10 @@ def test_the_order_of_the_trials_leaves_no_trace(tmp_path):
     shuffled = random.Random(1).sample(JOBS, len(JOBS))
     fill(tmp_path / "in_order")
     fill(tmp_path / "shuffled", shuffled)
-    _, in_processes = run(tmp_path / "in_processes", processes=2)
+    _, as_they_ended = run(tmp_path / "as_they_ended")
     for name in ("in_order", "shuffled"):
-        assert (tmp_path / name / OUTCOMES).read_bytes() == in_processes
-    keys = [row.key for row in outcome_csv.from_text(in_processes.decode(), tmp_path)]
+        assert (tmp_path / name / OUTCOMES).read_bytes() == as_they_ended
+    keys = [row.key for row in outcome_csv.from_text(as_they_ended.decode(), tmp_path)]
     assert keys == sorted(keys)
     assert len(keys) == sum(len(TIMES[job.condition]) for job in JOBS)
 
@@ -188,7 +191,7 @@ def test_trials_that_fail_do_not_stop_the_others_and_are_tried_again(tmp_path):
 
 def test_a_process_that_dies_is_said_to_have(tmp_path):
     with pytest.raises(OutputError, match="its process ended without a word; the outcomes so far"):
-        run(tmp_path, trial=dying_trial)
+        run(tmp_path, trial=dying_trial, processes=1)
     with OutcomeStore(tmp_path, SETTINGS, TIMES) as store:
         assert [job for job in JOBS if job in store] == [job for job in JOBS if job.seed == 0]
 

@@ -1,5 +1,6 @@
 """Many closings from one tracking run, for the strip charts, kept so that they are made once."""
 
+import contextlib
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -43,7 +44,12 @@ def make_strip(job: TrialJob) -> Strip:
 
 
 def strips_of(
-    folder: Path, jobs: Sequence[TrialJob], make: Callable[[TrialJob], Strip] = make_strip
+    folder: Path,
+    jobs: Sequence[TrialJob],
+    make: Callable[[TrialJob], Strip] = make_strip,
+    *,
+    processes: int | None = None,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> list[Strip]:
     """Returns the strip of each trial; those that are not kept yet are made, and kept as they end.
 
@@ -51,6 +57,8 @@ def strips_of(
         folder: Of the study.
         jobs: The trials.
         make: Makes one, in another process.
+        processes: How many at a time; as many as there are processors if not set.
+        on_progress: Called with the number of strips made and of those that were missing.
 
     Raises:
         OutputError: If what is kept can't be read or written.
@@ -60,9 +68,13 @@ def strips_of(
     settings = digest({**study_settings(), "closing_times": CLOSING_TIMES})
     keys = [f"{job}, settings {settings}" for job in jobs]
     missing = [(key, job) for key, job in zip(keys, jobs, strict=True) if key not in kept]
-    for index, future in as_they_end(make, [job for _, job in missing]):
-        kept[missing[index][0]] = _said(future.result())
-        write_text(path, json.dumps(kept, sort_keys=True) + "\n")
+    on_progress(0, len(missing))
+    ended = as_they_end(make, [job for _, job in missing], processes=processes)
+    with contextlib.closing(ended):
+        for done, (index, future) in enumerate(ended, start=1):
+            kept[missing[index][0]] = _said(future.result())
+            write_text(path, json.dumps(kept, sort_keys=True) + "\n")
+            on_progress(done, len(missing))
     return [_strip(kept[key]) for key in keys]
 
 

@@ -73,7 +73,7 @@ def add_command(
         "--processes",
         type=int,
         metavar="N",
-        help="trials at a time; as many as there are processors if not set",
+        help="trials at a time, for figures too; as many as there are processors if not set",
     )
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from drake_pregrasp.studies.static_versus_dynamic.outcome import Outcome, TrialJob
 
@@ -22,7 +22,35 @@ class ReportFigure(NamedTuple):
     caption: str
 
 
-def no_figures(folder: Path, outcomes: Sequence[Outcome]) -> list[ReportFigure]:
+class FigureMaker(Protocol):
+    """Makes pictures of some trials."""
+
+    def __call__(
+        self,
+        folder: Path,
+        outcomes: Sequence[Outcome],
+        *,
+        processes: int | None = None,
+        on_progress: Callable[[int, int], None] = lambda done, total: None,
+    ) -> Sequence[ReportFigure]:
+        """Makes them.
+
+        Args:
+            folder: Of the study.
+            outcomes: All there are.
+            processes: How many at a time; as many as there are processors if not set.
+            on_progress: Called with the number of trials made for them and of those needed, which
+                may become more.
+        """
+
+
+def no_figures(
+    folder: Path,
+    outcomes: Sequence[Outcome],
+    *,
+    processes: int | None = None,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[ReportFigure]:
     """Makes none."""
     return []
 
@@ -36,9 +64,9 @@ class Experiment:
             runs in another process, so it is a module's function, and draws on nothing but its job.
         settings: All that outcomes depend on but for their keys, as JSON can say it; outcomes
             of different settings are never mixed.
-        make_figures: Makes pictures of some trials, given the study's folder and all outcomes.
+        make_figures: Makes pictures of some trials.
     """
 
     run_trial: Callable[[TrialJob], list[Outcome]]
     settings: Mapping[str, Any]
-    make_figures: Callable[[Path, Sequence[Outcome]], Sequence[ReportFigure]] = no_figures
+    make_figures: FigureMaker = no_figures

@@ -1,6 +1,6 @@
 """The figures of the study's report: pictures and strip charts of one seed under the headline."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from drake_pregrasp.simulation.output import writing
@@ -9,6 +9,7 @@ from drake_pregrasp.studies.static_versus_dynamic.closings import CLOSING_TIMES,
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.experiment import ReportFigure
 from drake_pregrasp.studies.static_versus_dynamic.outcome import Outcome, TrialJob
+from drake_pregrasp.studies.static_versus_dynamic.photograph import has_regions
 from drake_pregrasp.studies.static_versus_dynamic.picture_figure import (
     CLOSED_AT,
     ROWS,
@@ -29,8 +30,10 @@ SEEDS_FOR_STRIPS = 5
 
 _PICTURES_SAY = (
     "{rule} Red: the wall, which no fingertip is to touch. Rings: where usable fingers would touch"
-    " if the hand closed now. Dots, in the colours of the fingertips: the safe regions of the arms"
-    " that plan anew. A finger without a goal waits above the object."
+    " if the hand closed now.{dots} A finger without a goal waits above the object."
+)
+_DOTS_SAY = (
+    " Dots, in the colours of the fingertips: the safe regions of the arms that plan anew, here {}."
 )
 _STRIPS_SAY = (
     "The same seed, {seed}. For each arm, while the hand follows: how many fingers are usable; how"
@@ -40,7 +43,13 @@ _STRIPS_SAY = (
 )
 
 
-def make_figures(folder: Path, outcomes: Sequence[Outcome]) -> list[ReportFigure]:
+def make_figures(
+    folder: Path,
+    outcomes: Sequence[Outcome],
+    *,
+    processes: int | None = None,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
+) -> list[ReportFigure]:
     """Makes the figures that there are outcomes for, and leaves them in the study's folder.
 
     Without the headline condition, or without a seed that all shown arms have, there are none; with
@@ -49,6 +58,9 @@ def make_figures(folder: Path, outcomes: Sequence[Outcome]) -> list[ReportFigure
     Args:
         folder: Of the study.
         outcomes: All there are.
+        processes: How many at a time; as many as there are processors if not set.
+        on_progress: Called with the number of rows and strips made and of those to make; strips
+            that are kept are not counted.
 
     Raises:
         OutputError: If a file can't be read or written.
@@ -63,13 +75,23 @@ def make_figures(folder: Path, outcomes: Sequence[Outcome]) -> list[ReportFigure
     figures = [
         ReportFigure(
             f"{label}: what the hand does",
-            make_pictures(folder, {job: closed[job] for job in shown}),
-            _PICTURES_SAY.format(rule=chosen.in_words(CLOSED_AT)),
+            make_pictures(
+                folder,
+                {job: closed[job] for job in shown},
+                processes=processes,
+                on_progress=on_progress,
+            ),
+            _PICTURES_SAY.format(rule=chosen.in_words(CLOSED_AT), dots=_dots_say(rows)),
         )
     ]
     if chosen.seeds >= SEEDS_FOR_STRIPS:
         jobs = [TrialJob(HEADLINE, arm, chosen.seed) for arm in ARMS]
-        strips = strips_of(folder, [job for job in jobs if job in closed])
+        strips = strips_of(
+            folder,
+            [job for job in jobs if job in closed],
+            processes=processes,
+            on_progress=lambda done, total: on_progress(len(shown) + done, len(shown) + total),
+        )
         path = folder / STRIPS
         with writing(path):
             plot_strips(path, strips, num_fingers=FINGERS)
@@ -77,3 +99,8 @@ def make_figures(folder: Path, outcomes: Sequence[Outcome]) -> list[ReportFigure
         text = _STRIPS_SAY.format(seed=chosen.seed, step=step, farthest=FARTHEST_SHOWN_MM)
         figures.append(ReportFigure(f"{label}: when closing would be clean", path, text))
     return figures
+
+
+def _dots_say(rows: Sequence[str]) -> str:
+    dotted = [ARMS[arm].label for arm in rows if has_regions(arm)]
+    return _DOTS_SAY.format(" and ".join(dotted)) if dotted else ""

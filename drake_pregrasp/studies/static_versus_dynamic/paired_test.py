@@ -8,9 +8,6 @@ from scipy.stats import binom
 SIGNIFICANT = 0.05
 """Differences with a smaller probability by chance are said to be shown."""
 
-LEAST_PAIRS = 6
-"""With fewer pairs no difference can be shown: 2 / 2**5 is above that bound."""
-
 
 class PairedTest(NamedTuple):
     """Exact McNemar test of two arms.
@@ -27,20 +24,6 @@ class PairedTest(NamedTuple):
     lost: int
     p: float
 
-    @property
-    def ahead(self) -> bool:
-        """Whether it is shown that the first succeeds more often."""
-        return self.p < SIGNIFICANT and self.gained > self.lost
-
-    @property
-    def behind(self) -> bool:
-        """Whether it is shown that the second does."""
-        return self.p < SIGNIFICANT and self.gained < self.lost
-
-    def reversed(self) -> "PairedTest":
-        """Returns the test of the second against the first."""
-        return PairedTest(self.pairs, self.lost, self.gained, self.p)
-
 
 def paired_test(pairs: Iterable[tuple[bool, bool]]) -> PairedTest:
     """Returns the exact test of McNemar (Psychometrika 12, 1947).
@@ -56,3 +39,18 @@ def paired_test(pairs: Iterable[tuple[bool, bool]]) -> PairedTest:
     lost = sum(second and not first for first, second in pairs)
     tail = float(binom.cdf(min(gained, lost), gained + lost, 0.5))
     return PairedTest(len(pairs), gained, lost, min(1.0, 2 * tail))
+
+
+def least_pairs(num_tests: int) -> int:
+    """Returns the fewest pairs with which one of so many tests can show a difference.
+
+    Even if the pairs all differ in one direction, p is 2 / 2^pairs, and Holm's correction of the
+    smallest p is a factor of the number of tests.
+
+    Args:
+        num_tests: How many tests are corrected together, 1 or more.
+    """
+    pairs = 1
+    while num_tests * 2.0 ** (1 - pairs) >= SIGNIFICANT:
+        pairs += 1
+    return pairs

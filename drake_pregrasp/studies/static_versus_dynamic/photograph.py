@@ -102,6 +102,11 @@ def shown_goals(trial: Trial) -> tuple[FloatArray, FloatArray]:
     return points[active], normals[active]
 
 
+def has_regions(arm: str) -> bool:
+    """Whether pictures of an arm show safe regions: only those that plan all the time have any."""
+    return arm.startswith("dynamic")
+
+
 class _Stage:
     """What is added to a context for a picture."""
 
@@ -113,7 +118,7 @@ class _Stage:
     def set_up(self, *, marks: bool) -> None:
         if marks:
             self._add_rings()
-            if self._trial.job.arm.startswith("dynamic"):
+            if has_regions(self._trial.job.arm):
                 self._add_regions()
         self._add_walls()
         parameters = RenderEngineVtkParams()
@@ -156,10 +161,10 @@ class _Stage:
                 X_WA = RigidTransform(R_WA, nearest + _WALL[2] / 2 * up)
                 self._add(X_WA, Box(*_WALL), _WALL_COLOR, f"wall_{index}")
 
-    def _add(self, X_WG: RigidTransform, shape: Shape, color: Rgba, name: str) -> None:
+    def _add(self, X_WS: RigidTransform, shape: Shape, color: Rgba, name: str) -> None:
         properties = PerceptionProperties()
         properties.AddProperty("phong", "diffuse", color)
-        instance = GeometryInstance(X_WG, shape, name)
+        instance = GeometryInstance(X_WS, shape, name)
         instance.set_perception_properties(properties)
         source = self._trial.parts.station.plant.get_source_id()
         frame = self._scene.world_frame_id()

@@ -1,7 +1,8 @@
 """The picture grid of the headline condition: what the hand does under some of the arms."""
 
+import itertools
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -53,13 +54,17 @@ def make_pictures(
     outcomes: Mapping[TrialJob, Outcome],
     *,
     moments: tuple[float, ...] = MOMENTS,
+    processes: int | None = None,
+    on_progress: Callable[[int, int], None] = lambda done, total: None,
 ) -> Path:
-    """Makes the grid, a row for each trial, with a process for each.
+    """Makes the grid, a row for each trial, each in a process of its own.
 
     Args:
         folder: Where it goes.
         outcomes: For each trial that is shown, that of the grasp closed at the last moment.
         moments: When pictures are taken before the grasp, in seconds, at ticks of the planner.
+        processes: How many at a time; as many as there are processors if not set.
+        on_progress: Called with the number of rows done and of all.
 
     Returns:
         Its path.
@@ -76,7 +81,14 @@ def make_pictures(
             )
             for job in outcomes
         ]
-        usable = in_processes(_take, sittings)
+        done = itertools.count(1)
+        on_progress(0, len(sittings))
+        usable = in_processes(
+            _take,
+            sittings,
+            processes=processes,
+            on_done=lambda: on_progress(next(done), len(sittings)),
+        )
         captions = [
             [*(f"{k} of {FINGERS} fingers usable" for k in of_row), _wrapped(in_few_words(outcome))]
             for of_row, outcome in zip(usable, outcomes.values(), strict=True)

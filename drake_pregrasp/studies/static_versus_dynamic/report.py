@@ -13,6 +13,7 @@ from drake_pregrasp.studies.static_versus_dynamic.clean_figure import plot_clean
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.experiment import ReportFigure
 from drake_pregrasp.studies.static_versus_dynamic.goals import judge_goals
+from drake_pregrasp.studies.static_versus_dynamic.no_worse import no_worse_in_words
 from drake_pregrasp.studies.static_versus_dynamic.outcome import (
     CLEAN_IN_WORDS,
     Outcome,
@@ -45,8 +46,8 @@ _CAVEATS = (
     " gravity. It says nothing on real hands that the simulation does not hold.",
     "There is one object, a cube, and one hand. Speeds, sizes and bounds were chosen by those who"
     " made the planner.",
-    "Closing times of one trial follow from the same tracking, so they are not independent: tests"
-    " are made for each time alone, and intervals hold for each time alone.",
+    "Closing times of one trial follow from the same tracking, so they are not independent: a test"
+    " is of one time, and an interval holds for one time. Holm's correction allows for that.",
     "Pairs are trials with the same seed: the same start, misplacement and noise.",
 )
 
@@ -72,7 +73,7 @@ def write_report(
         OutputError: If it can't be written, or a picture can't be read.
     """
     results = Results(outcomes)
-    verdicts = [judge(results, condition) for condition in results.conditions]
+    verdicts = judge(results)
     parts = [
         markup.heading(_TITLE, 1),
         *_summary(results, verdicts, failures),
@@ -116,16 +117,17 @@ def _summary(
         return [*parts, markup.paragraph("There are no outcomes yet.")]
     parts += [
         markup.heading("Summary", 2),
-        markup.bullets(overview(verdicts)),
+        markup.bullets([*overview(verdicts), *no_worse_in_words(results)]),
         overview_table(verdicts),
         '<div class="cards">',
     ]
+    num_tests = sum(len(of_arm) for v in verdicts for of_arm in v.against.values())
     for verdict in verdicts:
         parts += [
             '<div class="card">',
             markup.heading(CONDITIONS[verdict.condition].label, 3),
             markup.paragraph(f"{CONDITIONS[verdict.condition].text.capitalize()}.", "muted"),
-            markup.bullets(condition_in_words(results, verdict)),
+            markup.bullets(condition_in_words(results, verdict, num_tests)),
             "</div>",
         ]
     return [*parts, "</div>"]
@@ -155,6 +157,6 @@ def _condition(results: Results, verdict: Verdict) -> list[str]:
     ]
     if why := surrenders(results, verdict.condition):
         parts += [markup.paragraph("Why hands gave up, and how often:"), markup.bullets(why)]
-    if verdict.tests:
+    if verdict.against:
         parts.append(paired_table(results, verdict))
     return parts

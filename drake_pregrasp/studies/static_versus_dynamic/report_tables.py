@@ -22,7 +22,7 @@ _SUCCESSES: tuple[Success, ...] = ("lifted", "clean")
 
 def overview_table(verdicts: Sequence[Verdict]) -> str:
     """Returns all conditions at a glance: against which arms the tested one is ahead, and when."""
-    rivals = [arm for arm in ARMS if any(arm in verdict.tests for verdict in verdicts)]
+    rivals = [arm for arm in ARMS if any(arm in verdict.against for verdict in verdicts)]
     tested = ARMS[TESTED_ARM].label
     head = [
         Cell(f"{tested} against"),
@@ -32,14 +32,14 @@ def overview_table(verdicts: Sequence[Verdict]) -> str:
     for verdict in verdicts:
         cells = [Cell(CONDITIONS[verdict.condition].label, kind="name")]
         for arm in rivals:
-            if arm not in verdict.tests:
+            if arm not in verdict.against:
                 cells.append(Cell(NONE))
                 continue
             ahead, behind = verdict.ahead.get(arm, {}), verdict.behind.get(arm, {})
             word = " and ".join(w for w, found in (("ahead", ahead), ("behind", behind)) if found)
-            shown = {**ahead, **behind} or verdict.tests[arm]
+            shown = {**ahead, **behind} or verdict.against[arm]
             times = f"{', '.join(f'{time:g}' for time in sorted(shown))} s"
-            least = p_in_words(min(test.p for test in shown.values()))
+            least = p_in_words(min(comparison.p for comparison in shown.values()))
             cells.append(
                 Cell(word or "open", times if word else f"least {least}", word if word else "weak")
             )
@@ -48,7 +48,8 @@ def overview_table(verdicts: Sequence[Verdict]) -> str:
         head,
         rows,
         f"Closing times at which {tested} is shown to be clean more often (ahead) or less often"
-        " (behind) than another arm, by exact McNemar tests; open: neither is shown.",
+        " (behind) than another arm, by exact McNemar tests, corrected for their number (Holm);"
+        " open: neither is shown.",
     )
 
 
@@ -58,19 +59,22 @@ def paired_table(results: Results, verdict: Verdict) -> str:
     tested = ARMS[TESTED_ARM].label
     head = [Cell(f"{tested} against"), *(Cell(f"closing at {time:g} s") for time in times)]
     rows = []
-    for arm, tests in verdict.tests.items():
+    for arm, comparisons in verdict.against.items():
         cells = [Cell(ARMS[arm].label, swatch=ARMS[arm].color, kind="arm")]
-        for test in tests.values():
-            kind = "ahead" if test.ahead else "behind" if test.behind else ""
+        for comparison in comparisons.values():
+            test, p = comparison
+            kind = "ahead" if comparison.ahead else "behind" if comparison.behind else ""
+            beside = f"{p_in_words(test.p)}; Holm: {p_in_words(p)}"
             numbers = f"+{test.gained} −{test.lost} of {test.pairs}"
-            cells.append(Cell(numbers, p_in_words(test.p), f"beside {kind}".strip()))
+            cells.append(Cell(numbers, beside, f"beside {kind}".strip()))
         rows.append(cells)
     return table(
         head,
         rows,
         f"{CONDITIONS[verdict.condition].label}: seeds with which only {tested} is clean (+),"
         " and with which only the other arm is (−), out of those that both have; exact McNemar"
-        " test. Green: shown to be clean more often, orange: less often.",
+        " test, p by itself and corrected for all tests of the study (Holm). Green: shown to be"
+        " clean more often, orange: less often, by the corrected p.",
     )
 
 

@@ -41,10 +41,6 @@ class Results:
         """Returns the closing times of a condition, in seconds."""
         return sorted({time for of, _, time in self._cells if of == condition})
 
-    def seeds(self, condition: str) -> list[int]:
-        """Returns the seeds of a condition."""
-        return sorted({o.seed for o in self.outcomes if o.condition == condition})
-
     def cell(self, condition: str, arm: str, time: float) -> list[Outcome]:
         """Returns the outcomes of all seeds, in the order of the seeds."""
         return self._cells.get((condition, arm, time), [])

@@ -70,7 +70,8 @@ def study_static_versus_dynamic(
         experiment: How trials are made.
         jobs: The trials that are wanted, from `trial_jobs`.
         processes: How many at a time; as many as there are processors if not set.
-        on_progress: Called with the number of trials done and of those that were missing.
+        on_progress: Called with the number of trials done and of those that were missing; then
+            those that figures need are counted too.
 
     Raises:
         OutputError: If the folder can't be used, or is of a study with other settings.
@@ -79,6 +80,7 @@ def study_static_versus_dynamic(
     closing_times = {key: condition.closing_times for key, condition in CONDITIONS.items()}
     settings = {**experiment.settings, "closing_times": closing_times}
     with OutcomeStore(folder, settings, closing_times) as store:
+        missing = sum(job not in store for job in jobs)
         failures = run_missing(
             store, folder, jobs, experiment.run_trial, processes=processes, on_progress=on_progress
         )
@@ -87,6 +89,12 @@ def study_static_versus_dynamic(
     # Without figures first: they take long, and the report must not be lost with them.
     report = folder / REPORT
     write_report(report, outcomes, settings, failures=failures)
-    if figures := experiment.make_figures(folder, outcomes):
+    figures = experiment.make_figures(
+        folder,
+        outcomes,
+        processes=processes,
+        on_progress=lambda done, total: on_progress(missing + done, missing + total),
+    )
+    if figures:
         write_report(report, outcomes, settings, failures=failures, figures=figures)
     return StudyResult(report, len(jobs), made, len(failures))

@@ -1,15 +1,38 @@
-"""Which arms are ahead of which, from paired tests at each closing time."""
+"""Which arms the tested arm is ahead of, and behind, by paired tests at each closing time."""
 
-import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import NamedTuple
 
 from drake_pregrasp.studies.static_versus_dynamic.arms import TESTED_ARM
+from drake_pregrasp.studies.static_versus_dynamic.holm import holm
 from drake_pregrasp.studies.static_versus_dynamic.paired_test import SIGNIFICANT, PairedTest
 from drake_pregrasp.studies.static_versus_dynamic.results import Results
 
-Tests = Mapping[float, PairedTest]
-"""Tests of one arm against another, by closing time in seconds."""
+
+class Comparison(NamedTuple):
+    """One test, as one of all that the study makes.
+
+    Attributes:
+        test: By itself.
+        p: Its probability by Holm's correction over all tests of `TESTED_ARM`.
+    """
+
+    test: PairedTest
+    p: float
+
+    @property
+    def ahead(self) -> bool:
+        """Whether it is shown that `TESTED_ARM` succeeds more often."""
+        return self.p < SIGNIFICANT and self.test.gained > self.test.lost
+
+    @property
+    def behind(self) -> bool:
+        """Whether it is shown that the other arm does."""
+        return self.p < SIGNIFICANT and self.test.gained < self.test.lost
+
+
+Comparisons = Mapping[float, Comparison]
+"""Of `TESTED_ARM` with another arm, by closing time in seconds."""
 
 
 class Verdict(NamedTuple):
@@ -17,66 +40,58 @@ class Verdict(NamedTuple):
 
     Attributes:
         condition: Its key.
-        tests: Of `TESTED_ARM` against each other arm; empty if it has no outcomes.
-        unbeaten: Arms that no other one is ahead of at any closing time.
+        against: `TESTED_ARM` against each other arm; empty if it has no outcomes.
     """
 
     condition: str
-    tests: Mapping[str, Tests]
-    unbeaten: Sequence[str]
+    against: Mapping[str, Comparisons]
 
     @property
-    def ahead(self) -> dict[str, Tests]:
-        """Returns the arms that `TESTED_ARM` is ahead of, with the tests that show it."""
-        return _chosen(self.tests, ahead=True)
+    def ahead(self) -> dict[str, Comparisons]:
+        """Returns the arms that `TESTED_ARM` is ahead of, with the comparisons that show it."""
+        return _chosen(self.against, ahead=True)
 
     @property
-    def behind(self) -> dict[str, Tests]:
-        """Returns the arms that are ahead of it, with the tests that show it."""
-        return _chosen(self.tests, ahead=False)
+    def behind(self) -> dict[str, Comparisons]:
+        """Returns the arms that are ahead of it, with the comparisons that show it."""
+        return _chosen(self.against, ahead=False)
 
     @property
-    def open(self) -> dict[str, Tests]:
-        """Returns the arms of which neither is shown, with all tests."""
+    def open(self) -> dict[str, Comparisons]:
+        """Returns the arms of which neither is shown, with all comparisons."""
         return {
-            arm: tests
-            for arm, tests in self.tests.items()
+            arm: of_arm
+            for arm, of_arm in self.against.items()
             if arm not in self.ahead and arm not in self.behind
         }
 
 
-def judge(results: Results, condition: str) -> Verdict:
-    """Compares the arms of a condition."""
-    arms, times = results.arms(condition), results.times(condition)
-    rivals = [arm for arm in arms if arm != TESTED_ARM] if TESTED_ARM in arms else []
-    tests = {
-        rival: {time: results.test(condition, TESTED_ARM, rival, time) for time in times}
-        for rival in rivals
-    }
-    beaten = {
-        second
-        for first, second in itertools.permutations(arms, 2)
-        if any(results.test(condition, first, second, time).ahead for time in times)
-    }
-    return Verdict(condition, tests, [arm for arm in arms if arm not in beaten])
+def judge(results: Results) -> list[Verdict]:
+    """Compares `TESTED_ARM` with each other arm, at each closing time of each condition.
 
+    These tests, and no others, are what verdicts rest on: they are corrected together.
 
-def survivors(p_values: Sequence[float]) -> int:
-    """Returns how many of the tests still show something if they are seen as one family.
-
-    Holm's step-down (Scandinavian Journal of Statistics 6, 1979): with the probability of one
-    test's bound, none of them is there by chance.
+    Returns:
+        A verdict for each condition, in the order in which they are shown.
     """
-    ordered = sorted(p_values)
-    passed = itertools.takewhile(
-        lambda step: step[1] * (len(ordered) - step[0]) < SIGNIFICANT, enumerate(ordered)
-    )
-    return sum(1 for _ in passed)
+    tests = {
+        (condition, rival, time): results.test(condition, TESTED_ARM, rival, time)
+        for condition in results.conditions
+        if TESTED_ARM in results.arms(condition)
+        for rival in results.arms(condition)
+        if rival != TESTED_ARM
+        for time in results.times(condition)
+    }
+    corrected = holm([test.p for test in tests.values()])
+    found: dict[str, dict[str, dict[float, Comparison]]] = {c: {} for c in results.conditions}
+    for ((condition, rival, time), test), p in zip(tests.items(), corrected, strict=True):
+        found[condition].setdefault(rival, {})[time] = Comparison(test, p)
+    return [Verdict(condition, against) for condition, against in found.items()]
 
 
-def _chosen(tests: Mapping[str, Tests], *, ahead: bool) -> dict[str, Tests]:
+def _chosen(against: Mapping[str, Comparisons], *, ahead: bool) -> dict[str, Comparisons]:
     chosen = {
-        arm: {time: t for time, t in of_arm.items() if (t.ahead if ahead else t.behind)}
-        for arm, of_arm in tests.items()
+        arm: {time: c for time, c in of_arm.items() if (c.ahead if ahead else c.behind)}
+        for arm, of_arm in against.items()
     }
     return {arm: of_arm for arm, of_arm in chosen.items() if of_arm}
