@@ -1,6 +1,7 @@
 """The table of a condition: what became of its grasps."""
 
 import math
+import re
 import statistics
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -32,7 +33,6 @@ _COLUMNS = (
     _Column("pushed closing", "mm", "{:.2f}", lambda o: o.pushed_closing_mm),
     _Column("fingers", "number", "{:.1f}", lambda o: o.fingers),
     _Column("waited", "s", "{:.2f}", lambda o: o.waited_s),
-    _Column("withdrawn", "", "{:.1f}", lambda o: o.withdrawn),
     _Column("withdrawn", "number", "{:.1f}", lambda o: o.withdrawn),
     _Column("goal in area", "% of ticks", "{:.1f}", lambda o: 100 * o.goal_in_area),
     _Column("tip in area", "% of ticks", "{:.1f}", lambda o: 100 * o.tip_in_area),
@@ -80,7 +80,7 @@ def surrenders(results: Results, condition: str) -> list[str]:
     sentences = []
     for arm in results.arms(condition):
         reasons = Counter(
-            outcome.gave_up
+            _kind(outcome.gave_up)
             for time in results.times(condition)
             for outcome in results.cell(condition, arm, time)
             if outcome.gave_up
@@ -89,6 +89,11 @@ def surrenders(results: Results, condition: str) -> list[str]:
             listed = "; ".join(f"{why} ({count})" for why, count in reasons.most_common())
             sentences.append(f"{ARMS[arm].label}: {listed}")
     return sentences
+
+
+def _kind(why: str) -> str:
+    """Returns a reason without what differs from grasp to grasp: which finger, how many newtons."""
+    return re.sub(r": [\d.]+ N are left$", "", re.sub(r"^finger \d+", "a finger", why))
 
 
 def _share(count: int, of: int) -> Cell:
