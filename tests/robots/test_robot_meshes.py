@@ -8,14 +8,20 @@ import trimesh
 
 from drake_pregrasp.robots.robot_meshes import convert_meshes
 
-SIZES = {"arm/part.stl": 0.1, "hand/part.stl": 0.2, "hand/part.glb": 0.3, "hand_part.stl": 0.4}
-COLOURED = "hand/part.glb"
+SIZES = {
+    "arm/part.stl": 0.1,
+    "hand/part.stl": 0.2,
+    "hand/part.glb": 0.3,
+    "hand_part.stl": 0.4,
+    "arm/part.glb": 0.5,
+}
+COLOURED = [name for name in SIZES if name.endswith(".glb")]
 
 
 def mesh_files(folder):
     for name, size in SIZES.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        mesh = two_coloured(size) if name == COLOURED else trimesh.creation.box([size] * 3)
+        mesh = two_coloured(size) if name in COLOURED else trimesh.creation.box([size] * 3)
         mesh.export(folder / name)
     return folder
 
@@ -71,11 +77,13 @@ def test_each_link_has_its_own_shape_whatever_others_are_called(converted, use):
 
 def test_a_mesh_that_is_shown_in_colours_collides_as_a_whole(converted):
     robot, _ = converted
-    (link,) = (link for link in robot if link.get("name") == COLOURED)
-    assert len(link.findall("visual")) == 2
-    assert len(link.findall("collision")) == 1
-    colors = {color.get("rgba") for color in link.iterfind("visual/material/color")}
-    assert colors == {"1 0 0 1", "0 1 0 1"}
+    coloured = [link for link in robot if link.get("name") in COLOURED]
+    assert len(coloured) == len(COLOURED)
+    for link in coloured:
+        assert len(link.findall("visual")) == 2
+        assert len(link.findall("collision")) == 1
+        colors = {color.get("rgba") for color in link.iterfind("visual/material/color")}
+        assert colors == {"1 0 0 1", "0 1 0 1"}
     materials = [material.get("name") for material in robot.iter("material")]
     assert len(set(materials)) == len(materials)
 
