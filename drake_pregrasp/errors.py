@@ -35,3 +35,9 @@ class OutputError(PregraspError):
 
 class ContactError(PregraspError):
     """A contact goal is not on the object's allowed surface: a defect, found by verification."""
+
+
+def first_line(error: BaseException) -> str:
+    """Returns the first line of what an error says, or its kind if it says nothing."""
+    lines = (line.strip() for line in str(error).splitlines())
+    return next(filter(None, lines), type(error).__name__)

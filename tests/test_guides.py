@@ -7,6 +7,17 @@ import trimesh
 from pydrake.math import RigidTransform
 
 from drake_pregrasp import load_scenario, run
+from drake_pregrasp.cli import main
+from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
+from drake_pregrasp.studies.static_versus_dynamic.closings import CLOSINGS
+from drake_pregrasp.studies.static_versus_dynamic.command import SEEDS
+from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
+from drake_pregrasp.studies.static_versus_dynamic.failures import FAILED
+from drake_pregrasp.studies.static_versus_dynamic.figures import STRIPS
+from drake_pregrasp.studies.static_versus_dynamic.outcome import CLEAN_IN_WORDS
+from drake_pregrasp.studies.static_versus_dynamic.picture_figure import PICTURES
+from drake_pregrasp.studies.static_versus_dynamic.report import REPORT
+from drake_pregrasp.studies.static_versus_dynamic.store import OUTCOMES, SETTINGS
 
 DOCS = Path(__file__).parent.parent / "docs"
 
@@ -67,3 +78,33 @@ def test_the_guide_to_a_hand_of_your_own_grasps_with_it(monkeypatch, tmp_path):
 def test_links_lead_somewhere(page):
     for target in re.findall(r"\]\((?!https)([^)#]+)\)", page.read_text(encoding="utf-8")):
         assert (DOCS / target).exists(), target
+
+
+def test_the_page_on_the_study_says_what_the_code_does():
+    text = (DOCS / "static_versus_dynamic.md").read_text(encoding="utf-8")
+    rows = {
+        f"| `{key}` | {condition.label} | {condition.text}"
+        f" | {', '.join(f'{time:g}' for time in condition.closing_times)} |"
+        for key, condition in CONDITIONS.items()
+    } | {f"| `{key}` | {arm.label} | {arm.text} |" for key, arm in ARMS.items()}
+    sections = [text.split(f"\n## {title}\n")[1] for title in ("The arms", "The conditions")]
+    there = {
+        line
+        for section in sections
+        for line in section.split("\n## ")[0].splitlines()
+        if line.startswith("| `")
+    }
+    assert there == rows
+    assert CLEAN_IN_WORDS in " ".join(text.split())
+    trials = len(CONDITIONS) * len(ARMS) * SEEDS
+    assert f"{len(CONDITIONS)} conditions x {len(ARMS)} arms x {SEEDS} seeds, {trials} " in text
+    files = (REPORT, OUTCOMES, SETTINGS, FAILED, PICTURES, STRIPS, CLOSINGS)
+    assert [file for file in files if f"`{file}`" not in text] == []
+
+
+def test_the_page_on_the_study_names_its_options(capsys):
+    with pytest.raises(SystemExit):
+        main(["study", "static-versus-dynamic", "--help"])
+    known = set(re.findall(r"--\w+", capsys.readouterr().out)) - {"--help"}
+    text = (DOCS / "static_versus_dynamic.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^\| `(--\w+)", text, flags=re.MULTILINE)) == known

@@ -7,7 +7,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
 from drake_pregrasp.diagrams.hand_description import Carrier, HandDescription
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.errors import InvalidArgumentError, first_line
 from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.resources import resolve_path, resource_folder
 from drake_pregrasp.robots.robot_models import ROBOTS_URL, robot_model
@@ -38,7 +38,7 @@ def add_hand_model(
     try:
         (hand,) = parser.AddModels(str(path))
     except (RuntimeError, ValueError) as error:
-        problem = str(error).splitlines()[0]
+        problem = first_line(error)
         raise InvalidArgumentError(f"model: {path} is no model of a hand: {problem}") from error
     plant.RenameModelInstance(hand, HAND)
     plant.set_gravity_enabled(hand, False)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.errors import InvalidArgumentError, first_line
 
 _DIGITS = 5  # Of coordinates in metres.
 _CREASE = 0.6  # Edges with a larger angle between their faces stay sharp, in radians.
@@ -31,7 +31,7 @@ def convert_mesh(source: Path, target: Path, *, colors: bool) -> list[ConvertedM
 
     Args:
         source: The file.
-        target: Its new place, without a suffix.
+        target: Its new place, to which `.obj` is added; folders that lack are made.
         colors: Whether each colour becomes a part of its own; else all is one part.
 
     Raises:
@@ -40,8 +40,8 @@ def convert_mesh(source: Path, target: Path, *, colors: bool) -> list[ConvertedM
     try:
         scene = trimesh.load_scene(source)
     except (OSError, ValueError, ImportError) as error:
-        problem = str(error).splitlines()[0]
-        raise InvalidArgumentError(f"{source} can't be read as a mesh: {problem}") from error
+        problem = f"{source} can't be read as a mesh: {first_line(error)}"
+        raise InvalidArgumentError(problem) from error
     meshes = [mesh for mesh in scene.dump() if isinstance(mesh, trimesh.Trimesh)]
     if not meshes:
         raise InvalidArgumentError(f"{source} can't be read as a mesh: it has no triangles")
@@ -50,8 +50,9 @@ def convert_mesh(source: Path, target: Path, *, colors: bool) -> list[ConvertedM
         parts.setdefault(_color(mesh) if colors else None, []).append(mesh)
     converted = []
     for index, (color, same) in enumerate(sorted(parts.items(), key=lambda item: str(item[0]))):
-        path = target.with_name(f"{target.name}_{index}.obj" if len(parts) > 1 else target.name)
-        path = path.with_suffix(".obj")
+        number = f"_{index}" if len(parts) > 1 else ""
+        path = target.with_name(f"{target.name}{number}.obj")
+        path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(_obj_text(same), encoding="ascii")
         converted.append(ConvertedMesh(path, color))
     return converted

@@ -8,7 +8,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
 from drake_pregrasp.diagrams.object_config import Box
-from drake_pregrasp.errors import ScenarioError
+from drake_pregrasp.errors import ScenarioError, first_line
 from drake_pregrasp.planning.blends import BLEND
 from drake_pregrasp.planning.strategies import STRATEGIES
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
@@ -76,11 +76,11 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
     try:
         AddMultibodyPlant(scenario.plant_config, DiagramBuilder())
     except RuntimeError as error:
-        raise ScenarioError(source, "plant_config", _first_line(error)) from error
+        raise ScenarioError(source, "plant_config", first_line(error)) from error
     try:
         ApplySimulatorConfig(scenario.simulator_config, Simulator(ConstantVectorSource([0.0])))
     except (RuntimeError, ValueError) as error:
-        raise ScenarioError(source, "simulator_config", _first_line(error)) from error
+        raise ScenarioError(source, "simulator_config", first_line(error)) from error
 
 
 def _validate_contacts_on_a_box(scenario: Scenario, source: str, surface: ObjectSurface) -> None:
@@ -122,7 +122,3 @@ def _validate_damage(scenario: Scenario, source: str) -> None:
             raise ScenarioError(
                 source, f"{key}.contacts", f"{event.contacts} leaves no contact; one must stay"
             )
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).splitlines()[0]

@@ -128,8 +128,15 @@ def test_the_first_time_it_is_made_in_silence_and_wholly(
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     made = robot_model("robots://allegro_panda.urdf")
     assert capfd.readouterr() == ("", "")
-    names = {path.name for path in made.parent.iterdir()}
-    assert names == {path.name for path in allegro_panda.parent.iterdir()}
+    names, others = (
+        {
+            file.relative_to(model.parent).as_posix()
+            for file in model.parent.rglob("*")
+            if file.is_file()
+        }
+        for model in (made, allegro_panda)
+    )
+    assert names == others
     assert made.read_bytes() == allegro_panda.read_bytes()
     named = {mesh.get("filename") for mesh in ElementTree.parse(made).getroot().iter("mesh")}
     assert named == names - {made.name}

@@ -86,7 +86,7 @@ def test_converted_meshes_have_the_same_shape_with_normals(tmp_path):
     cone = trimesh.creation.cone(radius=0.04, height=0.11)
     cone.export(tmp_path / "cone.stl")
     (part,) = convert_mesh(tmp_path / "cone.stl", tmp_path / "part.0", colors=True)
-    assert part.path.name == "part.obj"
+    assert part.path.name == "part.0.obj"
     assert "vn " in part.path.read_text()
     again = trimesh.load_mesh(part.path)
     assert again.volume == pytest.approx(cone.volume, rel=1e-3)
@@ -98,3 +98,14 @@ def test_a_file_that_is_no_mesh_is_refused_in_a_line(tmp_path):
     with pytest.raises(InvalidArgumentError, match=r"no.stl can't be read as a mesh") as error:
         convert_mesh(tmp_path / "no.stl", tmp_path / "part", colors=False)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("text", ["", "\n", "\nsecond\nthird"])
+def test_an_error_without_a_first_line_is_told_in_a_line_too(tmp_path, monkeypatch, text):
+    def load_scene(source):
+        raise ValueError(text)
+
+    monkeypatch.setattr(trimesh, "load_scene", load_scene)
+    said = "second" if text.strip() else "ValueError"
+    with pytest.raises(InvalidArgumentError, match=rf"mesh: {said}$"):
+        convert_mesh(tmp_path / "no.stl", tmp_path / "part", colors=False)

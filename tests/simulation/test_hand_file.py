@@ -130,9 +130,7 @@ def test_joints_that_are_nobodys_are_named(tmp_path):
 
 
 def test_closing_limits_come_before_what_a_scenario_asks_for(tmp_path):
-    text = shipped().replace(
-        "radius: 0.009", "closing: {force: 3.0, speed: 0.01}, radius: 0.009", 1
-    )
+    text = shipped().replace("radius: 0.009", LIMITED, 1)
     path = write(tmp_path, text)
     scenario = load_scenario("grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}")
     settings = scenario.grasp.make_settings(load_hand(path).fingertips)

@@ -82,15 +82,16 @@ def test_a_jump_is_taken_up_without_one():
     context = simulator.get_mutable_context()
     place(posture, context, np.zeros(3), 0.0)
     simulator.AdvanceTo(0.1)
-    place(posture, context, np.array([0.01, 0.0, 0.0]), 0.1)
-    offs = []
-    for index in range(6, 120):
-        simulator.AdvanceTo(index * PERIOD + 1e-6)
-        offs.append(palm_goal(posture, context).translation()[0] - X_GP.translation()[0])
-    steps = np.diff(offs)
-    assert np.all(steps > -1e-12)
-    assert np.max(steps) <= 0.011 * PERIOD / SMOOTHING
-    assert np.exp(-20) < abs(offs[-1] - 0.01 - 0.03 * (1 - np.cos(0.1))) < 1e-4
+    jump = np.array([0.01, -0.02, 0.0, 0.1])  # Of the position of G, and of the yaw.
+    place(posture, context, jump[:3], jump[3])
+    # Of what is left of the jump, each tick takes up the same share.
+    left = jump
+    for index in range(5, 60):
+        left = left * (1 - PERIOD / SMOOTHING)
+        X_WG = palm_goal(posture, context) @ X_GP.inverse()
+        there = np.append(X_WG.translation(), RollPitchYaw(X_WG.rotation()).yaw_angle())
+        np.testing.assert_allclose(jump - there, left, atol=1e-12)
+        simulator.AdvanceTo((index + 0.5) * PERIOD)  # The tick at that time is over.
 
 
 @pytest.mark.parametrize("yaw", [-3.0, 0.0, 2.0, 3.1])
@@ -107,18 +108,23 @@ def test_it_turns_on_past_half_a_turn(yaw):
 
 
 def test_it_stays_in_its_range_and_says_where_the_hand_is():
-    posture = make_posture((-0.5, 0.3))
+    low, high = -0.5, 0.3
+    posture = make_posture((low, high))
     simulator = Simulator(posture)
     context = simulator.get_mutable_context()
     X_WO = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.1, 0.2, 0.3])
     posture.GetInputPort("X_WO_estimated").FixValue(context, X_WO)
-    for index in range(100):
-        place(posture, context, np.zeros(3), 0.01 * index, w=0.5)
+    w, ticks = 0.5, 100
+    assert w * ticks * PERIOD > high  # The object turns out of the range, and the palm stays in.
+    for index in range(ticks):
+        place(posture, context, np.zeros(3), w * index * PERIOD, w=w)
         simulator.AdvanceTo(index * PERIOD)
-    x_P = palm_goal(posture, context).rotation().matrix() @ X_GP.rotation().matrix().T
-    assert np.arctan2(x_P[1, 0], x_P[0, 0]) == pytest.approx(0.3)
+    R_WG = palm_goal(posture, context).rotation() @ X_GP.rotation().inverse()
+    assert RollPitchYaw(R_WG).yaw_angle() == pytest.approx(high)
     X_WH = posture.GetOutputPort("X_WH").Eval(context)
-    expected = RigidTransform(RotationMatrix.MakeZRotation(-0.1), X_WO.translation())
+    # H is amid the range, wherever the palm is in it.
+    middle = RotationMatrix.MakeZRotation((low + high) / 2)
+    expected = RigidTransform(middle, X_WO.translation())
     assert X_WH.IsNearlyEqualTo(expected, 1e-12)
 
 

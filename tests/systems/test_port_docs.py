@@ -3,6 +3,7 @@
 import importlib
 import inspect
 import pkgutil
+import re
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from pydrake.systems.framework import System
 from scipy.spatial.transform import Rotation
 
 import drake_pregrasp.diagrams
+import drake_pregrasp.studies
 import drake_pregrasp.systems
 from drake_pregrasp import ObjectPlant, PlannerConfig, PregraspPlanner
 from drake_pregrasp.diagrams.grasp_config import GraspConfig
@@ -27,9 +29,12 @@ from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
 from drake_pregrasp.planning.grasp_state import GraspSettings
 from drake_pregrasp.planning.pose_track import PoseTrack
-from drake_pregrasp.planning.solids import BallSolid
+from drake_pregrasp.planning.region_constraints import RegionConstraints
+from drake_pregrasp.planning.solids import BallSolid, BoxSolid
 from drake_pregrasp.planning.velocity_profile import VelocityProfile
 from drake_pregrasp.simulation.hand_file import load_hand
+from drake_pregrasp.studies.static_versus_dynamic.reassignment import Reassignment
+from drake_pregrasp.studies.static_versus_dynamic.still_hand import StillHand
 from drake_pregrasp.systems.arm_posture import ArmPosture
 from drake_pregrasp.systems.body_pose import BodyPose
 from drake_pregrasp.systems.carrier_posture import CarrierPosture
@@ -165,7 +170,17 @@ MAKERS = {
         num_contacts=len(c),
         publish_period=0.1,
     ),
+    Reassignment: lambda s, c: Reassignment(
+        tip_frames=FINGERTIPS, azimuths=np.arange(5.0), period=0.05
+    ),
     SafeRegionPartitioner: lambda s, c: SafeRegionPartitioner(surface=s, num_contacts=len(c)),
+    StillHand: lambda s, c: StillHand(
+        tip_frames=FINGERTIPS,
+        azimuths=np.arange(5.0),
+        ring_radius=0.09,
+        box=BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)),
+        constraints=RegionConstraints(tip_radii=np.full(5, 0.009)),
+    ),
     TickLogger: lambda s, c: TickLogger(
         num_contacts=len(c), quality_size=5, period=0.1, sink=lambda record: None
     ),
@@ -174,8 +189,8 @@ MAKERS = {
 
 def system_classes() -> set[type]:
     found = set()
-    for package in (drake_pregrasp.systems, drake_pregrasp.diagrams):
-        for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
+    for package in (drake_pregrasp.systems, drake_pregrasp.diagrams, drake_pregrasp.studies):
+        for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
             for _, member in inspect.getmembers(importlib.import_module(module.name)):
                 ours = getattr(member, "__module__", "").startswith("drake_pregrasp")
                 if ours and inspect.isclass(member) and issubclass(member, System):
@@ -204,6 +219,9 @@ def test_port_block_equals_ports(system_class: type, surface, p_OC: np.ndarray) 
 @pytest.mark.parametrize("system_class", MAKERS, ids=lambda c: c.__name__)
 def test_every_port_has_a_sentence(system_class: type, surface, p_OC: np.ndarray) -> None:
     doc = inspect.getdoc(system_class) or ""
+    if like := re.search(r"ports are as those of `(\w+)`", doc):
+        (other,) = (c for c in MAKERS if c.__name__ == like.group(1))
+        doc += inspect.getdoc(other) or ""
     system = MAKERS[system_class](surface, p_OC)
     names = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
     names += [system.get_output_port(i).get_name() for i in range(system.num_output_ports())]

@@ -102,7 +102,8 @@ def _summary(
     trials = len({outcome.job for outcome in results.outcomes})
     lead = (
         f"{trials} trials, {len(results.outcomes)} grasps. {CLEAN_IN_WORDS} Arms are"
-        " compared by trials with the same seed."
+        " compared by trials with the same seed, and each p is corrected for the"
+        " number of all tests (Holm)."
     )
     parts = [markup.paragraph(lead, "lead")]
     if failures:

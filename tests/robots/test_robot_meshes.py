@@ -1,0 +1,104 @@
+"""Meshes of robots keep their shapes, and their places beside each other."""
+
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import trimesh
+
+from drake_pregrasp.robots.robot_meshes import convert_meshes
+
+SIZES = {
+    "arm/part.stl": 0.1,
+    "hand/part.stl": 0.2,
+    "hand/part.glb": 0.3,
+    "hand_part.stl": 0.4,
+    "arm/part.glb": 0.5,
+}
+COLOURED = [name for name in SIZES if name.endswith(".glb")]
+
+
+def mesh_files(folder):
+    for name, size in SIZES.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        mesh = two_coloured(size) if name in COLOURED else trimesh.creation.box([size] * 3)
+        mesh.export(folder / name)
+    return folder
+
+
+def two_coloured(size):
+    """Returns a box of two halves, a red and a green one."""
+    scene = trimesh.Scene()
+    for side, color in ((-1, [255, 0, 0, 255]), (1, [0, 255, 0, 255])):
+        half = trimesh.creation.box([size / 2, size, size])
+        half.apply_translation([side * size / 4, 0, 0])
+        material = trimesh.visual.material.PBRMaterial(baseColorFactor=color)
+        half.visual = trimesh.visual.TextureVisuals(material=material)
+        scene.add_geometry(half)
+    return scene
+
+
+def robot_of(names):
+    """Returns a robot whose every link is shown by a mesh, and collides by it."""
+    robot = ElementTree.Element("robot")
+    for name in names:
+        link = ElementTree.SubElement(robot, "link", name=name)
+        for use in ("visual", "collision"):
+            geometry = ElementTree.SubElement(ElementTree.SubElement(link, use), "geometry")
+            ElementTree.SubElement(geometry, "mesh", filename=name)
+    return robot
+
+
+@pytest.fixture(scope="module")
+def converted(tmp_path_factory):
+    root = tmp_path_factory.mktemp("robot")
+    source, folder = mesh_files(root / "source"), root / "made"
+    robot = robot_of(SIZES)
+    steps = []
+    convert_meshes(robot, lambda name: source / name, folder, lambda *step: steps.append(step))
+    assert steps == [(done, 2 * len(SIZES)) for done in range(2 * len(SIZES) + 1)]
+    return robot, folder
+
+
+def bounds(folder, elements):
+    files = [mesh.get("filename") for element in elements for mesh in element.iter("mesh")]
+    corners = [trimesh.load_mesh(folder / file).bounds for file in files]
+    return np.array([np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))])
+
+
+@pytest.mark.parametrize("use", ["visual", "collision"])
+def test_each_link_has_its_own_shape_whatever_others_are_called(converted, use):
+    robot, folder = converted
+    for link in robot.findall("link"):
+        half = SIZES[link.get("name")] / 2
+        found = bounds(folder, link.findall(use))
+        np.testing.assert_allclose(found, [[-half] * 3, [half] * 3], atol=1e-5)
+
+
+def test_a_mesh_that_is_shown_in_colours_collides_as_a_whole(converted):
+    robot, _ = converted
+    coloured = [link for link in robot if link.get("name") in COLOURED]
+    assert len(coloured) == len(COLOURED)
+    for link in coloured:
+        assert len(link.findall("visual")) == 2
+        assert len(link.findall("collision")) == 1
+        colors = {color.get("rgba") for color in link.iterfind("visual/material/color")}
+        assert colors == {"1 0 0 1", "0 1 0 1"}
+    materials = [material.get("name") for material in robot.iter("material")]
+    assert len(set(materials)) == len(materials)
+
+
+def test_files_above_those_of_others_stay_in_the_folder(tmp_path):
+    source, folder = mesh_files(tmp_path / "source"), tmp_path / "made"
+    names = ["../arm/part.stl", "part.stl"]
+    robot = robot_of(names)
+    convert_meshes(robot, lambda name: source / "hand" / name, folder, lambda done, total: None)
+    named = {mesh.get("filename") for mesh in robot.iter("mesh")}
+    assert len(named) == 2 * len(names)
+    made = {file.relative_to(folder).as_posix() for file in folder.rglob("*.obj")}
+    assert made == named
+
+
+def test_a_robot_without_meshes_needs_none(tmp_path):
+    convert_meshes(robot_of([]), lambda name: tmp_path / name, tmp_path, lambda *step: None)
+    assert not list(tmp_path.iterdir())
