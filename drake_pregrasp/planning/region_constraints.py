@@ -130,6 +130,7 @@ class RegionConstraints:
         return (
             self.leaves_every_point
             and not np.any(self.tip_radii)
+            and not self.tip_gap > 0
             and self.same_side is None
             and self.fencing is None
         )
