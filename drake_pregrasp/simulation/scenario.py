@@ -190,10 +190,10 @@ class Scenario:
         X_WO = initial_pose(self.motion, self.object)
         if self.grasp.has_hand:
             hand = HandModel(load_hand(self.grasp.hand))
-            r_W: FloatArray = (X_WO.rotation() @ (p_OC - surface.p_OCoM).T).T
+            p_CoMC_W: FloatArray = (X_WO.rotation() @ (p_OC - surface.p_OCoM).T).T
             order, _ = assign_fingers_round(
                 hand.azimuths,
-                np.arctan2(r_W[:, 1], r_W[:, 0]),
+                np.arctan2(p_CoMC_W[:, 1], p_CoMC_W[:, 0]),
                 largest_offset=hand.largest_offsets,
                 yaw_range=self.grasp.yaw_range,
             )
