@@ -123,7 +123,8 @@ class HandController(Diagram):
         X_WG = RigidTransform(X_WO.rotation(), X_WO.translation() + raised)
         p_CoMC_W = (X_WO.rotation() @ (p_OC - p_OCoM).T).T
         turn = mean_angle(np.arctan2(p_CoMC_W[:, 1], p_CoMC_W[:, 0]) - hand.azimuths)
-        yaw = turned_within(turn, config.yaw_range)
+        yaw_range = hand.yaw_range(config.yaw_range)
+        yaw = turned_within(turn, yaw_range)
         self.initial = hand.home(X_WG.translation(), yaw)
         shaper = builder.AddNamedSystem(
             "fingertip_goal_shaper",
@@ -149,7 +150,7 @@ class HandController(Diagram):
             shaper.GetOutputPort("tip_goals"),
             p_WG=X_WG.translation(),
             yaw=yaw,
-            yaw_range=config.yaw_range,
+            yaw_range=yaw_range,
             lead=config.period + plant_time_step,
             gain=POSTURE_GAIN,
             period=config.period,

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import (
     BoxSolid,
+    HalfSpace,
     ScenarioError,
     load_scenario,
     make_diagram,
@@ -133,6 +134,24 @@ def test_an_obstacle_over_the_table_keeps_its_distance_from_fingertips(tmp_path)
         assert np.min(np.linalg.norm(tip - [0.12, 0.0, 0.05], axis=1)) > 0.03 + 0.009
 
 
+@pytest.mark.parametrize("own", ["[]", "[!BallObstacle {radius: 0.03, center: [0.2, 0.0, 0.05]}]"])
+def test_the_table_is_the_last_obstacle_of_the_planner_and_none_of_the_controller(own):
+    scenario = load_scenario(NAME, text=f"{{obstacles: {own}}}")
+    diagram = make_diagram(scenario, scenario.make_surface())
+    root = diagram.CreateDefaultContext()
+    given = []
+    for name in ("pregrasp_planner", "hand_controller"):
+        system = diagram.GetSubsystemByName(name)
+        port, context = system.GetInputPort("obstacles"), system.GetMyContextFromRoot(root)
+        given.append(port.Eval(context).solids if port.HasValue(context) else ())
+    (*solids, table), heeded = given
+    count = len(scenario.obstacles)
+    assert len(solids) == len(heeded) == count
+    assert isinstance(table, HalfSpace)
+    assert scenario.obstacle_names == {count: "the table"}
+    assert load_scenario("a_base").obstacle_names == {}
+
+
 def test_nothing_is_printed(tmp_path, capfd):
     grasp_run(tmp_path, simulation_duration=0.5)
     assert capfd.readouterr() == ("", "")
@@ -152,6 +171,13 @@ def test_nothing_is_printed(tmp_path, capfd):
         (
             "{grasp: {hand: https://a.b/c.yaml}}",
             r"grasp.hand: .*only package://drake_preg",
+        ),
+        ("{grasp: {wrist_range: [1]}}", r"grasp.wrist_range: wrist_range must be empty or two ang"),
+        ("{grasp: {wrist_range: [1, -1]}}", r"grasp.wrist_range: .* in order, not \[1.0, -1.0\]"),
+        ("{grasp: {wrist_range: [-50, 0]}}", r"grasp.wrist_range: .* own, from -31.4 to 31.4"),
+        (
+            "{planner: {limits: {forbidden_faces: [[], [+x]]}}}",
+            r"limits.forbidden_faces: 2 elements must be none or one for each of the 5 contacts",
         ),
         ("{grasp: {least_force: 20}}", r"grasp.least_force: 20.0 must be at most 12.0"),
         (
