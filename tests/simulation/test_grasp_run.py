@@ -1,6 +1,7 @@
 """A hand in the complete diagram: it follows, closes, lifts and holds, or gives up and says why."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,9 @@ from drake_pregrasp import (
     run,
     without_solver_chatter,
 )
+from drake_pregrasp.planning.contact_status import ContactStatus
 from drake_pregrasp.planning.grasp_state import GraspPhase
+from drake_pregrasp.simulation.summary import inactive_contacts
 
 NAME = "grasp_five_finger"
 QUIET = "sensor: {position_std: 0.0, orientation_std: 0.0}"
@@ -150,6 +153,16 @@ def test_the_table_is_the_last_obstacle_of_the_planner_and_none_of_the_controlle
     assert isinstance(table, HalfSpace)
     assert scenario.obstacle_names == {count: "the table"}
     assert load_scenario("a_base").obstacle_names == {}
+
+
+def test_the_closing_words_call_the_table_by_its_name():
+    status = np.array([ContactStatus.OBSTRUCTED, ContactStatus.OBSTRUCTED, ContactStatus.ACTIVE])
+    record = SimpleNamespace(contact_status=status, contact_causes=np.array([1.0, 0.0, -1.0]))
+    scenario = load_scenario(NAME, text="{obstacles: [!BallObstacle {radius: 0.01}]}")
+    assert inactive_contacts(scenario, SimpleNamespace(last=record)) == {
+        "0": "obstructed by the table",
+        "1": "obstructed by obstacle 0",
+    }
 
 
 def test_nothing_is_printed(tmp_path, capfd):
