@@ -3,6 +3,7 @@
 from drake_pregrasp.diagrams.grasp_config import GraspConfig
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_description import HandDescription
+from drake_pregrasp.diagrams.hand_limits import hand_limits
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.limits_config import LimitsConfig, Pair
@@ -28,7 +29,6 @@ from drake_pregrasp.planning.shapes import load_shape
 from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
 from drake_pregrasp.simulation.hand_file import load_hand
-from drake_pregrasp.simulation.hand_limits import hand_limits
 from drake_pregrasp.simulation.run import RunResult, run
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from drake_pregrasp.diagrams.hand_description import Closing, Fingertip
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.planning.grasp_state import GraspSettings
 
@@ -22,7 +23,8 @@ class GraspConfig:
     # package://drake_pregrasp/..., for one that is shipped. Empty: no hand, only planning.
     hand: str = field(default="", metadata={"path": True})
 
-    # Least and largest angle of the wrist, in radians; empty for those of the model.
+    # Least and largest angle of the wrist, in radians, within those of the model. Empty: those of
+    # the model, where it can't make a full turn either way; else it turns as far as it likes.
     wrist_range: list[float] = field(
         default_factory=list, metadata={"at_least": -100, "at_most": 100}
     )
@@ -59,7 +61,8 @@ class GraspConfig:
     least_force: float = field(default=2.5, metadata=_FORCE)
     largest_force: float = field(default=12.0, metadata=_FORCE)
 
-    # How long the hand waits for fingers on their way before it closes, in seconds.
+    # How long the hand waits for fingers on their way, and for enough of them whose forces can
+    # balance the weight, in seconds. Then it closes with those that are there, or gives up.
     gate_limit: float = field(default=1.5, metadata={"at_least": 0, "at_most": 1e6})
 
     # How far it lifts, in metres, and in which time, in seconds.
@@ -73,8 +76,20 @@ class GraspConfig:
 
     @property
     def yaw_range(self) -> tuple[float, float]:
-        """Least and largest angle of the wrist, in radians."""
-        low, high = self.wrist_range or FREE_TURN
+        """Least and largest angle of the wrist that are asked for, in radians; endless if none are.
+
+        `HandModel.yaw_range` has the model's say in it.
+
+        Raises:
+            InvalidArgumentError: If they aren't two in order.
+        """
+        if not self.wrist_range:
+            return FREE_TURN
+        if len(self.wrist_range) != 2 or not self.wrist_range[0] <= self.wrist_range[1]:
+            raise InvalidArgumentError(
+                f"wrist_range must be empty or two angles in order, not {self.wrist_range}"
+            )
+        low, high = self.wrist_range
         return low, high
 
     def make_settings(self, fingertips: Sequence[Fingertip] = ()) -> GraspSettings:
@@ -93,17 +108,25 @@ class GraspConfig:
         )
 
     def closing_duration(self, fingertips: Sequence[Fingertip] = ()) -> float:
-        """Returns about how long fingers take from their standoff to the object, in seconds."""
-        settings = self.make_settings(fingertips)
-        speed = float(np.min(settings.closing_speed))
-        return self.standoff / speed + speed / settings.closing_acceleration
+        """Returns how long fingers take from their standoff to the end of their search, in seconds.
 
-    @property
-    def expected_rest(self) -> float:
-        """About when the hand stops to follow the object's motion, for the lift, in seconds."""
-        settings = self.make_settings()
-        closing = self.closing_duration() + settings.squeeze_duration
-        return self.close_at + closing + settings.stop_duration
+        They accelerate steadily to their speed v, and then keep it: a way d takes d/v + v/(2 a), if
+        it is long enough for v. The slowest finger counts.
+        """
+        settings = self.make_settings(fingertips)
+        ways, acceleration = self.standoff + settings.search, settings.closing_acceleration
+        speeds = np.minimum(settings.closing_speed, np.sqrt(2 * acceleration * ways))
+        return float(np.max(ways / speeds + speeds / (2 * acceleration)))
+
+    def latest_rest(self, fingertips: Sequence[Fingertip] = ()) -> float:
+        """Returns until when the hand follows the object's motion, at most, in seconds.
+
+        For the lift it comes to rest, after it has waited for fingers on their way, closed and
+        squeezed.
+        """
+        settings = self.make_settings(fingertips)
+        closing = self.closing_duration(fingertips) + settings.squeeze_duration
+        return self.close_at + settings.gate_limit + closing + settings.stop_duration
 
     def largest_lift(self, fingertips: Sequence[Fingertip]) -> float:
         """Returns the weight that fingers can hold by friction alone, in newtons."""

@@ -121,9 +121,10 @@ class HandController(Diagram):
         settings = config.make_settings(hand.description.fingertips)
         raised = np.array([0.0, 0.0, settings.approach_height])
         X_WG = RigidTransform(X_WO.rotation(), X_WO.translation() + raised)
-        level = (X_WO.rotation() @ (p_OC - p_OCoM).T).T
-        turn = mean_angle(np.arctan2(level[:, 1], level[:, 0]) - hand.azimuths)
-        yaw = turned_within(turn, config.yaw_range)
+        p_CoMC_W = (X_WO.rotation() @ (p_OC - p_OCoM).T).T
+        turn = mean_angle(np.arctan2(p_CoMC_W[:, 1], p_CoMC_W[:, 0]) - hand.azimuths)
+        yaw_range = hand.yaw_range(config.yaw_range)
+        yaw = turned_within(turn, yaw_range)
         self.initial = hand.home(X_WG.translation(), yaw)
         shaper = builder.AddNamedSystem(
             "fingertip_goal_shaper",
@@ -149,7 +150,7 @@ class HandController(Diagram):
             shaper.GetOutputPort("tip_goals"),
             p_WG=X_WG.translation(),
             yaw=yaw,
-            yaw_range=config.yaw_range,
+            yaw_range=yaw_range,
             lead=config.period + plant_time_step,
             gain=POSTURE_GAIN,
             period=config.period,
@@ -183,7 +184,8 @@ class HandController(Diagram):
             (sequencer, "hold_contacts", shaper, "hold_contacts"),
             (sequencer, "X_WG", posture, "X_WG"),
             (sequencer, "V_WG", posture, "V_WG"),
-            (posture, "X_WH", shaper, "X_WH"),
+            (sequencer, "fingers_hold", shaper, "fingers_hold"),
+            (posture, "X_WU", shaper, "X_WU"),
             (posture, "nominal_posture", kinematics, "nominal_posture"),
             (reference, "position", kinematics, "position"),
             (kinematics, "commanded_velocity", reference, "commanded_velocity"),

@@ -78,8 +78,9 @@ class Fingertip:
     # (or metres).
     home: list[float] = field(default_factory=list, metadata={"required": True, **_ANGLE})
 
-    # What it reaches, in H: a frame with its origin in the object's, z up, that turns with the
-    # palm, and whose axes are W's at yaw 0.
+    # What it reaches, in H: a frame with its origin in the object's, z up, whose axes are W's at
+    # yaw 0. It turns with a palm that turns as far as it likes; with one of limited range it stays
+    # at the middle of that.
     reach: ReachConfig = field(default_factory=SectorReach, metadata={"required": True})
 
     # How far from the object's z axis it waits, over the object's top, while it has no contact, in

@@ -11,12 +11,14 @@ from pydrake.planning import RobotDiagramBuilder, SceneGraphCollisionChecker
 
 from drake_pregrasp.diagrams.hand_description import HandDescription
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
-from drake_pregrasp.diagrams.palm_base import PalmArm, make_base
+from drake_pregrasp.diagrams.palm_base import PalmArm, PalmCarrier, make_base
 from drake_pregrasp.diagrams.reach_config import SectorReach
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
+
+_TWO_TURNS = 4 * np.pi
 
 
 class HandModel:
@@ -78,6 +80,32 @@ class HandModel:
             InvalidArgumentError: If an arm can't bring the palm there.
         """
         return self.base.posed(self._fingers_home, p_WO, yaw)
+
+    def yaw_range(self, asked: tuple[float, float] = FREE_TURN) -> tuple[float, float]:
+        """Returns the palm's least and largest angle, in radians: what is asked for, if any is.
+
+        Otherwise it is what the model's wrist has, if that can't make a full turn either way, which
+        is a range of less than two turns. A wrist of more is as good as endless: it can always go
+        on. The palm of an arm has no joint of its own, so its range is what is asked for.
+
+        Args:
+            asked: Endless for nothing.
+
+        Raises:
+            InvalidArgumentError: If more is asked for than the model has.
+        """
+        if not isinstance(self.base, PalmCarrier):
+            return asked
+        wrist = self.base.joints[-1]
+        low, high = float(self.kinematics.lower[wrist]), float(self.kinematics.upper[wrist])
+        if asked != FREE_TURN:
+            if not low <= asked[0] <= asked[1] <= high:
+                raise InvalidArgumentError(
+                    f"wrist_range {list(asked)} must be within the model's own, from {low:g} to"
+                    f" {high:g}"
+                )
+            return asked
+        return (low, high) if high - low < _TWO_TURNS else FREE_TURN
 
     @property
     def relaxed(self) -> FloatArray:

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from pydrake.multibody.parsing import Parser
+from pydrake.multibody.parsing import PackageMap, Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
@@ -23,6 +23,9 @@ def add_hand_model(
 ) -> ModelInstanceIndex:
     """Adds a hand to a plant that isn't finalized, without gravity, as if it were compensated.
 
+    Its meshes may be at `package://` URLs of packages that its file is in, and of those in folders
+    of the environment's ROS_PACKAGE_PATH.
+
     Args:
         plant: Where to add it.
         description: The hand.
@@ -32,14 +35,19 @@ def add_hand_model(
         InvalidArgumentError: If its model can't be loaded.
     """
     parser = Parser(plant)
-    parser.package_map().AddPackageXml(str(resource_folder("models") / "package.xml"))
+    path = model_path(description.model)
     parser.SetAutoRenaming(True)
-    path = _model_path(description.model)
     try:
-        (hand,) = parser.AddModels(str(path))
+        _add_packages(parser.package_map(), path)
+        models = parser.AddModels(str(path))
     except (RuntimeError, ValueError) as error:
         problem = first_line(error)
         raise InvalidArgumentError(f"model: {path} is no model of a hand: {problem}") from error
+    if len(models) != 1:
+        raise InvalidArgumentError(
+            f"model: {path} must hold one model, the hand with what carries it, not {len(models)}"
+        )
+    (hand,) = models
     plant.RenameModelInstance(hand, HAND)
     plant.set_gravity_enabled(hand, False)
     if isinstance(description.base, Carrier) and yaw_range != FREE_TURN:
@@ -50,7 +58,24 @@ def add_hand_model(
     return hand
 
 
-def _model_path(model: str) -> Path:
+def _add_packages(packages: PackageMap, model: Path) -> None:
+    """Adds what `package://` may name: this package, those a model is in, and those of ROS."""
+    packages.AddPackageXml(str(resource_folder("models") / "package.xml"))
+    for folder in model.parents:
+        if (folder / "package.xml").is_file():
+            packages.AddPackageXml(str(folder / "package.xml"))
+    packages.PopulateFromRosPackagePath()
+
+
+def model_path(model: str) -> Path:
+    """Returns where a hand's model is.
+
+    Args:
+        model: As `HandDescription.model`.
+
+    Raises:
+        InvalidArgumentError: If there is no such file.
+    """
     if not model:
         raise InvalidArgumentError("model: it is empty, and must name an SDF or URDF")
     if model.startswith(ROBOTS_URL):

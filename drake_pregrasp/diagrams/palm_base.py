@@ -83,7 +83,7 @@ class PalmArm:
         X_GP: The palm over the object at yaw 0.
 
     Raises:
-        InvalidArgumentError: If the model has no such joints or frame.
+        InvalidArgumentError: If the model has no such joints or frame, or home is beyond limits.
     """
 
     def __init__(self, config: Arm, plant: MultibodyPlant, hand: ModelInstanceIndex) -> None:
@@ -97,6 +97,13 @@ class PalmArm:
             raise InvalidArgumentError(
                 f"base.palm: there is no frame {config.palm}; there are: {there}"
             )
+        lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
+        for name, joint, value in zip(config.joints, self.joints, config.home, strict=True):
+            if not lower[joint] <= value <= upper[joint]:
+                raise InvalidArgumentError(
+                    f"base.home: {value:g} of {name} must be from {lower[joint]:g} to"
+                    f" {upper[joint]:g}"
+                )
         palm = plant.GetFrameByName(config.palm, hand)
         self.palm_frame = palm.scoped_name().get_full()
         self._plant = plant

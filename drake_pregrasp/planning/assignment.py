@@ -44,8 +44,8 @@ def assign_fingers_round(
     """Returns for each finger of a radial hand its contact, and how far the palm has to turn.
 
     Fingers keep their order round the palm, so that none crosses another. Of the n ways to do so,
-    each with the palm turned by the mean offset, as far as it can, the one is taken that leaves the
-    smallest largest offset.
+    each with the palm turned by the mean offset, as far as it can, the one is taken that leaves
+    most to spare: whose largest excess over what a finger may be aside is least.
 
     Args:
         finger_azimuths: Where the fingers are about the palm's axis, shape (n,), in radians.
@@ -66,18 +66,19 @@ def assign_fingers_round(
             f"{n} fingers can't be assigned to {len(contact_azimuths)} contacts"
         )
     fingers, contacts = np.argsort(finger_azimuths), np.argsort(contact_azimuths)
+    allowed = np.broadcast_to(largest_offset, n)[fingers]
     best = (np.inf, 0.0, contacts, np.empty(n))
     for shift in range(n):
         shifted = np.roll(contacts, shift)
         turns = contact_azimuths[shifted] - finger_azimuths[fingers]
         yaw = turned_within(mean_angle(turns), yaw_range)
         offsets = np.abs(wrapped(turns - yaw))
-        if np.max(offsets) < best[0]:
-            best = (float(np.max(offsets)), yaw, shifted, offsets)
-    _, yaw, shifted, offsets = best
-    allowed = np.broadcast_to(largest_offset, n)[fingers]
-    worst = int(np.argmax(offsets - allowed))
-    if offsets[worst] > allowed[worst]:
+        excess = float(np.max(offsets - allowed))
+        if excess < best[0]:
+            best = (excess, yaw, shifted, offsets)
+    excess, yaw, shifted, offsets = best
+    if excess > 0:
+        worst = int(np.argmax(offsets - allowed))
         raise InvalidArgumentError(
             f"no finger reaches contact {shifted[worst]}: it is {offsets[worst]:.2f} rad aside"
             f" from the nearest in turn, at most {allowed[worst]:g}"

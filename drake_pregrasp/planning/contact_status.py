@@ -1,5 +1,6 @@
 """What has become of contacts at a tick, and why."""
 
+from collections.abc import Mapping
 from enum import IntEnum
 
 import numpy as np
@@ -59,14 +60,19 @@ def contact_status(active: BoolArray, lost: BoolArray, limits: IntArray) -> Floa
     return status
 
 
-def describe_status(status: float, cause: float) -> str:
+def describe_status(
+    status: float, cause: float, obstacle_names: Mapping[int, str] | None = None
+) -> str:
     """Returns a contact's status in words.
 
     Args:
         status: A `ContactStatus`.
         cause: Index of the contact or obstacle behind it, or `NO_CAUSE`.
+        obstacle_names: What obstacles are called, by their index, that have a name.
     """
-    return _DESCRIPTIONS[ContactStatus(int(status))].format(int(cause))
+    index = int(cause)
+    obstacle = (obstacle_names or {}).get(index, f"obstacle {index}")
+    return _DESCRIPTIONS[ContactStatus(int(status))].format(index, obstacle=obstacle)
 
 
 _DESCRIPTIONS = {
@@ -79,8 +85,8 @@ _DESCRIPTIONS = {
     ContactStatus.CROWDED: "crowded by contact {}",
     ContactStatus.OUT_OF_REACH: "out of reach",
     ContactStatus.HARDLY_IN_REACH: "hardly in reach",
-    ContactStatus.OBSTRUCTED: "obstructed by obstacle {}",
-    ContactStatus.NEARLY_OBSTRUCTED: "nearly obstructed by obstacle {}",
+    ContactStatus.OBSTRUCTED: "obstructed by {obstacle}",
+    ContactStatus.NEARLY_OBSTRUCTED: "nearly obstructed by {obstacle}",
     ContactStatus.BEHIND_WALL: "behind a wall",
     ContactStatus.NEARLY_BEHIND_WALL: "nearly behind a wall",
     ContactStatus.APART_FROM_PARTNER: "not at its distance from contact {}",

@@ -155,6 +155,21 @@ class GraspState:
         """Whether contacts stay where they are on the object."""
         return self.phase >= GraspPhase.CLOSE
 
+    def fingers_hold(self, time: float) -> BoolArray:
+        """Returns which fingers hold their contacts, or close on them, shape (n,).
+
+        A hand that backs off holds as long as it has not let go: with the fingers that still touch,
+        or with all while forces go down.
+
+        Args:
+            time: In seconds.
+        """
+        if not self.holds_contacts:
+            return np.zeros_like(self.active)
+        if self.phase < GraspPhase.BACK_OFF or self.force.value(time) > 0:
+            return self.active
+        return self.active & self.touched
+
     def to_vector(self) -> FloatArray:
         """Returns everything in one vector."""
         numbers = [self.phase, self.since, self.asked, self.reason, self.detail, self.gripped]

@@ -7,6 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.planning.finger_reach import FingerReach
 from drake_pregrasp.planning.no_touch import AxisArea
@@ -52,11 +53,21 @@ class Obstacles:
         solids: Convex solids.
         points: Points z_j with radii R_j.
         velocities: Of the solids, shape (k, 3), in m/s; empty if they don't move. Points don't.
+
+    Raises:
+        InvalidArgumentError: If velocities are neither none nor one a solid.
     """
 
     solids: tuple[Solid, ...] = ()
     points: ForbiddenPoints = field(default_factory=ForbiddenPoints.none)
     velocities: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+
+    def __post_init__(self) -> None:
+        if self.velocities.shape not in ((0, 3), (len(self.solids), 3)):
+            raise InvalidArgumentError(
+                f"velocities must be none or have shape ({len(self.solids)}, 3), one a solid, not"
+                f" {self.velocities.shape}"
+            )
 
     def after(self, seconds: float) -> "Obstacles":
         """Returns where they are some time later."""
@@ -130,6 +141,7 @@ class RegionConstraints:
         return (
             self.leaves_every_point
             and not np.any(self.tip_radii)
+            and not self.tip_gap > 0
             and self.same_side is None
             and self.fencing is None
         )

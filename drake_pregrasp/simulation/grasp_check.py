@@ -14,7 +14,7 @@ from drake_pregrasp.planning.no_touch import AxisArea
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.planning.velocity_profile import VelocityProfile
 from drake_pregrasp.simulation.hand_config import HandConfig
-from drake_pregrasp.simulation.hand_file import load_hand
+from drake_pregrasp.simulation.hand_file import load_hand, load_hand_model
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
@@ -66,9 +66,13 @@ def check_grasp(source: str, scenario: Scenario, surface: ObjectSurface) -> None
             f"{scenario.planner.estimator.lookahead} must be 0 for a hand; it looks ahead itself",
         )
     try:
-        model = HandModel(hand)
+        model = load_hand_model(grasp.hand)
     except InvalidArgumentError as error:
         raise ScenarioError(source, "grasp.hand", f"{grasp.hand}: {error}") from error
+    try:
+        yaw_range = model.yaw_range(grasp.yaw_range)
+    except InvalidArgumentError as error:
+        raise ScenarioError(source, "grasp.wrist_range", str(error)) from error
     largest = np.min(grasp.make_settings(hand.fingertips).largest_force)
     if grasp.least_force > largest:
         raise ScenarioError(
@@ -95,7 +99,7 @@ def check_grasp(source: str, scenario: Scenario, surface: ObjectSurface) -> None
     except InvalidArgumentError as error:
         raise ScenarioError(source, "initial_contacts", str(error)) from error
     _check_faces(source, hand, surface, p_OC)
-    _check_arm(source, scenario, model, scenario.motion, p_OC)
+    _check_arm(source, scenario, model, yaw_range, scenario.motion, p_OC)
 
 
 def _check_faces(
@@ -116,21 +120,26 @@ def _check_faces(
 
 
 def _check_arm(
-    source: str, scenario: Scenario, model: HandModel, motion: Conveyor, p_OC: FloatArray
+    source: str,
+    scenario: Scenario,
+    model: HandModel,
+    yaw_range: tuple[float, float],
+    motion: Conveyor,
+    p_OC: FloatArray,
 ) -> None:
     """An arm can follow the object as far as it goes, and lift it there."""
     grasp, settings = scenario.grasp, scenario.grasp.make_settings()
     profile = VelocityProfile(motion.velocities())
     X_WO = initial_pose(motion, scenario.object)
-    first = palm_turn(p_OC, model.azimuths, 0.0, grasp.yaw_range)
-    end = min(scenario.simulation_duration, grasp.expected_rest)
+    first = palm_turn(p_OC, model.azimuths, 0.0, yaw_range)
+    end = min(scenario.simulation_duration, grasp.latest_rest(model.description.fingertips))
     for time in np.linspace(0.0, end, _MOMENTS):
         slid, turned = profile.at(time)[0]
         for height in (0.0, max(settings.lift_height, settings.approach_height)):
             try:
                 model.home(
                     X_WO.translation() + np.array([slid, 0.0, height]),
-                    float(np.clip(first + turned, *grasp.yaw_range)),
+                    float(np.clip(first + turned, *yaw_range)),
                 )
             except InvalidArgumentError as error:
                 problem = f"at {time:.3g} s the object is out of the arm's reach: {error}"

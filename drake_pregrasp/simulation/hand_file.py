@@ -1,15 +1,21 @@
-"""Descriptions of hands from YAML files."""
+"""Descriptions of hands from YAML files, and their models."""
 
+import functools
 from pathlib import Path
 
 import yaml
 from pydrake.common.yaml import yaml_load_data, yaml_load_typed
 
 from drake_pregrasp.diagrams.hand_description import HandDescription
+from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.hand_parsing import model_path
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.resources import resolve_path
 from drake_pregrasp.simulation.scenario_paths import make_paths_absolute
 from drake_pregrasp.simulation.schema_check import check_mapping
+
+_KEPT = 2  # Models: one for looking at it, and one with the wrist's range.
 
 
 def load_hand(file: str | Path) -> HandDescription:
@@ -39,3 +45,26 @@ def load_hand(file: str | Path) -> HandDescription:
     )
     make_paths_absolute(description, path.parent)
     return description
+
+
+def load_hand_model(file: str | Path, yaw_range: tuple[float, float] = FREE_TURN) -> HandModel:
+    """Loads a hand and its model; as long as both files stay as they are, the one it made before.
+
+    Args:
+        file: As for `load_hand`.
+        yaw_range: As for `HandModel`.
+
+    Raises:
+        ScenarioError: As `load_hand` does.
+        InvalidArgumentError: As `HandModel` does.
+    """
+    path = model_path(load_hand(file).model)
+    own = resolve_path(str(file), Path.cwd())
+    return _model(own, own.stat().st_mtime_ns, path, path.stat().st_mtime_ns, yaw_range)
+
+
+@functools.lru_cache(maxsize=_KEPT)
+def _model(
+    file: Path, changed: int, model: Path, model_changed: int, yaw_range: tuple[float, float]
+) -> HandModel:
+    return HandModel(load_hand(file), yaw_range)

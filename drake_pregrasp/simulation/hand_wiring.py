@@ -11,7 +11,6 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_controller import HandController
-from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.motion_config import Conveyor
 from drake_pregrasp.diagrams.object_config import Box
@@ -19,7 +18,7 @@ from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.solids import BoxSolid, HalfSpace
 from drake_pregrasp.planning.surface import ObjectSurface
-from drake_pregrasp.simulation.hand_file import load_hand
+from drake_pregrasp.simulation.hand_file import load_hand_model
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.grasp_logger import GraspLogger, GraspRecord
 from drake_pregrasp.systems.moving_obstacles import MovingSolid
@@ -56,7 +55,7 @@ def add_hand(
     """
     box, conveyor = cast(Box, scenario.object), cast(Conveyor, scenario.motion)
     grasp, size = scenario.grasp, np.array(box.size)
-    hand = HandModel(load_hand(grasp.hand), grasp.yaw_range)
+    hand = load_hand_model(grasp.hand, grasp.yaw_range)
     controller = builder.AddNamedSystem(
         "hand_controller",
         HandController(

@@ -1,5 +1,7 @@
 """The Meshcat recording of a run."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from pydrake.geometry import (
     Meshcat,
@@ -72,12 +74,14 @@ def add_recording(
     direction: FloatArray,
     publish_period: float,
     live: bool,
+    obstacle_names: Mapping[int, str],
 ) -> None:
     """Adds visualizers of the plant and the planner, looks at the object's path, and records.
 
     The path holds positions of O in W, shape (k, 3), in metres; the camera is in that direction. A
     viewer sees the run as it goes
     only if it is `live`: that takes as long again as recording it.
+    Obstacles have their names by their indices, where they have one.
     """
     MeshcatVisualizer.AddToBuilder(
         builder,
@@ -111,6 +115,7 @@ def add_recording(
             publish_period=publish_period,
             hover=_LABEL_HOVER + float(np.max(surface.mesh.vertices[:, 2])),
             yaw=float(np.arctan2(direction[1], direction[0]) + np.pi / 2),
+            obstacle_names=obstacle_names,
         ),
     )
     for name in ("X_WO_estimated", "contact_status", "contact_causes"):
@@ -132,9 +137,9 @@ def shown_path(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
     duration = scenario.simulation_duration + scenario.planner.estimator.lookahead
     if not grasp.has_hand:
         return expected_path(scenario.motion, duration, scenario.object), _CAMERA
-    settings = grasp.make_settings()
-    path = expected_path(scenario.motion, min(duration, grasp.expected_rest), scenario.object)
-    hand = load_hand(grasp.hand)
+    settings, hand = grasp.make_settings(), load_hand(grasp.hand)
+    duration = min(duration, grasp.latest_rest(hand.fingertips))
+    path = expected_path(scenario.motion, duration, scenario.object)
     above = hand.palm_height + max(settings.lift_height, settings.approach_height)
     raised: FloatArray = path + np.array([0.0, 0.0, above])
     has_arm = isinstance(hand.base, Arm)

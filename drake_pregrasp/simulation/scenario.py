@@ -8,7 +8,6 @@ from pydrake.systems.analysis import SimulatorConfig
 
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.grasp_config import GraspConfig
-from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.motion_config import Conveyor, MotionConfig
 from drake_pregrasp.diagrams.object_config import Box, ObjectConfig
 from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
@@ -19,7 +18,7 @@ from drake_pregrasp.planning.force_closure import FRICTION, TORSIONAL_FRICTION
 from drake_pregrasp.planning.initial_contacts import ring_contacts
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_config import HandConfig
-from drake_pregrasp.simulation.hand_file import load_hand
+from drake_pregrasp.simulation.hand_file import load_hand_model
 from drake_pregrasp.simulation.obstacle_config import ObstacleConfig
 from drake_pregrasp.simulation.surface_config import SurfaceConfig
 from drake_pregrasp.systems.noise_source import MAX_SEED
@@ -158,6 +157,14 @@ class Scenario:
         """How many contacts there are."""
         return self.ring_contacts or len(self.initial_contacts)
 
+    @property
+    def obstacle_names(self) -> dict[int, str]:
+        """What the planner's obstacles are called that aren't in `obstacles`, by their index.
+
+        With a hand there is one: the conveyor's top, which no fingertip may touch.
+        """
+        return {len(self.obstacles): "the table"} if self.grasp.has_hand else {}
+
     def make_surface(self, spacing: float | None = None) -> ObjectSurface:
         """Returns the object's surface, sampled as `surface` says, or with another spacing.
 
@@ -189,13 +196,13 @@ class Scenario:
                 p_OC, _ = surface.project(p_OC)
         X_WO = initial_pose(self.motion, self.object)
         if self.grasp.has_hand:
-            hand = HandModel(load_hand(self.grasp.hand))
-            r_W: FloatArray = (X_WO.rotation() @ (p_OC - surface.p_OCoM).T).T
+            hand = load_hand_model(self.grasp.hand)
+            p_CoMC_W: FloatArray = (X_WO.rotation() @ (p_OC - surface.p_OCoM).T).T
             order, _ = assign_fingers_round(
                 hand.azimuths,
-                np.arctan2(r_W[:, 1], r_W[:, 0]),
+                np.arctan2(p_CoMC_W[:, 1], p_CoMC_W[:, 0]),
                 largest_offset=hand.largest_offsets,
-                yaw_range=self.grasp.yaw_range,
+                yaw_range=hand.yaw_range(self.grasp.yaw_range),
             )
             return np.array(p_OC[order])
         if not self.hand.fingertips:

@@ -13,6 +13,7 @@ from drake_pregrasp.planning.blends import BLEND
 from drake_pregrasp.planning.strategies import STRATEGIES
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.simulation.grasp_check import check_grasp
+from drake_pregrasp.simulation.hand_planner import hand_planner
 from drake_pregrasp.simulation.limits_check import check_limits, check_reach
 from drake_pregrasp.simulation.motion_check import check_motion
 from drake_pregrasp.simulation.obstacle_config import check_obstacles
@@ -43,10 +44,6 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
             f"{len(scenario.hand.fingertips)} rows must be none or one for each of the {count}"
             " contacts",
         )
-    check_limits(source, scenario.planner.limits, count, surface)
-    if scenario.hand.follow:
-        X_WH = scenario.hand.initial_X_WH(RigidTransform())
-        check_reach(source, scenario.planner.limits, X_WH.inverse() @ np.zeros(3), surface)
     check_obstacles(source, scenario.obstacles)
     if isinstance(scenario.object, Box) and not scenario.ring_contacts:
         _validate_contacts_on_a_box(scenario, source, surface)
@@ -67,6 +64,11 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
         )
     check_motion(source, scenario.motion, surface)
     check_grasp(source, scenario, surface)
+    limits = hand_planner(scenario).limits
+    check_limits(source, limits, count, surface)
+    if scenario.hand.follow:
+        X_WH = scenario.hand.initial_X_WH(RigidTransform())
+        check_reach(source, limits, X_WH.inverse() @ np.zeros(3), surface)
     if scenario.planner.strategy == BLEND and not any(vars(scenario.planner.blend).values()):
         raise ScenarioError(
             source,

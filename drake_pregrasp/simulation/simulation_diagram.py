@@ -12,7 +12,7 @@ from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.planning.grasp_quality import GraspQuality
 from drake_pregrasp.planning.surface import ObjectSurface
-from drake_pregrasp.simulation.hand_limits import hand_planner
+from drake_pregrasp.simulation.hand_planner import hand_planner
 from drake_pregrasp.simulation.hand_wiring import TABLE, AddedHand, add_hand, connect_hand
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.recording import add_recording, shown_path
@@ -139,6 +139,7 @@ def make_diagram(
             path=path,
             direction=direction,
             publish_period=scenario.recording.publish_period,
+            obstacle_names=scenario.obstacle_names,
             live=scenario.simulator_config.target_realtime_rate > 0,
         )
     diagram = builder.Build()
@@ -156,13 +157,15 @@ def _add_obstacles(
     solids = [moving_solid(o) for o in scenario.obstacles]
     shown = MovingObstacles(solids, lookahead=scenario.planner.estimator.lookahead)
     if hand is not None:
+        # The table comes last: obstacles keep the indices that they have in the scenario.
         obstacles = builder.AddNamedSystem("heeded_obstacles", MovingObstacles([*solids, TABLE]))
         builder.Connect(obstacles.get_output_port(), planner.GetInputPort("obstacles"))
-        builder.Connect(obstacles.get_output_port(), hand.controller.GetInputPort("obstacles"))
     if not solids:
         return
     builder.AddNamedSystem("moving_obstacles", shown)
-    if hand is None:
+    if hand is not None:
+        builder.Connect(shown.get_output_port(), hand.controller.GetInputPort("obstacles"))
+    else:
         builder.Connect(shown.get_output_port(), planner.GetInputPort("obstacles"))
     if meshcat is not None:
         visualizer = builder.AddNamedSystem(

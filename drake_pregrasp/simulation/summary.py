@@ -56,7 +56,7 @@ def summarize(
         "contact_model": scenario.measures.contact_model,
         **force_closure_summary(scenario, surface, static=log.last_static, final=log.last),
         **_after_damage(scenario, surface, measured, time),
-        "inactive_contacts": _inactive_contacts(log),
+        "inactive_contacts": inactive_contacts(scenario, log),
         "ticks": log.num_ticks,
         "simulated_seconds": float(time[-1]) if len(time) else 0.0,
         "tick_time_p50_ms": log.tick_times.percentile_ms(50),
@@ -65,7 +65,7 @@ def summarize(
     }
 
 
-def _inactive_contacts(log: RunLog) -> dict[str, str]:
+def inactive_contacts(scenario: Scenario, log: RunLog) -> dict[str, str]:
     """Returns the contacts that are there at the last tick, but have nowhere to be, and why."""
     record = log.last
     if record is None:
@@ -73,7 +73,9 @@ def _inactive_contacts(log: RunLog) -> dict[str, str]:
     without = ~is_active(record.contact_status) & (record.contact_status != ContactStatus.LOST)
     return {
         str(contact): describe_status(
-            record.contact_status[contact], record.contact_causes[contact]
+            record.contact_status[contact],
+            record.contact_causes[contact],
+            scenario.obstacle_names,
         )
         for contact in np.flatnonzero(without).tolist()
     }

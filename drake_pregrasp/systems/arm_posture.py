@@ -18,7 +18,7 @@ from pydrake.systems.framework import (
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.assignment import FREE_TURN, palm_turn
-from drake_pregrasp.systems.carrier_posture import reach_frame
+from drake_pregrasp.systems.carrier_posture import reach_frame, upright_frame
 
 SMOOTHING = 0.2
 """Time in which the palm follows a change of estimates, in seconds: arms are heavy."""
@@ -39,6 +39,7 @@ class ArmPosture(LeafSystem):
         - goals
         - nominal_posture
         - X_WH
+        - X_WU
 
     Port `tip_goals` accepts a `BusValue` of `RigidTransform` in W, as of `FingertipGoalShaper`.
 
@@ -47,7 +48,7 @@ class ArmPosture(LeafSystem):
     Port `V_WG` accepts a `SpatialVelocity`: of that frame in W.
 
     Port `X_WO_estimated` (optional) accepts a `RigidTransform`: where the object is believed to be;
-    `X_WH` needs it.
+    `X_WH` and `X_WU` need it.
 
     Port `goals` emits a `BusValue` for `DifferentialInverseKinematicsSystem`: the goals of the
     tips, and the pose that the palm is to have at the same time. It is over the object, as at home,
@@ -56,7 +57,8 @@ class ArmPosture(LeafSystem):
 
     Port `nominal_posture` emits a vector of nq: home positions, for what goals leave free.
 
-    Port `X_WH` emits a `RigidTransform`: the hand's frame H in W, as that of `CarrierPosture`.
+    Port `X_WH` emits a `RigidTransform`, the frame H of reach in W, and `X_WU` another, the frame U
+    of the palm as it is: as those of `CarrierPosture`.
 
     The palm is a goal of its own, and no mere posture, so that the arm carries and the light
     fingers alone close: an arm that helped them would push the object. It moves with the twist of
@@ -126,12 +128,11 @@ class ArmPosture(LeafSystem):
         self.DeclareVectorOutputPort(
             "nominal_posture", len(self._home), self._calc_posture, {self.nothing_ticket()}
         )
-        self.DeclareAbstractOutputPort(
-            "X_WH",
-            lambda: AbstractValue.Make(RigidTransform()),
-            self._calc_hand,
-            {self.discrete_state_ticket(self._smooth), self._X_WO.ticket()},
-        )
+        placed = {self.discrete_state_ticket(self._smooth), self._X_WO.ticket()}
+        for name, calc in (("X_WH", self._calc_reach), ("X_WU", self._calc_palm)):
+            self.DeclareAbstractOutputPort(
+                name, lambda: AbstractValue.Make(RigidTransform()), calc, placed
+            )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._advance)
 
     def _rates(self, context: Context) -> FloatArray:
@@ -169,6 +170,10 @@ class ArmPosture(LeafSystem):
     def _calc_posture(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._home)
 
-    def _calc_hand(self, context: Context, output: AbstractValue) -> None:
+    def _calc_reach(self, context: Context, output: AbstractValue) -> None:
         yaw = float(context.get_discrete_state(self._smooth)[3])
         output.set_value(reach_frame(self._X_WO.Eval(context), yaw, self._yaw_range))
+
+    def _calc_palm(self, context: Context, output: AbstractValue) -> None:
+        yaw = float(context.get_discrete_state(self._smooth)[3])
+        output.set_value(upright_frame(self._X_WO.Eval(context), yaw))

@@ -15,6 +15,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.assignment import FREE_TURN, palm_turn
 
@@ -33,6 +34,7 @@ class CarrierPosture(LeafSystem):
         output_ports:
         - nominal_posture
         - X_WH
+        - X_WU
 
     Port `tip_goals` accepts a `BusValue` of `RigidTransform` in W, as of `FingertipGoalShaper`.
 
@@ -41,17 +43,20 @@ class CarrierPosture(LeafSystem):
     Port `V_WG` accepts a `SpatialVelocity`: of that frame in W.
 
     Port `X_WO_estimated` (optional) accepts a `RigidTransform`: where the object is believed to be;
-    `X_WH` needs it.
+    `X_WH` and `X_WU` need it.
 
     Port `nominal_posture` emits a vector of nq, for the port of that name of
     `DifferentialInverseKinematicsSystem`: the fingers' home positions, and the carrier over the
     origin of G. It turns so that fingers are aside from their own azimuths as little as they can
     be on the average, without a jump at half a turn, but only within its range.
 
-    Port `X_WH` emits a `RigidTransform`: the hand's frame H in W, that of the fingers' reach. Its
-    origin is the object's, over which the palm is, and it turns with the palm, as of the last tick.
-    A palm of limited range is taken in the middle of it, so that it can turn either way while the
-    fingers close.
+    Port `X_WH` emits a `RigidTransform`: the frame H in W, that of the fingers' reach. Its origin
+    is the object's, over which the palm is, and z is up. It turns with a palm that turns as far as
+    it likes; of a palm of limited range it is the middle of that, so that it can turn either way
+    while the fingers close.
+
+    Port `X_WU` emits a `RigidTransform`: the frame U in W, of the palm as it is. Its origin is the
+    object's, too, z is up, and it always turns with the palm, as of the last tick.
 
     What follows a posture by a gain K lags by the time 1/K behind a steady motion; the posture is
     ahead by that.
@@ -61,9 +66,12 @@ class CarrierPosture(LeafSystem):
         finger_azimuths: Of the fingers about the palm's axis at yaw 0, shape (n,), in radians.
         home: All joints' positions over an object at W's origin, shape (nq,).
         carrier: Which of them are x, y, z and yaw.
-        gain: K, in 1/s.
+        gain: K, in 1/s, greater than zero.
         period: Seconds between ticks, greater than zero.
         yaw_range: Least and largest angle of the palm, in radians.
+
+    Raises:
+        InvalidArgumentError: If `gain` or `period` isn't positive.
     """
 
     def __init__(
@@ -78,6 +86,9 @@ class CarrierPosture(LeafSystem):
         yaw_range: tuple[float, float] = FREE_TURN,
     ) -> None:
         super().__init__()
+        for name, value, unit in (("gain", gain, "1/s"), ("period", period, "s")):
+            if not value > 0:
+                raise InvalidArgumentError(f"{name} must be greater than 0 {unit}, not {value}")
         self._tip_frames = list(tip_frames)
         self._azimuths = np.array(finger_azimuths)
         self._home = np.array(home, dtype=float)
@@ -99,12 +110,11 @@ class CarrierPosture(LeafSystem):
             {self.xd_ticket(), self._goals.ticket(), self._X_WG.ticket()},
         )
         self.DeclareVectorOutputPort("nominal_posture", len(self._home), self._calc_posture)
-        self.DeclareAbstractOutputPort(
-            "X_WH",
-            lambda: AbstractValue.Make(RigidTransform()),
-            self._calc_hand,
-            {self.discrete_state_ticket(self._yaw), self._X_WO.ticket()},
-        )
+        placed = {self.discrete_state_ticket(self._yaw), self._X_WO.ticket()}
+        for name, calc in (("X_WH", self._calc_reach), ("X_WU", self._calc_palm)):
+            self.DeclareAbstractOutputPort(
+                name, lambda: AbstractValue.Make(RigidTransform()), calc, placed
+            )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_yaw)
 
     def _calc_yaw(self, context: Context) -> float:
@@ -126,13 +136,21 @@ class CarrierPosture(LeafSystem):
         posture[self._turn] = np.clip(yaw, *self._yaw_range)
         output.SetFromVector(posture)
 
-    def _calc_hand(self, context: Context, output: AbstractValue) -> None:
+    def _calc_reach(self, context: Context, output: AbstractValue) -> None:
         yaw = float(context.get_discrete_state(self._yaw)[0])
         output.set_value(reach_frame(self._X_WO.Eval(context), yaw, self._yaw_range))
 
+    def _calc_palm(self, context: Context, output: AbstractValue) -> None:
+        yaw = float(context.get_discrete_state(self._yaw)[0])
+        output.set_value(upright_frame(self._X_WO.Eval(context), yaw))
+
 
 def reach_frame(X_WO: RigidTransform, yaw: float, yaw_range: tuple[float, float]) -> RigidTransform:
-    """Returns the hand's frame H in W: over the object, turned as the palm, or as its middle."""
+    """Returns the frame H of reach in W: over the object, turned as the palm, or as its middle."""
     middle = sum(yaw_range) / 2
-    turn = RotationMatrix.MakeZRotation(middle if np.isfinite(middle) else yaw)
-    return RigidTransform(turn, X_WO.translation())
+    return upright_frame(X_WO, middle if np.isfinite(middle) else yaw)
+
+
+def upright_frame(X_WO: RigidTransform, yaw: float) -> RigidTransform:
+    """Returns a frame in W with the object's origin and z up, turned by an angle in radians."""
+    return RigidTransform(RotationMatrix.MakeZRotation(yaw), X_WO.translation())

@@ -55,7 +55,8 @@ class CentroidSelector(LeafSystem):
     Port `safe_regions` accepts the `SafeRegions` of the contacts at `p_WC_previous`.
 
     Port `hold_contacts` (optional) accepts a number: above 0, goals stay where they are on the
-    object, and active or not, as while a hand closes on them.
+    object, and active or not, as while a hand closes on them. A finger that is lost meanwhile
+    isn't reported before contacts are let go.
 
     Port `p_WC` emits a vector of 3n: the contact goals in W, one after another, in metres. At a
     tick they are that tick's new goals, before and after the discrete update that stores them;

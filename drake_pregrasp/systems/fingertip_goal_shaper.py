@@ -45,7 +45,8 @@ class FingertipGoalShaper(LeafSystem):
         - standoffs
         - hold_contacts
         - obstacles
-        - X_WH
+        - X_WU
+        - fingers_hold
         output_ports:
         - tip_goals
         - contact_frames
@@ -73,8 +74,11 @@ class FingertipGoalShaper(LeafSystem):
     Port `obstacles` (optional) accepts `Obstacles` in W, of which solids are heeded; not by fingers
     that hold their contacts.
 
-    Port `X_WH` (optional) accepts a `RigidTransform`: the hand's frame H. Fingers without an active
-    contact wait at their own azimuths in it; without it, where they are.
+    Port `X_WU` (optional) accepts a `RigidTransform`: the frame U of the palm. Fingers without an
+    active contact wait at their own azimuths in it; without it, where they are.
+
+    Port `fingers_hold` (optional) accepts a vector of n: above 0, obstacles don't push a finger off
+    its contact while contacts are held; by default no active one.
 
     Port `tip_goals` emits a `BusValue`: for each name of `tip_frames` a `RigidTransform` in W with
     the goal of the tip's centre, where it will be `lead` after the Context's time; its orientation
@@ -99,7 +103,7 @@ class FingertipGoalShaper(LeafSystem):
         object_top: How high it reaches over O, in metres.
         fixed: Solids in W to keep out of, as the table.
         p_GT: Where the tips' centres are at the start, in G, shape (n, 3), in metres.
-        finger_azimuths: Of the fingers about z of H, shape (n,), in radians.
+        finger_azimuths: Of the fingers about z of U, shape (n,), in radians.
         period: Seconds between ticks, greater than zero.
         target_period: Seconds between looks at `fingertip_targets`: that of the planner, between
             whose ticks they don't change in O.
@@ -176,7 +180,8 @@ class FingertipGoalShaper(LeafSystem):
         self._obstacles = self.DeclareAbstractInputPort(
             "obstacles", AbstractValue.Make(Obstacles())
         )
-        self._X_WH = self.DeclareAbstractInputPort("X_WH", pose)
+        self._X_WU = self.DeclareAbstractInputPort("X_WU", pose)
+        self._fingers_hold = self.DeclareVectorInputPort("fingers_hold", n)
         self.DeclareAbstractOutputPort(
             "tip_goals",
             lambda: AbstractValue.Make(BusValue()),
@@ -208,7 +213,10 @@ class FingertipGoalShaper(LeafSystem):
             p_OC + (self._radius + standoffs)[:, None] * nhat,
             self._withdrawn(context, p_GT),
         )
-        room = self._room(context, np.where(active, standoffs, MOVING_CLEARANCE), held & active)
+        holding = held & active
+        if self._fingers_hold.HasValue(context):
+            holding = holding & (np.asarray(self._fingers_hold.Eval(context)) > 0)
+        room = self._room(context, np.where(active, standoffs, MOVING_CLEARANCE), holding)
         if not held:
             shift = np.where(active[:, None], room.permitted(goal) - goal, 0)
             along = shift - np.sum(shift * nhat, axis=1, keepdims=True) * nhat
@@ -238,9 +246,9 @@ class FingertipGoalShaper(LeafSystem):
 
     def _withdrawn(self, context: Context, p_GT: FloatArray) -> FloatArray:
         level = p_GT * [1.0, 1.0, 0.0]
-        if self._X_WH.HasValue(context):
+        if self._X_WU.HasValue(context):
             R_GW = self._X_WG.Eval(context).rotation().inverse()
-            level = self._ways_out @ (R_GW @ self._X_WH.Eval(context).rotation()).matrix().T
+            level = self._ways_out @ (R_GW @ self._X_WU.Eval(context).rotation()).matrix().T
         length = np.maximum(np.linalg.norm(level, axis=1, keepdims=True), self._radius[:, None])
         raised: FloatArray = level * self._withdrawn_radii[:, None] / length
         raised[:, 2] = self._withdrawn_height

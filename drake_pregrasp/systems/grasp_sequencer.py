@@ -45,11 +45,14 @@ class GraspSequencer(LeafSystem):
         - V_WG
         - standoffs
         - hold_contacts
+        - fingers_hold
         - squeeze_forces
         - grasp_report
 
     Port `close` accepts a number: above 0.5 the hand is to close, and to keep closed. It closes
-    once no active finger is on its way to its goal, or when it has waited for `gate_limit`.
+    once no active finger is on its way to its goal, and there are enough whose forces can balance
+    the weight. After `gate_limit` it waits no longer: it closes with the fingers that are there, or
+    gives up if they are too few or can't balance.
 
     Port `contact_status` accepts a vector of n `ContactStatus` values.
 
@@ -70,6 +73,9 @@ class GraspSequencer(LeafSystem):
     Port `standoffs` emits a vector of n: the gaps that fingertips are to have, in metres.
 
     Port `hold_contacts` emits a number: 1 once the hand closes, before that 0.
+
+    Port `fingers_hold` emits a vector of n: 1 for each finger that is on its contact or on its way
+    there, from when the hand closes until it lets go; 0 for the others, which may heed obstacles.
 
     Port `squeeze_forces` emits a vector of 3n: what the tips are to press with, in W, in newtons.
 
@@ -157,6 +163,7 @@ class GraspSequencer(LeafSystem):
         )
         self.DeclareVectorOutputPort("standoffs", n, self._calc_standoffs, stored)
         self.DeclareVectorOutputPort("hold_contacts", 1, self._calc_hold, stored)
+        self.DeclareVectorOutputPort("fingers_hold", n, self._calc_fingers_hold, timed)
         self.DeclareVectorOutputPort(
             "squeeze_forces",
             3 * n,
@@ -241,6 +248,10 @@ class GraspSequencer(LeafSystem):
     def _calc_hold(self, context: Context, output: BasicVector) -> None:
         output[0] = float(self._remembered.Eval(context).holds_contacts)
 
+    def _calc_fingers_hold(self, context: Context, output: BasicVector) -> None:
+        state: GraspState = self._remembered.Eval(context)
+        output.SetFromVector(state.fingers_hold(context.get_time()).astype(float))
+
     def _calc_forces(self, context: Context, output: BasicVector) -> None:
         state: GraspState = self._remembered.Eval(context)
         share = state.force.value(context.get_time())
@@ -250,9 +261,9 @@ class GraspSequencer(LeafSystem):
         _, nhat = self._contacts(context)
         # A finger that has met the object keeps touching it until all press.
         touch = -self._settings.touch_force * state.touched[:, None] * nhat
-        f_G = (1 - share) * touch + share * state.forces
+        f_T_G = (1 - share) * touch + share * state.forces
         X_WG, _ = self._motion.Eval(context)
-        output.SetFromVector((f_G @ X_WG.rotation().matrix().T).ravel())
+        output.SetFromVector((f_T_G @ X_WG.rotation().matrix().T).ravel())
 
     def _calc_report(self, context: Context, output: BasicVector) -> None:
         state: GraspState = self._remembered.Eval(context)

@@ -1,5 +1,7 @@
 """In words, over the object, what limits the contacts."""
 
+from collections.abc import Mapping
+
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat
@@ -43,6 +45,7 @@ class StatusLabels(LeafSystem):
         hover: Height of the lowest board over the object's origin, in metres.
         yaw: Of the boards, in radians; at zero they are read from the side of -y.
         height: Of a board, in metres.
+        obstacle_names: What obstacles are called, by their index, that have a name.
     """
 
     def __init__(
@@ -54,12 +57,14 @@ class StatusLabels(LeafSystem):
         hover: float,
         yaw: float = 0.0,
         height: float = 0.016,
+        obstacle_names: Mapping[int, str] | None = None,
     ) -> None:
         super().__init__()
         self._meshcat = meshcat
         self._hover = hover
         self._R_WB = RotationMatrix.MakeZRotation(yaw)
         self._height = height
+        self._obstacle_names = dict(obstacle_names or {})
         # What Meshcat shows by now: a cache of the outside world, no part of the simulated state.
         self._made: set[str] = set()
         self._shown: list[str | None] = [None] * num_contacts
@@ -92,7 +97,8 @@ class StatusLabels(LeafSystem):
             if kind != ContactStatus.ACTIVE:
                 path = f"{ROOT}/{contact}/{int(kind)}_{int(cause)}"
                 if path not in self._made:
-                    self._make(path, contact, f"{contact}: {describe_status(kind, cause)}", time)
+                    words = describe_status(kind, cause, self._obstacle_names)
+                    self._make(path, contact, f"{contact}: {words}", time)
                 X_BR = RigidTransform([0.0, 0.0, rows * _ROW * self._height])
                 self._meshcat.SetTransform(path, X_BR, time)
                 rows += 1

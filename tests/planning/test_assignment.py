@@ -128,6 +128,26 @@ def test_the_order_of_the_contacts_does_not_matter(fingers, contacts, shuffled):
     assert offsets[0] == pytest.approx(offsets[1])
 
 
+@given(azimuths, azimuths, arrays(float, 5, elements=st.floats(0.05, 3.1)))
+def test_an_assignment_is_refused_only_if_none_is_within_each_fingers_own_bound(
+    fingers, contacts, allowed
+):
+    in_order, in_turn = np.argsort(fingers), np.argsort(contacts)
+    least = np.inf
+    for shift in range(5):
+        turns = contacts[np.roll(in_turn, shift)] - fingers[in_order]
+        yaw = np.angle(np.sum(np.exp(1j * turns)))
+        least = min(least, np.max(np.abs(wrapped(turns - yaw)) - allowed[in_order]))
+    try:
+        order, yaw = assign_fingers_round(fingers, contacts, largest_offset=allowed)
+    except InvalidArgumentError:
+        assert least > -1e-9
+    else:
+        excess = np.abs(wrapped(contacts[order] - fingers - yaw)) - allowed
+        assert np.max(excess) == pytest.approx(least, abs=1e-9)
+        assert least < 1e-9
+
+
 @given(azimuths, azimuths, st.floats(-3, 3), st.floats(0.0, 1.0))
 def test_a_wrist_of_limited_range_stays_in_it(fingers, contacts, middle, half):
     yaw_range = (middle - half, middle + half)

@@ -9,6 +9,7 @@ from thin_cup import CUP, RADIUS, WALL
 
 from drake_pregrasp import ForbiddenPoints, box_surface
 from drake_pregrasp.planning.finger_reach import FingerReach
+from drake_pregrasp.planning.kernels import make_kernel
 from drake_pregrasp.planning.mesh_surface import mesh_surface
 from drake_pregrasp.planning.no_touch import AxisArea
 from drake_pregrasp.planning.region_constraints import (
@@ -565,3 +566,21 @@ def test_with_normals_regions_keep_to_ground_that_faces_their_way():
     for result, strays in ((plain, True), (six, False)):
         on_plus_x = CUBE.nhat_OQ[:, 0] > 0.9
         assert np.any(result.labels[on_plus_x] != 0) == strays
+
+
+def test_a_gap_between_points_keeps_regions_apart_with_a_kernel_as_without():
+    candidates = CUBE.p_OQ
+    p_OC = contacts(CUBE, 3)
+    _, normals = CUBE.project(candidates)
+    kernel = make_kernel(
+        candidates, normals, np.ones(len(candidates)), np.zeros(3), implementation="numpy"
+    )
+    limits = RegionConstraints(tip_radii=np.zeros(3), tip_gap=0.03)
+    with_kernel, without = (
+        compute_safe_regions(
+            candidates, p_OC, np.zeros(3), ForbiddenPoints.none(), limits, kernel=one
+        )
+        for one in (kernel, None)
+    )
+    np.testing.assert_array_equal(with_kernel.labels, without.labels)
+    assert np.any(without.labels == NO_REGION)

@@ -1,6 +1,7 @@
 """A hand in the complete diagram: it follows, closes, lifts and holds, or gives up and says why."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,13 +11,16 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import (
     BoxSolid,
+    HalfSpace,
     ScenarioError,
     load_scenario,
     make_diagram,
     run,
     without_solver_chatter,
 )
+from drake_pregrasp.planning.contact_status import ContactStatus
 from drake_pregrasp.planning.grasp_state import GraspPhase
+from drake_pregrasp.simulation.summary import inactive_contacts
 
 NAME = "grasp_five_finger"
 QUIET = "sensor: {position_std: 0.0, orientation_std: 0.0}"
@@ -133,6 +137,34 @@ def test_an_obstacle_over_the_table_keeps_its_distance_from_fingertips(tmp_path)
         assert np.min(np.linalg.norm(tip - [0.12, 0.0, 0.05], axis=1)) > 0.03 + 0.009
 
 
+@pytest.mark.parametrize("own", ["[]", "[!BallObstacle {radius: 0.03, center: [0.2, 0.0, 0.05]}]"])
+def test_the_table_is_the_last_obstacle_of_the_planner_and_none_of_the_controller(own):
+    scenario = load_scenario(NAME, text=f"{{obstacles: {own}}}")
+    diagram = make_diagram(scenario, scenario.make_surface())
+    root = diagram.CreateDefaultContext()
+    given = []
+    for name in ("pregrasp_planner", "hand_controller"):
+        system = diagram.GetSubsystemByName(name)
+        port, context = system.GetInputPort("obstacles"), system.GetMyContextFromRoot(root)
+        given.append(port.Eval(context).solids if port.HasValue(context) else ())
+    (*solids, table), heeded = given
+    count = len(scenario.obstacles)
+    assert len(solids) == len(heeded) == count
+    assert isinstance(table, HalfSpace)
+    assert scenario.obstacle_names == {count: "the table"}
+    assert load_scenario("a_base").obstacle_names == {}
+
+
+def test_the_closing_words_call_the_table_by_its_name():
+    status = np.array([ContactStatus.OBSTRUCTED, ContactStatus.OBSTRUCTED, ContactStatus.ACTIVE])
+    record = SimpleNamespace(contact_status=status, contact_causes=np.array([1.0, 0.0, -1.0]))
+    scenario = load_scenario(NAME, text="{obstacles: [!BallObstacle {radius: 0.01}]}")
+    assert inactive_contacts(scenario, SimpleNamespace(last=record)) == {
+        "0": "obstructed by the table",
+        "1": "obstructed by obstacle 0",
+    }
+
+
 def test_nothing_is_printed(tmp_path, capfd):
     grasp_run(tmp_path, simulation_duration=0.5)
     assert capfd.readouterr() == ("", "")
@@ -152,6 +184,13 @@ def test_nothing_is_printed(tmp_path, capfd):
         (
             "{grasp: {hand: https://a.b/c.yaml}}",
             r"grasp.hand: .*only package://drake_preg",
+        ),
+        ("{grasp: {wrist_range: [1]}}", r"grasp.wrist_range: wrist_range must be empty or two ang"),
+        ("{grasp: {wrist_range: [1, -1]}}", r"grasp.wrist_range: .* in order, not \[1.0, -1.0\]"),
+        ("{grasp: {wrist_range: [-50, 0]}}", r"grasp.wrist_range: .* own, from -31.4 to 31.4"),
+        (
+            "{planner: {limits: {forbidden_faces: [[], [+x]]}}}",
+            r"limits.forbidden_faces: 2 elements must be none or one for each of the 5 contacts",
         ),
         ("{grasp: {least_force: 20}}", r"grasp.least_force: 20.0 must be at most 12.0"),
         (

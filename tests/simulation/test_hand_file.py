@@ -1,15 +1,26 @@
 """Descriptions of hands: what is loaded, and what is refused in one line."""
 
+import os
 import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from drake_pregrasp import HandModel, PregraspError, ScenarioError, load_hand, load_scenario
+from drake_pregrasp import (
+    HandModel,
+    PregraspError,
+    ScenarioError,
+    load_hand,
+    load_scenario,
+    make_diagram,
+)
 from drake_pregrasp.diagrams.hand_description import Arm, Carrier
 from drake_pregrasp.diagrams.reach_config import BallReach, BoxReach, SectorReach
+from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.resources import resource_folder
+from drake_pregrasp.simulation.hand_file import load_hand_model
+from drake_pregrasp.simulation.hand_planner import hand_planner
 
 MODELS = resource_folder("models")
 FORBIDDEN = "forbidden_faces: ['+x', '-y', '+y'], radius: 0.009"
@@ -147,3 +158,119 @@ def test_a_contact_on_a_face_that_is_forbidden_to_its_finger_is_refused(tmp_path
     path = write(tmp_path, text)
     with pytest.raises(ScenarioError, match=r"nearest to finger_0_tip, to which [+-][xy] is for"):
         load_scenario("grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}")
+
+
+MESH = "v 0 0 0\nv 0.01 0 0\nv 0 0.01 0\nv 0 0 0.01\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
+VISUAL = """<visual name="own"><geometry><mesh><uri>package://{}/meshes/own.obj</uri></mesh></geometry>
+</visual>"""
+
+
+def write_package(folder, name):
+    (folder / "meshes").mkdir(parents=True)
+    (folder / "meshes" / "own.obj").write_text(MESH)
+    (folder / "package.xml").write_text(
+        f'<package format="2"><name>{name}</name><version>0.0.1</version></package>'
+    )
+
+
+def write_model(folder, package):
+    """Writes a hand with a mesh of a package to the folder `models`, and its description."""
+    text = (MODELS / "five_finger_hand.sdf").read_text()
+    link = '<link name="palm">'
+    assert link in text
+    (folder / "models").mkdir(parents=True)
+    (folder / "models" / "own.sdf").write_text(text.replace(link, link + VISUAL.format(package)))
+    own = shipped().replace("package://drake_pregrasp/five_finger_hand", "own")
+    return write(folder / "models", own)
+
+
+def test_a_mesh_is_found_in_the_package_of_its_model(tmp_path):
+    write_package(tmp_path / "own", "own_hand_of_mine")
+    HandModel(load_hand(write_model(tmp_path / "own", "own_hand_of_mine")))
+
+
+def test_a_mesh_is_found_in_a_package_of_ros(tmp_path, monkeypatch):
+    write_package(tmp_path / "ros" / "elsewhere", "elsewhere")
+    path = write_model(tmp_path / "own", "elsewhere")
+    with pytest.raises(PregraspError, match=r"is no model of a hand: .*elsewhere") as error:
+        HandModel(load_hand(path))
+    assert "\n" not in str(error.value)
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ros"))
+    HandModel(load_hand(path))
+
+
+ADD = "- add_model: {{name: {}, file: package://drake_pregrasp/five_finger_hand.sdf}}\n"
+
+
+@pytest.mark.parametrize("count", [0, 2])
+def test_a_file_has_to_hold_one_model(tmp_path, count):
+    models = "".join(ADD.format(f"hand_{i}") for i in range(count))
+    (tmp_path / "some.dmd.yaml").write_text(f"directives:\n{models}" if count else "directives: []")
+    text = shipped().replace("package://drake_pregrasp/five_finger_hand.sdf", "some.dmd.yaml")
+    with pytest.raises(PregraspError, match=f"must hold one model, the hand .* not {count}"):
+        HandModel(load_hand(write(tmp_path, text)))
+
+
+def limited_hand(folder, limit=0.1):
+    text = (MODELS / "five_finger_hand.sdf").read_text()
+    wide = "<lower>-31.4</lower><upper>31.4</upper>"
+    assert text.count(wide) == 1
+    limits = f"<lower>-{limit}</lower><upper>{limit}</upper>"
+    (folder / "own.sdf").write_text(text.replace(wide, limits))
+    return write(folder, shipped().replace("package://drake_pregrasp/five_finger_hand", "own"))
+
+
+def test_a_wrist_of_less_than_two_turns_is_limited_as_the_model_says(tmp_path):
+    assert HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml")).yaw_range() == (
+        FREE_TURN
+    )
+    for limit, expected in ((6.2, (-6.2, 6.2)), (6.3, FREE_TURN)):
+        assert HandModel(load_hand(limited_hand(tmp_path, limit))).yaw_range() == expected
+
+
+def test_a_model_that_limits_its_wrist_is_as_good_as_a_scenario_that_does(tmp_path):
+    path = limited_hand(tmp_path)
+    by_model = load_scenario("grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}")
+    by_scenario = load_scenario("grasp_five_finger", text="{grasp: {wrist_range: [-0.1, 0.1]}}")
+    turns, poses, contacts = [], [], []
+    for scenario in (by_model, by_scenario):
+        surface = scenario.make_surface()
+        contacts.append(scenario.initial_p_OC(surface))
+        diagram = make_diagram(scenario, surface)
+        controller = diagram.GetSubsystemByName("hand_controller")
+        turns.append(controller.initial[3])
+        context = controller.GetMyContextFromRoot(diagram.CreateDefaultContext())
+        poses.append(controller.GetOutputPort("X_WH").Eval(context).GetAsMatrix34())
+    np.testing.assert_array_equal(*contacts)
+    np.testing.assert_array_equal(*poses)
+    assert turns[0] == turns[1]
+    assert abs(turns[0]) <= 0.1
+
+
+def test_a_model_is_made_once_until_one_of_its_files_changes(tmp_path):
+    path = limited_hand(tmp_path)
+    first = load_hand_model(path)
+    assert load_hand_model(path) is first
+    assert load_hand_model(path, (-0.05, 0.05)) is not first
+    assert load_hand_model(path) is first
+    for file in (path, tmp_path / "own.sdf"):
+        before = load_hand_model(path)
+        os.utime(file, ns=(0, file.stat().st_mtime_ns + 1))
+        assert load_hand_model(path) is not before
+
+
+def test_limits_of_a_scenario_are_checked_with_those_of_its_hand():
+    scenario = load_scenario(
+        "grasp_five_finger", text="{planner: {limits: {standoff: 0.03, tip_gap: 0.01}}}"
+    )
+    limits = hand_planner(scenario).limits
+    assert (limits.standoff, limits.tip_gap, limits.tip_radii) == (0.03, 0.01, [0.009] * 5)
+
+
+def test_faces_are_forbidden_by_the_scenario_and_by_the_hand(tmp_path):
+    forbidden = shipped().replace("radius: 0.009", "forbidden_faces: [-z], radius: 0.009")
+    path = write(tmp_path, forbidden)
+    text = "{grasp: {hand: '%s'}, planner: {limits: {forbidden_faces: %s}}}"
+    own = [["+z"], [], ["-z"], [], ["+z", "-z"]]
+    limits = hand_planner(load_scenario("grasp_five_finger", text=text % (path, own))).limits
+    assert [set(faces) for faces in limits.forbidden_faces] == [{*faces, "-z"} for faces in own]

@@ -126,6 +126,9 @@ def test_it_stays_in_its_range_and_says_where_the_hand_is():
     middle = RotationMatrix.MakeZRotation((low + high) / 2)
     expected = RigidTransform(middle, X_WO.translation())
     assert X_WH.IsNearlyEqualTo(expected, 1e-12)
+    X_WU = posture.GetOutputPort("X_WU").Eval(context)
+    expected = RigidTransform(RotationMatrix.MakeZRotation(0.3), X_WO.translation())
+    assert X_WU.IsNearlyEqualTo(expected, 1e-9)
 
 
 def test_a_period_has_to_be_positive():

@@ -12,7 +12,7 @@ from pydrake.systems.framework import BusValue
 
 from drake_pregrasp import BallSolid, BoxSolid, HalfSpace, InvalidArgumentError, Obstacles
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.planning.assignment import FREE_TURN, wrapped
+from drake_pregrasp.planning.assignment import FREE_TURN, palm_turn, wrapped
 from drake_pregrasp.planning.contact_status import ContactStatus
 from drake_pregrasp.planning.grasp_state import GraspSettings
 from drake_pregrasp.simulation.hand_file import load_hand
@@ -194,10 +194,22 @@ def test_the_hand_is_over_the_object_and_turned_as_its_palm_or_in_the_middle(yaw
     X_WO = RigidTransform(RotationMatrix.MakeXRotation(0.2), [0.3, 0.2, 0.1])
     posture.GetInputPort("X_WO_estimated").FixValue(context, X_WO)
     simulator.AdvanceTo(PERIOD + 1e-3)
-    X_WH = posture.GetOutputPort("X_WH").Eval(context)
-    assert X_WH.IsNearlyEqualTo(
-        RigidTransform(RotationMatrix.MakeZRotation(expected), [0.3, 0.2, 0.1]), 1e-9
-    )
+    for port, turn in (("X_WH", expected), ("X_WU", np.clip(0.4, *yaw_range))):
+        expected_pose = RigidTransform(RotationMatrix.MakeZRotation(turn), [0.3, 0.2, 0.1])
+        assert posture.GetOutputPort(port).Eval(context).IsNearlyEqualTo(expected_pose, 1e-9)
+
+
+@pytest.mark.parametrize(("name", "value"), [("period", 0.0), ("gain", -1.0), ("gain", np.nan)])
+def test_a_posture_needs_a_period_and_a_gain(name, value):
+    arguments = {"gain": 5.0, "period": PERIOD, name: value}
+    with pytest.raises(InvalidArgumentError, match=f"{name} must be greater than 0 .*{value}"):
+        CarrierPosture(
+            tip_frames=FRAMES,
+            finger_azimuths=AROUND,
+            home=np.zeros(19),
+            carrier=[0, 1, 2, 3],
+            **arguments,
+        )
 
 
 class Shaper:
@@ -292,7 +304,7 @@ def test_fingers_without_a_contact_wait_at_their_own_azimuths_in_the_hand(yaw):
     shaper.set("contact_status", np.full(5, float(ContactStatus.OUT_OF_REACH)))
     X_WG = RigidTransform(RotationMatrix.MakeZRotation(1.1), [0.2, 0.1, 0.3])
     shaper.set("X_WG", X_WG)
-    shaper.set("X_WH", RigidTransform(RotationMatrix.MakeZRotation(yaw), [0.2, 0.1, 0.05]))
+    shaper.set("X_WU", RigidTransform(RotationMatrix.MakeZRotation(yaw), [0.2, 0.1, 0.05]))
     goals = shaper.goals(3.0)
     away = goals - X_WG.translation()
     azimuths = np.arctan2(away[:, 1], away[:, 0])
@@ -345,6 +357,69 @@ def test_obstacles_push_goals_away_but_not_what_is_held():
     np.testing.assert_allclose(held_goals, contacts + 0.029 * normals, atol=1e-9)
     held = shaper.system.GetOutputPort("contact_frames").Eval(shaper.context)
     np.testing.assert_array_equal(held, frames)
+
+
+@pytest.mark.parametrize("let_go", [0, 3])
+def test_fingers_that_have_let_go_heed_obstacles_again(let_go):
+    shaper = Shaper(CONTACTS)
+    before = shaper.goals(1.0)
+    shaper.set("hold_contacts", [1.0])
+    holds = np.ones(5)
+    holds[let_go] = 0
+    shaper.set("fingers_hold", holds)
+    walls = tuple(BallSolid(p + np.array([0.0, 0.0, 0.02]), 0.015) for p in before)
+    shaper.set("obstacles", AbstractValue.Make(Obstacles(walls)))
+    goals = shaper.goals(0.5)
+    gaps = np.array([wall.distance(goals[i : i + 1])[0] for i, wall in enumerate(walls)])
+    assert gaps[let_go] >= RADIUS + 0.004 - 1e-6
+    np.testing.assert_allclose(np.delete(goals, let_go, 0), np.delete(before, let_go, 0))
+
+
+def test_a_palm_of_limited_range_goes_to_its_goals_whoever_is_withdrawn():
+    shaper, posture = Shaper(CONTACTS), posture_of(LIMITED)
+    own = posture.CreateDefaultContext()
+    turn = RotationMatrix.MakeZRotation(0.25).matrix()
+    contacts = [(0.6 * p @ turn.T, turn @ p / 0.079) for p in RING]
+    shaper.contacts(contacts)
+    shaper.set("contact_status", np.array([1.0, 1, 1, ContactStatus.LOST, ContactStatus.LOST]))
+    for port, value in (
+        ("X_WO_estimated", RigidTransform()),
+        ("X_WG", RigidTransform()),
+        ("V_WG", SpatialVelocity.Zero()),
+    ):
+        posture.GetInputPort(port).FixValue(own, value)
+    for _ in range(200):
+        shaper.set("X_WU", posture.GetOutputPort("X_WU").Eval(own))
+        goals = shaper.goals(PERIOD)
+        posture.GetInputPort("tip_goals").FixValue(own, bus(goals))
+        yaw = posture.GetOutputPort("nominal_posture").Eval(own)[3]
+        own.SetDiscreteState(0, [yaw])
+    assert yaw == pytest.approx(palm_turn(goals[:3], AROUND[:3], 0.0), abs=1e-3)
+    aside = np.arctan2(goals[3:, 1], goals[3:, 0]) - AROUND[3:] - yaw
+    np.testing.assert_allclose(wrapped(aside), 0, atol=1e-3)
+
+
+def test_fingers_hold_from_closing_until_they_let_go():
+    settings = GraspSettings()
+    sequencer, simulator, context = sequencer_over(X_WO=RigidTransform([0.0, 0.0, 0.05]))
+
+    def held():
+        return sequencer.GetOutputPort("fingers_hold").Eval(context).copy()
+
+    simulator.AdvanceTo(settings.approach_duration + 0.1)
+    np.testing.assert_array_equal(held(), 0)
+    felt = np.zeros((5, 3))
+    felt[0] = -2 * settings.touch_force * NORMALS[0]
+    sequencer.GetInputPort("f_T_W").FixValue(context, felt.ravel())
+    sequencer.GetInputPort("close").FixValue(context, [1.0])
+    simulator.AdvanceTo(context.get_time() + settings.gate_limit + 0.1)
+    np.testing.assert_array_equal(held(), 1)
+    sequencer.GetInputPort("close").FixValue(context, [0.0])
+    simulator.AdvanceTo(context.get_time() + PERIOD)
+    np.testing.assert_array_equal(held(), [1, 0, 0, 0, 0])
+    simulator.AdvanceTo(context.get_time() + settings.squeeze_duration)
+    np.testing.assert_array_equal(held(), 0)
+    assert sequencer.GetOutputPort("hold_contacts").Eval(context)[0] == 1
 
 
 def test_who_has_touched_keeps_touching_and_all_together_carry_the_weight():

@@ -1,5 +1,7 @@
 """Within one Context, each output follows each input that it depends on: no cache is stale."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
@@ -8,6 +10,7 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import BusValue
 
 from drake_pregrasp import (
+    ArmPosture,
     BallSolid,
     CarrierPosture,
     CentroidSelector,
@@ -29,7 +32,7 @@ from drake_pregrasp import (
 )
 from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
 from drake_pregrasp.planning.finger_reach import FingerReach
-from drake_pregrasp.planning.grasp_state import GraspSettings
+from drake_pregrasp.planning.grasp_state import GraspPhase, GraspSettings, GraspState
 from drake_pregrasp.planning.region_constraints import Obstacles
 from drake_pregrasp.planning.safe_regions import SafeRegions, compute_safe_regions
 
@@ -41,6 +44,11 @@ V_A, V_B = SpatialVelocity.Zero(), SpatialVelocity(w=[0, 0, 0.5], v=[0.1, 0, 0])
 X_A = RigidTransform()
 X_B = RigidTransform(RollPitchYaw(0.1, -0.2, 0.3), [0.02, 0.03, 0.01])
 OTHER = P_OC * [1, -1, 1]
+
+
+FRAMES_A = np.concatenate([P_OC, SURFACE.project(P_OC)[1]]).ravel()
+TOUCHED = GraspState.first(5, GraspSettings())
+TOUCHED = replace(TOUCHED, phase=GraspPhase.CLOSE, touched=np.ones(5, dtype=bool))
 
 
 def regions(p_OC):
@@ -138,6 +146,26 @@ CASES = {
             "tip_goals": (tip_goals(P_OC), tip_goals(OTHER), ["nominal_posture"]),
             "X_WG": (X_A, X_B, ["nominal_posture"]),
             "V_WG": (V_A, V_B, ["nominal_posture"]),
+            "X_WO_estimated": (X_A, X_B, ["X_WH", "X_WU"]),
+        },
+    ),
+    "arm_posture": (
+        lambda: ArmPosture(
+            tip_frames=FRAMES,
+            palm_frame="palm",
+            finger_azimuths=np.arange(5.0),
+            X_GP=RigidTransform([0.0, 0.0, 0.1]),
+            home=np.zeros(19),
+            p_WG=np.zeros(3),
+            yaw=0.0,
+            lead=0.03,
+            period=0.02,
+        ),
+        {
+            "tip_goals": (tip_goals(P_OC), tip_goals(OTHER), ["goals"]),
+            "X_WG": (X_A, X_B, ["goals"]),
+            "V_WG": (V_A, V_B, ["goals"]),
+            "X_WO_estimated": (X_A, X_B, ["X_WH", "X_WU"]),
         },
     ),
     "shaper": (
@@ -171,6 +199,7 @@ CASES = {
         {
             "X_WO_estimated": (X_A, X_B, ["X_WG"]),
             "V_WO_estimated": (V_A, V_B, ["V_WG"]),
+            "contact_frames": (FRAMES_A, -FRAMES_A, ["squeeze_forces"]),
         },
     ),
     "monitor": (
@@ -190,7 +219,9 @@ def plain(value):
     if isinstance(value, SpatialVelocity):
         return value.get_coeffs().copy()
     if isinstance(value, BusValue):
-        return np.array([value.Find(name).GetAsMatrix34() for name in FRAMES])
+        palm = [value.Find("palm")] if value.Find("palm") else []
+        poses = [*(value.Find(name) for name in FRAMES), *palm]
+        return np.array([pose.GetAsMatrix34() for pose in poses])
     if isinstance(value, SafeRegions):
         return value.labels.copy()
     return np.array(value)
@@ -202,6 +233,8 @@ def test_outputs_follow_their_inputs(name):
     system = make()
     for changed, (_, second, outputs) in inputs.items():
         context = system.CreateDefaultContext()
+        if name == "sequencer" and changed == "contact_frames":
+            context.SetDiscreteState(0, TOUCHED.to_vector())
         for port, (first, _, _) in inputs.items():
             system.GetInputPort(port).FixValue(context, first)
         before = [plain(system.GetOutputPort(output).Eval(context)) for output in outputs]

@@ -469,3 +469,19 @@ def test_longer_words_make_wider_boards_of_the_same_height():
     assert low == pytest.approx(0.02)
     assert high == pytest.approx(0.02)
     assert long > 3 * short
+
+
+def test_obstacles_have_no_velocities_or_one_a_solid():
+    wall = HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0]))
+    assert Obstacles((wall,)).after(1.0).solids == (wall,)
+    Obstacles((wall,), velocities=np.zeros((1, 3)))
+    with pytest.raises(InvalidArgumentError, match=r"shape \(1, 3\), one a solid, not \(2, 3\)"):
+        Obstacles((wall,), velocities=np.ones((2, 3)))
+
+
+def test_an_obstacle_with_a_name_is_called_by_it():
+    names = {1: "the table"}
+    for status in (ContactStatus.OBSTRUCTED, ContactStatus.NEARLY_OBSTRUCTED):
+        assert describe_status(float(status), 1.0, names).endswith("obstructed by the table")
+        assert describe_status(float(status), 0.0, names).endswith("obstructed by obstacle 0")
+    assert describe_status(float(ContactStatus.CROWDED), 1.0, names) == "crowded by contact 1"

@@ -1,0 +1,87 @@
+"""When a hand closes, how long that takes, and how far its wrist may turn."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drake_pregrasp import GraspConfig, InvalidArgumentError, hand_limits, load_hand
+from drake_pregrasp.diagrams.hand_description import Closing, Fingertip
+from drake_pregrasp.planning.assignment import FREE_TURN
+from drake_pregrasp.planning.grasp_phases import next_state
+from drake_pregrasp.planning.grasp_state import GraspPhase, GraspState, GraspView
+from drake_pregrasp.planning.squeeze import Squeeze
+
+N, PERIOD = 4, 0.002
+ALL = np.ones(N, dtype=bool)
+
+
+def fingertips(speeds, depths):
+    closing = [Closing(speed=v, depth=d) for v, d in zip(speeds, depths, strict=True)]
+    return [Fingertip(closing=one) for one in closing]
+
+
+def balanced(active):
+    return Squeeze(np.zeros((N, 3)), 0.0)
+
+
+def last_touch(config, tips, distance):
+    """Returns the state of a hand whose fingers touch as late as they may, when all have."""
+    settings = config.make_settings(tips)
+    state = replace(GraspState.first(N, settings), phase=GraspPhase.TRACK)
+    tick = 0
+    while np.isinf(state.gripped) and state.phase != GraspPhase.BACK_OFF:
+        touches = state.standoffs <= -settings.search + settings.closing_speed * PERIOD
+        view = GraspView(
+            tick * PERIOD,
+            tick * PERIOD >= config.close_at,
+            ALL,
+            np.full(N, distance),
+            state.standoffs,
+            np.where(touches, settings.touch_force, 0.0),
+        )
+        state = next_state(state, view, settings, PERIOD, balanced)
+        tick += 1
+    return state
+
+
+four = {"min_size": N, "max_size": N}
+
+
+@given(
+    st.lists(st.floats(0.01, 0.3), **four),
+    st.lists(st.floats(0.002, 0.02), **four),
+    st.floats(0.008, 0.04),
+    st.floats(0.01, 0.3),
+)
+def test_closing_lasts_as_long_as_the_slowest_finger_takes(speeds, depths, standoff, speed):
+    config = GraspConfig(close_at=0.1, standoff=standoff, closing_speed=speed)
+    tips = fingertips(speeds, depths)
+    took = last_touch(config, tips, 0.0).gripped - config.close_at
+    assert took == pytest.approx(config.closing_duration(tips), abs=4 * PERIOD)
+    horizon = hand_limits_of(tips, config).horizon
+    assert horizon >= took + config.make_settings(tips).squeeze_duration - 4 * PERIOD
+
+
+def hand_limits_of(tips, config):
+    hand = load_hand("package://drake_pregrasp/five_finger_hand.yaml")
+    return hand_limits(replace(hand, fingertips=tips), config)
+
+
+@pytest.mark.parametrize("gate_limit", [0.0, 0.4])
+def test_no_hand_comes_to_rest_later_than_it_is_expected_to(gate_limit):
+    config = GraspConfig(close_at=0.1, gate_limit=gate_limit)
+    tips = fingertips([0.02] * N, [0.006] * N)
+    settings = config.make_settings(tips)
+    rest = last_touch(config, tips, 1.0).gripped + settings.squeeze_duration
+    assert rest + settings.stop_duration == pytest.approx(config.latest_rest(tips), abs=4 * PERIOD)
+
+
+@pytest.mark.parametrize("wrong", [[1.0], [0.2, -0.1], [0.0, 1.0, 2.0], [0.0, np.nan]])
+def test_a_wrist_has_two_angles_in_order(wrong):
+    with pytest.raises(InvalidArgumentError, match="wrist_range must be empty or two angles"):
+        assert GraspConfig(wrist_range=wrong).yaw_range
+    assert GraspConfig(wrist_range=[-0.1, 0.2]).yaw_range == (-0.1, 0.2)
+    assert GraspConfig().yaw_range == FREE_TURN
