@@ -15,6 +15,7 @@ from drake_pregrasp import (
     load_scenario,
     make_diagram,
 )
+from drake_pregrasp.diagrams import hand_parsing
 from drake_pregrasp.diagrams.hand_description import Arm, Carrier
 from drake_pregrasp.diagrams.reach_config import BallReach, BoxReach, SectorReach
 from drake_pregrasp.planning.assignment import FREE_TURN
@@ -274,3 +275,12 @@ def test_faces_are_forbidden_by_the_scenario_and_by_the_hand(tmp_path):
     own = [["+z"], [], ["-z"], [], ["+z", "-z"]]
     limits = hand_planner(load_scenario("grasp_five_finger", text=text % (path, own))).limits
     assert [set(faces) for faces in limits.forbidden_faces] == [{*faces, "-z"} for faces in own]
+
+
+def test_an_error_without_text_is_a_line_all_the_same(monkeypatch):
+    def fail(*arguments):
+        raise RuntimeError
+
+    monkeypatch.setattr(hand_parsing, "_add_packages", fail)
+    with pytest.raises(PregraspError, match=r"five_finger_hand.sdf is no model .*: RuntimeError$"):
+        HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
