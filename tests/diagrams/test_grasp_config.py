@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drake_pregrasp import GraspConfig, InvalidArgumentError, hand_limits, load_hand
+from drake_pregrasp import GraspConfig, InvalidArgumentError
 from drake_pregrasp.diagrams.hand_description import Closing, Fingertip
 from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.planning.grasp_phases import next_state
@@ -61,13 +61,6 @@ def test_closing_lasts_as_long_as_the_slowest_finger_takes(speeds, depths, stand
     tips = fingertips(speeds, depths)
     took = last_touch(config, tips, 0.0).gripped - config.close_at
     assert took == pytest.approx(config.closing_duration(tips), abs=4 * PERIOD)
-    horizon = hand_limits_of(tips, config).horizon
-    assert horizon >= took + config.make_settings(tips).squeeze_duration - 4 * PERIOD
-
-
-def hand_limits_of(tips, config):
-    hand = load_hand("package://drake_pregrasp/five_finger_hand.yaml")
-    return hand_limits(replace(hand, fingertips=tips), config)
 
 
 @pytest.mark.parametrize("gate_limit", [0.0, 0.4])
