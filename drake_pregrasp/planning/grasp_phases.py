@@ -20,6 +20,9 @@ from drake_pregrasp.planning.grasp_state import (
 from drake_pregrasp.planning.ramp import Ramp
 from drake_pregrasp.planning.squeeze import Squeeze
 
+GATE_SHARE = 0.5
+"""Of the imbalance that a squeeze may have: what the gate lets pass. Contacts may still shift."""
+
 CRUSHING = 1.3
 """Times the largest planned force from which on a hand lets go: torques tell forces roughly."""
 
@@ -43,7 +46,8 @@ def hindrance(
     if count < settings.least_fingers:
         return GiveUp.TOO_FEW_FINGERS, count
     residual = squeeze(view.active).residual
-    return (GiveUp.OUT_OF_BALANCE, residual) if residual > settings.imbalance else None
+    allowed = GATE_SHARE * settings.imbalance
+    return (GiveUp.OUT_OF_BALANCE, residual) if residual > allowed else None
 
 
 def next_state(

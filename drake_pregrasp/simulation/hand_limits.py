@@ -25,7 +25,6 @@ def hand_limits(hand: HandDescription, grasp: GraspConfig, *, reach: bool = True
         tip_gap=OTHER_CLEARANCE,
         clearance=OTHER_CLEARANCE,
         standoff=grasp.standoff,
-        horizon=grasp.closing_duration(tips) + grasp.make_settings(tips).squeeze_duration,
         reach=[tip.reach for tip in tips] if reach else [],
         forbidden_faces=[tip.forbidden_faces for tip in tips],
         recover=True,

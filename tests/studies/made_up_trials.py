@@ -56,6 +56,7 @@ def made_up_outcome(job: TrialJob, close_at: float, luck: float, own) -> Outcome
         residual_n=own.exponential(0.01 if clean else 1.0) if contacts else math.nan,
         fingers=int(own.integers(4, 6) if clean else own.integers(2, 6)) if contacts else 0,
         waited_s=min(own.exponential(0.3), 1.5),
+        withdrawn=float(own.integers(0, 3)),
         goal_in_area=(0.0 if job.arm.startswith("dynamic") else 0.85) if area else math.nan,
         tip_in_area=own.uniform(0, 0.1) if area else math.nan,
         q_msv=own.normal(1.9 if clean else 1.6, 0.15) if contacts else math.nan,

@@ -14,7 +14,7 @@ from drake_pregrasp.planning.assignment import wrapped
 from drake_pregrasp.planning.box_surface import box_surface
 from drake_pregrasp.planning.contact_status import ContactStatus
 from drake_pregrasp.planning.grasp_quality import grasp_quality
-from drake_pregrasp.planning.grasp_state import GraspPhase, GraspSettings, GraspState
+from drake_pregrasp.planning.grasp_state import GiveUp, GraspPhase, GraspSettings, GraspState
 from drake_pregrasp.planning.region_constraints import Obstacles, RegionConstraints
 from drake_pregrasp.planning.solids import BoxSolid, HalfSpace
 from drake_pregrasp.simulation.hand_file import load_hand
@@ -72,6 +72,13 @@ def test_a_planned_start_is_a_better_grasp_within_reach():
         planned = planned_start(scene, SURFACE, start.p_OC, X_WO, hand=MODEL, yaw=start.yaw)
         np.testing.assert_allclose(SURFACE.project(planned)[0], planned, atol=1e-9)
         assert grasp_quality(planned).q_gii > grasp_quality(start.p_OC).q_gii
+        _, normals = SURFACE.project(planned)
+        tips = planned + 0.029 * normals
+        reach = [tip.reach.make_reach() for tip in load_hand(HAND).fingertips]
+        # The wrist is limited: H is as the world, but for its place.
+        for finger in range(5):
+            one = planned[[finger]], normals[[finger]], tips[[finger]]
+            assert reach[finger].permits(*one)[0]
 
 
 def targets(contacts):
@@ -153,9 +160,10 @@ def test_a_still_hand_closes_where_its_rays_meet_the_object():
         assert wrapped(np.arctan2(way[1], way[0]) - azimuth) == pytest.approx(0, abs=1e-9)
 
 
-def test_a_still_hand_withdraws_fingers_that_obstacles_are_near_to():
+@pytest.mark.parametrize("close", [False, True])
+def test_a_still_hand_withdraws_fingers_that_would_be_near_obstacles(close):
     wall = HalfSpace(np.array([0.25, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]))
-    _, status, _ = still_hand(False, obstacles=[wall])
+    _, status, _ = still_hand(close, obstacles=[wall])
     assert status[0] == ContactStatus.OBSTRUCTED
     assert status[2] == ContactStatus.ACTIVE
 
@@ -177,10 +185,9 @@ def record(time, phase, *, lift=0.0, slid=0.0, slip=0.0, tilt=0.0):
     )
 
 
-def outcome_of(records, condition="nominal", looks=()):
-    state = dataclasses.replace(
-        GraspState.first(5, GraspSettings()), active=np.array([True] * 4 + [False])
-    )
+def outcome_of(records, condition="nominal", looks=(), reason=GiveUp.NONE):
+    first = GraspState.first(5, GraspSettings())
+    state = dataclasses.replace(first, active=np.array([True] * 4 + [False]), reason=reason)
     return grasp_outcome(
         TrialJob(condition, "frozen", 0),
         2.0,
@@ -233,12 +240,30 @@ def test_a_grasp_that_never_came_about_has_no_contacts():
     assert np.isnan([outcome.slip_mm, outcome.residual_n, outcome.q_msv, outcome.q_gii]).all()
 
 
+def test_contacts_that_do_not_balance_are_contacts_too():
+    records = [*good_grasp()[:3], record(3.0, GraspPhase.BACK_OFF)]
+    outcome = outcome_of(records, reason=GiveUp.OUT_OF_BALANCE)
+    assert not outcome.lifted
+    assert np.isfinite([outcome.residual_n, outcome.q_msv, outcome.q_gii]).all()
+    early = [*good_grasp()[:2], record(3.0, GraspPhase.BACK_OFF)]  # At the gate: none touched.
+    assert np.isnan(outcome_of(early, reason=GiveUp.OUT_OF_BALANCE).q_gii)
+
+
 def test_shares_in_the_area_are_those_of_the_ticks():
-    looks = [GoalLook(0.1, 5, distance) for distance in (0.01, -0.001, 0.02, 0.03)]
+    looks = [
+        GoalLook(0.1, 5 - k, k, distance) for k, distance in enumerate((0.01, -0.001, 0.02, 0.03))
+    ]
     records = good_grasp()
     outcome = outcome_of(records, "wall", looks)
     assert outcome.goal_in_area == 0.25
+    assert outcome.withdrawn == 1.5
     assert outcome.tip_in_area == 1.0  # A fingertip is at y = 59 mm, the wall at 40 mm.
+
+
+def state_of(trial):
+    state = trial.context.get_discrete_state()
+    groups = [state.get_vector(k).value() for k in range(state.num_groups())]
+    return np.concatenate([[trial.context.get_time()], *groups])
 
 
 @pytest.mark.parametrize("arm", ARMS)
@@ -246,13 +271,13 @@ def test_each_arm_can_be_tracked_and_set_back(arm, capfd):
     trial = Trial(TrialJob("headline", arm, 3))
     trial.track(0.2)
     assert len(trial.looks) == 4
-    saved = trial.context.Clone()
-    before = trial.state().to_vector()
+    saved, before = trial.context.Clone(), state_of(trial)
     trial.track(0.4)
+    assert not np.array_equal(state_of(trial), before)
     trial.context.SetTimeStateAndParametersFrom(saved)
-    np.testing.assert_array_equal(trial.state().to_vector(), before)
-    if arm.startswith("dynamic"):
-        assert all(look.distance >= 0 for look in trial.looks)
+    np.testing.assert_array_equal(state_of(trial), before)
+    assert all(look.distance >= 0 for look in trial.looks)  # Of active goals, whatever the arm.
+    assert all(look.usable + look.withdrawn == 5 for look in trial.looks)
     capfd.readouterr()
 
 

@@ -32,7 +32,12 @@ ARMS = {
         "#D55E00",
         "D",
     ),
-    "still": Arm("still hand", "the hand stands still and just closes", "#56B4E9", "P"),
+    "still": Arm(
+        "still hand",
+        "the hand goes along with the object, doesn't turn, and just closes",
+        "#56B4E9",
+        "P",
+    ),
     "dynamic": Arm(
         "dynamic without reach", "contacts are planned anew at every tick", "#009E73", "^"
     ),

@@ -1,4 +1,4 @@
-"""What the study was hoped to show, written down before it was run, and whether it did."""
+"""What the study is hoped to show, and whether it does."""
 
 import math
 from collections.abc import Sequence
@@ -85,6 +85,7 @@ def judge_goals(results: Results, goals: Sequence[Goal] = GOALS) -> list[GoalRes
         *(_judge(results, goal) for goal in goals),
         *(_judge_area(results, condition, TESTED_ARM) for condition in AREA_CONDITIONS),
         *(_judge_tips(results, condition, TESTED_ARM) for condition in AREA_CONDITIONS),
+        _judge_no_worse(results, "nominal", TESTED_ARM, "frozen"),
     ]
 
 
@@ -104,6 +105,23 @@ def _judge(results: Results, goal: Goal) -> GoalResult:
         for count, cell, time in zip(counts, cells, times, strict=True)
     )
     return GoalResult(str(goal), found, reached=all(within))
+
+
+def _judge_no_worse(results: Results, condition: str, arm: str, other: str) -> GoalResult:
+    what = f"{ARMS[arm].label}, {CONDITIONS[condition].label}"
+    goal = f"{what}: clean at each time as often as {ARMS[other].label}, or more often"
+    times = CONDITIONS[condition].closing_times
+    counts = [
+        [results.count(condition, name, time, "clean") for name in (arm, other)] for time in times
+    ]
+    sizes = [[len(results.cell(condition, name, time)) for name in (arm, other)] for time in times]
+    if any(own == 0 or own != others for own, others in sizes):
+        return GoalResult(goal, "not run", None)
+    found = ", ".join(
+        f"{own} against {others} of {size} at {time:g} s"
+        for (own, others), (size, _), time in zip(counts, sizes, times, strict=True)
+    )
+    return GoalResult(goal, found, reached=all(own >= others for own, others in counts))
 
 
 def _judge_area(results: Results, condition: str, arm: str) -> GoalResult:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray
 from drake_pregrasp.planning.grasp_quality import grasp_quality
-from drake_pregrasp.planning.grasp_state import GraspPhase, GraspState, describe_give_up
+from drake_pregrasp.planning.grasp_state import GiveUp, GraspPhase, GraspState, describe_give_up
 from drake_pregrasp.planning.solids import BoxSolid
 from drake_pregrasp.planning.squeeze import squeeze_forces
 from drake_pregrasp.studies.static_versus_dynamic.outcome import (
@@ -29,12 +29,14 @@ class GoalLook(NamedTuple):
     Attributes:
         time: In seconds.
         usable: How many fingers are active.
+        withdrawn: How many others aren't lost.
         distance: Least distance of a fingertip, in contact or at its standoff, from the no-touch
-            area, in metres, over all goals that the arm's plan asks for; infinite without one.
+            area, in metres, over all active goals; infinite without one.
     """
 
     time: float
     usable: int
+    withdrawn: int
     distance: float
 
 
@@ -74,9 +76,12 @@ def grasp_outcome(
     last_on_table = records[lifting if lifting is not None else end]
     area = bool(scene.area)
     on_table = [r for r in records[: end if lifting is None else lifting] if r.time >= _SETTLED]
+    touched = squeezing
+    if touched is None and closing is not None and state.reason == GiveUp.OUT_OF_BALANCE:
+        touched = _first(phases, told, GraspPhase.BACK_OFF)  # All had touched, and that was why.
     contacts = None
-    if squeezing is not None:
-        contacts = _contacts(records[squeezing], state.active, p_OCoM)
+    if touched is not None:
+        contacts = _contacts(records[touched], state.active, p_OCoM)
     lift = last_on_table.X_WO.translation()[2]
     tilt = np.degrees(np.arccos(np.clip(records[end].X_WO.rotation().matrix()[2, 2], -1, 1)))
     return Outcome(
@@ -98,6 +103,7 @@ def grasp_outcome(
         residual_n=np.nan if contacts is None else _residual(scene, contacts),
         fingers=int(np.sum(state.active)),
         waited_s=float(records[end if closing is None else closing].time - close_at),
+        withdrawn=float(np.mean([look.withdrawn for look in looks])) if looks else np.nan,
         goal_in_area=_share([look.distance < 0 for look in looks]) if area else np.nan,
         tip_in_area=_share([_in_area(scene, tip_radii, r) for r in on_table]) if area else np.nan,
         q_msv=np.nan if contacts is None else grasp_quality(contacts[0]).q_msv,

@@ -69,14 +69,15 @@ class Outcome:
         pushed_closing_mm: How far it moved it in closing.
         slip_mm: How far the object slipped in the hand; nan if it was never lifted.
         tilt_deg: At the end of the hold.
-        residual_n: Of the contacts' balance of forces at the squeeze; nan if there are none.
+        residual_n: Of the balance of forces of the contacts; nan if not all fingers had touched.
         fingers: How many took part.
         waited_s: How long the gate held the command to close back.
-        goal_in_area: Share of the planner's ticks before closing at which a goal of the arm's plan,
-            for a fingertip in contact or standing off, was in the no-touch area, whether or not
-            the hand then withdrew that finger; nan if there is no such area.
+        withdrawn: How many fingers that were not lost had no goal to go to, as it was out of reach
+            or too near to the no-touch area; mean over the planner's ticks before closing.
+        goal_in_area: Share of those ticks at which a goal of the others, for a fingertip in contact
+            or standing off, was in the no-touch area; nan if there is no such area.
         tip_in_area: Share of the control ticks from 1 s until the lift at which a fingertip was.
-        q_msv: Of the contacts that there were at the end of closing; nan if there were none.
+        q_msv: Of the contacts at the end of closing; nan if not all fingers had touched.
         q_gii: The same.
         gave_up: Why the hand gave up, in words; empty if it did not.
     """
@@ -95,6 +96,7 @@ class Outcome:
     residual_n: float
     fingers: int
     waited_s: float
+    withdrawn: float
     goal_in_area: float
     tip_in_area: float
     q_msv: float

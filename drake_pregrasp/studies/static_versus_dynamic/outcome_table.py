@@ -32,6 +32,8 @@ _COLUMNS = (
     _Column("pushed closing", "mm", "{:.2f}", lambda o: o.pushed_closing_mm),
     _Column("fingers", "number", "{:.1f}", lambda o: o.fingers),
     _Column("waited", "s", "{:.2f}", lambda o: o.waited_s),
+    _Column("withdrawn", "", "{:.1f}", lambda o: o.withdrawn),
+    _Column("withdrawn", "number", "{:.1f}", lambda o: o.withdrawn),
     _Column("goal in area", "% of ticks", "{:.1f}", lambda o: 100 * o.goal_in_area),
     _Column("tip in area", "% of ticks", "{:.1f}", lambda o: 100 * o.tip_in_area),
 )

@@ -2,7 +2,7 @@
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
@@ -13,6 +13,7 @@ from drake_pregrasp.planning.region_constraints import Obstacles
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_limits import hand_limits
 from drake_pregrasp.studies.static_versus_dynamic.scene import Scene
+from drake_pregrasp.systems.carrier_posture import reach_frame
 
 _TICKS = 60
 _FOREVER = 1e6
@@ -56,7 +57,7 @@ def planned_start(
         p_OC: Where contacts start, shape (n, 3), in metres.
         X_WO: Where the object is taken to be.
         hand: The hand.
-        yaw: Of the palm.
+        yaw: Of the palm, where its range is not limited.
     """
     builder = DiagramBuilder()
     config = planner_config(scene, hand, reach=True)
@@ -69,7 +70,7 @@ def planned_start(
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
     obstacles = Obstacles(tuple(moving.solid for moving in scene.obstacles()))
-    X_WH = RigidTransform(RotationMatrix.MakeZRotation(yaw), X_WO.translation())
+    X_WH = reach_frame(X_WO, yaw, scene.yaw_range)
     for name, value in (("X_WO", X_WO), ("X_WH", X_WH), ("obstacles", obstacles)):
         diagram.GetInputPort(name).FixValue(context, AbstractValue.Make(value))
     simulator.AdvanceTo(_TICKS * config.period)

@@ -30,8 +30,8 @@ class Reassignment(LeafSystem):
         - contact_status
 
     The ports are as those of `PregraspPlanner`: it is fingers that are lost, not contacts. When
-    contacts are more than 40 degrees aside of their fingers on the average, all fingers change over
-    to the next contact that way round.
+    contacts are more than 40 degrees aside of their fingers in H on the average, all fingers change
+    over to the next contact that way round.
 
     Args:
         tip_frames: Scoped names of the fingertips' frames.

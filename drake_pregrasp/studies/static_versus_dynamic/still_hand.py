@@ -1,6 +1,7 @@
-"""The goals of a hand that stands still, and just closes when it is told to."""
+"""The goals of a hand that doesn't turn, and just closes when it is told to."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -28,10 +29,10 @@ class StillHand(LeafSystem):
         - fingertip_targets
         - contact_status
 
-    The ports are as those of `PregraspPlanner`, but for `close`, the command. Until it comes,
-    fingers wait on the ring. From then on their goals are where the rays from its middle meet the
-    object. A finger that is lost, or whose fingertip would be near an obstacle, is not active, by
-    the rule that the planner has.
+    The ports are as those of `PregraspPlanner`, but for `close`, the command. Fingers wait on a
+    ring about the object, which goes along and does not turn. From the command on their goals
+    are where the rays from its middle meet the object. A finger that is lost, or would be near an
+    obstacle there, is not active, by the rule that the planner has.
 
     Args:
         tip_frames: Scoped names of the fingertips' frames.
@@ -70,28 +71,26 @@ class StillHand(LeafSystem):
         self.DeclareVectorOutputPort("contact_status", n, self._calc_status)
 
     def _contacts(self, context: Context) -> tuple[FloatArray, FloatArray]:
-        """Returns contacts and outward normals in W."""
+        """Returns where the rays meet the object, and the outward normals there, in W."""
         X_WO: RigidTransform = self._X_WO.Eval(context)
-        middle = X_WO.translation()
-        if self._close.Eval(context)[0] < 1:
-            return middle + self._waiting_radius * self._rays, self._rays
         R_WO = X_WO.rotation().matrix()
         rays = self._rays @ R_WO
         reached = self._box.size / 2 / np.maximum(np.abs(rays), 1e-12)
         p_OC = rays * np.min(reached, axis=1, keepdims=True)
         face = np.argmin(reached, axis=1)
         normals = np.eye(3)[face] * np.sign(np.take_along_axis(rays, face[:, None], axis=1))
-        return middle + p_OC @ R_WO.T, normals @ R_WO.T
+        return X_WO.translation() + p_OC @ R_WO.T, normals @ R_WO.T
+
+    def _goals(self, context: Context) -> tuple[FloatArray, FloatArray]:
+        """Returns contacts and outward normals in W: those on the object, or of the ring."""
+        if self._close.Eval(context)[0] >= 1:
+            return self._contacts(context)
+        middle = self._X_WO.Eval(context).translation()
+        return middle + self._waiting_radius * self._rays, self._rays
 
     def _permitted(self, context: Context) -> BoolArray:
         points, normals = self._contacts(context)
-        obstacles: Obstacles = self._obstacles.Eval(context)
-        constraints = RegionConstraints(
-            obstacles=obstacles,
-            clearance=self._constraints.clearance,
-            tip_radii=self._constraints.tip_radii,
-            standoff=self._constraints.standoff,
-        )
+        constraints = replace(self._constraints, obstacles=self._obstacles.Eval(context))
         limits = [
             constraints.limits_at(finger, points[[finger]], normals[[finger]])[0][0]
             for finger in range(len(points))
@@ -101,7 +100,7 @@ class StillHand(LeafSystem):
 
     def _calc_targets(self, context: Context, output: AbstractValue) -> None:
         targets = BusValue()
-        for name, point, normal in zip(self._tip_frames, *self._contacts(context), strict=True):
+        for name, point, normal in zip(self._tip_frames, *self._goals(context), strict=True):
             pose = RigidTransform(RotationMatrix.MakeFromOneVector(-normal, 2), point)
             targets.Set(name, AbstractValue.Make(pose))
         output.set_value(targets)

@@ -1,14 +1,39 @@
 """What the outcomes of the study depend on, for its folder to say."""
 
+import hashlib
 from dataclasses import asdict
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import drake_pregrasp
+from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, HAND, SCENES, SPACING, Scene
 from drake_pregrasp.studies.static_versus_dynamic.start import START_SETTINGS
+from drake_pregrasp.studies.static_versus_dynamic.trial_diagram import PLANT
 from drake_pregrasp.version import __version__
+
+_PLANT = (
+    "time_step",
+    "contact_model",
+    "discrete_contact_approximation",
+    "sap_near_rigid_threshold",
+)
+_FLOORS = ("planning", "systems", "diagrams")
+_MODULES = (
+    "grasp_outcome.py",
+    "outcome.py",
+    "planned_start.py",
+    "reassignment.py",
+    "scene.py",
+    "start.py",
+    "still_hand.py",
+    "trial.py",
+    "trial_diagram.py",
+    "trial_goals.py",
+)
 
 
 def study_settings() -> dict[str, Any]:
@@ -20,8 +45,22 @@ def study_settings() -> dict[str, Any]:
         "hand": asdict(load_hand(HAND)),
         "grasp": asdict(SCENES["nominal"].grasp()),
         "start": START_SETTINGS,
+        "plant": {name: getattr(PLANT, name) for name in _PLANT},
+        "source": source_digest(),
         "conditions": {name: _said(scene) for name, scene in SCENES.items()},
     }
+
+
+def source_digest() -> str:
+    """Returns a digest of the source that outcomes come from: of these, any change may matter."""
+    folder = Path(drake_pregrasp.__file__).parent
+    files = [file for floor in _FLOORS for file in sorted((folder / floor).rglob("*.py"))]
+    files += [folder / "studies" / "static_versus_dynamic" / name for name in _MODULES]
+    files.append(resource_folder("models") / "five_finger_hand.sdf")
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
 
 
 def _said(scene: Scene) -> dict[str, Any]:

@@ -139,16 +139,16 @@ class Trial:
         status: FloatArray = goals.GetOutputPort("contact_status").Eval(context)
         targets = goals.GetOutputPort("fingertip_targets").Eval(context)
         active = is_active(np.asarray(status))
-        planned = active if self.job.arm.startswith("dynamic") else status != ContactStatus.LOST
         time = self.context.get_time()
         distance = np.inf
         frames, radii = self.hand.kinematics.tip_frames, self.hand.tip_radii
-        for name, radius, is_planned in zip(frames, radii, planned, strict=True):
-            if not is_planned:
+        for name, radius, is_active_goal in zip(frames, radii, active, strict=True):
+            if not is_active_goal:
                 continue
             X_WC: RigidTransform = targets.Find(name)
             out = -X_WC.rotation().matrix()[:, 2]
             tips = X_WC.translation() + np.array([[radius], [radius + self.standoff]]) * out
             for solid in self.scene.area_at(time):
                 distance = min(distance, float(np.min(solid.distance(tips))) - radius)
-        return GoalLook(time, int(np.sum(active)), distance)
+        withdrawn = np.sum(~active & (status != ContactStatus.LOST))
+        return GoalLook(time, int(np.sum(active)), int(withdrawn), distance)
