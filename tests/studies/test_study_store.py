@@ -2,6 +2,7 @@
 
 import contextlib
 import dataclasses
+import functools
 import math
 import os
 import random
@@ -203,7 +204,9 @@ def start_slow_study(out):
     command += ["--out", str(out), "--conditions", "nominal", "--processes", "1"]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
-    with subprocess.Popen(command, env=environment, **pipes) as process:
+    # Whoever runs the tests in the background may have had interrupts ignored.
+    heed = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with subprocess.Popen(command, env=environment, preexec_fn=heed, **pipes) as process:
         deadline = time.monotonic() + 60
         while time.monotonic() < deadline and not holds_a_row(study_rows(out)):
             time.sleep(0.02)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-import drake_pregrasp
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, HAND, SCENES, SPACING, Scene
@@ -53,7 +52,7 @@ def study_settings() -> dict[str, Any]:
 
 def source_digest() -> str:
     """Returns a digest of the source that outcomes come from: of these, any change may matter."""
-    folder = Path(drake_pregrasp.__file__).parent
+    folder = Path(__file__).parents[2]
     files = [file for floor in _FLOORS for file in sorted((folder / floor).rglob("*.py"))]
     files += [folder / "studies" / "static_versus_dynamic" / name for name in _MODULES]
     files.append(resource_folder("models") / "five_finger_hand.sdf")
