@@ -1,5 +1,6 @@
 """Meshes of robots made into what Drake reads: OBJ files of one colour each, with normals."""
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,9 @@ def convert_mesh(source: Path, target: Path, *, colors: bool) -> list[ConvertedM
         InvalidArgumentError: If the file can't be read.
     """
     try:
-        scene = trimesh.load_scene(source)
+        with warnings.catch_warnings():  # pycollada uses what newer numpy will do without.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            scene = trimesh.load_scene(source)
     except (OSError, ValueError, ImportError) as error:
         problem = f"{source} can't be read as a mesh: {first_line(error)}"
         raise InvalidArgumentError(problem) from error
