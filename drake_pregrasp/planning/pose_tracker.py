@@ -59,9 +59,9 @@ class TrackerSettings:
             problem = f"reacquire_after must be at least 1, not {self.reacquire_after}"
             raise InvalidArgumentError(problem)
 
-    def expects(self, new: Innovation) -> bool:
+    def expects(self, innovation_squared: FloatArray) -> bool:
         """Whether a measurement is as near to the prediction as the gate asks."""
-        return self.gate == 0 or bool(np.all(new.squared <= self.gate**2))
+        return self.gate == 0 or bool(np.all(innovation_squared <= self.gate**2))
 
 
 def take(
@@ -84,38 +84,36 @@ def take(
         return track.judged(MeasurementVerdict.UNUSABLE)
     seen, track = track.last_seen, replace(track, last_seen=measurement)
     if track.is_empty:
-        return _started(track, measurement, settings, MeasurementVerdict.STARTED)
+        return _started(track, measurement, settings)
     if settings.refuse_repeats and measurement.repeats(seen) and _is_suspicious(track):
         return track.judged(MeasurementVerdict.REPEATED)
     if measurement.time < track.newest.time:
         return _taken_late(track, measurement, settings)
     prior = predict(track.newest, measurement.time - track.newest.time, settings.noise)
-    if np.max(np.diag(prior.P_orientation)[:3]) > _VAGUE**2:
-        return _started(track, measurement, settings, MeasurementVerdict.STARTED)
+    if _is_vague(prior, settings.noise):
+        return _started(track, measurement, settings)
     new = _innovation(prior, measurement, settings)
-    if settings.expects(new):
+    squared = new.squared
+    if settings.expects(squared):
         step = Step(measurement, corrected(prior, new))
         return replace(
             track.extended(step),
             rival=PoseBelief.empty(),
             rival_count=0,
-            noisiness=_noisiness(track.noisiness, new),
+            noisiness=_noisiness(track.noisiness, squared),
             verdict=MeasurementVerdict.USED,
-            innovation_squared=new.squared,
+            innovation_squared=squared,
         )
     if now - track.newest.time > settings.lost_after:
-        return _started(track, measurement, settings, MeasurementVerdict.STARTED)
-    return _rivalled(replace(track, innovation_squared=new.squared), measurement, settings)
+        return _started(track, measurement, settings)
+    return _rivalled(replace(track, innovation_squared=squared), measurement, settings)
 
 
 def _started(
-    track: PoseTrack,
-    measurement: PoseMeasurement,
-    settings: TrackerSettings,
-    verdict: MeasurementVerdict,
+    track: PoseTrack, measurement: PoseMeasurement, settings: TrackerSettings
 ) -> PoseTrack:
     belief = _first_belief(measurement, settings)
-    return track.begun(Step(measurement, belief), verdict)
+    return track.begun(Step(measurement, belief), MeasurementVerdict.STARTED)
 
 
 def _taken_late(
@@ -127,7 +125,8 @@ def _taken_late(
     belief = Step.from_vector(before[-1]).belief
     prior = predict(belief, measurement.time - belief.time, settings.noise)
     new = _innovation(prior, measurement, settings)
-    if not settings.expects(new):
+    squared = new.squared
+    if not settings.expects(squared):
         return track.judged(MeasurementVerdict.OUTLIER)
     step = Step(measurement, corrected(prior, new))
     steps = [step]
@@ -139,7 +138,7 @@ def _taken_late(
     return replace(
         track.rewritten(before, steps),
         verdict=MeasurementVerdict.USED_LATE,
-        innovation_squared=new.squared,
+        innovation_squared=squared,
     )
 
 
@@ -151,7 +150,7 @@ def _rivalled(
     if not track.rival.is_empty and track.rival.time < measurement.time:
         prior = predict(track.rival, measurement.time - track.rival.time, settings.noise)
         new = _innovation(prior, measurement, settings)
-        if settings.expects(new):
+        if settings.expects(new.squared):
             rival, count = corrected(prior, new), track.rival_count + 1
     if count >= settings.reacquire_after:
         return track.begun(Step(measurement, rival), MeasurementVerdict.REACQUIRED)
@@ -170,9 +169,17 @@ def _innovation(
     return innovation(prior, measurement.p_WCoM, measurement.R_WO, settings.noise, settings.p_OCoM)
 
 
-def _noisiness(before: float, new: Innovation) -> float:
-    """Returns the running mean of innovations, in units of what noise would give at most 1."""
-    return (1 - _MEMORY) * before + _MEMORY * min(1.0, float(np.sum(new.squared)) / 6)
+def _is_vague(prior: PoseBelief, noise: PoseFilterNoise) -> bool:
+    """Whether its orientation is too uncertain to be corrected by a small turn."""
+    variance = np.max(np.diag(prior.P_orientation)[:3])
+    return bool(variance > _VAGUE**2 + noise.orientation**2)
+
+
+def _noisiness(before: float, innovation_squared: FloatArray) -> float:
+    """Returns the running mean of innovations, each at most 1: what noise gives on average."""
+    degrees = 3 * len(innovation_squared)
+    newest = min(1.0, float(np.sum(innovation_squared)) / degrees)
+    return (1 - _MEMORY) * before + _MEMORY * newest
 
 
 def _is_suspicious(track: PoseTrack) -> bool:

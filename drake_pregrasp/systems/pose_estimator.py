@@ -68,7 +68,8 @@ class PoseEstimator(LeafSystem):
     Port `time_since_measurement` emits the seconds since the newest measurement that was used was
     made, or since time 0 if none was.
 
-    Port `measurement_verdict` emits what became of the last tick's sample, a `MeasurementVerdict` as a number.
+    Port `measurement_verdict` emits what became of the last tick's sample: a `MeasurementVerdict`
+    as a number.
 
     Port `innovation_squared` emits a vector of 2: νᵀ S⁻¹ ν of position and orientation, of the
     last measurement that was compared with a prediction. If the filter's assumptions hold, each is
