@@ -1,5 +1,6 @@
 """Dynamic pre-grasp planning for hands that track a moving object, made of Drake systems."""
 
+from drake_pregrasp.diagrams.estimator_config import EstimatorConfig
 from drake_pregrasp.diagrams.grasp_config import GraspConfig
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_description import HandDescription
@@ -13,7 +14,6 @@ from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import (
     AddPregraspPlanner,
     BlendConfig,
-    EstimatorConfig,
     PlannerConfig,
     PregraspPlanner,
 )
@@ -23,11 +23,13 @@ from drake_pregrasp.planning.box_surface import box_surface
 from drake_pregrasp.planning.contact_status import ContactStatus
 from drake_pregrasp.planning.initial_contacts import ring_contacts
 from drake_pregrasp.planning.mesh_surface import mesh_surface
+from drake_pregrasp.planning.pose_measurement import MeasurementVerdict
 from drake_pregrasp.planning.region_constraints import Obstacles
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
 from drake_pregrasp.planning.shapes import load_shape
 from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
+from drake_pregrasp.planning.tracking_status import TrackingStatus
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.run import RunResult, run
 from drake_pregrasp.simulation.scenario import Scenario
@@ -82,6 +84,7 @@ __all__ = [
     "InvalidArgumentError",
     "JointReference",
     "LimitsConfig",
+    "MeasurementVerdict",
     "NoiseSource",
     "NoisyPoseSensor",
     "ObjectPlant",
@@ -99,6 +102,7 @@ __all__ = [
     "Scenario",
     "ScenarioError",
     "SectorReach",
+    "TrackingStatus",
     "__version__",
     "box_surface",
     "compute_safe_regions",

@@ -6,48 +6,16 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from drake_pregrasp.diagrams.estimator_config import EstimatorConfig, make_estimator
 from drake_pregrasp.diagrams.limits_config import LimitsConfig
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.blends import BLEND
 from drake_pregrasp.planning.force_closure import FRICTION
-from drake_pregrasp.planning.pose_filter import PoseFilterNoise
 from drake_pregrasp.planning.strategies import READINGS, STRATEGIES
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.planning.wall_test import WALL_TESTS
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
-from drake_pregrasp.systems.pose_estimator import PoseEstimator
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
-
-
-@dataclass
-class EstimatorConfig:
-    """What the pose filter assumes; standard deviations are per axis."""
-
-    # Noise of a measured position, in metres.
-    position_std: float = field(default=0.0005, metadata={"above": 0, "at_most": 10})
-
-    # Noise of a measured orientation, in radians.
-    orientation_std: float = field(default=0.0035, metadata={"above": 0, "at_most": 10})
-
-    # Root of the density of the object's random acceleration, in m/s^2/sqrt(Hz).
-    acceleration: float = field(default=0.001, metadata={"above": 0, "at_most": 1000})
-
-    # The same for its angular acceleration, in rad/s^2/sqrt(Hz).
-    angular_acceleration: float = field(default=0.01, metadata={"above": 0, "at_most": 1000})
-
-    # Velocity to expect before the first measurement, in m/s.
-    initial_velocity_std: float = field(default=0.1, metadata={"above": 0, "at_most": 1000})
-
-    # Angular velocity to expect before the first measurement, in rad/s.
-    initial_angular_velocity_std: float = field(default=0.5, metadata={"above": 0, "at_most": 1000})
-
-    # Mean acceleration along -z of W, in m/s^2: 0 for an object that something carries, 9.81 for
-    # one in free flight.
-    gravity: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
-
-    # Seconds by which the estimate, and so the goals, are predicted ahead. Measures and errors
-    # compare them with the object's pose at the time itself all the same.
-    lookahead: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
 
 
 @dataclass
@@ -118,19 +86,6 @@ class PlannerConfig:
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
 
-def filter_noise(config: EstimatorConfig) -> PoseFilterNoise:
-    """Returns the noise that the pose filter assumes."""
-    return PoseFilterNoise(
-        position=config.position_std,
-        orientation=config.orientation_std,
-        acceleration=config.acceleration,
-        angular_acceleration=config.angular_acceleration,
-        initial_velocity=config.initial_velocity_std,
-        initial_angular_velocity=config.initial_angular_velocity_std,
-        gravity=config.gravity,
-    )
-
-
 class PregraspPlanner(Diagram):
     """From pose measurements to contact goals.
 
@@ -139,6 +94,7 @@ class PregraspPlanner(Diagram):
         name: PregraspPlanner
         input_ports:
         - X_WO_measured
+        - measurement_time
         - contact_weights
         - obstacles
         - X_WH
@@ -153,9 +109,15 @@ class PregraspPlanner(Diagram):
         - safe_regions
         - contact_causes
         - p_WC_previous
+        - tracking_status
+        - time_since_measurement
+        - measurement_verdict
+        - innovation_squared
 
     The ports are those of the systems inside, which document them: `X_WO_measured`,
-    `X_WO_estimated`, `V_WO_estimated` and `p_WO_covariance` of `PoseEstimator`; `contact_weights`,
+    `measurement_time` (optional), `X_WO_estimated`, `V_WO_estimated`, `p_WO_covariance`,
+    `tracking_status`, `time_since_measurement`, `measurement_verdict` and `innovation_squared` of
+    `PoseEstimator`; `contact_weights`,
     `obstacles`, `X_WH` (all optional) and `safe_regions` of `SafeRegionPartitioner`;
     `hold_contacts` (optional), `p_WC`, `contact_status`, `contact_causes`, `fingertip_targets` and
     `p_WC_previous` of `CentroidSelector`. A hand whose pose at `X_WH` follows the goals has to
@@ -180,12 +142,7 @@ class PregraspPlanner(Diagram):
         builder = DiagramBuilder()
         estimator = builder.AddNamedSystem(
             "pose_estimator",
-            PoseEstimator(
-                period=config.period,
-                noise=filter_noise(config.estimator),
-                p_OCoM=surface.p_OCoM,
-                lookahead=config.estimator.lookahead,
-            ),
+            make_estimator(config.estimator, config.period, surface.p_OCoM),
         )
         partitioner = builder.AddNamedSystem(
             "safe_region_partitioner",
@@ -234,7 +191,8 @@ class PregraspPlanner(Diagram):
         ):
             builder.Connect(source.GetOutputPort(output), target.GetInputPort(target_input))
 
-        builder.ExportInput(estimator.GetInputPort("X_WO_measured"), "X_WO_measured")
+        for name in ("X_WO_measured", "measurement_time"):
+            builder.ExportInput(estimator.GetInputPort(name), name)
         for name in ("contact_weights", "obstacles", "X_WH"):
             builder.ExportInput(partitioner.GetInputPort(name), name)
         builder.ExportInput(selector.GetInputPort("hold_contacts"), "hold_contacts")
@@ -245,6 +203,13 @@ class PregraspPlanner(Diagram):
         builder.ExportOutput(partitioner.GetOutputPort("safe_regions"), "safe_regions")
         for name in ("contact_causes", "p_WC_previous"):
             builder.ExportOutput(selector.GetOutputPort(name), name)
+        for name in (
+            "tracking_status",
+            "time_since_measurement",
+            "measurement_verdict",
+            "innovation_squared",
+        ):
+            builder.ExportOutput(estimator.GetOutputPort(name), name)
         builder.BuildInto(self)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.pose_belief import PoseBelief, PoseFilterNoise
 from drake_pregrasp.planning.rotation_vectors import (
     left_jacobian,
     rotation_matrix,
@@ -21,97 +22,6 @@ _I = np.eye(3)
 _DRIFT, _MIXED, _RATE = (
     np.kron(np.array(block), _I) for block in ([[1, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]])
 )  # Where dt³/3, dt²/2 and dt stand in the process noise.
-
-
-@dataclass(frozen=True, eq=False)
-class PoseFilterNoise:
-    """What the filter assumes of measurements and motion; standard deviations are per axis.
-
-    Attributes:
-        position: Of a measured position, in metres.
-        orientation: Of a measured orientation, as a rotation vector, in radians.
-        acceleration: Square root of the white linear acceleration's density, in m/s²/sqrt(Hz).
-        angular_acceleration: The same for the angular acceleration, in rad/s²/sqrt(Hz).
-        initial_velocity: Of the object's velocity before the first measurement, in m/s.
-        initial_angular_velocity: The same for its angular velocity, in rad/s.
-        gravity: Mean acceleration of the object, along -z of W, in m/s²: 0 for an object that
-            something carries, about 9.81 for one in free flight.
-    """
-
-    position: float
-    orientation: float
-    acceleration: float
-    angular_acceleration: float
-    initial_velocity: float
-    initial_angular_velocity: float
-    gravity: float = 0.0
-
-
-@dataclass(frozen=True, eq=False)
-class PoseBelief:
-    """What is believed of the object's pose and twist at one time.
-
-    Attributes:
-        time: Time the belief is for, in seconds; -inf before the first measurement.
-        p_WCoM: Mean of the centre of mass, shape (3,), in metres.
-        v_WCoM: Mean of its velocity, shape (3,), in m/s.
-        R_WO: Mean orientation, shape (3, 3).
-        w_WO: Mean angular velocity, shape (3,), in rad/s.
-        P_position: Covariance of (p_WCoM, v_WCoM), shape (6, 6).
-        P_orientation: Covariance of the errors (theta, w_WO), shape (6, 6), where the true
-            orientation is Exp(theta) R_WO with theta expressed in W.
-    """
-
-    time: float
-    p_WCoM: FloatArray
-    v_WCoM: FloatArray
-    R_WO: FloatArray
-    w_WO: FloatArray
-    P_position: FloatArray
-    P_orientation: FloatArray
-
-    @property
-    def p_WCoM_covariance(self) -> FloatArray:
-        """Covariance Sigma of the centre of mass, shape (3, 3), in m² (Eq. 3)."""
-        return self.P_position[:3, :3]
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether no measurement has been taken yet."""
-        return bool(self.time == -np.inf)
-
-    @staticmethod
-    def empty() -> "PoseBelief":
-        """Returns the belief before the first measurement."""
-        zero, covariance = np.zeros(3), np.zeros((6, 6))
-        return PoseBelief(-np.inf, zero, zero, np.eye(3), zero, covariance, covariance)
-
-    def to_vector(self) -> FloatArray:
-        """Returns the belief as one vector, for a discrete state."""
-        return np.concatenate(
-            [
-                [self.time],
-                self.p_WCoM,
-                self.v_WCoM,
-                self.R_WO.ravel(),
-                self.w_WO,
-                self.P_position.ravel(),
-                self.P_orientation.ravel(),
-            ]
-        )
-
-    @staticmethod
-    def from_vector(vector: FloatArray) -> "PoseBelief":
-        """Inverse of `to_vector`."""
-        return PoseBelief(
-            time=float(vector[0]),
-            p_WCoM=vector[1:4],
-            v_WCoM=vector[4:7],
-            R_WO=vector[7:16].reshape(3, 3),
-            w_WO=vector[16:19],
-            P_position=vector[19:55].reshape(6, 6),
-            P_orientation=vector[55:91].reshape(6, 6),
-        )
 
 
 def first_belief(
@@ -199,6 +109,57 @@ def measurement_covariance(
     return covariance
 
 
+@dataclass(frozen=True, eq=False)
+class Innovation:
+    """How far a measured pose is from the prior, and how far it was to be expected.
+
+    Attributes:
+        position: Of the centre of mass, shape (3,), in metres.
+        orientation: The rotation vector from the prior to the measured one, shape (3,), in radians.
+        R_position: Covariance of the measured position, shape (3, 3), in m².
+        R_orientation: The same of the measured orientation, in rad².
+        S_position: Covariance of `position`, the prior's and the measurement's, shape (3, 3).
+        S_orientation: The same of `orientation`.
+    """
+
+    position: FloatArray
+    orientation: FloatArray
+    R_position: FloatArray
+    R_orientation: FloatArray
+    S_position: FloatArray
+    S_orientation: FloatArray
+
+    @property
+    def squared(self) -> FloatArray:
+        """νᵀ S⁻¹ ν of position and orientation, shape (2,): each chi-square of 3 degrees."""
+        return np.array(
+            [
+                self.position @ np.linalg.solve(self.S_position, self.position),
+                self.orientation @ np.linalg.solve(self.S_orientation, self.orientation),
+            ]
+        )
+
+
+def innovation(
+    belief: PoseBelief,
+    p_WCoM_measured: FloatArray,
+    R_WO_measured: FloatArray,
+    noise: PoseFilterNoise,
+    p_OCoM: FloatArray | None = None,
+) -> Innovation:
+    """Returns what a measured pose at the belief's own time has that is new; see `update`."""
+    R_position = measurement_covariance(belief.R_WO, noise, p_OCoM)
+    R_orientation = noise.orientation**2 * _I
+    return Innovation(
+        position=p_WCoM_measured - belief.p_WCoM,
+        orientation=rotation_vector(R_WO_measured @ belief.R_WO.T),
+        R_position=R_position,
+        R_orientation=R_orientation,
+        S_position=belief.P_position[:3, :3] + R_position,
+        S_orientation=belief.P_orientation[:3, :3] + R_orientation,
+    )
+
+
 def update(
     belief: PoseBelief,
     p_WCoM_measured: FloatArray,
@@ -215,13 +176,15 @@ def update(
         noise: What the filter assumes.
         p_OCoM: See `measurement_covariance`.
     """
-    dx, P_position = _correct(
-        belief.P_position,
-        p_WCoM_measured - belief.p_WCoM,
-        measurement_covariance(belief.R_WO, noise, p_OCoM),
-    )
-    theta = rotation_vector(R_WO_measured @ belief.R_WO.T)
-    de, P_orientation = _correct(belief.P_orientation, theta, noise.orientation**2 * _I)
+    return corrected(belief, innovation(belief, p_WCoM_measured, R_WO_measured, noise, p_OCoM))
+
+
+def corrected(belief: PoseBelief, new: Innovation) -> PoseBelief:
+    """Returns the posterior after what is new in a measurement."""
+    P = belief.P_position
+    dx, P_position = _correct(P, new.position, new.S_position, new.R_position)
+    P = belief.P_orientation
+    de, P_orientation = _correct(P, new.orientation, new.S_orientation, new.R_orientation)
     return PoseBelief(
         time=belief.time,
         p_WCoM=belief.p_WCoM + dx[:3],
@@ -233,9 +196,10 @@ def update(
     )
 
 
-def _correct(P: FloatArray, innovation: FloatArray, R: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _correct(
+    P: FloatArray, innovation: FloatArray, S: FloatArray, R: FloatArray
+) -> tuple[FloatArray, FloatArray]:
     """Kalman correction for a measurement of the first three states, with Joseph's covariance."""
-    S = P[:3, :3] + R
     K = np.linalg.solve(S, P[:3]).T
     A = np.eye(6)
     A[:, :3] -= K

@@ -7,9 +7,8 @@ import numpy as np
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.pose_belief import PoseBelief, PoseFilterNoise
 from drake_pregrasp.planning.pose_filter import (
-    PoseBelief,
-    PoseFilterNoise,
     first_belief,
     predict,
     transitions,

@@ -1,6 +1,9 @@
 """How well an object is tracked."""
 
+import math
 from enum import IntEnum
+
+_SLACK = 1e-6  # Share of a period by which rounding may move a time.
 
 
 class TrackingStatus(IntEnum):
@@ -22,3 +25,22 @@ class TrackingStatus(IntEnum):
     def is_followed(self) -> bool:
         """Whether goals may follow the estimate."""
         return self in (TrackingStatus.TRACKING, TrackingStatus.COASTING)
+
+
+def tracking_status(
+    since_measurement: float, period: float, coast_after: float, lost_after: float
+) -> TrackingStatus:
+    """Returns the status by how long the next measurement is overdue.
+
+    Args:
+        since_measurement: Seconds since the newest measurement that was used; inf if none was.
+        period: Seconds between measurements, when all is well.
+        coast_after: Seconds overdue beyond which the object isn't tracked any more.
+        lost_after: Seconds overdue beyond which it is lost.
+    """
+    if since_measurement == math.inf:
+        return TrackingStatus.WAITING
+    overdue = since_measurement - (1 + _SLACK) * period
+    if overdue <= coast_after:
+        return TrackingStatus.TRACKING
+    return TrackingStatus.COASTING if overdue <= lost_after else TrackingStatus.LOST

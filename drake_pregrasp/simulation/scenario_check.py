@@ -62,6 +62,13 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
             "point contact fills what is hollow, and only boxes stand on it;"
             " choose hydroelastic_with_fallback",
         )
+    estimator = scenario.planner.estimator
+    if estimator.coast_after > estimator.lost_after:
+        raise ScenarioError(
+            source,
+            "planner.estimator.coast_after",
+            f"{estimator.coast_after} must be at most lost_after, {estimator.lost_after}",
+        )
     check_motion(source, scenario.motion, surface)
     check_grasp(source, scenario, surface)
     limits = hand_planner(scenario).limits

@@ -7,7 +7,7 @@ import yaml
 from pydrake.common.yaml import yaml_load_data, yaml_load_typed
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
+from drake_pregrasp.diagrams.estimator_config import EstimatorConfig, filter_noise
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.planning.pose_smoother import filter_poses, smooth
 from drake_pregrasp.planning.pose_track import COLUMNS, read_pose_track

@@ -14,14 +14,16 @@ from pydrake.systems.framework import (
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.pose_filter import (
-    PoseBelief,
-    PoseFilterNoise,
-    first_belief,
-    predict,
-    update,
-)
+from drake_pregrasp.planning.pose_belief import PoseBelief, PoseFilterNoise
+from drake_pregrasp.planning.pose_filter import predict
+from drake_pregrasp.planning.pose_history import PoseTrack
+from drake_pregrasp.planning.pose_measurement import PoseMeasurement
+from drake_pregrasp.planning.pose_tracker import TrackerSettings, take
+from drake_pregrasp.planning.tracking_status import TrackingStatus, tracking_status
 from drake_pregrasp.systems.tick import tick_is_due
+
+WAITING_STD = 1.0
+"""Standard deviation of a position of which nothing is known yet, in metres."""
 
 
 class PoseEstimator(LeafSystem):
@@ -32,23 +34,50 @@ class PoseEstimator(LeafSystem):
         name: PoseEstimator
         input_ports:
         - X_WO_measured
+        - measurement_time
         output_ports:
         - X_WO_estimated
         - V_WO_estimated
         - p_WO_covariance
+        - tracking_status
+        - time_since_measurement
+        - measurement_verdict
+        - innovation_squared
 
-    Port `X_WO_measured` accepts a `RigidTransform`; it is sampled once each period.
+    Port `X_WO_measured` accepts a `RigidTransform`; it is sampled once each period. What is no
+    pose (NaN, infinite, no rotation, beyond `FARTHEST`) is refused.
+
+    Port `measurement_time` (optional) accepts a number: when the pose at `X_WO_measured` was
+    measured, in s; -inf if there was none yet. A time that was there before says that there is
+    nothing new. One that is older than the newest corrects the estimate of its own time and all
+    since then, if it is not older than `late_measurements` back, and is refused otherwise.
+    Unconnected, every sample is new, and measured at its tick.
 
     Port `X_WO_estimated` emits a `RigidTransform`.
 
     Port `V_WO_estimated` emits a `SpatialVelocity`: of O's frame in W, expressed in W.
 
     Port `p_WO_covariance` emits a vector of 9: the covariance Sigma of the position estimate, which
-    is made at the object's centre of mass, expressed in W, row-major, in m² (Eq. 3).
+    is made at the object's centre of mass, expressed in W, row-major, in m² (Eq. 3). It grows
+    while no measurement is used.
+
+    Port `tracking_status` emits a `TrackingStatus` as a number. While it is `LOST`, pose and twist
+    stand still: the pose is the prediction for the moment of the loss, the twist is zero. While it
+    is `WAITING`, the pose is the identity.
+
+    Port `time_since_measurement` emits the seconds since the newest measurement that was used was
+    made, or since time 0 if none was.
+
+    Port `measurement_verdict` emits what became of the last tick's sample: a `MeasurementVerdict`
+    as a number.
+
+    Port `innovation_squared` emits a vector of 2: νᵀ S⁻¹ ν of position and orientation, of the
+    last measurement that was compared with a prediction. If the filter's assumptions hold, each is
+    chi-square distributed with 3 degrees of freedom.
 
     A Kalman filter follows the centre of mass, an error-state filter the orientation. There is no
     lag: at a tick the outputs are the posterior of that tick's measurement, whether they are
-    evaluated before the discrete update stores it or after (the stored belief carries its time, so
+    evaluated before the discrete update stores it or after (what is stored carries its time, so
     that no measurement counts twice). Between ticks they are predictions.
 
     Args:
@@ -56,9 +85,15 @@ class PoseEstimator(LeafSystem):
         noise: What the filter assumes.
         p_OCoM: The object's centre of mass in O, shape (3,), in metres.
         lookahead: Seconds by which the outputs are predicted ahead of the time, at least zero.
+        gate: See `TrackerSettings`; 0 to take all measurements.
+        reacquire_after: See `TrackerSettings`.
+        refuse_repeats: See `TrackerSettings`.
+        late_measurements: How many used measurements a late one may go back, at least 1.
+        coast_after: Seconds overdue after which the status is `COASTING`.
+        lost_after: Seconds overdue after which it is `LOST`, at least `coast_after`.
 
     Raises:
-        InvalidArgumentError: If `period` or `lookahead` is out of its range.
+        InvalidArgumentError: If an argument is out of its range.
     """
 
     def __init__(
@@ -68,32 +103,58 @@ class PoseEstimator(LeafSystem):
         noise: PoseFilterNoise,
         p_OCoM: FloatArray | None = None,
         lookahead: float = 0.0,
+        gate: float = 7.0,
+        reacquire_after: int = 3,
+        refuse_repeats: bool = True,
+        late_measurements: int = 20,
+        coast_after: float = 0.1,
+        lost_after: float = 1.0,
     ) -> None:
         super().__init__()
         if not period > 0:
             raise InvalidArgumentError(f"period must be greater than 0 s, not {period}")
         if not lookahead >= 0:
             raise InvalidArgumentError(f"lookahead must be at least 0 s, not {lookahead}")
+        if not late_measurements >= 1:
+            raise InvalidArgumentError(
+                f"late_measurements must be at least 1, not {late_measurements}"
+            )
+        if not 0 <= coast_after <= lost_after:
+            raise InvalidArgumentError(
+                f"coast_after must be from 0 s to lost_after, {lost_after} s, not {coast_after}"
+            )
         self._period = period
         self._noise = noise
         self._p_OCoM = np.zeros(3) if p_OCoM is None else np.array(p_OCoM, dtype=float)
-        self._lever_arm = self._p_OCoM if np.any(self._p_OCoM) else None
         self._lookahead = lookahead
+        self._coast_after, self._lost_after = coast_after, lost_after
+        self._settings = TrackerSettings(
+            noise=noise,
+            p_OCoM=self._p_OCoM if np.any(self._p_OCoM) else None,
+            gate=gate,
+            reacquire_after=reacquire_after,
+            lost_after=period + lost_after,
+            refuse_repeats=refuse_repeats,
+        )
+        self._memory = late_measurements
 
-        self._state_index = self.DeclareDiscreteState(PoseBelief.empty().to_vector())
+        self._time_index = self.DeclareDiscreteState(np.array([-np.inf]))
+        self._track_index = self.DeclareDiscreteState(self._nothing().to_vector())
         self._X_WO_measured = self.DeclareAbstractInputPort(
             "X_WO_measured", AbstractValue.Make(RigidTransform())
         )
-        sources = {
-            self.time_ticket(),
-            self.discrete_state_ticket(self._state_index),
-            self._X_WO_measured.ticket(),
-        }
+        self._measurement_time = self.DeclareVectorInputPort("measurement_time", 1)
+        self._track = self.DeclareCacheEntry(
+            "track at the Context's last tick",
+            ValueProducer(lambda: AbstractValue.Make(self._nothing()), self._calc_track),
+            {self.time_ticket(), self.xd_ticket(), self.all_input_ports_ticket()},
+        )
         self._belief = self.DeclareCacheEntry(
             "belief at the Context's time",
             ValueProducer(lambda: AbstractValue.Make(PoseBelief.empty()), self._calc_belief),
-            sources,
+            {self.time_ticket(), self._track.ticket()},
         )
+        at_this_time = {self.time_ticket(), self._track.ticket()}
         self.DeclareAbstractOutputPort(
             "X_WO_estimated",
             lambda: AbstractValue.Make(RigidTransform()),
@@ -104,47 +165,103 @@ class PoseEstimator(LeafSystem):
             "V_WO_estimated",
             lambda: AbstractValue.Make(SpatialVelocity()),
             self._calc_velocity,
-            {self._belief.ticket()},
+            at_this_time,
+        )
+        self.DeclareVectorOutputPort("p_WO_covariance", 9, self._calc_covariance, at_this_time)
+        self.DeclareVectorOutputPort("tracking_status", 1, self._calc_status, at_this_time)
+        self.DeclareVectorOutputPort("time_since_measurement", 1, self._calc_age, at_this_time)
+        self.DeclareVectorOutputPort(
+            "measurement_verdict", 1, self._calc_verdict, {self._track.ticket()}
         )
         self.DeclareVectorOutputPort(
-            "p_WO_covariance", 9, self._calc_covariance, {self._belief.ticket()}
+            "innovation_squared", 2, self._calc_innovation, {self._track.ticket()}
         )
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_belief)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_track)
+
+    def _nothing(self) -> PoseTrack:
+        return PoseTrack.empty(self._memory)
+
+    def _calc_track(self, context: Context, output: AbstractValue) -> None:
+        time = context.get_time()
+        stored_time = context.get_discrete_state(self._time_index).value()[0]
+        track = PoseTrack.from_vector(context.get_discrete_state(self._track_index).value())
+        if tick_is_due(time, stored_time, self._period):
+            if stored_time > time:  # The Context was set back.
+                track = self._nothing()
+            track = take(track, self._measurement(context), time, self._settings)
+        output.set_value(track)
+
+    def _measurement(self, context: Context) -> PoseMeasurement:
+        X_WO: RigidTransform = self._X_WO_measured.Eval(context)
+        time = context.get_time()
+        if self._measurement_time.HasValue(context):
+            time = float(self._measurement_time.Eval(context)[0])
+        R_WO: FloatArray = X_WO.rotation().matrix()
+        return PoseMeasurement(time, X_WO @ self._p_OCoM, R_WO)
+
+    def _store_track(self, context: Context, discrete_state: DiscreteValues) -> None:
+        track: PoseTrack = self._track.Eval(context)
+        discrete_state.set_value(self._time_index, [context.get_time()])
+        discrete_state.set_value(self._track_index, track.to_vector())
+
+    def _status(self, context: Context) -> TrackingStatus:
+        track: PoseTrack = self._track.Eval(context)
+        since = context.get_time() - track.newest.time
+        return tracking_status(since, self._period, self._coast_after, self._lost_after)
 
     def _calc_belief(self, context: Context, output: AbstractValue) -> None:
-        time = context.get_time()
-        belief = PoseBelief.from_vector(context.get_discrete_state(self._state_index).value())
-        if tick_is_due(time, belief.time, self._period):
-            X_WO: RigidTransform = self._X_WO_measured.Eval(context)
-            p_WCoM = X_WO @ self._p_OCoM
-            R_WO: FloatArray = X_WO.rotation().matrix()
-            if belief.is_empty or belief.time > time:  # The latter if the Context was set back.
-                belief = first_belief(time, p_WCoM, R_WO, self._noise, self._lever_arm)
-            else:
-                prior = predict(belief, time - belief.time, self._noise)
-                belief = update(prior, p_WCoM, R_WO, self._noise, self._lever_arm)
-        else:
-            belief = predict(belief, max(0.0, time - belief.time), self._noise)
-        output.set_value(belief)
+        """The belief to act on: looked ahead, and at a standstill from the loss on."""
+        track: PoseTrack = self._track.Eval(context)
+        newest = track.newest
+        if newest.is_empty:
+            output.set_value(newest)
+            return
+        since = context.get_time() - newest.time
+        if self._status(context) == TrackingStatus.LOST:
+            since = self._period + self._lost_after
+        output.set_value(self._predicted(newest, since))
 
-    def _store_belief(self, context: Context, discrete_state: DiscreteValues) -> None:
-        belief: PoseBelief = self._belief.Eval(context)
-        discrete_state.set_value(self._state_index, belief.to_vector())
-
-    def _looked_ahead(self, context: Context) -> PoseBelief:
-        belief: PoseBelief = self._belief.Eval(context)
-        return predict(belief, self._lookahead, self._noise) if self._lookahead else belief
+    def _predicted(self, belief: PoseBelief, since: float) -> PoseBelief:
+        now = predict(belief, max(0.0, since), self._noise)
+        return predict(now, self._lookahead, self._noise) if self._lookahead else now
 
     def _calc_pose(self, context: Context, output: AbstractValue) -> None:
-        belief = self._looked_ahead(context)
+        belief: PoseBelief = self._belief.Eval(context)
         R_WO = RotationMatrix.ProjectToRotationMatrix(belief.R_WO)
         output.set_value(RigidTransform(R_WO, belief.p_WCoM - R_WO @ self._p_OCoM))
 
     def _calc_velocity(self, context: Context, output: AbstractValue) -> None:
-        belief = self._looked_ahead(context)
+        if not self._status(context).is_followed:
+            output.set_value(SpatialVelocity.Zero())
+            return
+        belief: PoseBelief = self._belief.Eval(context)
         p_CoMO_W = -(belief.R_WO @ self._p_OCoM)
         v_WO = belief.v_WCoM + np.cross(belief.w_WO, p_CoMO_W)
         output.set_value(SpatialVelocity(w=belief.w_WO, v=v_WO))
 
     def _calc_covariance(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._looked_ahead(context).p_WCoM_covariance.ravel())
+        belief: PoseBelief = self._belief.Eval(context)
+        status = self._status(context)
+        if status == TrackingStatus.LOST:  # The belief has stood still, ignorance grows on.
+            track: PoseTrack = self._track.Eval(context)
+            belief = self._predicted(track.newest, context.get_time() - track.newest.time)
+        covariance = belief.p_WCoM_covariance
+        if status == TrackingStatus.WAITING:
+            covariance = WAITING_STD**2 * np.eye(3)
+        output.SetFromVector(covariance.ravel())
+
+    def _calc_status(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector([self._status(context)])
+
+    def _calc_age(self, context: Context, output: BasicVector) -> None:
+        track: PoseTrack = self._track.Eval(context)
+        since = context.get_time() if track.is_empty else context.get_time() - track.newest.time
+        output.SetFromVector([max(0.0, since)])
+
+    def _calc_verdict(self, context: Context, output: BasicVector) -> None:
+        track: PoseTrack = self._track.Eval(context)
+        output.SetFromVector([track.verdict])
+
+    def _calc_innovation(self, context: Context, output: BasicVector) -> None:
+        track: PoseTrack = self._track.Eval(context)
+        output.SetFromVector(track.innovation_squared)

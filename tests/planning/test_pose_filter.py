@@ -6,9 +6,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp.planning.pose_belief import PoseBelief, PoseFilterNoise
 from drake_pregrasp.planning.pose_filter import (
-    PoseBelief,
-    PoseFilterNoise,
     first_belief,
     predict,
     update,

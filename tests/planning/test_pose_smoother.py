@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.planning.pose_filter import PoseFilterNoise
+from drake_pregrasp.planning.pose_belief import PoseFilterNoise
 from drake_pregrasp.planning.pose_smoother import filter_poses, smooth
 
 NOISE = PoseFilterNoise(

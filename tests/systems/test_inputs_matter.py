@@ -30,7 +30,7 @@ from drake_pregrasp import (
     load_hand,
     load_scenario,
 )
-from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
+from drake_pregrasp.diagrams.estimator_config import filter_noise
 from drake_pregrasp.planning.finger_reach import FingerReach
 from drake_pregrasp.planning.grasp_state import GraspPhase, GraspSettings, GraspState
 from drake_pregrasp.planning.region_constraints import Obstacles
@@ -88,7 +88,14 @@ CASES = {
     ),
     "estimator": (
         lambda: PoseEstimator(period=0.1, noise=filter_noise(EstimatorConfig())),
-        {"X_WO_measured": (X_A, X_B, ["X_WO_estimated"])},
+        {
+            "X_WO_measured": (X_A, X_B, ["X_WO_estimated"]),
+            "measurement_time": (
+                [0.0],
+                [-np.inf],
+                ["p_WO_covariance", "tracking_status", "measurement_verdict"],
+            ),
+        },
     ),
     "partitioner": (
         lambda: SafeRegionPartitioner(

@@ -20,13 +20,13 @@ import drake_pregrasp.diagrams
 import drake_pregrasp.studies
 import drake_pregrasp.systems
 from drake_pregrasp import ObjectPlant, PlannerConfig, PregraspPlanner
+from drake_pregrasp.diagrams.estimator_config import EstimatorConfig, filter_noise
 from drake_pregrasp.diagrams.grasp_config import GraspConfig
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.motion_config import Conveyor
 from drake_pregrasp.diagrams.object_config import Box
-from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
 from drake_pregrasp.planning.grasp_state import GraspSettings
 from drake_pregrasp.planning.pose_track import PoseTrack
 from drake_pregrasp.planning.region_constraints import RegionConstraints

@@ -4,7 +4,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
+from drake_pregrasp.diagrams.estimator_config import EstimatorConfig, filter_noise
 from drake_pregrasp.planning.pose_filter import first_belief, predict, update
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
 

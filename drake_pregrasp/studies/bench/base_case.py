@@ -16,8 +16,8 @@ import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from drake_pregrasp.diagrams.estimator_config import make_estimator
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
-from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.run_log import RunLog
@@ -26,7 +26,6 @@ from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies.bench.implemented_surface import implemented
 from drake_pregrasp.systems.noise_source import NoiseSource
-from drake_pregrasp.systems.pose_estimator import PoseEstimator
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
 
 PARTS = (
@@ -155,9 +154,7 @@ def _plant_and_estimator(scenario: Scenario, surface: ObjectSurface) -> Diagram:
         )
     )
     estimator = builder.AddSystem(
-        PoseEstimator(
-            period=period, noise=filter_noise(scenario.planner.estimator), p_OCoM=surface.p_OCoM
-        )
+        make_estimator(scenario.planner.estimator, period, surface.p_OCoM)
     )
     builder.Connect(plant.GetOutputPort("X_WO"), sensor.GetInputPort("X_WO"))
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))

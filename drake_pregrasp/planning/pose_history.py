@@ -1,0 +1,149 @@
+"""What a tracker remembers: measurements with the beliefs after them, and a rival belief."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+
+from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.pose_belief import PoseBelief
+from drake_pregrasp.planning.pose_measurement import MeasurementVerdict, PoseMeasurement
+
+_MEASUREMENT_SIZE = 13
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A measurement that was used, and the belief after it, at its time."""
+
+    measurement: PoseMeasurement
+    belief: PoseBelief
+
+    SIZE: ClassVar[int] = _MEASUREMENT_SIZE + PoseBelief.SIZE
+
+    def to_vector(self) -> FloatArray:
+        """Returns it as one vector."""
+        return np.concatenate([self.measurement.to_vector(), self.belief.to_vector()])
+
+    @staticmethod
+    def from_vector(vector: FloatArray) -> "Step":
+        """Inverse of `to_vector`."""
+        return Step(
+            PoseMeasurement.from_vector(vector[:_MEASUREMENT_SIZE]),
+            PoseBelief.from_vector(vector[_MEASUREMENT_SIZE:]),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PoseTrack:
+    """What is remembered of an object's measurements.
+
+    Attributes:
+        steps: The newest steps, the oldest of them first, shape (memory, `Step.SIZE`); rows that
+            aren't filled yet come first, and have the time -inf.
+        last_seen: The last measurement that was a pose, used or not.
+        rival: What refused measurements that agree with each other say; empty if there are none.
+        rival_count: How many they are.
+        noisiness: How much of its expected noise the sensor has shown of late, from 0 to 1.
+        verdict: What became of the last measurement.
+        innovation_squared: Of the last one that was compared with a prediction: νᵀ S⁻¹ ν of
+            position and orientation, shape (2,).
+    """
+
+    steps: FloatArray
+    last_seen: PoseMeasurement
+    rival: PoseBelief
+    rival_count: int
+    noisiness: float
+    verdict: MeasurementVerdict
+    innovation_squared: FloatArray
+
+    @staticmethod
+    def empty(memory: int) -> "PoseTrack":
+        """Returns the track before the first measurement.
+
+        Args:
+            memory: How many steps are remembered, at least 1.
+        """
+        nothing = Step(PoseMeasurement.none(), PoseBelief.empty()).to_vector()
+        return PoseTrack(
+            steps=np.tile(nothing, (memory, 1)),
+            last_seen=PoseMeasurement.none(),
+            rival=PoseBelief.empty(),
+            rival_count=0,
+            noisiness=0.0,
+            verdict=MeasurementVerdict.NOTHING_NEW,
+            innovation_squared=np.zeros(2),
+        )
+
+    @property
+    def newest(self) -> PoseBelief:
+        """The belief after the newest measurement that was used."""
+        return PoseBelief.from_vector(self.steps[-1, _MEASUREMENT_SIZE:])
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether no measurement was used yet."""
+        return bool(self.steps[-1, 0] == -np.inf)
+
+    @property
+    def times_seen(self) -> list[float]:
+        """Times of the measurements that are remembered, in seconds."""
+        return [self.last_seen.time, *self.steps[:, 0].tolist()]
+
+    def divided(self, time: float) -> tuple[FloatArray, FloatArray]:
+        """Returns the steps up to a time, and those after it."""
+        steps = self.steps[self.steps[:, 0] > -np.inf]
+        index = int(np.searchsorted(steps[:, 0], time, side="right"))
+        return steps[:index], steps[index:]
+
+    def judged(self, verdict: MeasurementVerdict) -> "PoseTrack":
+        """Returns the track with nothing more to it than a verdict."""
+        return replace(self, verdict=verdict)
+
+    def begun(self, step: Step, verdict: MeasurementVerdict) -> "PoseTrack":
+        """Returns a track that knows of one step only."""
+        begun = PoseTrack.empty(len(self.steps)).extended(step)
+        return replace(
+            begun,
+            last_seen=self.last_seen,
+            verdict=verdict,
+            innovation_squared=self.innovation_squared,
+        )
+
+    def extended(self, step: Step) -> "PoseTrack":
+        """Returns the track with one more step, the newest."""
+        return replace(self, steps=np.vstack([self.steps[1:], step.to_vector()]))
+
+    def rewritten(self, before: FloatArray, steps: Sequence[Step]) -> "PoseTrack":
+        """Returns the track whose steps after `before` are others."""
+        memory = len(self.steps)
+        rows = np.vstack([PoseTrack.empty(memory).steps, before, *(s.to_vector() for s in steps)])
+        return replace(self, steps=rows[-memory:])
+
+    def to_vector(self) -> FloatArray:
+        """Returns it as one vector, for a discrete state."""
+        return np.concatenate(
+            [
+                [self.rival_count, self.noisiness, self.verdict],
+                self.innovation_squared,
+                self.last_seen.to_vector(),
+                self.rival.to_vector(),
+                self.steps.ravel(),
+            ]
+        )
+
+    @staticmethod
+    def from_vector(vector: FloatArray) -> "PoseTrack":
+        """Inverse of `to_vector`."""
+        seen, rival, steps = np.split(vector[5:], np.cumsum([_MEASUREMENT_SIZE, PoseBelief.SIZE]))
+        return PoseTrack(
+            steps=steps.reshape(-1, Step.SIZE),
+            last_seen=PoseMeasurement.from_vector(seen),
+            rival=PoseBelief.from_vector(rival),
+            rival_count=int(vector[0]),
+            noisiness=float(vector[1]),
+            verdict=MeasurementVerdict(int(vector[2])),
+            innovation_squared=vector[3:5],
+        )

@@ -1,0 +1,98 @@
+"""A measured pose with the time it is for, and what a tracker makes of it."""
+
+import math
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from drake_pregrasp.planning.arrays import FloatArray
+
+FARTHEST = 1e5
+"""How far from the world's origin a usable measurement may be, in metres."""
+
+_SLACK = 1e-6  # Seconds that rounding may put a time ahead of the clock.
+_UNORTHONORMAL = 1e-6  # Elements of RᵀR - I of what still is a rotation.
+
+
+class MeasurementVerdict(IntEnum):
+    """What became of a measurement.
+
+    Attributes:
+        NOTHING_NEW: None came: its time is that of one before.
+        USED: It corrected the newest belief.
+        USED_LATE: It corrected the belief of its own time, and what followed was worked out anew.
+        STARTED: It is what the belief starts from: it is the first one, or the last was long ago.
+        REACQUIRED: With those before it, it has refuted the belief, which starts anew from them.
+        UNUSABLE: Refused: its time or its pose is no such thing.
+        TOO_LATE: Refused: it is older than all that is remembered.
+        OUTLIER: Refused: it is too far from what was to be expected.
+        REPEATED: Refused: a sensor with noise has repeated itself to the last bit.
+    """
+
+    NOTHING_NEW = 0
+    USED = 1
+    USED_LATE = 2
+    STARTED = 3
+    REACQUIRED = 4
+    UNUSABLE = 5
+    TOO_LATE = 6
+    OUTLIER = 7
+    REPEATED = 8
+
+    @property
+    def is_refusal(self) -> bool:
+        """Whether the measurement was refused."""
+        return self >= MeasurementVerdict.UNUSABLE
+
+
+@dataclass(frozen=True, eq=False)
+class PoseMeasurement:
+    """A measured pose.
+
+    Attributes:
+        time: When it was measured, in seconds; -inf if there is none.
+        p_WCoM: Where it puts the centre of mass, shape (3,), in metres.
+        R_WO: The orientation, shape (3, 3).
+    """
+
+    time: float
+    p_WCoM: FloatArray
+    R_WO: FloatArray
+
+    @property
+    def is_there(self) -> bool:
+        """Whether there is one at all."""
+        return self.time != -math.inf
+
+    def is_usable(self, now: float) -> bool:
+        """Whether it is a pose near the world, of a time that isn't to come.
+
+        Args:
+            now: The time, in seconds.
+        """
+        if not (math.isfinite(self.time) and self.time <= now + _SLACK):
+            return False
+        if not np.all(np.abs(self.p_WCoM) <= FARTHEST):  # As NaN isn't.
+            return False
+        is_near_one = np.abs(self.R_WO.T @ self.R_WO - np.eye(3)) <= _UNORTHONORMAL
+        return bool(np.all(is_near_one)) and np.linalg.det(self.R_WO) > 0
+
+    def repeats(self, other: "PoseMeasurement") -> bool:
+        """Whether it has the value of another one, to the last bit."""
+        same = np.array_equal(self.p_WCoM, other.p_WCoM) and np.array_equal(self.R_WO, other.R_WO)
+        return bool(same)
+
+    def to_vector(self) -> FloatArray:
+        """Returns it as one vector of 13 numbers."""
+        return np.concatenate([[self.time], self.p_WCoM, self.R_WO.ravel()])
+
+    @staticmethod
+    def from_vector(vector: FloatArray) -> "PoseMeasurement":
+        """Inverse of `to_vector`."""
+        return PoseMeasurement(float(vector[0]), vector[1:4], vector[4:13].reshape(3, 3))
+
+    @staticmethod
+    def none() -> "PoseMeasurement":
+        """Returns what stands for no measurement."""
+        return PoseMeasurement(-math.inf, np.zeros(3), np.eye(3))

@@ -1,0 +1,192 @@
+"""Follows a moving object by pose measurements that may be late, lost, repeated or wrong.
+
+The pose filter does the estimating; this decides which measurements it gets, and when. What it
+remembers is a `PoseTrack`; `take` is the step from one to the next.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.pose_belief import PoseBelief, PoseFilterNoise
+from drake_pregrasp.planning.pose_filter import (
+    Innovation,
+    corrected,
+    first_belief,
+    innovation,
+    predict,
+)
+from drake_pregrasp.planning.pose_history import PoseTrack, Step
+from drake_pregrasp.planning.pose_measurement import MeasurementVerdict, PoseMeasurement
+
+_VAGUE = 1.0  # Radians: a prior less certain of its orientation can't tell which way it turned.
+_NOISY = 0.25  # Of what an innovation is on average: with less than that a sensor has no noise.
+_MEMORY = 0.05  # Share of the newest innovation in that average.
+_AT_REST = 3.0  # Standard deviations: slower ones may be none.
+
+
+@dataclass(frozen=True)
+class TrackerSettings:
+    """What measurements have to be like.
+
+    Attributes:
+        noise: What the filter assumes.
+        p_OCoM: See `measurement_covariance`.
+        gate: Mahalanobis distance from the prediction, of the position and of the orientation,
+            beyond which a measurement is an outlier; 0 to take all.
+        reacquire_after: How many refused measurements in a row, which agree with each other,
+            refute the belief.
+        lost_after: Seconds without a used measurement after which an outlier refutes the belief
+            by itself.
+        refuse_repeats: Whether to refuse measurements that repeat the one before to the last bit,
+            while the object moves and the sensor has shown noise.
+    """
+
+    noise: PoseFilterNoise
+    p_OCoM: FloatArray | None = None
+    gate: float = 7.0
+    reacquire_after: int = 3
+    lost_after: float = 1.0
+    refuse_repeats: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("gate", "lost_after"):
+            if not getattr(self, name) >= 0:
+                raise InvalidArgumentError(f"{name} must be at least 0, not {getattr(self, name)}")
+        if not self.reacquire_after >= 1:
+            problem = f"reacquire_after must be at least 1, not {self.reacquire_after}"
+            raise InvalidArgumentError(problem)
+
+    def expects(self, innovation_squared: FloatArray) -> bool:
+        """Whether a measurement is as near to the prediction as the gate asks."""
+        return self.gate == 0 or bool(np.all(innovation_squared <= self.gate**2))
+
+
+def take(
+    track: PoseTrack, measurement: PoseMeasurement, now: float, settings: TrackerSettings
+) -> PoseTrack:
+    """Returns the track after what the sensor says at a tick.
+
+    A measurement counts for the time it was made at. One that is older than the newest used
+    corrects the belief of its time, and those used since then are used again.
+
+    Args:
+        track: What is remembered.
+        measurement: What the sensor says; nothing new if its time is that of one before.
+        now: The tick's time, in seconds.
+        settings: What measurements have to be like.
+    """
+    if not measurement.is_there or measurement.time in track.times_seen:
+        return track.judged(MeasurementVerdict.NOTHING_NEW)
+    if not measurement.is_usable(now):
+        return track.judged(MeasurementVerdict.UNUSABLE)
+    seen, track = track.last_seen, replace(track, last_seen=measurement)
+    if track.is_empty:
+        return _started(track, measurement, settings)
+    if settings.refuse_repeats and measurement.repeats(seen) and _is_suspicious(track):
+        return track.judged(MeasurementVerdict.REPEATED)
+    if measurement.time < track.newest.time:
+        return _taken_late(track, measurement, settings)
+    prior = predict(track.newest, measurement.time - track.newest.time, settings.noise)
+    if _is_vague(prior, settings.noise):
+        return _started(track, measurement, settings)
+    new = _innovation(prior, measurement, settings)
+    squared = new.squared
+    if settings.expects(squared):
+        step = Step(measurement, corrected(prior, new))
+        return replace(
+            track.extended(step),
+            rival=PoseBelief.empty(),
+            rival_count=0,
+            noisiness=_noisiness(track.noisiness, squared),
+            verdict=MeasurementVerdict.USED,
+            innovation_squared=squared,
+        )
+    if now - track.newest.time > settings.lost_after:
+        return _started(track, measurement, settings)
+    return _rivalled(replace(track, innovation_squared=squared), measurement, settings)
+
+
+def _started(
+    track: PoseTrack, measurement: PoseMeasurement, settings: TrackerSettings
+) -> PoseTrack:
+    belief = _first_belief(measurement, settings)
+    return track.begun(Step(measurement, belief), MeasurementVerdict.STARTED)
+
+
+def _taken_late(
+    track: PoseTrack, measurement: PoseMeasurement, settings: TrackerSettings
+) -> PoseTrack:
+    before, after = track.divided(measurement.time)
+    if not len(before):
+        return track.judged(MeasurementVerdict.TOO_LATE)
+    belief = Step.from_vector(before[-1]).belief
+    prior = predict(belief, measurement.time - belief.time, settings.noise)
+    new = _innovation(prior, measurement, settings)
+    squared = new.squared
+    if not settings.expects(squared):
+        return track.judged(MeasurementVerdict.OUTLIER)
+    step = Step(measurement, corrected(prior, new))
+    steps = [step]
+    for row in after:
+        again = Step.from_vector(row).measurement
+        prior = predict(step.belief, again.time - step.belief.time, settings.noise)
+        step = Step(again, corrected(prior, _innovation(prior, again, settings)))
+        steps.append(step)
+    return replace(
+        track.rewritten(before, steps),
+        verdict=MeasurementVerdict.USED_LATE,
+        innovation_squared=squared,
+    )
+
+
+def _rivalled(
+    track: PoseTrack, measurement: PoseMeasurement, settings: TrackerSettings
+) -> PoseTrack:
+    """Returns the track after an outlier: a rival belief grows from those that agree."""
+    rival, count = _first_belief(measurement, settings), 1
+    if not track.rival.is_empty and track.rival.time < measurement.time:
+        prior = predict(track.rival, measurement.time - track.rival.time, settings.noise)
+        new = _innovation(prior, measurement, settings)
+        if settings.expects(new.squared):
+            rival, count = corrected(prior, new), track.rival_count + 1
+    if count >= settings.reacquire_after:
+        return track.begun(Step(measurement, rival), MeasurementVerdict.REACQUIRED)
+    return replace(track, rival=rival, rival_count=count, verdict=MeasurementVerdict.OUTLIER)
+
+
+def _first_belief(measurement: PoseMeasurement, settings: TrackerSettings) -> PoseBelief:
+    return first_belief(
+        measurement.time, measurement.p_WCoM, measurement.R_WO, settings.noise, settings.p_OCoM
+    )
+
+
+def _innovation(
+    prior: PoseBelief, measurement: PoseMeasurement, settings: TrackerSettings
+) -> Innovation:
+    return innovation(prior, measurement.p_WCoM, measurement.R_WO, settings.noise, settings.p_OCoM)
+
+
+def _is_vague(prior: PoseBelief, noise: PoseFilterNoise) -> bool:
+    """Whether its orientation is too uncertain to be corrected by a small turn."""
+    variance = np.max(np.diag(prior.P_orientation)[:3])
+    return bool(variance > _VAGUE**2 + noise.orientation**2)
+
+
+def _noisiness(before: float, innovation_squared: FloatArray) -> float:
+    """Returns the running mean of innovations, each at most 1: what noise gives on average."""
+    degrees = 3 * len(innovation_squared)
+    newest = min(1.0, float(np.sum(innovation_squared)) / degrees)
+    return (1 - _MEMORY) * before + _MEMORY * newest
+
+
+def _is_suspicious(track: PoseTrack) -> bool:
+    """Whether a repeated value can't be what the sensor saw."""
+    belief = track.newest
+    moves = any(
+        rate @ np.linalg.solve(P[3:, 3:], rate) > _AT_REST**2
+        for rate, P in ((belief.v_WCoM, belief.P_position), (belief.w_WO, belief.P_orientation))
+    )
+    return moves and track.noisiness > _NOISY

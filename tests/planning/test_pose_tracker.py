@@ -1,0 +1,240 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp.planning.pose_belief import PoseFilterNoise
+from drake_pregrasp.planning.pose_filter import first_belief, predict, update
+from drake_pregrasp.planning.pose_history import PoseTrack
+from drake_pregrasp.planning.pose_measurement import (
+    FARTHEST,
+    MeasurementVerdict,
+    PoseMeasurement,
+)
+from drake_pregrasp.planning.pose_tracker import TrackerSettings, take
+
+NOISE = PoseFilterNoise(
+    position=5e-4,
+    orientation=3.5e-3,
+    acceleration=1e-2,
+    angular_acceleration=5e-2,
+    initial_velocity=0.1,
+    initial_angular_velocity=0.5,
+)
+SETTINGS = TrackerSettings(NOISE)
+DT = 0.05
+V, W = np.array([0.02, -0.01, 0.005]), np.array([0.1, 0.05, -0.2])
+
+
+def truth(time):
+    return V * time, Rotation.from_rotvec(W * time)
+
+
+def measured(time, rng, noise=1.0, at=None):
+    p, R = truth(time)
+    p = p + noise * rng.normal(scale=NOISE.position, size=3)
+    R = Rotation.from_rotvec(noise * rng.normal(scale=NOISE.orientation, size=3)) * R
+    return PoseMeasurement(time if at is None else at, p, R.as_matrix())
+
+
+def follow(measurements, settings=SETTINGS, memory=20):
+    """Takes (now, measurement) pairs and returns the track and the verdicts."""
+    track, verdicts = PoseTrack.empty(memory), []
+    for now, measurement in measurements:
+        track = take(track, measurement, now, settings)
+        verdicts.append(track.verdict)
+    return track, verdicts
+
+
+def in_time(count, rng, start=0):
+    return [(k * DT, measured(k * DT, rng)) for k in range(start, start + count)]
+
+
+def error(track, now):
+    belief = predict(track.newest, now - track.newest.time, NOISE)
+    return np.linalg.norm(belief.p_WCoM - truth(now)[0])
+
+
+def test_good_measurements_in_time_are_what_the_filter_gets():
+    stream = in_time(30, np.random.default_rng(0))
+    track, verdicts = follow(stream)
+    belief = first_belief(0.0, stream[0][1].p_WCoM, stream[0][1].R_WO, NOISE)
+    for time, z in stream[1:]:
+        belief = update(predict(belief, time - belief.time, NOISE), z.p_WCoM, z.R_WO, NOISE)
+    np.testing.assert_array_equal(track.newest.to_vector(), belief.to_vector())
+    assert verdicts == [MeasurementVerdict.STARTED] + [MeasurementVerdict.USED] * 29
+
+
+@given(st.permutations(range(8)))
+def test_measurements_in_any_order_give_the_same_belief(order):
+    rng = np.random.default_rng(1)
+    head, tail = in_time(20, rng), in_time(8, rng, start=20)
+    now = 28 * DT
+    in_order, _ = follow(head + [(now, z) for _, z in tail])
+    shuffled, verdicts = follow(head + [(now, tail[k][1]) for k in order])
+    np.testing.assert_allclose(
+        shuffled.newest.to_vector(), in_order.newest.to_vector(), rtol=1e-9, atol=1e-12
+    )
+    newest = np.maximum.accumulate(order)
+    late = [
+        MeasurementVerdict.USED_LATE if k < m else MeasurementVerdict.USED
+        for k, m in zip(order, newest, strict=True)
+    ]
+    assert verdicts[20:] == late
+
+
+def test_a_late_measurement_is_worth_as_much_as_one_in_time():
+    rng = np.random.default_rng(2)
+    stream = in_time(40, rng)
+    delayed, _ = follow([(now + 0.15, z) for now, z in stream])
+    prompt, _ = follow(stream)
+    np.testing.assert_array_equal(delayed.newest.to_vector(), prompt.newest.to_vector())
+
+
+def test_what_is_older_than_the_memory_is_refused_and_said_so():
+    rng = np.random.default_rng(3)
+    old = measured(0.5 * DT, rng)
+    for memory, verdict in ((30, MeasurementVerdict.USED_LATE), (5, MeasurementVerdict.TOO_LATE)):
+        track, _ = follow(in_time(20, rng), memory=memory)
+        later = take(track, old, 20 * DT, SETTINGS)
+        assert later.verdict == verdict
+        assert np.array_equal(later.steps, track.steps) == verdict.is_refusal
+
+
+def test_a_measurement_counts_once():
+    rng = np.random.default_rng(4)
+    track, _ = follow(in_time(10, rng))
+    again = take(track, measured(9 * DT, rng), 10 * DT, SETTINGS)
+    assert again.verdict == MeasurementVerdict.NOTHING_NEW
+    np.testing.assert_array_equal(again.steps, track.steps)
+    assert take(track, PoseMeasurement.none(), 1.0, SETTINGS).verdict == again.verdict
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"p_WCoM": np.array([np.nan, 0, 0])},
+        {"p_WCoM": np.array([np.inf, 0, 0])},
+        {"p_WCoM": np.array([2 * FARTHEST, 0, 0])},
+        {"R_WO": np.full((3, 3), np.nan)},
+        {"R_WO": 1.1 * np.eye(3)},
+        {"R_WO": -np.eye(3)},
+        {"time": np.nan},
+        {"time": np.inf},
+        {"time": 99.0},
+    ],
+)
+def test_what_is_no_pose_changes_nothing(change):
+    rng = np.random.default_rng(5)
+    track, _ = follow(in_time(10, rng))
+    bad = replace(measured(10 * DT, rng), **change)
+    after = take(track, bad, 10 * DT, SETTINGS)
+    assert after.verdict == MeasurementVerdict.UNUSABLE
+    np.testing.assert_array_equal(after.steps, track.steps)
+    nothing = take(PoseTrack.empty(5), bad, 10 * DT, SETTINGS)
+    assert nothing.is_empty
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_single_outliers_of_position_or_orientation_leave_the_belief_alone(seed):
+    rng = np.random.default_rng(seed)
+    stream = in_time(60, rng)
+    for k in (20, 30, 31, 45):
+        now, z = stream[k]
+        if k % 2:
+            z = replace(z, p_WCoM=z.p_WCoM + rng.normal(scale=0.1, size=3) + 0.02)
+        else:
+            z = replace(z, R_WO=Rotation.from_rotvec([0.5, 0, 0]).as_matrix() @ z.R_WO)
+        stream[k] = now, z
+    track, verdicts = follow(stream)
+    refused = [k for k, verdict in enumerate(verdicts) if verdict.is_refusal]
+    assert refused == [20, 30, 31, 45]
+    assert error(track, 59 * DT) < 4 * NOISE.position
+    naive, _ = follow(stream[:46], replace(SETTINGS, gate=0))
+    assert error(naive, 45 * DT) > 4 * NOISE.position
+
+
+def test_a_jump_is_followed_after_as_many_measurements_as_are_asked_for():
+    rng = np.random.default_rng(6)
+    away = np.array([0.3, 0.2, 0.0])
+    for count in (1, 3, 6):
+        stream = in_time(30, rng) + [
+            (now, replace(z, p_WCoM=z.p_WCoM + away)) for now, z in in_time(20, rng, start=30)
+        ]
+        track, verdicts = follow(stream, replace(SETTINGS, reacquire_after=count))
+        assert verdicts.index(MeasurementVerdict.REACQUIRED) == 30 + count - 1
+        assert all(v == MeasurementVerdict.OUTLIER for v in verdicts[30 : 30 + count - 1])
+        assert error(track, 49 * DT) == pytest.approx(np.linalg.norm(away), abs=1e-3)
+
+
+def test_outliers_that_disagree_are_no_jump():
+    rng = np.random.default_rng(7)
+    wild = [
+        (now, replace(z, p_WCoM=rng.uniform(-5, 5, 3))) for now, z in in_time(15, rng, start=30)
+    ]
+    track, verdicts = follow(in_time(30, rng) + wild)
+    assert set(verdicts[30:]) == {MeasurementVerdict.OUTLIER}
+    assert error(track, 45 * DT) < 10e-3
+
+
+def test_after_a_long_silence_the_next_measurement_is_believed():
+    rng = np.random.default_rng(8)
+    track, _ = follow(in_time(30, rng))
+    late = measured(100.0, rng)
+    late = replace(late, p_WCoM=late.p_WCoM + 5.0)
+    assert take(track, late, 100.0, SETTINGS).verdict == MeasurementVerdict.STARTED
+
+
+def test_a_frozen_value_is_refused_but_only_of_a_noisy_sensor_and_a_moving_object():
+    rng = np.random.default_rng(9)
+    track, _ = follow(in_time(40, rng))
+    frozen = replace(measured(39 * DT, rng), p_WCoM=track.last_seen.p_WCoM, time=40 * DT)
+    frozen = replace(frozen, R_WO=track.last_seen.R_WO)
+    assert take(track, frozen, 40 * DT, SETTINGS).verdict == MeasurementVerdict.REPEATED
+    trusting = replace(SETTINGS, refuse_repeats=False)
+    assert take(track, frozen, 40 * DT, trusting).verdict == MeasurementVerdict.USED
+    # A pose from a simulator, without noise, may well stop where it is.
+    exact = [(k * DT, measured(min(k, 40) * DT, rng, noise=0, at=k * DT)) for k in range(60)]
+    track, verdicts = follow(exact)
+    assert MeasurementVerdict.REPEATED not in verdicts
+    assert np.linalg.norm(track.newest.p_WCoM - truth(40 * DT)[0]) < 1e-3
+    # And a coarse sensor may see an object at rest in the same place again.
+    still = [
+        (k * DT, PoseMeasurement(k * DT, rng.normal(scale=5e-4, size=3), np.eye(3)))
+        for k in range(40)
+    ]
+    track, _ = follow(still)
+    again = replace(track.last_seen, time=40 * DT)
+    assert take(track, again, 40 * DT, SETTINGS).verdict == MeasurementVerdict.USED
+
+
+def test_the_innovation_is_chi_square_distributed():
+    rng = np.random.default_rng(10)
+    squares = []
+    track = PoseTrack.empty(3)
+    for now, z in in_time(4000, rng):
+        track = take(track, z, now, SETTINGS)
+        squares.append(track.innovation_squared)
+    # The truth has no acceleration, so that the filter expects a little more than there is.
+    assert np.all(np.mean(squares[100:], axis=0) < 3)
+    assert np.all(np.mean(squares[100:], axis=0) > 2)
+
+
+def test_vector_form_loses_nothing():
+    rng = np.random.default_rng(11)
+    track, _ = follow(
+        [*in_time(7, rng), (7 * DT, replace(measured(7 * DT, rng), p_WCoM=np.ones(3)))]
+    )
+    vector = track.to_vector()
+    np.testing.assert_array_equal(PoseTrack.from_vector(vector).to_vector(), vector)
+    assert PoseTrack.from_vector(PoseTrack.empty(4).to_vector()).is_empty
+
+
+@pytest.mark.parametrize("change", [{"gate": -1.0}, {"lost_after": np.nan}, {"reacquire_after": 0}])
+def test_bad_settings_are_refused(change):
+    with pytest.raises(InvalidArgumentError, match=next(iter(change))):
+        TrackerSettings(NOISE, **change)
