@@ -20,10 +20,11 @@ def in_burst(
     """Returns whether a burst covers a tick.
 
     Bursts start as a Poisson process, sampled at the ticks: at each tick one starts with the
-    probability 1 - exp(-rate * period). Its length E is exponential and cut off, and it covers
-    the ticks from its own to less than E later, so one at least. Bursts may overlap. This is a
-    discrete M/G/infinity queue, whose busy share is 1 - Π_a (1 - p P(E > a period)) over the ages
-    a = 0, 1, ... of a burst in ticks (Cox & Isham, "Point Processes", 1980).
+    probability p = 1 - exp(-rate * period). Its length E is exponential, and it covers the ticks
+    from its own to less than E later, so one at least, but none after the cut-off. Bursts may
+    overlap. This is a queue with infinitely many servers (Takács, "Introduction to the Theory of
+    Queues", 1962), in discrete time: its busy share is 1 - Π_a (1 - p P(E > a period)) over the
+    ages a = 0, 1, ... of a burst in ticks.
 
     Being a function of the seed and the tick, it needs no memory, and is as busy at the first tick
     as at any other.
@@ -60,4 +61,4 @@ def burst_reach(duration: float, period: float) -> int:
 def _draws(seed: int, tick: int, channel: FaultChannel) -> tuple[float, float]:
     """Returns a number from 0 to 1, and the length in means of a burst that starts there."""
     generator = fault_generator(seed, tick, channel)
-    return generator.random(), min(generator.standard_exponential(), CUT_OFF)
+    return generator.random(), generator.standard_exponential()

@@ -100,7 +100,8 @@ def next_memory(
     earlier. Of several that arrive at one tick the one that was taken last counts. One that was
     overtaken, as one taken later has arrived at an earlier tick, counts only if `out_of_order`.
 
-    A memory of the same tick, or of a later one, is of no use, and the sensor starts anew. While
+    A memory of the same tick, or of a later one, is of no use, and the sensor starts anew. Nothing
+    is measured at ticks that were skipped, and no value is kept frozen over them. While
     faults don't act a measurement is taken at each tick, and arrives at once.
 
     Args:

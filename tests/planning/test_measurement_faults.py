@@ -88,6 +88,13 @@ def test_outliers_are_as_many_and_as_far_as_stated_in_any_direction():
     assert abs(np.mean(np.sum(offsets[out] * vectors[out], axis=1)) / 0.125) < 0.1
 
 
+def test_outliers_do_not_prefer_the_corners_of_a_cube():
+    """On the sphere x⁴ + y⁴ + z⁴ is 3/5 on average; it is 1 along an axis, 1/3 along a diagonal."""
+    faults = MeasurementFaults(outlier_probability=1.0, outlier_position=1.0)
+    quartic = np.sum(disturbances(faults, SILENT)[0] ** 4, axis=1)
+    assert np.mean(quartic) == pytest.approx(0.6, abs=4 * np.std(quartic) / math.sqrt(TICKS))
+
+
 def test_more_outliers_are_the_same_ones_and_others():
     few, many = (
         disturbances(MeasurementFaults(outlier_probability=p), SILENT[:300])[0] for p in (0.1, 0.4)

@@ -134,6 +134,16 @@ def test_what_is_frozen_repeats_its_first_value_with_stamps_of_its_own():
         np.testing.assert_array_equal(memory.pose, value(first))
 
 
+def test_what_is_frozen_is_not_kept_over_ticks_that_were_skipped():
+    faults = MeasurementFaults(freeze_rate=1.0)
+    for tick in range(2, TICKS):
+        if all(is_frozen(k, faults, T, 0) for k in (tick - 2, tick - 1, tick)):
+            found = played(faults, ticks=[tick - 2, tick])
+            np.testing.assert_array_equal(found[1].pose, value(tick))
+            return
+    raise AssertionError("no burst of three ticks")
+
+
 def test_an_occlusion_leaves_the_last_measurement_and_its_stamp():
     faults = MeasurementFaults(dropout_rate=1.0)
     last = -np.inf

@@ -49,8 +49,8 @@ def test_each_shipped_fault_is_another_and_everything_has_them_all():
 
 def test_a_run_has_the_faults_of_its_scenario_and_its_seed(tmp_path):
     text = "{simulation_duration: 7.0, random_seed: 5}"
-    faulty = load_scenario("fault_outliers", text=text)
-    sound = load_scenario("fault_outliers", text=text)
+    faulty = load_scenario("fault_delay", text=text)
+    sound = load_scenario("fault_delay", text=text)
     sound.sensor.faults = FaultsConfig()
     logs = []
     for name, scenario in (("faulty", faulty), ("sound", sound)):

@@ -78,10 +78,23 @@ def test_without_faults_it_is_the_same_to_the_bit_and_there_is_neither_state_nor
             assert row[0] == tick * T
 
 
-def test_only_what_concerns_time_has_state():
-    context = faulty(WITHOUT_MEMORY).CreateDefaultContext()
-    assert context.num_total_states() == 0
-    assert faulty(ALL).CreateDefaultContext().num_discrete_state_groups() == 1
+TIMING = {"dropout_rate", "delay", "jitter", "freeze_rate", "sample_period"}
+ALONE = TIMING | {
+    "noise_factor",
+    "position_bias",
+    "orientation_bias",
+    "degrees_of_freedom",
+    "outlier_probability",
+    "sign_flip_probability",
+    "nan_probability",
+}
+
+
+@pytest.mark.parametrize("name", sorted(ALONE))
+def test_each_fault_alone_is_one_and_only_what_concerns_time_has_state(name):
+    context = faulty(MeasurementFaults(**{name: vars(ALL)[name]})).CreateDefaultContext()
+    assert context.num_numeric_parameter_groups() == 1
+    assert context.num_discrete_state_groups() == (name in TIMING)
 
 
 @pytest.mark.parametrize("faults", [WITHOUT_MEMORY, ALL], ids=["without memory", "all"])
