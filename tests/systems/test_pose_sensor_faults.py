@@ -197,3 +197,23 @@ def test_measured_rotations_are_rotations():
 def test_unusable_arguments_are_named(arguments, message):
     with pytest.raises(InvalidArgumentError, match=message):
         NoisyPoseSensor(**STD, **arguments, faults=MeasurementFaults(sample_period=0.08))
+
+
+@pytest.mark.parametrize("freeze_rate", [0.0, 1e-9], ids=["without memory", "with memory"])
+def test_outputs_follow_a_seed_that_is_changed(freeze_rate):
+    sensor = faulty(MeasurementFaults(degrees_of_freedom=2.0, freeze_rate=freeze_rate))
+    context = sensor.CreateDefaultContext()
+    set_inputs(sensor, context, 0)
+    before = outputs(sensor, context)
+    context.get_mutable_numeric_parameter(0).SetAtIndex(0, 4)
+    assert not np.array_equal(outputs(sensor, context), before)
+
+
+def test_outputs_follow_a_state_that_is_changed():
+    sensor = faulty(MeasurementFaults(delay=0.2))
+    context = sensor.CreateDefaultContext()
+    emitted(sensor, range(10), context)
+    assert outputs(sensor, context)[0] == pytest.approx(5 * T)
+    empty = sensor.CreateDefaultContext().get_discrete_state(0).value()
+    context.SetDiscreteState(0, empty)
+    assert outputs(sensor, context)[0] == -np.inf
