@@ -21,6 +21,7 @@ from drake_pregrasp.diagrams.reach_config import BallReach, BoxReach, SectorReac
 from drake_pregrasp.errors import InvalidArgumentError, OutputError, PregraspError, ScenarioError
 from drake_pregrasp.planning.box_surface import box_surface
 from drake_pregrasp.planning.contact_status import ContactStatus
+from drake_pregrasp.planning.fault_settings import MeasurementFaults
 from drake_pregrasp.planning.initial_contacts import ring_contacts
 from drake_pregrasp.planning.mesh_surface import mesh_surface
 from drake_pregrasp.planning.pose_measurement import MeasurementVerdict
@@ -84,6 +85,7 @@ __all__ = [
     "InvalidArgumentError",
     "JointReference",
     "LimitsConfig",
+    "MeasurementFaults",
     "MeasurementVerdict",
     "NoiseSource",
     "NoisyPoseSensor",

@@ -20,19 +20,9 @@ from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_config import HandConfig
 from drake_pregrasp.simulation.hand_file import load_hand_model
 from drake_pregrasp.simulation.obstacle_config import ObstacleConfig
+from drake_pregrasp.simulation.sensor_config import SensorConfig
 from drake_pregrasp.simulation.surface_config import SurfaceConfig
 from drake_pregrasp.systems.noise_source import MAX_SEED
-
-
-@dataclass
-class SensorConfig:
-    """White noise of the simulated pose measurements, per axis."""
-
-    # Standard deviation of the position, in metres.
-    position_std: float = field(default=0.0005, metadata={"at_least": 0, "at_most": 10})
-
-    # Standard deviation of the orientation's rotation vector, in radians.
-    orientation_std: float = field(default=0.0035, metadata={"at_least": 0, "at_most": 10})
 
 
 @dataclass
@@ -87,7 +77,8 @@ class Scenario:
     # One line for lists and titles.
     description: str = ""
 
-    # Seed of the measurement noise. A run is a function of its scenario: the same gives the same.
+    # Seed of the measurement noise and of faults. A run is a function of its scenario: the same
+    # gives the same.
     random_seed: int = field(default=0, metadata={"at_least": 0, "at_most": MAX_SEED})
 
     # Seconds to simulate.

@@ -18,6 +18,7 @@ from drake_pregrasp.simulation.limits_check import check_limits, check_reach
 from drake_pregrasp.simulation.motion_check import check_motion
 from drake_pregrasp.simulation.obstacle_config import check_obstacles
 from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.sensor_config import check_sensor
 from drake_pregrasp.simulation.surface_config import check_surface
 from drake_pregrasp.systems.tick import SLACK, tick_index
 
@@ -70,6 +71,7 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
             f"{estimator.coast_after} must be at most lost_after, {estimator.lost_after}",
         )
     check_motion(source, scenario.motion, surface)
+    check_sensor(source, scenario.sensor, scenario.planner.period)
     check_grasp(source, scenario, surface)
     limits = hand_planner(scenario).limits
     check_limits(source, limits, count, surface)

@@ -68,6 +68,9 @@ def make_diagram(
         NoisyPoseSensor(
             position_std=scenario.sensor.position_std,
             orientation_std=scenario.sensor.orientation_std,
+            period=config.period,
+            seed=scenario.random_seed,
+            faults=scenario.sensor.faults.settings(),
         ),
     )
     weights = builder.AddNamedSystem(
@@ -101,7 +104,8 @@ def make_diagram(
     X_WO = object_plant.GetOutputPort("X_WO")
     builder.Connect(X_WO, sensor.GetInputPort("X_WO"))
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
-    builder.Connect(sensor.get_output_port(), planner.GetInputPort("X_WO_measured"))
+    for port in ("X_WO_measured", "measurement_time"):
+        builder.Connect(sensor.GetOutputPort(port), planner.GetInputPort(port))
     builder.Connect(weights.get_output_port(), planner.GetInputPort("contact_weights"))
     builder.Connect(X_WO, monitor.GetInputPort("X_WO"))
     for port in ("p_WC", "contact_status"):

@@ -1,16 +1,32 @@
-"""A noisy measurement of the object's pose."""
+"""A noisy, and possibly faulty, measurement of the object's pose."""
 
-import numpy as np
 from pydrake.common import RandomDistribution
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.systems.framework import Context, LeafSystem, PortDataType
+from pydrake.systems.framework import (
+    BasicVector,
+    CacheEntry,
+    Context,
+    DependencyTicket,
+    DiscreteValues,
+    LeafSystem,
+    NumericParameterIndex,
+    PortDataType,
+    ValueProducer,
+)
 
-from drake_pregrasp.planning.rotation_vectors import rotation_matrix
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.fault_check import find_flaw
+from drake_pregrasp.planning.fault_settings import MeasurementFaults
+from drake_pregrasp.planning.measurement_faults import faulty_disturbance, white_disturbance
+from drake_pregrasp.planning.sensor_memory import SensorMemory, memory_capacity, next_memory
+from drake_pregrasp.systems.noise_source import MAX_SEED
+from drake_pregrasp.systems.tick import tick_index
 
 
 class NoisyPoseSensor(LeafSystem):
-    """Measures a pose with white noise.
+    """Measures a pose with white noise, and with faults if there are to be any.
 
     .. pydrake_system::
 
@@ -20,6 +36,7 @@ class NoisyPoseSensor(LeafSystem):
         - noise
         output_ports:
         - X_WO_measured
+        - measurement_time
 
     Port `X_WO` accepts a `RigidTransform`: the true pose of the object O in the world W.
 
@@ -28,16 +45,45 @@ class NoisyPoseSensor(LeafSystem):
     is the better source for it.
 
     Port `X_WO_measured` emits a `RigidTransform` M with p_WM = p_WO + position_std * noise[:3] and
-    R_WM = Exp(orientation_std * noise[3:]) R_WO.
+    R_WM = Exp(orientation_std * noise[3:]) R_WO; `faulty_disturbance` says what faults change. It
+    is the measurement that arrived last, and NaN while none has.
+
+    Port `measurement_time` emits a vector of 1: when the pose at `X_WO_measured` was taken, in
+    seconds, and -inf while none has arrived. At a tick at which nothing arrives it stays as it is;
+    an unchanged time means that there is nothing new.
+
+    Faults are a function of the seed and the tick, so a Context that is set back, or copied,
+    repeats them. The seed is the numeric parameter 0 of the Context. With faults that concern time
+    (dropouts, delay, jitter, freezing, a sample period) the sensor has discrete state, measures at
+    ticks only, and holds the measurement between them. There is no lag: at a tick the outputs are
+    the same before the discrete update and after it. Other faults need no state; then, as without
+    any, the measured pose follows the true one, and its time is the Context's. `SensorMemory` has
+    the rules of what arrives when.
 
     Args:
-        position_std: Standard deviation per axis, in metres.
-        orientation_std: Standard deviation per axis of the rotation vector, in radians.
+        position_std: Standard deviation per axis, in metres; with faults that have heavy tails the
+            scale of Student's t.
+        orientation_std: The same for the rotation vector, in radians.
+        period: Seconds between ticks; needed for faults only.
+        seed: Default of the faults' seed, an integer from 0 to 2**53.
+        faults: What else goes wrong; nothing by default. Without faults there is neither state nor
+            parameter.
+
+    Raises:
+        InvalidArgumentError: If there are faults, and they, `period` or `seed` are out of range.
     """
 
     NOISE_SIZE = 6
 
-    def __init__(self, *, position_std: float, orientation_std: float) -> None:
+    def __init__(
+        self,
+        *,
+        position_std: float,
+        orientation_std: float,
+        period: float | None = None,
+        seed: int = 0,
+        faults: MeasurementFaults | None = None,
+    ) -> None:
         super().__init__()
         self._position_std = position_std
         self._orientation_std = orientation_std
@@ -45,20 +91,107 @@ class NoisyPoseSensor(LeafSystem):
         self._noise = self.DeclareInputPort(
             "noise", PortDataType.kVectorValued, self.NOISE_SIZE, RandomDistribution.kGaussian
         )
+        self._faults = faults if faults is not None and faults.are_any else None
+        self._memory: CacheEntry | None = None
+        sources = {self._X_WO.ticket(), self._noise.ticket()}
+        times = {self.time_ticket()}
+        if self._faults is not None:
+            self._period = _checked_period(self._faults, period)
+            sources |= {self.time_ticket(), self._declare_seed(seed)}
+            if self._faults.need_memory:
+                self._memory = self._declare_memory(self._faults, sources)
+                sources = times = {self._memory.ticket()}
         self.DeclareAbstractOutputPort(
             "X_WO_measured",
             lambda: AbstractValue.Make(RigidTransform()),
             self._calc_measured_pose,
-            {self._X_WO.ticket(), self._noise.ticket()},
+            sources,
+        )
+        self.DeclareVectorOutputPort("measurement_time", 1, self._calc_measurement_time, times)
+
+    def _declare_seed(self, seed: int) -> DependencyTicket:
+        if not 0 <= seed <= MAX_SEED:
+            raise InvalidArgumentError(f"seed must be from 0 to 2**53, not {seed}")
+        index = self.DeclareNumericParameter(BasicVector([float(seed)]))
+        self._seed_index = NumericParameterIndex(index)
+        return self.numeric_parameter_ticket(self._seed_index)
+
+    def _declare_memory(
+        self, faults: MeasurementFaults, sources: set[DependencyTicket]
+    ) -> CacheEntry:
+        self._capacity = memory_capacity(faults, self._period)
+        self._state_index = self.DeclareDiscreteState(
+            SensorMemory.empty().to_vector(self._capacity)
+        )
+        self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._store_memory)
+        return self.DeclareCacheEntry(
+            "memory at the Context's time",
+            ValueProducer(lambda: AbstractValue.Make(SensorMemory.empty()), self._calc_memory),
+            sources | {self.discrete_state_ticket(self._state_index)},
         )
 
     def _calc_measured_pose(self, context: Context, output: AbstractValue) -> None:
+        if self._memory is None:
+            output.set_value(self._measure(context))
+        else:
+            memory: SensorMemory = self._memory.Eval(context)
+            X_WM = memory.pose.reshape(3, 4)
+            # What is not a number makes no rotation matrix that would pass a check.
+            R_WM = RotationMatrix.MakeUnchecked(X_WM[:, :3])
+            output.set_value(RigidTransform(R_WM, X_WM[:, 3]))
+
+    def _calc_measurement_time(self, context: Context, output: BasicVector) -> None:
+        if self._memory is None:
+            output.SetFromVector([context.get_time()])
+        else:
+            memory: SensorMemory = self._memory.Eval(context)
+            output.SetFromVector([memory.stamp])
+
+    def _measure(self, context: Context) -> RigidTransform:
+        """Returns the pose that is measured now, whenever it may arrive."""
         X_WO: RigidTransform = self._X_WO.Eval(context)
-        noise: np.ndarray = self._noise.Eval(context)
-        turn = RotationMatrix(rotation_matrix(self._orientation_std * noise[3:]))
-        output.set_value(
-            RigidTransform(
-                turn @ X_WO.rotation(),
-                X_WO.translation() + self._position_std * noise[:3],
+        noise: FloatArray = self._noise.Eval(context)
+        scales = self._position_std, self._orientation_std
+        offset, turn = white_disturbance(noise, *scales)
+        if self._faults is not None:
+            tick = tick_index(context.get_time(), self._period)
+            if self._faults.act_at(tick, self._period):
+                offset, turn = faulty_disturbance(
+                    noise, *scales, self._faults, tick=tick, seed=self._seed(context)
+                )
+        R_WM = RotationMatrix.MakeUnchecked(turn) @ X_WO.rotation()
+        return RigidTransform(R_WM, X_WO.translation() + offset)
+
+    def _seed(self, context: Context) -> int:
+        return int(context.get_numeric_parameter(self._seed_index)[0])
+
+    def _calc_memory(self, context: Context, output: AbstractValue) -> None:
+        assert self._faults is not None
+        memory = SensorMemory.from_vector(context.get_discrete_state(self._state_index).value())
+        time = context.get_time()
+        tick = tick_index(time, self._period)
+        if tick != memory.tick:
+            memory = next_memory(
+                memory,
+                self._measure(context).GetAsMatrix34().ravel(),
+                time=time,
+                tick=tick,
+                faults=self._faults,
+                period=self._period,
+                seed=self._seed(context),
             )
-        )
+        output.set_value(memory)
+
+    def _store_memory(self, context: Context, discrete_state: DiscreteValues) -> None:
+        assert self._memory is not None
+        memory: SensorMemory = self._memory.Eval(context)
+        discrete_state.set_value(self._state_index, memory.to_vector(self._capacity))
+
+
+def _checked_period(faults: MeasurementFaults, period: float | None) -> float:
+    if period is None or not period > 0:
+        raise InvalidArgumentError(f"faults need a period greater than 0 s, not {period}")
+    flaw = find_flaw(faults, period)
+    if flaw is not None:
+        raise InvalidArgumentError(f"faults.{flaw.name}: {flaw.problem}")
+    return period

@@ -23,6 +23,7 @@ from drake_pregrasp import (
     HalfSpace,
     HandModel,
     JointReference,
+    MeasurementFaults,
     NoisyPoseSensor,
     PoseEstimator,
     SafeRegionPartitioner,
@@ -81,6 +82,18 @@ def tip_goals(points):
 CASES = {
     "sensor": (
         lambda: NoisyPoseSensor(position_std=0.1, orientation_std=0.1),
+        {
+            "X_WO": (X_A, X_B, ["X_WO_measured"]),
+            "noise": (np.zeros(6), np.ones(6), ["X_WO_measured"]),
+        },
+    ),
+    "sensor with memory": (
+        lambda: NoisyPoseSensor(
+            position_std=0.1,
+            orientation_std=0.1,
+            period=0.1,
+            faults=MeasurementFaults(dropout_rate=1e-9),
+        ),
         {
             "X_WO": (X_A, X_B, ["X_WO_measured"]),
             "noise": (np.zeros(6), np.ones(6), ["X_WO_measured"]),

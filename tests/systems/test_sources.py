@@ -116,7 +116,7 @@ def measured(sensor, X_WO, noise):
     context = sensor.CreateDefaultContext()
     sensor.GetInputPort("X_WO").FixValue(context, X_WO)
     sensor.GetInputPort("noise").FixValue(context, noise)
-    return sensor.get_output_port().Eval(context)
+    return sensor.GetOutputPort("X_WO_measured").Eval(context)
 
 
 X_WO = RigidTransform(RollPitchYaw(0.3, -0.2, 2.0), [0.4, 0.5, 0.6])
@@ -139,7 +139,7 @@ def test_sensor_takes_drakes_random_inputs():
     builder = DiagramBuilder()
     sensor = builder.AddSystem(NoisyPoseSensor(position_std=0.1, orientation_std=0.2))
     builder.ExportInput(sensor.GetInputPort("X_WO"), "X_WO")
-    builder.ExportOutput(sensor.get_output_port(), "X_WM")
+    builder.ExportOutput(sensor.GetOutputPort("X_WO_measured"), "X_WM")
     assert AddRandomInputs(0.1, builder) == 1
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()

@@ -158,7 +158,7 @@ def _plant_and_estimator(scenario: Scenario, surface: ObjectSurface) -> Diagram:
     )
     builder.Connect(plant.GetOutputPort("X_WO"), sensor.GetInputPort("X_WO"))
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
-    builder.Connect(sensor.get_output_port(), estimator.GetInputPort("X_WO_measured"))
+    builder.Connect(sensor.GetOutputPort("X_WO_measured"), estimator.GetInputPort("X_WO_measured"))
     return builder.Build()
 
 

@@ -147,4 +147,4 @@ def _add_sensor(
     )
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
     builder.Connect(station.GetOutputPort("X_WO"), sensor.GetInputPort("X_WO"))
-    return sensor.get_output_port()
+    return sensor.GetOutputPort("X_WO_measured")
