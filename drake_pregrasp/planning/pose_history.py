@@ -46,6 +46,7 @@ class PoseTrack:
         rival: What refused measurements that agree with each other say; empty if there are none.
         rival_count: How many they are.
         noisiness: How much of its expected noise the sensor has shown of late, from 0 to 1.
+        excess: How much larger innovations were of late than expected, as a variance.
         verdict: What became of the last measurement.
         innovation_squared: Of the last one that was compared with a prediction: νᵀ S⁻¹ ν of
             position and orientation, shape (2,).
@@ -56,6 +57,7 @@ class PoseTrack:
     rival: PoseBelief
     rival_count: int
     noisiness: float
+    excess: float
     verdict: MeasurementVerdict
     innovation_squared: FloatArray
 
@@ -73,6 +75,7 @@ class PoseTrack:
             rival=PoseBelief.empty(),
             rival_count=0,
             noisiness=0.0,
+            excess=1.0,
             verdict=MeasurementVerdict.NOTHING_NEW,
             innovation_squared=np.zeros(2),
         )
@@ -126,7 +129,7 @@ class PoseTrack:
         """Returns it as one vector, for a discrete state."""
         return np.concatenate(
             [
-                [self.rival_count, self.noisiness, self.verdict],
+                [self.rival_count, self.noisiness, self.excess, self.verdict],
                 self.innovation_squared,
                 self.last_seen.to_vector(),
                 self.rival.to_vector(),
@@ -137,13 +140,14 @@ class PoseTrack:
     @staticmethod
     def from_vector(vector: FloatArray) -> "PoseTrack":
         """Inverse of `to_vector`."""
-        seen, rival, steps = np.split(vector[5:], np.cumsum([_MEASUREMENT_SIZE, PoseBelief.SIZE]))
+        seen, rival, steps = np.split(vector[6:], np.cumsum([_MEASUREMENT_SIZE, PoseBelief.SIZE]))
         return PoseTrack(
             steps=steps.reshape(-1, Step.SIZE),
             last_seen=PoseMeasurement.from_vector(seen),
             rival=PoseBelief.from_vector(rival),
             rival_count=int(vector[0]),
             noisiness=float(vector[1]),
-            verdict=MeasurementVerdict(int(vector[2])),
-            innovation_squared=vector[3:5],
+            excess=float(vector[2]),
+            verdict=MeasurementVerdict(int(vector[3])),
+            innovation_squared=vector[4:6],
         )

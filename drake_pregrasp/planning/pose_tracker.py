@@ -4,6 +4,7 @@ The pose filter does the estimating; this decides which measurements it gets, an
 remembers is a `PoseTrack`; `take` is the step from one to the next.
 """
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,16 +21,20 @@ from drake_pregrasp.planning.pose_filter import (
 )
 from drake_pregrasp.planning.pose_history import PoseTrack, Step
 from drake_pregrasp.planning.pose_measurement import MeasurementVerdict, PoseMeasurement
+from drake_pregrasp.planning.shown_noise import excess_after, noisiness_after
 
 _VAGUE = 1.0  # Radians: a prior less certain of its orientation can't tell which way it turned.
 _NOISY = 0.25  # Of what an innovation is on average: with less than that a sensor has no noise.
-_MEMORY = 0.05  # Share of the newest innovation in that average.
+_TOLERATED = 2.0  # Excess of the sensor's noise, as a variance, that may be chance.
 _AT_REST = 3.0  # Standard deviations: slower ones may be none.
 
 
 @dataclass(frozen=True)
 class TrackerSettings:
     """What measurements have to be like.
+
+    A sensor that turns out to be noisier than assumed is believed less: once its innovations have
+    been larger than expected for a while, its noise is taken to be as much larger, up to threefold.
 
     Attributes:
         noise: What the filter assumes.
@@ -92,15 +97,17 @@ def take(
     prior = predict(track.newest, measurement.time - track.newest.time, settings.noise)
     if _is_vague(prior, settings.noise):
         return _started(track, measurement, settings)
-    new = _innovation(prior, measurement, settings)
+    factor = track.excess if track.excess > _TOLERATED else 1.0
+    new = _innovation(prior, measurement, settings, factor)
     squared = new.squared
+    track = replace(track, excess=excess_after(track.excess, factor * squared))
     if settings.expects(squared):
         step = Step(measurement, corrected(prior, new))
         return replace(
             track.extended(step),
             rival=PoseBelief.empty(),
             rival_count=0,
-            noisiness=_noisiness(track.noisiness, squared),
+            noisiness=noisiness_after(track.noisiness, squared),
             verdict=MeasurementVerdict.USED,
             innovation_squared=squared,
         )
@@ -164,22 +171,23 @@ def _first_belief(measurement: PoseMeasurement, settings: TrackerSettings) -> Po
 
 
 def _innovation(
-    prior: PoseBelief, measurement: PoseMeasurement, settings: TrackerSettings
+    prior: PoseBelief,
+    measurement: PoseMeasurement,
+    settings: TrackerSettings,
+    factor: float = 1.0,
 ) -> Innovation:
-    return innovation(prior, measurement.p_WCoM, measurement.R_WO, settings.noise, settings.p_OCoM)
+    """Returns what is new in a measurement whose noise has `factor` times the assumed variance."""
+    noise = settings.noise
+    if factor != 1:
+        std = math.sqrt(factor)
+        noise = replace(noise, position=std * noise.position, orientation=std * noise.orientation)
+    return innovation(prior, measurement.p_WCoM, measurement.R_WO, noise, settings.p_OCoM)
 
 
 def _is_vague(prior: PoseBelief, noise: PoseFilterNoise) -> bool:
     """Whether its orientation is too uncertain to be corrected by a small turn."""
     variance = np.max(np.diag(prior.P_orientation)[:3])
     return bool(variance > _VAGUE**2 + noise.orientation**2)
-
-
-def _noisiness(before: float, innovation_squared: FloatArray) -> float:
-    """Returns the running mean of innovations, each at most 1: what noise gives on average."""
-    degrees = 3 * len(innovation_squared)
-    newest = min(1.0, float(np.sum(innovation_squared)) / degrees)
-    return (1 - _MEMORY) * before + _MEMORY * newest
 
 
 def _is_suspicious(track: PoseTrack) -> bool:

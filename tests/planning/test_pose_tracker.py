@@ -238,3 +238,19 @@ def test_vector_form_loses_nothing():
 def test_bad_settings_are_refused(change):
     with pytest.raises(InvalidArgumentError, match=next(iter(change))):
         TrackerSettings(NOISE, **change)
+
+
+@pytest.mark.parametrize("factor", [1.0, 4.0])
+def test_a_sensor_noisier_than_assumed_is_believed_less(factor):
+    rng = np.random.default_rng(12)
+    stream = in_time(40, rng) + [
+        (k * DT, measured(k * DT, rng, noise=factor)) for k in range(40, 160)
+    ]
+    track, verdicts = follow(stream)
+    assert (track.excess > 2) == (factor > 2)
+    assert MeasurementVerdict.REACQUIRED not in verdicts
+    errors = []
+    for count in range(80, 160):
+        now, _ = stream[count - 1]
+        errors.append(error(follow(stream[:count])[0], now) if count % 10 == 0 else 0.0)
+    assert max(errors) < 2 * factor * NOISE.position
