@@ -28,6 +28,7 @@ from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.smooth_file import load_estimator, smooth_file
 from drake_pregrasp.simulation.summary import MEASURES
 from drake_pregrasp.studies.bench.bench import bench
+from drake_pregrasp.studies.faults.study import study_faults
 from drake_pregrasp.studies.gallery import make_gallery
 from drake_pregrasp.studies.grasp_pictures import picture_grasps
 from drake_pregrasp.studies.lookahead import study_lookahead
@@ -45,6 +46,7 @@ INTERRUPTED = 130
 BROKEN_PIPE = 141
 
 _STUDIES = {
+    "faults": (study_faults, "how the planner stands up to faulty measurements"),
     "gallery": (make_gallery, "pictures of the shipped scenarios, with their measures"),
     "grasps": (picture_grasps, "pictures of the shipped hands"),
     "lookahead": (study_lookahead, "what goals for a later pose gain on fast objects"),
