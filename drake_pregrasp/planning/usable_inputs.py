@@ -1,0 +1,85 @@
+"""Which of others' numbers can be used, and what stands in for those that can't."""
+
+import numpy as np
+
+from drake_pregrasp.planning.arrays import FloatArray
+
+FARTHEST = 1e7
+"""Largest coordinate that is used, in metres; largest rate, in m/s or rad/s. Beyond it rounding
+alone is of the order of what fingertips may overlap."""
+
+LARGEST_WEIGHT = 1e4
+"""Largest size of a contact's weight h_i, in m²: one contact then has all ground, or none."""
+
+LARGEST_VARIANCE = 100.0
+"""Largest element of a covariance, in m²: over any object Eq. 3 then is flat."""
+
+_ORTHONORMAL = 1e-5  # Largest error of a rotation, in R'R - 1: as of one in single precision.
+_ASYMMETRY = 1e-9  # Share of the largest element that rounding puts between a matrix and R'.
+
+
+def is_usable_pose(R: FloatArray, p: FloatArray) -> bool:
+    """Returns whether a pose is one: finite, not too far, and with a rotation.
+
+    Args:
+        R: Shape (3, 3).
+        p: Shape (3,), in metres.
+    """
+    # NaN fails each comparison.
+    if not (np.all(np.abs(p) <= FARTHEST) and np.all(np.abs(R) <= 1 + _ORTHONORMAL)):
+        return False
+    error = np.max(np.abs(R.T @ R - np.eye(3)))
+    return bool(error <= _ORTHONORMAL and np.linalg.det(R) > 0)
+
+
+def usable_rates(rates: FloatArray) -> FloatArray:
+    """Returns rates as they are if all are finite and not too large, or else zeros.
+
+    Args:
+        rates: Of any shape, in m/s or rad/s.
+    """
+    return rates if np.all(np.abs(rates) <= FARTHEST) else np.zeros_like(rates)
+
+
+def usable_weights(contact_weights: FloatArray) -> FloatArray:
+    """Returns weights h_i within `LARGEST_WEIGHT`, shape (n,), in m².
+
+    Those that are -inf stay so: their fingers are lost. A weight that is no number is one of those.
+
+    Args:
+        contact_weights: Shape (n,), in m².
+    """
+    usable = np.clip(contact_weights, -LARGEST_WEIGHT, LARGEST_WEIGHT)
+    usable[~(contact_weights > -np.inf)] = -np.inf
+    return usable
+
+
+def usable_covariance(covariance_W: FloatArray, R_WO: FloatArray, spread: float) -> FloatArray:
+    """Returns Sigma of Eq. 3 in O with the spread added, shape (3, 3), in m², positive definite.
+
+    A covariance that isn't finite is left out: what the spread alone weighs is what that of a
+    filter, of millimetres, hardly changes. One that is too large is scaled down, and of a matrix
+    that is no covariance the nearest one is taken.
+
+    Args:
+        covariance_W: In W, shape (3, 3), in m².
+        R_WO: Rotation of O in W, shape (3, 3).
+        spread: Standard deviation to add, in metres.
+    """
+    largest = np.max(np.abs(covariance_W))
+    if not np.isfinite(largest):
+        covariance_W = np.zeros((3, 3))
+    elif largest > LARGEST_VARIANCE:
+        covariance_W = covariance_W / largest * LARGEST_VARIANCE
+    added = spread**2 * np.eye(3)
+    covariance_O: FloatArray = R_WO.T @ covariance_W @ R_WO + added
+    if np.max(np.abs(covariance_O - covariance_O.T)) <= _ASYMMETRY * np.max(np.abs(covariance_O)):
+        try:
+            np.linalg.cholesky(covariance_O)
+        except np.linalg.LinAlgError:
+            pass
+        else:
+            return covariance_O
+    variances, axes = np.linalg.eigh((covariance_O + covariance_O.T) / 2 - added)
+    nearest: FloatArray = axes * np.maximum(variances, 0) @ axes.T + added
+    return nearest
