@@ -41,6 +41,15 @@ def usable_rates(rates: FloatArray) -> FloatArray:
     return rates if np.all(np.abs(rates) <= FARTHEST) else np.zeros_like(rates)
 
 
+def known_numbers(numbers: FloatArray) -> FloatArray:
+    """Returns numbers with NaN in place of those that are infinite or beyond `FARTHEST`.
+
+    Args:
+        numbers: Of any shape.
+    """
+    return np.where(np.abs(numbers) <= FARTHEST, numbers, np.nan)
+
+
 def usable_weights(contact_weights: FloatArray) -> FloatArray:
     """Returns weights h_i within `LARGEST_WEIGHT`, shape (n,), in m².
 

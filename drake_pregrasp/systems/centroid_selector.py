@@ -30,8 +30,8 @@ from drake_pregrasp.planning.strategies import make_strategy
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.planning.tracking_status import TrackingStatus
 from drake_pregrasp.planning.usable_inputs import usable_covariance
-from drake_pregrasp.systems.last_pose import LastPose
 from drake_pregrasp.systems.tick import SLACK, tick_is_due
+from drake_pregrasp.systems.usable_poses import LastPose
 
 
 class CentroidSelector(LeafSystem):

@@ -25,11 +25,10 @@ from drake_pregrasp.planning.solids import BallSolid
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.planning.usable_inputs import (
     FARTHEST,
-    is_usable_pose,
-    usable_rates,
     usable_weights,
 )
 from drake_pregrasp.planning.wall_test import WALL_TESTS, SurfaceGraph, normals_agree
+from drake_pregrasp.systems.usable_poses import is_usable, usable_velocity
 
 _NO_OBSTACLES = Obstacles()
 _NOWHERE = FingerReach(BallSolid(np.array([FARTHEST, 0.0, 0.0]), 0.0))
@@ -177,7 +176,7 @@ class SafeRegionPartitioner(LeafSystem):
 
     def _calc_regions(self, context: Context, output: AbstractValue) -> None:
         X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
-        if not is_usable_pose(X_WO.rotation().matrix(), X_WO.translation()):
+        if not is_usable(X_WO):
             output.set_value(self._no_regions())
             return
         X_OW = X_WO.inverse()
@@ -246,7 +245,7 @@ class SafeRegionPartitioner(LeafSystem):
         X_OH = X_OW
         if self._X_WH.HasValue(context):
             X_WH: RigidTransform = self._X_WH.Eval(context)
-            if not is_usable_pose(X_WH.rotation().matrix(), X_WH.translation()):
+            if not is_usable(X_WH):
                 return [reach and _NOWHERE for reach in self._reach]
             X_OH = X_OW @ X_WH
         R_OH, p_OH = X_OH.rotation().matrix(), X_OH.translation()
@@ -257,8 +256,7 @@ class SafeRegionPartitioner(LeafSystem):
         X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
         R_WO, p_WO = X_WO.rotation().matrix(), X_WO.translation()
         if self._V_WO.HasValue(context):
-            V_WO: SpatialVelocity = self._V_WO.Eval(context)
-            w_WO, v_WO = usable_rates(np.stack([V_WO.rotational(), V_WO.translational()]))
-            R_WO = rotation_matrix(w_WO * seconds) @ R_WO
-            p_WO = p_WO + v_WO * seconds
+            V_WO = usable_velocity(self._V_WO.Eval(context))
+            R_WO = rotation_matrix(V_WO.rotational() * seconds) @ R_WO
+            p_WO = p_WO + V_WO.translational() * seconds
         return place_obstacles(in_world, R_WO.T, -R_WO.T @ p_WO, seconds=seconds)
