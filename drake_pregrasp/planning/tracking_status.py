@@ -22,9 +22,3 @@ class TrackingStatus(IntEnum):
     def is_followed(self) -> bool:
         """Whether goals may follow the estimate."""
         return self in (TrackingStatus.TRACKING, TrackingStatus.COASTING)
-
-    @staticmethod
-    def from_number(number: float) -> "TrackingStatus":
-        """Returns the status that a number of a port stands for; `LOST` if it stands for none."""
-        known = {float(status): status for status in TrackingStatus}
-        return known.get(float(number), TrackingStatus.LOST)

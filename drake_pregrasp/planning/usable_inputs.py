@@ -3,6 +3,7 @@
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.tracking_status import TrackingStatus
 
 FARTHEST = 1e7
 """Largest coordinate that is used, in metres; largest rate, in m/s or rad/s. Beyond it rounding
@@ -25,11 +26,28 @@ def is_usable_pose(R: FloatArray, p: FloatArray) -> bool:
         R: Shape (3, 3).
         p: Shape (3,), in metres.
     """
-    # NaN fails each comparison.
-    if not (np.all(np.abs(p) <= FARTHEST) and np.all(np.abs(R) <= 1 + _ORTHONORMAL)):
+    # Three coordinates are compared sooner one by one than by numpy; NaN fails each comparison.
+    if not all(abs(coordinate) <= FARTHEST for coordinate in p.tolist()):
         return False
-    error = np.max(np.abs(R.T @ R - np.eye(3)))
-    return bool(error <= _ORTHONORMAL and np.linalg.det(R) > 0)
+    x, y, z = R.T.tolist()
+    units = (_dot(x, x), _dot(y, y), _dot(z, z))
+    level = (_dot(x, y), _dot(y, z), _dot(z, x))
+    third = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]
+    return (
+        all(abs(unit - 1) <= _ORTHONORMAL for unit in units)
+        and all(abs(cosine) <= _ORTHONORMAL for cosine in level)
+        and _dot(third, z) > 0
+    )
+
+
+def _dot(a: list[float], b: list[float]) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def usable_status(number: float) -> TrackingStatus:
+    """Returns the status that a number of a port stands for; `LOST` if it stands for none."""
+    known = {float(status): status for status in TrackingStatus}
+    return known.get(float(number), TrackingStatus.LOST)
 
 
 def usable_rates(rates: FloatArray) -> FloatArray:

@@ -28,8 +28,7 @@ from drake_pregrasp.planning.safe_regions import SafeRegions
 from drake_pregrasp.planning.selection_input import ContactGoals, SelectionInput
 from drake_pregrasp.planning.strategies import make_strategy
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
-from drake_pregrasp.planning.tracking_status import TrackingStatus
-from drake_pregrasp.planning.usable_inputs import usable_covariance
+from drake_pregrasp.planning.usable_inputs import usable_covariance, usable_status
 from drake_pregrasp.systems.tick import SLACK, tick_is_due
 from drake_pregrasp.systems.usable_poses import LastPose
 
@@ -268,7 +267,7 @@ class CentroidSelector(LeafSystem):
 
     def _is_tracked(self, context: Context) -> bool:
         if self._tracking_status.HasValue(context):
-            status = TrackingStatus.from_number(self._tracking_status.Eval(context)[0])
+            status = usable_status(self._tracking_status.Eval(context)[0])
             if not status.is_followed:
                 return False
         return self._pose.is_usable(context)

@@ -21,8 +21,7 @@ from drake_pregrasp.planning.placed_obstacles import all_are_known, place_obstac
 from drake_pregrasp.planning.region_constraints import Obstacles
 from drake_pregrasp.planning.rotation_vectors import rotation_matrix
 from drake_pregrasp.planning.solids import Solid
-from drake_pregrasp.planning.tracking_status import TrackingStatus
-from drake_pregrasp.planning.usable_inputs import known_numbers
+from drake_pregrasp.planning.usable_inputs import known_numbers, usable_status
 from drake_pregrasp.systems.usable_poses import (
     LastPose,
     is_usable,
@@ -259,7 +258,7 @@ class FingertipGoalShaper(LeafSystem):
     def _is_tracked(self, context: Context) -> bool:
         if not self._tracking_status.HasValue(context):
             return True
-        status = TrackingStatus.from_number(self._tracking_status.Eval(context)[0])
+        status = usable_status(self._tracking_status.Eval(context)[0])
         return status.is_followed
 
     def _sample_targets(self, context: Context, discrete_state: DiscreteValues) -> None:

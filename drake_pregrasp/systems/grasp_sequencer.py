@@ -19,8 +19,7 @@ from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.grasp_phases import next_state
 from drake_pregrasp.planning.grasp_state import GraspPhase, GraspSettings, GraspState, GraspView
 from drake_pregrasp.planning.squeeze import Squeeze, safest_squeeze
-from drake_pregrasp.planning.tracking_status import TrackingStatus
-from drake_pregrasp.planning.usable_inputs import known_numbers
+from drake_pregrasp.planning.usable_inputs import known_numbers, usable_status
 from drake_pregrasp.systems.usable_poses import LastPose, usable_velocity
 
 GRAVITY = 9.81
@@ -210,7 +209,7 @@ class GraspSequencer(LeafSystem):
 
     def _sees(self, context: Context) -> bool:
         if self._tracking_status.HasValue(context):
-            status = TrackingStatus.from_number(self._tracking_status.Eval(context)[0])
+            status = usable_status(self._tracking_status.Eval(context)[0])
             if not status.is_followed:
                 return False
         return self._pose.is_usable(context)

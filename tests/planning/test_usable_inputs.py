@@ -14,6 +14,7 @@ from drake_pregrasp.planning.usable_inputs import (
     is_usable_pose,
     usable_covariance,
     usable_rates,
+    usable_status,
     usable_weights,
 )
 
@@ -88,5 +89,5 @@ def test_rates_are_used_all_or_none(numbers):
 
 @given(ANY_NUMBER)
 def test_what_is_no_status_is_one_that_nobody_follows(number):
-    status = TrackingStatus.from_number(number)
+    status = usable_status(number)
     assert status == (number if number in list(TrackingStatus) else TrackingStatus.LOST)
