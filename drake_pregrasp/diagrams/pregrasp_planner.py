@@ -238,6 +238,10 @@ class PregraspPlanner(Diagram):
             (selector, "p_WC_previous", partitioner, "p_WC"),
         ):
             builder.Connect(source.GetOutputPort(output), target.GetInputPort(target_input))
+        if estimator.HasOutputPort("tracking_status"):
+            builder.Connect(
+                estimator.GetOutputPort("tracking_status"), selector.GetInputPort("tracking_status")
+            )
 
         builder.ExportInput(estimator.GetInputPort("X_WO_measured"), "X_WO_measured")
         for name in ("contact_weights", "obstacles", "X_WH"):

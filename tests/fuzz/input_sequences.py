@@ -94,6 +94,12 @@ def _is_held(variant: Variant, context: Context) -> bool:
     return not is_usable(variant.selector.GetInputPort("X_WO_estimated").Eval(own))
 
 
+def _is_lost(variant: Variant, context: Context) -> np.ndarray:
+    own = variant.partitioner.GetMyContextFromRoot(context)
+    weights = variant.partitioner.GetInputPort("contact_weights")
+    return ~(weights.Eval(own) > -np.inf) if weights.HasValue(own) else np.zeros(3, dtype=bool)
+
+
 def _check_outputs(variant: Variant, context: Context) -> None:
     diagram = variant.diagram
     for index in range(diagram.num_output_ports()):
@@ -131,7 +137,9 @@ def _check_step(
     _require(np.max(off[active], initial=0) <= CONTACT_TOLERANCE, "active on forbidden ground")
     if held:
         return
-    _require(np.array_equal(status == ContactStatus.LOST, regions.lost), "who is lost differs")
+    _require(
+        np.array_equal(status == ContactStatus.LOST, _is_lost(variant, context)), "who is lost"
+    )
     _require(not np.any(active & (regions.sizes() == 0)), "active without a region")
     constraints = regions.constraints
     for contact in np.flatnonzero(active).tolist():
