@@ -61,11 +61,10 @@ class FingertipSensor(LeafSystem):
 
     def _calc_posed(self, context: Context, output: AbstractValue) -> None:
         q = self._positions(context)
-        if not np.any(np.isnan(q)):  # Drake refuses such positions; nobody asks for them below.
-            self._hand.plant.SetPositions(output.get_mutable_value(), q)
+        self._hand.plant.SetPositions(output.get_mutable_value(), q)
 
     def _calc_positions(self, context: Context, output: BasicVector) -> None:
-        if np.any(np.isnan(self._positions(context))):
+        if np.any(np.isnan(self._positions(context))):  # Drake ends the process for such ones.
             output.SetFromVector(np.full(output.size(), np.nan))
             return
         output.SetFromVector(self._hand.tip_positions(self._posed.Eval(context)).ravel())
