@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import (
@@ -12,6 +13,7 @@ from pydrake.systems.framework import (
     DiscreteValues,
     InputPort,
     LeafSystem,
+    ValueProducer,
 )
 
 from drake_pregrasp.errors import InvalidArgumentError
@@ -33,22 +35,30 @@ class LastPose:
     def __init__(self, system: LeafSystem, port: InputPort) -> None:
         self._port = port
         self._index: DiscreteStateIndex = system.DeclareDiscreteState(_to_vector(RigidTransform()))
-        self.tickets: set[DependencyTicket] = {
-            port.ticket(),
-            system.discrete_state_ticket(self._index),
-        }
+        self._used = system.DeclareCacheEntry(
+            f"what of {port.get_name()} is used",
+            ValueProducer(lambda: AbstractValue.Make((RigidTransform(), True)), self._calc_used),
+            {port.ticket(), system.discrete_state_ticket(self._index)},
+        )
+        self.tickets: set[DependencyTicket] = {self._used.ticket()}
+
+    def _calc_used(self, context: Context, output: AbstractValue) -> None:
+        X: RigidTransform = self._port.Eval(context)
+        if is_usable(X):
+            output.set_value((RigidTransform(X), True))  # What is evaluated is overwritten later.
+            return
+        stored = context.get_discrete_state(self._index).value()
+        output.set_value((RigidTransform(stored.reshape(3, 4)), False))
 
     def is_usable(self, context: Context) -> bool:
         """Returns whether the pose at the port can be used."""
-        return is_usable(self._port.Eval(context))
+        usable: bool = self._used.Eval(context)[1]
+        return usable
 
     def eval(self, context: Context) -> RigidTransform:
         """Returns the pose at the port, or the stored one."""
-        X: RigidTransform = self._port.Eval(context)
-        if is_usable(X):
-            return X
-        stored = context.get_discrete_state(self._index).value()
-        return RigidTransform(stored.reshape(3, 4))
+        X: RigidTransform = self._used.Eval(context)[0]
+        return X
 
     def store(self, context: Context, discrete_state: DiscreteValues) -> None:
         """Remembers the pose at the port, if there is one that can be used."""
