@@ -299,6 +299,11 @@ def _report(result: RunResult, options: argparse.Namespace) -> None:
     )
     if "grasp" in summary:
         print(f"grasp       {_grasp_in_words(summary['grasp'])}")
+    if summary["deadline_overruns"]:
+        print(
+            f"late        {summary['deadline_overruns']} of {summary['ticks']} ticks took longer"
+            " than planner.period"
+        )
     for contact, reason in summary["inactive_contacts"].items():
         print(f"at the end contact {contact} has no place, and doesn't count: {reason}")
     if not result.completed:

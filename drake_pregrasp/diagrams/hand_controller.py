@@ -43,6 +43,7 @@ class HandController(Diagram):
         - hand_state
         - net_actuation
         - obstacles
+        - tracking_status
         output_ports:
         - desired_state
         - p_GT
@@ -54,13 +55,13 @@ class HandController(Diagram):
         - grasp_report
 
     The ports are those of the systems inside, which document them. From the planner come
-    `fingertip_targets`, `contact_status`, `X_WO_estimated` and `V_WO_estimated`; `obstacles` is
-    optional; `close` is the command. From the hand's plant come `hand_state` and `net_actuation`,
-    and back goes `desired_state` (`JointReference`). For those who watch there are `p_GT`
-    (`FingertipGoalShaper`), `p_WT` and `f_T_W` (`FingertipSensor`), `X_WG` and `grasp_report`
-    (`GraspSequencer`). For the planner there are `X_WH` (`CarrierPosture` or `ArmPosture`), with
-    which it knows what fingers reach, and `hold_contacts` (`GraspSequencer`), with which it rests
-    while the hand grasps.
+    `fingertip_targets`, `contact_status`, `X_WO_estimated`, `V_WO_estimated` and, optional,
+    `tracking_status`; `obstacles` is optional, too; `close` is the command. From the hand's plant
+    come `hand_state` and `net_actuation`, and back goes `desired_state` (`JointReference`). For
+    those who watch there are `p_GT` (`FingertipGoalShaper`), `p_WT` and `f_T_W`
+    (`FingertipSensor`), `X_WG` and `grasp_report` (`GraspSequencer`). For the planner there are
+    `X_WH` (`CarrierPosture` or `ArmPosture`), with which it knows what fingers reach, and
+    `hold_contacts` (`GraspSequencer`), with which it rests while the hand grasps.
 
     Goals are carried ahead by the control period, in which the reference gets there, and by the
     plant's time step, at whose start it samples desired states.
@@ -205,6 +206,7 @@ class HandController(Diagram):
             ("hand_state", (sensor,)),
             ("net_actuation", (sensor,)),
             ("obstacles", (shaper,)),
+            ("tracking_status", (shaper, sequencer)),
         ):
             builder.ExportInput(first.GetInputPort(name), name)
             for system in others:

@@ -39,6 +39,10 @@ class PlannerConfig:
     # Seconds for which the initial contacts are held on the object before they adapt.
     static_duration: float = field(default=4.0, metadata={"at_least": 0, "at_most": 1e6})
 
+    # While the object isn't tracked, the targets of fingertips are that far off its surface, in
+    # metres.
+    lost_standoff: float = field(default=0.02, metadata={"at_least": 0, "at_most": 10})
+
     # How a contact moves inside its safe region: position tracking (Eq. 3), a measure (Eq. 5-7),
     # the force-closure margin, or the blend of them that is stated below.
     strategy: str = field(default="position", metadata={"one_of": (*STRATEGIES, BLEND)})
@@ -176,6 +180,7 @@ class PregraspPlanner(Diagram):
                 in_turns=config.in_turns,
                 position_spread=config.position_spread,
                 static_duration=config.static_duration,
+                lost_standoff=config.lost_standoff,
                 limits=config.limits.make_limits(config.period, config.friction),
                 verify_contacts=config.verify_contacts,
                 fingertip_frames=fingertip_frames,
@@ -190,6 +195,10 @@ class PregraspPlanner(Diagram):
             (selector, "p_WC_previous", partitioner, "p_WC"),
         ):
             builder.Connect(source.GetOutputPort(output), target.GetInputPort(target_input))
+        if estimator.HasOutputPort("tracking_status"):
+            builder.Connect(
+                estimator.GetOutputPort("tracking_status"), selector.GetInputPort("tracking_status")
+            )
 
         for name in ("X_WO_measured", "measurement_time"):
             builder.ExportInput(estimator.GetInputPort(name), name)

@@ -81,8 +81,10 @@ def _fault(
 ) -> tuple[GiveUp, float] | None:
     if not view.close:
         return GiveUp.TOLD_TO_OPEN, 0.0
+    if state.phase == GraspPhase.CLOSE and not view.sees:  # It has no hold yet.
+        return GiveUp.OBJECT_UNSEEN, 0.0
     excess = view.presses - CRUSHING * settings.largest_force
-    hardest = int(np.argmax(excess))
+    hardest = int(np.argmax(np.where(np.isnan(excess), -np.inf, excess)))
     if excess[hardest] > 0:
         return GiveUp.PRESSED_TOO_HARD, hardest
     if state.phase >= GraspPhase.LIFT:
@@ -109,7 +111,16 @@ def _open(state: GraspState, view: GraspView, reason: GiveUp, detail: float) -> 
 def _approach(
     state: GraspState, view: GraspView, settings: GraspSettings, period: float, squeeze: object
 ) -> GraspState:
-    return _enter(state, GraspPhase.TRACK, view) if state.height.is_over(view.time) else state
+    """Comes down, and stays at its height as long as it doesn't see what it comes down to."""
+    now = view.time
+    if not view.sees:
+        return replace(state, height=Ramp.at_rest(state.height.value(now)))
+    if not state.height.is_over(now):
+        return state
+    if state.height.last > 0:
+        down = Ramp(now, settings.approach_duration, state.height.last, 0.0)
+        return replace(state, height=down)
+    return _enter(state, GraspPhase.TRACK, view)
 
 
 def _track(
@@ -119,9 +130,17 @@ def _track(
     period: float,
     squeeze: Callable[[BoolArray], Squeeze],
 ) -> GraspState:
-    """Waits, with a limit, for fingers on their way and for a grasp that can hold."""
+    """Waits, with a limit, for fingers on their way and for a grasp that can hold.
+
+    For an object to be seen again it waits without one, and the limit begins anew after that.
+    """
     if np.isinf(state.asked):
         return state
+    if not view.sees:
+        waiting = _enter(state, GraspPhase.TRACK, view)
+        return replace(waiting, reason=GiveUp.OBJECT_UNSEEN, detail=0.0)
+    if state.reason == GiveUp.OBJECT_UNSEEN:
+        state = replace(state, reason=GiveUp.NONE, detail=0.0)
     waited = view.time - max(state.asked, state.since) >= settings.gate_limit - 1e-9
     if not waited and not fingers_have_arrived(view, settings):
         return state
@@ -146,7 +165,8 @@ def _close(
     speed = np.minimum(settings.closing_speed, settings.closing_acceleration * elapsed)
     moving = state.active & ~touched
     # A finger that meets the object stays where it is, and no longer where it was to go.
-    standoffs = np.where(touches, view.gaps, state.standoffs - np.where(moving, speed * period, 0))
+    met = np.maximum(view.gaps, -np.asarray(settings.search))
+    standoffs = np.where(touches, met, state.standoffs - np.where(moving, speed * period, 0))
     state = replace(state, touched=touched, standoffs=standoffs)
     if not np.any(moving):
         return _begin_squeeze(state, view, settings, squeeze)

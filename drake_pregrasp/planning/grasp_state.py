@@ -22,7 +22,7 @@ class GraspPhase(IntEnum):
 
 
 class GiveUp(IntEnum):
-    """Why the hand has opened again."""
+    """Why the hand has opened again, or waits to close."""
 
     NONE = 0
     TOLD_TO_OPEN = 1
@@ -31,6 +31,7 @@ class GiveUp(IntEnum):
     PRESSED_TOO_HARD = 4
     OUT_OF_BALANCE = 5
     LOST_TOUCH = 6
+    OBJECT_UNSEEN = 7
 
 
 _REASONS = {
@@ -40,11 +41,12 @@ _REASONS = {
     GiveUp.PRESSED_TOO_HARD: "finger {:.0f} pressed too hard",
     GiveUp.OUT_OF_BALANCE: "no squeeze balances the weight: {:.2f} N are left",
     GiveUp.LOST_TOUCH: "finger {:.0f} lost touch",
+    GiveUp.OBJECT_UNSEEN: "the object is lost from sight",
 }
 
 
 def describe_give_up(reason: int, detail: float) -> str | None:
-    """Returns why the hand has opened in words, or None if it hasn't.
+    """Returns why the hand has opened, or waits to close, in words, or None if it doesn't.
 
     Args:
         reason: A `GiveUp`, of the last time it did, until it closes again.
@@ -209,7 +211,7 @@ class GraspState:
 
 @dataclass(frozen=True, eq=False)
 class GraspView:
-    """What the hand sees at a tick.
+    """What the hand sees at a tick; NaN stands for what is not known of a finger.
 
     Attributes:
         time: In seconds.
@@ -219,6 +221,7 @@ class GraspView:
         gaps: Between each fingertip and the surface at its contact, shape (n,), in metres.
         presses: Normal force of each fingertip on the object, shape (n,), in newtons. Until the
             hand closes they are not looked at.
+        sees: Whether the object is tracked.
     """
 
     time: float
@@ -227,3 +230,4 @@ class GraspView:
     distances: FloatArray
     gaps: FloatArray
     presses: FloatArray
+    sees: bool = True

@@ -55,7 +55,8 @@ class Obstacles:
         velocities: Of the solids, shape (k, 3), in m/s; empty if they don't move. Points don't.
 
     Raises:
-        InvalidArgumentError: If velocities are neither none nor one a solid.
+        InvalidArgumentError: If velocities are neither none nor one a solid, or a number isn't
+            finite.
     """
 
     solids: tuple[Solid, ...] = ()
@@ -68,6 +69,15 @@ class Obstacles:
                 f"velocities must be none or have shape ({len(self.solids)}, 3), one a solid, not"
                 f" {self.velocities.shape}"
             )
+        for name, numbers in (
+            ("points", self.points.points),
+            ("radii", self.points.radii),
+            ("velocities", self.velocities),
+        ):
+            if not np.all(np.isfinite(numbers)):
+                raise InvalidArgumentError(
+                    f"{name} of obstacles must be finite, not {numbers.tolist()}"
+                )
 
     def after(self, seconds: float) -> "Obstacles":
         """Returns where they are some time later."""
@@ -174,7 +184,8 @@ class RegionConstraints:
             unreached = ~reach.permits(points, normals, tips)
             limits[unreached & (limits == Limit.NONE)] = Limit.REACH
         for index, gap in self._obstacle_gaps(points + radius * normals, normals):
-            touched = (gap < radius + self.clearance) & (limits == Limit.NONE)
+            # What has no distance may be near.
+            touched = ~(gap >= radius + self.clearance) & (limits == Limit.NONE)
             limits[touched], causes[touched] = Limit.OBSTACLE, index
         return limits, causes
 

@@ -47,6 +47,8 @@ class BallSolid(Solid):
     def __post_init__(self) -> None:
         if not self.radius >= 0:
             raise InvalidArgumentError(f"a ball's radius must be at least 0 m, not {self.radius}")
+        for name, numbers in (("radius", self.radius), ("center", self.center)):
+            _check_finite(f"a ball's {name}", numbers)
 
     def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `Solid`; at the centre the gradient is +z."""
@@ -78,6 +80,8 @@ class BoxSolid(Solid):
             raise InvalidArgumentError(
                 f"a box's edges must be at least 0 m long, not {list(self.size)}"
             )
+        for name, numbers in (("edges", self.size), ("center", self.center), ("R_FB", self.R_FB)):
+            _check_finite(f"a box's {name}", numbers)
 
     def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `Solid`."""
@@ -109,6 +113,8 @@ class HalfSpace(Solid):
     normal: FloatArray
 
     def __post_init__(self) -> None:
+        for name, numbers in (("point", self.point), ("normal", self.normal)):
+            _check_finite(f"a half-space's {name}", numbers)
         length = float(np.linalg.norm(self.normal))
         if not length > 0:
             raise InvalidArgumentError("a half-space's normal must not be zero")
@@ -126,6 +132,11 @@ class HalfSpace(Solid):
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "HalfSpace":
         """See `Solid`."""
         return HalfSpace(R_GF @ self.point + p_GF, R_GF @ self.normal)
+
+
+def _check_finite(name: str, numbers: float | FloatArray) -> None:
+    if not np.all(np.isfinite(numbers)):
+        raise InvalidArgumentError(f"{name} must be finite, not {np.asarray(numbers).tolist()}")
 
 
 def _unit(vectors: FloatArray, lengths: FloatArray) -> FloatArray:

@@ -101,7 +101,10 @@ def connect_hand(
 ) -> None:
     """Connects a hand to the planner, to the command to close, and to who watches."""
     controller = hand.controller
-    for name in ("fingertip_targets", "contact_status", "X_WO_estimated", "V_WO_estimated"):
+    names = ["fingertip_targets", "contact_status", "X_WO_estimated", "V_WO_estimated"]
+    if planner.HasOutputPort("tracking_status"):
+        names.append("tracking_status")
+    for name in names:
         builder.Connect(planner.GetOutputPort(name), controller.GetInputPort(name))
     builder.Connect(
         controller.GetOutputPort("hold_contacts"), planner.GetInputPort("hold_contacts")

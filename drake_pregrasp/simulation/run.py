@@ -103,7 +103,12 @@ def run(
     folder = _prepare_folder(Path(out), name)  # Not before all else is known to be in order.
     with contextlib.ExitStack() as logs:
         log = logs.enter_context(
-            RunLog(folder / "log.csv", scenario.num_contacts, static_end=static_end(scenario))
+            RunLog(
+                folder / "log.csv",
+                scenario.num_contacts,
+                static_end=static_end(scenario),
+                deadline=scenario.planner.period,
+            )
         )
         if scenario.grasp.has_hand:
             grasp_log = logs.enter_context(GraspLog(folder / "grasp.csv", scenario.num_contacts))

@@ -20,6 +20,7 @@ class RunLog(CsvLog):
         path: The file to write; what was there is replaced.
         num_contacts: n.
         static_end: When the static phase ends, in seconds.
+        deadline: What a tick may take, in seconds.
 
     Attributes:
         num_ticks: How many there are.
@@ -31,12 +32,14 @@ class RunLog(CsvLog):
         OutputError: If the file can't be written.
     """
 
-    def __init__(self, path: Path, num_contacts: int, *, static_end: float = 0.0) -> None:
+    def __init__(
+        self, path: Path, num_contacts: int, *, static_end: float = 0.0, deadline: float = np.inf
+    ) -> None:
         super().__init__(path, log_columns(num_contacts))
         self.num_ticks = 0
         self.last_static: TickRecord | None = None
         self.last: TickRecord | None = None
-        self.tick_times = TickTimes()
+        self.tick_times = TickTimes(deadline)
         self._static_end = static_end
 
     def append(self, record: TickRecord) -> None:
@@ -67,6 +70,8 @@ def log_columns(num_contacts: int) -> list[str]:
         "position_error",
         *(f"c{i}_status" for i in contacts),
         *(f"c{i}_cause" for i in contacts),
+        "tracking_status",
+        "time_since_measurement",
     ]
 
 
@@ -96,6 +101,7 @@ def _row(record: TickRecord, previous: TickRecord) -> FloatArray:
             [np.sqrt(error @ error)],
             record.contact_status,
             record.contact_causes,
+            [record.tracking_status, record.time_since_measurement],
         ]
     )
 

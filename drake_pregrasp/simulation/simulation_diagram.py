@@ -130,6 +130,9 @@ def make_diagram(
             "X_WO_estimated",
         ):
             builder.Connect(planner.GetOutputPort(port), logger.GetInputPort(port))
+        for port in ("tracking_status", "time_since_measurement"):
+            if planner.HasOutputPort(port):
+                builder.Connect(planner.GetOutputPort(port), logger.GetInputPort(port))
     if meshcat is not None:
         path, direction = shown_path(scenario)
         add_recording(

@@ -19,6 +19,7 @@ from drake_pregrasp.simulation.phases import (
 )
 from drake_pregrasp.simulation.run_log import RunLog
 from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.tracking_summary import tracking_summary
 from drake_pregrasp.version import __version__
 
 MEASURES = ("q_msv", "q_gii", "q_vew")
@@ -38,7 +39,8 @@ def summarize(
 
     `static` holds means over the phase in which the initial contacts are held, `max` and `mean` are
     over the phase in which they adapt, and `final` is the last tick; null where there is no tick.
-    `inactive_contacts` says which have no place at the last tick, and why.
+    `inactive_contacts` says which have no place at the last tick, and why. `tracking` is of all
+    ticks, and `deadline_overruns` are those that took longer to compute than the planning period.
     With damage, `max` and `mean` end before the first loss, and `after_damage` follows the last.
     """
     time, *values = log.read("time", *MEASURES)
@@ -57,10 +59,12 @@ def summarize(
         **force_closure_summary(scenario, surface, static=log.last_static, final=log.last),
         **_after_damage(scenario, surface, measured, time),
         "inactive_contacts": inactive_contacts(scenario, log),
+        "tracking": tracking_summary(*log.read("tracking_status", "time_since_measurement")),
         "ticks": log.num_ticks,
         "simulated_seconds": float(time[-1]) if len(time) else 0.0,
         "tick_time_p50_ms": log.tick_times.percentile_ms(50),
         "tick_time_p99_ms": log.tick_times.percentile_ms(99),
+        "deadline_overruns": log.tick_times.overruns,
         "real_time_factor": float(time[-1]) / wall_seconds if len(time) else 0.0,
     }
 

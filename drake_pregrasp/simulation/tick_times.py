@@ -8,13 +8,23 @@ _DECADES = 9
 
 
 class TickTimes:
-    """A histogram of durations, on a logarithmic scale."""
+    """A histogram of durations, on a logarithmic scale.
 
-    def __init__(self) -> None:
+    Args:
+        deadline: What a tick may take, in seconds.
+
+    Attributes:
+        overruns: How many took longer than that.
+    """
+
+    def __init__(self, deadline: float = np.inf) -> None:
+        self.overruns = 0
+        self._deadline = deadline
         self._counts = np.zeros(int(_STEPS * _DECADES * np.log(10)), dtype=np.int64)
 
     def add(self, seconds: float) -> None:
         """Counts a tick."""
+        self.overruns += seconds > self._deadline
         bin_ = int(_STEPS * np.log(max(seconds, _SHORTEST) / _SHORTEST))
         self._counts[min(bin_, len(self._counts) - 1)] += 1
 

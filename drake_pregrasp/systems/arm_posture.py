@@ -19,6 +19,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.assignment import FREE_TURN, palm_turn
 from drake_pregrasp.systems.carrier_posture import reach_frame, upright_frame
+from drake_pregrasp.systems.usable_poses import LastPose, usable_poses, usable_velocity
 
 SMOOTHING = 0.2
 """Time in which the palm follows a change of estimates, in seconds: arms are heavy."""
@@ -41,19 +42,22 @@ class ArmPosture(LeafSystem):
         - X_WH
         - X_WU
 
-    Port `tip_goals` accepts a `BusValue` of `RigidTransform` in W, as of `FingertipGoalShaper`.
+    Port `tip_goals` accepts a `BusValue` of `RigidTransform` in W, as of `FingertipGoalShaper`. As
+    long as one isn't finite, the palm doesn't turn.
 
     Port `X_WG` accepts a `RigidTransform`: the frame that carries the goals.
 
-    Port `V_WG` accepts a `SpatialVelocity`: of that frame in W.
+    Port `V_WG` accepts a `SpatialVelocity`: of that frame in W. If it isn't finite, it is taken for
+    zero.
 
     Port `X_WO_estimated` (optional) accepts a `RigidTransform`: where the object is believed to be;
-    `X_WH` and `X_WU` need it.
+    `X_WH` and `X_WU` need it. Of this and of `X_WG`, the last pose is used as long as it isn't
+    finite, or its rotation is none.
 
-    Port `goals` emits a `BusValue` for `DifferentialInverseKinematicsSystem`: the goals of the
-    tips, and the pose that the palm is to have at the same time. It is over the object, as at home,
-    turned so that fingers are aside from their own azimuths as little as they can be on the
-    average, without a jump at half a turn, but only within its range.
+    Port `goals` emits a `BusValue` for `DifferentialInverseKinematicsSystem`: the goals of the tips
+    that are finite, and the pose that the palm is to have at the same time. It is over the object,
+    as at home, turned so that fingers are aside from their own azimuths as little as they can be on
+    the average, without a jump at half a turn, but only within its range.
 
     Port `nominal_posture` emits a vector of nq: home positions, for what goals leave free.
 
@@ -110,6 +114,7 @@ class ArmPosture(LeafSystem):
         self._X_WG = self.DeclareAbstractInputPort("X_WG", pose)
         self._V_WG = self.DeclareAbstractInputPort("V_WG", AbstractValue.Make(SpatialVelocity()))
         self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", pose)
+        self._carrier, self._object = LastPose(self, self._X_WG), LastPose(self, self._X_WO)
         inputs = {self._tip_goals.ticket(), self._X_WG.ticket(), self._V_WG.ticket()}
         self._now = self.DeclareCacheEntry(
             "smoothed position and yaw",
@@ -128,7 +133,7 @@ class ArmPosture(LeafSystem):
         self.DeclareVectorOutputPort(
             "nominal_posture", len(self._home), self._calc_posture, {self.nothing_ticket()}
         )
-        placed = {self.discrete_state_ticket(self._smooth), self._X_WO.ticket()}
+        placed = {self.discrete_state_ticket(self._smooth), *self._object.tickets}
         for name, calc in (("X_WH", self._calc_reach), ("X_WU", self._calc_palm)):
             self.DeclareAbstractOutputPort(
                 name, lambda: AbstractValue.Make(RigidTransform()), calc, placed
@@ -136,19 +141,25 @@ class ArmPosture(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._advance)
 
     def _rates(self, context: Context) -> FloatArray:
-        V_WG: SpatialVelocity = self._V_WG.Eval(context)
+        V_WG = usable_velocity(self._V_WG.Eval(context))
         return np.append(V_WG.translational(), V_WG.rotational()[2])
 
     def _calc_now(self, context: Context) -> FloatArray:
-        goals: BusValue = self._tip_goals.Eval(context)
         smooth: FloatArray = context.get_discrete_state(self._smooth).value()
         ahead = self._lead * self._rates(context)
-        p_WG: FloatArray = self._X_WG.Eval(context).translation()
-        p_WT = np.array([goals.Find(name).translation() for name in self._tip_frames])
-        yaw = palm_turn(p_WT - p_WG - ahead[:3], self._azimuths, smooth[3] + ahead[3])
+        p_WG: FloatArray = self._carrier.eval(context).translation()
+        poses = self._poses(context)
+        p_WT = [X.translation() for X in poses if X is not None]
+        yaw = smooth[3] + ahead[3]
+        if len(p_WT) == len(poses):
+            yaw = palm_turn(np.array(p_WT) - p_WG - ahead[:3], self._azimuths, yaw)
         share = min(1.0, self._period / SMOOTHING)
         now: FloatArray = smooth + share * (np.append(p_WG, yaw - ahead[3]) - smooth)
         return self._within(now)
+
+    def _poses(self, context: Context) -> list[RigidTransform | None]:
+        port = f"tip_goals of {self.get_name()}"
+        return usable_poses(self._tip_goals.Eval(context), self._tip_frames, port)
 
     def _within(self, place: FloatArray) -> FloatArray:
         return np.append(place[:3], np.clip(place[3], *self._yaw_range))
@@ -156,12 +167,14 @@ class ArmPosture(LeafSystem):
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
         now = self._now.Eval(context) + self._period * self._rates(context)
         discrete_state.set_value(self._smooth, self._within(now))
+        self._carrier.store(context, discrete_state)
+        self._object.store(context, discrete_state)
 
     def _calc_goals(self, context: Context, output: AbstractValue) -> None:
-        tip_goals: BusValue = self._tip_goals.Eval(context)
         goals = BusValue()
-        for name in self._tip_frames:
-            goals.Set(name, AbstractValue.Make(tip_goals.Find(name)))
+        for name, X_WT in zip(self._tip_frames, self._poses(context), strict=True):
+            if X_WT is not None:
+                goals.Set(name, AbstractValue.Make(X_WT))
         x, y, z, yaw = self._within(self._now.Eval(context) + self._lead * self._rates(context))
         X_WP = RigidTransform(RotationMatrix.MakeZRotation(yaw), [x, y, z]) @ self._X_GP
         goals.Set(self._palm_frame, AbstractValue.Make(X_WP))
@@ -172,8 +185,8 @@ class ArmPosture(LeafSystem):
 
     def _calc_reach(self, context: Context, output: AbstractValue) -> None:
         yaw = float(context.get_discrete_state(self._smooth)[3])
-        output.set_value(reach_frame(self._X_WO.Eval(context), yaw, self._yaw_range))
+        output.set_value(reach_frame(self._object.eval(context), yaw, self._yaw_range))
 
     def _calc_palm(self, context: Context, output: AbstractValue) -> None:
         yaw = float(context.get_discrete_state(self._smooth)[3])
-        output.set_value(upright_frame(self._X_WO.Eval(context), yaw))
+        output.set_value(upright_frame(self._object.eval(context), yaw))

@@ -18,6 +18,7 @@ from pydrake.systems.framework import (
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.assignment import FREE_TURN, palm_turn
+from drake_pregrasp.systems.usable_poses import LastPose, usable_poses, usable_velocity
 
 
 class CarrierPosture(LeafSystem):
@@ -36,14 +37,17 @@ class CarrierPosture(LeafSystem):
         - X_WH
         - X_WU
 
-    Port `tip_goals` accepts a `BusValue` of `RigidTransform` in W, as of `FingertipGoalShaper`.
+    Port `tip_goals` accepts a `BusValue` of `RigidTransform` in W, as of `FingertipGoalShaper`. As
+    long as one isn't finite, the palm doesn't turn.
 
     Port `X_WG` accepts a `RigidTransform`: the frame that carries the goals.
 
-    Port `V_WG` accepts a `SpatialVelocity`: of that frame in W.
+    Port `V_WG` accepts a `SpatialVelocity`: of that frame in W. If it isn't finite, it is taken for
+    zero.
 
     Port `X_WO_estimated` (optional) accepts a `RigidTransform`: where the object is believed to be;
-    `X_WH` and `X_WU` need it.
+    `X_WH` and `X_WU` need it. Of this and of `X_WG`, the last pose is used as long as it isn't
+    finite, or its rotation is none.
 
     Port `nominal_posture` emits a vector of nq, for the port of that name of
     `DifferentialInverseKinematicsSystem`: the fingers' home positions, and the carrier over the
@@ -101,6 +105,7 @@ class CarrierPosture(LeafSystem):
         self._X_WO = self.DeclareAbstractInputPort(
             "X_WO_estimated", AbstractValue.Make(RigidTransform())
         )
+        self._carrier, self._object = LastPose(self, self._X_WG), LastPose(self, self._X_WO)
         self._turned = self.DeclareCacheEntry(
             "yaw",
             ValueProducer(
@@ -110,7 +115,7 @@ class CarrierPosture(LeafSystem):
             {self.xd_ticket(), self._goals.ticket(), self._X_WG.ticket()},
         )
         self.DeclareVectorOutputPort("nominal_posture", len(self._home), self._calc_posture)
-        placed = {self.discrete_state_ticket(self._yaw), self._X_WO.ticket()}
+        placed = {self.discrete_state_ticket(self._yaw), *self._object.tickets}
         for name, calc in (("X_WH", self._calc_reach), ("X_WU", self._calc_palm)):
             self.DeclareAbstractOutputPort(
                 name, lambda: AbstractValue.Make(RigidTransform()), calc, placed
@@ -118,19 +123,24 @@ class CarrierPosture(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_yaw)
 
     def _calc_yaw(self, context: Context) -> float:
-        goals: BusValue = self._goals.Eval(context)
-        X_WG: RigidTransform = self._X_WG.Eval(context)
-        p_WT = np.array([goals.Find(name).translation() for name in self._tip_frames])
         before = float(context.get_discrete_state(self._yaw)[0])
-        return palm_turn(p_WT - X_WG.translation(), self._azimuths, before, self._yaw_range)
+        port = f"tip_goals of {self.get_name()}"
+        poses = usable_poses(self._goals.Eval(context), self._tip_frames, port)
+        p_WT = [X.translation() for X in poses if X is not None]
+        if len(p_WT) < len(poses):
+            return before
+        p_WG = self._carrier.eval(context).translation()
+        return palm_turn(np.array(p_WT) - p_WG, self._azimuths, before, self._yaw_range)
 
     def _store_yaw(self, context: Context, discrete_state: DiscreteValues) -> None:
         discrete_state.set_value(self._yaw, [self._turned.Eval(context)])
+        self._carrier.store(context, discrete_state)
+        self._object.store(context, discrete_state)
 
     def _calc_posture(self, context: Context, output: BasicVector) -> None:
-        V_WG: SpatialVelocity = self._V_WG.Eval(context)
+        V_WG = usable_velocity(self._V_WG.Eval(context))
         posture = self._home.copy()
-        posture[self._slides] += self._X_WG.Eval(context).translation()
+        posture[self._slides] += self._carrier.eval(context).translation()
         posture[self._slides] += V_WG.translational() * self._lead
         yaw = self._turned.Eval(context) + V_WG.rotational()[2] * self._lead
         posture[self._turn] = np.clip(yaw, *self._yaw_range)
@@ -138,11 +148,11 @@ class CarrierPosture(LeafSystem):
 
     def _calc_reach(self, context: Context, output: AbstractValue) -> None:
         yaw = float(context.get_discrete_state(self._yaw)[0])
-        output.set_value(reach_frame(self._X_WO.Eval(context), yaw, self._yaw_range))
+        output.set_value(reach_frame(self._object.eval(context), yaw, self._yaw_range))
 
     def _calc_palm(self, context: Context, output: AbstractValue) -> None:
         yaw = float(context.get_discrete_state(self._yaw)[0])
-        output.set_value(upright_frame(self._X_WO.Eval(context), yaw))
+        output.set_value(upright_frame(self._object.eval(context), yaw))
 
 
 def reach_frame(X_WO: RigidTransform, yaw: float, yaw_range: tuple[float, float]) -> RigidTransform:

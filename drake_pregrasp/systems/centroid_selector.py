@@ -24,10 +24,13 @@ from drake_pregrasp.planning.contact_status import ContactStatus
 from drake_pregrasp.planning.force_closure import FRICTION
 from drake_pregrasp.planning.goal_limits import hold_contacts
 from drake_pregrasp.planning.region_constraints import NO_CAUSE
+from drake_pregrasp.planning.safe_regions import SafeRegions
 from drake_pregrasp.planning.selection_input import ContactGoals, SelectionInput
 from drake_pregrasp.planning.strategies import make_strategy
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.planning.usable_inputs import usable_covariance, usable_status
 from drake_pregrasp.systems.tick import SLACK, tick_is_due
+from drake_pregrasp.systems.usable_poses import LastPose
 
 
 class CentroidSelector(LeafSystem):
@@ -41,6 +44,7 @@ class CentroidSelector(LeafSystem):
         - p_WO_covariance
         - safe_regions
         - hold_contacts
+        - tracking_status
         output_ports:
         - p_WC
         - contact_status
@@ -48,15 +52,21 @@ class CentroidSelector(LeafSystem):
         - p_WC_previous
         - contact_causes
 
-    Port `X_WO_estimated` accepts a `RigidTransform`: where the object O is believed to be in W.
+    Port `X_WO_estimated` accepts a `RigidTransform`: where the object O is believed to be in W. One
+    that isn't finite, or whose rotation is none, stands for an object that is lost where it was.
 
     Port `p_WO_covariance` accepts a vector of 9: the estimate's covariance in W, row-major, in m².
+    It is left out of Eq. 3 if it isn't finite.
 
     Port `safe_regions` accepts the `SafeRegions` of the contacts at `p_WC_previous`.
 
     Port `hold_contacts` (optional) accepts a number: above 0, goals stay where they are on the
     object, and active or not, as while a hand closes on them. A finger that is lost meanwhile
-    isn't reported before contacts are let go.
+    isn't reported before contacts are let go. NaN holds them, too.
+
+    Port `tracking_status` (optional) accepts a `TrackingStatus`; what is none counts as `LOST`. As
+    long as the estimate isn't to be followed, goals are held as by `hold_contacts`, and
+    `fingertip_targets` are off the surface. Unconnected, the object is always tracked.
 
     Port `p_WC` emits a vector of 3n: the contact goals in W, one after another, in metres. At a
     tick they are that tick's new goals, before and after the discrete update that stores them;
@@ -70,8 +80,10 @@ class CentroidSelector(LeafSystem):
     Port `fingertip_targets` emits a `BusValue` that maps each name of `fingertip_frames` to a
     `RigidTransform` in W: its origin is the contact goal, its z axis the inward normal of the
     surface there, its x axis lies as near to the object's z axis as that allows. Lost contacts are
-    left out. With scoped names of a robot's frames, `model_instance::frame`, it fits the port
-    `desired_cartesian_poses` of Drake's `DifferentialInverseKinematicsSystem`.
+    left out. While the object isn't tracked, origins are `lost_standoff` off the surface, so that a
+    hand backs off what it no longer sees. With scoped names of a robot's frames,
+    `model_instance::frame`, it fits the port `desired_cartesian_poses` of Drake's
+    `DifferentialInverseKinematicsSystem`.
 
     Port `p_WC_previous` emits a vector of 3n: the stored goals, carried with the estimated pose. It
     does not depend on `safe_regions`, so it closes the loop to `SafeRegionPartitioner`.
@@ -95,6 +107,8 @@ class CentroidSelector(LeafSystem):
         position_spread: Standard deviation in metres, added to the estimate's covariance in Eq. 3:
             the filter's own is of millimetres, and would pick the candidate nearest to the centre.
         static_duration: Seconds for which the initial contacts are held on the object.
+        lost_standoff: How far off the surface, along the outward normals, targets are while the
+            object isn't tracked, in metres.
         limits: What holds goals back.
         verify_contacts: Whether to check each active goal against the mesh, and raise a
             `ContactError` if it isn't on its surface. It takes time: a switch for finding faults.
@@ -120,6 +134,7 @@ class CentroidSelector(LeafSystem):
         in_turns: bool = False,
         position_spread: float = 0.04,
         static_duration: float = 0.0,
+        lost_standoff: float = 0.02,
         limits: ContactLimits | None = None,
         verify_contacts: bool = False,
         fingertip_frames: Sequence[str] | None = None,
@@ -137,6 +152,10 @@ class CentroidSelector(LeafSystem):
         if not static_duration >= 0:
             raise InvalidArgumentError(
                 f"static_duration must be at least 0 s, not {static_duration}"
+            )
+        if not 0 <= lost_standoff < np.inf:
+            raise InvalidArgumentError(
+                f"lost_standoff must be at least 0 m and finite, not {lost_standoff}"
             )
         off = np.flatnonzero(~(np.abs(surface.distance(p_OC)) <= CONTACT_TOLERANCE))
         if len(off):
@@ -161,8 +180,9 @@ class CentroidSelector(LeafSystem):
             )
         self._best_point = best_point
         self._in_turns = in_turns
-        self._spread_covariance = position_spread**2 * np.eye(3)
+        self._spread = position_spread
         self._static_duration = static_duration
+        self._lost_standoff = lost_standoff
         self._fingertip_frames = list(fingertip_frames)
         self._limits = limits or ContactLimits()
         self._verify_contacts = verify_contacts
@@ -179,6 +199,8 @@ class CentroidSelector(LeafSystem):
             "safe_regions", AbstractValue.Make(object())
         )
         self._hold = self.DeclareVectorInputPort("hold_contacts", 1)
+        self._tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
+        self._pose = LastPose(self, self._X_WO_estimated)
         self._goals = self.DeclareCacheEntry(
             "contact goals at the Context's time",
             ValueProducer(
@@ -187,20 +209,20 @@ class CentroidSelector(LeafSystem):
             ),
             {self.time_ticket(), self.xd_ticket(), self.all_input_ports_ticket()},
         )
-        posed_goals = {self._goals.ticket(), self._X_WO_estimated.ticket()}
+        posed_goals = {self._goals.ticket(), *self._pose.tickets}
         self.DeclareVectorOutputPort("p_WC", 3 * n, self._calc_p_WC, posed_goals)
         self.DeclareVectorOutputPort("contact_status", n, self._calc_status, {self._goals.ticket()})
         self.DeclareAbstractOutputPort(
             "fingertip_targets",
             lambda: AbstractValue.Make(BusValue()),
             self._calc_fingertip_targets,
-            posed_goals,
+            posed_goals | {self._tracking_status.ticket()},
         )
         self.DeclareVectorOutputPort(
             "p_WC_previous",
             3 * n,
             self._calc_p_WC_previous,
-            {self.discrete_state_ticket(self._p_OC_index), self._X_WO_estimated.ticket()},
+            {self.discrete_state_ticket(self._p_OC_index), *self._pose.tickets},
         )
         self.DeclareVectorOutputPort("contact_causes", n, self._calc_causes, {self._goals.ticket()})
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_goals)
@@ -213,7 +235,9 @@ class CentroidSelector(LeafSystem):
         time = context.get_time()
         stored_time = context.get_discrete_state(self._time_index)[0]
         p_OC = self._stored_p_OC(context)
-        held = self._hold.HasValue(context) and self._hold.Eval(context)[0] > 0
+        # NaN isn't at most 0.
+        held = self._hold.HasValue(context) and not self._hold.Eval(context)[0] <= 0
+        held = held or not self._is_tracked(context)
         if held or not tick_is_due(time, stored_time, self._period):
             status = context.get_discrete_state(self._status_index).value()
             causes = context.get_discrete_state(self._causes_index).value()
@@ -224,8 +248,8 @@ class CentroidSelector(LeafSystem):
         selection = SelectionInput(
             surface=self._surface,
             p_OC=p_OC,
-            regions=self._safe_regions.Eval(context),
-            covariance_O=R_WO.T @ covariance_W @ R_WO + self._spread_covariance,
+            regions=self._regions(context),
+            covariance_O=usable_covariance(covariance_W, R_WO, self._spread),
         )
         if time < self._static_duration - SLACK * self._period:
             goals = hold_contacts(selection)
@@ -241,15 +265,32 @@ class CentroidSelector(LeafSystem):
             verify_contacts(self._surface, goals)
         output.set_value(goals)
 
+    def _is_tracked(self, context: Context) -> bool:
+        if self._tracking_status.HasValue(context):
+            status = usable_status(self._tracking_status.Eval(context)[0])
+            if not status.is_followed:
+                return False
+        return self._pose.is_usable(context)
+
+    def _regions(self, context: Context) -> SafeRegions:
+        regions = self._safe_regions.Eval(context)
+        if not isinstance(regions, SafeRegions):
+            raise InvalidArgumentError(
+                f"port safe_regions of {self.get_name()} accepts SafeRegions,"
+                f" not a {type(regions).__name__}"
+            )
+        return regions
+
     def _store_goals(self, context: Context, discrete_state: DiscreteValues) -> None:
         goals: ContactGoals = self._goals.Eval(context)
         discrete_state.set_value(self._time_index, [context.get_time()])
         discrete_state.set_value(self._p_OC_index, goals.p_OC.ravel())
         discrete_state.set_value(self._status_index, goals.status)
         discrete_state.set_value(self._causes_index, goals.causes)
+        self._pose.store(context, discrete_state)
 
     def _in_world(self, context: Context, p_OC: FloatArray) -> FloatArray:
-        X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
+        X_WO = self._pose.eval(context)
         p_WC: FloatArray = (X_WO @ p_OC.T).T
         return p_WC
 
@@ -270,16 +311,19 @@ class CentroidSelector(LeafSystem):
 
     def _calc_fingertip_targets(self, context: Context, output: AbstractValue) -> None:
         goals: ContactGoals = self._goals.Eval(context)
-        X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
+        X_WO = self._pose.eval(context)
         _, normals = self._surface.project(goals.p_OC)
+        p_OF = goals.p_OC
+        if not self._is_tracked(context):
+            p_OF = p_OF + self._lost_standoff * normals
         targets = BusValue()
-        for name, p_OCi, normal, status in zip(
-            self._fingertip_frames, goals.p_OC, normals, goals.status, strict=True
+        for name, p_OFi, normal, status in zip(
+            self._fingertip_frames, p_OF, normals, goals.status, strict=True
         ):
             if status == ContactStatus.LOST:
                 continue
-            X_OC = RigidTransform(_frame_with_z_along(-normal), p_OCi)
-            targets.Set(name, AbstractValue.Make(X_WO @ X_OC))
+            X_OF = RigidTransform(_frame_with_z_along(-normal), p_OFi)
+            targets.Set(name, AbstractValue.Make(X_WO @ X_OF))
         output.set_value(targets)
 
 

@@ -17,9 +17,17 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray
 from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.goal_shaping import TipRoom, shape_goals
+from drake_pregrasp.planning.placed_obstacles import all_are_known, place_obstacles
 from drake_pregrasp.planning.region_constraints import Obstacles
 from drake_pregrasp.planning.rotation_vectors import rotation_matrix
 from drake_pregrasp.planning.solids import Solid
+from drake_pregrasp.planning.usable_inputs import known_numbers, usable_status
+from drake_pregrasp.systems.usable_poses import (
+    LastPose,
+    is_usable,
+    usable_poses,
+    usable_velocity,
+)
 
 MOVING_CLEARANCE = 0.008
 """Least gap between moving fingertips and the object, in metres."""
@@ -47,6 +55,7 @@ class FingertipGoalShaper(LeafSystem):
         - obstacles
         - X_WU
         - fingers_hold
+        - tracking_status
         output_ports:
         - tip_goals
         - contact_frames
@@ -54,31 +63,39 @@ class FingertipGoalShaper(LeafSystem):
 
     Port `fingertip_targets` accepts a `BusValue` as `CentroidSelector` emits it: for each name of
     `tip_frames` the pose in W of a contact goal, its z axis along the inward normal. A finger
-    without an entry keeps the one it had.
+    without an entry, or with one that isn't finite, keeps the one it had.
 
     Port `contact_status` accepts a vector of n `ContactStatus` values.
 
-    Port `X_WO_estimated` accepts a `RigidTransform`: where the object O is believed to be in W.
+    Port `X_WO_estimated` accepts a `RigidTransform`: where the object O is believed to be in W. As
+    long as it isn't finite, or its rotation is none, no new contacts are taken in.
 
     Port `X_WG` accepts a `RigidTransform`: the frame G that goals are carried in. It takes O's
-    place: without a lift it is where O is believed to be.
+    place: without a lift it is where O is believed to be. The last one is used until it is finite.
 
     Port `V_WG` accepts a `SpatialVelocity`: of G in W. Without a lift it is the estimated one of O.
+    If it isn't finite, it is taken for zero.
 
     Port `standoffs` (optional) accepts a vector of n: the gap between each fingertip and the
-    surface at its contact, in metres; below zero it presses. By default it is `standoff`.
+    surface at its contact, in metres; below zero it presses. By default, and for NaN, it is
+    `standoff`.
 
     Port `hold_contacts` (optional) accepts a number: above 0, contacts stay where they are in O,
-    and fingers stay active or not.
+    and fingers stay active or not. NaN holds them, too.
 
     Port `obstacles` (optional) accepts `Obstacles` in W, of which solids are heeded; not by fingers
-    that hold their contacts.
+    that hold their contacts. As long as one has numbers that are no longer finite, tips stay in G.
 
     Port `X_WU` (optional) accepts a `RigidTransform`: the frame U of the palm. Fingers without an
-    active contact wait at their own azimuths in it; without it, where they are.
+    active contact wait at their own azimuths in it; without it, or as long as it isn't finite,
+    where they are.
 
     Port `fingers_hold` (optional) accepts a vector of n: above 0, obstacles don't push a finger off
-    its contact while contacts are held; by default no active one.
+    its contact while contacts are held; by default no active one. NaN is as 1.
+
+    Port `tracking_status` (optional) accepts a `TrackingStatus`; what is none counts as `LOST`. As
+    long as the object isn't followed, no new contacts are taken in: `fingertip_targets` are off the
+    surface then, and tips keep the standoff that is asked for. Unconnected, it is always tracked.
 
     Port `tip_goals` emits a `BusValue`: for each name of `tip_frames` a `RigidTransform` in W with
     the goal of the tip's centre, where it will be `lead` after the Context's time; its orientation
@@ -182,13 +199,15 @@ class FingertipGoalShaper(LeafSystem):
         )
         self._X_WU = self.DeclareAbstractInputPort("X_WU", pose)
         self._fingers_hold = self.DeclareVectorInputPort("fingers_hold", n)
+        self._tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
+        self._pose = LastPose(self, self._X_WG)
         self.DeclareAbstractOutputPort(
             "tip_goals",
             lambda: AbstractValue.Make(BusValue()),
             self._calc_tip_goals,
             {
                 self.discrete_state_ticket(self._tips),
-                self._X_WG.ticket(),
+                *self._pose.tickets,
                 self._V_WG.ticket(),
             },
         )
@@ -204,10 +223,15 @@ class FingertipGoalShaper(LeafSystem):
             active = is_active(np.asarray(self._status.Eval(context)))
         standoffs = np.full(len(active), self._standoff)
         if self._standoffs.HasValue(context):
-            standoffs = np.array(self._standoffs.Eval(context))
+            asked = known_numbers(self._standoffs.Eval(context))
+            standoffs = np.where(np.isnan(asked), standoffs, asked)
         kept = self._contacts if held else self._asked
         p_OC, nhat = context.get_discrete_state(kept).value().reshape(2, -1, 3)
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
+        self._pose.store(context, discrete_state)
+        obstacles = self._placed_obstacles(context)
+        if not all_are_known(obstacles):
+            return
         goal = np.where(
             active[:, None],
             p_OC + (self._radius + standoffs)[:, None] * nhat,
@@ -215,8 +239,9 @@ class FingertipGoalShaper(LeafSystem):
         )
         holding = held & active
         if self._fingers_hold.HasValue(context):
-            holding = holding & (np.asarray(self._fingers_hold.Eval(context)) > 0)
-        room = self._room(context, np.where(active, standoffs, MOVING_CLEARANCE), holding)
+            holding = holding & ~(np.asarray(self._fingers_hold.Eval(context)) <= 0)
+        gaps = np.where(active, standoffs, MOVING_CLEARANCE)
+        room = self._room(context, gaps, holding, obstacles)
         if not held:
             shift = np.where(active[:, None], room.permitted(goal) - goal, 0)
             along = shift - np.sum(shift * nhat, axis=1, keepdims=True) * nhat
@@ -227,17 +252,25 @@ class FingertipGoalShaper(LeafSystem):
         discrete_state.set_value(self._contacts, np.concatenate([p_OC, nhat]).ravel())
 
     def _is_held(self, context: Context) -> bool:
-        return bool(self._hold.HasValue(context) and self._hold.Eval(context)[0] > 0)
+        # NaN isn't at most 0.
+        return bool(self._hold.HasValue(context) and not self._hold.Eval(context)[0] <= 0)
+
+    def _is_tracked(self, context: Context) -> bool:
+        if not self._tracking_status.HasValue(context):
+            return True
+        status = usable_status(self._tracking_status.Eval(context)[0])
+        return status.is_followed
 
     def _sample_targets(self, context: Context, discrete_state: DiscreteValues) -> None:
-        if self._is_held(context):
+        X_WO: RigidTransform = self._X_WO.Eval(context)
+        if self._is_held(context) or not self._is_tracked(context) or not is_usable(X_WO):
             return
         asked: FloatArray = context.get_discrete_state(self._asked).value().copy()
         p_OC, nhat = asked.reshape(2, -1, 3)
-        targets: BusValue = self._targets.Eval(context)
-        X_OW: RigidTransform = self._X_WO.Eval(context).inverse()
-        for finger, name in enumerate(self._tip_frames):
-            X_WC = targets.Find(name)
+        port = f"fingertip_targets of {self.get_name()}"
+        X_OW = X_WO.inverse()
+        targets = usable_poses(self._targets.Eval(context), self._tip_frames, port)
+        for finger, X_WC in enumerate(targets):
             if X_WC is not None:
                 X_OC: RigidTransform = X_OW @ X_WC
                 p_OC[finger] = X_OC.translation()
@@ -246,37 +279,49 @@ class FingertipGoalShaper(LeafSystem):
 
     def _withdrawn(self, context: Context, p_GT: FloatArray) -> FloatArray:
         level = p_GT * [1.0, 1.0, 0.0]
-        if self._X_WU.HasValue(context):
-            R_GW = self._X_WG.Eval(context).rotation().inverse()
+        if self._X_WU.HasValue(context) and is_usable(self._X_WU.Eval(context)):
+            R_GW = self._pose.eval(context).rotation().inverse()
             level = self._ways_out @ (R_GW @ self._X_WU.Eval(context).rotation()).matrix().T
         length = np.maximum(np.linalg.norm(level, axis=1, keepdims=True), self._radius[:, None])
         raised: FloatArray = level * self._withdrawn_radii[:, None] / length
         raised[:, 2] = self._withdrawn_height
         return raised
 
-    def _room(self, context: Context, standoffs: FloatArray, holding: BoolArray) -> TipRoom:
-        X_GW: RigidTransform = self._X_WG.Eval(context).inverse()
+    def _placed_obstacles(self, context: Context) -> Obstacles:
+        """Returns the solids of the obstacles in G."""
+        if not self._obstacles.HasValue(context):
+            return Obstacles()
+        in_world = self._obstacles.Eval(context)
+        if not isinstance(in_world, Obstacles):
+            raise InvalidArgumentError(
+                f"port obstacles of {self.get_name()} accepts an Obstacles,"
+                f" not a {type(in_world).__name__}"
+            )
+        X_GW = self._pose.eval(context).inverse()
+        solids = Obstacles(in_world.solids)
+        return place_obstacles(solids, X_GW.rotation().matrix(), X_GW.translation())
+
+    def _room(
+        self, context: Context, standoffs: FloatArray, holding: BoolArray, obstacles: Obstacles
+    ) -> TipRoom:
+        X_GW = self._pose.eval(context).inverse()
+        R_GW, p_GW = X_GW.rotation().matrix(), X_GW.translation()
         clearances = self._radius + OTHER_CLEARANCE
-        others = [(solid, clearances) for solid in self._fixed]
-        if self._obstacles.HasValue(context):
-            # A finger that were pushed along the object would lose the grasp.
-            heeded = np.where(holding, -np.inf, clearances)
-            others += [(solid, heeded) for solid in self._obstacles.Eval(context).solids]
+        others = [(solid.moved(R_GW, p_GW), clearances) for solid in self._fixed]
+        # A finger that were pushed along the object would lose the grasp.
+        heeded = np.where(holding, -np.inf, clearances)
+        others += [(solid, heeded) for solid in obstacles.solids]
         return TipRoom(
             object=self._object,
             p_GO=np.zeros(3),
             object_clearances=self._radius + np.minimum(standoffs, MOVING_CLEARANCE),
-            others=tuple(
-                (solid.moved(X_GW.rotation().matrix(), X_GW.translation()), clearance)
-                for solid, clearance in others
-            ),
+            others=tuple(others),
             spacing=self._radius[:, None] + self._radius + OTHER_CLEARANCE,
         )
 
     def _calc_tip_goals(self, context: Context, output: AbstractValue) -> None:
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
-        X_WG: RigidTransform = self._X_WG.Eval(context)
-        V_WG: SpatialVelocity = self._V_WG.Eval(context)
+        X_WG, V_WG = self._pose.eval(context), usable_velocity(self._V_WG.Eval(context))
         R_WG = rotation_matrix(V_WG.rotational() * self._lead) @ X_WG.rotation().matrix()
         p_WT = p_GT @ R_WG.T + X_WG.translation() + V_WG.translational() * self._lead
         goals = BusValue()

@@ -5,6 +5,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, ValueProducer
 
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.usable_inputs import known_numbers
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
 
 
@@ -27,9 +28,11 @@ class FingertipSensor(LeafSystem):
     MultibodyPlant's port of that name. Nothing but the forces at the tips may load the fingers: no
     gravity, or one that is compensated, and no quick motion.
 
-    Port `p_WT` emits a vector of 3n: the fingertips' centres in W, in metres.
+    Port `p_WT` emits a vector of 3n: the fingertips' centres in W, in metres; NaN if one of the
+    hand's positions isn't finite, for nobody knows then.
 
-    Port `f_T_W` emits a vector of 3n: the forces that the tips press with, in W, in newtons.
+    Port `f_T_W` emits a vector of 3n: the forces that the tips press with, in W, in newtons; NaN if
+    a position or torque isn't finite.
 
     Args:
         hand: Its kinematics.
@@ -53,14 +56,23 @@ class FingertipSensor(LeafSystem):
             "f_T_W", 3 * n, self._calc_forces, {self._posed.ticket(), self._actuation.ticket()}
         )
 
+    def _positions(self, context: Context) -> FloatArray:
+        return known_numbers(self._state.Eval(context)[: self._hand.num_positions])
+
     def _calc_posed(self, context: Context, output: AbstractValue) -> None:
-        q: FloatArray = self._state.Eval(context)[: self._hand.num_positions]
+        q = self._positions(context)
         self._hand.plant.SetPositions(output.get_mutable_value(), q)
 
     def _calc_positions(self, context: Context, output: BasicVector) -> None:
+        if np.any(np.isnan(self._positions(context))):  # Drake ends the process for such ones.
+            output.SetFromVector(np.full(output.size(), np.nan))
+            return
         output.SetFromVector(self._hand.tip_positions(self._posed.Eval(context)).ravel())
 
     def _calc_forces(self, context: Context, output: BasicVector) -> None:
-        actuation = np.asarray(self._actuation.Eval(context))
+        actuation = known_numbers(self._actuation.Eval(context))
+        if np.any(np.isnan(actuation)) or np.any(np.isnan(self._positions(context))):
+            output.SetFromVector(np.full(output.size(), np.nan))
+            return
         forces = self._hand.tip_forces(self._posed.Eval(context), actuation)
         output.SetFromVector(forces.ravel())

@@ -1,5 +1,6 @@
 """The quality of the grasp that the contact goals would make."""
 
+import numpy as np
 from pydrake.common.containers import namedview
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
@@ -11,6 +12,8 @@ from drake_pregrasp.planning.contact_models import CONTACT_MODELS, NEED_NORMALS
 from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.grasp_quality import GraspQuality, grasp_quality
 from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.planning.usable_inputs import FARTHEST
+from drake_pregrasp.systems.usable_poses import is_usable
 
 GraspQualityView = namedview("GraspQualityView", GraspQuality.names())
 """Names the elements of the port `grasp_quality`: `GraspQualityView(port.Eval(context)).q_msv`."""
@@ -29,9 +32,11 @@ class GraspQualityMonitor(LeafSystem):
         output_ports:
         - grasp_quality
 
-    Port `p_WC` accepts a vector of 3n: contact points in W, one after another, in metres.
+    Port `p_WC` accepts a vector of 3n: contact points in W, one after another, in metres. Those
+    that aren't finite don't count.
 
-    Port `X_WO` accepts a `RigidTransform`: the object's true pose.
+    Port `X_WO` accepts a `RigidTransform`: the object's true pose. Without one, as if it isn't
+    finite or its rotation is none, no contact counts.
 
     Port `contact_status` (optional) accepts a vector of n `ContactStatus` values; only active
     contacts count. Unconnected, all do.
@@ -83,8 +88,12 @@ class GraspQualityMonitor(LeafSystem):
     def _calc_quality(self, context: Context, output: BasicVector) -> None:
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
         X_WO: RigidTransform = self._X_WO.Eval(context)
+        counts = np.full(len(p_WC), is_usable(X_WO)) & np.all(np.abs(p_WC) <= FARTHEST, axis=1)
         if self._contact_status.HasValue(context):
-            p_WC = p_WC[is_active(self._contact_status.Eval(context))]
+            counts &= is_active(self._contact_status.Eval(context))
+        if not is_usable(X_WO):
+            X_WO = RigidTransform()
+        p_WC = p_WC[counts]
         p_OC: FloatArray = (X_WO.inverse() @ p_WC.T).T
         nhat_OC = None
         if self._contact_model in NEED_NORMALS:

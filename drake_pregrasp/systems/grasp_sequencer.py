@@ -19,6 +19,8 @@ from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.grasp_phases import next_state
 from drake_pregrasp.planning.grasp_state import GraspPhase, GraspSettings, GraspState, GraspView
 from drake_pregrasp.planning.squeeze import Squeeze, safest_squeeze
+from drake_pregrasp.planning.usable_inputs import known_numbers, usable_status
+from drake_pregrasp.systems.usable_poses import LastPose, usable_velocity
 
 GRAVITY = 9.81
 """Along -z of W, in m/s²."""
@@ -40,6 +42,7 @@ class GraspSequencer(LeafSystem):
         - V_WO_estimated
         - p_WT
         - f_T_W
+        - tracking_status
         output_ports:
         - X_WG
         - V_WG
@@ -52,16 +55,24 @@ class GraspSequencer(LeafSystem):
     Port `close` accepts a number: above 0.5 the hand is to close, and to keep closed. It closes
     once no active finger is on its way to its goal, and there are enough whose forces can balance
     the weight. After `gate_limit` it waits no longer: it closes with the fingers that are there, or
-    gives up if they are too few or can't balance.
+    gives up if they are too few or can't balance. NaN changes nothing.
 
     Port `contact_status` accepts a vector of n `ContactStatus` values.
 
-    Port `contact_frames` accepts a vector of 6n, as `FingertipGoalShaper` emits it.
+    Port `contact_frames` accepts a vector of 6n, as `FingertipGoalShaper` emits it. No force
+    balances the weight if one isn't finite.
 
     Port `X_WO_estimated` accepts a `RigidTransform`, `V_WO_estimated` a `SpatialVelocity`: where
-    the object O is believed to be in W, and how it moves.
+    the object O is believed to be in W, and how it moves. Without a pose, as if it isn't finite or
+    its rotation is none, the object is lost where it was; without a velocity it stays.
 
-    Port `p_WT` accepts a vector of 3n, `f_T_W` another: as `FingertipSensor` emits them.
+    Port `p_WT` accepts a vector of 3n, `f_T_W` another: as `FingertipSensor` emits them. The hand
+    doesn't close with a finger whose place isn't finite, and feels no force that isn't.
+
+    Port `tracking_status` (optional) accepts a `TrackingStatus`; what is none counts as `LOST`.
+    While the object isn't followed, the hand comes no lower, waits to close, without a limit, and
+    says so, and opens if not all fingers have touched. If they have, it goes on. Unconnected, the
+    object is always tracked.
 
     Port `X_WG` emits a `RigidTransform`: the frame G that carries the goals. It is O as it is
     estimated, raised while the hand approaches. Once all fingers have touched it follows no
@@ -128,6 +139,8 @@ class GraspSequencer(LeafSystem):
         )
         self._p_WT = self.DeclareVectorInputPort("p_WT", 3 * n)
         self._f_T_W = self.DeclareVectorInputPort("f_T_W", 3 * n)
+        self._tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
+        self._pose = LastPose(self, self._X_WO)
         stored = {self.xd_ticket()}
         timed = stored | {self.time_ticket()}
         self._remembered = self.DeclareCacheEntry(
@@ -140,7 +153,7 @@ class GraspSequencer(LeafSystem):
             ),
             stored,
         )
-        carried = timed | {self._X_WO.ticket(), self._V_WO.ticket()}
+        carried = timed | {*self._pose.tickets, self._V_WO.ticket()}
         self._motion = self.DeclareCacheEntry(
             "pose and twist of G",
             ValueProducer(
@@ -177,8 +190,7 @@ class GraspSequencer(LeafSystem):
         state: GraspState = self._remembered.Eval(context)
         time = context.get_time()
         if np.isinf(state.gripped):
-            X: RigidTransform = self._X_WO.Eval(context)
-            V: SpatialVelocity = self._V_WO.Eval(context)
+            X, V = self._pose.eval(context), usable_velocity(self._V_WO.Eval(context))
             R, p, w, v = X.rotation(), X.translation(), V.rotational(), V.translational()
         else:
             first = Coasting.from_vector(context.get_discrete_state(self._gripped).value())
@@ -192,26 +204,42 @@ class GraspSequencer(LeafSystem):
         return X_WG, SpatialVelocity(w=w, v=v + state.height.rate(time) * up)
 
     def _contacts(self, context: Context) -> tuple[FloatArray, FloatArray]:
-        p_OC, nhat = self._frames.Eval(context).reshape(2, -1, 3)
+        p_OC, nhat = known_numbers(self._frames.Eval(context)).reshape(2, -1, 3)
         return p_OC, nhat
+
+    def _sees(self, context: Context) -> bool:
+        if self._tracking_status.HasValue(context):
+            status = usable_status(self._tracking_status.Eval(context)[0])
+            if not status.is_followed:
+                return False
+        return self._pose.is_usable(context)
+
+    def _is_to_close(self, context: Context, state: GraspState) -> bool:
+        close = float(self._close.Eval(context)[0])
+        return np.isfinite(state.asked) if np.isnan(close) else close > 0.5
 
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
         state: GraspState = self._remembered.Eval(context)
         X_WG, V_WG = self._motion.Eval(context)
         p_OC, nhat = self._contacts(context)
-        p_GT = (X_WG.inverse() @ self._p_WT.Eval(context).reshape(-1, 3).T).T
+        p_WT = known_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
+        p_GT = (X_WG.inverse() @ p_WT.T).T
         presses = np.zeros(len(p_OC))
         if state.phase >= GraspPhase.CLOSE:  # Before that nobody asks, and forces cost some time.
-            f_T_G = self._f_T_W.Eval(context).reshape(-1, 3) @ X_WG.rotation().matrix()
+            f_T_W = known_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
+            f_T_G = f_T_W @ X_WG.rotation().matrix()
             presses = -np.sum(f_T_G * nhat, axis=1)
         p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat
+        distances = np.linalg.norm(p_GT_goal - p_GT, axis=1)
+        active = is_active(np.asarray(self._status.Eval(context)))
         view = GraspView(
             time=context.get_time(),
-            close=bool(self._close.Eval(context)[0] > 0.5),
-            active=is_active(np.asarray(self._status.Eval(context))),
-            distances=np.linalg.norm(p_GT_goal - p_GT, axis=1),
+            close=self._is_to_close(context, state),
+            active=active & np.isfinite(distances),
+            distances=distances,
             gaps=np.sum((p_GT - p_OC) * nhat, axis=1) - self._radius,
             presses=presses,
+            sees=self._sees(context),
         )
         after = next_state(
             state,
@@ -221,6 +249,7 @@ class GraspSequencer(LeafSystem):
             lambda active: self._plan_squeeze(context, active),
         )
         discrete_state.set_value(self._state, after.to_vector())
+        self._pose.store(context, discrete_state)
         if np.isinf(state.gripped) and np.isfinite(after.gripped):
             R_WG = X_WG.rotation().matrix()
             first = Coasting(R_WG, X_WG.translation(), V_WG.rotational(), V_WG.translational())
@@ -228,7 +257,9 @@ class GraspSequencer(LeafSystem):
 
     def _plan_squeeze(self, context: Context, active: BoolArray) -> Squeeze:
         p_OC, nhat = self._contacts(context)
-        X_WO: RigidTransform = self._X_WO.Eval(context)
+        if not np.all(np.isfinite(p_OC[active])) or not np.all(np.isfinite(nhat[active])):
+            return Squeeze(np.zeros_like(p_OC), GRAVITY * self._mass)
+        X_WO = self._pose.eval(context)
         weight_W = np.array([0.0, 0.0, -GRAVITY * self._mass])
         planned = safest_squeeze(
             (p_OC - self._p_OCoM)[active],
@@ -260,7 +291,7 @@ class GraspSequencer(LeafSystem):
             return
         _, nhat = self._contacts(context)
         # A finger that has met the object keeps touching it until all press.
-        touch = -self._settings.touch_force * state.touched[:, None] * nhat
+        touch = -self._settings.touch_force * state.touched[:, None] * np.nan_to_num(nhat)
         f_T_G = (1 - share) * touch + share * state.forces
         X_WG, _ = self._motion.Eval(context)
         output.SetFromVector((f_T_G @ X_WG.rotation().matrix().T).ravel())

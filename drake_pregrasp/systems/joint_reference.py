@@ -12,6 +12,7 @@ from pydrake.systems.framework import (
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray
+from drake_pregrasp.planning.usable_inputs import known_numbers
 from drake_pregrasp.systems.hand_kinematics import HandKinematics
 
 LARGEST_RATE = 10.0
@@ -32,10 +33,10 @@ class JointReference(LeafSystem):
         - desired_state
 
     Port `commanded_velocity` accepts a vector of nq, as `DifferentialInverseKinematicsSystem` emits
-    it; it is sampled once each period.
+    it; it is sampled once each period. If it isn't finite, the reference stays where it is.
 
     Port `f_T_W` (optional) accepts a vector of 3n: forces that fingertips are to press with, in W,
-    in newtons.
+    in newtons. A finger whose force isn't finite presses with none.
 
     Port `position` emits a vector of nq: the reference q at the Context's time. It is what that
     system has to start from: never the measured positions, which lag behind.
@@ -99,7 +100,9 @@ class JointReference(LeafSystem):
         return at_limit
 
     def _sample(self, context: Context, discrete_state: DiscreteValues) -> None:
-        v: FloatArray = self._commanded.Eval(context)
+        v = known_numbers(self._commanded.Eval(context))
+        if np.any(np.isnan(v)):
+            v = np.zeros_like(v)
         discrete_state.set_value(self._start, [context.get_time()])
         discrete_state.set_value(self._q, self._reference(context))
         discrete_state.set_value(self._v, v / max(1.0, np.max(np.abs(v)) / LARGEST_RATE))
@@ -113,7 +116,8 @@ class JointReference(LeafSystem):
     def _calc_desired(self, context: Context, output: BasicVector) -> None:
         q = self._reference(context)
         if self._forces.HasValue(context):
-            f_T_W: FloatArray = self._forces.Eval(context).reshape(-1, 3)
+            f_T_W = known_numbers(self._forces.Eval(context)).reshape(-1, 3)
+            f_T_W[np.any(np.isnan(f_T_W), axis=1)] = 0.0
             if np.any(f_T_W):
                 jacobians = self._hand.tip_jacobians(self._posed.Eval(context))
                 q = q + np.einsum("nij,ni->j", jacobians, f_T_W) / self._hand.stiffness

@@ -12,6 +12,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.finger_reach import FingerReach
 from drake_pregrasp.planning.no_touch import AxisArea
+from drake_pregrasp.planning.placed_obstacles import place_obstacles
 from drake_pregrasp.planning.region_constraints import (
     UNCONSTRAINED,
     Obstacles,
@@ -20,10 +21,17 @@ from drake_pregrasp.planning.region_constraints import (
 from drake_pregrasp.planning.rotation_vectors import rotation_matrix
 from drake_pregrasp.planning.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
 from drake_pregrasp.planning.sampling import lifted
+from drake_pregrasp.planning.solids import BallSolid
 from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.planning.usable_inputs import (
+    FARTHEST,
+    usable_weights,
+)
 from drake_pregrasp.planning.wall_test import WALL_TESTS, SurfaceGraph, normals_agree
+from drake_pregrasp.systems.usable_poses import is_usable, usable_velocity
 
 _NO_OBSTACLES = Obstacles()
+_NOWHERE = FingerReach(BallSolid(np.array([FARTHEST, 0.0, 0.0]), 0.0))
 _MOMENTS = 4  # Of the horizon, with now, at which obstacles are looked at.
 
 
@@ -44,21 +52,26 @@ class SafeRegionPartitioner(LeafSystem):
         - safe_regions
 
     Port `X_WO_estimated` accepts a `RigidTransform`: where the object O is believed to be in W.
+    Without one, as if it isn't finite or its rotation is none, nobody has a region.
 
-    Port `p_WC` accepts a vector of 3n: the contact points c_i in W, one after another, in metres.
+    Port `p_WC` accepts a vector of 3n: the contact points c_i in W, one after another, in metres. A
+    contact whose place isn't finite is as one whose finger is lost.
 
     Port `contact_weights` (optional) accepts a vector of n: h_i in m²; -inf says that the finger
-    is lost. Unconnected, all are zero.
+    is lost, and so does NaN. Others count as at most `LARGEST_WEIGHT` in size. Unconnected, all are
+    zero.
 
-    Port `obstacles` (optional) accepts `Obstacles` in W.
+    Port `obstacles` (optional) accepts `Obstacles` in W. One whose numbers are no longer finite may
+    be anywhere: contacts have no region then, and their status names it.
 
     Port `X_WH` (optional) accepts a `RigidTransform`: the pose of the hand H, for the fingers'
-    reach. Unconnected, H is W.
+    reach. Unconnected, H is W. If it isn't finite, or its rotation is none, fingers that have a
+    reach can reach nothing.
 
     Both are for the time that `X_WO_estimated` is for: if that looks ahead, so must they.
 
     Port `V_WO_estimated` (optional) accepts a `SpatialVelocity`: of O in W, with which it goes on
-    over the horizon. Unconnected, it is taken to stay.
+    over the horizon. Unconnected, or if it isn't finite, it is taken to stay.
 
     Port `safe_regions` emits `SafeRegions` over the surface's candidate points.
 
@@ -152,22 +165,28 @@ class SafeRegionPartitioner(LeafSystem):
         )
         self.DeclareAbstractOutputPort(
             "safe_regions",
-            self._allocate_regions,
+            lambda: AbstractValue.Make(self._no_regions()),
             self._calc_regions,
             {self.all_input_ports_ticket()},
         )
 
-    def _allocate_regions(self) -> AbstractValue:
+    def _no_regions(self) -> SafeRegions:
         labels = np.full(len(self._surface.p_OQ), NO_REGION)
-        return AbstractValue.Make(SafeRegions.unlimited(labels, self._num_contacts))
+        return SafeRegions.unlimited(labels, self._num_contacts)
 
     def _calc_regions(self, context: Context, output: AbstractValue) -> None:
-        X_OW: RigidTransform = self._X_WO_estimated.Eval(context).inverse()
+        X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
+        if not is_usable(X_WO):
+            output.set_value(self._no_regions())
+            return
+        X_OW = X_WO.inverse()
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
         weights = np.zeros(self._num_contacts)
         if self._contact_weights.HasValue(context):
-            weights = self._contact_weights.Eval(context)
+            weights = usable_weights(self._contact_weights.Eval(context))
         p_OC = (X_OW @ p_WC.T).T
+        placed = np.all(np.abs(p_OC) <= FARTHEST, axis=1)
+        p_OC[~placed], weights[~placed] = 0.0, -np.inf
         constraints = self._constraints(context, X_OW, p_OC)
         if self._normal_length > 0:
             _, nhat_OC = self._surface.project(p_OC)
@@ -194,14 +213,10 @@ class SafeRegionPartitioner(LeafSystem):
                     f"port obstacles of {self.get_name()} accepts an Obstacles,"
                     f" not a {type(in_world).__name__}"
                 )
-            obstacles = in_world.moved(X_OW.rotation().matrix(), X_OW.translation())
+            obstacles = place_obstacles(in_world, X_OW.rotation().matrix(), X_OW.translation())
             later = [self._obstacles_after(context, in_world, moment) for moment in self._moments]
         elif self._is_unlimited:
             return UNCONSTRAINED
-        X_OH = X_OW
-        if self._X_WH.HasValue(context):
-            X_OH = X_OW @ self._X_WH.Eval(context)
-        R_OH, p_OH = X_OH.rotation().matrix(), X_OH.translation()
         surface, same_side, fencing = self._surface, None, None
         nhat_OC = np.empty((0, 3))
         if self._wall_test != "none" or len(self._tip_radii):
@@ -220,18 +235,28 @@ class SafeRegionPartitioner(LeafSystem):
             standoff=self._standoff,
             nhat_OQ=surface.nhat_OQ,
             nhat_OC=nhat_OC,
-            reach=[None if reach is None else reach.moved(R_OH, p_OH) for reach in self._reach],
+            reach=self._reach_in_O(context, X_OW),
             closed=self._closed,
             same_side=same_side,
             fencing=fencing,
         )
+
+    def _reach_in_O(self, context: Context, X_OW: RigidTransform) -> list[FingerReach | None]:
+        X_OH = X_OW
+        if self._X_WH.HasValue(context):
+            X_WH: RigidTransform = self._X_WH.Eval(context)
+            if not is_usable(X_WH):
+                return [reach and _NOWHERE for reach in self._reach]
+            X_OH = X_OW @ X_WH
+        R_OH, p_OH = X_OH.rotation().matrix(), X_OH.translation()
+        return [reach and reach.moved(R_OH, p_OH) for reach in self._reach]
 
     def _obstacles_after(self, context: Context, in_world: Obstacles, seconds: float) -> Obstacles:
         """Returns where obstacles will be, in O as it will be then."""
         X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
         R_WO, p_WO = X_WO.rotation().matrix(), X_WO.translation()
         if self._V_WO.HasValue(context):
-            V_WO: SpatialVelocity = self._V_WO.Eval(context)
+            V_WO = usable_velocity(self._V_WO.Eval(context))
             R_WO = rotation_matrix(V_WO.rotational() * seconds) @ R_WO
             p_WO = p_WO + V_WO.translational() * seconds
-        return in_world.after(seconds).moved(R_WO.T, -R_WO.T @ p_WO)
+        return place_obstacles(in_world, R_WO.T, -R_WO.T @ p_WO, seconds=seconds)

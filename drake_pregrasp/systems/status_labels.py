@@ -4,13 +4,15 @@ from collections.abc import Mapping
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.geometry import Meshcat
+from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.contact_status import ContactStatus, describe_status
-from drake_pregrasp.systems.palette import contact_color
+from drake_pregrasp.planning.tracking_status import TrackingStatus
+from drake_pregrasp.planning.usable_inputs import usable_status
+from drake_pregrasp.systems.palette import NO_REGION_COLOR, contact_color
 from drake_pregrasp.systems.text_board import text_board
 
 ROOT = "/drake/contact_status"
@@ -22,6 +24,8 @@ _ROW = 1.15  # Distance of two rows, in heights of a label.
 class StatusLabels(LeafSystem):
     """Shows for each contact that something limits what it is, on a board in its colour.
 
+    On a grey one it shows that the object isn't tracked.
+
     .. pydrake_system::
 
         name: StatusLabels
@@ -29,12 +33,15 @@ class StatusLabels(LeafSystem):
         - X_WO_estimated
         - contact_status
         - contact_causes
+        - tracking_status
 
     Port `X_WO_estimated` accepts a `RigidTransform`: the boards hover over the object's origin.
 
     Port `contact_status` accepts a vector of n `ContactStatus` values.
 
     Port `contact_causes` accepts a vector of n indices, as `CentroidSelector` emits them.
+
+    Port `tracking_status` (optional) accepts a `TrackingStatus`.
 
     A board is made when it is first needed. In a recording it is hidden up to then.
 
@@ -67,12 +74,13 @@ class StatusLabels(LeafSystem):
         self._obstacle_names = dict(obstacle_names or {})
         # What Meshcat shows by now: a cache of the outside world, no part of the simulated state.
         self._made: set[str] = set()
-        self._shown: list[str | None] = [None] * num_contacts
+        self._shown: list[str | None] = [None] * (num_contacts + 1)  # The last is the object's.
         self._X_WO_estimated = self.DeclareAbstractInputPort(
             "X_WO_estimated", AbstractValue.Make(RigidTransform())
         )
         self._status = self.DeclareVectorInputPort("contact_status", num_contacts)
         self._causes = self.DeclareVectorInputPort("contact_causes", num_contacts)
+        self._tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
         meshcat.Delete(ROOT)
         self.DeclareInitializationPublishEvent(self._forget)
         self.DeclarePeriodicPublishEvent(publish_period, 0.0, self._draw)
@@ -96,17 +104,29 @@ class StatusLabels(LeafSystem):
             path = None
             if kind != ContactStatus.ACTIVE:
                 path = f"{ROOT}/{contact}/{int(kind)}_{int(cause)}"
-                if path not in self._made:
-                    words = describe_status(kind, cause, self._obstacle_names)
-                    self._make(path, contact, f"{contact}: {words}", time)
-                X_BR = RigidTransform([0.0, 0.0, rows * _ROW * self._height])
-                self._meshcat.SetTransform(path, X_BR, time)
+                words = describe_status(kind, cause, self._obstacle_names)
+                self._place(path, f"{contact}: {words}", contact_color(contact), rows, time)
                 rows += 1
             self._show(contact, path, time)
+        path = None
+        tracking = TrackingStatus.TRACKING
+        if self._tracking_status.HasValue(context):
+            tracking = usable_status(self._tracking_status.Eval(context)[0])
+        if tracking != TrackingStatus.TRACKING:
+            path = f"{ROOT}/object/{tracking.name.lower()}"
+            words = f"object: {tracking.name.lower()}"
+            self._place(path, words, NO_REGION_COLOR, rows, time)
+        self._show(len(status), path, time)
         return EventStatus.Succeeded()
 
-    def _make(self, path: str, contact: int, text: str, time: float) -> None:
-        board = text_board(text, height=self._height, frame_color=contact_color(contact))
+    def _place(self, path: str, text: str, color: Rgba, row: int, time: float) -> None:
+        if path not in self._made:
+            self._make(path, text, color, time)
+        X_BR = RigidTransform([0.0, 0.0, row * _ROW * self._height])
+        self._meshcat.SetTransform(path, X_BR, time)
+
+    def _make(self, path: str, text: str, color: Rgba, time: float) -> None:
+        board = text_board(text, height=self._height, frame_color=color)
         self._meshcat.SetObject(path, board)
         if time > 0:
             self._meshcat.SetProperty(path, "visible", False, 0.0)

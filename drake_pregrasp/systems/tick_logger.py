@@ -10,6 +10,8 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.safe_regions import SafeRegions
+from drake_pregrasp.planning.tracking_status import TrackingStatus
+from drake_pregrasp.planning.usable_inputs import usable_status
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +28,8 @@ class TickRecord:
         X_WO: The object's true pose.
         X_WO_estimated: Its estimate.
         wall_seconds: What it took to compute the goals from the plant's state.
+        tracking_status: A `TrackingStatus`.
+        time_since_measurement: Age of the newest measurement in the estimate, in seconds.
     """
 
     time: float
@@ -37,6 +41,8 @@ class TickRecord:
     X_WO: RigidTransform
     X_WO_estimated: RigidTransform
     wall_seconds: float
+    tracking_status: int = TrackingStatus.TRACKING
+    time_since_measurement: float = 0.0
 
 
 class TickLogger(LeafSystem):
@@ -53,11 +59,14 @@ class TickLogger(LeafSystem):
         - X_WO
         - X_WO_estimated
         - contact_causes
+        - tracking_status
+        - time_since_measurement
 
     The ports accept what the ports of these names emit: `p_WC`, `contact_status` and
     `contact_causes` of `CentroidSelector`, `grasp_quality` of `GraspQualityMonitor`,
-    `safe_regions` of `SafeRegionPartitioner`, `X_WO` of `ObjectPlant` and `X_WO_estimated` of
-    `PoseEstimator`.
+    `safe_regions` of `SafeRegionPartitioner`, `X_WO` of `ObjectPlant`, and `X_WO_estimated` and,
+    optional, `tracking_status` and `time_since_measurement` of `PoseEstimator`. Without these two
+    the object is always tracked.
 
     Publish events of one time run in the order in which systems were added: to time the planner,
     and not a cache look-up, add this system before visualizers.
@@ -90,6 +99,8 @@ class TickLogger(LeafSystem):
             "X_WO_estimated", AbstractValue.Make(RigidTransform())
         )
         self._contact_causes = self.DeclareVectorInputPort("contact_causes", num_contacts)
+        self._tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
+        self._age = self.DeclareVectorInputPort("time_since_measurement", 1)
         self.DeclarePeriodicPublishEvent(period, 0.0, self._log)
 
     def _log(self, context: Context) -> EventStatus:
@@ -97,6 +108,11 @@ class TickLogger(LeafSystem):
         p_WC: FloatArray = self._p_WC.Eval(context)
         wall_seconds = time.perf_counter() - start
         regions: SafeRegions = self._safe_regions.Eval(context)
+        status, age = TrackingStatus.TRACKING, 0.0
+        if self._tracking_status.HasValue(context):
+            status = usable_status(self._tracking_status.Eval(context)[0])
+        if self._age.HasValue(context):
+            age = float(self._age.Eval(context)[0])
         # Evaluating an abstract port gives the cached object itself, which later ticks overwrite.
         self._sink(
             TickRecord(
@@ -109,6 +125,8 @@ class TickLogger(LeafSystem):
                 X_WO=RigidTransform(self._X_WO.Eval(context)),
                 X_WO_estimated=RigidTransform(self._X_WO_estimated.Eval(context)),
                 wall_seconds=wall_seconds,
+                tracking_status=status,
+                time_since_measurement=age,
             )
         )
         return EventStatus.Succeeded()

@@ -2,10 +2,15 @@
 
 import numpy as np
 import pytest
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import BusValue
 
 from drake_pregrasp import BoxSolid, GraspConfig, HandController, HandModel, load_hand
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.planning.tracking_status import TrackingStatus
 
 MODEL = HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
 AROUND = 2 * np.pi * np.arange(5) / 5
@@ -52,3 +57,58 @@ def test_its_wrist_starts_within_its_range():
 def test_what_makes_no_sense_is_refused(config, changes, problem):
     with pytest.raises(InvalidArgumentError, match=problem):
         controller(config, **changes)
+
+
+def targets(point=0.0):
+    """Contact goals on the object, of which one may be anywhere."""
+    bus = BusValue()
+    for finger, p_OC in enumerate(RING):
+        R = RotationMatrix.MakeFromOneVector(-p_OC, 2)
+        place = p_OC + np.array([point if finger == 0 else 0.0, 0.0, 0.05])
+        bus.Set(MODEL.kinematics.tip_frames[finger], AbstractValue.Make(RigidTransform(R, place)))
+    return AbstractValue.Make(bus)
+
+
+SOUND = {
+    "fingertip_targets": targets(),
+    "contact_status": np.ones(5),
+    "X_WO_estimated": RigidTransform([0.0, 0.0, 0.05]),
+    "V_WO_estimated": SpatialVelocity.Zero(),
+    "close": [0.0],
+    "net_actuation": np.zeros(MODEL.kinematics.num_positions),
+    "tracking_status": [float(TrackingStatus.TRACKING)],
+}
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, 1e300])
+def test_joints_get_finite_commands_whatever_comes(number):
+    system = controller()
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    state = np.concatenate([system.initial, 0 * system.initial])
+    sound = SOUND | {"hand_state": state}
+    bad = {
+        "fingertip_targets": targets(number),
+        "X_WO_estimated": RigidTransform([number, 0.0, 0.0]),
+        "V_WO_estimated": SpatialVelocity(w=[number, 0, 0], v=[0, 0, number]),
+        **{
+            name: np.full(np.size(sound[name]), number)
+            for name in ("contact_status", "close", "net_actuation", "tracking_status")
+        },
+        "hand_state": np.where(np.arange(len(state)) == 2, number, state),
+    }
+    for name, value in sound.items():
+        system.GetInputPort(name).FixValue(context, value)
+    simulator.AdvanceTo(0.1)
+    largest, before = 0.0, system.GetOutputPort("desired_state").Eval(context).copy()
+    for name, value in bad.items():
+        for now in (value, sound[name]):
+            system.GetInputPort(name).FixValue(context, now)
+            simulator.AdvanceTo(context.get_time() + 0.06)
+            desired = system.GetOutputPort("desired_state").Eval(context).copy()
+            assert np.all(np.isfinite(desired)), name
+            assert np.all(np.isfinite(system.GetOutputPort("X_WH").Eval(context).GetAsMatrix34()))
+            assert np.all(np.isfinite(system.GetOutputPort("p_GT").Eval(context)))
+            largest = max(largest, np.max(np.abs(desired - before)[: len(state) // 2]))
+            before = desired
+    assert largest < 0.5  # Radians or metres in three ticks, of which joints do less than a third.

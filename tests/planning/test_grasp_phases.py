@@ -1,5 +1,7 @@
 """What a hand does next: laws of the closing gate, of touch, and of giving up."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -35,6 +37,7 @@ class Scene:
         self.offset, self.active, self.distance = np.broadcast_to(offset, N), active, distance
         self.stiffness = stiffness
         self.force = np.zeros(N)
+        self.sees = True
 
     def view(self, time, close, state):
         """Fingertips meet the object at a gap of minus the offset, and then press."""
@@ -43,7 +46,8 @@ class Scene:
         presses = self.stiffness * depth * self.active + share * 3.0 * self.active
         presses += state.touched * SETTINGS.touch_force * (1 - share) + self.force
         gaps = np.maximum(state.standoffs, -self.offset)
-        return GraspView(time, close, self.active, np.full(N, self.distance), gaps, presses)
+        distances = np.full(N, self.distance)
+        return GraspView(time, close, self.active, distances, gaps, presses, self.sees)
 
 
 def play(scene, *, close_at=2.0, open_at=np.inf, end=8.0, squeeze=balanced, change=None):
@@ -269,3 +273,85 @@ def test_a_hand_that_coasts_moves_by_its_twist_and_comes_to_rest(elapsed, stop, 
         assert not np.any(now.v_WG)
     again = Coasting.from_vector(now.to_vector())
     np.testing.assert_array_equal(again.to_vector(), now.to_vector())
+
+
+def unseen(start, end):
+    """Loses the object from sight from one time to another."""
+
+    def change(scene, state):
+        scene.calls = getattr(scene, "calls", -1) + 1
+        scene.sees = not start - 1e-9 <= scene.calls * PERIOD < end - 1e-9
+
+    return change
+
+
+@pytest.mark.parametrize("found", [3.0, 6.0])
+def test_no_closing_starts_on_an_object_that_is_not_seen(found):
+    states = play(Scene(), change=unseen(1.8, found), end=found + 6.0)
+    assert closing_time(states) == pytest.approx(found)
+    assert phases(states)[-1] == "HOLD"
+    for tick, state in enumerate(states):
+        waits = 2.0 - 1e-9 <= tick * PERIOD < found - 1e-9
+        reason = describe_give_up(state.reason, state.detail)
+        assert reason == ("the object is lost from sight" if waits else None)
+
+
+def test_the_gates_limit_begins_when_the_object_is_seen_again():
+    scene = Scene(distance=1.0)
+    states = play(scene, change=unseen(2.2, 5.0), end=7.0)
+    assert closing_time(states) == pytest.approx(5.0 + SETTINGS.gate_limit, abs=1.1 * PERIOD)
+
+
+@pytest.mark.parametrize("touched", [0, 3])
+def test_a_closing_that_has_no_hold_opens_when_the_object_is_lost(touched):
+    scene = Scene(offset=np.where(np.arange(N) < touched, -0.005, 0.005))
+
+    def lose(scene, state):
+        scene.sees &= not (state.phase == GraspPhase.CLOSE and np.sum(state.touched) == touched)
+
+    states = play(scene, change=lose, end=10.0)
+    assert phases(states) == ["APPROACH", "TRACK", "CLOSE", "BACK_OFF"]
+    last = states[-1]
+    assert describe_give_up(last.reason, last.detail) == "the object is lost from sight"
+    np.testing.assert_allclose(last.standoffs, SETTINGS.standoff)
+    assert last.height.value(10.0) == pytest.approx(SETTINGS.approach_height)
+
+
+@pytest.mark.parametrize("phase", [GraspPhase.SQUEEZE, GraspPhase.LIFT, GraspPhase.HOLD])
+def test_a_hand_that_holds_goes_on_holding_an_object_that_it_no_longer_sees(phase):
+    def lose(scene, state):
+        scene.sees = state.phase < phase
+
+    assert phases(play(Scene(), change=lose)) == phases(play(Scene()))
+
+
+def test_a_hand_comes_no_lower_while_it_does_not_see_what_it_comes_down_to():
+    states = play(Scene(), change=unseen(0.5, 3.0), close_at=np.inf)
+    heights = np.array([s.height.value(PERIOD * tick) for tick, s in enumerate(states)])
+    lost = heights[int(0.5 / PERIOD) : int(3.0 / PERIOD)]
+    assert np.ptp(lost) == 0
+    assert 0 < lost[0] < SETTINGS.approach_height
+    assert np.all(np.diff(heights) <= 0)
+    assert phases(states) == ["APPROACH", "TRACK"]
+    assert heights[-1] == 0
+
+
+def test_a_force_that_is_not_known_hides_no_other():
+    def pressed(scene, state):
+        scene.force = np.where(np.arange(N) == 0, np.nan, 100.0 * (state.phase == GraspPhase.HOLD))
+
+    last = play(Scene(), change=lambda scene, state: None)[-1]
+    scene = Scene()
+    pressed(scene, last)
+    after = next_state(last, scene.view(9.0, True, last), SETTINGS, PERIOD, balanced)
+    assert after.reason == GiveUp.PRESSED_TOO_HARD
+    scene.force = np.array([np.nan, 0, 0, 0, 0])
+    assert next_state(last, scene.view(9.0, True, last), SETTINGS, PERIOD, balanced).phase == 5
+
+
+def test_a_fingertip_that_is_said_to_be_deep_inside_stops_where_it_may_search():
+    state = replace(GraspState.first(N, SETTINGS), phase=GraspPhase.CLOSE, active=ALL)
+    gaps = np.array([-1e6, 0.0, 0.0, 0.0, 0.02])
+    view = GraspView(3.0, True, ALL, np.zeros(N), gaps, np.ones(N))
+    after = next_state(state, view, SETTINGS, PERIOD, balanced)
+    assert after.standoffs[0] == -SETTINGS.search

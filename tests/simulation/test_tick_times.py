@@ -25,3 +25,11 @@ def test_any_duration_counts(seconds, ms):
 
 def test_without_ticks_there_is_no_percentile():
     assert TickTimes().percentile_ms(50) is None
+
+
+def test_ticks_beyond_the_deadline_are_counted():
+    times, endless = TickTimes(deadline=1e-3), TickTimes()
+    for seconds in (1e-4, 1e-3, 1.1e-3, 2.0):
+        times.add(seconds)
+        endless.add(seconds)
+    assert (times.overruns, endless.overruns) == (2, 0)

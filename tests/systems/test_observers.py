@@ -11,6 +11,7 @@ from drake_pregrasp import ContactStatus, InvalidArgumentError, box_surface
 from drake_pregrasp.planning.contact_models import CONTACT_MODELS
 from drake_pregrasp.planning.grasp_quality import grasp_quality
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
+from drake_pregrasp.planning.tracking_status import TrackingStatus
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor, GraspQualityView
 from drake_pregrasp.systems.pregrasp_visualizer import ROOT, PregraspVisualizer
 from drake_pregrasp.systems.tick_logger import TickLogger
@@ -81,6 +82,8 @@ def fix_planner_outputs(system, context, surface, p_OC):
         "safe_regions": AbstractValue.Make(regions),
         "p_WO_covariance": 1e-6 * np.eye(3).ravel(),
         "grasp_quality": np.arange(5.0),
+        "tracking_status": [float(TrackingStatus.COASTING)],
+        "time_since_measurement": [0.25],
     }
     for index in range(system.num_input_ports()):
         port = system.get_input_port(index)
@@ -99,6 +102,8 @@ def test_logger_hands_over_each_tick(surface, p_OC):
     np.testing.assert_array_equal(record.regions.sizes(), regions.sizes())
     np.testing.assert_array_equal(record.contact_causes, np.arange(5))
     assert record.X_WO.IsExactlyEqualTo(X_WO)
+    assert record.tracking_status == TrackingStatus.COASTING
+    assert record.time_since_measurement == 0.25
     assert record.wall_seconds >= 0
 
 

@@ -364,9 +364,11 @@ def labels(screen, **arguments):
     )
     context = system.CreateDefaultContext()
 
-    def show(time, status, causes):
+    def show(time, status, causes, tracking=None):
         context.SetTime(time)
         values = {"X_WO_estimated": X_WO, "contact_status": status, "contact_causes": causes}
+        if tracking is not None:
+            values["tracking_status"] = [tracking]
         for name, value in values.items():
             system.GetInputPort(name).FixValue(context, value)
         system.ForcedPublish(context)
@@ -391,6 +393,18 @@ def test_boards_appear_when_they_are_needed_and_only_then():
     assert spy.seen_at(2.5) == {"1/-5_2", "2/3_0"}
     assert spy.seen_at(3.5) == {"2/3_1"}
     assert spy.seen_at(4.5) == {"1/-5_2", "2/3_0"}
+
+
+def test_a_board_says_when_the_object_is_not_tracked():
+    spy = Spy()
+    _, show = labels(spy)
+    for time, tracking in enumerate([0.0, 1.0, 2.0, 3.0, 1.0]):
+        show(float(time), [ACTIVE, OBSTRUCTED, ACTIVE], [-1, 2, -1], tracking)
+    names = [spy.seen_at(time + 0.5) - {"1/-5_2"} for time in range(5)]
+    assert names == [{"object/waiting"}, set(), {"object/coasting"}, {"object/lost"}, set()]
+    heights = {path: X.translation()[2] for path, X in spy.places.items()}
+    root = status_labels.ROOT
+    assert heights[f"{root}/object/lost"] > heights[f"{root}/1/-5_2"]
 
 
 def test_boards_hover_over_the_object_in_a_row_for_each_contact():

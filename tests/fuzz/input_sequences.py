@@ -1,0 +1,236 @@
+"""Feeds many planners with random sequences of inputs, and says what came of them.
+
+    python -m tests.fuzz.input_sequences --count 100000 --seed 0
+
+After each tick all outputs are to be finite, active goals on the allowed surface, and steps within
+the limits, whatever came in; and nothing is to raise an error.
+"""
+
+import argparse
+import collections
+import copy
+import sys
+import time
+import traceback
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from input_cases import Case, make_case, make_value
+from input_variants import PERIOD, Variant, make_variant
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import BusValue, Context
+
+from drake_pregrasp.planning.contact_limits import tip_gaps
+from drake_pregrasp.planning.contact_status import ContactStatus, is_active
+from drake_pregrasp.planning.region_constraints import Limit
+from drake_pregrasp.planning.safe_regions import SafeRegions
+from drake_pregrasp.planning.surface import CONTACT_TOLERANCE
+from drake_pregrasp.planning.tracking_status import TrackingStatus
+from drake_pregrasp.systems.usable_poses import is_usable
+
+BETWEEN = 0.4
+"""Share of a period after a tick at which outputs are looked at again."""
+
+_ROUNDING = 1e-9
+_STATUSES = {float(status) for status in ContactStatus}
+_P_OC = 1  # Index of the selector's state with the goals.
+
+
+class BrokenLawError(Exception):
+    """An output is not what it has to be."""
+
+
+def _require(law: bool, words: str) -> None:
+    if not law:
+        raise BrokenLawError(words)
+
+
+def play(case: Case) -> None:
+    """Plays a sequence on a fresh Context.
+
+    Raises:
+        BrokenLawError: If an output is not what it has to be.
+    """
+    variant = make_variant(case.variant)
+    context = variant.diagram.CreateDefaultContext()
+    now = 0
+    for tick in case.ticks:
+        now += tick.steps
+        context.SetTime(now * PERIOD)
+        for port, value in tick.values.items():
+            variant.diagram.GetInputPort(port).FixValue(context, make_value(value))
+        before = _stored(variant, context)
+        _check_outputs(variant, context)
+        regions: SafeRegions = variant.diagram.GetOutputPort("safe_regions").Eval(context)
+        held = _is_held(variant, context)
+        context.SetDiscreteState(variant.diagram.EvalUniquePeriodicDiscreteUpdate(context))
+        _check_step(variant, context, before, regions, held)
+        _check_outputs(variant, context)
+        if tick.between:
+            stored = _stored(variant, context)
+            context.SetTime((now + BETWEEN) * PERIOD)
+            _check_outputs(variant, context)
+            _require(np.array_equal(_stored(variant, context), stored), "goals move between ticks")
+
+
+def _stored(variant: Variant, context: Context) -> np.ndarray:
+    own = variant.selector.GetMyContextFromRoot(context)
+    return own.get_discrete_state(_P_OC).value().reshape(-1, 3).copy()
+
+
+def _is_held(variant: Variant, context: Context) -> bool:
+    own = variant.selector.GetMyContextFromRoot(context)
+    hold, status = (variant.selector.GetInputPort(n) for n in ("hold_contacts", "tracking_status"))
+    if hold.HasValue(own) and not hold.Eval(own)[0] <= 0:
+        return True
+    if status.HasValue(own):
+        number = status.Eval(own)[0]
+        if number not in (TrackingStatus.TRACKING, TrackingStatus.COASTING):
+            return True
+    return not is_usable(variant.selector.GetInputPort("X_WO_estimated").Eval(own))
+
+
+def _is_lost(variant: Variant, context: Context) -> np.ndarray:
+    own = variant.partitioner.GetMyContextFromRoot(context)
+    weights = variant.partitioner.GetInputPort("contact_weights")
+    return ~(weights.Eval(own) > -np.inf) if weights.HasValue(own) else np.zeros(3, dtype=bool)
+
+
+def _check_outputs(variant: Variant, context: Context) -> None:
+    diagram = variant.diagram
+    for index in range(diagram.num_output_ports()):
+        port = diagram.get_output_port(index)
+        value = port.Eval(context)
+        if isinstance(value, np.ndarray):
+            _require(bool(np.all(np.isfinite(value))), f"{port.get_name()} isn't finite")
+        elif isinstance(value, RigidTransform):
+            _require(is_usable(value), f"{port.get_name()} isn't a pose")
+    status = diagram.GetOutputPort("contact_status").Eval(context)
+    _require(set(status.tolist()) <= _STATUSES, "a status is none")
+    _require(np.min(diagram.GetOutputPort("contact_causes").Eval(context)) >= -1, "no such cause")
+    targets: BusValue = diagram.GetOutputPort("fingertip_targets").Eval(context)
+    for finger, kind in enumerate(status):
+        X_WC = targets.Find(f"fingertip_{finger}")
+        _require((X_WC is None) == (kind == ContactStatus.LOST), "targets and losses differ")
+        _require(X_WC is None or is_usable(X_WC), "a target isn't a pose")
+
+
+def _check_step(
+    variant: Variant, context: Context, before: np.ndarray, regions: SafeRegions, held: bool
+) -> None:
+    p_OC = _stored(variant, context)
+    _require(bool(np.all(np.isfinite(p_OC))), "stored goals aren't finite")
+    ways = np.linalg.norm(p_OC - before, axis=1)
+    _require(np.max(ways) <= (0 if held else variant.limits.max_step + _ROUNDING), "a step too far")
+    own = variant.selector.GetMyContextFromRoot(context)
+    status = variant.selector.GetOutputPort("contact_status").Eval(own)
+    nearest, normals = variant.surface.project(p_OC)
+    active = is_active(status)
+    off = np.linalg.norm(nearest - p_OC, axis=1)
+    if np.any(off > CONTACT_TOLERANCE):
+        on_mesh = np.abs(variant.surface.distance(p_OC)) <= CONTACT_TOLERANCE
+        _require(bool(np.all(on_mesh)), "a goal is off the object")
+    _require(np.max(off[active], initial=0) <= CONTACT_TOLERANCE, "active on forbidden ground")
+    if held:
+        return
+    _require(
+        np.array_equal(status == ContactStatus.LOST, _is_lost(variant, context)), "who is lost"
+    )
+    _require(not np.any(active & (regions.sizes() == 0)), "active without a region")
+    constraints = regions.constraints
+    for contact in np.flatnonzero(active).tolist():
+        point, normal = p_OC[contact][None], normals[contact][None]
+        limit = constraints.limits_at(contact, point, normal)[0][0]
+        _require(limit == Limit.NONE, f"active where {Limit(limit).name} keeps it out")
+    if len(constraints.tip_radii):
+        gaps = tip_gaps(p_OC, normals, constraints.tip_radii, constraints.tip_gap)
+        _require(np.min(gaps[np.ix_(active, active)], initial=0) >= -_ROUNDING, "tips overlap")
+
+
+def outcome(case: Case) -> tuple[str, str]:
+    """Returns what came of a case, and what was said."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            play(case)
+    except BrokenLawError as error:
+        return str(error), ""
+    except (Exception, SystemExit) as error:
+        return f"{type(error).__name__}", traceback.format_exc()
+    return "kept", ""
+
+
+def smallest(case: Case, expected: str) -> Case:
+    """Returns a case with as few ticks and changes as still have that outcome."""
+    shrunk = True
+    while shrunk:
+        shrunk = False
+        for less in _smaller(case):
+            if outcome(less)[0] == expected:
+                case, shrunk = less, True
+                break
+    return case
+
+
+def _smaller(case: Case) -> list[Case]:
+    less = []
+    for index, tick in enumerate(case.ticks):
+        if len(case.ticks) > 1:
+            fewer = copy.deepcopy(case)
+            gone = fewer.ticks.pop(index)
+            if index < len(fewer.ticks):  # What it has set stays set.
+                later = fewer.ticks[index]
+                later.values, later.steps = gone.values | later.values, gone.steps + later.steps
+            less.append(fewer)
+        for port in tick.values:
+            if index or port not in ("X_WO_estimated", "X_WO_measured", "p_WO_covariance"):
+                fewer = copy.deepcopy(case)
+                del fewer.ticks[index].values[port]
+                less.append(fewer)
+        if tick.between:
+            fewer = copy.deepcopy(case)
+            fewer.ticks[index].between = False
+            less.append(fewer)
+    return less
+
+
+def run(
+    count: int, seed: int, first: int = 0
+) -> tuple[collections.Counter[tuple[str, str]], dict[tuple[str, str], str]]:
+    """Returns counts by variant and outcome, and of each failure the first, made small."""
+    counts: collections.Counter[tuple[str, str]] = collections.Counter()
+    failures: dict[tuple[str, str], str] = {}
+    for number in range(first, first + count):
+        case = make_case(seed, number)
+        kind, _ = outcome(case)
+        counts[case.variant, kind] += 1
+        if kind != "kept" and (case.variant, kind) not in failures:
+            case = smallest(case, kind)
+            failures[case.variant, kind] = f"--- {number} {kind}\n{case}\n{outcome(case)[1]}"
+    return counts, failures
+
+
+def main() -> int:
+    """Prints the counts and the failures; returns 1 if there are any."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--first", type=int, default=0)
+    options = parser.parse_args()
+    start = time.perf_counter()
+    counts, failures = run(options.count, options.seed, options.first)
+    for (variant, kind), number in sorted(counts.items()):
+        print(f"{variant:8} {kind:30} {number}")
+    print("\n".join(failures.values()))
+    seconds = time.perf_counter() - start
+    failed = sum(number for (_, kind), number in counts.items() if kind != "kept")
+    print(f"{options.count} sequences in {seconds:.0f} s, {failed} failures")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
