@@ -191,14 +191,11 @@ class PregraspPlanner(Diagram):
             (estimator, "V_WO_estimated", partitioner, "V_WO_estimated"),
             (estimator, "X_WO_estimated", selector, "X_WO_estimated"),
             (estimator, "p_WO_covariance", selector, "p_WO_covariance"),
+            (estimator, "tracking_status", selector, "tracking_status"),
             (partitioner, "safe_regions", selector, "safe_regions"),
             (selector, "p_WC_previous", partitioner, "p_WC"),
         ):
             builder.Connect(source.GetOutputPort(output), target.GetInputPort(target_input))
-        if estimator.HasOutputPort("tracking_status"):
-            builder.Connect(
-                estimator.GetOutputPort("tracking_status"), selector.GetInputPort("tracking_status")
-            )
 
         for name in ("X_WO_measured", "measurement_time"):
             builder.ExportInput(estimator.GetInputPort(name), name)

@@ -7,12 +7,12 @@ from enum import IntEnum
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.usable_inputs import is_usable_pose
 
-FARTHEST = 1e5
-"""How far from the world's origin a usable measurement may be, in metres."""
+OLDEST = 1e6
+"""How old a usable measurement may be, and how far beliefs are predicted, in seconds."""
 
 _SLACK = 1e-6  # Seconds that rounding may put a time ahead of the clock.
-_UNORTHONORMAL = 1e-6  # Elements of RᵀR - I of what still is a rotation.
 
 
 class MeasurementVerdict(IntEnum):
@@ -66,17 +66,14 @@ class PoseMeasurement:
         return self.time != -math.inf
 
     def is_usable(self, now: float) -> bool:
-        """Whether it is a pose near the world, of a time that isn't to come.
+        """Whether it is a pose that can be used, of a time that isn't to come.
 
         Args:
             now: The time, in seconds.
         """
-        if not (math.isfinite(self.time) and self.time <= now + _SLACK):
+        if not now - OLDEST <= self.time <= now + _SLACK:  # As NaN isn't.
             return False
-        if not np.all(np.abs(self.p_WCoM) <= FARTHEST):  # As NaN isn't.
-            return False
-        is_near_one = np.abs(self.R_WO.T @ self.R_WO - np.eye(3)) <= _UNORTHONORMAL
-        return bool(np.all(is_near_one)) and np.linalg.det(self.R_WO) > 0
+        return is_usable_pose(self.R_WO, self.p_WCoM)
 
     def repeats(self, other: "PoseMeasurement") -> bool:
         """Whether it has the value of another one, to the last bit."""

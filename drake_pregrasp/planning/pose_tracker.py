@@ -20,7 +20,7 @@ from drake_pregrasp.planning.pose_filter import (
     predict,
 )
 from drake_pregrasp.planning.pose_history import PoseTrack, Step
-from drake_pregrasp.planning.pose_measurement import MeasurementVerdict, PoseMeasurement
+from drake_pregrasp.planning.pose_measurement import OLDEST, MeasurementVerdict, PoseMeasurement
 from drake_pregrasp.planning.shown_noise import excess_after, noisiness_after
 
 _VAGUE = 1.0  # Radians: a prior less certain of its orientation can't tell which way it turned.
@@ -94,7 +94,10 @@ def take(
         return track.judged(MeasurementVerdict.REPEATED)
     if measurement.time < track.newest.time:
         return _taken_late(track, measurement, settings)
-    prior = predict(track.newest, measurement.time - track.newest.time, settings.noise)
+    silence = measurement.time - track.newest.time
+    if silence > OLDEST:
+        return _started(track, measurement, settings)
+    prior = predict(track.newest, silence, settings.noise)
     if _is_vague(prior, settings.noise):
         return _started(track, measurement, settings)
     factor = track.excess if track.excess > _TOLERATED else 1.0

@@ -101,10 +101,13 @@ def connect_hand(
 ) -> None:
     """Connects a hand to the planner, to the command to close, and to who watches."""
     controller = hand.controller
-    names = ["fingertip_targets", "contact_status", "X_WO_estimated", "V_WO_estimated"]
-    if planner.HasOutputPort("tracking_status"):
-        names.append("tracking_status")
-    for name in names:
+    for name in (
+        "fingertip_targets",
+        "contact_status",
+        "X_WO_estimated",
+        "V_WO_estimated",
+        "tracking_status",
+    ):
         builder.Connect(planner.GetOutputPort(name), controller.GetInputPort(name))
     builder.Connect(
         controller.GetOutputPort("hold_contacts"), planner.GetInputPort("hold_contacts")

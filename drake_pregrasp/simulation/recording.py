@@ -118,10 +118,7 @@ def add_recording(
             obstacle_names=obstacle_names,
         ),
     )
-    names = ["X_WO_estimated", "contact_status", "contact_causes"]
-    if planner.HasOutputPort("tracking_status"):
-        names.append("tracking_status")
-    for name in names:
+    for name in ("X_WO_estimated", "contact_status", "contact_causes", "tracking_status"):
         builder.Connect(planner.GetOutputPort(name), labels.GetInputPort(name))
     extent = max(0.1, float(surface.mesh.extents.max()))
     meshcat.SetCameraPose(*camera_pose(path, extent, direction))

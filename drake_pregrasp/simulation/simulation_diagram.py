@@ -128,11 +128,10 @@ def make_diagram(
             "contact_causes",
             "safe_regions",
             "X_WO_estimated",
+            "tracking_status",
+            "time_since_measurement",
         ):
             builder.Connect(planner.GetOutputPort(port), logger.GetInputPort(port))
-        for port in ("tracking_status", "time_since_measurement"):
-            if planner.HasOutputPort(port):
-                builder.Connect(planner.GetOutputPort(port), logger.GetInputPort(port))
     if meshcat is not None:
         path, direction = shown_path(scenario)
         add_recording(

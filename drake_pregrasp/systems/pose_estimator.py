@@ -17,7 +17,7 @@ from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.pose_belief import PoseBelief, PoseFilterNoise
 from drake_pregrasp.planning.pose_filter import predict
 from drake_pregrasp.planning.pose_history import PoseTrack
-from drake_pregrasp.planning.pose_measurement import PoseMeasurement
+from drake_pregrasp.planning.pose_measurement import OLDEST, PoseMeasurement
 from drake_pregrasp.planning.pose_tracker import TrackerSettings, take
 from drake_pregrasp.planning.tracking_status import TrackingStatus, tracking_status
 from drake_pregrasp.systems.tick import tick_is_due
@@ -244,7 +244,8 @@ class PoseEstimator(LeafSystem):
         status = self._status(context)
         if status == TrackingStatus.LOST:  # The belief has stood still, ignorance grows on.
             track: PoseTrack = self._track.Eval(context)
-            belief = self._predicted(track.newest, context.get_time() - track.newest.time)
+            since = min(context.get_time() - track.newest.time, OLDEST)
+            belief = self._predicted(track.newest, since)
         covariance = belief.p_WCoM_covariance
         if status == TrackingStatus.WAITING:
             covariance = WAITING_STD**2 * np.eye(3)

@@ -10,12 +10,9 @@ from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.planning.pose_belief import PoseFilterNoise
 from drake_pregrasp.planning.pose_filter import first_belief, predict, update
 from drake_pregrasp.planning.pose_history import PoseTrack
-from drake_pregrasp.planning.pose_measurement import (
-    FARTHEST,
-    MeasurementVerdict,
-    PoseMeasurement,
-)
+from drake_pregrasp.planning.pose_measurement import OLDEST, MeasurementVerdict, PoseMeasurement
 from drake_pregrasp.planning.pose_tracker import TrackerSettings, take
+from drake_pregrasp.planning.usable_inputs import FARTHEST
 
 NOISE = PoseFilterNoise(
     position=5e-4,
@@ -126,6 +123,7 @@ def test_a_measurement_counts_once():
         {"time": np.nan},
         {"time": np.inf},
         {"time": 99.0},
+        {"time": -1e300},
     ],
 )
 def test_what_is_no_pose_changes_nothing(change):
@@ -187,6 +185,9 @@ def test_after_a_long_silence_the_next_measurement_is_believed():
     late = measured(100.0, rng)
     late = replace(late, p_WCoM=late.p_WCoM + 5.0)
     assert take(track, late, 100.0, SETTINGS).verdict == MeasurementVerdict.STARTED
+    for silence in (0.9 * OLDEST, 10 * OLDEST, 1e300):
+        later = take(track, replace(late, time=silence), silence, SETTINGS)
+        assert later.verdict == MeasurementVerdict.STARTED
 
 
 def test_a_frozen_value_is_refused_but_only_of_a_noisy_sensor_and_a_moving_object():

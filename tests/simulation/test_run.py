@@ -16,7 +16,7 @@ from drake_pregrasp import (
     run,
     shipped_scenarios,
 )
-from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
+from drake_pregrasp.diagrams.estimator_config import filter_noise
 from drake_pregrasp.planning.force_closure import ferrari_canny, min_weight_margin
 from drake_pregrasp.planning.grasp_quality import grasp_quality
 from drake_pregrasp.planning.independent_regions import force_closed_share

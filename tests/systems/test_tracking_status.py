@@ -7,8 +7,8 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError, MeasurementVerdict, PoseEstimator, TrackingStatus
 from drake_pregrasp.diagrams.estimator_config import EstimatorConfig, filter_noise, make_estimator
-from drake_pregrasp.planning.pose_measurement import FARTHEST
 from drake_pregrasp.planning.tracking_status import tracking_status
+from drake_pregrasp.planning.usable_inputs import FARTHEST
 
 PERIOD, COAST, LOST = 0.05, 0.1, 0.5
 NOISE = filter_noise(EstimatorConfig())

@@ -4,6 +4,7 @@ import csv
 import io
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -157,7 +158,7 @@ def consistency_lines(found: Mapping[str, Consistency]) -> list[str]:
     ]
 
 
-def _percent(share: float) -> str:
+def _percent(share: "float | np.floating[Any]") -> str:
     # Nothing is rounded up to all, or down to none.
     digits = 0 if share in (0, 1) else 1 if 1e-3 <= share <= 1 - 1e-3 else 3
     return f"{100 * share:.{digits}f} %"
