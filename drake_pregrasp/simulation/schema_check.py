@@ -10,6 +10,8 @@ with any of `above`, `at_least`, `at_most` (of a number, or of each number in a 
 
 A field that may be one of several dataclasses, a union, is told by its YAML tag which one it is, as
 in `!Cylinder {radius: 0.03}`; without a tag it is the first.
+
+What a field of type `dict` holds is for others to check.
 """
 
 import dataclasses
@@ -99,6 +101,9 @@ def _check_value(source: str, key: str, value: object, kind: Any, rules: Mapping
             _check_value(source, f"{key}[{index}]", element, element_kind, element_rules)
     elif typing.get_origin(kind) in (typing.Union, types.UnionType):
         _check_variant(source, key, value, typing.get_args(kind))
+    elif typing.get_origin(kind) is dict:
+        if not isinstance(value, Mapping):
+            _reject(source, key, value, "a mapping")
     elif kind in _TYPE_NAMES:
         _check_scalar(source, key, value, kind, rules)
     else:
