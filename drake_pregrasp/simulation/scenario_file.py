@@ -12,7 +12,7 @@ from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import validate
 from drake_pregrasp.simulation.scenario_paths import make_paths_absolute
-from drake_pregrasp.simulation.schema_check import check_mapping
+from drake_pregrasp.simulation.schema_check import add_tags, check_mapping
 
 SCENARIO_TEXT = "scenario text"
 """What error messages call the text that overrides a scenario."""
@@ -100,10 +100,12 @@ def only_name(file: str | Path) -> str:
 def scenario_data(scenario: Scenario) -> dict[str, Any]:
     """Returns a scenario as YAML has it, with every key; `scenario_from_data` is its inverse.
 
-    A mapping that may be of several kinds has its tag under the key `_tag`.
+    A mapping that may be of several kinds has its tag under the key `_tag`, also if it is of the
+    first kind.
     """
     entries = parse_mapping("scenario", dump_scenario("scenario", scenario))
     data: dict[str, Any] = entries["scenario"]
+    add_tags(data, scenario)
     return data
 
 

@@ -76,6 +76,29 @@ def check_mapping(source: str, key: str, data: object, schema: Any) -> None:
         _check_value(source, path, value, *fields[name])
 
 
+def add_tags(data: object, config: object) -> None:
+    """Tags every mapping that may be of several kinds, in place.
+
+    Args:
+        data: What YAML made of the dumped configuration, which leaves out tags of first kinds.
+        config: The configuration: a dataclass, or a list of them; others have no tags inside.
+    """
+    if isinstance(config, list) and isinstance(data, list):
+        for element, part in zip(data, config, strict=True):
+            add_tags(element, part)
+    elif dataclasses.is_dataclass(config) and isinstance(data, dict):
+        for name, (kind, _) in _fields(type(config)).items():
+            part, value = getattr(config, name), data[name]
+            add_tags(value, part)
+            if typing.get_origin(kind) is list:
+                (kind,) = typing.get_args(kind)
+            if typing.get_origin(kind) in (typing.Union, types.UnionType):
+                several = isinstance(part, list)
+                parts, values = (part, value) if several else ([part], [value])
+                for element, mapping in zip(parts, values, strict=True):
+                    mapping[_TAG] = f"!{type(element).__name__}"
+
+
 def _fields(schema: Any) -> dict[str, tuple[Any, Mapping[str, Any]]]:
     if dataclasses.is_dataclass(schema):
         hints = typing.get_type_hints(schema)

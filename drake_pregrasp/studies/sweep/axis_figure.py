@@ -23,7 +23,7 @@ _COLUMNS = 3
 _COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _LOG_RATIO = 20.0
-_LIGHTEST = 0.88  # Of viridis: what is lighter is pale on white.
+_LIGHTEST = 0.82  # Of viridis: what is lighter is pale on white.
 _WIDTH = 0.6  # Of the colours of one value, side by side; the next value's are 1 further on.
 _UNITS = {
     "m": ("position_std", "position_spread", "size", "spacing", "radius", "clearance", "standoff"),
@@ -127,8 +127,7 @@ def _finish(panel: Axes, results: SweepResults, axis: str, measure: str) -> None
     panel.set_xlabel(_plain(axis_label(axis)))
     panel.set_ylabel(_plain(MEASURES[measure].label), fontsize=9)
     if results.is_numeric(axis):
-        if _wide(results.numbers(axis)):
-            panel.set_xscale("log")
+        _scale(panel, results.numbers(axis))
     else:
         groups = results.groups(axis)
         panel.set_xticks(range(len(groups)), [_plain(g.label) for g in groups], rotation=20)
@@ -137,6 +136,16 @@ def _finish(panel: Axes, results: SweepResults, axis: str, measure: str) -> None
     panel.grid(visible=True, color="0.9", linewidth=0.6)
     panel.set_axisbelow(True)
     panel.spines[["top", "right"]].set_visible(False)
+
+
+def _scale(panel: Axes, numbers: FloatArray) -> None:
+    """Makes an axis of magnitudes logarithmic, but for what is below the least that is not zero."""
+    above = numbers[numbers > 0]
+    if _wide(above) and not np.any(numbers < 0):
+        if len(above) == len(numbers):
+            panel.set_xscale("log")
+        else:
+            panel.set_xscale("symlog", linthresh=above.min())
 
 
 def _wide(values: FloatArray) -> bool:

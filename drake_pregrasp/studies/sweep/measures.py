@@ -154,10 +154,10 @@ MEASURES = {
         )
     },
     "motion_on_object": Measure(
-        "motion of all goals over the object [mm/s]", _a_second(lambda ran: ran.motion_on_object)
+        "motion over the object [mm/s]", _a_second(lambda ran: ran.motion_on_object)
     ),
     "displacement": Measure(
-        "displacement of all goals in the world [mm/s]",
+        "motion in the world [mm/s]",
         _a_second(lambda ran: ran.column("displacement")),
     ),
     "position_error_mean": Measure(
