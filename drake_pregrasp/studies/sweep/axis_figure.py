@@ -41,7 +41,7 @@ def axis_label(name: str) -> str:
     field = name.rpartition(".")[2].partition("[")[0]
     unit = next((unit for unit, fields in _UNITS.items() if field in fields), "")
     # The names of several fields that change together bring their own.
-    return f"{name} [{unit}]" if unit and "[" not in name.rpartition(".")[2] else name
+    return f"{name} [{unit}]" if unit and " [" not in name else name
 
 
 def plot_axis(

@@ -79,7 +79,7 @@ def _on_cluster(
     futures = client.map(make, runs, pure=False, retries=ATTEMPTS - 1)
     run_of = {future.key: run for future, run in zip(futures, runs, strict=True)}
     try:
-        ended = distributed.as_completed(futures)
+        ended = distributed.as_completed(futures, loop=client.loop)
         del futures
         for future in ended:
             if future.status in _LOST:
