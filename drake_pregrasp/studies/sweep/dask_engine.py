@@ -1,9 +1,12 @@
 """Makes the runs of a sweep on a Dask cluster."""
 
+import asyncio
 import concurrent.futures
 import functools
 import importlib
 import logging
+import queue
+import threading
 from collections.abc import Sequence
 from typing import Any
 
@@ -16,7 +19,9 @@ from drake_pregrasp.studies.sweep.plan import SweepRun
 TIMEOUT = 10.0
 """Seconds within which a scheduler has to answer, and to have a worker."""
 
+_LOGGERS = ("distributed", "distributed.client", "distributed.core")
 _LOST = ("cancelled", "lost")
+_LOOK_PERIOD = 1.0  # Seconds after which to see whether the scheduler is still there.
 
 
 def dask_engine(address: str) -> Engine:
@@ -35,14 +40,15 @@ def dask_engine(address: str) -> Engine:
         raise InvalidArgumentError(
             "--scheduler: needs the extra sweep: pip install 'drake_pregrasp[sweep]'"
         ) from error
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # What matters is said here.
+    for name in _LOGGERS:
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # What matters is said here.
     client = _connect(distributed, address)
     try:
         _check_workers(client, address)
     except BaseException:
         client.close()
         raise
-    return functools.partial(_on_cluster, distributed, client, address)
+    return functools.partial(_on_cluster, client, address)
 
 
 def _connect(distributed: Any, address: str) -> Any:
@@ -72,24 +78,49 @@ def _check_workers(client: Any, address: str) -> None:
         raise InvalidArgumentError(f"--scheduler: worker {worker} {problem}")
 
 
-def _on_cluster(
-    distributed: Any, client: Any, address: str, make: Maker, runs: Sequence[SweepRun]
-) -> Ended:
+def _on_cluster(client: Any, address: str, make: Maker, runs: Sequence[SweepRun]) -> Ended:
     # A worker that dies is none of these retries: the scheduler moves its runs by itself.
-    futures = client.map(make, runs, pure=False, retries=ATTEMPTS - 1)
-    run_of = {future.key: run for future, run in zip(futures, runs, strict=True)}
+    # The main thread only waits at a queue: an interrupt inside the client could leave it locked.
+    ended: queue.SimpleQueue[tuple[str, list[float] | str | None]] = queue.SimpleQueue()
     try:
-        ended = distributed.as_completed(futures, loop=client.loop)
-        del futures
-        for future in ended:
-            if future.status in _LOST:
-                raise OutputError(
-                    f"{address}: the scheduler is gone; the runs so far are kept,"
-                    " and the same command goes on"
-                )
-            error = future.exception()
-            run = run_of.pop(future.key)
-            yield run, future.result() if error is None else in_words(error)
-            future.release()
+        futures = {f.key: f for f in client.map(make, runs, pure=False, retries=ATTEMPTS - 1)}
+        run_of = dict(zip(futures, runs, strict=True))
+        for future in futures.values():
+            future.add_done_callback(lambda future: ended.put((future.key, _found(future))))
+        del future
+        while futures:
+            key, found = _next(ended, client, address)
+            yield run_of[key], found
+            del futures[key]
     finally:
-        client.close()
+        closing = threading.Thread(target=client.close, daemon=True)
+        closing.start()
+        closing.join(TIMEOUT)
+
+
+def _found(future: Any) -> list[float] | str | None:
+    """Returns what a run came to; None if it is no longer known of."""
+    try:
+        if future.status in _LOST:
+            return None
+        error = future.exception()
+        found: list[float] | str = future.result() if error is None else in_words(error)
+    except (Exception, asyncio.CancelledError):
+        return None
+    return found
+
+
+def _next(
+    ended: "queue.SimpleQueue[tuple[str, list[float] | str | None]]", client: Any, address: str
+) -> tuple[str, list[float] | str]:
+    while client.status == "running" or not ended.empty():
+        try:
+            key, found = ended.get(timeout=_LOOK_PERIOD)
+        except queue.Empty:
+            continue
+        if found is None:
+            break
+        return key, found
+    raise OutputError(
+        f"{address}: the scheduler is gone; the runs so far are kept, and the same command goes on"
+    )
