@@ -87,7 +87,6 @@ def _on_cluster(client: Any, address: str, make: Maker, runs: Sequence[SweepRun]
         run_of = dict(zip(futures, runs, strict=True))
         for future in futures.values():
             future.add_done_callback(lambda future: ended.put((future.key, _found(future))))
-        del future
         while futures:
             key, found = _next(ended, client, address)
             yield run_of[key], found
