@@ -30,8 +30,6 @@ class LoggedRun:
     Attributes:
         surface: The object's.
         diagram: Of the simulation.
-        log: Of the planning ticks, once it is simulated.
-        grasp_log: Of the hand, once it is simulated; none without a hand.
         completed: Whether it went on to its end.
         wall_seconds: What that took.
     """
@@ -44,19 +42,27 @@ class LoggedRun:
         on_tick: Callable[[TickRecord], None] | None = None,
     ) -> None:
         self._scenario = scenario
-        self._on_tick = on_tick
+        self._sinks = _Sinks(on_tick)
         self.surface = scenario.make_surface()
-        self.log: RunLog
-        self.grasp_log: GraspLog | None = None
         self.completed = False
         self.wall_seconds = 0.0
         self.diagram = make_diagram(
             scenario,
             self.surface,
-            sink=self._sink,
-            grasp_sink=self._grasp_sink,
+            sink=self._sinks.add_tick,
+            grasp_sink=self._sinks.add_grasp,
             meshcat=meshcat,
         )
+
+    @property
+    def log(self) -> RunLog:
+        """The planning ticks, once it is simulated."""
+        return self._sinks.log
+
+    @property
+    def grasp_log(self) -> GraspLog | None:
+        """What the hand did, once it is simulated; nothing without one."""
+        return self._sinks.grasp_log
 
     def simulate(self, folder: Path, should_stop: Callable[[], bool] | None = None) -> None:
         """Simulates it, once.
@@ -70,11 +76,11 @@ class LoggedRun:
         """
         count = self._scenario.num_contacts
         with contextlib.ExitStack() as logs:
-            self.log = logs.enter_context(
+            self._sinks.log = logs.enter_context(
                 RunLog(folder / "log.csv", count, static_end=static_end(self._scenario))
             )
             if self._scenario.grasp.has_hand:
-                self.grasp_log = logs.enter_context(GraspLog(folder / "grasp.csv", count))
+                self._sinks.grasp_log = logs.enter_context(GraspLog(folder / "grasp.csv", count))
                 logs.enter_context(without_solver_chatter())
             self._advance(should_stop)
 
@@ -97,11 +103,20 @@ class LoggedRun:
         self.completed = not stopped
         self.wall_seconds = time.perf_counter() - start
 
-    def _sink(self, record: TickRecord) -> None:
+
+class _Sinks:
+    """Where records go. It doesn't know the diagram: the two would keep each other alive."""
+
+    def __init__(self, on_tick: Callable[[TickRecord], None] | None) -> None:
+        self._on_tick = on_tick
+        self.log: RunLog
+        self.grasp_log: GraspLog | None = None
+
+    def add_tick(self, record: TickRecord) -> None:
         self.log.append(record)
         if self._on_tick is not None:
             self._on_tick(record)
 
-    def _grasp_sink(self, record: GraspRecord) -> None:
+    def add_grasp(self, record: GraspRecord) -> None:
         if self.grasp_log is not None:
             self.grasp_log.append(record)
