@@ -32,7 +32,7 @@ def die_at_first(job):
 
 
 def test_a_process_that_dies_costs_no_result(tmp_path):
-    jobs = [(number, {1: 1, 4: 2}, tmp_path) for number in range(7)]
+    jobs = [(number, {1: 1, 4: 1}, tmp_path) for number in range(7)]
     ended = list(processes.as_they_end(die_at_first, jobs, processes=2, attempts=3))
     assert sorted((index, future.result()) for index, future in ended) == [(k, k) for k in range(7)]
 
