@@ -37,6 +37,7 @@ from drake_pregrasp.studies.reproduce import reproduce
 from drake_pregrasp.studies.shapes import study_shapes
 from drake_pregrasp.studies.static_versus_dynamic import command as static_versus_dynamic
 from drake_pregrasp.studies.step_bar import step_bar
+from drake_pregrasp.studies.sweep import command as sweep
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.tick_logger import TickRecord
 from drake_pregrasp.version import __version__
@@ -131,6 +132,7 @@ def _parser() -> argparse.ArgumentParser:
             "--out", default=f"study_{name}", metavar="FOLDER", help="where the report goes"
         )
     static_versus_dynamic.add_command(studies)
+    sweep.add_command(commands)
 
     bencher = commands.add_parser("bench", help="measure how long planning takes")
     bencher.set_defaults(command=_bench)

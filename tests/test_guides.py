@@ -1,3 +1,4 @@
+import dataclasses
 import re
 from pathlib import Path
 
@@ -18,6 +19,15 @@ from drake_pregrasp.studies.static_versus_dynamic.outcome import CLEAN_IN_WORDS
 from drake_pregrasp.studies.static_versus_dynamic.picture_figure import PICTURES
 from drake_pregrasp.studies.static_versus_dynamic.report import REPORT
 from drake_pregrasp.studies.static_versus_dynamic.store import OUTCOMES, SETTINGS
+from drake_pregrasp.studies.sweep.failed_file import FAILED as FAILED_RUNS
+from drake_pregrasp.studies.sweep.measures import MEASURES
+from drake_pregrasp.studies.sweep.package_digest import package_digest
+from drake_pregrasp.studies.sweep.rows_file import ROWS
+from drake_pregrasp.studies.sweep.run_maker import RunMaker
+from drake_pregrasp.studies.sweep.study_config import StudyConfig
+from drake_pregrasp.studies.sweep.study_file import load_study
+from drake_pregrasp.studies.sweep.sweep import SETTINGS as SWEEP_SETTINGS
+from drake_pregrasp.studies.sweep.sweep import STUDY
 
 DOCS = Path(__file__).parent.parent / "docs"
 
@@ -108,3 +118,30 @@ def test_the_page_on_the_study_names_its_options(capsys):
     known = set(re.findall(r"--\w+", capsys.readouterr().out)) - {"--help"}
     text = (DOCS / "static_versus_dynamic.md").read_text(encoding="utf-8")
     assert set(re.findall(r"^\| `(--\w+)", text, flags=re.MULTILINE)) == known
+
+
+def test_the_study_in_the_guide_to_sweeps_makes_its_runs(tmp_path):
+    (tmp_path / "my_study.yaml").write_text(block("sweeps.md", "yaml"))
+    study = load_study(str(tmp_path / "my_study.yaml"))
+    assert len(study.plan) == 3 * 3 * 5 * 3
+    measures = tuple(study.config.measures)
+    make = RunMaker(study.scenario, "x", tmp_path, measures, package_digest())
+    values = dict(zip(measures, make(study.plan.run(134)), strict=True))
+    assert values["q_gii_mean"] > 0.9
+    assert values["active_share"] == 1
+
+
+def test_the_guide_to_sweeps_names_what_there_is(capsys):
+    text = (DOCS / "sweeps.md").read_text(encoding="utf-8")
+    for name in MEASURES:
+        of_quality = re.match(r"q_(gii|vew)_", name)
+        assert f"`{name}`" in text or (of_quality and f"`q_{of_quality[1]}`" in text), name
+    for file in (ROWS, FAILED_RUNS, STUDY, SWEEP_SETTINGS, REPORT):
+        assert f"| `{file}` |" in text
+    assert f"{len(load_study('tracking').plan):,} runs" in text
+    for field in dataclasses.fields(StudyConfig):
+        assert f"{field.name}:" in text or f"`{field.name}`" in text, field.name
+    with pytest.raises(SystemExit):
+        main(["sweep", "--help"])
+    for option in set(re.findall(r"--\w+", capsys.readouterr().out)) - {"--help"}:
+        assert option in text

@@ -1,33 +1,25 @@
 """A scenario in, a run folder out."""
 
-import contextlib
 import json
 import re
 import shutil
 import subprocess
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
-from pydrake.systems.framework import Context, Diagram, EventStatus
+from pydrake.systems.framework import Diagram
 
 from drake_pregrasp.errors import ScenarioError
-from drake_pregrasp.simulation.grasp_log import GraspLog
 from drake_pregrasp.simulation.grasp_summary import summarize_grasp
+from drake_pregrasp.simulation.logged_run import LoggedRun
 from drake_pregrasp.simulation.metrics_plot import plot_metrics
 from drake_pregrasp.simulation.output import write_text, writing
-from drake_pregrasp.simulation.phases import static_end
 from drake_pregrasp.simulation.recording import recording_html, start_meshcat
-from drake_pregrasp.simulation.run_log import RunLog
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import check_scenario, dump_scenario
-from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
 from drake_pregrasp.simulation.summary import summarize
-from drake_pregrasp.systems.grasp_logger import GraspRecord
 from drake_pregrasp.systems.tick_logger import TickRecord
 
 RUN_FILES = (
@@ -85,48 +77,28 @@ def run(
         OutputError: If the run folder can't be written.
     """
     check_scenario(scenario)
-    surface = scenario.make_surface()
     meshcat = start_meshcat() if recording else None
-    log: RunLog
-    grasp_log: GraspLog | None = None
-
-    def sink(record: TickRecord) -> None:
-        log.append(record)
-        if on_tick is not None:
-            on_tick(record)
-
-    def grasp_sink(record: GraspRecord) -> None:
-        if grasp_log is not None:
-            grasp_log.append(record)
-
-    diagram = make_diagram(scenario, surface, sink=sink, grasp_sink=grasp_sink, meshcat=meshcat)
+    logged = LoggedRun(scenario, meshcat=meshcat, on_tick=on_tick)
     folder = _prepare_folder(Path(out), name)  # Not before all else is known to be in order.
-    with contextlib.ExitStack() as logs:
-        log = logs.enter_context(
-            RunLog(
-                folder / "log.csv",
-                scenario.num_contacts,
-                static_end=static_end(scenario),
-                deadline=scenario.planner.period,
-            )
-        )
-        if scenario.grasp.has_hand:
-            grasp_log = logs.enter_context(GraspLog(folder / "grasp.csv", scenario.num_contacts))
-            logs.enter_context(without_solver_chatter())
-        write_text(folder / "scenario.yaml", dump_scenario(name, scenario))
-        write_graphviz(diagram, folder / "diagram.dot")
-        _draw_graphviz(folder / "diagram.dot")
-        completed, wall_seconds = _simulate(diagram, scenario, should_stop)
+    write_text(folder / "scenario.yaml", dump_scenario(name, scenario))
+    write_graphviz(logged.diagram, folder / "diagram.dot")
+    _draw_graphviz(folder / "diagram.dot")
+    logged.simulate(folder, should_stop)
     if meshcat is not None:
         write_text(folder / "recording.html", recording_html(meshcat))
     summary = summarize(
-        name, scenario, surface, log, wall_seconds=wall_seconds, completed=completed
+        name,
+        scenario,
+        logged.surface,
+        logged.log,
+        wall_seconds=logged.wall_seconds,
+        completed=logged.completed,
     )
-    if grasp_log is not None:
-        summary["grasp"] = summarize_grasp(scenario, grasp_log)
+    if logged.grasp_log is not None:
+        summary["grasp"] = summarize_grasp(scenario, logged.grasp_log)
     write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
     with writing(folder):
-        plot_metrics(folder / "metrics.png", name, scenario, log, summary)
+        plot_metrics(folder / "metrics.png", name, scenario, logged.log, summary)
     return RunResult(folder=folder, summary=summary)
 
 
@@ -145,27 +117,6 @@ def _draw_graphviz(path: Path) -> None:
     if dot is not None:
         command = [dot, "-Tsvg", "-o", str(path.with_suffix(".svg")), str(path)]
         subprocess.run(command, check=False, capture_output=True)
-
-
-def _simulate(
-    diagram: Diagram, scenario: Scenario, should_stop: Callable[[], bool] | None
-) -> tuple[bool, float]:
-    simulator = Simulator(diagram)
-    ApplySimulatorConfig(scenario.simulator_config, simulator)
-    stopped = False
-
-    def monitor(context: Context) -> EventStatus:
-        nonlocal stopped
-        stopped = should_stop is not None and should_stop()
-        if stopped:
-            return EventStatus.ReachedTermination(diagram, "stopped on request")
-        return EventStatus.DidNothing()
-
-    simulator.set_monitor(monitor)
-    start = time.perf_counter()
-    simulator.Initialize()
-    simulator.AdvanceTo(scenario.simulation_duration)
-    return not stopped, time.perf_counter() - start
 
 
 def _prepare_folder(out: Path, name: str) -> Path:

@@ -1,16 +1,18 @@
 """Scenarios from YAML files in Drake's manner: named entries, overriding texts, `_` anchors."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import yaml
-from pydrake.common.yaml import yaml_dump_typed, yaml_load_data, yaml_load_typed
+from pydrake.common.yaml import yaml_dump, yaml_dump_typed, yaml_load_data, yaml_load_typed
 
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import validate
 from drake_pregrasp.simulation.scenario_paths import make_paths_absolute
-from drake_pregrasp.simulation.schema_check import check_mapping
+from drake_pregrasp.simulation.schema_check import add_tags, check_mapping
 
 SCENARIO_TEXT = "scenario text"
 """What error messages call the text that overrides a scenario."""
@@ -21,7 +23,7 @@ def shipped_scenarios() -> dict[str, tuple[Path, str]]:
     shipped = {}
     files = resource_folder("scenarios").glob("*.yaml")
     for file in sorted(files, key=lambda file: (file.stem != "paper", file.stem)):
-        for name, entry in _entries(file).items():
+        for name, entry in read_mapping(file).items():
             shipped[name] = (file, str(entry.get("description", "")))
     return shipped
 
@@ -59,7 +61,7 @@ def load_scenario(
             raise ScenarioError("", "", "a scenario needs a name or a file")
         file = find_scenario(name)
     file = Path(file)
-    entries = _entries(file)
+    entries = read_mapping(file)
     name = name or only_name(file)
     if name not in entries:
         raise ScenarioError(str(file), name, f"no such entry; there are: {', '.join(entries)}")
@@ -70,7 +72,7 @@ def load_scenario(
     make_paths_absolute(scenario, file.parent)
     source = str(file)
     if text is not None:
-        check_mapping(SCENARIO_TEXT, "", _parse(SCENARIO_TEXT, text), Scenario)
+        check_mapping(SCENARIO_TEXT, "", parse_mapping(SCENARIO_TEXT, text), Scenario)
         scenario = yaml_load_typed(schema=Scenario, data=text, defaults=scenario)
         make_paths_absolute(scenario, Path.cwd())
         source = f"{file} with {SCENARIO_TEXT}"
@@ -87,12 +89,42 @@ def only_name(file: str | Path) -> str:
     Raises:
         ScenarioError: If there are several, or none.
     """
-    entries = _entries(Path(file))
+    entries = read_mapping(Path(file))
     if len(entries) != 1:
         raise ScenarioError(
             str(file), "", f"choose one scenario by its name; there are: {', '.join(entries)}"
         )
     return next(iter(entries))
+
+
+def scenario_data(scenario: Scenario) -> dict[str, Any]:
+    """Returns a scenario as YAML has it, with every key; `scenario_from_data` is its inverse.
+
+    A mapping that may be of several kinds has its tag under the key `_tag`, also if it is of the
+    first kind.
+    """
+    entries = parse_mapping("scenario", dump_scenario("scenario", scenario))
+    data: dict[str, Any] = entries["scenario"]
+    add_tags(data, scenario)
+    return data
+
+
+def scenario_from_data(data: Mapping[str, Any], *, source: str, folder: Path) -> Scenario:
+    """Returns the scenario of what YAML has made of its entry.
+
+    Args:
+        data: The entry; keys that are not there have their defaults.
+        source: Where it is from, for messages.
+        folder: Where relative paths start.
+
+    Raises:
+        ScenarioError: If anything is wrong with it; the message names source, key and value.
+    """
+    check_mapping(source, "", data, Scenario)
+    scenario: Scenario = yaml_load_typed(schema=Scenario, data=yaml_dump(data), defaults=Scenario())
+    make_paths_absolute(scenario, folder)
+    validate(scenario, source)
+    return scenario
 
 
 def check_scenario(scenario: Scenario) -> None:
@@ -104,8 +136,7 @@ def check_scenario(scenario: Scenario) -> None:
         ScenarioError: If it can't be simulated.
     """
     make_paths_absolute(scenario, Path.cwd())
-    entry = _parse("scenario", dump_scenario("scenario", scenario))["scenario"]
-    check_mapping("scenario", "", entry, Scenario)
+    check_mapping("scenario", "", scenario_data(scenario), Scenario)
     validate(scenario)
 
 
@@ -116,15 +147,21 @@ def dump_scenario(name: str, scenario: Scenario) -> str:
     return text.replace("    publish_every_time_step: false\n", "")
 
 
-def _entries(file: Path) -> dict[str, dict[str, object]]:
+def read_mapping(file: Path) -> dict[str, Any]:
+    """Returns what YAML makes of a file, without private entries, whose names begin with `_`.
+
+    Raises:
+        ScenarioError: If it can't be read, or is no mapping from names.
+    """
     try:
         text = file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(str(file), "", f"can't be read: {error}") from error
-    return _parse(str(file), text)
+    return parse_mapping(str(file), text)
 
 
-def _parse(source: str, text: str) -> dict[str, dict[str, object]]:
+def parse_mapping(source: str, text: str) -> dict[str, Any]:
+    """Returns what YAML makes of a text, without private entries; see `read_mapping`."""
     try:
         data = yaml_load_data(text, private=True)
     except yaml.YAMLError as error:

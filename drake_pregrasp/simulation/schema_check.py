@@ -10,6 +10,8 @@ with any of `above`, `at_least`, `at_most` (of a number, or of each number in a 
 
 A field that may be one of several dataclasses, a union, is told by its YAML tag which one it is, as
 in `!Cylinder {radius: 0.03}`; without a tag it is the first.
+
+What a field of type `dict` holds is for others to check.
 """
 
 import dataclasses
@@ -74,6 +76,29 @@ def check_mapping(source: str, key: str, data: object, schema: Any) -> None:
         _check_value(source, path, value, *fields[name])
 
 
+def add_tags(data: object, config: object) -> None:
+    """Tags every mapping that may be of several kinds, in place.
+
+    Args:
+        data: What YAML made of the dumped configuration, which leaves out tags of first kinds.
+        config: The configuration: a dataclass, or a list of them; others have no tags inside.
+    """
+    if isinstance(config, list) and isinstance(data, list):
+        for element, part in zip(data, config, strict=True):
+            add_tags(element, part)
+    elif dataclasses.is_dataclass(config) and isinstance(data, dict):
+        for name, (kind, _) in _fields(type(config)).items():
+            part, value = getattr(config, name), data[name]
+            add_tags(value, part)
+            if typing.get_origin(kind) is list:
+                (kind,) = typing.get_args(kind)
+            if typing.get_origin(kind) in (typing.Union, types.UnionType):
+                several = isinstance(part, list)
+                parts, values = (part, value) if several else ([part], [value])
+                for element, mapping in zip(parts, values, strict=True):
+                    mapping[_TAG] = f"!{type(element).__name__}"
+
+
 def _fields(schema: Any) -> dict[str, tuple[Any, Mapping[str, Any]]]:
     if dataclasses.is_dataclass(schema):
         hints = typing.get_type_hints(schema)
@@ -99,6 +124,9 @@ def _check_value(source: str, key: str, value: object, kind: Any, rules: Mapping
             _check_value(source, f"{key}[{index}]", element, element_kind, element_rules)
     elif typing.get_origin(kind) in (typing.Union, types.UnionType):
         _check_variant(source, key, value, typing.get_args(kind))
+    elif typing.get_origin(kind) is dict:
+        if not isinstance(value, Mapping):
+            _reject(source, key, value, "a mapping")
     elif kind in _TYPE_NAMES:
         _check_scalar(source, key, value, kind, rules)
     else:

@@ -5,8 +5,10 @@ import multiprocessing
 import os
 import signal
 import threading
+from collections import Counter, deque
 from collections.abc import Callable, Generator, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
 _JOBS_A_PROCESS = 100  # A simulated hand leaves some 7 MB behind.
@@ -39,7 +41,11 @@ def in_processes(
 
 
 def as_they_end(
-    function: Callable[[Job], Result], jobs: Sequence[Job], *, processes: int | None = None
+    function: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    *,
+    processes: int | None = None,
+    attempts: int = 1,
 ) -> Generator[tuple[int, "Future[Result]"], None, None]:
     """Yields the index of each job as it ends, with its result or what was raised.
 
@@ -49,21 +55,54 @@ def as_they_end(
         function: One that can be pickled: a module's, or a `partial` of it.
         jobs: Its arguments.
         processes: How many at a time; as many as there are processors if not set.
+        attempts: How often a job is begun whose process ends without a word, which all jobs at that
+            time are suspected of. The last attempt is alone, so that no other is blamed for it.
     """
+    workers = processes or os.cpu_count() or 1
+    waiting = deque(range(len(jobs)))
+    alone: deque[int] = deque()
+    breaks: Counter[int] = Counter()
+    while waiting or alone:
+        source, most = (alone, 1) if alone else (waiting, _JOBS_A_PROCESS * workers)
+        some = deque(source.popleft() for _ in range(min(len(source), most)))
+        with contextlib.closing(_in_one_pool(function, jobs, some, workers)) as ended:
+            for index, future in ended:
+                died = isinstance(future.exception(), BrokenProcessPool)
+                breaks[index] += died
+                if not died or breaks[index] >= attempts:
+                    yield index, future
+                elif breaks[index] == attempts - 1:
+                    alone.append(index)
+                else:
+                    some.append(index)
+        source.extendleft(reversed(some))
+
+
+def _in_one_pool(
+    function: Callable[[Job], Result], jobs: Sequence[Job], indices: deque[int], workers: int
+) -> Generator[tuple[int, "Future[Result]"], None, None]:
+    """Yields jobs as they end; if the pool breaks, those not begun are left in `indices`."""
     # Fresh processes: Drake's systems in Python outlive their diagram, and threads don't survive
     # a fork. For the same reason processes are renewed before they have grown large.
     context = multiprocessing.get_context("spawn")
-    workers = processes or os.cpu_count() or 1
-    for first in range(0, len(jobs), _JOBS_A_PROCESS * workers):
-        some = jobs[first : first + _JOBS_A_PROCESS * workers]
-        with ProcessPoolExecutor(workers, context, initializer=_prepare) as pool:
-            indices = {pool.submit(function, job): first + k for k, job in enumerate(some)}
-            try:
-                for future in as_completed(indices):
-                    yield indices[future], future
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
+    under_way: dict[Future[Result], int] = {}
+    broken = False
+    with ProcessPoolExecutor(workers, context, initializer=_prepare) as pool:
+        try:
+            while under_way or (indices and not broken):
+                # One more for each process, so that none waits for the next.
+                while indices and len(under_way) < 2 * workers and not broken:
+                    try:
+                        under_way[pool.submit(function, jobs[indices[0]])] = indices[0]
+                        indices.popleft()
+                    except BrokenProcessPool:
+                        broken = True
+                for future in wait(under_way, return_when=FIRST_COMPLETED).done:
+                    broken = broken or isinstance(future.exception(), BrokenProcessPool)
+                    yield under_way.pop(future), future
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def _prepare() -> None:

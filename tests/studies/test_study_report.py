@@ -16,13 +16,13 @@ from PIL import Image
 
 from drake_pregrasp import InvalidArgumentError, OutputError
 from drake_pregrasp.cli import _OneLineParser, main
+from drake_pregrasp.studies.markup import Cell, table
 from drake_pregrasp.studies.static_versus_dynamic import trials
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.command import add_command
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.experiment import Experiment, ReportFigure
 from drake_pregrasp.studies.static_versus_dynamic.goals import Goal, judge_goals
-from drake_pregrasp.studies.static_versus_dynamic.markup import Cell, table
 from drake_pregrasp.studies.static_versus_dynamic.no_worse import no_worse_in_words
 from drake_pregrasp.studies.static_versus_dynamic.outcome import Outcome, TrialJob
 from drake_pregrasp.studies.static_versus_dynamic.outcome_table import surrenders

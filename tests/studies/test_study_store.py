@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from made_up_trials import at_once, dying_trial, failing_trial, made_up_trial
 
 from drake_pregrasp import OutputError
+from drake_pregrasp.studies.settings_file import digest
 from drake_pregrasp.studies.static_versus_dynamic import outcome_csv, trials
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
@@ -30,7 +31,6 @@ from drake_pregrasp.studies.static_versus_dynamic.outcome import (
     Outcome,
     TrialJob,
 )
-from drake_pregrasp.studies.static_versus_dynamic.settings_file import digest
 from drake_pregrasp.studies.static_versus_dynamic.store import OUTCOMES, OutcomeStore
 from drake_pregrasp.studies.static_versus_dynamic.study import trial_jobs
 from drake_pregrasp.studies.static_versus_dynamic.trials import run_missing

@@ -12,8 +12,8 @@ import numpy as np
 from drake_pregrasp.simulation.output import reading_back, write_text
 from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
 from drake_pregrasp.studies.processes import as_they_end
+from drake_pregrasp.studies.settings_file import digest
 from drake_pregrasp.studies.static_versus_dynamic.outcome import TrialJob
-from drake_pregrasp.studies.static_versus_dynamic.settings_file import digest
 from drake_pregrasp.studies.static_versus_dynamic.strip_charts import Strip
 from drake_pregrasp.studies.static_versus_dynamic.study_settings import study_settings
 from drake_pregrasp.studies.static_versus_dynamic.trial import Trial

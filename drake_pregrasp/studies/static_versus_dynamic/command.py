@@ -1,15 +1,14 @@
 """The command `drake-pregrasp study static-versus-dynamic`."""
 
 import argparse
-import contextlib
 import importlib
-import signal
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.studies.interruptible import INTERRUPTED_STATUS, interruptible
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.experiment import Experiment
@@ -26,7 +25,6 @@ SEEDS = 30
 """How many seeds each arm has, if nothing else is asked for."""
 
 FAILED_STATUS = 1
-INTERRUPTED_STATUS = 130
 
 _SIMULATED = "drake_pregrasp.studies.static_versus_dynamic.simulated"
 
@@ -89,7 +87,7 @@ def _run(options: argparse.Namespace, load: Callable[[], Experiment]) -> int:
     )
     folder = Path(options.out) / NAME
     try:
-        with _interruptible(), step_bar("trial") as on_progress:
+        with interruptible(), step_bar("trial") as on_progress:
             result = study_static_versus_dynamic(
                 options.out,
                 load(),
@@ -118,13 +116,3 @@ def _run(options: argparse.Namespace, load: Callable[[], Experiment]) -> int:
 
 def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",")]
-
-
-@contextlib.contextmanager
-def _interruptible() -> Iterator[None]:
-    """Makes SIGTERM an interruption as SIGINT is: what is done is put in order before the end."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)

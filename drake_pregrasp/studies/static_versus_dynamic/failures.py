@@ -2,26 +2,18 @@
 
 import csv
 import io
-import traceback
 from collections.abc import Mapping
 from pathlib import Path
 
 from drake_pregrasp.errors import OutputError
 from drake_pregrasp.simulation.output import reading_back, writing
 from drake_pregrasp.studies.static_versus_dynamic.outcome import TrialJob
+from drake_pregrasp.studies.whole_files import replace_whole
 
 FAILED = "failed.csv"
 """The file."""
 
 _HEADER = [*TrialJob._fields, "error"]
-
-
-def in_words(error: BaseException) -> str:
-    """Returns an error's kind, message and place, in one line."""
-    place = ""
-    if frames := traceback.extract_tb(error.__traceback__):
-        place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})"
-    return " ".join(f"{type(error).__name__}: {error}".split()) + place
 
 
 def read_failures(path: Path) -> dict[TrialJob, str]:
@@ -52,10 +44,8 @@ def write_failures(path: Path, failures: Mapping[TrialJob, str]) -> None:
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerows([_HEADER, *([*job, failures[job]] for job in sorted(failures))])
-    whole = path.with_suffix(".csv.new")
+    if failures:
+        replace_whole(path, text.getvalue())
+        return
     with writing(path):
-        if failures:
-            whole.write_text(text.getvalue(), encoding="utf-8", newline="\n")
-            whole.replace(path)
-        else:
-            path.unlink(missing_ok=True)
+        path.unlink(missing_ok=True)

@@ -9,6 +9,7 @@ from typing import Any
 
 from drake_pregrasp.errors import OutputError
 from drake_pregrasp.studies.static_versus_dynamic.outcome import Outcome
+from drake_pregrasp.studies.whole_files import whole_lines
 
 _FIELDS = {field.name: field.type for field in dataclasses.fields(Outcome)}
 _TRUTH = {"yes": True, "no": False}
@@ -52,7 +53,7 @@ def from_text(text: str, path: Path) -> list[Outcome]:
     Raises:
         OutputError: If the header or a line isn't of this kind.
     """
-    header, *lines = text[: text.rfind("\n") + 1].splitlines(keepends=True) or [HEADER]
+    header, *lines = whole_lines(text).splitlines(keepends=True) or [HEADER]
     if header != HEADER:
         raise OutputError(f"{path}: its columns are not those of a study's outcomes")
     return [_outcome(line, path, number) for number, line in enumerate(lines, start=2)]

@@ -7,9 +7,9 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from drake_pregrasp.studies.markup import NONE, Cell, table
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
-from drake_pregrasp.studies.static_versus_dynamic.markup import NONE, Cell, table
 from drake_pregrasp.studies.static_versus_dynamic.outcome import Outcome
 from drake_pregrasp.studies.static_versus_dynamic.results import Results
 from drake_pregrasp.studies.static_versus_dynamic.share_interval import share_interval

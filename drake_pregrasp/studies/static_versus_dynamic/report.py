@@ -7,7 +7,9 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from drake_pregrasp.simulation.output import write_text, writing
-from drake_pregrasp.studies.static_versus_dynamic import markup
+from drake_pregrasp.studies import markup
+from drake_pregrasp.studies.report_style import STYLE
+from drake_pregrasp.studies.settings_file import digest
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.clean_figure import plot_clean_shares
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
@@ -20,7 +22,6 @@ from drake_pregrasp.studies.static_versus_dynamic.outcome import (
     TrialJob,
 )
 from drake_pregrasp.studies.static_versus_dynamic.outcome_table import outcome_table, surrenders
-from drake_pregrasp.studies.static_versus_dynamic.report_style import STYLE
 from drake_pregrasp.studies.static_versus_dynamic.report_tables import (
     goal_table,
     overview_table,
@@ -28,7 +29,6 @@ from drake_pregrasp.studies.static_versus_dynamic.report_tables import (
     ranking_table,
 )
 from drake_pregrasp.studies.static_versus_dynamic.results import Results
-from drake_pregrasp.studies.static_versus_dynamic.settings_file import digest
 from drake_pregrasp.studies.static_versus_dynamic.share_interval import CONFIDENCE
 from drake_pregrasp.studies.static_versus_dynamic.verdicts import Verdict, judge
 from drake_pregrasp.studies.static_versus_dynamic.words import (

@@ -3,10 +3,10 @@
 import math
 from collections.abc import Sequence
 
+from drake_pregrasp.studies.markup import NONE, Cell, table
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS, TESTED_ARM
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.goals import OF, GoalResult
-from drake_pregrasp.studies.static_versus_dynamic.markup import NONE, Cell, table
 from drake_pregrasp.studies.static_versus_dynamic.ranking import rank
 from drake_pregrasp.studies.static_versus_dynamic.results import Results, Success
 from drake_pregrasp.studies.static_versus_dynamic.verdicts import Verdict

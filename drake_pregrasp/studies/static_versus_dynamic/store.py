@@ -1,14 +1,15 @@
 """Where a study keeps its outcomes while it runs, and finds them again when it goes on."""
 
-import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from drake_pregrasp.simulation.output import reading_back, writing
-from drake_pregrasp.studies.static_versus_dynamic import outcome_csv, settings_file
+from drake_pregrasp.studies import settings_file
+from drake_pregrasp.studies.static_versus_dynamic import outcome_csv
 from drake_pregrasp.studies.static_versus_dynamic.outcome import Outcome, TrialJob
+from drake_pregrasp.studies.whole_files import append_safely, replace_whole
 
 OUTCOMES = "outcomes.csv"
 """The file of the rows."""
@@ -80,10 +81,7 @@ class OutcomeStore:
     def append(self, job: TrialJob, outcomes: Sequence[Outcome]) -> None:
         """Adds the outcomes of a trial, and doesn't return before they are on the disk."""
         self._rows[job] = list(outcomes)
-        with writing(self._path):
-            self._file.write(outcome_csv.to_lines(outcomes))
-            self._file.flush()
-            os.fsync(self._file.fileno())
+        append_safely(self._file, outcome_csv.to_lines(outcomes), self._path)
 
     def is_complete(self, job: TrialJob, outcomes: Iterable[Outcome]) -> bool:
         """Whether these are what the job's trial gives: one for each closing time, in any order."""
@@ -101,8 +99,4 @@ class OutcomeStore:
         return {job: of_job for job, of_job in rows.items() if self.is_complete(job, of_job)}
 
     def _write_all(self) -> None:
-        whole = self._path.with_suffix(".csv.new")
-        with writing(self._path):
-            text = outcome_csv.HEADER + outcome_csv.to_lines(self.outcomes)
-            whole.write_text(text, encoding="utf-8", newline="\n")
-            whole.replace(self._path)
+        replace_whole(self._path, outcome_csv.HEADER + outcome_csv.to_lines(self.outcomes))

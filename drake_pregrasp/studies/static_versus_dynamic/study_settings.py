@@ -1,6 +1,5 @@
 """What the outcomes of the study depend on, for its folder to say."""
 
-import hashlib
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ import numpy as np
 
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.hand_file import load_hand
+from drake_pregrasp.studies.file_digest import digest_files
 from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, HAND, SCENES, SPACING, Scene
 from drake_pregrasp.studies.static_versus_dynamic.start import START_SETTINGS
 from drake_pregrasp.studies.static_versus_dynamic.trial_diagram import PLANT
@@ -56,10 +56,7 @@ def source_digest() -> str:
     files = [file for floor in _FLOORS for file in sorted((folder / floor).rglob("*.py"))]
     files += [folder / "studies" / "static_versus_dynamic" / name for name in _MODULES]
     files.append(resource_folder("models") / "five_finger_hand.sdf")
-    digest = hashlib.sha256()
-    for file in files:
-        digest.update(file.read_bytes())
-    return digest.hexdigest()[:16]
+    return digest_files(files)
 
 
 def _said(scene: Scene) -> dict[str, Any]:

@@ -8,10 +8,10 @@ from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 from drake_pregrasp.errors import OutputError
+from drake_pregrasp.studies.error_words import in_words
 from drake_pregrasp.studies.processes import as_they_end
 from drake_pregrasp.studies.static_versus_dynamic.failures import (
     FAILED,
-    in_words,
     read_failures,
     write_failures,
 )

@@ -1,0 +1,1 @@
+"""Sweeps: one scenario, simulated with many values of any of its fields."""

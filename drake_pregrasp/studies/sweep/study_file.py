@@ -1,0 +1,118 @@
+"""Sweeps from YAML files."""
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.resources import resolve_path, resource_folder
+from drake_pregrasp.simulation.scenario_file import (
+    load_scenario,
+    only_name,
+    read_mapping,
+    scenario_data,
+    scenario_from_data,
+)
+from drake_pregrasp.simulation.schema_check import check_mapping
+from drake_pregrasp.studies.sweep.field_path import set_field
+from drake_pregrasp.studies.sweep.grid_axis import grid_axis
+from drake_pregrasp.studies.sweep.plan import SweepPlan
+from drake_pregrasp.studies.sweep.random_axis import random_axis
+from drake_pregrasp.studies.sweep.study_config import StudyConfig
+
+_ENDINGS = (".yaml", ".yml")
+
+
+@dataclass(frozen=True)
+class Study:
+    """A sweep, ready to be run.
+
+    Attributes:
+        name: Of its folder and its report.
+        source: Where it is from, for messages.
+        folder: Where relative paths in swept values start.
+        config: Its file, with defaults.
+        scenario: What all runs start from, as `scenario_data` has it.
+        plan: The runs.
+    """
+
+    name: str
+    source: str
+    folder: Path
+    config: StudyConfig
+    scenario: dict[str, Any]
+    plan: SweepPlan
+
+    @property
+    def resolved(self) -> dict[str, Any]:
+        """The file with every key, those of the scenario in `overrides`: a study of its own."""
+        return {**vars(self.config), "overrides": self.scenario}
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """All of it that rows depend on."""
+        beside = ("description", "scenario", "file")
+        return {key: value for key, value in self.resolved.items() if key not in beside}
+
+
+def shipped_studies() -> dict[str, Path]:
+    """Returns the files of the shipped sweeps by their names."""
+    files = sorted((resource_folder("scenarios") / "sweeps").glob("*.yaml"))
+    return {file.stem: file for file in files}
+
+
+def load_study(name_or_file: str) -> Study:
+    """Loads a sweep and checks all but its values, which are checked when they are run.
+
+    Args:
+        name_or_file: Name of a shipped one, or a YAML file.
+
+    Raises:
+        ScenarioError: If anything is wrong with it; the message names file, key and value.
+    """
+    file = _find(name_or_file)
+    source = str(file)
+    data = read_mapping(file)
+    check_mapping(source, "", data, StudyConfig)
+    config = StudyConfig(**data)
+    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", file.stem):
+        problem = "a study's file is named with letters, digits, '_', '-' and '.'"
+        raise ScenarioError("", file.stem, problem)
+    _resolve_file(config, file)
+    base = scenario_data(load_scenario(config.scenario or None, file=config.file or None))
+    for path, value in config.overrides.items():
+        set_field(base, str(path), value, f"{source}: overrides")
+    base = scenario_data(scenario_from_data(base, source=source, folder=file.parent))
+    seeds = range(config.first_seed, config.first_seed + config.seeds)
+    plan = SweepPlan(
+        tuple(grid_axis(str(name), v, base, source) for name, v in config.grid.items()),
+        tuple(random_axis(str(name), v, base, source) for name, v in config.random.items()),
+        config.samples,
+        config.sampling_seed,
+        seeds,
+    )
+    plan.check(source)
+    return Study(file.stem, source, file.parent.resolve(), config, base, plan)
+
+
+def _find(name_or_file: str) -> Path:
+    file = Path(name_or_file)
+    if file.suffix in _ENDINGS:
+        return file
+    shipped = shipped_studies()
+    if name_or_file not in shipped:
+        problem = f"no such sweep; give a file that ends in .yaml, or one of: {', '.join(shipped)}"
+        raise ScenarioError("", name_or_file, problem)
+    return shipped[name_or_file]
+
+
+def _resolve_file(config: StudyConfig, file: Path) -> None:
+    if config.file:
+        try:
+            config.file = str(resolve_path(config.file, file.parent))
+        except InvalidArgumentError as error:
+            raise ScenarioError(str(file), "file", str(error)) from error
+        config.scenario = config.scenario or only_name(config.file)
+    elif not config.scenario:
+        raise ScenarioError(str(file), "scenario", "is not there; name the scenario to start from")

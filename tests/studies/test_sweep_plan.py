@@ -1,0 +1,212 @@
+"""What a sweep's file comes to: its runs, and the lines about what is wrong with it."""
+
+import itertools
+import re
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from made_up_sweeps import STUDY, write_study
+from pydrake.common.yaml import yaml_dump
+
+from drake_pregrasp import ScenarioError, load_scenario
+from drake_pregrasp.simulation.scenario_file import scenario_data, scenario_from_data
+from drake_pregrasp.studies.sweep.field_path import overlap, read_field, set_field
+from drake_pregrasp.studies.sweep.grid_axis import GridAxis
+from drake_pregrasp.studies.sweep.plan import SweepPlan
+from drake_pregrasp.studies.sweep.random_axis import RandomAxis
+from drake_pregrasp.studies.sweep.study_file import load_study, shipped_studies
+
+SPREAD = RandomAxis("spread", ("planner.position_spread",), "log_uniform", (0.01, 0.1))
+TURN = RandomAxis("turn", ("motion.angular_velocity",), "uniform", (-1.0, 1.0))
+
+
+def axis(name, count):
+    return GridAxis(name, tuple(range(count)), tuple({name: k} for k in range(count)))
+
+
+@given(st.lists(st.integers(1, 3), min_size=1, max_size=3), st.integers(1, 3), st.integers(1, 3))
+def test_a_plan_is_the_whole_product_and_each_run_is_there_once(counts, samples, seeds):
+    grid = tuple(axis(f"a{k}", count) for k, count in enumerate(counts))
+    plan = SweepPlan(grid, (SPREAD,), samples, 5, range(7, 7 + seeds))
+    runs = [plan.run(index) for index in range(len(plan))]
+    draws = {SPREAD.draw(5, sample) for sample in range(samples)}
+    product = itertools.product(*(range(count) for count in counts), draws, range(7, 7 + seeds))
+    made = {
+        (*(r.changes[a.name] for a in grid), r.changes["planner.position_spread"], r.seed)
+        for r in runs
+    }
+    assert made == set(product)
+    assert len(made) == len(plan) == len(runs)
+
+
+@given(st.integers(0, 10), st.integers(0, 1000))
+def test_a_sample_depends_on_its_seed_name_and_number_alone(seed, sample):
+    few, many = (
+        SweepPlan((), axes, count, seed, range(1))
+        for axes, count in (((TURN,), sample + 1), ((SPREAD, TURN), 2000))
+    )
+    turn = few.run(sample).changes["motion.angular_velocity"]
+    assert turn == many.run(sample).changes["motion.angular_velocity"]
+    assert turn != few.run(0).changes["motion.angular_velocity"] or sample == 0
+    assert turn != TURN.draw(seed + 1, sample)
+    assert -1 <= turn <= 1
+    assert 0.01 <= SPREAD.draw(seed, sample) <= 0.1
+
+
+def test_samples_fill_their_range():
+    draws = [TURN.draw(0, sample) for sample in range(400)]
+    assert abs(sum(draws)) / 400 < 0.1
+    assert min(draws) < -0.97
+    assert max(draws) > 0.97
+    logs = [SPREAD.draw(0, sample) for sample in range(400)]
+    assert 170 < sum(value < 0.1**1.5 for value in logs) < 230
+    whole = RandomAxis("n", ("ring_contacts",), "integer", (3, 5))
+    assert {whole.draw(0, sample) for sample in range(60)} == {3, 4, 5}
+    chosen = RandomAxis("s", ("planner.strategy",), "choice", ("msv", "gii"))
+    assert {chosen.draw(0, sample) for sample in range(60)} == {"msv", "gii"}
+
+
+def test_fields_that_are_linked_change_together(tmp_path):
+    noise = {"uniform": [0.0001, 0.001], "fields": ["sensor.position_std", "planner.power"]}
+    plan = load_study(write_study(tmp_path, random={"noise [m]": noise}, samples=3)).plan
+    assert plan.columns[:3] == ["motion.linear_velocity", "rate [Hz]", "noise [m]"]
+    for index in range(len(plan)):
+        run = plan.run(index)
+        said = dict(zip(plan.columns, run.labels, strict=True))
+        assert said["rate [Hz]"] * said["planner.period"] == 1
+        assert said["plant_config.time_step"] == said["planner.period"] / 2
+        assert said["noise [m]"] == said["planner.power"] == run.changes["sensor.position_std"]
+        assert {run.changes[name] for name in ("planner.period",)} == {said["planner.period"]}
+
+
+def test_all_points_have_the_same_seeds_and_samples(tmp_path):
+    study = write_study(tmp_path, random={"planner.power": {"uniform": [1, 2]}}, samples=2)
+    plan = load_study(study).plan
+    runs = [plan.run(index) for index in range(len(plan))]
+    pairs = [(run.changes["planner.power"], run.seed) for run in runs]
+    assert pairs == pairs[:4] * 4
+    assert [seed for _, seed in pairs[:4]] == [0, 1, 0, 1]
+
+
+def test_fields_are_set_and_nothing_else():
+    base = scenario_data(load_scenario("f_damage"))
+    for path, value in (
+        ("planner.period", 0.1),
+        ("object.size[1]", 0.08),
+        ("damage[0].contacts", [1]),
+        ("initial_contacts[2][0]", -0.3),
+        ("motion", {"_tag": "!Toss", "rpy": [0.0, 0.0, 0.0]}),
+    ):
+        data = scenario_data(load_scenario("f_damage"))
+        before = read_field(data, path, "x")
+        set_field(data, path, value, "x")
+        assert read_field(data, path, "x") == value != before
+        set_field(data, path, before, "x")
+        assert data == base
+    set_field(base, "planner", {"period": 0.1, "estimator": {"gravity": 1.0}}, "x")
+    assert base["planner"]["estimator"]["gravity"] == 1.0
+    assert base["planner"]["static_duration"] == 4.0
+
+
+@pytest.mark.parametrize("name", ["a_base", "toss", "can", "grasp_five_finger", "passing_ball"])
+def test_a_scenario_is_the_same_as_data(name, tmp_path):
+    data = scenario_data(load_scenario(name))
+    again = scenario_data(scenario_from_data(data, source="x", folder=tmp_path))
+    assert again == data
+
+
+@pytest.mark.parametrize(
+    ("changes", "problem"),
+    [
+        (
+            {"grid": {"planner.perod": [1]}},
+            "planner.perod: no such field in the scenario; did you mean planner.period?",
+        ),
+        ({"grid": {"linear_velocity": [1]}}, "did you mean motion.linear_velocity?"),
+        ({"grid": {"object.size[3]": [1]}}, "object.size[3]: no element [3]: the list has 3"),
+        ({"grid": {"planner..period": [1]}}, "planner..period: no such field"),
+        ({"grid": {"a": {1: {"planner.perod": 2}}}}, "grid.a.1: planner.perod: no such field"),
+        ({"grid": {"planner": [{"perod": 2}]}}, "planner.perod: no such field"),
+        ({"grid": {"planner.period": []}}, "grid.planner.period: must be a list of values, or a"),
+        ({"grid": {"planner.period": [0.1, 0.1]}}, "grid.planner.period: 0.1 is there twice"),
+        ({"grid": {"random_seed": [1, 2]}}, "random_seed: can't be swept here; the key seeds"),
+        (
+            {"grid": {"planner": [{"power": 2}], "planner.period": [1]}},
+            "planner.period: is set by planner.period and by planner",
+        ),
+        ({"grid": {}}, "sweeps nothing; give it a grid, or random fields"),
+        ({"grid": [1]}, "grid: [1] must be a mapping"),
+        ({"samples": 3}, "samples: 3 samples would be all alike: nothing is random"),
+        (
+            {"random": {"planner.power": {"normal": [0, 1]}}},
+            "with one of: uniform, log_uniform",
+        ),
+        (
+            {"random": {"planner.power": {"uniform": [2, 1]}}},
+            "[2, 1] must be two numbers, the",
+        ),
+        ({"random": {"planner.power": {"log_uniform": [0, 1]}}}, "must be two numbers above 0"),
+        (
+            {"random": {"x": {"uniform": [0, 1]}}},
+            "random: x: no such field in the scenario",
+        ),
+        ({"seeds": 0}, "seeds: 0 must be a whole number at least 1"),
+        ({"measures": ["luck"]}, "measures[0]: 'luck' must be one of: q_msv_mean"),
+        ({"sead": 1}, "sead: unknown key (value 1); did you mean seeds?"),
+        ({"scenario": "z"}, "z: no such scenario; there are: a_base"),
+        ({"scenario": ""}, "scenario: is not there; name the scenario to start from"),
+        ({"overrides": {"planner": {"perod": 1}}}, "overrides: planner.perod: no such field"),
+        ({"overrides": {"planner.period": -1}}, "planner.period: -1 must be a number at least"),
+        ({"seeds": 999_999}, "3999996 runs are too many; at most 1000000"),
+    ],
+    ids=lambda value: str(value)[:40],
+)
+def test_what_is_wrong_is_said_before_anything_runs(changes, problem, tmp_path):
+    with pytest.raises(ScenarioError, match=re.escape(problem)) as error:
+        load_study(write_study(tmp_path, **changes))
+    assert "\n" not in str(error.value)
+
+
+def test_values_that_a_scenario_refuses_are_for_its_run_to_say(tmp_path):
+    load_study(write_study(tmp_path, grid={"planner.period": [-1.0, 0.1]}))
+
+
+def test_overlap_is_of_whole_names():
+    assert overlap("planner", "planner.period")
+    assert overlap("object.size[0]", "object.size")
+    assert overlap("a.b", "a.b")
+    assert not overlap("planner.period", "planner.period_of")
+    assert not overlap("object.size[0]", "object.size[1]")
+
+
+def test_a_study_with_every_key_is_the_same_study(tmp_path):
+    study = load_study(write_study(tmp_path))
+    (tmp_path / "again.yaml").write_text(yaml_dump(study.resolved))
+    again = load_study(str(tmp_path / "again.yaml"))
+    assert (again.resolved, again.plan) == (study.resolved, study.plan)
+    assert len(study.plan) == 2 * 2 * STUDY["seeds"]
+
+
+def test_a_scenario_of_ones_own_is_found_beside_the_study(tmp_path):
+    (tmp_path / "own.yaml").write_text("slow: {motion: {linear_velocity: 0.0005}}\n")
+    study = load_study(write_study(tmp_path, scenario="", file="own.yaml"))
+    assert study.scenario["motion"]["linear_velocity"] == 0.0005
+    assert study.config.scenario == "slow"
+
+
+@pytest.mark.parametrize("name", shipped_studies())
+def test_shipped_sweeps_load(name):
+    study = load_study(name)
+    assert study.config.description
+    for index in range(0, len(study.plan), len(study.plan) // 7):
+        run = study.plan.run(index)
+        data = scenario_data(load_scenario(study.config.scenario))
+        for path, value in run.changes.items():
+            set_field(data, path, value, "x")
+        scenario_from_data(data, source=name, folder=study.folder)
+
+
+def test_a_name_that_is_no_sweep_is_said():
+    with pytest.raises(ScenarioError, match=r"no such sweep; give a file .* one of: tracking"):
+        load_study("trackin")
