@@ -12,6 +12,8 @@ from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.resources import resolve_path, resource_folder
 from drake_pregrasp.robots.robot_models import ROBOTS_URL, robot_model
 
+_DOWNLOADED = ("drake_models",)
+
 HAND = "hand"
 """The model instance that a hand is, whatever its file calls it."""
 
@@ -38,7 +40,7 @@ def add_hand_model(
     path = model_path(description.model)
     parser.SetAutoRenaming(True)
     try:
-        _add_packages(parser.package_map(), path)
+        add_packages(parser.package_map(), path)
         models = parser.AddModels(str(path))
     except (RuntimeError, ValueError) as error:
         problem = first_line(error)
@@ -58,8 +60,14 @@ def add_hand_model(
     return hand
 
 
-def _add_packages(packages: PackageMap, model: Path) -> None:
-    """Adds what `package://` may name: this package, those a model is in, and those of ROS."""
+def add_packages(packages: PackageMap, model: Path) -> None:
+    """Adds what `package://` may name: this package, those a model is in, and those of ROS.
+
+    Those that Drake would download are left out.
+    """
+    for name in packages.GetPackageNames():
+        if name in _DOWNLOADED:
+            packages.Remove(name)
     packages.AddPackageXml(str(resource_folder("models") / "package.xml"))
     for folder in model.parents:
         if (folder / "package.xml").is_file():

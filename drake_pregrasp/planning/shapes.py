@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import trimesh
@@ -13,6 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
 from drake_pregrasp.planning.mesh_components import orient_components
+from drake_pregrasp.planning.mesh_file import read_pieces
 
 FACET_ERROR = 5e-5
 """Farthest that facets are to be from the round surface they stand for, in metres."""
@@ -109,7 +109,7 @@ def revolved_shape(profile: Sequence[Sequence[float]]) -> Shape:
 
 
 def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
-    """Reads a mesh file: OBJ, STL, PLY, glTF, or what else trimesh reads.
+    """Reads a mesh file: OBJ, STL, PLY, OFF or glTF; see `MESH_SUFFIXES`.
 
     Named objects of the file become the shape's parts.
 
@@ -123,17 +123,7 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
     """
     if not path.is_file():
         raise InvalidArgumentError(f"{path}: no such file")
-    try:
-        # Unprocessed: trimesh would leave out vertices that are not finite.
-        options: dict[str, Any] = {"process": False}
-        if path.suffix.lower() == ".obj":
-            options["split_objects"] = True
-        scene = trimesh.load_scene(path, **options)
-        pieces = [_placed(scene, node) for node in scene.graph.nodes_geometry]
-    except Exception as error:  # trimesh's readers raise whatever their parsers do.
-        problem = " ".join(str(error).split()) or type(error).__name__
-        raise InvalidArgumentError(f"{path} can't be read as a mesh: {problem}") from error
-    pieces = [(name, piece) for name, piece in pieces if len(getattr(piece, "faces", ()))]
+    pieces = read_pieces(path)
     if not pieces:
         raise InvalidArgumentError(f"{path} holds no triangles")
     part_names = tuple(dict.fromkeys(name for name, _ in pieces))
@@ -145,21 +135,14 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
         raise InvalidArgumentError(f"{path} has a vertex that is not finite")
     # Pieces of one closed surface share their seams only once equal vertices are merged.
     first_vertices = np.cumsum([0, *(len(piece.vertices) for _, piece in pieces[:-1])])
-    mesh = trimesh.Trimesh(
-        vertices,
-        np.concatenate(
-            [piece.faces + n for (_, piece), n in zip(pieces, first_vertices, strict=True)]
-        ),
-        process=False,
+    faces = np.concatenate(
+        [piece.faces + n for (_, piece), n in zip(pieces, first_vertices, strict=True)]
     )
+    if not (np.all(faces >= 0) and np.all(faces < len(vertices))):
+        raise InvalidArgumentError(f"{path} has a triangle with a vertex that isn't there")
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
     mesh.merge_vertices()
     return Shape(_checked(mesh, str(path)), part_names, face_parts)
-
-
-def _placed(scene: trimesh.Scene, node: str) -> tuple[str, trimesh.Trimesh]:
-    """Returns the name and the mesh of one of a scene's nodes, in the frame of the file."""
-    transform, name = scene.graph[node]
-    return str(name), scene.geometry[name].copy().apply_transform(transform)
 
 
 def _one_part(mesh: trimesh.Trimesh) -> Shape:
