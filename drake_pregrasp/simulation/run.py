@@ -22,6 +22,7 @@ from drake_pregrasp.simulation.output import write_text, writing
 from drake_pregrasp.simulation.phases import static_end
 from drake_pregrasp.simulation.recording import recording_html, start_meshcat
 from drake_pregrasp.simulation.run_log import RunLog
+from drake_pregrasp.simulation.run_size import check_recording
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import check_scenario, dump_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
@@ -99,6 +100,8 @@ def run(
         if grasp_log is not None:
             grasp_log.append(record)
 
+    if meshcat is not None:
+        check_recording("scenario", scenario, surface)
     diagram = make_diagram(scenario, surface, sink=sink, grasp_sink=grasp_sink, meshcat=meshcat)
     folder = _prepare_folder(Path(out), name)  # Not before all else is known to be in order.
     with contextlib.ExitStack() as logs:

@@ -17,6 +17,7 @@ from drake_pregrasp.simulation.hand_planner import hand_planner
 from drake_pregrasp.simulation.limits_check import check_limits, check_reach
 from drake_pregrasp.simulation.motion_check import check_motion
 from drake_pregrasp.simulation.obstacle_config import check_obstacles
+from drake_pregrasp.simulation.run_size import check_size
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.surface_config import check_surface
 from drake_pregrasp.systems.tick import SLACK, tick_index
@@ -44,6 +45,7 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
             f"{len(scenario.hand.fingertips)} rows must be none or one for each of the {count}"
             " contacts",
         )
+    check_size(source, scenario)
     check_obstacles(source, scenario.obstacles)
     if isinstance(scenario.object, Box) and not scenario.ring_contacts:
         _validate_contacts_on_a_box(scenario, source, surface)
