@@ -87,6 +87,8 @@ def run(
     """
     check_scenario(scenario)
     surface = scenario.make_surface()
+    if recording:
+        check_recording("scenario", scenario, surface)
     meshcat = start_meshcat() if recording else None
     log: RunLog
     grasp_log: GraspLog | None = None
@@ -100,8 +102,6 @@ def run(
         if grasp_log is not None:
             grasp_log.append(record)
 
-    if meshcat is not None:
-        check_recording("scenario", scenario, surface)
     diagram = make_diagram(scenario, surface, sink=sink, grasp_sink=grasp_sink, meshcat=meshcat)
     folder = _prepare_folder(Path(out), name)  # Not before all else is known to be in order.
     with contextlib.ExitStack() as logs:

@@ -1,0 +1,175 @@
+"""Loads many bad scenario files, and says what came of them.
+
+    python -m tests.fuzz.scenario_files --count 100000 --seed 0
+
+Each is to be accepted, or refused in one printable line, within a time and a memory.
+"""
+
+import argparse
+import collections
+import contextlib
+import multiprocessing
+import os
+import resource
+import shutil
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from cases import Case, make_case
+
+from drake_pregrasp.errors import LONGEST_KEY, LONGEST_MESSAGE, PregraspError
+from drake_pregrasp.simulation.scenario_file import load_scenario
+
+SECONDS = 10.0
+"""Longest that one file may take. A busy machine takes some of it."""
+
+MEMORY = 6_000_000_000
+"""Bytes of address space of the process that loads."""
+
+GOOD = ("accepted", "refused")
+"""Outcomes that are as they should be; all others are failures."""
+
+_LONGEST = 2 * LONGEST_MESSAGE + LONGEST_KEY
+_PATIENCE = 3 * SECONDS  # Until a process that heeds no timer is killed.
+_EFFORT = 300  # Tries to make a failing example smaller.
+
+
+class _TooSlow(BaseException):
+    """Not an `Exception`, so that nobody takes it for a fault of a file."""
+
+
+def load(case: Case, folder: Path) -> tuple[str, str]:
+    """Returns what came of a case, and what was said."""
+    file = folder / "case.yaml"
+    file.write_bytes(case.text)
+    for name, data in case.files.items():
+        (folder / name).write_bytes(data)
+    try:
+        with _timer():
+            load_scenario(case.name, file=file).make_surface()
+    except PregraspError as error:
+        said = str(error)
+        fits = said.isprintable() and 0 < len(said) <= _LONGEST
+        return ("refused" if fits else "unprintable"), said
+    except _TooSlow:
+        return "slow", ""
+    except Exception:
+        return "traceback", traceback.format_exc()
+    return "accepted", ""
+
+
+@contextlib.contextmanager
+def _timer() -> Iterator[None]:
+    def stop(number: int, frame: object) -> None:
+        raise _TooSlow
+
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, SECONDS)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def smallest(case: Case, outcome: str, folder: Path) -> Case:
+    """Returns a case with as little left of its text as still has that outcome."""
+    step = max(1, len(case.text) // 2)
+    tries = 0
+    while step and tries < _EFFORT and outcome != "slow":
+        start = 0
+        while start < len(case.text) and tries < _EFFORT:
+            text = case.text[:start] + case.text[start + step :]
+            less = Case(case.kind, text, case.name, case.files)
+            tries += 1
+            if load(less, folder)[0] == outcome:
+                case = less
+            else:
+                start += step
+        step //= 2
+    return case
+
+
+def _work(seed: int, first: int, last: int, connection: Connection) -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())  # Drake's parser is chatty.
+    shared = Path("/dev/shm")
+    root = Path(tempfile.mkdtemp(dir=shared if shared.is_dir() else None))
+    try:
+        for number in range(first, last):
+            case = make_case(seed, number)
+            connection.send((number, case.kind, "died", "", ""))
+            start = time.perf_counter()
+            outcome, said = load(case, root)
+            took = time.perf_counter() - start
+            text = "" if outcome in GOOD else repr(smallest(case, outcome, root))
+            connection.send((number, case.kind, outcome, said, text, took))
+    finally:
+        shutil.rmtree(root)
+
+
+def run(count: int, seed: int) -> tuple[collections.Counter[tuple[str, str]], list[str], float]:
+    """Returns counts by kind and outcome, the failures in words, and the longest time."""
+    counts: collections.Counter[tuple[str, str]] = collections.Counter()
+    failures: list[str] = []
+    slowest, number = 0.0, 0
+    context = multiprocessing.get_context("fork")
+    while number < count:
+        ours, theirs = context.Pipe(duplex=False)
+        process = context.Process(target=_work, args=(seed, number, count, theirs))
+        process.start()
+        theirs.close()
+        begun = None
+        try:
+            while ours.poll(_PATIENCE + _EFFORT):
+                message = ours.recv()
+                if len(message) == 5:
+                    begun = message
+                    continue
+                begun = None
+                number, kind, outcome, said, text, took = message
+                number += 1
+                counts[kind, outcome] += 1
+                slowest = max(slowest, took)
+                if outcome not in GOOD:
+                    failures.append(f"--- {number - 1} {kind} {outcome}\n{text}\n{said}")
+        except EOFError:
+            pass
+        process.kill()
+        process.join()
+        if begun is not None:
+            number, kind, outcome = begun[0] + 1, begun[1], begun[2]
+            counts[kind, outcome] += 1
+            failures.append(f"--- {begun[0]} {kind} died\n{make_case(seed, begun[0])}")
+        elif number < count:
+            number += 1
+    return counts, failures, slowest
+
+
+def main() -> int:
+    """Prints the counts and the failures; returns 1 if there are any."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    start = time.perf_counter()
+    counts, failures, slowest = run(options.count, options.seed)
+    for (kind, outcome), number in sorted(counts.items()):
+        print(f"{kind:8} {outcome:12} {number}")
+    seconds = time.perf_counter() - start
+    print(f"{sum(counts.values())} files in {seconds:.0f} s, the slowest in {slowest:.2f} s")
+    print(f"{len(failures)} failures")
+    print("\n".join(failures))
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
