@@ -1,5 +1,8 @@
 """A hand's model, found and added to a plant."""
 
+import contextlib
+import logging
+from collections.abc import Iterator
 from pathlib import Path
 
 from pydrake.multibody.parsing import PackageMap, Parser
@@ -41,7 +44,8 @@ def add_hand_model(
     parser.SetAutoRenaming(True)
     try:
         add_packages(parser.package_map(), path)
-        models = parser.AddModels(str(path))
+        with _said_only_at_success():
+            models = parser.AddModels(str(path))
     except (RuntimeError, ValueError) as error:
         problem = first_line(error)
         raise InvalidArgumentError(f"model: {path} is no model of a hand: {problem}") from error
@@ -58,6 +62,25 @@ def add_hand_model(
             joint = plant.GetMutableJointByName(wrist, hand)
             joint.set_position_limits([yaw_range[0]], [yaw_range[1]])
     return hand
+
+
+@contextlib.contextmanager
+def _said_only_at_success() -> Iterator[None]:
+    """Holds back what Drake logs of a model; if it fails, the error says it, in one line."""
+    held: list[logging.LogRecord] = []
+
+    def hold(record: logging.LogRecord) -> bool:
+        held.append(record)
+        return False
+
+    logger = logging.getLogger("drake")
+    logger.addFilter(hold)
+    try:
+        yield
+    finally:
+        logger.removeFilter(hold)
+    for record in held:
+        logger.handle(record)
 
 
 def add_packages(packages: PackageMap, model: Path) -> None:

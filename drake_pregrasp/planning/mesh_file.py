@@ -62,6 +62,8 @@ def read_pieces(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
     try:
         if kind in (".gltf", ".glb"):
             _check_gltf(kind, data)
+        elif kind in (".obj", ".off"):
+            data = data.decode(errors="replace").encode()  # Else trimesh guesses the encoding.
         # Unprocessed: trimesh would leave out vertices that are not finite.
         scene = trimesh.load_scene(
             BytesIO(data),
@@ -73,6 +75,8 @@ def read_pieces(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
         return _placed_pieces(scene)
     except Exception as error:  # trimesh's readers raise whatever their parsers do.
         problem = " ".join(str(error).split()) or type(error).__name__
+        if isinstance(error, ImportError):  # Of what guesses an encoding, once all else failed.
+            problem = f"it is no {kind.removeprefix('.')} file"
         raise InvalidArgumentError(f"{path} can't be read as a mesh: {problem}") from error
 
 

@@ -20,6 +20,9 @@ FACET_ERROR = 5e-5
 MAX_EXTENT = 3.0
 """Longest object that is believed, in metres: a file in millimetres is a thousand times too big."""
 
+MAX_COORDINATE = 100.0
+"""Farthest that a vertex may be from the origin of its file, along an axis, in metres."""
+
 MIN_EXTENT = 1e-3
 """Longest edge that an object's bounding box has to have, in metres."""
 
@@ -130,9 +133,11 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
     face_parts = np.concatenate(
         [np.full(len(piece.faces), part_names.index(name)) for name, piece in pieces]
     )
-    vertices = scale * np.concatenate([piece.vertices for _, piece in pieces])
+    with np.errstate(over="ignore"):
+        vertices = scale * np.concatenate([piece.vertices for _, piece in pieces])
     if not np.all(np.isfinite(vertices)):
         raise InvalidArgumentError(f"{path} has a vertex that is not finite")
+    _check_size(vertices, str(path))
     # Pieces of one closed surface share their seams only once equal vertices are merged.
     first_vertices = np.cumsum([0, *(len(piece.vertices) for _, piece in pieces[:-1])])
     faces = np.concatenate(
@@ -149,9 +154,11 @@ def _one_part(mesh: trimesh.Trimesh) -> Shape:
     return Shape(mesh, ("body",), np.zeros(len(mesh.faces), dtype=np.int64))
 
 
-def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
-    """Returns a mesh that encloses a volume, with its normals outward."""
-    longest = float(np.max(mesh.extents))
+def _check_size(vertices: FloatArray, what: str) -> float:
+    """Returns the longest edge of the bounding box, in metres, if it is one that is believed."""
+    low, high = np.min(vertices, axis=0), np.max(vertices, axis=0)
+    with np.errstate(over="ignore"):
+        longest = float(np.max(high - low))
     if longest > MAX_EXTENT:
         hint = " (if its unit is the millimetre, scale: 0.001)" if longest > 10 else ""
         raise InvalidArgumentError(
@@ -161,6 +168,17 @@ def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
         raise InvalidArgumentError(
             f"{what} is {longest:.3g} m long; at least {MIN_EXTENT:g} m, choose a scale"
         )
+    farthest = float(np.max(np.abs([low, high])))
+    if farthest > MAX_COORDINATE:
+        raise InvalidArgumentError(
+            f"{what} is {farthest:.4g} m away from its own origin; at most {MAX_COORDINATE:g} m"
+        )
+    return longest
+
+
+def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
+    """Returns a mesh that encloses a volume, with its normals outward."""
+    longest = _check_size(mesh.vertices, what)
     if not mesh.is_watertight:
         _, counts = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
         raise InvalidArgumentError(

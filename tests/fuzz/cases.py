@@ -1,13 +1,32 @@
 """Scenario files, good and bad, each a function of a seed and a number."""
 
+import base64
+import json
 import random
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
+import trimesh
 from values import NASTY, some_text
 
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.scenario import Scenario
+
+
+def _exported(kind: str) -> bytes:
+    """Returns a bracket in a format; glTF with its buffers inside."""
+    mesh = trimesh.load_mesh(_MODELS / "bracket.obj")
+    if kind != "gltf":
+        data = mesh.export(file_type=kind)
+        return data if isinstance(data, bytes) else data.encode()
+    files = mesh.export(file_type="gltf")
+    tree = json.loads(files["model.gltf"])
+    for buffer in tree["buffers"]:
+        text = base64.b64encode(files[buffer["uri"]]).decode()
+        buffer["uri"] = f"data:application/octet-stream;base64,{text}"
+    return json.dumps(tree).encode()
+
 
 SCENARIOS = tuple(sorted(resource_folder("scenarios").glob("*.yaml")))
 _MODELS = resource_folder("models")
@@ -22,6 +41,33 @@ _HAND = (
 )
 _TOKENS = (b"&a ", b"*a", b"<<: ", b"!!", b"[", b"]", b"{", b"}", b": ", b"- ", b"\n", b"\t", b"\0")
 _MORE = (b"\xff", b"\xef\xbb\xbf", b"\x1b[2J", b"---\n", b"...\n", b"%YAML 9\n", b"nan", b"1e999")
+
+
+_GRASP = (
+    (resource_folder("scenarios") / "hands.yaml")
+    .read_bytes()
+    .replace(b"package://drake_pregrasp/five_finger_hand.yaml", b"x.yaml")
+)
+_MESHES: Mapping[str, bytes] = {
+    "x.obj": _DATA["bracket.obj"],
+    **{f"x.{kind}": _exported(kind) for kind in ("stl", "ply", "off", "glb")},
+    "x.gltf": _exported("gltf"),
+    "x.dae": _DATA["bracket.obj"],
+    "x.zip": _DATA["bracket.obj"],
+}
+_NUMBER = re.compile(rb"-?\d+\.?\d*(?:e-?\d+)?")
+_NUMBERS = (
+    b"nan",
+    b"inf",
+    b"-1",
+    b"0",
+    b"1e308",
+    b"-1e308",
+    b"1e-320",
+    b"99999999999",
+    b"1e5",
+    b"",
+)
 
 
 @dataclass
@@ -54,17 +100,8 @@ def _made(kind: str, rng: random.Random) -> Case:
 
 
 def _spoilt(kind: str, rng: random.Random) -> Case:
-    text = some_text(rng, Scenario)
-    for _ in range(rng.choice((1, 1, 2, 5))):
-        places = [i for i, letter in enumerate(text) if letter in ":[,"]
-        if not places:
-            break
-        start = rng.choice(places) + 1
-        end = start
-        while end < len(text) and text[end] not in ",}]":
-            end += 1
-        text = f"{text[:start]} {rng.choice(NASTY)}{text[end:]}"
-    return Case(kind, f"case: {text}\n".encode(errors="replace"))
+    bad = rng.choice((0.01, 0.03, 0.1))
+    return Case(kind, f"case: {some_text(rng, Scenario, bad)}\n".encode(errors="replace"))
 
 
 def _bytes(kind: str, rng: random.Random) -> Case:
@@ -92,28 +129,35 @@ def _bomb(kind: str, rng: random.Random) -> Case:
 
 
 def _mesh(kind: str, rng: random.Random) -> Case:
-    suffix = rng.choice(("obj", "obj", "stl", "ply", "off", "glb", "gltf", "zip", "dae"))
-    data = mutated(_DATA["bracket.obj"], rng)
-    return Case(
-        kind,
-        f"case: {{object: !Mesh {{file: x.{suffix}}}}}\n".encode(),
-        None,
-        {f"x.{suffix}": data},
-    )
+    name = rng.choice(list(_MESHES))
+    data = _MESHES[name]
+    text = f"case: {{object: !Mesh {{file: {name}}}}}\n".encode()
+    is_text = name.endswith((".obj", ".off", ".gltf"))
+    return Case(kind, text, None, {name: _changed(data, rng) if is_text else mutated(data, rng)})
 
 
 def _stream(kind: str, rng: random.Random) -> Case:
-    files = {"x.csv": mutated(_DATA["carried_by_hand.csv"], rng)}
+    files = {"x.csv": _changed(_DATA["carried_by_hand.csv"], rng)}
     return Case(kind, b"case: {motion: !PoseStream {file: x.csv}}\n", None, files)
 
 
 def _hand(kind: str, rng: random.Random) -> Case:
     model, hand = _DATA["five_finger_hand.sdf"], _HAND
-    if rng.random() < 0.5:
-        model = mutated(model, rng)
+    if rng.random() < 0.6:
+        model = _changed(model, rng)
     else:
-        hand = mutated(hand, rng)
-    return Case(kind, b"case: {grasp: {hand: x.yaml}}\n", None, {"x.yaml": hand, "own.sdf": model})
+        hand = _changed(hand, rng)
+    return Case(kind, _GRASP, "grasp_five_finger", {"x.yaml": hand, "own.sdf": model})
+
+
+def _changed(data: bytes, rng: random.Random) -> bytes:
+    """Returns text with other numbers in places, or other bytes."""
+    if rng.random() < 0.3:
+        return mutated(data, rng)
+    places = list(_NUMBER.finditer(data))
+    for match in sorted(rng.sample(places, rng.choice((1, 1, 3))), key=lambda m: -m.start()):
+        data = data[: match.start()] + rng.choice(_NUMBERS) + data[match.end() :]
+    return data
 
 
 def mutated(data: bytes, rng: random.Random) -> bytes:

@@ -27,15 +27,21 @@ from cases import Case, make_case
 
 from drake_pregrasp.errors import LONGEST_KEY, LONGEST_MESSAGE, PregraspError
 from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.simulation.simulation_diagram import make_diagram
 
 SECONDS = 10.0
 """Longest that one file may take. A busy machine takes some of it."""
+
+BUILT = 5
+"""One in so many of the files has its diagram built."""
 
 MEMORY = 6_000_000_000
 """Bytes of address space of the process that loads."""
 
 GOOD = ("accepted", "refused")
 """Outcomes that are as they should be; all others are failures."""
+
+Counts = collections.Counter[tuple[str, str]]
 
 _LONGEST = 2 * LONGEST_MESSAGE + LONGEST_KEY
 _PATIENCE = 3 * SECONDS  # Until a process that heeds no timer is killed.
@@ -46,15 +52,18 @@ class _TooSlow(BaseException):
     """Not an `Exception`, so that nobody takes it for a fault of a file."""
 
 
-def load(case: Case, folder: Path) -> tuple[str, str]:
-    """Returns what came of a case, and what was said."""
+def load(case: Case, folder: Path, *, build: bool = False) -> tuple[str, str]:
+    """Returns what came of a case, and what was said; on demand its diagram is built, too."""
     file = folder / "case.yaml"
     file.write_bytes(case.text)
     for name, data in case.files.items():
         (folder / name).write_bytes(data)
     try:
         with _timer():
-            load_scenario(case.name, file=file).make_surface()
+            scenario = load_scenario(case.name, file=file)
+            surface = scenario.make_surface()
+            if build:
+                make_diagram(scenario, surface)
     except PregraspError as error:
         said = str(error)
         fits = said.isprintable() and 0 < len(said) <= _LONGEST
@@ -80,7 +89,7 @@ def _timer() -> Iterator[None]:
         signal.signal(signal.SIGALRM, before)
 
 
-def smallest(case: Case, outcome: str, folder: Path) -> Case:
+def smallest(case: Case, outcome: str, folder: Path, *, build: bool) -> Case:
     """Returns a case with as little left of its text as still has that outcome."""
     step = max(1, len(case.text) // 2)
     tries = 0
@@ -90,7 +99,7 @@ def smallest(case: Case, outcome: str, folder: Path) -> Case:
             text = case.text[:start] + case.text[start + step :]
             less = Case(case.kind, text, case.name, case.files)
             tries += 1
-            if load(less, folder)[0] == outcome:
+            if load(less, folder, build=build)[0] == outcome:
                 case = less
             else:
                 start += step
@@ -108,19 +117,20 @@ def _work(seed: int, first: int, last: int, connection: Connection) -> None:
             case = make_case(seed, number)
             connection.send((number, case.kind, "died", "", ""))
             start = time.perf_counter()
-            outcome, said = load(case, root)
+            build = number % BUILT == 0
+            outcome, said = load(case, root, build=build)
             took = time.perf_counter() - start
-            text = "" if outcome in GOOD else repr(smallest(case, outcome, root))
+            text = "" if outcome in GOOD else repr(smallest(case, outcome, root, build=build))
             connection.send((number, case.kind, outcome, said, text, took))
     finally:
         shutil.rmtree(root)
 
 
-def run(count: int, seed: int) -> tuple[collections.Counter[tuple[str, str]], list[str], float]:
-    """Returns counts by kind and outcome, the failures in words, and the longest time."""
-    counts: collections.Counter[tuple[str, str]] = collections.Counter()
+def run(count: int, seed: int) -> tuple[Counts, list[str], tuple[float, int]]:
+    """Returns counts by kind and outcome, failures in words, and the longest time with its case."""
+    counts: Counts = collections.Counter()
     failures: list[str] = []
-    slowest, number = 0.0, 0
+    slowest, number = (0.0, -1), 0
     context = multiprocessing.get_context("fork")
     while number < count:
         ours, theirs = context.Pipe(duplex=False)
@@ -136,11 +146,11 @@ def run(count: int, seed: int) -> tuple[collections.Counter[tuple[str, str]], li
                     continue
                 begun = None
                 number, kind, outcome, said, text, took = message
-                number += 1
                 counts[kind, outcome] += 1
-                slowest = max(slowest, took)
+                slowest = max(slowest, (took, number))
                 if outcome not in GOOD:
-                    failures.append(f"--- {number - 1} {kind} {outcome}\n{text}\n{said}")
+                    failures.append(f"--- {number} {kind} {outcome}\n{text}\n{said}")
+                number += 1
         except EOFError:
             pass
         process.kill()
@@ -165,7 +175,8 @@ def main() -> int:
     for (kind, outcome), number in sorted(counts.items()):
         print(f"{kind:8} {outcome:12} {number}")
     seconds = time.perf_counter() - start
-    print(f"{sum(counts.values())} files in {seconds:.0f} s, the slowest in {slowest:.2f} s")
+    longest, number = slowest
+    print(f"{sum(counts.values())} files in {seconds:.0f} s; {number} took {longest:.2f} s")
     print(f"{len(failures)} failures")
     print("\n".join(failures))
     return 1 if failures else 0

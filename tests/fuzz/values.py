@@ -46,23 +46,28 @@ NASTY = (
 """What breaks programs that expect something else; each is YAML in flow style, or nearly."""
 
 
-def some_text(rng: random.Random, schema: Any) -> str:
-    """Returns YAML, in flow style, of an instance of a dataclass or of one of Drake's classes."""
+def some_text(rng: random.Random, schema: Any, bad: float = 0.0) -> str:
+    """Returns YAML, in flow style, of an instance of a dataclass or of one of Drake's classes.
+
+    A share `bad` of the values are out of `NASTY`.
+    """
     parts = []
     for name, (kind, rules) in _fields(schema).items():
         if rules.get("required") or rng.random() > LEFT_OUT:
-            parts.append(f"{name}: {_value(rng, kind, rules)}")
+            parts.append(f"{name}: {_value(rng, kind, rules, bad)}")
     return "{" + ", ".join(parts) + "}"
 
 
-def _value(rng: random.Random, kind: Any, rules: Mapping[str, Any]) -> str:
+def _value(rng: random.Random, kind: Any, rules: Mapping[str, Any], bad: float) -> str:
+    if rng.random() < bad:
+        return rng.choice(NASTY)
     origin = typing.get_origin(kind)
     if origin is list:
         least = rules.get("length", rules.get("min_length", 0))
         count = rules.get("length", least + rng.choice((0, 1, 2, 5)))
         (element,) = typing.get_args(kind)
         inner = rules.get("elements", rules)
-        return "[" + ", ".join(_value(rng, element, inner) for _ in range(count)) + "]"
+        return "[" + ", ".join(_value(rng, element, inner, bad) for _ in range(count)) + "]"
     if origin in (typing.Union, types.UnionType):
         kinds = typing.get_args(kind)
         chosen = kinds[0] if Box in kinds and rng.random() < PLAIN else rng.choice(kinds)
@@ -70,7 +75,7 @@ def _value(rng: random.Random, kind: Any, rules: Mapping[str, Any]) -> str:
             return f"!Mesh {{file: {rng.choice(MESHES)}}}"
         if chosen is PoseStream:
             return "!PoseStream {file: package://drake_pregrasp/carried_by_hand.csv}"
-        return f"!{chosen.__name__} {some_text(rng, chosen)}"
+        return f"!{chosen.__name__} {some_text(rng, chosen, bad)}"
     if "one_of" in rules:
         return f"'{rng.choice(rules['one_of'])}'"
     if kind is bool:
@@ -80,7 +85,7 @@ def _value(rng: random.Random, kind: Any, rules: Mapping[str, Any]) -> str:
     if kind in (int, float):
         return _number(rng, kind, rules)
     if dataclasses.is_dataclass(kind) or hasattr(kind, "__fields__"):
-        return some_text(rng, kind)
+        return some_text(rng, kind, bad)
     return "null"
 
 
