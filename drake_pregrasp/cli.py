@@ -65,6 +65,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except PregraspError as error:
         print(f"drake-pregrasp: {printable(str(error))}", file=sys.stderr)
         return BAD_INPUT
+    except SystemExit as error:  # So a failed demand of Drake's reaches Python.
+        print(f"drake-pregrasp: {printable(str(error))}", file=sys.stderr)
+        return BAD_INPUT
     except BrokenPipeError:  # Whoever reads the output, as `head`, has enough of it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return BROKEN_PIPE

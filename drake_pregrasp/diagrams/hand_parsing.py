@@ -9,6 +9,7 @@ from pydrake.multibody.parsing import PackageMap, Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
+from drake_pregrasp.diagrams.drake_failures import failures_as_errors
 from drake_pregrasp.diagrams.hand_description import Carrier, HandDescription
 from drake_pregrasp.errors import InvalidArgumentError, first_line
 from drake_pregrasp.planning.assignment import FREE_TURN
@@ -44,7 +45,7 @@ def add_hand_model(
     parser.SetAutoRenaming(True)
     try:
         add_packages(parser.package_map(), path)
-        with _said_only_at_success():
+        with _said_only_at_success(), failures_as_errors():
             models = parser.AddModels(str(path))
     except (RuntimeError, ValueError) as error:
         problem = first_line(error)

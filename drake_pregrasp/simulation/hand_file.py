@@ -5,11 +5,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from drake_pregrasp.bounded_file import read_bounded_text
+from drake_pregrasp.diagrams.drake_failures import failures_as_errors
 from drake_pregrasp.diagrams.hand_description import HandDescription
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import model_path
 from drake_pregrasp.diagrams.model_files import check_model_files
-from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, first_line
 from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.resources import MODELS_URL, resolve_path
 from drake_pregrasp.robots.robot_models import ROBOTS_URL
@@ -89,4 +90,8 @@ def load_hand_model(file: str | Path, yaw_range: tuple[float, float] = FREE_TURN
 def _model(
     file: Path, changed: int, model: Path, model_changed: int, yaw_range: tuple[float, float]
 ) -> HandModel:
-    return HandModel(load_hand(file), yaw_range)
+    try:
+        with failures_as_errors():
+            return HandModel(load_hand(file), yaw_range)
+    except RuntimeError as error:
+        raise InvalidArgumentError(f"model: {model} can't be used: {first_line(error)}") from error

@@ -7,6 +7,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
+from drake_pregrasp.diagrams.drake_failures import failures_as_errors
 from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.errors import ScenarioError, first_line
 from drake_pregrasp.planning.blends import BLEND
@@ -78,11 +79,14 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
             f"all weights are 0; a {BLEND} needs one above 0 out of: {', '.join(STRATEGIES)}",
         )
     try:
-        AddMultibodyPlant(scenario.plant_config, DiagramBuilder())
+        with failures_as_errors():
+            AddMultibodyPlant(scenario.plant_config, DiagramBuilder())
     except RuntimeError as error:
         raise ScenarioError(source, "plant_config", first_line(error)) from error
     try:
-        ApplySimulatorConfig(scenario.simulator_config, Simulator(ConstantVectorSource([0.0])))
+        with failures_as_errors():
+            simulator = Simulator(ConstantVectorSource([0.0]))
+            ApplySimulatorConfig(scenario.simulator_config, simulator)
     except (RuntimeError, ValueError) as error:
         raise ScenarioError(source, "simulator_config", first_line(error)) from error
 

@@ -181,11 +181,11 @@ def mutated(data: bytes, rng: random.Random) -> bytes:
 
 
 _KINDS: Mapping[str, tuple[Callable[[str, random.Random], Case], float]] = {
-    "made": (_made, 0.2),
-    "spoilt": (_spoilt, 0.3),
-    "bytes": (_bytes, 0.25),
+    "made": (_made, 0.15),
+    "spoilt": (_spoilt, 0.35),
+    "bytes": (_bytes, 0.3),
     "bomb": (_bomb, 0.1),
-    "mesh": (_mesh, 0.05),
-    "stream": (_stream, 0.05),
-    "hand": (_hand, 0.05),
+    "mesh": (_mesh, 0.04),
+    "stream": (_stream, 0.04),
+    "hand": (_hand, 0.02),
 }

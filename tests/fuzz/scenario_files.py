@@ -8,6 +8,7 @@ Each is to be accepted, or refused in one printable line, within a time and a me
 import argparse
 import collections
 import contextlib
+import math
 import multiprocessing
 import os
 import resource
@@ -32,7 +33,7 @@ from drake_pregrasp.simulation.simulation_diagram import make_diagram
 SECONDS = 10.0
 """Longest that one file may take. A busy machine takes some of it."""
 
-BUILT = 5
+BUILT = 50
 """One in so many of the files has its diagram built."""
 
 MEMORY = 6_000_000_000
@@ -70,7 +71,7 @@ def load(case: Case, folder: Path, *, build: bool = False) -> tuple[str, str]:
         return ("refused" if fits else "unprintable"), said
     except _TooSlow:
         return "slow", ""
-    except Exception:
+    except (Exception, SystemExit):
         return "traceback", traceback.format_exc()
     return "accepted", ""
 
@@ -126,13 +127,16 @@ def _work(seed: int, first: int, last: int, connection: Connection) -> None:
         shutil.rmtree(root)
 
 
-def run(count: int, seed: int) -> tuple[Counts, list[str], tuple[float, int]]:
+def run(
+    count: int, seed: int, seconds: float = math.inf
+) -> tuple[Counts, list[str], tuple[float, int]]:
     """Returns counts by kind and outcome, failures in words, and the longest time with its case."""
     counts: Counts = collections.Counter()
     failures: list[str] = []
     slowest, number = (0.0, -1), 0
     context = multiprocessing.get_context("fork")
-    while number < count:
+    end = time.perf_counter() + seconds
+    while number < count and time.perf_counter() < end:
         ours, theirs = context.Pipe(duplex=False)
         process = context.Process(target=_work, args=(seed, number, count, theirs))
         process.start()
@@ -151,6 +155,8 @@ def run(count: int, seed: int) -> tuple[Counts, list[str], tuple[float, int]]:
                 if outcome not in GOOD:
                     failures.append(f"--- {number} {kind} {outcome}\n{text}\n{said}")
                 number += 1
+                if time.perf_counter() > end:
+                    break
         except EOFError:
             pass
         process.kill()
@@ -159,7 +165,7 @@ def run(count: int, seed: int) -> tuple[Counts, list[str], tuple[float, int]]:
             number, kind, outcome = begun[0] + 1, begun[1], begun[2]
             counts[kind, outcome] += 1
             failures.append(f"--- {begun[0]} {kind} died\n{make_case(seed, begun[0])}")
-        elif number < count:
+        elif number < count and time.perf_counter() < end:
             number += 1
     return counts, failures, slowest
 
@@ -169,9 +175,10 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--minutes", type=float, default=math.inf, help="end after these")
     options = parser.parse_args()
     start = time.perf_counter()
-    counts, failures, slowest = run(options.count, options.seed)
+    counts, failures, slowest = run(options.count, options.seed, 60 * options.minutes)
     for (kind, outcome), number in sorted(counts.items()):
         print(f"{kind:8} {outcome:12} {number}")
     seconds = time.perf_counter() - start

@@ -296,3 +296,22 @@ def test_an_error_without_text_is_a_line_all_the_same(monkeypatch):
     monkeypatch.setattr(hand_parsing, "add_packages", fail)
     with pytest.raises(PregraspError, match=r"five_finger_hand.sdf is no model .*: RuntimeError$"):
         HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('p="2e4"', 'p="nan"'),
+        ("<radius>0.009</radius>", "<radius>inf</radius>"),
+        ("<upper>2.4</upper>", "<upper>nan</upper>"),
+    ],
+)
+def test_a_failed_demand_of_drakes_is_an_error_like_any_other(tmp_path, old, new):
+    model = (MODELS / "five_finger_hand.sdf").read_text()
+    assert old in model
+    (tmp_path / "own.sdf").write_text(model.replace(old, new, 1))
+    path = write(tmp_path, shipped().replace("package://drake_pregrasp/five_finger_hand", "own"))
+    with pytest.raises(ScenarioError, match=r"grasp.hand: .*own.sdf is no model of a hand: Fail"):
+        load_scenario(
+            "grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}", folders=[tmp_path]
+        )
