@@ -89,7 +89,8 @@ def box_surface(
 def _check_number(faces: Sequence[str], half: FloatArray, name: str, spacing: float) -> None:
     count = 0.0  # An estimate: whole numbers could be too large.
     for face in faces:
-        count += float(np.prod(np.delete(2 * half, _face_axis(face)[0]) / spacing + 1))
+        first, second = np.delete(2 * half, _face_axis(face)[0]).tolist()
+        count += (first / spacing + 1) * (second / spacing + 1)
     if count > MAX_POINTS:
         raise InvalidArgumentError(
             f"{name} {spacing:g} m makes {count:.2g} points on this box, at most {MAX_POINTS};"

@@ -43,6 +43,7 @@ GOOD = ("accepted", "refused")
 """Outcomes that are as they should be; all others are failures."""
 
 Counts = collections.Counter[tuple[str, str]]
+Outcome = tuple[Counts, list[str], tuple[float, int]]
 
 _LONGEST = 2 * LONGEST_MESSAGE + LONGEST_KEY
 _PATIENCE = 3 * SECONDS  # Until a process that heeds no timer is killed.
@@ -127,9 +128,7 @@ def _work(seed: int, first: int, last: int, connection: Connection) -> None:
         shutil.rmtree(root)
 
 
-def run(
-    count: int, seed: int, seconds: float = math.inf
-) -> tuple[Counts, list[str], tuple[float, int]]:
+def run(count: int, seed: int, seconds: float = math.inf) -> Outcome:
     """Returns counts by kind and outcome, failures in words, and the longest time with its case."""
     counts: Counts = collections.Counter()
     failures: list[str] = []
