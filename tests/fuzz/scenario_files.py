@@ -24,7 +24,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from cases import Case, make_case
+from scenario_cases import Case, make_case
 
 from drake_pregrasp.errors import LONGEST_KEY, LONGEST_MESSAGE, PregraspError
 from drake_pregrasp.simulation.scenario_file import load_scenario

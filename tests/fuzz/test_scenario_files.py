@@ -1,9 +1,9 @@
 """A few hundred bad scenario files; `tests.fuzz.scenario_files` loads as many as asked."""
 
 import pytest
-from cases import Case
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from scenario_cases import Case
 from scenario_files import GOOD, load, run
 
 FEW = 150

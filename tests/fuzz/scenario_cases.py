@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import trimesh
-from values import NASTY, some_text
+from scenario_values import NASTY, some_text
 
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.scenario import Scenario
