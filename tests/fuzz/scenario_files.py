@@ -12,7 +12,6 @@ import math
 import multiprocessing
 import os
 import resource
-import shutil
 import signal
 import sys
 import tempfile
@@ -32,6 +31,9 @@ from drake_pregrasp.simulation.simulation_diagram import make_diagram
 
 SECONDS = 10.0
 """Longest that one file may take. A busy machine takes some of it."""
+
+BATCH = 5000
+"""Files that one process loads: Drake keeps some memory for each diagram."""
 
 BUILT = 50
 """One in so many of the files has its diagram built."""
@@ -109,27 +111,28 @@ def smallest(case: Case, outcome: str, folder: Path, *, build: bool) -> Case:
     return case
 
 
-def _work(seed: int, first: int, last: int, connection: Connection) -> None:
+def _work(seed: int, first: int, last: int, folder: Path, connection: Connection) -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())  # Drake's parser is chatty.
-    shared = Path("/dev/shm")
-    root = Path(tempfile.mkdtemp(dir=shared if shared.is_dir() else None))
-    try:
-        for number in range(first, last):
-            case = make_case(seed, number)
-            connection.send((number, case.kind, "died", "", ""))
-            start = time.perf_counter()
-            build = number % BUILT == 0
-            outcome, said = load(case, root, build=build)
-            took = time.perf_counter() - start
-            text = "" if outcome in GOOD else repr(smallest(case, outcome, root, build=build))
-            connection.send((number, case.kind, outcome, said, text, took))
-    finally:
-        shutil.rmtree(root)
+    for number in range(first, last):
+        case = make_case(seed, number)
+        connection.send((number, case.kind, "died", "", ""))
+        start = time.perf_counter()
+        build = number % BUILT == 0
+        outcome, said = load(case, folder, build=build)
+        took = time.perf_counter() - start
+        text = "" if outcome in GOOD else repr(smallest(case, outcome, folder, build=build))
+        connection.send((number, case.kind, outcome, said, text, took))
 
 
 def run(count: int, seed: int, seconds: float = math.inf) -> Outcome:
     """Returns counts by kind and outcome, failures in words, and the longest time with its case."""
+    shared = Path("/dev/shm")  # In memory, where there is such a folder.
+    with tempfile.TemporaryDirectory(dir=shared if shared.is_dir() else None) as folder:
+        return _run(count, seed, seconds, Path(folder))
+
+
+def _run(count: int, seed: int, seconds: float, folder: Path) -> Outcome:
     counts: Counts = collections.Counter()
     failures: list[str] = []
     slowest, number = (0.0, -1), 0
@@ -137,7 +140,8 @@ def run(count: int, seed: int, seconds: float = math.inf) -> Outcome:
     end = time.perf_counter() + seconds
     while number < count and time.perf_counter() < end:
         ours, theirs = context.Pipe(duplex=False)
-        process = context.Process(target=_work, args=(seed, number, count, theirs))
+        last = min(count, number + BATCH)
+        process = context.Process(target=_work, args=(seed, number, last, folder, theirs))
         process.start()
         theirs.close()
         begun = None
@@ -164,7 +168,7 @@ def run(count: int, seed: int, seconds: float = math.inf) -> Outcome:
             number, kind, outcome = begun[0] + 1, begun[1], begun[2]
             counts[kind, outcome] += 1
             failures.append(f"--- {begun[0]} {kind} died\n{make_case(seed, begun[0])}")
-        elif number < count and time.perf_counter() < end:
+        elif number < last and time.perf_counter() < end:
             number += 1
     return counts, failures, slowest
 
