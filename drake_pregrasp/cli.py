@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from drake_pregrasp.errors import PregraspError, ScenarioError
+from drake_pregrasp.errors import PregraspError, ScenarioError, printable
 from drake_pregrasp.simulation.run import RunResult, run, write_graphviz
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import validate
@@ -66,7 +66,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print("drake-pregrasp: interrupted", file=sys.stderr)
         return INTERRUPTED
     except PregraspError as error:
-        print(f"drake-pregrasp: {error}", file=sys.stderr)
+        print(f"drake-pregrasp: {printable(str(error))}", file=sys.stderr)
+        return BAD_INPUT
+    except SystemExit as error:  # So a failed demand of Drake's reaches Python.
+        print(f"drake-pregrasp: {printable(str(error))}", file=sys.stderr)
         return BAD_INPUT
     except BrokenPipeError:  # Whoever reads the output, as `head`, has enough of it.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -96,6 +99,13 @@ def _parser() -> argparse.ArgumentParser:
         "--scenario_text",
         metavar="YAML",
         help="overrides single keys, for example '{planner: {period: 0.1}}'",
+    )
+    runner.add_argument(
+        "--allow",
+        action="append",
+        default=[],
+        metavar="FOLDER",
+        help="where files that the scenario names may be, beside its own folder; repeatable",
     )
     runner.add_argument(
         "--simulation_duration", metavar="SECONDS", type=float, help="overrides that key"
@@ -231,7 +241,7 @@ def _load(options: argparse.Namespace) -> tuple[str, Scenario]:
         if file is None:
             raise ScenarioError("", "run", "needs a shipped scenario's name, or --scenario_file")
         name = only_name(file)
-    scenario = load_scenario(name, file=file, text=options.scenario_text)
+    scenario = load_scenario(name, file=file, text=options.scenario_text, folders=options.allow)
     if options.simulation_duration is not None:
         scenario.simulation_duration = options.simulation_duration
         source = "--simulation_duration"

@@ -8,6 +8,7 @@ import pytest
 PACKAGE = Path(__file__).parent.parent / "drake_pregrasp"
 FLOORS = [
     "errors",
+    "bounded_file",
     "resources",
     "version",
     "robots",

@@ -1,16 +1,22 @@
 """A hand's model, found and added to a plant."""
 
+import contextlib
+import logging
+from collections.abc import Iterator
 from pathlib import Path
 
 from pydrake.multibody.parsing import PackageMap, Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
+from drake_pregrasp.diagrams.drake_failures import failures_as_errors
 from drake_pregrasp.diagrams.hand_description import Carrier, HandDescription
 from drake_pregrasp.errors import InvalidArgumentError, first_line
 from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.resources import resolve_path, resource_folder
 from drake_pregrasp.robots.robot_models import ROBOTS_URL, robot_model
+
+_DOWNLOADED = ("drake_models",)
 
 HAND = "hand"
 """The model instance that a hand is, whatever its file calls it."""
@@ -38,8 +44,9 @@ def add_hand_model(
     path = model_path(description.model)
     parser.SetAutoRenaming(True)
     try:
-        _add_packages(parser.package_map(), path)
-        models = parser.AddModels(str(path))
+        add_packages(parser.package_map(), path)
+        with _said_only_at_success(), failures_as_errors():
+            models = parser.AddModels(str(path))
     except (RuntimeError, ValueError) as error:
         problem = first_line(error)
         raise InvalidArgumentError(f"model: {path} is no model of a hand: {problem}") from error
@@ -58,8 +65,33 @@ def add_hand_model(
     return hand
 
 
-def _add_packages(packages: PackageMap, model: Path) -> None:
-    """Adds what `package://` may name: this package, those a model is in, and those of ROS."""
+@contextlib.contextmanager
+def _said_only_at_success() -> Iterator[None]:
+    """Holds back what Drake logs of a model; if it fails, the error says it, in one line."""
+    held: list[logging.LogRecord] = []
+
+    def hold(record: logging.LogRecord) -> bool:
+        held.append(record)
+        return False
+
+    logger = logging.getLogger("drake")
+    logger.addFilter(hold)
+    try:
+        yield
+    finally:
+        logger.removeFilter(hold)
+    for record in held:
+        logger.handle(record)
+
+
+def add_packages(packages: PackageMap, model: Path) -> None:
+    """Adds what `package://` may name: this package, those a model is in, and those of ROS.
+
+    Those that Drake would download are left out.
+    """
+    for name in packages.GetPackageNames():
+        if name in _DOWNLOADED:
+            packages.Remove(name)
     packages.AddPackageXml(str(resource_folder("models") / "package.xml"))
     for folder in model.parents:
         if (folder / "package.xml").is_file():

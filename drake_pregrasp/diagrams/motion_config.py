@@ -22,7 +22,10 @@ class Conveyor:
     # rad/s, times increasing from 0. They are interpolated linearly, and the last ones stay.
     profile: list[list[float]] = field(
         default_factory=list,
-        metadata={"elements": {"length": 3, "at_least": -100, "at_most": 1e6}},
+        metadata={
+            "elements": {"length": 3, "at_least": -100, "at_most": 1e6},
+            "max_length": 10_000,
+        },
     )
 
     def velocities(self) -> list[list[float]]:

@@ -79,6 +79,7 @@ class Revolved:
         metadata={
             "required": True,
             "min_length": 3,
+            "max_length": 256,
             "elements": {"length": 2, "at_least": -1, "at_most": 1},
         },
     )

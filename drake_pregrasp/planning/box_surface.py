@@ -9,6 +9,9 @@ from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.shapes import box_shape
 from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
 
+MAX_POINTS = 200_000
+"""Most candidates of a box, and most of its forbidden points."""
+
 BOX_FACES = ("+x", "-x", "+y", "-y", "+z", "-z")
 """Names of a box's faces, by their outward normals in the object frame."""
 
@@ -34,7 +37,8 @@ def box_surface(
         forbidden_radius: R_j of each forbidden point, in metres.
 
     Raises:
-        InvalidArgumentError: If a length is not above 0, or a face has no such name.
+        InvalidArgumentError: If a length is not above 0, or a face has no such name, or there
+            would be more than `MAX_POINTS`.
         NoGroundError: If no face is left for contacts.
     """
     if len(size) != 3 or not all(length > 0 for length in size):
@@ -48,6 +52,8 @@ def box_surface(
     if not allowed_faces:
         raise NoGroundError("all faces of the box are forbidden: none is left for contacts")
     half = np.asarray(size) / 2
+    _check_number(allowed_faces, half, "spacing", spacing)
+    _check_number(forbidden_faces, half, "forbidden_spacing", forbidden_spacing)
 
     points, normals, areas, patches = [], [], [], []
     for face in allowed_faces:
@@ -78,6 +84,18 @@ def box_surface(
         patches=np.concatenate(patches),
         patch_starts=2 * np.arange(len(p_OQ) + 1),
     )
+
+
+def _check_number(faces: Sequence[str], half: FloatArray, name: str, spacing: float) -> None:
+    count = 0.0  # An estimate: whole numbers could be too large.
+    for face in faces:
+        first, second = np.delete(2 * half, _face_axis(face)[0]).tolist()
+        count += (first / spacing + 1) * (second / spacing + 1)
+    if count > MAX_POINTS:
+        raise InvalidArgumentError(
+            f"{name} {spacing:g} m makes {count:.2g} points on this box, at most {MAX_POINTS};"
+            " choose a larger one"
+        )
 
 
 def face_normal(face: str) -> FloatArray:

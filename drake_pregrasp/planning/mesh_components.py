@@ -8,6 +8,13 @@ from scipy.sparse.csgraph import connected_components
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
 
+MAX_COMPONENTS = 100
+"""Closed surfaces that a mesh may be made of."""
+
+MAX_PAIRS = 200_000_000
+"""Pairs of a point and a triangle that are looked at in all, to tell inside from outside: each ten
+million take a second or two."""
+
 _CHUNK = 2_000_000  # Pairs of a point and a triangle that are looked at in one go.
 
 
@@ -25,14 +32,30 @@ def orient_components(mesh: trimesh.Trimesh, what: str) -> None:
     """
     labels = _face_components(mesh)
     count = int(np.max(labels)) + 1
+    if count > MAX_COMPONENTS:
+        raise InvalidArgumentError(
+            f"{what} has {count} closed surfaces; at most {MAX_COMPONENTS}, unite them"
+        )
     triangles = np.array(mesh.triangles)
+    parts = [triangles[labels == part] for part in range(count)]
+    bounds = [(part.min(axis=(0, 1)), part.max(axis=(0, 1))) for part in parts]
+    pairs = 0
     depths = np.zeros(count, dtype=np.int64)
     for inner in range(count if count > 1 else 0):
-        points = np.unique(triangles[labels == inner].reshape(-1, 3), axis=0)
+        points = np.unique(parts[inner].reshape(-1, 3), axis=0)
         for outer in range(count):
             if inner == outer:
                 continue
-            inside = is_inside(points, triangles[labels == outer])
+            low, high = bounds[outer]
+            is_near = np.all((low <= points) & (points <= high), axis=1)
+            pairs += int(np.sum(is_near)) * len(parts[outer])
+            if pairs > MAX_PAIRS:
+                raise InvalidArgumentError(
+                    f"{what} has closed surfaces in each other with too many triangles; simplify"
+                    " it, or leave out its cavities"
+                )
+            inside = np.zeros(len(points), dtype=bool)
+            inside[is_near] = is_inside(points[is_near], parts[outer])
             if np.any(inside) and not np.all(inside):
                 raise InvalidArgumentError(
                     f"{what} has closed surfaces that cross; unite them into one, for example with"

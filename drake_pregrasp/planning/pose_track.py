@@ -4,12 +4,14 @@ import csv
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
+from drake_pregrasp.bounded_file import read_bounded_text
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 
@@ -19,12 +21,19 @@ COLUMNS = ("time", "x", "y", "z", "qw", "qx", "qy", "qz")
 MAX_ROWS = 200_000
 """Most rows of a file: half an hour at 100 Hz."""
 
+MAX_BYTES = 100_000_000
+"""Bytes of a file: 500 for each of its rows."""
+
+MAX_LINE = 10_000
+"""Characters of a line."""
+
 MAX_DISTANCE = 100.0
 """Largest coordinate of a position, in metres: beyond it are millimetres by mistake."""
 
 QUATERNION_TOLERANCE = 0.01
 """By how much a quaternion's length may differ from 1: a few digits are enough."""
 
+_SHOWN = 40  # Characters of a cell in a message.
 _POSITION, _QUATERNION = slice(1, 4), slice(4, 8)
 
 
@@ -69,9 +78,8 @@ def read_pose_track(path: Path) -> PoseTrack:
             is the header.
     """
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            rows = list(_rows(path, file))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        rows = list(_rows(path, _lines(path)))
+    except csv.Error as error:
         raise InvalidArgumentError(f"{path}: can't be read: {error}") from error
     if not rows:
         _refuse(path, "has no poses; at least one row must follow the header")
@@ -80,6 +88,13 @@ def read_pose_track(path: Path) -> PoseTrack:
     return PoseTrack(
         table[:, 0], table[:, _POSITION], Rotation.from_quat(np.roll(quaternions, -1, axis=1))
     )
+
+
+def _lines(path: Path) -> Iterator[str]:
+    for number, line in enumerate(StringIO(read_bounded_text(path, MAX_BYTES), newline="")):
+        if len(line) > MAX_LINE:
+            _refuse(path, f"row {number + 1}: has more than {MAX_LINE} characters")
+        yield line
 
 
 def _rows(path: Path, lines: Iterator[str]) -> Iterator[list[float]]:
@@ -94,10 +109,10 @@ def _rows(path: Path, lines: Iterator[str]) -> Iterator[list[float]]:
     places = [header.index(name) for name in COLUMNS]
     previous = -math.inf
     for number, cells in enumerate(reader, start=2):
-        if not cells:
-            continue
         if number > MAX_ROWS + 1:
             _refuse(path, f"has more than {MAX_ROWS} rows of poses; take fewer, or cut it up")
+        if not cells:
+            continue
         if len(cells) != len(header):
             _refuse(path, f"row {number}: has {len(cells)} cells; the header has {len(header)}")
         values = [
@@ -115,7 +130,9 @@ def _number(path: Path, row: int, column: str, cell: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        _refuse(path, f"row {row}, column {column}: {cell.strip()!r} must be a finite number")
+        _refuse(
+            path, f"row {row}, column {column}: {cell.strip()[:_SHOWN]!r} must be a finite number"
+        )
     return value
 
 

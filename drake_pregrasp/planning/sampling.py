@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
 
-MAX_TRIANGLES = 3_000_000
-"""How many small triangles a surface may be split into: they need about 1 GB."""
+MAX_TRIANGLES = 1_500_000
+"""How many small triangles a surface may be split into: they need about half a GB."""
 
 
 @dataclass(frozen=True, eq=False)

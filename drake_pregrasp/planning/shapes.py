@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import trimesh
@@ -13,12 +12,16 @@ from scipy.sparse.csgraph import connected_components
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
 from drake_pregrasp.planning.mesh_components import orient_components
+from drake_pregrasp.planning.mesh_file import read_pieces
 
 FACET_ERROR = 5e-5
 """Farthest that facets are to be from the round surface they stand for, in metres."""
 
 MAX_EXTENT = 3.0
 """Longest object that is believed, in metres: a file in millimetres is a thousand times too big."""
+
+MAX_COORDINATE = 100.0
+"""Farthest that a vertex may be from the origin of its file, along an axis, in metres."""
 
 MIN_EXTENT = 1e-3
 """Longest edge that an object's bounding box has to have, in metres."""
@@ -109,7 +112,7 @@ def revolved_shape(profile: Sequence[Sequence[float]]) -> Shape:
 
 
 def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
-    """Reads a mesh file: OBJ, STL, PLY, glTF, or what else trimesh reads.
+    """Reads a mesh file: OBJ, STL, PLY, OFF or glTF; see `MESH_SUFFIXES`.
 
     Named objects of the file become the shape's parts.
 
@@ -123,52 +126,39 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
     """
     if not path.is_file():
         raise InvalidArgumentError(f"{path}: no such file")
-    try:
-        # Unprocessed: trimesh would leave out vertices that are not finite.
-        options: dict[str, Any] = {"process": False}
-        if path.suffix.lower() == ".obj":
-            options["split_objects"] = True
-        scene = trimesh.load_scene(path, **options)
-        pieces = [_placed(scene, node) for node in scene.graph.nodes_geometry]
-    except Exception as error:  # trimesh's readers raise whatever their parsers do.
-        problem = " ".join(str(error).split()) or type(error).__name__
-        raise InvalidArgumentError(f"{path} can't be read as a mesh: {problem}") from error
-    pieces = [(name, piece) for name, piece in pieces if len(getattr(piece, "faces", ()))]
+    pieces = read_pieces(path)
     if not pieces:
         raise InvalidArgumentError(f"{path} holds no triangles")
     part_names = tuple(dict.fromkeys(name for name, _ in pieces))
     face_parts = np.concatenate(
         [np.full(len(piece.faces), part_names.index(name)) for name, piece in pieces]
     )
-    vertices = scale * np.concatenate([piece.vertices for _, piece in pieces])
+    with np.errstate(over="ignore"):
+        vertices = scale * np.concatenate([piece.vertices for _, piece in pieces])
     if not np.all(np.isfinite(vertices)):
         raise InvalidArgumentError(f"{path} has a vertex that is not finite")
+    _check_size(vertices, str(path))
     # Pieces of one closed surface share their seams only once equal vertices are merged.
     first_vertices = np.cumsum([0, *(len(piece.vertices) for _, piece in pieces[:-1])])
-    mesh = trimesh.Trimesh(
-        vertices,
-        np.concatenate(
-            [piece.faces + n for (_, piece), n in zip(pieces, first_vertices, strict=True)]
-        ),
-        process=False,
+    faces = np.concatenate(
+        [piece.faces + n for (_, piece), n in zip(pieces, first_vertices, strict=True)]
     )
+    if not (np.all(faces >= 0) and np.all(faces < len(vertices))):
+        raise InvalidArgumentError(f"{path} has a triangle with a vertex that isn't there")
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
     mesh.merge_vertices()
     return Shape(_checked(mesh, str(path)), part_names, face_parts)
-
-
-def _placed(scene: trimesh.Scene, node: str) -> tuple[str, trimesh.Trimesh]:
-    """Returns the name and the mesh of one of a scene's nodes, in the frame of the file."""
-    transform, name = scene.graph[node]
-    return str(name), scene.geometry[name].copy().apply_transform(transform)
 
 
 def _one_part(mesh: trimesh.Trimesh) -> Shape:
     return Shape(mesh, ("body",), np.zeros(len(mesh.faces), dtype=np.int64))
 
 
-def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
-    """Returns a mesh that encloses a volume, with its normals outward."""
-    longest = float(np.max(mesh.extents))
+def _check_size(vertices: FloatArray, what: str) -> float:
+    """Returns the longest edge of the bounding box, in metres, if it is one that is believed."""
+    low, high = np.min(vertices, axis=0), np.max(vertices, axis=0)
+    with np.errstate(over="ignore"):
+        longest = float(np.max(high - low))
     if longest > MAX_EXTENT:
         hint = " (if its unit is the millimetre, scale: 0.001)" if longest > 10 else ""
         raise InvalidArgumentError(
@@ -178,6 +168,17 @@ def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
         raise InvalidArgumentError(
             f"{what} is {longest:.3g} m long; at least {MIN_EXTENT:g} m, choose a scale"
         )
+    farthest = float(np.max(np.abs([low, high])))
+    if farthest > MAX_COORDINATE:
+        raise InvalidArgumentError(
+            f"{what} is {farthest:.4g} m away from its own origin; at most {MAX_COORDINATE:g} m"
+        )
+    return longest
+
+
+def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
+    """Returns a mesh that encloses a volume, with its normals outward."""
+    longest = _check_size(mesh.vertices, what)
     if not mesh.is_watertight:
         _, counts = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
         raise InvalidArgumentError(

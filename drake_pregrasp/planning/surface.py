@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 import trimesh
+from scipy.spatial import cKDTree
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
@@ -103,8 +104,10 @@ class ObjectSurface:
     def is_clear_of_forbidden_points(self) -> BoolArray:
         """Which candidates are out of the balls R_j around the forbidden points, shape (N,)."""
         clear = np.ones(len(self.p_OQ), dtype=bool)
-        for point, radius in zip(self.forbidden.points, self.forbidden.radii, strict=True):
-            clear[self._ground.tree.query_ball_point(point, radius)] = False
+        for radius in np.unique(self.forbidden.radii):
+            points = self.forbidden.points[self.forbidden.radii == radius]
+            distances, _ = cKDTree(points).query(self.p_OQ)
+            clear &= distances > radius
         return clear
 
     @cached_property

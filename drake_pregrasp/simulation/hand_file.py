@@ -1,28 +1,34 @@
 """Descriptions of hands from YAML files, and their models."""
 
 import functools
+from collections.abc import Sequence
 from pathlib import Path
 
-import yaml
-from pydrake.common.yaml import yaml_load_data, yaml_load_typed
-
+from drake_pregrasp.bounded_file import read_bounded_text
+from drake_pregrasp.diagrams.drake_failures import failures_as_errors
 from drake_pregrasp.diagrams.hand_description import HandDescription
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import model_path
-from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.diagrams.model_files import check_model_files
+from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, first_line
 from drake_pregrasp.planning.assignment import FREE_TURN
-from drake_pregrasp.resources import resolve_path
+from drake_pregrasp.resources import MODELS_URL, resolve_path
+from drake_pregrasp.robots.robot_models import ROBOTS_URL
 from drake_pregrasp.simulation.scenario_paths import make_paths_absolute
 from drake_pregrasp.simulation.schema_check import check_mapping
+from drake_pregrasp.simulation.yaml_text import MAX_BYTES, load_typed, parse_yaml, without_private
 
+_OWN = (MODELS_URL, ROBOTS_URL)  # What models of this package start with.
 _KEPT = 2  # Models: one for looking at it, and one with the wrist's range.
 
 
-def load_hand(file: str | Path) -> HandDescription:
+def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) -> HandDescription:
     """Loads the description of a hand, with its keys, types and ranges checked.
 
     Args:
         file: A path from the working directory, or `package://drake_pregrasp/...`.
+        folders: For a description of unknown origin: where its model, and what that names, may be
+            beside the description's own folder; or anywhere below. None: anywhere.
 
     Raises:
         ScenarioError: If there is anything wrong with it; the message names file, key and value.
@@ -32,19 +38,36 @@ def load_hand(file: str | Path) -> HandDescription:
     except InvalidArgumentError as error:
         raise ScenarioError(str(file), "", str(error)) from error
     try:
-        data = yaml_load_data(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        problem = getattr(error, "strerror", None) or str(error)
-        raise ScenarioError(str(path), "", f"can't be read: {problem}") from error
-    except yaml.YAMLError as error:
-        problem = " ".join(str(error).split())
-        raise ScenarioError(str(path), "", f"is no YAML: {problem}") from error
+        text = read_bounded_text(path, MAX_BYTES)
+    except InvalidArgumentError as error:
+        raise ScenarioError("", "", str(error)) from error
+    data = without_private(parse_yaml(str(path), text))
     check_mapping(str(path), "", data, HandDescription)
-    description: HandDescription = yaml_load_typed(
-        schema=HandDescription, filename=str(path), defaults=HandDescription()
-    )
-    make_paths_absolute(description, path.parent)
+    description: HandDescription = load_typed(HandDescription, data, HandDescription())
+    allowed = None if folders is None else [path.parent, *map(Path, folders)]
+    make_paths_absolute(description, path.parent, allowed=allowed, source=str(path))
+    if allowed is not None and not description.model.startswith(_OWN):
+        try:
+            check_model_files(model_path(description.model), allowed)
+        except InvalidArgumentError as error:
+            raise ScenarioError(str(path), "", str(error)) from error
     return description
+
+
+def check_hand_files(hand: str, allowed: Sequence[Path], source: str) -> None:
+    """Raises a `ScenarioError` unless a hand's model, and what it names, may be read.
+
+    Args:
+        hand: File of its description; empty for none.
+        allowed: Folders that files may be in, or below, beside that of the description.
+        source: Where the scenario is from, for the message.
+    """
+    if not hand:
+        return
+    try:
+        load_hand(hand, folders=allowed)
+    except ScenarioError as error:
+        raise ScenarioError(source, "grasp.hand", str(error)) from error
 
 
 def load_hand_model(file: str | Path, yaw_range: tuple[float, float] = FREE_TURN) -> HandModel:
@@ -67,4 +90,8 @@ def load_hand_model(file: str | Path, yaw_range: tuple[float, float] = FREE_TURN
 def _model(
     file: Path, changed: int, model: Path, model_changed: int, yaw_range: tuple[float, float]
 ) -> HandModel:
-    return HandModel(load_hand(file), yaw_range)
+    try:
+        with failures_as_errors():
+            return HandModel(load_hand(file), yaw_range)
+    except RuntimeError as error:
+        raise InvalidArgumentError(f"model: {model} can't be used: {first_line(error)}") from error

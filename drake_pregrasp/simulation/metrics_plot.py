@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+from drake_pregrasp.errors import printable
 from drake_pregrasp.simulation.run_log import RunLog
 from drake_pregrasp.simulation.scenario import Scenario
 
@@ -48,5 +49,5 @@ def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary
         axes[0].legend(loc="lower right", frameon=False)
     figure.align_ylabels(axes)
     title = f"{name}: {scenario.description}" if scenario.description else name
-    figure.suptitle(title, parse_math=False)
+    figure.suptitle(printable(title), parse_math=False)
     figure.savefig(path, dpi=130)

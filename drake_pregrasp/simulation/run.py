@@ -17,6 +17,7 @@ from drake_pregrasp.simulation.logged_run import LoggedRun
 from drake_pregrasp.simulation.metrics_plot import plot_metrics
 from drake_pregrasp.simulation.output import write_text, writing
 from drake_pregrasp.simulation.recording import recording_html, start_meshcat
+from drake_pregrasp.simulation.run_size import check_recording
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import check_scenario, dump_scenario
 from drake_pregrasp.simulation.summary import summarize
@@ -77,6 +78,8 @@ def run(
         OutputError: If the run folder can't be written.
     """
     check_scenario(scenario)
+    if recording:
+        check_recording("scenario", scenario, scenario.make_surface())
     meshcat = start_meshcat() if recording else None
     logged = LoggedRun(scenario, meshcat=meshcat, on_tick=on_tick)
     folder = _prepare_folder(Path(out), name)  # Not before all else is known to be in order.

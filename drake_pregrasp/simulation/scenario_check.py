@@ -7,6 +7,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 
+from drake_pregrasp.diagrams.drake_failures import failures_as_errors
 from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.errors import ScenarioError, first_line
 from drake_pregrasp.planning.blends import BLEND
@@ -17,6 +18,7 @@ from drake_pregrasp.simulation.hand_planner import hand_planner
 from drake_pregrasp.simulation.limits_check import check_limits, check_reach
 from drake_pregrasp.simulation.motion_check import check_motion
 from drake_pregrasp.simulation.obstacle_config import check_obstacles
+from drake_pregrasp.simulation.run_size import check_size
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.sensor_config import check_sensor
 from drake_pregrasp.simulation.surface_config import check_surface
@@ -45,6 +47,7 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
             f"{len(scenario.hand.fingertips)} rows must be none or one for each of the {count}"
             " contacts",
         )
+    check_size(source, scenario)
     check_obstacles(source, scenario.obstacles)
     if isinstance(scenario.object, Box) and not scenario.ring_contacts:
         _validate_contacts_on_a_box(scenario, source, surface)
@@ -85,11 +88,14 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
             f"all weights are 0; a {BLEND} needs one above 0 out of: {', '.join(STRATEGIES)}",
         )
     try:
-        AddMultibodyPlant(scenario.plant_config, DiagramBuilder())
+        with failures_as_errors():
+            AddMultibodyPlant(scenario.plant_config, DiagramBuilder())
     except RuntimeError as error:
         raise ScenarioError(source, "plant_config", first_line(error)) from error
     try:
-        ApplySimulatorConfig(scenario.simulator_config, Simulator(ConstantVectorSource([0.0])))
+        with failures_as_errors():
+            simulator = Simulator(ConstantVectorSource([0.0]))
+            ApplySimulatorConfig(scenario.simulator_config, simulator)
     except (RuntimeError, ValueError) as error:
         raise ScenarioError(source, "simulator_config", first_line(error)) from error
 

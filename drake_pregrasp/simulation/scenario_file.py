@@ -1,18 +1,20 @@
 """Scenarios from YAML files in Drake's manner: named entries, overriding texts, `_` anchors."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import yaml
-from pydrake.common.yaml import yaml_dump, yaml_dump_typed, yaml_load_data, yaml_load_typed
+from pydrake.common.yaml import yaml_dump_typed
 
-from drake_pregrasp.errors import ScenarioError
+from drake_pregrasp.bounded_file import read_bounded_text
+from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, printable
 from drake_pregrasp.resources import resource_folder
+from drake_pregrasp.simulation.hand_file import check_hand_files
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import validate
 from drake_pregrasp.simulation.scenario_paths import make_paths_absolute
 from drake_pregrasp.simulation.schema_check import add_tags, check_mapping
+from drake_pregrasp.simulation.yaml_text import MAX_BYTES, load_typed, parse_yaml
 
 SCENARIO_TEXT = "scenario text"
 """What error messages call the text that overrides a scenario."""
@@ -41,7 +43,11 @@ def find_scenario(name: str) -> Path:
 
 
 def load_scenario(
-    name: str | None = None, *, file: str | Path | None = None, text: str | None = None
+    name: str | None = None,
+    *,
+    file: str | Path | None = None,
+    text: str | None = None,
+    folders: Sequence[str | Path] = (),
 ) -> Scenario:
     """Loads a scenario.
 
@@ -49,6 +55,8 @@ def load_scenario(
         name: Its name: an entry of `file`, or of the shipped files if no file is given.
         file: A YAML file. With one entry only, `name` can be left out.
         text: YAML that overrides single keys, for example `{planner: {period: 0.1}}`.
+        folders: Where files that it names may be, beside its file's own folder and, for those
+            that `text` names, the working directory; or anywhere below.
 
     Relative paths start at the file's folder, those in `text` at the working directory; they come
     back absolute.
@@ -66,19 +74,23 @@ def load_scenario(
     if name not in entries:
         raise ScenarioError(str(file), name, f"no such entry; there are: {', '.join(entries)}")
     check_mapping(str(file), name, entries[name], Scenario)
-    scenario: Scenario = yaml_load_typed(
-        schema=Scenario, filename=str(file), child_name=name, defaults=Scenario()
-    )
-    make_paths_absolute(scenario, file.parent)
+    scenario: Scenario = load_typed(Scenario, entries[name], Scenario())
     source = str(file)
-    if text is not None:
-        check_mapping(SCENARIO_TEXT, "", parse_mapping(SCENARIO_TEXT, text), Scenario)
-        scenario = yaml_load_typed(schema=Scenario, data=text, defaults=scenario)
-        make_paths_absolute(scenario, Path.cwd())
-        source = f"{file} with {SCENARIO_TEXT}"
+    allowed = [file.parent, *map(Path, folders)]
     try:
+        make_paths_absolute(scenario, file.parent, allowed=allowed, source=source)
+        if text is not None:
+            overrides = parse_mapping(SCENARIO_TEXT, text)
+            check_mapping(SCENARIO_TEXT, "", overrides, Scenario)
+            scenario = load_typed(Scenario, overrides, scenario)
+            source = f"{file} with {SCENARIO_TEXT}"
+            allowed.append(Path.cwd())
+            make_paths_absolute(scenario, Path.cwd(), allowed=allowed, source=source)
+        check_hand_files(scenario.grasp.hand, allowed, source)
         validate(scenario, source)
     except ScenarioError as error:
+        if error.source != printable(source):
+            raise
         raise ScenarioError(source, f"{name}.{error.key}", error.problem) from error
     return scenario
 
@@ -109,20 +121,25 @@ def scenario_data(scenario: Scenario) -> dict[str, Any]:
     return data
 
 
-def scenario_from_data(data: Mapping[str, Any], *, source: str, folder: Path) -> Scenario:
+def scenario_from_data(
+    data: Mapping[str, Any], *, source: str, folder: Path, folders: Sequence[str | Path] = ()
+) -> Scenario:
     """Returns the scenario of what YAML has made of its entry.
 
     Args:
         data: The entry; keys that are not there have their defaults.
         source: Where it is from, for messages.
         folder: Where relative paths start.
+        folders: Where files may be, beside `folder` and below these.
 
     Raises:
         ScenarioError: If anything is wrong with it; the message names source, key and value.
     """
     check_mapping(source, "", data, Scenario)
-    scenario: Scenario = yaml_load_typed(schema=Scenario, data=yaml_dump(data), defaults=Scenario())
-    make_paths_absolute(scenario, folder)
+    scenario: Scenario = load_typed(Scenario, data, Scenario())
+    allowed = [folder, *map(Path, folders)]
+    make_paths_absolute(scenario, folder, allowed=allowed, source=source)
+    check_hand_files(scenario.grasp.hand, allowed, source)
     validate(scenario, source)
     return scenario
 
@@ -154,19 +171,15 @@ def read_mapping(file: Path) -> dict[str, Any]:
         ScenarioError: If it can't be read, or is no mapping from names.
     """
     try:
-        text = file.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise ScenarioError(str(file), "", f"can't be read: {error}") from error
+        text = read_bounded_text(file, MAX_BYTES)
+    except InvalidArgumentError as error:
+        raise ScenarioError("", "", str(error)) from error
     return parse_mapping(str(file), text)
 
 
 def parse_mapping(source: str, text: str) -> dict[str, Any]:
     """Returns what YAML makes of a text, without private entries; see `read_mapping`."""
-    try:
-        data = yaml_load_data(text, private=True)
-    except yaml.YAMLError as error:
-        problem = " ".join(str(error).split())
-        raise ScenarioError(source, "", f"is no YAML: {problem}") from error
+    data = parse_yaml(source, text)
     if not isinstance(data, dict):
         raise ScenarioError(source, "", "must be a mapping from names to values")
     for key in data:

@@ -5,8 +5,9 @@ nothing of ranges. A schema's field states its range in its metadata:
 
     period: float = field(default=0.05, metadata={"above": 0})
 
-with any of `above`, `at_least`, `at_most` (of a number, or of each number in a list), `length` and
-`min_length` (of a list), `one_of` (of a string, or of each string in a list) and `required`.
+with any of `above`, `at_least`, `at_most` (of a number, or of each number in a list), `length`,
+`min_length` and `max_length` (of a list, `MAX_LENGTH` if not said otherwise), `one_of` (of a
+string, or of each string in a list) and `required`.
 
 A field that may be one of several dataclasses, a union, is told by its YAML tag which one it is, as
 in `!Cylinder {radius: 0.03}`; without a tag it is the first.
@@ -44,6 +45,12 @@ _DRAKE_RULES: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
         "sap_near_rigid_threshold": {"at_least": 0},
     },
 }
+MAX_LENGTH = 64
+"""Most elements of a list whose field says nothing else: there are as many contacts at most."""
+
+MAX_TEXT = 2000
+"""Most characters of a text."""
+
 _TAG = "_tag"  # Where Drake's loader keeps a mapping's YAML tag.
 _TYPE_NAMES = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}
 
@@ -112,13 +119,14 @@ def _check_value(source: str, key: str, value: object, kind: Any, rules: Mapping
         (element_kind,) = typing.get_args(kind)
         if not isinstance(value, list):
             _reject(source, key, value, "a list")
-        for rule, fits in (
-            ("length", len(value) == rules.get("length")),
-            ("min_length", len(value) >= rules.get("min_length", 0)),
+        most = rules.get("max_length", MAX_LENGTH)
+        for count, bound, fits in (
+            ("exactly", rules.get("length"), len(value) == rules.get("length")),
+            ("at least", rules.get("min_length"), len(value) >= rules.get("min_length", 0)),
+            ("at most", most, len(value) <= most),
         ):
-            if rule in rules and not fits:
-                count = "exactly" if rule == "length" else "at least"
-                _reject(source, key, value, f"a list of {count} {rules[rule]} elements")
+            if bound is not None and not fits:
+                _reject(source, key, value, f"a list of {count} {bound} elements")
         element_rules = rules.get("elements", rules)
         for index, element in enumerate(value):
             _check_value(source, f"{key}[{index}]", element, element_kind, element_rules)
@@ -166,6 +174,8 @@ def _check_scalar(
                 _reject(source, key, value, expected)
     elif not isinstance(value, kind) or value not in rules.get("one_of", (value,)):
         _reject(source, key, value, expected)
+    elif isinstance(value, str) and len(value) > MAX_TEXT:
+        _reject(source, key, value, f"a text of at most {MAX_TEXT} characters")
 
 
 def _number(value: object, kind: Any) -> float | int | None:

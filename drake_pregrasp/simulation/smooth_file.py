@@ -3,16 +3,14 @@
 from pathlib import Path
 
 import numpy as np
-import yaml
-from pydrake.common.yaml import yaml_load_data, yaml_load_typed
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.diagrams.estimator_config import EstimatorConfig, filter_noise
-from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.planning.pose_smoother import filter_poses, smooth
 from drake_pregrasp.planning.pose_track import COLUMNS, read_pose_track
 from drake_pregrasp.simulation.output import write_text
 from drake_pregrasp.simulation.schema_check import check_mapping
+from drake_pregrasp.simulation.yaml_text import load_typed, parse_yaml, without_private
 
 VELOCITY_COLUMNS = ("vx", "vy", "vz", "wx", "wy", "wz")
 """What the smoothed file has beside `COLUMNS`: velocities of O in W, in m/s and rad/s."""
@@ -33,12 +31,9 @@ def load_estimator(text: str) -> EstimatorConfig:
         ScenarioError: If a key or a value in it is wrong.
     """
     source = "--estimator"
-    try:
-        data = yaml_load_data(text)
-    except yaml.YAMLError as error:
-        raise ScenarioError(source, "", f"is no YAML: {' '.join(str(error).split())}") from error
+    data = without_private(parse_yaml(source, text))
     check_mapping(source, "", data, EstimatorConfig)
-    config: EstimatorConfig = yaml_load_typed(schema=EstimatorConfig, data=text, defaults=CARRIED)
+    config: EstimatorConfig = load_typed(EstimatorConfig, data, CARRIED)
     return config
 
 

@@ -1,6 +1,9 @@
 """How the object's surface is sampled, and where contacts may not be."""
 
+import contextlib
+import functools
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 from pydrake.math import RollPitchYaw
@@ -14,6 +17,9 @@ from drake_pregrasp.planning.no_touch import AxisArea, FacingArea, NoTouchArea, 
 from drake_pregrasp.planning.shapes import Shape
 from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.resources import resolve_path
+
+_KEPT = 2  # Surfaces: one to plan on, and one to draw.
 
 _POINT = {"length": 3, "at_least": -10, "at_most": 10}
 _ANGLES = {"length": 3, "at_least": -10, "at_most": 10}
@@ -125,9 +131,20 @@ class SurfaceConfig:
     def make_surface(self, config: ObjectConfig, spacing: float | None = None) -> ObjectSurface:
         """Returns an object's surface, sampled as said here, or with another spacing.
 
+        The last few are kept: as long as nothing changed, it is the one that was made before.
+
         Raises:
             InvalidArgumentError: If the object can't be made, or no ground is left for contacts.
         """
+        changed: tuple[int, ...] = ()
+        if isinstance(config, Mesh):
+            with contextlib.suppress(OSError, InvalidArgumentError):
+                status = resolve_path(config.file, Path.cwd()).stat()
+                changed = (status.st_mtime_ns, status.st_size, status.st_ino)
+        key = repr((Path.cwd(), self, config, spacing, changed))
+        return _kept_surface(_Request(key, self, config, spacing))
+
+    def _make(self, config: ObjectConfig, spacing: float | None) -> ObjectSurface:
         lengths = {
             "spacing": self.spacing if spacing is None else spacing,
             "forbidden_spacing": self.forbidden_spacing,
@@ -139,6 +156,21 @@ class SurfaceConfig:
         areas: list[NoTouchArea] = [AxisArea(face) for face in self.forbidden_faces]
         areas += [area.make_area(shape) for area in self.no_touch]
         return mesh_surface(shape, seed=self.seed, no_touch=areas, **lengths)
+
+
+@dataclass(frozen=True)
+class _Request:
+    """What a surface is made of; two with the same key are the same."""
+
+    key: str
+    surface: SurfaceConfig = field(compare=False)
+    object: ObjectConfig = field(compare=False)
+    spacing: float | None = field(compare=False)
+
+
+@functools.lru_cache(maxsize=_KEPT)
+def _kept_surface(request: _Request) -> ObjectSurface:
+    return request.surface._make(request.object, request.spacing)
 
 
 def check_surface(source: str, config: ObjectConfig, surface: SurfaceConfig) -> ObjectSurface:
@@ -163,4 +195,5 @@ def check_surface(source: str, config: ObjectConfig, surface: SurfaceConfig) -> 
         key = "no_touch" if surface.no_touch else "forbidden_faces"
         raise ScenarioError(source, f"surface.{key}", str(error)) from error
     except InvalidArgumentError as error:
-        raise ScenarioError(source, "surface.spacing", str(error)) from error
+        key = "forbidden_spacing" if "forbidden_spacing" in str(error) else "spacing"
+        raise ScenarioError(source, f"surface.{key}", str(error)) from error

@@ -149,7 +149,8 @@ def _scenario(name: str, seed: int, duration: float, folder: Path) -> Scenario:
     file = folder / f"{name}.stl"
     unseen_meshes()[name].export(file)
     # All but the object is as for the can.
-    return load_scenario("can", text=text + f"object: !Mesh {{file: {file}, mass: 0.3}}\n")
+    text += f"object: !Mesh {{file: {file}, mass: 0.3}}\n"
+    return load_scenario("can", text=text, folders=[folder])
 
 
 def _look_at(

@@ -130,7 +130,9 @@ def test_a_hand_that_is_not_as_described_is_refused_in_one_line(tmp_path, old, n
         HandModel(load_hand(path))
     assert "\n" not in str(error.value)
     with pytest.raises(ScenarioError, match=message) as error:
-        load_scenario("grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}")
+        load_scenario(
+            "grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}", folders=[path.parent]
+        )
     assert "grasp.hand: " in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -144,21 +146,27 @@ def test_joints_that_are_nobodys_are_named(tmp_path):
 def test_closing_limits_come_before_what_a_scenario_asks_for(tmp_path):
     text = shipped().replace("radius: 0.009", LIMITED, 1)
     path = write(tmp_path, text)
-    scenario = load_scenario("grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}")
+    scenario = load_scenario(
+        "grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}", folders=[path.parent]
+    )
     settings = scenario.grasp.make_settings(load_hand(path).fingertips)
     np.testing.assert_array_equal(settings.largest_force, [3, 12, 12, 12, 12])
     np.testing.assert_array_equal(settings.closing_speed, [0.01, 0.04, 0.04, 0.04, 0.04])
     weak = path.read_text().replace("force: 3.0", "force: 2.0")
     path.write_text(weak)
     with pytest.raises(ScenarioError, match=r"least_force: 2.5 must be at most 2.0"):
-        load_scenario("grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}")
+        load_scenario(
+            "grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}", folders=[path.parent]
+        )
 
 
 def test_a_contact_on_a_face_that_is_forbidden_to_its_finger_is_refused(tmp_path):
     text = shipped().replace("radius: 0.009", FORBIDDEN, 1)
     path = write(tmp_path, text)
     with pytest.raises(ScenarioError, match=r"nearest to finger_0_tip, to which [+-][xy] is for"):
-        load_scenario("grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}")
+        load_scenario(
+            "grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}", folders=[path.parent]
+        )
 
 
 MESH = "v 0 0 0\nv 0.01 0 0\nv 0 0.01 0\nv 0 0 0.01\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -231,7 +239,9 @@ def test_a_wrist_of_less_than_two_turns_is_limited_as_the_model_says(tmp_path):
 
 def test_a_model_that_limits_its_wrist_is_as_good_as_a_scenario_that_does(tmp_path):
     path = limited_hand(tmp_path)
-    by_model = load_scenario("grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}")
+    by_model = load_scenario(
+        "grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}", folders=[path.parent]
+    )
     by_scenario = load_scenario("grasp_five_finger", text="{grasp: {wrist_range: [-0.1, 0.1]}}")
     turns, poses, contacts = [], [], []
     for scenario in (by_model, by_scenario):
@@ -273,7 +283,9 @@ def test_faces_are_forbidden_by_the_scenario_and_by_the_hand(tmp_path):
     path = write(tmp_path, forbidden)
     text = "{grasp: {hand: '%s'}, planner: {limits: {forbidden_faces: %s}}}"
     own = [["+z"], [], ["-z"], [], ["+z", "-z"]]
-    limits = hand_planner(load_scenario("grasp_five_finger", text=text % (path, own))).limits
+    limits = hand_planner(
+        load_scenario("grasp_five_finger", text=text % (path, own), folders=[tmp_path])
+    ).limits
     assert [set(faces) for faces in limits.forbidden_faces] == [{*faces, "-z"} for faces in own]
 
 
@@ -281,6 +293,25 @@ def test_an_error_without_text_is_a_line_all_the_same(monkeypatch):
     def fail(*arguments):
         raise RuntimeError
 
-    monkeypatch.setattr(hand_parsing, "_add_packages", fail)
+    monkeypatch.setattr(hand_parsing, "add_packages", fail)
     with pytest.raises(PregraspError, match=r"five_finger_hand.sdf is no model .*: RuntimeError$"):
         HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('p="2e4"', 'p="nan"'),
+        ("<radius>0.009</radius>", "<radius>inf</radius>"),
+        ("<upper>2.4</upper>", "<upper>nan</upper>"),
+    ],
+)
+def test_a_failed_demand_of_drakes_is_an_error_like_any_other(tmp_path, old, new):
+    model = (MODELS / "five_finger_hand.sdf").read_text()
+    assert old in model
+    (tmp_path / "own.sdf").write_text(model.replace(old, new, 1))
+    path = write(tmp_path, shipped().replace("package://drake_pregrasp/five_finger_hand", "own"))
+    with pytest.raises(ScenarioError, match=r"grasp.hand: .*own.sdf is no model of a hand: Fail"):
+        load_scenario(
+            "grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}", folders=[tmp_path]
+        )

@@ -76,7 +76,7 @@ def test_a_pose_stream_is_run_again_from_its_run_folder(tmp_path):
         "mine: {simulation_duration: 0.5, motion: !PoseStream {file: poses.csv}}\n"
     )
     first = run(load_scenario(file=tmp_path / "mine.yaml"), name="a", out=tmp_path, recording=False)
-    again = load_scenario(file=first.folder / "scenario.yaml")
+    again = load_scenario(file=first.folder / "scenario.yaml", folders=[tmp_path])
     second = run(again, name="b", out=tmp_path / "other", recording=False)
     logs = [(result.folder / "log.csv").read_bytes() for result in (first, second)]
     assert logs[0] == logs[1]

@@ -36,6 +36,13 @@ def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
         help="runs at a time; as many as there are processors if not set",
     )
     parser.add_argument(
+        "--allow",
+        action="append",
+        default=[],
+        metavar="FOLDER",
+        help="let the study name files in this folder, beside its own; may be given again",
+    )
+    parser.add_argument(
         "--scheduler",
         metavar="ADDRESS",
         help="make the runs on the Dask cluster of this scheduler, as tcp://host:8786",
@@ -43,7 +50,7 @@ def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    study = load_study(options.study)
+    study = load_study(options.study, options.allow)
     folder = Path(options.out) / study.name
     try:
         with interruptible(), step_bar("run") as on_progress:

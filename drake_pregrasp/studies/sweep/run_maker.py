@@ -31,6 +31,7 @@ class RunMaker:
         folder: Where relative paths in swept values start.
         measures: Names of the numbers to return.
         package: The package that the runs are to be made with.
+        folders: Where files may be, beside `folder`.
     """
 
     scenario: Mapping[str, Any]
@@ -38,6 +39,7 @@ class RunMaker:
     folder: Path
     measures: tuple[str, ...]
     package: Mapping[str, str]
+    folders: tuple[str, ...] = ()
 
     def __call__(self, run: SweepRun) -> list[float] | str:
         """Returns the measures or, as not all errors get from process to process, the words."""
@@ -53,7 +55,9 @@ class RunMaker:
         data = copy.deepcopy(dict(self.scenario))
         for path, value in {**run.changes, SEED_FIELD: run.seed}.items():
             set_field(data, path, value, self.source)
-        scenario = scenario_from_data(data, source=self.source, folder=self.folder)
+        scenario = scenario_from_data(
+            data, source=self.source, folder=self.folder, folders=self.folders
+        )
         logged = LoggedRun(scenario)
         with TemporaryDirectory(prefix="drake_pregrasp_") as folder:
             logged.simulate(Path(folder))

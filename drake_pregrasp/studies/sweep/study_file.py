@@ -1,12 +1,13 @@
 """Sweeps from YAML files."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
-from drake_pregrasp.resources import resolve_path, resource_folder
+from drake_pregrasp.resources import check_inside, resolve_path, resource_folder
 from drake_pregrasp.simulation.scenario_file import (
     load_scenario,
     only_name,
@@ -32,6 +33,7 @@ class Study:
         name: Of its folder and its report.
         source: Where it is from, for messages.
         folder: Where relative paths in swept values start.
+        folders: Where files may be, beside that.
         config: Its file, with defaults.
         scenario: What all runs start from, as `scenario_data` has it.
         plan: The runs.
@@ -40,6 +42,7 @@ class Study:
     name: str
     source: str
     folder: Path
+    folders: tuple[str, ...]
     config: StudyConfig
     scenario: dict[str, Any]
     plan: SweepPlan
@@ -62,11 +65,12 @@ def shipped_studies() -> dict[str, Path]:
     return {file.stem: file for file in files}
 
 
-def load_study(name_or_file: str) -> Study:
+def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
     """Loads a sweep and checks all but its values, which are checked when they are run.
 
     Args:
         name_or_file: Name of a shipped one, or a YAML file.
+        folders: Where files that it names may be, beside its own folder.
 
     Raises:
         ScenarioError: If anything is wrong with it; the message names file, key and value.
@@ -79,11 +83,15 @@ def load_study(name_or_file: str) -> Study:
     if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", file.stem):
         problem = "a study's file is named with letters, digits, '_', '-' and '.'"
         raise ScenarioError("", file.stem, problem)
-    _resolve_file(config, file)
-    base = scenario_data(load_scenario(config.scenario or None, file=config.file or None))
+    _resolve_file(config, file, folders)
+    base = scenario_data(
+        load_scenario(config.scenario or None, file=config.file or None, folders=folders)
+    )
     for path, value in config.overrides.items():
         set_field(base, str(path), value, f"{source}: overrides")
-    base = scenario_data(scenario_from_data(base, source=source, folder=file.parent))
+    base = scenario_data(
+        scenario_from_data(base, source=source, folder=file.parent, folders=folders)
+    )
     seeds = range(config.first_seed, config.first_seed + config.seeds)
     plan = SweepPlan(
         tuple(grid_axis(str(name), v, base, source) for name, v in config.grid.items()),
@@ -93,7 +101,8 @@ def load_study(name_or_file: str) -> Study:
         seeds,
     )
     plan.check(source)
-    return Study(file.stem, source, file.parent.resolve(), config, base, plan)
+    absolute = tuple(str(Path(folder).resolve()) for folder in folders)
+    return Study(file.stem, source, file.parent.resolve(), absolute, config, base, plan)
 
 
 def _find(name_or_file: str) -> Path:
@@ -107,10 +116,11 @@ def _find(name_or_file: str) -> Path:
     return shipped[name_or_file]
 
 
-def _resolve_file(config: StudyConfig, file: Path) -> None:
+def _resolve_file(config: StudyConfig, file: Path, folders: Sequence[str]) -> None:
     if config.file:
         try:
             config.file = str(resolve_path(config.file, file.parent))
+            check_inside(Path(config.file), [file.parent, *map(Path, folders)])
         except InvalidArgumentError as error:
             raise ScenarioError(str(file), "file", str(error)) from error
         config.scenario = config.scenario or only_name(config.file)

@@ -62,7 +62,7 @@ def sweep(
     folder = Path(out) / study.name
     package = package_digest()
     measures = tuple(study.config.measures)
-    make = RunMaker(study.scenario, study.source, study.folder, measures, package)
+    make = RunMaker(study.scenario, study.source, study.folder, measures, package, study.folders)
     settings = {"study": study.settings, "package": package}
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)

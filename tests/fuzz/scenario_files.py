@@ -1,0 +1,196 @@
+"""Loads many bad scenario files, and says what came of them.
+
+    python -m tests.fuzz.scenario_files --count 100000 --seed 0
+
+Each is to be accepted, or refused in one printable line, within a time and a memory.
+"""
+
+import argparse
+import collections
+import contextlib
+import math
+import multiprocessing
+import os
+import resource
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections.abc import Iterator
+from multiprocessing.connection import Connection
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from scenario_cases import Case, make_case
+
+from drake_pregrasp.errors import LONGEST_KEY, LONGEST_MESSAGE, PregraspError
+from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.simulation.simulation_diagram import make_diagram
+
+SECONDS = 10.0
+"""Longest that one file may take, of processor time: other processes don't count."""
+
+BATCH = 5000
+"""Files that one process loads: Drake keeps some memory for each diagram."""
+
+BUILT = 50
+"""One in so many of the files has its diagram built."""
+
+MEMORY = 6_000_000_000
+"""Bytes of address space of the process that loads."""
+
+GOOD = ("accepted", "refused")
+"""Outcomes that are as they should be; all others are failures."""
+
+Counts = collections.Counter[tuple[str, str]]
+Outcome = tuple[Counts, list[str], tuple[float, int]]
+
+_LONGEST = 2 * LONGEST_MESSAGE + LONGEST_KEY
+_PATIENCE = 12 * SECONDS  # Until a process that heeds no timer is killed.
+_EFFORT = 300  # Tries to make a failing example smaller.
+
+
+class _TooSlow(BaseException):
+    """Not an `Exception`, so that nobody takes it for a fault of a file."""
+
+
+def load(case: Case, folder: Path, *, build: bool = False) -> tuple[str, str]:
+    """Returns what came of a case, and what was said; on demand its diagram is built, too."""
+    file = folder / "case.yaml"
+    file.write_bytes(case.text)
+    for name, data in case.files.items():
+        (folder / name).write_bytes(data)
+    try:
+        with _timer():
+            scenario = load_scenario(case.name, file=file)
+            surface = scenario.make_surface()
+            if build:
+                make_diagram(scenario, surface)
+    except PregraspError as error:
+        said = str(error)
+        fits = said.isprintable() and 0 < len(said) <= _LONGEST
+        return ("refused" if fits else "unprintable"), said
+    except _TooSlow:
+        return "slow", ""
+    except (Exception, SystemExit):
+        return "traceback", traceback.format_exc()
+    return "accepted", ""
+
+
+@contextlib.contextmanager
+def _timer() -> Iterator[None]:
+    def stop(number: int, frame: object) -> None:
+        raise _TooSlow
+
+    before = signal.signal(signal.SIGPROF, stop)
+    signal.setitimer(signal.ITIMER_PROF, SECONDS)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
+
+
+def smallest(case: Case, outcome: str, folder: Path, *, build: bool) -> Case:
+    """Returns a case with as little left of its text as still has that outcome."""
+    step = max(1, len(case.text) // 2)
+    tries = 0
+    while step and tries < _EFFORT and outcome != "slow":
+        start = 0
+        while start < len(case.text) and tries < _EFFORT:
+            text = case.text[:start] + case.text[start + step :]
+            less = Case(case.kind, text, case.name, case.files)
+            tries += 1
+            if load(less, folder, build=build)[0] == outcome:
+                case = less
+            else:
+                start += step
+        step //= 2
+    return case
+
+
+def _work(seed: int, first: int, last: int, folder: Path, connection: Connection) -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())  # Drake's parser is chatty.
+    for number in range(first, last):
+        case = make_case(seed, number)
+        connection.send((number, case.kind, "died", "", ""))
+        start = time.process_time()
+        build = number % BUILT == 0
+        outcome, said = load(case, folder, build=build)
+        took = time.process_time() - start
+        text = "" if outcome in GOOD else repr(smallest(case, outcome, folder, build=build))
+        connection.send((number, case.kind, outcome, said, text, took))
+
+
+def run(count: int, seed: int, seconds: float = math.inf) -> Outcome:
+    """Returns counts by kind and outcome, failures in words, and the longest time with its case."""
+    shared = Path("/dev/shm")  # In memory, where there is such a folder.
+    with tempfile.TemporaryDirectory(dir=shared if shared.is_dir() else None) as folder:
+        return _run(count, seed, seconds, Path(folder))
+
+
+def _run(count: int, seed: int, seconds: float, folder: Path) -> Outcome:
+    counts: Counts = collections.Counter()
+    failures: list[str] = []
+    slowest, number = (0.0, -1), 0
+    context = multiprocessing.get_context("fork")
+    end = time.perf_counter() + seconds
+    while number < count and time.perf_counter() < end:
+        ours, theirs = context.Pipe(duplex=False)
+        last = min(count, number + BATCH)
+        process = context.Process(target=_work, args=(seed, number, last, folder, theirs))
+        process.start()
+        theirs.close()
+        begun = None
+        try:
+            while ours.poll(_PATIENCE + _EFFORT):
+                message = ours.recv()
+                if len(message) == 5:
+                    begun = message
+                    continue
+                begun = None
+                number, kind, outcome, said, text, took = message
+                counts[kind, outcome] += 1
+                slowest = max(slowest, (took, number))
+                if outcome not in GOOD:
+                    failures.append(f"--- {number} {kind} {outcome}\n{text}\n{said}")
+                number += 1
+                if time.perf_counter() > end:
+                    break
+        except EOFError:
+            pass
+        process.kill()
+        process.join()
+        if begun is not None:
+            number, kind, outcome = begun[0] + 1, begun[1], begun[2]
+            counts[kind, outcome] += 1
+            failures.append(f"--- {begun[0]} {kind} died\n{make_case(seed, begun[0])}")
+        elif number < last and time.perf_counter() < end:
+            number += 1
+    return counts, failures, slowest
+
+
+def main() -> int:
+    """Prints the counts and the failures; returns 1 if there are any."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--minutes", type=float, default=math.inf, help="end after these")
+    options = parser.parse_args()
+    start = time.perf_counter()
+    counts, failures, slowest = run(options.count, options.seed, 60 * options.minutes)
+    for (kind, outcome), number in sorted(counts.items()):
+        print(f"{kind:8} {outcome:12} {number}")
+    seconds = time.perf_counter() - start
+    longest, number = slowest
+    print(f"{sum(counts.values())} files in {seconds:.0f} s; {number} took {longest:.2f} s")
+    print(f"{len(failures)} failures")
+    print("\n".join(failures))
+    return 1 if failures else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

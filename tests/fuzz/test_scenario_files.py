@@ -1,0 +1,52 @@
+"""A few hundred bad scenario files; `tests.fuzz.scenario_files` loads as many as asked."""
+
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from scenario_cases import Case
+from scenario_files import GOOD, load, run
+
+FEW = 150
+
+
+def test_files_are_accepted_or_refused_in_one_line():
+    counts, failures, _ = run(FEW, seed=0)
+    assert failures == []
+    assert sum(counts.values()) == FEW
+    assert {outcome for _, outcome in counts} == set(GOOD)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("fuzz")
+
+
+@given(st.text(alphabet=st.sampled_from("ab:{}[]!&*<>-,'\"\\#%@\n \t01.e\u2028\x85"), max_size=60))
+@example("{planner: {period: " + "9" * 400 + "}}")
+@example("{planner: {period: 0x" + "f" * 3000 + "}}")
+@example('{"a\\nb": 1}')
+@example("{planner: !a%0Ab {}}")
+@example("{motion: !PoseStream {file: " + "a" * 300 + "}}")
+@example('{motion: !PoseStream {file: "a\\0b"}}')
+@example("{motion: !PoseStream {file: ~nobody-here/x}}")
+@example("{description: 2001-02-30}")
+@example("{description: !!timestamp x}")
+@example("{<<: 3}")
+@settings(max_examples=60)
+def test_texts_are_accepted_or_refused_in_one_line(folder, text):
+    case = Case("text", f"case: {text}\n".encode(errors="replace"))
+    outcome, said = load(case, folder)
+    assert outcome in GOOD, said
+
+
+def test_what_is_small_in_a_file_may_not_grow(folder):
+    """The billion laughs, as lists and as merges."""
+    for start, link in (("[1]", "[{}]"), ("{x: 1}", "{{<<: [{}]}}")):
+        lines = [f"_a0: &a0 {start}"]
+        for level in range(1, 20):
+            aliases = ", ".join([f"*a{level - 1}"] * 10)
+            lines.append(f"_a{level}: &a{level} {link.format(aliases)}")
+        text = "\n".join([*lines, "case: {planner: *a19}", ""])
+        outcome, said = load(Case("bomb", text.encode()), folder)
+        assert outcome == "refused"
+        assert "its aliases make more than 100000 values" in said

@@ -1,0 +1,125 @@
+"""Which files a scenario, and a hand's model, may name."""
+
+import re
+
+import pytest
+
+from drake_pregrasp import ScenarioError, load_hand, load_scenario
+from drake_pregrasp.cli import main
+from drake_pregrasp.diagrams.hand_parsing import add_packages
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.resources import resolve_path, resource_folder
+
+STREAM = "time,x,y,z,qw,qx,qy,qz\n0,0,0,0.3,1,0,0,0\n1,0,0,0.4,1,0,0,0\n"
+MODELS = resource_folder("models")
+
+
+@pytest.fixture
+def there(tmp_path):
+    """A folder with a stream in it, beside the scenario's own."""
+    for name in ("own", "other"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "poses.csv").write_text(STREAM)
+    (tmp_path / "own" / "link.csv").symlink_to(tmp_path / "other" / "poses.csv")
+    return tmp_path
+
+
+def scenario_of(folder, name):
+    file = folder / "own" / "mine.yaml"
+    file.write_text(f"case: {{motion: !PoseStream {{file: '{name}'}}}}\n")
+    return file
+
+
+@pytest.mark.parametrize("name", ["../other/poses.csv", "{}/other/poses.csv", "link.csv"])
+def test_a_scenario_names_files_in_its_own_folder_or_in_allowed_ones(there, name):
+    file = scenario_of(there, name.format(there))
+    with pytest.raises(ScenarioError, match=r"case.motion.file: .* is outside of") as caught:
+        load_scenario(file=file)
+    (advice,) = re.findall(r"add --allow (\S+) ", str(caught.value))
+    assert advice == str(there / "other")
+    scenario = load_scenario(file=file, folders=[advice])
+    assert scenario.motion.file == str(there / "other" / "poses.csv")
+
+
+def test_the_command_takes_the_advice(there, capsys):
+    file = scenario_of(there, "../other/poses.csv")
+    command = ["run", "--scenario_file", str(file), "--out", str(there), "--no-recording"]
+    command += ["--simulation_duration", "0.1"]
+    assert main(command) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert main([*command, "--allow", str(there / "other")]) == 0
+    again = ["run", "--scenario_file", str(there / "case" / "scenario.yaml"), *command[3:]]
+    assert main(again) == 2
+    assert main([*again, "--allow", str(there / "other")]) == 0
+
+
+def test_a_text_names_files_in_the_working_directory(there, monkeypatch):
+    text = "{motion: !PoseStream {file: poses.csv}}"
+    monkeypatch.chdir(there / "own")
+    assert load_scenario("a_base", text=text).motion.file == str(there / "own" / "poses.csv")
+    with pytest.raises(ScenarioError, match=r"a_base.motion.file: .* is outside of"):
+        load_scenario("a_base", text=text.replace("poses", "../other/poses"))
+
+
+@pytest.mark.parametrize(
+    ("name", "problem"),
+    [
+        ("package://drake_pregrasp/../README.md", "leads out of package://drake_pregrasp/"),
+        ("https://example.org/x.obj", "only package://drake_pregrasp/ is known as a URL"),
+        ("x" * 300, "can't be a file: File name too long"),
+        ("a\0b", "can't be a file: .*embedded null"),
+        ("~nobody-of-that-name/x", "can't be a file: "),
+    ],
+)
+def test_what_is_no_file_is_refused(tmp_path, name, problem):
+    with pytest.raises(InvalidArgumentError, match=problem):
+        resolve_path(name, tmp_path)
+
+
+SDF = '<sdf version="1.9"><model name="m"><link name="l">{}</link></model></sdf>'
+MESH = '<visual name="v"><geometry><mesh><uri>{}</uri></mesh></geometry></visual>'
+
+
+@pytest.mark.parametrize(
+    ("model", "problem"),
+    [
+        (SDF.format(MESH.format("../../secret.obj")), "names ../../secret.obj: .* is outside of"),
+        (SDF.format(MESH.format("/etc/passwd")), "names /etc/passwd: .* is outside of"),
+        (SDF.format(MESH.format("file:///etc/x.obj")), "names file:///etc/x.obj: .* is outside of"),
+        (SDF.format(MESH.format("https://a.b/x.obj")), "only files and packages are read"),
+        (SDF.format(MESH.format("package://drake_models/x.obj")), "no such package is here"),
+        (SDF.format(MESH.format("x.yaml")), "which must be one of: .obj"),
+        (SDF.format(MESH.format("m.obj")), "names ../../x.mtl: .* is outside of"),
+        (SDF.format(MESH.format("m.gltf")), "names ../../x.bin: .* is outside of"),
+        (SDF.format("<include><uri>x</uri></include>"), "includes others"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><sdf>&b;</sdf>', "has a DOCTYPE"),
+        ("<sdf>", "is no model of a hand"),
+    ],
+)
+def test_a_models_files_are_near_it(tmp_path, model, problem):
+    folder = tmp_path / "a" / "b"
+    folder.mkdir(parents=True)
+    (folder / "m.obj").write_text("mtllib ../../x.mtl\n")
+    (folder / "m.gltf").write_text('{"buffers": [{"uri": "../../x.bin"}]}')
+    (folder / "own.sdf").write_text(model)
+    text = (MODELS / "five_finger_hand.yaml").read_text()
+    hand = folder / "hand.yaml"
+    hand.write_text(text.replace("package://drake_pregrasp/five_finger_hand", "own"))
+    with pytest.raises(ScenarioError, match=problem):
+        load_hand(hand, folders=[])
+    scenario = folder / "mine.yaml"
+    scenario.write_text("case: {grasp: {hand: hand.yaml}}\n")
+    with pytest.raises(ScenarioError, match=f"case.grasp.hand: .*{problem}"):
+        load_scenario(file=scenario)
+    assert load_hand(hand).model == str(folder / "own.sdf")
+
+
+def test_no_package_is_downloaded():
+    from pydrake.multibody.parsing import PackageMap
+
+    packages = PackageMap()
+    assert packages.Contains("drake_models")
+    add_packages(packages, MODELS / "five_finger_hand.sdf")
+    assert not packages.Contains("drake_models")
+    assert packages.Contains("drake_pregrasp")

@@ -1,0 +1,50 @@
+"""Runs, recordings and samples have an end."""
+
+import pytest
+
+from drake_pregrasp import ScenarioError, box_surface, load_scenario
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.planning.box_surface import MAX_POINTS
+from drake_pregrasp.simulation.run_size import check_recording
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("planner: {period: 0.0001}", r"planner.period: 0.0001 makes 1e\+10 ticks, at most 5"),
+        (
+            "planner: {period: 10}, plant_config: {time_step: 0.001}",
+            r"time_step: 0.001 makes 1e\+09 steps, at most",
+        ),
+    ],
+)
+def test_a_run_that_is_too_long_is_refused(text, problem):
+    with pytest.raises(ScenarioError, match=problem):
+        load_scenario("a_base", text=f"{{simulation_duration: 1000000, {text}}}")
+
+
+def test_a_recording_that_is_too_large_is_refused():
+    scenario = load_scenario("a_base")
+    surface = scenario.make_surface()
+    check_recording("scenario", scenario, surface)
+    scenario.recording.publish_period = 1e-4
+    with pytest.raises(ScenarioError, match=r"publish_period: 0.0001 makes 6e\+05 frames"):
+        check_recording("scenario", scenario, surface)
+    scenario.recording.publish_period, scenario.recording.tile_size = 0.05, 1e-4
+    with pytest.raises(ScenarioError, match=r"recording.tile_size: 0.0001 makes 4e\+06 tiles"):
+        check_recording("scenario", scenario, surface)
+
+
+def test_points_of_a_box_are_counted_before_they_are_made():
+    for spacings in ({"spacing": 1e-9}, {"spacing": 0.01, "forbidden_spacing": 1e-200}):
+        with pytest.raises(InvalidArgumentError, match=f"at most {MAX_POINTS}; choose a larger"):
+            box_surface([0.1, 0.1, 0.1], **spacings)
+
+
+def test_a_surface_is_made_once_until_something_changes():
+    scenario = load_scenario("a_base")
+    first = scenario.make_surface()
+    assert scenario.make_surface() is first
+    assert scenario.make_surface(0.02) is not first
+    scenario.surface.forbidden_radius = 0.01
+    assert scenario.make_surface() is not first
