@@ -40,7 +40,7 @@ def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
         action="append",
         default=[],
         metavar="FOLDER",
-        help="let the study name files in this folder, beside its own; may be given again",
+        help="where files that the study names may be, beside its own folder; repeatable",
     )
     parser.add_argument(
         "--scheduler",
