@@ -65,8 +65,8 @@ class _Tally:
         ]
 
     def hour(self) -> SoakHour:
-        means = (self._sum / self._count).tolist()
-        return SoakHour(self._count, *means, resident=resident_bytes())
+        msv, gii, vew, error, active = (self._sum / self._count).tolist()
+        return SoakHour(self._count, msv, gii, vew, error, active, resident_bytes())
 
 
 def soak(

@@ -47,10 +47,15 @@ class FaultRun(NamedTuple):
     lost: float
 
 
-def run_faults(job: FaultJob) -> FaultRun:
-    """Makes a run."""
-    text = f"{{random_seed: {job.seed}}}"
+def run_faults(job: FaultJob, text: str | None = None) -> FaultRun:
+    """Makes a run.
+
+    Args:
+        job: Which.
+        text: YAML that overrides single keys of the scenario.
+    """
     scenario = load_scenario(job.scenario, text=text)
+    scenario.random_seed = job.seed
     surface = scenario.make_surface()
     records: list[TickRecord] = []
     simulator = Simulator(make_diagram(scenario, surface, sink=records.append))

@@ -46,6 +46,7 @@ def fault_scenarios() -> dict[str, str]:
 def study_faults(
     out: str | Path,
     *,
+    faults: Sequence[str] | None = None,
     seeds: int = SEEDS,
     filter_seeds: int = FILTER_SEEDS,
     processes: int | None = None,
@@ -55,6 +56,7 @@ def study_faults(
 
     Args:
         out: Folder of the report.
+        faults: Names of their scenarios; all if not set.
         seeds: How many for each fault.
         filter_seeds: How many for the filter's consistency.
         processes: How many runs at a time.
@@ -63,7 +65,8 @@ def study_faults(
     folder = Path(out)
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    jobs = [FaultJob(name, seed) for seed in range(seeds) for name in fault_scenarios()]
+    names = list(fault_scenarios()) if faults is None else faults
+    jobs = [FaultJob(name, seed) for seed in range(seeds) for name in names]
     done = 0
 
     def on_done() -> None:
@@ -85,8 +88,9 @@ def study_faults(
 def fault_lines(runs: _Runs) -> list[str]:
     """Returns the table of faults, and the goals."""
     rows = []
-    for name, text in fault_scenarios().items():
-        of_fault = runs[name]
+    descriptions = fault_scenarios()
+    for name, of_fault in runs.items():
+        text = descriptions[name]
         recovery = [run.recovery for run in of_fault]
         position = 1e3 * np.array([run.position_error for run in of_fault])
         turn = np.rad2deg([run.orientation_error for run in of_fault])
