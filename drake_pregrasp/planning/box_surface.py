@@ -9,8 +9,8 @@ from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.shapes import box_shape
 from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
 
-MAX_POINTS = 200_000
-"""Most candidates of a box, and most of its forbidden points."""
+MAX_POINTS = 2_000_000
+"""Most candidates of a box, and most of its forbidden points, unless fewer are asked for."""
 
 BOX_FACES = ("+x", "-x", "+y", "-y", "+z", "-z")
 """Names of a box's faces, by their outward normals in the object frame."""
@@ -23,6 +23,7 @@ def box_surface(
     forbidden_faces: Sequence[str] = ("-z", "+z"),
     forbidden_spacing: float = 0.02,
     forbidden_radius: float = 0.005,
+    max_points: int = MAX_POINTS,
 ) -> ObjectSurface:
     """Makes the surface of a homogeneous box centred on the object frame's origin.
 
@@ -35,10 +36,11 @@ def box_surface(
         forbidden_faces: Names, out of `BOX_FACES`, of the faces that become forbidden points.
         forbidden_spacing: Largest distance between neighbouring forbidden points, in metres.
         forbidden_radius: R_j of each forbidden point, in metres.
+        max_points: Most candidates, and most forbidden points.
 
     Raises:
         InvalidArgumentError: If a length is not above 0, or a face has no such name, or there
-            would be more than `MAX_POINTS`.
+            would be more than `max_points`.
         NoGroundError: If no face is left for contacts.
     """
     if len(size) != 3 or not all(length > 0 for length in size):
@@ -52,8 +54,8 @@ def box_surface(
     if not allowed_faces:
         raise NoGroundError("all faces of the box are forbidden: none is left for contacts")
     half = np.asarray(size) / 2
-    _check_number(allowed_faces, half, "spacing", spacing)
-    _check_number(forbidden_faces, half, "forbidden_spacing", forbidden_spacing)
+    _check_number(allowed_faces, half, "spacing", spacing, max_points)
+    _check_number(forbidden_faces, half, "forbidden_spacing", forbidden_spacing, max_points)
 
     points, normals, areas, patches = [], [], [], []
     for face in allowed_faces:
@@ -86,14 +88,16 @@ def box_surface(
     )
 
 
-def _check_number(faces: Sequence[str], half: FloatArray, name: str, spacing: float) -> None:
+def _check_number(
+    faces: Sequence[str], half: FloatArray, name: str, spacing: float, max_points: int
+) -> None:
     count = 0.0  # An estimate: whole numbers could be too large.
     for face in faces:
         first, second = np.delete(2 * half, _face_axis(face)[0]).tolist()
         count += (first / spacing + 1) * (second / spacing + 1)
-    if count > MAX_POINTS:
+    if count > max_points:
         raise InvalidArgumentError(
-            f"{name} {spacing:g} m makes {count:.2g} points on this box, at most {MAX_POINTS};"
+            f"{name} {spacing:g} m makes {count:.2g} points on this box, at most {max_points};"
             " choose a larger one"
         )
 

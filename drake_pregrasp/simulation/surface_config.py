@@ -102,6 +102,10 @@ class Part:
         return PartArea(shape.part(self.name))
 
 
+MAX_BOX_POINTS = 200_000
+"""Most candidates of a box in a scenario, and most of its forbidden points."""
+
+
 @dataclass
 class SurfaceConfig:
     """How the object's surface is sampled, and where contacts may not be."""
@@ -151,7 +155,12 @@ class SurfaceConfig:
             "forbidden_radius": self.forbidden_radius,
         }
         if isinstance(config, Box) and not self.no_touch:
-            return box_surface(config.size, forbidden_faces=self.forbidden_faces, **lengths)
+            return box_surface(
+                config.size,
+                forbidden_faces=self.forbidden_faces,
+                max_points=MAX_BOX_POINTS,
+                **lengths,
+            )
         shape = config.make_shape()
         areas: list[NoTouchArea] = [AxisArea(face) for face in self.forbidden_faces]
         areas += [area.make_area(shape) for area in self.no_touch]

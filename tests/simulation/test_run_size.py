@@ -6,6 +6,7 @@ from drake_pregrasp import ScenarioError, box_surface, load_scenario
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.box_surface import MAX_POINTS
 from drake_pregrasp.simulation.run_size import check_recording
+from drake_pregrasp.simulation.surface_config import MAX_BOX_POINTS
 
 
 @pytest.mark.parametrize(
@@ -39,6 +40,11 @@ def test_points_of_a_box_are_counted_before_they_are_made():
     for spacings in ({"spacing": 1e-9}, {"spacing": 0.01, "forbidden_spacing": 1e-200}):
         with pytest.raises(InvalidArgumentError, match=f"at most {MAX_POINTS}; choose a larger"):
             box_surface([0.1, 0.1, 0.1], **spacings)
+    with pytest.raises(InvalidArgumentError, match="at most 100;"):
+        box_surface([0.1, 0.1, 0.1], spacing=0.01, max_points=100)
+    text = "{object: {size: [3.0, 3.0, 3.0]}, surface: {spacing: 0.005}}"
+    with pytest.raises(ScenarioError, match=rf"surface.spacing: .* at most {MAX_BOX_POINTS};"):
+        load_scenario("a_base", text=text)
 
 
 def test_a_surface_is_made_once_until_something_changes():
