@@ -42,7 +42,7 @@ def test_points_of_a_box_are_counted_before_they_are_made():
             box_surface([0.1, 0.1, 0.1], **spacings)
     with pytest.raises(InvalidArgumentError, match="at most 100;"):
         box_surface([0.1, 0.1, 0.1], spacing=0.01, max_points=100)
-    text = "{object: {size: [3.0, 3.0, 3.0]}, surface: {spacing: 0.005}}"
+    text = "{object: {size: [0.25, 0.25, 0.25]}, surface: {spacing: 0.001}}"
     with pytest.raises(ScenarioError, match=rf"surface.spacing: .* at most {MAX_BOX_POINTS};"):
         load_scenario("a_base", text=text)
 
