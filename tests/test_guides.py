@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from pydrake.math import RigidTransform
 
-from drake_pregrasp import load_scenario, run
+from drake_pregrasp import MeasurementVerdict, TrackingStatus, load_scenario, run
 from drake_pregrasp.cli import main
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.closings import CLOSINGS
@@ -145,3 +145,10 @@ def test_the_guide_to_sweeps_names_what_there_is(capsys):
         main(["sweep", "--help"])
     for option in set(re.findall(r"--\w+", capsys.readouterr().out)) - {"--help"}:
         assert option in text
+
+
+def test_the_page_on_faults_has_a_row_for_each_verdict_and_status():
+    text = (DOCS / "faults.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| `([A-Z_]+)` \|", text, flags=re.MULTILINE)
+    assert set(rows) == {*MeasurementVerdict.__members__, *TrackingStatus.__members__}
+    assert len(rows) == len(set(rows))
