@@ -45,6 +45,7 @@ class PoseTrack:
         last_seen: The last measurement that was a pose, used or not.
         rival: What refused measurements that agree with each other say; empty if there are none.
         rival_count: How many they are.
+        refused: How many outliers there were in a row.
         noisiness: How much of its expected noise the sensor has shown of late, from 0 to 1.
         excess: How much larger innovations were of late than expected, as a variance.
         verdict: What became of the last measurement.
@@ -56,6 +57,7 @@ class PoseTrack:
     last_seen: PoseMeasurement
     rival: PoseBelief
     rival_count: int
+    refused: int
     noisiness: float
     excess: float
     verdict: MeasurementVerdict
@@ -74,6 +76,7 @@ class PoseTrack:
             last_seen=PoseMeasurement.none(),
             rival=PoseBelief.empty(),
             rival_count=0,
+            refused=0,
             noisiness=0.0,
             excess=1.0,
             verdict=MeasurementVerdict.NOTHING_NEW,
@@ -106,13 +109,15 @@ class PoseTrack:
         return replace(self, verdict=verdict)
 
     def begun(self, step: Step, verdict: MeasurementVerdict) -> "PoseTrack":
-        """Returns a track that knows of one step only."""
-        begun = PoseTrack.empty(len(self.steps)).extended(step)
+        """Returns a track that knows of one step only, and of the sensor what it knew before."""
+        nothing = PoseTrack.empty(len(self.steps))
         return replace(
-            begun,
-            last_seen=self.last_seen,
+            self.extended(step),
+            steps=nothing.extended(step).steps,
+            rival=nothing.rival,
+            rival_count=0,
+            refused=0,
             verdict=verdict,
-            innovation_squared=self.innovation_squared,
         )
 
     def extended(self, step: Step) -> "PoseTrack":
@@ -129,7 +134,7 @@ class PoseTrack:
         """Returns it as one vector, for a discrete state."""
         return np.concatenate(
             [
-                [self.rival_count, self.noisiness, self.excess, self.verdict],
+                [self.rival_count, self.refused, self.noisiness, self.excess, self.verdict],
                 self.innovation_squared,
                 self.last_seen.to_vector(),
                 self.rival.to_vector(),
@@ -140,14 +145,15 @@ class PoseTrack:
     @staticmethod
     def from_vector(vector: FloatArray) -> "PoseTrack":
         """Inverse of `to_vector`."""
-        seen, rival, steps = np.split(vector[6:], np.cumsum([_MEASUREMENT_SIZE, PoseBelief.SIZE]))
+        seen, rival, steps = np.split(vector[7:], np.cumsum([_MEASUREMENT_SIZE, PoseBelief.SIZE]))
         return PoseTrack(
             steps=steps.reshape(-1, Step.SIZE),
             last_seen=PoseMeasurement.from_vector(seen),
             rival=PoseBelief.from_vector(rival),
             rival_count=int(vector[0]),
-            noisiness=float(vector[1]),
-            excess=float(vector[2]),
-            verdict=MeasurementVerdict(int(vector[3])),
-            innovation_squared=vector[4:6],
+            refused=int(vector[1]),
+            noisiness=float(vector[2]),
+            excess=float(vector[3]),
+            verdict=MeasurementVerdict(int(vector[4])),
+            innovation_squared=vector[5:7],
         )

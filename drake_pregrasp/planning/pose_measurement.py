@@ -22,8 +22,9 @@ class MeasurementVerdict(IntEnum):
         NOTHING_NEW: None came: its time is that of one before.
         USED: It corrected the newest belief.
         USED_LATE: It corrected the belief of its own time, and what followed was worked out anew.
-        STARTED: It is what the belief starts from: it is the first one, or the last was long ago.
-        REACQUIRED: With those before it, it has refuted the belief, which starts anew from them.
+        STARTED: It is what the belief starts from: it is the first one, or what was believed
+            before can't be kept.
+        REACQUIRED: With those before it, it has refuted the belief, which goes on from them.
         UNUSABLE: Refused: its time or its pose is no such thing.
         TOO_LATE: Refused: it is older than all that is remembered.
         OUTLIER: Refused: it is too far from what was to be expected.

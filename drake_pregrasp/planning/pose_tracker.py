@@ -26,6 +26,7 @@ from drake_pregrasp.planning.shown_noise import excess_after, noisiness_after
 _VAGUE = 1.0  # Radians: a prior less certain of its orientation can't tell which way it turned.
 _NOISY = 0.25  # Of what an innovation is on average: with less than that a sensor has no noise.
 _TOLERATED = 2.0  # Excess of the sensor's noise, as a variance, that may be chance.
+_PATIENCE = 5  # Times `reacquire_after`: so many outliers in a row leave nothing to believe.
 _AT_REST = 3.0  # Standard deviations: slower ones may be none.
 
 
@@ -43,8 +44,6 @@ class TrackerSettings:
             beyond which a measurement is an outlier; 0 to take all.
         reacquire_after: How many refused measurements in a row, which agree with each other,
             refute the belief.
-        lost_after: Seconds without a used measurement after which an outlier refutes the belief
-            by itself.
         refuse_repeats: Whether to refuse measurements that repeat the one before to the last bit,
             while the object moves and the sensor has shown noise.
     """
@@ -53,13 +52,11 @@ class TrackerSettings:
     p_OCoM: FloatArray | None = None
     gate: float = 7.0
     reacquire_after: int = 3
-    lost_after: float = 1.0
     refuse_repeats: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("gate", "lost_after"):
-            if not getattr(self, name) >= 0:
-                raise InvalidArgumentError(f"{name} must be at least 0, not {getattr(self, name)}")
+        if not self.gate >= 0:
+            raise InvalidArgumentError(f"gate must be at least 0, not {self.gate}")
         if not self.reacquire_after >= 1:
             problem = f"reacquire_after must be at least 1, not {self.reacquire_after}"
             raise InvalidArgumentError(problem)
@@ -110,13 +107,13 @@ def take(
             track.extended(step),
             rival=PoseBelief.empty(),
             rival_count=0,
+            refused=0,
             noisiness=noisiness_after(track.noisiness, squared),
             verdict=MeasurementVerdict.USED,
             innovation_squared=squared,
         )
-    if now - track.newest.time > settings.lost_after:
-        return _started(track, measurement, settings)
-    return _rivalled(replace(track, innovation_squared=squared), measurement, settings)
+    rivalled = _rivalled(track, prior, measurement, settings, factor)
+    return replace(rivalled, innovation_squared=squared)
 
 
 def _started(
@@ -153,18 +150,51 @@ def _taken_late(
 
 
 def _rivalled(
-    track: PoseTrack, measurement: PoseMeasurement, settings: TrackerSettings
+    track: PoseTrack,
+    prior: PoseBelief,
+    measurement: PoseMeasurement,
+    settings: TrackerSettings,
+    factor: float,
 ) -> PoseTrack:
-    """Returns the track after an outlier: a rival belief grows from those that agree."""
-    rival, count = _first_belief(measurement, settings), 1
+    """Returns the track after an outlier: a rival belief grows from those that agree.
+
+    The first rival has jumped but moves on as before; if that doesn't hold, the next knows nothing
+    of velocities. When so many in a row were outliers and still no rival held, nothing that is
+    known is worth keeping.
+    """
+    rival, count = _jumped(prior, measurement, settings), 1
     if not track.rival.is_empty and track.rival.time < measurement.time:
-        prior = predict(track.rival, measurement.time - track.rival.time, settings.noise)
-        new = _innovation(prior, measurement, settings)
+        other = predict(track.rival, measurement.time - track.rival.time, settings.noise)
+        new = _innovation(other, measurement, settings, factor)
         if settings.expects(new.squared):
-            rival, count = corrected(prior, new), track.rival_count + 1
+            rival, count = corrected(other, new), track.rival_count + 1
+        else:
+            rival = _first_belief(measurement, settings)
     if count >= settings.reacquire_after:
         return track.begun(Step(measurement, rival), MeasurementVerdict.REACQUIRED)
-    return replace(track, rival=rival, rival_count=count, verdict=MeasurementVerdict.OUTLIER)
+    refused = track.refused + 1
+    if refused >= _PATIENCE * settings.reacquire_after:
+        return _started(track, measurement, settings)
+    return replace(
+        track,
+        rival=rival,
+        rival_count=count,
+        refused=refused,
+        verdict=MeasurementVerdict.OUTLIER,
+    )
+
+
+def _jumped(
+    prior: PoseBelief, measurement: PoseMeasurement, settings: TrackerSettings
+) -> PoseBelief:
+    """Returns a prior that is moved to a measured pose, with its velocities."""
+    jumped = _first_belief(measurement, settings)
+    for P, of_prior in (
+        (jumped.P_position, prior.P_position),
+        (jumped.P_orientation, prior.P_orientation),
+    ):
+        P[3:, 3:] = of_prior[3:, 3:]
+    return replace(jumped, v_WCoM=prior.v_WCoM, w_WO=prior.w_WO)
 
 
 def _first_belief(measurement: PoseMeasurement, settings: TrackerSettings) -> PoseBelief:

@@ -133,7 +133,6 @@ class PoseEstimator(LeafSystem):
             p_OCoM=self._p_OCoM if np.any(self._p_OCoM) else None,
             gate=gate,
             reacquire_after=reacquire_after,
-            lost_after=period + lost_after,
             refuse_repeats=refuse_repeats,
         )
         self._memory = late_measurements
