@@ -27,6 +27,7 @@ _VAGUE = 1.0  # Radians: a prior less certain of its orientation can't tell whic
 _NOISY = 0.25  # Of what an innovation is on average: with less than that a sensor has no noise.
 _TOLERATED = 2.0  # Excess of the sensor's noise, as a variance, that may be chance.
 _AT_REST = 3.0  # Standard deviations: slower ones may be none.
+_NO_RIVAL = PoseBelief.empty()
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,7 @@ class TrackerSettings:
 
     def expects(self, innovation_squared: FloatArray) -> bool:
         """Whether a measurement is as near to the prediction as the gate asks."""
-        return self.gate == 0 or bool(np.all(innovation_squared <= self.gate**2))
+        return self.gate == 0 or bool((innovation_squared <= self.gate**2).all())
 
 
 def take(
@@ -103,20 +104,23 @@ def take(
     factor = track.excess if track.excess > _TOLERATED else 1.0
     new = _innovation(prior, measurement, settings, factor)
     squared = new.squared
-    track = replace(track, excess=excess_after(track.excess, factor * squared))
+    excess = excess_after(track.excess, factor * squared)
     if settings.expects(squared):
         step = Step(measurement, corrected(prior, new))
         return replace(
-            track.extended(step),
-            rival=PoseBelief.empty(),
+            track,
+            steps=track.steps_with(step),
+            rival=_NO_RIVAL,
             rival_count=0,
             noisiness=noisiness_after(track.noisiness, squared),
+            excess=excess,
             verdict=MeasurementVerdict.USED,
             innovation_squared=squared,
         )
     if now - track.newest.time > settings.lost_after:
         return _started(track, measurement, settings)
-    return _rivalled(replace(track, innovation_squared=squared), measurement, settings)
+    track = replace(track, excess=excess, innovation_squared=squared)
+    return _rivalled(track, measurement, settings)
 
 
 def _started(
@@ -189,7 +193,7 @@ def _innovation(
 
 def _is_vague(prior: PoseBelief, noise: PoseFilterNoise) -> bool:
     """Whether its orientation is too uncertain to be corrected by a small turn."""
-    variance = np.max(np.diag(prior.P_orientation)[:3])
+    variance = prior.P_orientation.diagonal()[:3].max()
     return bool(variance > _VAGUE**2 + noise.orientation**2)
 
 
