@@ -18,7 +18,7 @@ from drake_pregrasp.planning.rotation_vectors import (
     rotation_vector,
 )
 
-_I = np.eye(3)
+_I, _I6 = np.eye(3), np.eye(6)
 _DRIFT, _MIXED, _RATE = (
     np.kron(np.array(block), _I) for block in ([[1, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]])
 )  # Where dt³/3, dt²/2 and dt stand in the process noise.
@@ -65,22 +65,22 @@ def predict(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief
         return belief
     F_position, F_orientation = transitions(belief, dt)
     fall = np.array([0.0, 0.0, -noise.gravity])
+    turned, spread = F_orientation[:3, :3], _spread(dt)
     return PoseBelief(
         time=belief.time + dt,
         p_WCoM=belief.p_WCoM + belief.v_WCoM * dt + fall * (dt**2 / 2),
         v_WCoM=belief.v_WCoM + fall * dt,
-        R_WO=rotation_matrix(belief.w_WO * dt) @ belief.R_WO,
+        R_WO=turned @ belief.R_WO,
         w_WO=belief.w_WO,
-        P_position=F_position @ belief.P_position @ F_position.T
-        + _process_noise(dt, noise.acceleration),
+        P_position=F_position @ belief.P_position @ F_position.T + noise.acceleration**2 * spread,
         P_orientation=F_orientation @ belief.P_orientation @ F_orientation.T
-        + _process_noise(dt, noise.angular_acceleration),
+        + noise.angular_acceleration**2 * spread,
     )
 
 
 def transitions(belief: PoseBelief, dt: float) -> tuple[FloatArray, FloatArray]:
     """Returns the matrices that carry the two covariances `dt` seconds forward, each (6, 6)."""
-    F_position, F_orientation = np.eye(6), np.eye(6)
+    F_position, F_orientation = _I6.copy(), _I6.copy()
     F_position[:3, 3:] = dt * _I
     # The error turns with the step, and an error of w_WO adds up to the step's left Jacobian.
     turn = belief.w_WO * dt
@@ -113,31 +113,26 @@ def measurement_covariance(
 class Innovation:
     """How far a measured pose is from the prior, and how far it was to be expected.
 
+    Position and orientation come one after the other in one array, so that one call solves both.
+
     Attributes:
-        position: Of the centre of mass, shape (3,), in metres.
-        orientation: The rotation vector from the prior to the measured one, shape (3,), in radians.
-        R_position: Covariance of the measured position, shape (3, 3), in m².
-        R_orientation: The same of the measured orientation, in rad².
-        S_position: Covariance of `position`, the prior's and the measurement's, shape (3, 3).
-        S_orientation: The same of `orientation`.
+        nu: How far the centre of mass is off, in metres, and the rotation vector from the prior
+            orientation to the measured one, in radians, shape (2, 3).
+        P: The prior's covariances, shape (2, 6, 6).
+        R: Covariances of the measured position and orientation, shape (2, 3, 3), in m² and rad².
+        S: Covariances of `nu`, the prior's and the measurement's, shape (2, 3, 3).
     """
 
-    position: FloatArray
-    orientation: FloatArray
-    R_position: FloatArray
-    R_orientation: FloatArray
-    S_position: FloatArray
-    S_orientation: FloatArray
+    nu: FloatArray
+    P: FloatArray
+    R: FloatArray
+    S: FloatArray
 
     @property
     def squared(self) -> FloatArray:
         """νᵀ S⁻¹ ν of position and orientation, shape (2,): each chi-square of 3 degrees."""
-        return np.array(
-            [
-                self.position @ np.linalg.solve(self.S_position, self.position),
-                self.orientation @ np.linalg.solve(self.S_orientation, self.orientation),
-            ]
-        )
+        solved = np.linalg.solve(self.S, self.nu[:, :, np.newaxis])[:, :, 0]
+        return np.array([self.nu[0] @ solved[0], self.nu[1] @ solved[1]])
 
 
 def innovation(
@@ -148,16 +143,10 @@ def innovation(
     p_OCoM: FloatArray | None = None,
 ) -> Innovation:
     """Returns what a measured pose at the belief's own time has that is new; see `update`."""
-    R_position = measurement_covariance(belief.R_WO, noise, p_OCoM)
-    R_orientation = noise.orientation**2 * _I
-    return Innovation(
-        position=p_WCoM_measured - belief.p_WCoM,
-        orientation=rotation_vector(R_WO_measured @ belief.R_WO.T),
-        R_position=R_position,
-        R_orientation=R_orientation,
-        S_position=belief.P_position[:3, :3] + R_position,
-        S_orientation=belief.P_orientation[:3, :3] + R_orientation,
-    )
+    off, turn = p_WCoM_measured - belief.p_WCoM, rotation_vector(R_WO_measured @ belief.R_WO.T)
+    P = np.array([belief.P_position, belief.P_orientation])
+    R = np.array([measurement_covariance(belief.R_WO, noise, p_OCoM), noise.orientation**2 * _I])
+    return Innovation(nu=np.array([off, turn]), P=P, R=R, S=P[:, :3, :3] + R)
 
 
 def update(
@@ -180,11 +169,13 @@ def update(
 
 
 def corrected(belief: PoseBelief, new: Innovation) -> PoseBelief:
-    """Returns the posterior after what is new in a measurement."""
-    P = belief.P_position
-    dx, P_position = _correct(P, new.position, new.S_position, new.R_position)
-    P = belief.P_orientation
-    de, P_orientation = _correct(P, new.orientation, new.S_orientation, new.R_orientation)
+    """Returns the posterior after what is new in a measurement, with Joseph's covariance."""
+    K_T = np.linalg.solve(new.S, new.P[:, :3])
+    K = K_T.transpose(0, 2, 1)
+    A = np.array([_I6, _I6])
+    A[:, :, :3] -= K
+    dx, de = K[0] @ new.nu[0], K[1] @ new.nu[1]
+    P_position, P_orientation = A @ new.P @ A.transpose(0, 2, 1) + K @ new.R @ K_T
     return PoseBelief(
         time=belief.time,
         p_WCoM=belief.p_WCoM + dx[:3],
@@ -196,19 +187,9 @@ def corrected(belief: PoseBelief, new: Innovation) -> PoseBelief:
     )
 
 
-def _correct(
-    P: FloatArray, innovation: FloatArray, S: FloatArray, R: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Kalman correction for a measurement of the first three states, with Joseph's covariance."""
-    K = np.linalg.solve(S, P[:3]).T
-    A = np.eye(6)
-    A[:, :3] -= K
-    return K @ innovation, A @ P @ A.T + K @ R @ K.T
-
-
-def _process_noise(dt: float, density: float) -> FloatArray:
-    """Covariance that white acceleration of that density adds to (position, velocity) in dt."""
-    covariance: FloatArray = density**2 * (dt**3 / 3 * _DRIFT + dt**2 / 2 * _MIXED + dt * _RATE)
+def _spread(dt: float) -> FloatArray:
+    """Covariance that white acceleration of density 1 adds to (position, velocity) in dt."""
+    covariance: FloatArray = dt**3 / 3 * _DRIFT + dt**2 / 2 * _MIXED + dt * _RATE
     return covariance
 
 

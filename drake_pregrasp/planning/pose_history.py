@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
@@ -11,6 +12,11 @@ from drake_pregrasp.planning.pose_belief import PoseBelief
 from drake_pregrasp.planning.pose_measurement import MeasurementVerdict, PoseMeasurement
 
 _MEASUREMENT_SIZE = 13
+
+# Where in a track's vector its parts begin.
+_SEEN_FROM = 7
+_RIVAL_FROM = _SEEN_FROM + _MEASUREMENT_SIZE
+_STEPS_FROM = _RIVAL_FROM + PoseBelief.SIZE
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +89,7 @@ class PoseTrack:
             innovation_squared=np.zeros(2),
         )
 
-    @property
+    @cached_property
     def newest(self) -> PoseBelief:
         """The belief after the newest measurement that was used."""
         return PoseBelief.from_vector(self.steps[-1, _MEASUREMENT_SIZE:])
@@ -112,17 +118,20 @@ class PoseTrack:
         """Returns a track that knows of one step only, and of the sensor what it knew before."""
         nothing = PoseTrack.empty(len(self.steps))
         return replace(
-            self.extended(step),
-            steps=nothing.extended(step).steps,
+            self,
+            steps=nothing.steps_with(step),
             rival=nothing.rival,
             rival_count=0,
             refused=0,
             verdict=verdict,
         )
 
-    def extended(self, step: Step) -> "PoseTrack":
-        """Returns the track with one more step, the newest."""
-        return replace(self, steps=np.vstack([self.steps[1:], step.to_vector()]))
+    def steps_with(self, step: Step) -> FloatArray:
+        """Returns the steps with one more, the newest, in place of the oldest."""
+        steps = np.empty_like(self.steps)
+        steps[:-1] = self.steps[1:]
+        steps[-1] = step.to_vector()
+        return steps
 
     def rewritten(self, before: FloatArray, steps: Sequence[Step]) -> "PoseTrack":
         """Returns the track whose steps after `before` are others."""
@@ -145,15 +154,14 @@ class PoseTrack:
     @staticmethod
     def from_vector(vector: FloatArray) -> "PoseTrack":
         """Inverse of `to_vector`."""
-        seen, rival, steps = np.split(vector[7:], np.cumsum([_MEASUREMENT_SIZE, PoseBelief.SIZE]))
         return PoseTrack(
-            steps=steps.reshape(-1, Step.SIZE),
-            last_seen=PoseMeasurement.from_vector(seen),
-            rival=PoseBelief.from_vector(rival),
+            steps=vector[_STEPS_FROM:].reshape(-1, Step.SIZE),
+            last_seen=PoseMeasurement.from_vector(vector[_SEEN_FROM:_RIVAL_FROM]),
+            rival=PoseBelief.from_vector(vector[_RIVAL_FROM:_STEPS_FROM]),
             rival_count=int(vector[0]),
             refused=int(vector[1]),
             noisiness=float(vector[2]),
             excess=float(vector[3]),
             verdict=MeasurementVerdict(int(vector[4])),
-            innovation_squared=vector[5:7],
+            innovation_squared=vector[5:_SEEN_FROM],
         )

@@ -78,8 +78,9 @@ class PoseMeasurement:
 
     def repeats(self, other: "PoseMeasurement") -> bool:
         """Whether it has the value of another one, to the last bit."""
-        same = np.array_equal(self.p_WCoM, other.p_WCoM) and np.array_equal(self.R_WO, other.R_WO)
-        return bool(same)
+        # So few numbers are compared sooner as lists than by numpy.
+        same_place = self.p_WCoM.tolist() == other.p_WCoM.tolist()
+        return bool(same_place and self.R_WO.tolist() == other.R_WO.tolist())
 
     def to_vector(self) -> FloatArray:
         """Returns it as one vector of 13 numbers."""

@@ -28,6 +28,7 @@ _NOISY = 0.25  # Of what an innovation is on average: with less than that a sens
 _TOLERATED = 2.0  # Excess of the sensor's noise, as a variance, that may be chance.
 _PATIENCE = 5  # Times `reacquire_after`: so many outliers in a row leave nothing to believe.
 _AT_REST = 3.0  # Standard deviations: slower ones may be none.
+_NO_RIVAL = PoseBelief.empty()
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ class TrackerSettings:
 
     def expects(self, innovation_squared: FloatArray) -> bool:
         """Whether a measurement is as near to the prediction as the gate asks."""
-        return self.gate == 0 or bool(np.all(innovation_squared <= self.gate**2))
+        return self.gate == 0 or bool((innovation_squared <= self.gate**2).all())
 
 
 def take(
@@ -100,20 +101,22 @@ def take(
     factor = track.excess if track.excess > _TOLERATED else 1.0
     new = _innovation(prior, measurement, settings, factor)
     squared = new.squared
-    track = replace(track, excess=excess_after(track.excess, factor * squared))
+    excess = excess_after(track.excess, factor * squared)
     if settings.expects(squared):
         step = Step(measurement, corrected(prior, new))
         return replace(
-            track.extended(step),
-            rival=PoseBelief.empty(),
+            track,
+            steps=track.steps_with(step),
+            rival=_NO_RIVAL,
             rival_count=0,
             refused=0,
             noisiness=noisiness_after(track.noisiness, squared),
+            excess=excess,
             verdict=MeasurementVerdict.USED,
             innovation_squared=squared,
         )
-    rivalled = _rivalled(track, prior, measurement, settings, factor)
-    return replace(rivalled, innovation_squared=squared)
+    track = replace(track, excess=excess, innovation_squared=squared)
+    return _rivalled(track, prior, measurement, settings, factor)
 
 
 def _started(
@@ -219,7 +222,7 @@ def _innovation(
 
 def _is_vague(prior: PoseBelief, noise: PoseFilterNoise) -> bool:
     """Whether its orientation is too uncertain to be corrected by a small turn."""
-    variance = np.max(np.diag(prior.P_orientation)[:3])
+    variance = prior.P_orientation.diagonal()[:3].max()
     return bool(variance > _VAGUE**2 + noise.orientation**2)
 
 

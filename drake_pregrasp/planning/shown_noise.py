@@ -4,8 +4,6 @@ Both are running means; an innovation νᵀ S⁻¹ ν over its degrees of freedo
 filter's assumptions hold.
 """
 
-import numpy as np
-
 from drake_pregrasp.planning.arrays import FloatArray
 
 _MEMORY = 0.05  # Share of the newest innovation in the means.
@@ -33,5 +31,5 @@ def excess_after(before: float, innovation_squared: FloatArray) -> float:
 
 
 def _mean(before: float, innovation_squared: FloatArray, largest: float) -> float:
-    newest = float(np.sum(innovation_squared)) / (3 * len(innovation_squared))
+    newest = float(innovation_squared.sum()) / (3 * len(innovation_squared))
     return (1 - _MEMORY) * before + _MEMORY * min(newest, largest)

@@ -1,5 +1,7 @@
 """Which of others' numbers can be used, and what stands in for those that can't."""
 
+import math
+
 import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray
@@ -17,6 +19,8 @@ LARGEST_VARIANCE = 100.0
 
 _ORTHONORMAL = 1e-5  # Largest error of a rotation, in R'R - 1: as of one in single precision.
 _ASYMMETRY = 1e-9  # Share of the largest element that rounding puts between a matrix and R'.
+_STATUS_OF = {float(status): status for status in TrackingStatus}
+_I = np.eye(3)
 
 
 def is_usable_pose(R: FloatArray, p: FloatArray) -> bool:
@@ -27,27 +31,25 @@ def is_usable_pose(R: FloatArray, p: FloatArray) -> bool:
         p: Shape (3,), in metres.
     """
     # Three coordinates are compared sooner one by one than by numpy; NaN fails each comparison.
-    if not all(abs(coordinate) <= FARTHEST for coordinate in p.tolist()):
+    x, y, z = p.tolist()
+    if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(z) <= FARTHEST):
         return False
-    x, y, z = R.T.tolist()
-    units = (_dot(x, x), _dot(y, y), _dot(z, z))
-    level = (_dot(x, y), _dot(y, z), _dot(z, x))
-    third = [x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]]
-    return (
-        all(abs(unit - 1) <= _ORTHONORMAL for unit in units)
-        and all(abs(cosine) <= _ORTHONORMAL for cosine in level)
-        and _dot(third, z) > 0
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()  # Columns are units and level, and not mirrored.
+    is_rotation: bool = (
+        abs(a * a + d * d + g * g - 1) <= _ORTHONORMAL
+        and abs(b * b + e * e + h * h - 1) <= _ORTHONORMAL
+        and abs(c * c + f * f + i * i - 1) <= _ORTHONORMAL
+        and abs(a * b + d * e + g * h) <= _ORTHONORMAL
+        and abs(b * c + e * f + h * i) <= _ORTHONORMAL
+        and abs(c * a + f * d + i * g) <= _ORTHONORMAL
+        and a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) > 0
     )
-
-
-def _dot(a: list[float], b: list[float]) -> float:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+    return is_rotation
 
 
 def usable_status(number: float) -> TrackingStatus:
     """Returns the status that a number of a port stands for; `LOST` if it stands for none."""
-    known = {float(status): status for status in TrackingStatus}
-    return known.get(float(number), TrackingStatus.LOST)
+    return _STATUS_OF.get(float(number), TrackingStatus.LOST)
 
 
 def usable_rates(rates: FloatArray) -> FloatArray:
@@ -93,14 +95,15 @@ def usable_covariance(covariance_W: FloatArray, R_WO: FloatArray, spread: float)
         R_WO: Rotation of O in W, shape (3, 3).
         spread: Standard deviation to add, in metres.
     """
-    largest = np.max(np.abs(covariance_W))
-    if not np.isfinite(largest):
+    largest = np.abs(covariance_W).max()
+    if not math.isfinite(largest):
         covariance_W = np.zeros((3, 3))
     elif largest > LARGEST_VARIANCE:
         covariance_W = covariance_W / largest * LARGEST_VARIANCE
-    added = spread**2 * np.eye(3)
+    added = spread**2 * _I
     covariance_O: FloatArray = R_WO.T @ covariance_W @ R_WO + added
-    if np.max(np.abs(covariance_O - covariance_O.T)) <= _ASYMMETRY * np.max(np.abs(covariance_O)):
+    asymmetry = np.abs(covariance_O - covariance_O.T).max()
+    if asymmetry <= _ASYMMETRY * np.abs(covariance_O).max():
         try:
             np.linalg.cholesky(covariance_O)
         except np.linalg.LinAlgError:

@@ -7,7 +7,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.arrays import BoolArray, FloatArray
 from drake_pregrasp.planning.contact_models import CONTACT_MODELS, NEED_NORMALS
 from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.grasp_quality import GraspQuality, grasp_quality
@@ -88,10 +88,11 @@ class GraspQualityMonitor(LeafSystem):
     def _calc_quality(self, context: Context, output: BasicVector) -> None:
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
         X_WO: RigidTransform = self._X_WO.Eval(context)
-        counts = np.full(len(p_WC), is_usable(X_WO)) & np.all(np.abs(p_WC) <= FARTHEST, axis=1)
+        counts: BoolArray = np.all(np.abs(p_WC) <= FARTHEST, axis=1)
         if self._contact_status.HasValue(context):
             counts &= is_active(self._contact_status.Eval(context))
         if not is_usable(X_WO):
+            counts[:] = False
             X_WO = RigidTransform()
         p_WC = p_WC[counts]
         p_OC: FloatArray = (X_WO.inverse() @ p_WC.T).T

@@ -186,7 +186,8 @@ class SafeRegionPartitioner(LeafSystem):
             weights = usable_weights(self._contact_weights.Eval(context))
         p_OC = (X_OW @ p_WC.T).T
         placed = np.all(np.abs(p_OC) <= FARTHEST, axis=1)
-        p_OC[~placed], weights[~placed] = 0.0, -np.inf
+        if not placed.all():
+            p_OC[~placed], weights[~placed] = 0.0, -np.inf
         constraints = self._constraints(context, X_OW, p_OC)
         if self._normal_length > 0:
             _, nhat_OC = self._surface.project(p_OC)

@@ -97,7 +97,8 @@ def usable_velocity(V: SpatialVelocity) -> SpatialVelocity:
 
 def is_usable(X: RigidTransform) -> bool:
     """Returns whether a pose is one: finite, not too far, and with a rotation."""
-    return is_usable_pose(X.rotation().matrix(), X.translation())
+    Rp = X.GetAsMatrix34()
+    return is_usable_pose(Rp[:, :3], Rp[:, 3])
 
 
 def _to_vector(X: RigidTransform) -> FloatArray:
