@@ -65,6 +65,13 @@ def test_room_keeps_tips_off_what_there_is_by_their_radii_and_a_clearance(seed):
         assert abs(room.spacing[i, j] - RADII[i] - RADII[j] - OTHER_CLEARANCE) < 1e-12
 
 
+def test_tips_may_be_as_near_as_they_are_to_touch_or_press():
+    gaps = np.array([0.004, 0.001, -0.003])
+    room = PLACES.room(BALL, gaps, fixed=[], obstacles=[], holding=NONE)
+    touching = (BALL.radius + RADII + gaps)[:, None] * WAYS
+    np.testing.assert_allclose(room.permitted(touching), touching, atol=1e-9)
+
+
 def test_those_that_hold_heed_the_table_but_no_obstacle():
     wall = HalfSpace(np.array([0.1, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]))
     holding = np.array([True, False, True])
