@@ -2,11 +2,9 @@
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.multibody.inverse_kinematics import DifferentialInverseKinematicsSystem
-from pydrake.multibody.math import SpatialVelocity
-from pydrake.planning import DofMask, JointLimits
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from drake_pregrasp.diagrams.fingertip_kinematics import POSTURE_GAIN, fingertip_kinematics
 from drake_pregrasp.diagrams.grasp_config import GraspConfig
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.posture_wiring import add_posture
@@ -17,15 +15,7 @@ from drake_pregrasp.planning.solids import Solid
 from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
 from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
-from drake_pregrasp.systems.joint_reference import LARGEST_RATE, JointReference
-
-POSTURE_GAIN = 5.0
-"""How fast the carrier follows its nominal posture, in 1/s."""
-
-_LIMIT_INFLUENCE = 0.05  # Radians or metres from a limit, in which joints slow down.
-_TRACKING_WEIGHT = 100.0  # Of fingertips against posture, as Drake's documentation advises.
-_POSITION_ONLY = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
-_LARGEST_TWIST = SpatialVelocity([5.0] * 3, [1.0] * 3)  # rad/s and m/s, of any fingertip.
+from drake_pregrasp.systems.joint_reference import JointReference
 
 
 class HandController(Diagram):
@@ -158,7 +148,7 @@ class HandController(Diagram):
         )
         posture = added.system
         kinematics = builder.AddNamedSystem(
-            "differential_ik", _differential_ik(hand, added.masks, config.period)
+            "differential_ik", fingertip_kinematics(hand, added.masks, config.period)
         )
         builder.Connect(added.goals, kinematics.GetInputPort("desired_cartesian_poses"))
         reference = builder.AddNamedSystem(
@@ -223,41 +213,3 @@ class HandController(Diagram):
         ):
             builder.ExportOutput(system.GetOutputPort(name), name)
         builder.BuildInto(self)
-
-
-def _differential_ik(
-    hand: HandModel, more_masks: dict[str, FloatArray], period: float
-) -> DifferentialInverseKinematicsSystem:
-    """Returns Drake's system for fingertip positions, and for what more there is to follow.
-
-    Its fingertips share out what joints at their limits can't do.
-    """
-    masks = dict.fromkeys(hand.kinematics.tip_frames, _POSITION_ONLY) | more_masks
-    tracking = DifferentialInverseKinematicsSystem.LeastSquaresCost.Config()
-    tracking.cartesian_qp_weight = _TRACKING_WEIGHT
-    tracking.cartesian_axis_masks = masks
-    centering = DifferentialInverseKinematicsSystem.JointCenteringCost.Config()
-    centering.posture_gain = POSTURE_GAIN
-    centering.cartesian_axis_masks = masks
-    recipe = DifferentialInverseKinematicsSystem.Recipe()
-    recipe.AddIngredient(DifferentialInverseKinematicsSystem.LeastSquaresCost(tracking))
-    recipe.AddIngredient(DifferentialInverseKinematicsSystem.JointCenteringCost(centering))
-    margins = DifferentialInverseKinematicsSystem.JointVelocityLimitConstraint.Config()
-    margins.min_margin, margins.influence_margin = 0.0, _LIMIT_INFLUENCE
-    rates = np.full(hand.kinematics.num_positions, LARGEST_RATE)
-    endless = np.full(hand.kinematics.num_positions, np.inf)
-    limits = JointLimits(
-        hand.kinematics.lower, hand.kinematics.upper, -rates, rates, -endless, endless
-    )
-    recipe.AddIngredient(
-        DifferentialInverseKinematicsSystem.JointVelocityLimitConstraint(margins, limits)
-    )
-    return DifferentialInverseKinematicsSystem(
-        recipe=recipe,
-        task_frame="world",
-        collision_checker=hand.checker,
-        active_dof=DofMask([True] * hand.kinematics.num_positions),
-        time_step=period,
-        K_VX=1.0,
-        Vd_TG_limit=_LARGEST_TWIST,
-    )

@@ -3,7 +3,7 @@
 from drake_pregrasp.diagrams.grasp_config import GraspConfig
 from drake_pregrasp.diagrams.hand_description import HandDescription
 from drake_pregrasp.diagrams.limits_config import LimitsConfig
-from drake_pregrasp.systems.fingertip_goal_shaper import OTHER_CLEARANCE
+from drake_pregrasp.planning.tip_places import OTHER_CLEARANCE
 
 
 def hand_limits(hand: HandDescription, grasp: GraspConfig, *, reach: bool = True) -> LimitsConfig:

@@ -6,16 +6,13 @@ from functools import cached_property
 import numpy as np
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.planning.bounding_planes import Planes, bounding_planes
 from drake_pregrasp.planning.kernels import Partition, TickKernel
 from drake_pregrasp.planning.region_constraints import (
     NO_CAUSE,
     UNCONSTRAINED,
     Limit,
-    Planes,
     RegionConstraints,
-    neighbour_planes,
-    point_planes,
-    solid_planes,
 )
 from drake_pregrasp.planning.surface import ForbiddenPoints
 
@@ -164,7 +161,7 @@ def _asked_one_by_one(
     labels = cells.copy()
     for i in asked.tolist():
         own = np.flatnonzero(cells == i)
-        planes = _planes(i, p_OC, contact_weights, forbidden, constraints)
+        planes = bounding_planes(i, p_OC, contact_weights, forbidden, constraints)
         beyond = planes.beyond(p_OQ[own] - p_OC[i])
         nhat_OQ = constraints.nhat_OQ[own] if len(constraints.nhat_OQ) else np.zeros((len(own), 3))
         point_limits, point_causes = constraints.limits_at(i, p_OQ[own, :3], nhat_OQ)
@@ -189,35 +186,6 @@ def _cells(
     cells: IntArray = np.argmin(half_power, axis=0)
     cells[np.isposinf(np.min(half_power, axis=0))] = NO_REGION
     return cells
-
-
-def _planes(
-    contact: int,
-    p_OC: FloatArray,
-    contact_weights: FloatArray,
-    forbidden: ForbiddenPoints,
-    constraints: RegionConstraints,
-) -> Planes:
-    p_OCi = p_OC[contact]
-    if constraints.fencing is not None:
-        fences = constraints.fencing[contact]
-        forbidden = ForbiddenPoints(forbidden.points[fences], forbidden.radii[fences])
-    planes = [point_planes(p_OCi, forbidden, margin=0, limit=Limit.FORBIDDEN, first_cause=NO_CAUSE)]
-    tip_radius = constraints.tip_radius(contact)
-    margin = tip_radius + constraints.clearance
-    obstacles = constraints.obstacles
-    if tip_radius + constraints.tip_gap > 0:
-        planes.append(neighbour_planes(contact, p_OC, contact_weights, constraints))
-    if obstacles.solids:
-        planes.append(solid_planes(p_OCi, obstacles.solids, margin))
-    if len(obstacles.points):
-        first = len(obstacles.solids)
-        planes.append(
-            point_planes(
-                p_OCi, obstacles.points, margin=margin, limit=Limit.OBSTACLE, first_cause=first
-            )
-        )
-    return Planes.joined(planes) if len(planes) > 1 else planes[0]
 
 
 def _why_the_cell_is_tiny(

@@ -1,7 +1,6 @@
 """A scenario's hand in its diagram."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
@@ -9,42 +8,20 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from drake_pregrasp.diagrams.expected_path import initial_pose
-from drake_pregrasp.diagrams.hand_controller import HandController
-from drake_pregrasp.diagrams.hand_station import HandStation
+from drake_pregrasp.diagrams.driven_hand import DrivenHand, add_driven_hand
 from drake_pregrasp.diagrams.motion_config import Conveyor
 from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.solids import BoxSolid, HalfSpace
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import load_hand_model
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.grasp_logger import GraspLogger, GraspRecord
-from drake_pregrasp.systems.moving_obstacles import MovingSolid
-
-TABLE = MovingSolid(HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0])), np.zeros(3))
-"""The conveyor's top, which no fingertip may touch."""
-
-
-@dataclass(frozen=True)
-class AddedHand:
-    """A hand in a diagram that is being built.
-
-    Attributes:
-        station: The plant with object and hand.
-        controller: What drives the hand.
-        tip_frames: Scoped names of the fingertips' frames.
-    """
-
-    station: HandStation
-    controller: HandController
-    tip_frames: list[str]
 
 
 def add_hand(
     builder: DiagramBuilder, scenario: Scenario, surface: ObjectSurface, p_OC: FloatArray
-) -> AddedHand:
+) -> DrivenHand:
     """Adds a scenario's plant with object and hand, and the hand's controller; connects them.
 
     Args:
@@ -53,49 +30,24 @@ def add_hand(
         surface: The object's.
         p_OC: Initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
     """
-    box, conveyor = cast(Box, scenario.object), cast(Conveyor, scenario.motion)
-    grasp, size = scenario.grasp, np.array(box.size)
-    hand = load_hand_model(grasp.hand, grasp.yaw_range)
-    controller = builder.AddNamedSystem(
-        "hand_controller",
-        HandController(
-            grasp,
-            hand,
-            object_solid=BoxSolid(np.zeros(3), np.eye(3), size),
-            object_top=float(size[2] / 2),
-            mass=box.mass,
-            p_OCoM=surface.p_OCoM,
-            fixed=[TABLE.solid],
-            X_WO=initial_pose(conveyor, box),
-            p_OC=p_OC,
-            target_period=scenario.planner.period,
-            plant_time_step=scenario.plant_config.time_step,
-        ),
+    grasp = scenario.grasp
+    return add_driven_hand(
+        builder,
+        cast(Box, scenario.object),
+        cast(Conveyor, scenario.motion),
+        scenario.plant_config,
+        grasp,
+        load_hand_model(grasp.hand, grasp.yaw_range),
+        p_OCoM=surface.p_OCoM,
+        p_OC=p_OC,
+        target_period=scenario.planner.period,
     )
-    station = builder.AddNamedSystem(
-        "object_plant",
-        HandStation(
-            box,
-            conveyor,
-            scenario.plant_config,
-            hand.description,
-            friction=grasp.friction,
-            initial=controller.initial,
-            yaw_range=grasp.yaw_range,
-        ),
-    )
-    for name in ("hand_state", "net_actuation"):
-        builder.Connect(station.GetOutputPort(name), controller.GetInputPort(name))
-    builder.Connect(
-        controller.GetOutputPort("desired_state"), station.GetInputPort("desired_state")
-    )
-    return AddedHand(station, controller, hand.kinematics.tip_frames)
 
 
 def connect_hand(
     builder: DiagramBuilder,
     scenario: Scenario,
-    hand: AddedHand,
+    hand: DrivenHand,
     planner: PregraspPlanner,
     sink: Callable[[GraspRecord], None] | None,
 ) -> None:

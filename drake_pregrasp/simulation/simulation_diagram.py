@@ -7,13 +7,14 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from drake_pregrasp.diagrams.driven_hand import TABLE, DrivenHand
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.planning.grasp_quality import GraspQuality
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_planner import hand_planner
-from drake_pregrasp.simulation.hand_wiring import TABLE, AddedHand, add_hand, connect_hand
+from drake_pregrasp.simulation.hand_wiring import add_hand, connect_hand
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.recording import add_recording, shown_path
 from drake_pregrasp.simulation.scenario import Scenario
@@ -157,7 +158,7 @@ def _add_obstacles(
     builder: DiagramBuilder,
     scenario: Scenario,
     planner: PregraspPlanner,
-    hand: AddedHand | None,
+    hand: DrivenHand | None,
     meshcat: Meshcat | None,
 ) -> None:
     solids = [moving_solid(o) for o in scenario.obstacles]
@@ -186,7 +187,7 @@ def _add_obstacles(
 
 
 def _connect_hand_frame(
-    builder: DiagramBuilder, scenario: Scenario, planner: PregraspPlanner, hand: AddedHand | None
+    builder: DiagramBuilder, scenario: Scenario, planner: PregraspPlanner, hand: DrivenHand | None
 ) -> None:
     """Tells the planner where the hand is, in whose frame fingers have their reach."""
     if hand is not None:

@@ -2,7 +2,7 @@
 
 import functools
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -153,14 +153,19 @@ def _exhibit(name: str, folder: Path) -> Exhibit:
         summary["static"]["q_msv"],
         summary["final"]["q_msv"],
         summary["force_closure_margin"]["final"],
-        _limited(records),
+        limits_in_words(records, scenario.obstacle_names),
     )
 
 
-def _limited(records: list[TickRecord]) -> list[str]:
-    """Returns what has limited contacts, in the order in which it first did, and how often."""
+def limits_in_words(records: Sequence[TickRecord], obstacle_names: Mapping[int, str]) -> list[str]:
+    """Returns what has limited contacts, in the order in which it first did, and how often.
+
+    Args:
+        records: Of all ticks of a run.
+        obstacle_names: What obstacles are called, by their index, that have a name.
+    """
     counts = Counter(
-        f"contact {contact} {describe_status(status, cause)}"
+        f"contact {contact} {describe_status(status, cause, obstacle_names)}"
         for record in records
         for contact, (status, cause) in enumerate(
             zip(record.contact_status, record.contact_causes, strict=True)

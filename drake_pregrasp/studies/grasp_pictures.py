@@ -4,16 +4,12 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from PIL import Image
 from pydrake.geometry import (
     ClippingRange,
     ColorRenderCamera,
-    LightParameter,
-    MakeRenderEngineVtk,
     QueryObject,
     RenderCameraCore,
-    RenderEngineVtkParams,
 )
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
@@ -31,9 +27,8 @@ from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scena
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
 from drake_pregrasp.studies.drawn_mesh import camera_pose
+from drake_pregrasp.studies.vtk_picture import ByteArray, Light, lit_renderer, take_picture
 from drake_pregrasp.systems.grasp_logger import GraspRecord
-
-ByteArray = NDArray[np.uint8]
 
 PHASES = (GraspPhase.TRACK, GraspPhase.SQUEEZE, GraspPhase.HOLD)
 """At whose ends pictures are taken, after one at the start."""
@@ -44,7 +39,8 @@ _FIELD = 0.6  # Of view, in radians.
 _FROM = {True: np.array([0.45, -1.0, 0.5]), False: np.array([0.75, 0.65, 0.5])}
 """Where the camera is over the target, with an arm and without, in metres."""
 _RAISED = np.array([0.0, 0.0, 0.13])  # The target over the object, in metres.
-_LIGHTS = (([0.3, 0.5, 0.8], 0.85), ([-0.6, 0.3, 0.7], 0.4), ([0.0, 1.0, 0.1], 0.3))
+_LIGHTS = (Light([0.3, 0.5, 0.8], 0.85), Light([-0.6, 0.3, 0.7], 0.4), Light([0.0, 1.0, 0.1], 0.3))
+_BACKGROUND = (0.93, 0.94, 0.96)
 
 
 def picture_grasps(
@@ -87,7 +83,7 @@ def picture_grasp(scenario: Scenario) -> ByteArray:
     surface = scenario.make_surface()
     diagram = make_diagram(scenario, surface)
     station: HandStation = diagram.GetSubsystemByName("object_plant")
-    station.scene_graph.AddRenderer("vtk", MakeRenderEngineVtk(_renderer()))
+    station.scene_graph.AddRenderer("vtk", lit_renderer(_LIGHTS, _BACKGROUND))
     view = _FROM[isinstance(load_hand(scenario.grasp.hand).base, Arm)]
     gap: ByteArray = np.full((_PIXELS[1], _GAP, 3), 255, dtype=np.uint8)
     simulator = Simulator(diagram)
@@ -118,16 +114,4 @@ def _look(station: HandStation, context: object, view: FloatArray) -> ByteArray:
             "vtk", CameraInfo(*_PIXELS, _FIELD), ClippingRange(0.05, 10.0), RigidTransform()
         )
     )
-    X_WK = camera_pose(target, view)
-    image = query.RenderColorImage(camera, query.inspector().world_frame_id(), X_WK)
-    return np.array(image.data[:, :, :3])
-
-
-def _renderer() -> RenderEngineVtkParams:
-    parameters = RenderEngineVtkParams()
-    parameters.default_clear_color = [0.93, 0.94, 0.96]
-    parameters.lights = [
-        LightParameter(type="directional", frame="camera", direction=direction, intensity=strength)
-        for direction, strength in _LIGHTS
-    ]
-    return parameters
+    return take_picture(query, camera, camera_pose(target, view))

@@ -7,12 +7,7 @@ from pydrake.geometry import (
     Box,
     ClippingRange,
     ColorRenderCamera,
-    GeometryInstance,
-    LightParameter,
-    MakeRenderEngineVtk,
-    PerceptionProperties,
     RenderCameraCore,
-    RenderEngineVtkParams,
     Rgba,
     SceneGraph,
     Shape,
@@ -26,10 +21,16 @@ from drake_pregrasp.planning.safe_regions import NO_REGION
 from drake_pregrasp.planning.solids import BallSolid, BoxSolid, Solid
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.studies.drawn_mesh import camera_pose, drawn_mesh
+from drake_pregrasp.studies.vtk_picture import (
+    ByteArray,
+    Light,
+    coloured,
+    lit_renderer,
+    take_picture,
+)
 from drake_pregrasp.systems.palette import NO_REGION_COLOR, contact_color, tint
 
-_BACKGROUND = [1.0, 1.0, 1.0]
-_LIGHTS = (([0.0, 0.0, 1.0], 1.0), ([0.5, 0.3, 0.8], 0.35), ([0.0, 1.0, 0.0], 0.35))
+_LIGHTS = (Light([0.0, 0.0, 1.0], 1.0), Light([0.5, 0.3, 0.8], 0.35), Light([0.0, 1.0, 0.0], 0.35))
 _MARKER_SHARE = 0.055  # Radius of a goal's ball, of the object's mean extent.
 _LIFT = 4e-4  # Metres that regions stand off the surface.
 _OBJECT_COLOR = Rgba(0.85, 0.86, 0.88)
@@ -45,8 +46,8 @@ def render_goals(
     yaw: float,
     obstacles: Sequence[Solid] = (),
     pixels: tuple[int, int] = (520, 480),
-) -> FloatArray:
-    """Returns a picture of the object, shape (height, width, 3), of bytes.
+) -> ByteArray:
+    """Returns a picture of the object, shape (height, width, 3).
 
     Args:
         surface: The object's surface.
@@ -58,21 +59,11 @@ def render_goals(
         pixels: Width and height.
     """
     scene = SceneGraph()
-    parameters = RenderEngineVtkParams()
-    parameters.default_clear_color = _BACKGROUND
-    parameters.lights = [
-        LightParameter(type="directional", frame="camera", direction=direction, intensity=strength)
-        for direction, strength in _LIGHTS
-    ]
-    scene.AddRenderer("vtk", MakeRenderEngineVtk(parameters))
+    scene.AddRenderer("vtk", lit_renderer(_LIGHTS))
     source = scene.RegisterSource("goals")
 
     def add(X_OG: RigidTransform, shape: Shape, color: Rgba, name: str) -> None:
-        properties = PerceptionProperties()
-        properties.AddProperty("phong", "diffuse", color)
-        instance = GeometryInstance(X_OG, shape, name)
-        instance.set_perception_properties(properties)
-        scene.RegisterAnchoredGeometry(source, instance)
+        scene.RegisterAnchoredGeometry(source, coloured(X_OG, shape, color, name))
 
     extents = surface.mesh.extents
     add(RigidTransform(), drawn_mesh(surface.mesh.triangles), _OBJECT_COLOR, "object")
@@ -105,6 +96,4 @@ def render_goals(
     middle = np.mean(surface.mesh.bounds, axis=0)
     distance = 2.9 * float(np.linalg.norm(extents)) / 1.4
     X_OK = camera_pose(middle, distance * np.array([0.85 * np.cos(yaw), 0.85 * np.sin(yaw), 0.53]))
-    image = query.RenderColorImage(camera, scene.world_frame_id(), X_OK)
-    rgb: FloatArray = np.array(image.data[:, :, :3])
-    return rgb
+    return take_picture(query, camera, X_OK)

@@ -14,13 +14,14 @@ from pydrake.systems.framework import (
 )
 
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import BoolArray, FloatArray
+from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.contact_status import is_active
-from drake_pregrasp.planning.goal_shaping import TipRoom, shape_goals
+from drake_pregrasp.planning.goal_shaping import shape_goals
 from drake_pregrasp.planning.placed_obstacles import all_are_known, place_obstacles
 from drake_pregrasp.planning.region_constraints import Obstacles
 from drake_pregrasp.planning.rotation_vectors import rotation_matrix
 from drake_pregrasp.planning.solids import Solid
+from drake_pregrasp.planning.tip_places import MOVING_CLEARANCE, TipPlaces
 from drake_pregrasp.planning.usable_inputs import known_numbers, usable_status
 from drake_pregrasp.systems.usable_poses import (
     LastPose,
@@ -28,14 +29,6 @@ from drake_pregrasp.systems.usable_poses import (
     usable_poses,
     usable_velocity,
 )
-
-MOVING_CLEARANCE = 0.008
-"""Least gap between moving fingertips and the object, in metres."""
-
-OTHER_CLEARANCE = 0.004
-"""Least gap between fingertips and all else, also among themselves, in metres."""
-
-_WITHDRAWN_CLEARANCE = 0.02  # Of fingers without a contact, over the object's top, in metres.
 
 
 class FingertipGoalShaper(LeafSystem):
@@ -166,23 +159,21 @@ class FingertipGoalShaper(LeafSystem):
         self._tip_frames = list(tip_frames)
         self._radius: FloatArray = np.broadcast_to(np.asarray(tip_radius, dtype=float), n)
         self._object = object_solid
-        self._ways_out = np.stack(
-            [np.cos(finger_azimuths), np.sin(finger_azimuths), np.zeros(n)], axis=1
-        )
-        self._withdrawn_height = object_top + self._radius + _WITHDRAWN_CLEARANCE
         mean_radius = np.mean(np.linalg.norm(np.asarray(p_GT)[:, :2], axis=1))
         asked = np.zeros(n) if withdrawn_radii is None else withdrawn_radii
-        self._withdrawn_radii = np.where(asked, asked, mean_radius)
+        azimuths = np.asarray(finger_azimuths)
+        self._places = TipPlaces(
+            tip_radii=self._radius,
+            ways_out=np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(n)], axis=1),
+            withdrawn_radii=np.where(asked, asked, mean_radius),
+            object_top=object_top,
+        )
         self._fixed = tuple(fixed)
         self._lead, self._step, self._standoff = lead, speed * period, standoff
 
         self._tips = self.DeclareDiscreteState(np.array(p_GT, dtype=float).ravel())
         # Before the first tick there is no contact: tips stay, and nothing is held.
-        outward = np.asarray(p_GT) * [1.0, 1.0, 0.0]
-        length = np.linalg.norm(outward, axis=1, keepdims=True)
-        normals = np.where(length > 0, outward / np.where(length > 0, length, 1), self._ways_out)
-        contacts = np.asarray(p_GT) - (self._radius + standoff)[:, None] * normals
-        frames = np.concatenate([contacts, normals]).ravel()
+        frames = np.concatenate(self._places.first_contacts(np.asarray(p_GT), standoff)).ravel()
         self._asked = self.DeclareDiscreteState(frames)
         self._contacts = self.DeclareDiscreteState(frames)
         self._active = self.DeclareDiscreteState(n)
@@ -235,13 +226,21 @@ class FingertipGoalShaper(LeafSystem):
         goal = np.where(
             active[:, None],
             p_OC + (self._radius + standoffs)[:, None] * nhat,
-            self._withdrawn(context, p_GT),
+            self._places.withdrawn(p_GT, self._palm_turn(context)),
         )
         holding = held & active
         if self._fingers_hold.HasValue(context):
             holding = holding & ~(np.asarray(self._fingers_hold.Eval(context)) <= 0)
         gaps = np.where(active, standoffs, MOVING_CLEARANCE)
-        room = self._room(context, gaps, holding, obstacles)
+        X_GW = self._pose.eval(context).inverse()
+        R_GW, p_GW = X_GW.rotation().matrix(), X_GW.translation()
+        room = self._places.room(
+            self._object,
+            gaps,
+            fixed=[solid.moved(R_GW, p_GW) for solid in self._fixed],
+            obstacles=obstacles.solids,
+            holding=holding,
+        )
         if not held:
             shift = np.where(active[:, None], room.permitted(goal) - goal, 0)
             along = shift - np.sum(shift * nhat, axis=1, keepdims=True) * nhat
@@ -277,15 +276,13 @@ class FingertipGoalShaper(LeafSystem):
                 nhat[finger] = -X_OC.rotation().matrix()[:, 2]
         discrete_state.set_value(self._asked, asked)
 
-    def _withdrawn(self, context: Context, p_GT: FloatArray) -> FloatArray:
-        level = p_GT * [1.0, 1.0, 0.0]
-        if self._X_WU.HasValue(context) and is_usable(self._X_WU.Eval(context)):
-            R_GW = self._pose.eval(context).rotation().inverse()
-            level = self._ways_out @ (R_GW @ self._X_WU.Eval(context).rotation()).matrix().T
-        length = np.maximum(np.linalg.norm(level, axis=1, keepdims=True), self._radius[:, None])
-        raised: FloatArray = level * self._withdrawn_radii[:, None] / length
-        raised[:, 2] = self._withdrawn_height
-        return raised
+    def _palm_turn(self, context: Context) -> FloatArray | None:
+        """Returns R_GU; None without a pose of the palm that can be used."""
+        if not self._X_WU.HasValue(context) or not is_usable(self._X_WU.Eval(context)):
+            return None
+        R_GW = self._pose.eval(context).rotation().inverse()
+        R_GU: FloatArray = (R_GW @ self._X_WU.Eval(context).rotation()).matrix()
+        return R_GU
 
     def _placed_obstacles(self, context: Context) -> Obstacles:
         """Returns the solids of the obstacles in G."""
@@ -300,24 +297,6 @@ class FingertipGoalShaper(LeafSystem):
         X_GW = self._pose.eval(context).inverse()
         solids = Obstacles(in_world.solids)
         return place_obstacles(solids, X_GW.rotation().matrix(), X_GW.translation())
-
-    def _room(
-        self, context: Context, standoffs: FloatArray, holding: BoolArray, obstacles: Obstacles
-    ) -> TipRoom:
-        X_GW = self._pose.eval(context).inverse()
-        R_GW, p_GW = X_GW.rotation().matrix(), X_GW.translation()
-        clearances = self._radius + OTHER_CLEARANCE
-        others = [(solid.moved(R_GW, p_GW), clearances) for solid in self._fixed]
-        # A finger that were pushed along the object would lose the grasp.
-        heeded = np.where(holding, -np.inf, clearances)
-        others += [(solid, heeded) for solid in obstacles.solids]
-        return TipRoom(
-            object=self._object,
-            p_GO=np.zeros(3),
-            object_clearances=self._radius + np.minimum(standoffs, MOVING_CLEARANCE),
-            others=tuple(others),
-            spacing=self._radius[:, None] + self._radius + OTHER_CLEARANCE,
-        )
 
     def _calc_tip_goals(self, context: Context, output: AbstractValue) -> None:
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)

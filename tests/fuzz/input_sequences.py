@@ -6,9 +6,9 @@ After each tick all outputs are to be finite, active goals on the allowed surfac
 the limits, whatever came in; and nothing is to raise an error.
 """
 
-import argparse
 import collections
 import copy
+import math
 import sys
 import time
 import traceback
@@ -19,6 +19,7 @@ import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from command_line import Counts, Found, main
 from input_cases import Case, make_case, make_value
 from input_variants import PERIOD, Variant, make_variant
 from pydrake.math import RigidTransform
@@ -34,6 +35,9 @@ from drake_pregrasp.systems.usable_poses import is_usable
 
 BETWEEN = 0.4
 """Share of a period after a tick at which outputs are looked at again."""
+
+KEPT = "kept"
+"""The outcome that is as it should be."""
 
 _ROUNDING = 1e-9
 _STATUSES = {float(status) for status in ContactStatus}
@@ -161,7 +165,7 @@ def outcome(case: Case) -> tuple[str, str]:
         return str(error), ""
     except (Exception, SystemExit) as error:
         return f"{type(error).__name__}", traceback.format_exc()
-    return "kept", ""
+    return KEPT, ""
 
 
 def smallest(case: Case, expected: str) -> Case:
@@ -198,39 +202,24 @@ def _smaller(case: Case) -> list[Case]:
     return less
 
 
-def run(
-    count: int, seed: int, first: int = 0
-) -> tuple[collections.Counter[tuple[str, str]], dict[tuple[str, str], str]]:
-    """Returns counts by variant and outcome, and of each failure the first, made small."""
-    counts: collections.Counter[tuple[str, str]] = collections.Counter()
+def run(count: int, seed: int, first: int = 0, seconds: float = math.inf) -> Found:
+    """Returns what came of so many sequences from a number on, with one small one a failure."""
+    counts: Counts = collections.Counter()
     failures: dict[tuple[str, str], str] = {}
+    slowest, end = (0.0, -1), time.perf_counter() + seconds
     for number in range(first, first + count):
-        case = make_case(seed, number)
+        if time.perf_counter() > end:
+            break
+        case, start = make_case(seed, number), time.process_time()
         kind, _ = outcome(case)
+        slowest = max(slowest, (time.process_time() - start, number))
         counts[case.variant, kind] += 1
-        if kind != "kept" and (case.variant, kind) not in failures:
+        if kind != KEPT and (case.variant, kind) not in failures:
             case = smallest(case, kind)
             failures[case.variant, kind] = f"--- {number} {kind}\n{case}\n{outcome(case)[1]}"
-    return counts, failures
-
-
-def main() -> int:
-    """Prints the counts and the failures; returns 1 if there are any."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=10_000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--first", type=int, default=0)
-    options = parser.parse_args()
-    start = time.perf_counter()
-    counts, failures = run(options.count, options.seed, options.first)
-    for (variant, kind), number in sorted(counts.items()):
-        print(f"{variant:8} {kind:30} {number}")
-    print("\n".join(failures.values()))
-    seconds = time.perf_counter() - start
-    failed = sum(number for (_, kind), number in counts.items() if kind != "kept")
-    print(f"{options.count} sequences in {seconds:.0f} s, {failed} failures")
-    return 1 if failed else 0
+    failed = sum(number for (_, kind), number in counts.items() if kind != KEPT)
+    return Found(counts, list(failures.values()), failed, slowest)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(__doc__, "sequences", run))

@@ -5,7 +5,6 @@
 Each is to be accepted, or refused in one printable line, within a time and a memory.
 """
 
-import argparse
 import collections
 import contextlib
 import math
@@ -23,6 +22,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
+from command_line import Counts, Found, main
 from scenario_cases import Case, make_case
 
 from drake_pregrasp.errors import LONGEST_KEY, LONGEST_MESSAGE, PregraspError
@@ -43,9 +43,6 @@ MEMORY = 6_000_000_000
 
 GOOD = ("accepted", "refused")
 """Outcomes that are as they should be; all others are failures."""
-
-Counts = collections.Counter[tuple[str, str]]
-Outcome = tuple[Counts, list[str], tuple[float, int]]
 
 _LONGEST = 2 * LONGEST_MESSAGE + LONGEST_KEY
 _PATIENCE = 12 * SECONDS  # Until a process that heeds no timer is killed.
@@ -125,22 +122,22 @@ def _work(seed: int, first: int, last: int, folder: Path, connection: Connection
         connection.send((number, case.kind, outcome, said, text, took))
 
 
-def run(count: int, seed: int, seconds: float = math.inf) -> Outcome:
-    """Returns counts by kind and outcome, failures in words, and the longest time with its case."""
+def run(count: int, seed: int, first: int = 0, seconds: float = math.inf) -> Found:
+    """Returns what came of so many files from a number on, or of those that there was time for."""
     shared = Path("/dev/shm")  # In memory, where there is such a folder.
     with tempfile.TemporaryDirectory(dir=shared if shared.is_dir() else None) as folder:
-        return _run(count, seed, seconds, Path(folder))
+        return _run(count, seed, first, seconds, Path(folder))
 
 
-def _run(count: int, seed: int, seconds: float, folder: Path) -> Outcome:
+def _run(count: int, seed: int, first: int, seconds: float, folder: Path) -> Found:
     counts: Counts = collections.Counter()
     failures: list[str] = []
-    slowest, number = (0.0, -1), 0
+    slowest, number, stop = (0.0, -1), first, first + count
     context = multiprocessing.get_context("fork")
     end = time.perf_counter() + seconds
-    while number < count and time.perf_counter() < end:
+    while number < stop and time.perf_counter() < end:
         ours, theirs = context.Pipe(duplex=False)
-        last = min(count, number + BATCH)
+        last = min(stop, number + BATCH)
         process = context.Process(target=_work, args=(seed, number, last, folder, theirs))
         process.start()
         theirs.close()
@@ -170,27 +167,8 @@ def _run(count: int, seed: int, seconds: float, folder: Path) -> Outcome:
             failures.append(f"--- {begun[0]} {kind} died\n{make_case(seed, begun[0])}")
         elif number < last and time.perf_counter() < end:
             number += 1
-    return counts, failures, slowest
-
-
-def main() -> int:
-    """Prints the counts and the failures; returns 1 if there are any."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--count", type=int, default=10_000)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--minutes", type=float, default=math.inf, help="end after these")
-    options = parser.parse_args()
-    start = time.perf_counter()
-    counts, failures, slowest = run(options.count, options.seed, 60 * options.minutes)
-    for (kind, outcome), number in sorted(counts.items()):
-        print(f"{kind:8} {outcome:12} {number}")
-    seconds = time.perf_counter() - start
-    longest, number = slowest
-    print(f"{sum(counts.values())} files in {seconds:.0f} s; {number} took {longest:.2f} s")
-    print(f"{len(failures)} failures")
-    print("\n".join(failures))
-    return 1 if failures else 0
+    return Found(counts, failures, len(failures), slowest)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(__doc__, "files", run))

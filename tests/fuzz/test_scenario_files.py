@@ -10,10 +10,10 @@ FEW = 150
 
 
 def test_files_are_accepted_or_refused_in_one_line():
-    counts, failures, _ = run(FEW, seed=0)
-    assert failures == []
-    assert sum(counts.values()) == FEW
-    assert {outcome for _, outcome in counts} == set(GOOD)
+    found = run(FEW, seed=0)
+    assert found.failures == []
+    assert sum(found.counts.values()) == FEW
+    assert {outcome for _, outcome in found.counts} == set(GOOD)
 
 
 @pytest.fixture(scope="module")

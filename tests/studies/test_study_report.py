@@ -15,7 +15,8 @@ from matplotlib.image import imread
 from PIL import Image
 
 from drake_pregrasp import InvalidArgumentError, OutputError
-from drake_pregrasp.cli import _OneLineParser, main
+from drake_pregrasp.cli import main
+from drake_pregrasp.cli.one_line_parser import OneLineParser
 from drake_pregrasp.studies.markup import Cell, table
 from drake_pregrasp.studies.static_versus_dynamic import trials
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
@@ -314,7 +315,7 @@ def run_command(arguments, trial):
     def load():
         return Experiment(trial, {})
 
-    parser = _OneLineParser()
+    parser = OneLineParser()
     add_command(parser.add_subparsers(), load)
     options = parser.parse_args(["static-versus-dynamic", *map(str, arguments)])
     return options.command(options)
@@ -343,7 +344,7 @@ def test_a_request_to_end_is_an_interruption(tmp_path, capsys):
     def load():
         signal.raise_signal(signal.SIGTERM)
 
-    parser = _OneLineParser()
+    parser = OneLineParser()
     add_command(parser.add_subparsers(), load)
     options = parser.parse_args(["static-versus-dynamic", "--out", str(tmp_path)])
     before = signal.getsignal(signal.SIGTERM)

@@ -1,4 +1,4 @@
-"""A few random sequences of inputs; `python -m tests.fuzz.input_sequences` tries many."""
+"""A few random sequences of inputs; `tests.fuzz.input_sequences` tries as many as asked."""
 
 import sys
 from pathlib import Path

@@ -5,12 +5,7 @@ from pydrake.geometry import (
     Box,
     ClippingRange,
     ColorRenderCamera,
-    GeometryInstance,
-    LightParameter,
-    MakeRenderEngineVtk,
-    PerceptionProperties,
     RenderCameraCore,
-    RenderEngineVtkParams,
     Rgba,
     Shape,
 )
@@ -26,6 +21,13 @@ from drake_pregrasp.studies.drawn_mesh import camera_pose, drawn_mesh
 from drake_pregrasp.studies.static_versus_dynamic.marks import ring_triangles
 from drake_pregrasp.studies.static_versus_dynamic.scene import FINGERS
 from drake_pregrasp.studies.static_versus_dynamic.trial import Trial
+from drake_pregrasp.studies.vtk_picture import (
+    ByteArray,
+    Light,
+    coloured,
+    lit_renderer,
+    take_picture,
+)
 from drake_pregrasp.systems.palette import contact_color
 
 _ENGINE = "photograph"
@@ -36,11 +38,11 @@ CAMERA = ColorRenderCamera(
 
 _ABOVE = np.array([0.0, 0.0, 0.14])  # Where it looks, from the turntable's middle.
 _AZIMUTH, _ELEVATION, _DISTANCE = np.radians(-45), np.radians(17), 0.76
-_LIGHTS = (  # Frame, direction, and intensity: faces that the camera sees are lit.
-    ("camera", [0.0, 0.1, 1.0], 0.75),
-    ("camera", [0.9, 0.2, 0.4], 0.3),
-    ("camera", [-0.9, 0.2, 0.4], 0.45),
-    ("world", [0.1, 0.1, -1.0], 0.4),
+_LIGHTS = (  # Faces that the camera sees are lit.
+    Light([0.0, 0.1, 1.0], 0.75),
+    Light([0.9, 0.2, 0.4], 0.3),
+    Light([-0.9, 0.2, 0.4], 0.45),
+    Light([0.1, 0.1, -1.0], 0.4, "world"),
 )
 _WALL = (0.32, 0.001, 0.2)  # What is drawn of a half-space: width, thickness and height.
 _WALL_COLOR = Rgba(0.95, 0.1, 0.1, 0.3)
@@ -50,8 +52,8 @@ _RING_COLOR = Rgba(0, 0, 0)
 _DOT_LIFT, _RING_LIFT = 4e-4, 1.2e-3  # Metres off the surface.
 
 
-def photograph(trial: Trial, *, marks: bool) -> FloatArray:
-    """Returns a picture, shape (height, width, 3), of bytes.
+def photograph(trial: Trial, *, marks: bool) -> ByteArray:
+    """Returns a picture, shape (height, width, 3).
 
     What is drawn for it is drawn in a copy of the trial's context: the trial goes on as without.
 
@@ -68,9 +70,7 @@ def photograph(trial: Trial, *, marks: bool) -> FloatArray:
     station.plant.SetPositions(posture, station.plant.GetPositions(posture))
     scene = station.scene_graph
     query = scene.get_query_output_port().Eval(scene.GetMyContextFromRoot(context))
-    image = query.RenderColorImage(CAMERA, scene.world_frame_id(), camera_over(trial))
-    rgb: FloatArray = np.array(image.data[:, :, :3])
-    return rgb
+    return take_picture(query, CAMERA, camera_over(trial))
 
 
 def camera_over(trial: Trial) -> RigidTransform:
@@ -121,14 +121,7 @@ class _Stage:
             if has_regions(self._trial.job.arm):
                 self._add_regions()
         self._add_walls()
-        parameters = RenderEngineVtkParams()
-        parameters.default_clear_color = [1.0, 1.0, 1.0]
-        parameters.lights = [
-            LightParameter(type="directional", frame=frame, direction=way, intensity=strength)
-            for frame, way, strength in _LIGHTS
-        ]
-        engine = MakeRenderEngineVtk(parameters)
-        self._scene.AddRenderer(self._scene_context, _ENGINE, engine)
+        self._scene.AddRenderer(self._scene_context, _ENGINE, lit_renderer(_LIGHTS))
 
     def _add_rings(self) -> None:
         points, normals = shown_goals(self._trial)
@@ -162,10 +155,7 @@ class _Stage:
                 self._add(X_WA, Box(*_WALL), _WALL_COLOR, f"wall_{index}")
 
     def _add(self, X_WS: RigidTransform, shape: Shape, color: Rgba, name: str) -> None:
-        properties = PerceptionProperties()
-        properties.AddProperty("phong", "diffuse", color)
-        instance = GeometryInstance(X_WS, shape, name)
-        instance.set_perception_properties(properties)
+        instance = coloured(X_WS, shape, color, name)
         source = self._trial.parts.station.plant.get_source_id()
         frame = self._scene.world_frame_id()
         self._scene.RegisterGeometry(self._scene_context, source, frame, instance)

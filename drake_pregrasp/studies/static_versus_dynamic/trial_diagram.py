@@ -9,14 +9,13 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import ConstantValueSource
 
+from drake_pregrasp.diagrams.driven_hand import add_driven_hand
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
-from drake_pregrasp.planning.solids import BoxSolid
 from drake_pregrasp.planning.surface import ObjectSurface
-from drake_pregrasp.simulation.hand_wiring import TABLE
 from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, FINGERS, Scene
 from drake_pregrasp.studies.static_versus_dynamic.start import Start
 from drake_pregrasp.studies.static_versus_dynamic.trial_goals import (
@@ -80,39 +79,18 @@ def make_trial_diagram(
     X_WO = initial_pose(conveyor, BOX)
     first = arm_start(arm, scene, start, surface, hand, X_WO)
     builder = DiagramBuilder()
-    controller = builder.AddNamedSystem(
-        "hand_controller",
-        HandController(
-            grasp,
-            hand,
-            object_solid=BoxSolid(np.zeros(3), np.eye(3), np.array(BOX.size)),
-            object_top=BOX.size[2] / 2,
-            mass=BOX.mass,
-            p_OCoM=surface.p_OCoM,
-            fixed=[TABLE.solid],
-            X_WO=X_WO,
-            p_OC=first.p_OC,
-            target_period=first.target_period,
-            plant_time_step=PLANT.time_step,
-        ),
+    driven = add_driven_hand(
+        builder,
+        BOX,
+        conveyor,
+        PLANT,
+        grasp,
+        hand,
+        p_OCoM=surface.p_OCoM,
+        p_OC=first.p_OC,
+        target_period=first.target_period,
     )
-    station = builder.AddNamedSystem(
-        "station",
-        HandStation(
-            BOX,
-            conveyor,
-            PLANT,
-            hand.description,
-            friction=grasp.friction,
-            initial=controller.initial,
-            yaw_range=grasp.yaw_range,
-        ),
-    )
-    for name in ("hand_state", "net_actuation"):
-        builder.Connect(station.GetOutputPort(name), controller.GetInputPort(name))
-    builder.Connect(
-        controller.GetOutputPort("desired_state"), station.GetInputPort("desired_state")
-    )
+    station, controller = driven.station, driven.controller
     planner, goals = add_goals(builder, arm, first, start, surface, controller, hand)
     measured = _add_sensor(builder, scene, start, station, first.config.period)
     if arm == "world":
