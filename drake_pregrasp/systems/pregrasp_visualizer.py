@@ -46,7 +46,8 @@ class PregraspVisualizer(LeafSystem):
     Port `safe_regions` accepts the `SafeRegions` over the surface's candidates.
 
     Port `p_WO_covariance` accepts a vector of 9, in m²: drawn as an ellipsoid of three standard
-    deviations, magnified by `covariance_magnification`, hovering over the object.
+    deviations, magnified by `covariance_magnification`, hovering over the object; its half axes
+    are at most a third of the object's length, so that an object that is lost isn't hidden by it.
 
     A recording keeps only transforms and properties. So all objects are made once, with the system,
     and at each publish only what has changed is set.
@@ -188,7 +189,8 @@ class PregraspVisualizer(LeafSystem):
         axes *= np.sign(np.linalg.det(axes))
         p_WE = X_WO @ self._surface.p_OCoM + [0.0, 0.0, self._hover]
         X_WE = RigidTransform(RotationMatrix.ProjectToRotationMatrix(axes), p_WE)
-        radii = 3 * self._magnification * np.sqrt(np.maximum(variances, 0))
+        largest = float(self._surface.mesh.extents.max()) / 3
+        radii = np.minimum(3 * self._magnification * np.sqrt(np.maximum(variances, 0)), largest)
         self._meshcat.SetTransform(f"{ROOT}/covariance", X_WE, time)
         self._set(f"{ROOT}/covariance/axes", "scale", [float(r) for r in radii], time)
 

@@ -1,4 +1,5 @@
 import dataclasses
+import struct
 
 import numpy as np
 import pytest
@@ -132,3 +133,19 @@ def test_visualizer_draws_once_and_then_only_moves(surface, p_OC):
     before = len(meshcat.StaticHtml())
     visualizer.ForcedPublish(context)
     assert len(meshcat.StaticHtml()) > before
+
+
+@pytest.mark.parametrize(("std", "half_axis"), [(1e-3, 0.03), (1e-2, 0.1 / 3), (1e5, 0.1 / 3)])
+def test_the_covariance_is_drawn_no_larger_than_there_is_room(surface, p_OC, std, half_axis):
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
+    visualizer = PregraspVisualizer(
+        meshcat=meshcat, surface=surface, num_contacts=5, publish_period=0.1
+    )
+    context = visualizer.CreateDefaultContext()
+    fix_planner_outputs(visualizer, context, surface, p_OC)
+    port = visualizer.GetInputPort("p_WO_covariance")
+    port.FixValue(context, std**2 * np.eye(3).ravel())
+    visualizer.ForcedPublish(context)
+    message = meshcat._GetPackedProperty(f"{ROOT}/covariance/axes", "scale")
+    last = struct.unpack(">d", message[-8:])[0]  # Numbers are big-endian in MessagePack.
+    assert last == pytest.approx(half_axis)
