@@ -173,7 +173,7 @@ def test_trials_that_fail_do_not_stop_the_others_and_are_tried_again(tmp_path):
         ("dynamic_reach", 1),
     }
     assert (
-        "ScenarioError: somewhere: key: doesn't fit, not at all (made_up_trials.py:"
+        "ScenarioError: somewhere: key: doesn't fit,\\nnot at all (made_up_trials.py:"
         in (failures[TrialJob("nominal", "frozen", 0)])
     )
     assert (
