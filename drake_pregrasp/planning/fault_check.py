@@ -7,6 +7,7 @@ import numpy as np
 
 from drake_pregrasp.planning.fault_bursts import MAX_BURST_TICKS, burst_reach
 from drake_pregrasp.planning.fault_settings import MeasurementFaults
+from drake_pregrasp.planning.first_tick import first_tick
 
 MAX_DELAY_TICKS = 1000
 """Largest delay of a measurement, jitter included, in ticks: so many are remembered at most."""
@@ -87,6 +88,11 @@ def _flaw_in_size(faults: MeasurementFaults) -> FaultFlaw | None:
 def _flaw_in_time(faults: MeasurementFaults, period: float) -> FaultFlaw | None:
     if not faults.start < faults.end:
         return FaultFlaw("start", f"{faults.start} must be less than end, which is {faults.end}")
+    if not first_tick(faults.start, period) < first_tick(faults.end, period):
+        problem = (
+            f"{faults.start} must be a tick before end, {faults.end}: nothing is measured between"
+        )
+        return FaultFlaw("start", problem)
     if 0 < faults.sample_period < period:
         problem = f"{faults.sample_period} must be 0 or at least the planning period, {period}"
         return FaultFlaw("sample_period", problem)

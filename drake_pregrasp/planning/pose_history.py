@@ -14,7 +14,7 @@ from drake_pregrasp.planning.pose_measurement import MeasurementVerdict, PoseMea
 _MEASUREMENT_SIZE = 13
 
 # Where in a track's vector its parts begin.
-_SEEN_FROM = 7
+_SEEN_FROM = 13
 _RIVAL_FROM = _SEEN_FROM + _MEASUREMENT_SIZE
 _STEPS_FROM = _RIVAL_FROM + PoseBelief.SIZE
 
@@ -55,6 +55,7 @@ class PoseTrack:
         noisiness: How much of its expected noise the sensor has shown of late, from 0 to 1.
         excess: How much larger innovations were of late than expected, as a variance.
         verdict: What became of the last measurement.
+        last_innovation: Of the newest that was used in time, shape (2, 3).
         innovation_squared: Of the last one that was compared with a prediction: νᵀ S⁻¹ ν of
             position and orientation, shape (2,).
     """
@@ -67,6 +68,7 @@ class PoseTrack:
     noisiness: float
     excess: float
     verdict: MeasurementVerdict
+    last_innovation: FloatArray
     innovation_squared: FloatArray
 
     @staticmethod
@@ -86,6 +88,7 @@ class PoseTrack:
             noisiness=0.0,
             excess=1.0,
             verdict=MeasurementVerdict.NOTHING_NEW,
+            last_innovation=np.zeros((2, 3)),
             innovation_squared=np.zeros(2),
         )
 
@@ -145,6 +148,7 @@ class PoseTrack:
             [
                 [self.rival_count, self.refused, self.noisiness, self.excess, self.verdict],
                 self.innovation_squared,
+                self.last_innovation.ravel(),
                 self.last_seen.to_vector(),
                 self.rival.to_vector(),
                 self.steps.ravel(),
@@ -163,5 +167,6 @@ class PoseTrack:
             noisiness=float(vector[2]),
             excess=float(vector[3]),
             verdict=MeasurementVerdict(int(vector[4])),
-            innovation_squared=vector[5:_SEEN_FROM],
+            innovation_squared=vector[5:7],
+            last_innovation=vector[7:_SEEN_FROM].reshape(2, 3),
         )

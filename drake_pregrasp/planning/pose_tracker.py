@@ -98,7 +98,7 @@ def take(
     prior = predict(track.newest, silence, settings.noise)
     if _is_vague(prior, settings.noise):
         return _started(track, measurement, settings)
-    factor = track.excess if track.excess > _TOLERATED else 1.0
+    factor = _variance_factor(track)
     new = _innovation(prior, measurement, settings, factor)
     squared = new.squared
     excess = excess_after(track.excess, factor * squared)
@@ -110,7 +110,8 @@ def take(
             rival=_NO_RIVAL,
             rival_count=0,
             refused=0,
-            noisiness=noisiness_after(track.noisiness, squared),
+            last_innovation=new.nu,
+            noisiness=noisiness_after(track.noisiness, new, track.last_innovation),
             excess=excess,
             verdict=MeasurementVerdict.USED,
             innovation_squared=squared,
@@ -134,8 +135,10 @@ def _taken_late(
         return track.judged(MeasurementVerdict.TOO_LATE)
     belief = Step.from_vector(before[-1]).belief
     prior = predict(belief, measurement.time - belief.time, settings.noise)
-    new = _innovation(prior, measurement, settings)
+    factor = _variance_factor(track)
+    new = _innovation(prior, measurement, settings, factor)
     squared = new.squared
+    track = replace(track, excess=excess_after(track.excess, factor * squared))
     if not settings.expects(squared):
         return track.judged(MeasurementVerdict.OUTLIER)
     step = Step(measurement, corrected(prior, new))
@@ -143,7 +146,7 @@ def _taken_late(
     for row in after:
         again = Step.from_vector(row).measurement
         prior = predict(step.belief, again.time - step.belief.time, settings.noise)
-        step = Step(again, corrected(prior, _innovation(prior, again, settings)))
+        step = Step(again, corrected(prior, _innovation(prior, again, settings, factor)))
         steps.append(step)
     return replace(
         track.rewritten(before, steps),
@@ -204,6 +207,11 @@ def _first_belief(measurement: PoseMeasurement, settings: TrackerSettings) -> Po
     return first_belief(
         measurement.time, measurement.p_WCoM, measurement.R_WO, settings.noise, settings.p_OCoM
     )
+
+
+def _variance_factor(track: PoseTrack) -> float:
+    """Returns by how much the variance of the sensor's noise is larger than assumed."""
+    return track.excess if track.excess > _TOLERATED else 1.0
 
 
 def _innovation(

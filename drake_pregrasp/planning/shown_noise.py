@@ -1,35 +1,43 @@
 """How much noise a sensor has shown, by the innovations of its measurements.
 
-Both are running means; an innovation νᵀ S⁻¹ ν over its degrees of freedom is 1 on average if the
-filter's assumptions hold.
+Both are running means, and 1 on average if the filter's assumptions hold.
 """
 
+import numpy as np
+
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.pose_filter import Innovation
 
 _MEMORY = 0.05  # Share of the newest innovation in the means.
 _LARGEST = 9.0  # What a single one can count for: it may be an outlier.
 
 
-def noisiness_after(before: float, innovation_squared: FloatArray) -> float:
-    """Returns the mean of innovations that count for 1 at most: near 0 for a sensor without noise.
+def noisiness_after(before: float, new: Innovation, last: FloatArray) -> float:
+    """Returns how much noise there is, at most 1: near 0 for a sensor without noise.
+
+    Noise makes an innovation differ from the one before it, by 2 S in the mean of the square; what
+    the object does, and the filter doesn't expect, makes innovations that are like each other.
 
     Args:
         before: The mean so far.
-        innovation_squared: Of position and orientation, shape (2,), each of 3 degrees of freedom.
+        new: The newest innovation.
+        last: The one before it, `nu`, shape (2, 3).
     """
-    return _mean(before, innovation_squared, 1.0)
+    change = ((new.nu - last) ** 2).sum(axis=1)
+    expected = 2 * np.trace(new.S, axis1=1, axis2=2)
+    return _mean(before, min(1.0, float((change / expected).mean())))
 
 
 def excess_after(before: float, innovation_squared: FloatArray) -> float:
-    """Returns the mean of innovations: above 1 for a sensor that is noisier than assumed.
+    """Returns how much larger innovations are than assumed, as a variance.
 
     Args:
         before: The mean so far.
-        innovation_squared: As above, by the assumed noise.
+        innovation_squared: νᵀ S⁻¹ ν of position and orientation, by the assumed noise, shape (2,).
     """
-    return _mean(before, innovation_squared, _LARGEST)
-
-
-def _mean(before: float, innovation_squared: FloatArray, largest: float) -> float:
     newest = float(innovation_squared.sum()) / (3 * len(innovation_squared))
-    return (1 - _MEMORY) * before + _MEMORY * min(newest, largest)
+    return _mean(before, min(newest, _LARGEST))
+
+
+def _mean(before: float, newest: float) -> float:
+    return (1 - _MEMORY) * before + _MEMORY * newest

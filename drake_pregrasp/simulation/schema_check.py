@@ -147,7 +147,7 @@ def _check_variant(source: str, key: str, value: object, kinds: tuple[Any, ...])
         _reject(source, key, value, f"a mapping with a tag out of: {', '.join(tags)}")
     data = dict(value)
     tag = data.pop(_TAG, next(iter(tags)))
-    if tag not in tags:
+    if not isinstance(tag, str) or tag not in tags:
         raise ScenarioError(source, key, f"no such tag {tag}; there are: {', '.join(tags)}")
     try:
         check_mapping(source, key, data, tags[tag])

@@ -28,6 +28,10 @@ MAX_DEPTH = 32
 MAX_DIGITS = 64
 """Characters of a whole number: no key needs more, and long ones take long to convert."""
 
+TAG_KEY = "_tag"
+"""Key under which a mapping's tag is kept, as in Drake's own loader."""
+
+_SHOWN = 60  # Characters of a key in a message.
 _SCANNER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _DUMPER = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 _MERGE = "tag:yaml.org,2002:merge"
@@ -124,14 +128,18 @@ class _Loader(Composer, SafeConstructor, Resolver):
     def get_single_node(self) -> yaml.Node | None:
         """Returns the document, if its aliases can be written out."""
         node = super().get_single_node()
-        if node is not None and self._size(node, {}) > MAX_VALUES:
-            raise self._error(node, f"its aliases make more than {MAX_VALUES} values")
+        if node is not None:
+            size, depth = self._size(node, {})
+            if size > MAX_VALUES:
+                raise self._error(node, f"its aliases make more than {MAX_VALUES} values")
+            if depth > MAX_DEPTH:
+                raise self._error(node, f"its aliases nest more than {MAX_DEPTH} levels deep")
         return node
 
-    def _size(self, node: yaml.Node, sizes: dict[int, int | None]) -> int:
-        """Returns how many values a node holds with its aliases written out."""
+    def _size(self, node: yaml.Node, sizes: dict[int, tuple[int, int] | None]) -> tuple[int, int]:
+        """Returns how many values a node holds with its aliases written out, and how deep."""
         if isinstance(node, yaml.ScalarNode):
-            return 1
+            return 1, 0
         if id(node) in sizes:
             known = sizes[id(node)]
             if known is None:
@@ -143,15 +151,19 @@ class _Loader(Composer, SafeConstructor, Resolver):
             parts = [part for pair in node.value for part in pair]
         else:
             parts = node.value
-        size = 1 + sum(self._size(part, sizes) for part in parts)
-        sizes[id(node)] = size
-        return size
+        counts = [self._size(part, sizes) for part in parts]
+        size = 1 + sum(count for count, _ in counts)
+        depth = 1 + max((depth for _, depth in counts), default=0)
+        sizes[id(node)] = size, depth
+        return size, depth
 
     def _refuse_twins(self, node: yaml.MappingNode) -> None:
         seen = set()
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
                 raise self._error(key, "a list or mapping can't be a key")
+            if key.value == TAG_KEY:
+                raise self._error(key, f"{TAG_KEY} is no key; write a tag, as in !Box {{...}}")
             if key.tag != _MERGE and (key.tag, key.value) in seen:
                 raise self._error(key, f"the key {key.value[:_SHOWN]} is there twice")
             seen.add((key.tag, key.value))
@@ -169,11 +181,9 @@ class _Loader(Composer, SafeConstructor, Resolver):
     def construct_tagged(self, tag: str, node: yaml.Node) -> dict[Any, Any]:
         """Returns a mapping with its tag."""
         mapping: dict[Any, Any] = self.construct_mapping(node, deep=True)
-        mapping["_tag"] = tag
+        mapping[TAG_KEY] = tag
         return mapping
 
-
-_SHOWN = 60  # Characters of a key in a message.
 
 _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_number)
 _Loader.add_multi_constructor("", _Loader.construct_tagged)

@@ -34,7 +34,7 @@ from drake_pregrasp.systems.usable_poses import LastPose
 
 
 class CentroidSelector(LeafSystem):
-    """Moves each contact goal inside its safe region (Eq. 3-7). It is the planner's only memory.
+    """Moves each contact goal inside its safe region (Eq. 3-7). It remembers the goals.
 
     .. pydrake_system::
 

@@ -111,9 +111,9 @@ class PoseEstimator(LeafSystem):
         lost_after: float = 1.0,
     ) -> None:
         super().__init__()
-        if not period > 0:
+        if not 0 < period < np.inf:
             raise InvalidArgumentError(f"period must be greater than 0 s, not {period}")
-        if not lookahead >= 0:
+        if not 0 <= lookahead < np.inf:
             raise InvalidArgumentError(f"lookahead must be at least 0 s, not {lookahead}")
         if not late_measurements >= 1:
             raise InvalidArgumentError(
@@ -126,6 +126,8 @@ class PoseEstimator(LeafSystem):
         self._period = period
         self._noise = noise
         self._p_OCoM = np.zeros(3) if p_OCoM is None else np.array(p_OCoM, dtype=float)
+        if self._p_OCoM.shape != (3,) or not np.all(np.isfinite(self._p_OCoM)):
+            raise InvalidArgumentError(f"p_OCoM must be three numbers, not {p_OCoM}")
         self._lookahead = lookahead
         self._coast_after, self._lost_after = coast_after, lost_after
         self._settings = TrackerSettings(
@@ -135,7 +137,7 @@ class PoseEstimator(LeafSystem):
             reacquire_after=reacquire_after,
             refuse_repeats=refuse_repeats,
         )
-        self._memory = late_measurements
+        self._memory = late_measurements + 1  # The belief before the latest of them, too.
 
         self._time_index = self.DeclareDiscreteState(np.array([-np.inf]))
         self._track_index = self.DeclareDiscreteState(self._nothing().to_vector())

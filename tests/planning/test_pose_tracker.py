@@ -299,3 +299,32 @@ def test_a_sensor_noisier_than_assumed_is_believed_less(factor):
         now, _ = stream[count - 1]
         errors.append(error(follow(stream[:count])[0], now) if count % 10 == 0 else 0.0)
     assert max(errors) < 2 * factor * NOISE.position
+
+
+def test_a_manoeuvre_is_no_noise():
+    """An exact sensor on an object that swings and stops is believed when it repeats itself."""
+    stream = []
+    for k in range(200):
+        time = min(k * DT, 5.0)
+        p = np.array([0.03 * np.sin(2 * time), 0, 0])
+        stream.append((k * DT, PoseMeasurement(k * DT, p, np.eye(3))))
+    track, verdicts = follow(stream)
+    assert MeasurementVerdict.REPEATED not in verdicts
+    assert np.linalg.norm(track.newest.p_WCoM - stream[-1][1].p_WCoM) < 1e-3
+
+
+def test_a_noisy_sensor_is_believed_less_when_it_is_late_too():
+    rng = np.random.default_rng(15)
+    in_order = [(k * DT, measured(k * DT, rng, noise=3.0)) for k in range(400)]
+    swapped = []
+    for first, second in zip(in_order[::2], in_order[1::2], strict=True):
+        swapped += [(second[0], second[1]), (second[0], first[1])]
+    errors = []
+    for stream in (in_order, swapped):
+        track, squares = PoseTrack.empty(20), []
+        for now, z in stream:
+            track = take(track, z, now, SETTINGS)
+            e = truth(track.newest.time)[0] - track.newest.p_WCoM
+            squares.append(e @ np.linalg.solve(track.newest.P_position[:3, :3], e))
+        errors.append(np.mean(squares[100:]))
+    assert max(errors) < 6  # 3 are expected, and what one noise is told as another costs some.

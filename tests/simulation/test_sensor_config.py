@@ -69,6 +69,7 @@ def test_a_run_has_the_faults_of_its_scenario_and_its_seed(tmp_path):
     ("faults", "key", "problem"),
     [
         ("start: 3, end: 2", "start", "3.0 must be less than end, which is 2.0"),
+        ("start: 5.01, end: 5.02", "start", "5.01 must be a tick before end, 5.02"),
         ("orientation_bias: [3, 3, 0]", "orientation_bias", "turns by 4.243 rad; at most pi"),
         ("position_bias: [3, 3]", "position_bias", "must be a list of exactly 3 elements"),
         ("degrees_of_freedom: 0.5", "degrees_of_freedom", "0.5 must be 0, for normal noise, or"),

@@ -30,6 +30,11 @@ def test_shipped_files_are_read_as_drake_reads_them(file):
         ("a: *b", "is no YAML: found undefined alias 'b'"),
         ("a: 2001-02-30", "is no YAML: day is out of range"),
         ("!!python/object/apply:os.system [x]", "is no YAML: expected a mapping node"),
+        ("a: {_tag: [1]}", "line 1: _tag is no key; write a tag"),
+        (
+            f"a: &a {'[' * 20}1{']' * 20}\nb: {'[' * 20}*a{']' * 20}",
+            f"line 1: its aliases nest more than {MAX_DEPTH} levels deep",
+        ),
         ("[" * (MAX_DEPTH + 1), f"is nested more than {MAX_DEPTH} levels deep"),
         ("1" * (MAX_DIGITS + 1), f"line 1: a whole number has more than {MAX_DIGITS} characters"),
         ("[" + "1," * MAX_VALUES + "]", f"has more than {MAX_VALUES} values"),

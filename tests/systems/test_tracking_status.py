@@ -195,7 +195,15 @@ def test_settings_reach_the_tracker():
 
 @pytest.mark.parametrize(
     "arguments",
-    [{"late_measurements": 0}, {"coast_after": 2.0}, {"coast_after": -1.0}, {"gate": -1.0}],
+    [
+        {"late_measurements": 0},
+        {"coast_after": 2.0},
+        {"coast_after": -1.0},
+        {"gate": -1.0},
+        {"lookahead": np.inf},
+        {"p_OCoM": np.array([np.nan, 0, 0])},
+        {"p_OCoM": np.zeros(2)},
+    ],
 )
 def test_bad_arguments_are_refused(arguments):
     with pytest.raises(InvalidArgumentError):
@@ -210,3 +218,17 @@ def test_status_is_a_matter_of_how_long_a_measurement_is_overdue():
     assert tracking_status(0.1 + 0.2, *args) == TrackingStatus.TRACKING
     assert tracking_status(0.31, *args) == TrackingStatus.COASTING
     assert tracking_status(1.11, *args) == TrackingStatus.LOST
+
+
+@pytest.mark.parametrize("late", [1, 3])
+def test_a_measurement_may_be_as_many_late_as_is_said(late):
+    for behind, verdict in (
+        (late, MeasurementVerdict.USED_LATE),
+        (late + 1, MeasurementVerdict.TOO_LATE),
+    ):
+        tracked = Tracked(late_measurements=late)
+        for k in range(10):
+            tracked.tick(k, X_true(k * PERIOD), k * PERIOD)
+        stamp = (9 - behind + 0.5) * PERIOD
+        tracked.tick(10, X_true(stamp), stamp)
+        assert tracked.verdict == verdict
