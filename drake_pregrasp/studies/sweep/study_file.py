@@ -84,8 +84,10 @@ def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
         problem = "a study's file is named with letters, digits, '_', '-' and '.'"
         raise ScenarioError("", file.stem, problem)
     _resolve_file(config, file, folders)
+    # A scenario's file in a folder below may name files beside the study.
+    beside = [file.parent, *folders] if config.file else folders
     base = scenario_data(
-        load_scenario(config.scenario or None, file=config.file or None, folders=folders)
+        load_scenario(config.scenario or None, file=config.file or None, folders=beside)
     )
     for path, value in config.overrides.items():
         set_field(base, str(path), value, f"{source}: overrides")
