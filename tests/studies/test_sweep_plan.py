@@ -195,6 +195,10 @@ def test_a_scenario_of_ones_own_is_found_beside_the_study(tmp_path):
     study = load_study(write_study(tmp_path, scenario="", file="own.yaml"))
     assert study.scenario["motion"]["linear_velocity"] == 0.0005
     assert study.config.scenario == "slow"
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "study.yaml").write_text(yaml_dump(study.resolved))
+    again = load_study(str(tmp_path / "out" / "study.yaml"))
+    assert (again.resolved, again.plan) == (study.resolved, study.plan)
 
 
 @pytest.mark.parametrize("name", shipped_studies())

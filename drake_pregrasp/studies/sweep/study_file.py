@@ -23,6 +23,7 @@ from drake_pregrasp.studies.sweep.random_axis import random_axis
 from drake_pregrasp.studies.sweep.study_config import StudyConfig
 
 _ENDINGS = (".yaml", ".yml")
+_ANY = "a_base"
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,12 @@ class Study:
 
     @property
     def resolved(self) -> dict[str, Any]:
-        """The file with every key, those of the scenario in `overrides`: a study of its own."""
-        return {**vars(self.config), "overrides": self.scenario}
+        """The file with every key, those of the scenario in `overrides`: a study of its own.
+
+        As they are all there it needs no other file, whichever scenario they override.
+        """
+        keys = {**vars(self.config), "file": "", "overrides": self.scenario}
+        return {**keys, "scenario": _ANY} if self.config.file else keys
 
     @property
     def settings(self) -> dict[str, Any]:
