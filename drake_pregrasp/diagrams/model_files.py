@@ -35,12 +35,15 @@ _MATERIAL_FILE = re.compile(r"^\s*mtllib\s+(.+?)\s*$", re.MULTILINE)
 _TEXTURE_FILE = re.compile(r"^\s*(?:map_\w+|bump|disp|norm|decal|refl)\s.*?(\S+)\s*$", re.MULTILINE)
 
 
-def check_model_files(model: Path, folders: Sequence[Path]) -> None:
+def check_model_files(model: Path, folders: Sequence[Path]) -> list[Path]:
     """Raises an error unless all that a model names may be read.
 
     Args:
         model: A URDF or SDF.
         folders: What files may be in, or below, beside the packages that the model is in.
+
+    Returns:
+        The files that it names, whether they are there or not; sorted.
 
     Raises:
         InvalidArgumentError: If a file is elsewhere, of another kind, or too large; the message
@@ -75,7 +78,8 @@ def check_model_files(model: Path, folders: Sequence[Path]) -> None:
                 f"model: {model} names {name}, which must be one of: {', '.join(PART_SUFFIXES)}"
             )
         if path.exists():
-            todo += [(path.parent, inner) for inner in _names_in_part(path)]
+            todo += [(path.parent, inner) for inner in names_in_part(path)]
+    return sorted(seen)
 
 
 def _names_in_xml(model: Path, text: str) -> Iterator[str]:
@@ -96,8 +100,12 @@ def _names_in_xml(model: Path, text: str) -> Iterator[str]:
                 yield value.strip()
 
 
-def _names_in_part(path: Path) -> list[str]:
-    """Returns what a mesh names: buffers, materials and textures."""
+def names_in_part(path: Path) -> list[str]:
+    """Returns what a mesh names: buffers, materials and textures.
+
+    Raises:
+        InvalidArgumentError: If it can't be read.
+    """
     data = read_bounded(path, MAX_PART_BYTES)
     kind = path.suffix.lower()
     text = data.decode("utf-8", errors="replace")

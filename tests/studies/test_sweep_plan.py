@@ -10,11 +10,13 @@ from made_up_sweeps import STUDY, write_study
 from pydrake.common.yaml import yaml_dump
 
 from drake_pregrasp import ScenarioError, load_scenario
+from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.scenario_file import scenario_data, scenario_from_data
 from drake_pregrasp.studies.sweep.field_path import overlap, read_field, set_field
 from drake_pregrasp.studies.sweep.grid_axis import GridAxis
+from drake_pregrasp.studies.sweep.named_files import named_files
 from drake_pregrasp.studies.sweep.plan import SweepPlan
-from drake_pregrasp.studies.sweep.random_axis import RandomAxis
+from drake_pregrasp.studies.sweep.random_axis import RandomAxis, random_axis
 from drake_pregrasp.studies.sweep.study_file import load_study, shipped_studies
 
 SPREAD = RandomAxis("spread", ("planner.position_spread",), "log_uniform", (0.01, 0.1))
@@ -193,6 +195,10 @@ def test_a_scenario_of_ones_own_is_found_beside_the_study(tmp_path):
     study = load_study(write_study(tmp_path, scenario="", file="own.yaml"))
     assert study.scenario["motion"]["linear_velocity"] == 0.0005
     assert study.config.scenario == "slow"
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "study.yaml").write_text(yaml_dump(study.resolved))
+    again = load_study(str(tmp_path / "out" / "study.yaml"))
+    assert (again.resolved, again.plan) == (study.resolved, study.plan)
 
 
 @pytest.mark.parametrize("name", shipped_studies())
@@ -210,3 +216,65 @@ def test_shipped_sweeps_load(name):
 def test_a_name_that_is_no_sweep_is_said():
     with pytest.raises(ScenarioError, match=r"no such sweep; give a file .* one of: tracking"):
         load_study("trackin")
+
+
+FILES_STUDY = """
+scenario: a_base
+grid:
+  grasp.hand: [hand/own.yaml]
+  object: [!Mesh {file: m.gltf}, !Box {}, !Mesh {file: missing.obj}]
+random:
+  motion: {choice: [!PoseStream {file: one.csv}, !PoseStream {file: sub/two.csv}]}
+"""
+
+
+def test_the_content_of_each_file_that_is_named_is_a_setting(tmp_path):
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "hand").mkdir()
+    hand = (resource_folder("models") / "five_finger_hand.yaml").read_text()
+    model = (resource_folder("models") / "five_finger_hand.sdf").read_bytes()
+    own = re.sub(r"model: \S+", "model: own.sdf", hand)
+    files = {
+        "m.gltf": b'{"buffers": [{"uri": "m.bin"}]}',
+        "m.bin": b"1",
+        "one.csv": b"2",
+        "sub/two.csv": b"3",
+        "hand/own.yaml": own.encode(),
+        "hand/own.sdf": model,
+    }
+    for name, content in {**files, "other.csv": b"4", "mine.yaml": FILES_STUDY.encode()}.items():
+        (tmp_path / name).write_bytes(content)
+    study = load_study(str(tmp_path / "mine.yaml"))
+    before = named_files(study)
+    assert set(before) == {str(tmp_path / name) for name in files}
+    for name in [*files, "other.csv"]:
+        with (tmp_path / name).open("ab") as file:
+            file.write(b"\n")
+        after = named_files(study)
+        changed = {path for path in before if after[path] != before[path]}
+        assert changed == ({str(tmp_path / name)} if name in files else set())
+        before = after
+
+
+def test_a_study_below_the_folder_of_its_mesh_may_not_name_it_but_one_above_may(tmp_path):
+    (tmp_path / "sub").mkdir()
+    mug = (resource_folder("models") / "mug.obj").read_bytes()
+    (tmp_path / "m.obj").write_bytes(mug)
+    (tmp_path / "sub" / "own.yaml").write_text("own: {object: !Mesh {file: ../m.obj}}\n")
+    study = load_study(write_study(tmp_path, scenario="", file="sub/own.yaml"))
+    assert study.scenario["object"]["file"] == str(tmp_path / "m.obj")
+    with pytest.raises(ScenarioError, match=r"m\.obj is outside of"):
+        load_study(write_study(tmp_path / "sub", scenario="", file="own.yaml"))
+
+
+@given(st.integers(), st.integers(0, 2**66))
+def test_whole_numbers_are_drawn_between_any_ends_of_64_bits_and_no_others(low, width):
+    low, high = low * 2**55, low * 2**55 + width
+    data = scenario_data(load_scenario("a_base"))
+    entry = {"integer": [low, high]}
+    if low >= -(2**63) and high < 2**63:
+        drawn = random_axis("random_seed", entry, data, "x").draw(0, 0)
+        assert low <= drawn <= high
+    else:
+        with pytest.raises(ScenarioError, match=r"must be two whole numbers from -9223"):
+            random_axis("random_seed", entry, data, "x")

@@ -189,7 +189,8 @@ def test_the_command_sweeps_and_goes_on(tmp_path, capsys):
     assert f"2 runs failed: {folder / FAILED} says why" in captured.err
     failed = list(csv.DictReader((folder / FAILED).read_text().splitlines()))
     assert [row["index"] for row in failed] == ["2", "3"]
-    assert all("planner.period: -1.0 must be a number at least" in row["error"] for row in failed)
+    said = f"{file}: planner.period: -1.0 must be a number at least"
+    assert all(row["error"].startswith(said) for row in failed)
     assert {p.name for p in folder.iterdir()} == {ROWS, FAILED, SETTINGS, STUDY, "report.html"}
     before = (folder / ROWS).read_bytes()
     assert main(arguments) == 1

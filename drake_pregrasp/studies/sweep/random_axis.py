@@ -16,6 +16,7 @@ KINDS = ("uniform", "log_uniform", "integer", "choice")
 """How values can be distributed."""
 
 _FIELDS = "fields"
+_WHOLE = np.iinfo(np.int64)
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,11 @@ def _check_range(source: str, key: str, kind: str, ends: list[Any]) -> None:
     right = len(ends) == 2 and all(
         isinstance(e, allowed) and not isinstance(e, bool) and math.isfinite(e) for e in ends
     )
+    if right and kind == "integer":
+        right = all(_WHOLE.min <= end <= _WHOLE.max for end in ends)
     if not right or ends[0] > ends[1] or (kind == "log_uniform" and ends[0] <= 0):
-        what = "whole numbers" if kind == "integer" else "numbers"
+        what = (
+            f"whole numbers from {_WHOLE.min} to {_WHOLE.max}" if kind == "integer" else "numbers"
+        )
         above = " above 0" if kind == "log_uniform" else ""
         raise ScenarioError(source, key, f"{ends} must be two {what}{above}, the lower one first")

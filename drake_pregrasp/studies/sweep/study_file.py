@@ -23,6 +23,7 @@ from drake_pregrasp.studies.sweep.random_axis import random_axis
 from drake_pregrasp.studies.sweep.study_config import StudyConfig
 
 _ENDINGS = (".yaml", ".yml")
+_ANY = "a_base"
 
 
 @dataclass(frozen=True)
@@ -49,8 +50,12 @@ class Study:
 
     @property
     def resolved(self) -> dict[str, Any]:
-        """The file with every key, those of the scenario in `overrides`: a study of its own."""
-        return {**vars(self.config), "overrides": self.scenario}
+        """The file with every key, those of the scenario in `overrides`: a study of its own.
+
+        As they are all there it needs no other file, whichever scenario they override.
+        """
+        keys = {**vars(self.config), "file": "", "overrides": self.scenario}
+        return {**keys, "scenario": _ANY} if self.config.file else keys
 
     @property
     def settings(self) -> dict[str, Any]:
@@ -84,8 +89,10 @@ def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
         problem = "a study's file is named with letters, digits, '_', '-' and '.'"
         raise ScenarioError("", file.stem, problem)
     _resolve_file(config, file, folders)
+    # A scenario's file in a folder below may name files beside the study.
+    beside = [file.parent, *folders] if config.file else folders
     base = scenario_data(
-        load_scenario(config.scenario or None, file=config.file or None, folders=folders)
+        load_scenario(config.scenario or None, file=config.file or None, folders=beside)
     )
     for path, value in config.overrides.items():
         set_field(base, str(path), value, f"{source}: overrides")

@@ -11,6 +11,7 @@ from drake_pregrasp.simulation.output import write_text, writing
 from drake_pregrasp.studies import settings_file
 from drake_pregrasp.studies.sweep.engines import Engine, Maker
 from drake_pregrasp.studies.sweep.failed_file import FAILED, write_failed
+from drake_pregrasp.studies.sweep.named_files import named_files
 from drake_pregrasp.studies.sweep.package_digest import package_digest
 from drake_pregrasp.studies.sweep.plan import SweepPlan
 from drake_pregrasp.studies.sweep.report import REPORT, write_report
@@ -63,7 +64,7 @@ def sweep(
     package = package_digest()
     measures = tuple(study.config.measures)
     make = RunMaker(study.scenario, study.source, study.folder, measures, package, study.folders)
-    settings = {"study": study.settings, "package": package}
+    settings = {"study": study.settings, "files": named_files(study), "package": package}
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
         claim = settings_file.claim(folder / SETTINGS, settings)
