@@ -90,7 +90,7 @@ def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
         raise ScenarioError("", file.stem, problem)
     _resolve_file(config, file, folders)
     # A scenario's file in a folder below may name files beside the study.
-    beside = [*([str(file.parent)] if config.file else []), *folders]
+    beside = [str(file.parent), *folders] if config.file else list(folders)
     base = scenario_data(
         load_scenario(config.scenario or None, file=config.file or None, folders=beside)
     )
