@@ -267,7 +267,8 @@ def test_a_sweep_that_is_ended_keeps_its_rows_and_goes_on(tmp_path, number):
         there = [row.index for row in kept.rows]
         assert 3 <= len(there) < len(study.plan)
         remade = maker_of(study)(study.plan.run(there[1]))
-        assert kept.rows[1].values == tuple(remade)
+        # With numba, the process that has compiled the kernels may differ in last digits: this one.
+        assert kept.rows[1].values == pytest.approx(tuple(remade), rel=1e-12)
 
 
 def holds_rows(path):
