@@ -7,7 +7,7 @@ from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.region_constraints import Obstacles
 from drake_pregrasp.planning.solids import BallSolid, Solid
 from drake_pregrasp.planning.surface import ForbiddenPoints
-from drake_pregrasp.planning.usable_inputs import FARTHEST
+from drake_pregrasp.planning.usable_inputs import FARTHEST, are_usable_points
 
 ANYWHERE = BallSolid(np.zeros(3), FARTHEST)
 """Stands for an obstacle that nobody knows the place of: no ground is clear of it."""
@@ -57,7 +57,7 @@ def _placed_points(points: ForbiddenPoints, R_GF: FloatArray, p_GF: FloatArray) 
     places = points.points @ R_GF.T + p_GF
     radii, normals = points.radii, points.normals @ R_GF.T
     known = (radii >= 0) & (radii <= FARTHEST) & np.all(np.isfinite(normals), axis=1)
-    unknown = ~(known & np.all(np.abs(places) <= FARTHEST, axis=1))
+    unknown = ~(known & are_usable_points(places))
     if np.any(unknown):
         places, radii, normals = places.copy(), radii.copy(), normals.copy()
         places[unknown], radii[unknown], normals[unknown] = 0.0, FARTHEST, 0.0

@@ -6,6 +6,7 @@ expressed in W.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -22,6 +23,8 @@ _I, _I6 = np.eye(3), np.eye(6)
 _DRIFT, _MIXED, _RATE = (
     np.kron(np.array(block), _I) for block in ([[1, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]])
 )  # Where dt³/3, dt²/2 and dt stand in the process noise.
+_UPPER = np.kron(np.array([[0, 1], [0, 0]]), _I)  # Where dt stands in a transition.
+_TWO_I6 = np.array([_I6, _I6])
 
 
 def first_belief(
@@ -65,23 +68,22 @@ def predict(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief
         return belief
     F_position, F_orientation = transitions(belief, dt)
     fall = np.array([0.0, 0.0, -noise.gravity])
-    turned, spread = F_orientation[:3, :3], _spread(dt)
+    turned = F_orientation[:3, :3]
+    Q_position, Q_orientation = _process_noise(dt, noise)
     return PoseBelief(
         time=belief.time + dt,
         p_WCoM=belief.p_WCoM + belief.v_WCoM * dt + fall * (dt**2 / 2),
         v_WCoM=belief.v_WCoM + fall * dt,
         R_WO=turned @ belief.R_WO,
         w_WO=belief.w_WO,
-        P_position=F_position @ belief.P_position @ F_position.T + noise.acceleration**2 * spread,
-        P_orientation=F_orientation @ belief.P_orientation @ F_orientation.T
-        + noise.angular_acceleration**2 * spread,
+        P_position=F_position @ belief.P_position @ F_position.T + Q_position,
+        P_orientation=F_orientation @ belief.P_orientation @ F_orientation.T + Q_orientation,
     )
 
 
 def transitions(belief: PoseBelief, dt: float) -> tuple[FloatArray, FloatArray]:
     """Returns the matrices that carry the two covariances `dt` seconds forward, each (6, 6)."""
-    F_position, F_orientation = _I6.copy(), _I6.copy()
-    F_position[:3, 3:] = dt * _I
+    F_position, F_orientation = _I6 + dt * _UPPER, _I6.copy()
     # The error turns with the step, and an error of w_WO adds up to the step's left Jacobian.
     turn = belief.w_WO * dt
     F_orientation[:3, :3] = rotation_matrix(turn)
@@ -172,7 +174,7 @@ def corrected(belief: PoseBelief, new: Innovation) -> PoseBelief:
     """Returns the posterior after what is new in a measurement, with Joseph's covariance."""
     K_T = np.linalg.solve(new.S, new.P[:, :3])
     K = K_T.transpose(0, 2, 1)
-    A = np.array([_I6, _I6])
+    A = _TWO_I6.copy()
     A[:, :, :3] -= K
     dx, de = K[0] @ new.nu[0], K[1] @ new.nu[1]
     P_position, P_orientation = A @ new.P @ A.transpose(0, 2, 1) + K @ new.R @ K_T
@@ -187,10 +189,14 @@ def corrected(belief: PoseBelief, new: Innovation) -> PoseBelief:
     )
 
 
-def _spread(dt: float) -> FloatArray:
-    """Covariance that white acceleration of density 1 adds to (position, velocity) in dt."""
-    covariance: FloatArray = dt**3 / 3 * _DRIFT + dt**2 / 2 * _MIXED + dt * _RATE
-    return covariance
+@lru_cache(maxsize=256)  # As many differences as rounding makes between times a period apart.
+def _process_noise(dt: float, noise: PoseFilterNoise) -> tuple[FloatArray, FloatArray]:
+    """Covariances that white accelerations add to (position, velocity) in dt, linear and angular.
+
+    They are kept for the next tick: not to be written to.
+    """
+    spread: FloatArray = dt**3 / 3 * _DRIFT + dt**2 / 2 * _MIXED + dt * _RATE
+    return noise.acceleration**2 * spread, noise.angular_acceleration**2 * spread
 
 
 def _diagonal(first: float, second: float) -> FloatArray:

@@ -64,7 +64,8 @@ class TrackerSettings:
 
     def expects(self, innovation_squared: FloatArray) -> bool:
         """Whether a measurement is as near to the prediction as the gate asks."""
-        return self.gate == 0 or bool((innovation_squared <= self.gate**2).all())
+        limit = self.gate**2 if self.gate > 0 else math.inf
+        return all(squared <= limit for squared in innovation_squared.tolist())
 
 
 def take(

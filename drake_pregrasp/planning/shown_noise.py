@@ -3,8 +3,6 @@
 Both are running means, and 1 on average if the filter's assumptions hold.
 """
 
-import numpy as np
-
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.pose_filter import Innovation
 
@@ -23,9 +21,13 @@ def noisiness_after(before: float, new: Innovation, last: FloatArray) -> float:
         new: The newest innovation.
         last: The one before it, `nu`, shape (2, 3).
     """
-    change = ((new.nu - last) ** 2).sum(axis=1)
-    expected = 2 * np.trace(new.S, axis1=1, axis2=2)
-    return _mean(before, min(1.0, float((change / expected).mean())))
+    changes = ((new.nu - last) ** 2).tolist()
+    variances = new.S.diagonal(axis1=1, axis2=2).tolist()
+    shares = [
+        sum(change) / (2 * sum(variance))
+        for change, variance in zip(changes, variances, strict=True)
+    ]
+    return _mean(before, min(1.0, sum(shares) / len(shares)))
 
 
 def excess_after(before: float, innovation_squared: FloatArray) -> float:
@@ -35,7 +37,7 @@ def excess_after(before: float, innovation_squared: FloatArray) -> float:
         before: The mean so far.
         innovation_squared: νᵀ S⁻¹ ν of position and orientation, by the assumed noise, shape (2,).
     """
-    newest = float(innovation_squared.sum()) / (3 * len(innovation_squared))
+    newest = sum(innovation_squared.tolist()) / (3 * len(innovation_squared))
     return _mean(before, min(newest, _LARGEST))
 
 

@@ -1,18 +1,17 @@
 """The quality of the grasp that the contact goals would make."""
 
-import numpy as np
 from pydrake.common.containers import namedview
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import BoolArray, FloatArray
+from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.contact_models import CONTACT_MODELS, NEED_NORMALS
 from drake_pregrasp.planning.contact_status import is_active
 from drake_pregrasp.planning.grasp_quality import GraspQuality, grasp_quality
 from drake_pregrasp.planning.surface import ObjectSurface
-from drake_pregrasp.planning.usable_inputs import FARTHEST
+from drake_pregrasp.planning.usable_inputs import are_usable_points
 from drake_pregrasp.systems.usable_poses import is_usable
 
 GraspQualityView = namedview("GraspQualityView", GraspQuality.names())
@@ -88,7 +87,7 @@ class GraspQualityMonitor(LeafSystem):
     def _calc_quality(self, context: Context, output: BasicVector) -> None:
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
         X_WO: RigidTransform = self._X_WO.Eval(context)
-        counts: BoolArray = np.all(np.abs(p_WC) <= FARTHEST, axis=1)
+        counts = are_usable_points(p_WC)
         if self._contact_status.HasValue(context):
             counts &= is_active(self._contact_status.Eval(context))
         if not is_usable(X_WO):

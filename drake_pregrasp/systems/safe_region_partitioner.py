@@ -25,6 +25,7 @@ from drake_pregrasp.planning.solids import BallSolid
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.planning.usable_inputs import (
     FARTHEST,
+    are_usable_points,
     usable_weights,
 )
 from drake_pregrasp.planning.wall_test import WALL_TESTS, SurfaceGraph, normals_agree
@@ -185,7 +186,7 @@ class SafeRegionPartitioner(LeafSystem):
         if self._contact_weights.HasValue(context):
             weights = usable_weights(self._contact_weights.Eval(context))
         p_OC = (X_OW @ p_WC.T).T
-        placed = np.all(np.abs(p_OC) <= FARTHEST, axis=1)
+        placed = are_usable_points(p_OC)
         if not placed.all():
             p_OC[~placed], weights[~placed] = 0.0, -np.inf
         constraints = self._constraints(context, X_OW, p_OC)
