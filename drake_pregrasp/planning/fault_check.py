@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_pregrasp.planning.fault_bursts import MAX_BURST_TICKS, burst_reach
 from drake_pregrasp.planning.fault_settings import MeasurementFaults
-from drake_pregrasp.planning.first_tick import first_tick
+from drake_pregrasp.planning.ticks import first_tick
 
 MAX_DELAY_TICKS = 1000
 """Largest delay of a measurement, jitter included, in ticks: so many are remembered at most."""

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from drake_pregrasp.planning.first_tick import first_tick
+from drake_pregrasp.planning.ticks import first_tick
 
 FOREVER = 1e7
 """When faults end by default, in seconds: after any run."""

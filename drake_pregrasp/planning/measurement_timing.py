@@ -7,7 +7,7 @@ tick, and arrives at once.
 from drake_pregrasp.planning.fault_bursts import in_burst
 from drake_pregrasp.planning.fault_draws import FaultChannel, fault_generator
 from drake_pregrasp.planning.fault_settings import MeasurementFaults
-from drake_pregrasp.planning.first_tick import first_tick
+from drake_pregrasp.planning.ticks import first_tick
 
 
 def is_taken(tick: int, faults: MeasurementFaults, period: float) -> bool:

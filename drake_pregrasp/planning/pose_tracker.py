@@ -139,7 +139,8 @@ def _taken_late(
     factor = _variance_factor(track)
     new = _innovation(prior, measurement, settings, factor)
     squared = new.squared
-    track = replace(track, excess=excess_after(track.excess, factor * squared))
+    excess = excess_after(track.excess, factor * squared)
+    track = replace(track, excess=excess, innovation_squared=squared)
     if not settings.expects(squared):
         return track.judged(MeasurementVerdict.OUTLIER)
     step = Step(measurement, corrected(prior, new))
@@ -149,11 +150,7 @@ def _taken_late(
         prior = predict(step.belief, again.time - step.belief.time, settings.noise)
         step = Step(again, corrected(prior, _innovation(prior, again, settings, factor)))
         steps.append(step)
-    return replace(
-        track.rewritten(before, steps),
-        verdict=MeasurementVerdict.USED_LATE,
-        innovation_squared=squared,
-    )
+    return track.rewritten(before, steps).judged(MeasurementVerdict.USED_LATE)
 
 
 def _rivalled(
@@ -219,12 +216,12 @@ def _innovation(
     prior: PoseBelief,
     measurement: PoseMeasurement,
     settings: TrackerSettings,
-    factor: float = 1.0,
+    variance_factor: float,
 ) -> Innovation:
-    """Returns what is new in a measurement whose noise has `factor` times the assumed variance."""
+    """Returns what is new in a measurement whose noise has that many times the assumed variance."""
     noise = settings.noise
-    if factor != 1:
-        std = math.sqrt(factor)
+    if variance_factor != 1:
+        std = math.sqrt(variance_factor)
         noise = replace(noise, position=std * noise.position, orientation=std * noise.orientation)
     return innovation(prior, measurement.p_WCoM, measurement.R_WO, noise, settings.p_OCoM)
 

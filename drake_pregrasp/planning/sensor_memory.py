@@ -6,13 +6,13 @@ import numpy as np
 
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.fault_settings import MeasurementFaults
-from drake_pregrasp.planning.first_tick import first_tick
 from drake_pregrasp.planning.measurement_timing import (
     arrival_tick,
     is_frozen,
     is_occluded,
     is_taken,
 )
+from drake_pregrasp.planning.ticks import first_tick
 
 POSE_SIZE = 12
 """Numbers of a pose: its rotation matrix and its position side by side, by rows."""

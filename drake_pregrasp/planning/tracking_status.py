@@ -3,7 +3,7 @@
 import math
 from enum import IntEnum
 
-_SLACK = 1e-6  # Share of a period by which rounding may move a time.
+from drake_pregrasp.planning.ticks import SLACK
 
 
 class TrackingStatus(IntEnum):
@@ -40,7 +40,7 @@ def tracking_status(
     """
     if since_measurement == math.inf:
         return TrackingStatus.WAITING
-    overdue = since_measurement - (1 + _SLACK) * period
+    overdue = since_measurement - (1 + SLACK) * period
     if overdue <= coast_after:
         return TrackingStatus.TRACKING
     return TrackingStatus.COASTING if overdue <= lost_after else TrackingStatus.LOST

@@ -54,8 +54,7 @@ def are_usable_points(points: FloatArray) -> BoolArray:
     Args:
         points: Shape (n, 3), in metres.
     """
-    near: BoolArray = np.abs(points) <= FARTHEST
-    usable: BoolArray = near.all(axis=1)
+    usable: BoolArray = np.logical_and.reduce(np.abs(points) <= FARTHEST, axis=1)
     return usable
 
 

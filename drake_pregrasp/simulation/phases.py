@@ -8,8 +8,8 @@ from drake_pregrasp.planning.grasp_quality import GraspQuality, grasp_quality
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
 from drake_pregrasp.planning.selection_input import SelectionInput
 from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.planning.ticks import SLACK
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.systems.tick import SLACK
 
 
 def ticks_from(scenario: Scenario, times: FloatArray, start: float) -> int:

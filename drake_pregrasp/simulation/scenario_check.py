@@ -13,6 +13,7 @@ from drake_pregrasp.errors import ScenarioError, first_line
 from drake_pregrasp.planning.blends import BLEND
 from drake_pregrasp.planning.strategies import STRATEGIES
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.planning.ticks import SLACK, tick_index
 from drake_pregrasp.simulation.grasp_check import check_grasp
 from drake_pregrasp.simulation.hand_planner import hand_planner
 from drake_pregrasp.simulation.limits_check import check_limits, check_reach
@@ -22,7 +23,6 @@ from drake_pregrasp.simulation.run_size import check_size
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.sensor_config import check_sensor
 from drake_pregrasp.simulation.surface_config import check_surface
-from drake_pregrasp.systems.tick import SLACK, tick_index
 
 
 def validate(scenario: Scenario, source: str = "scenario") -> None:

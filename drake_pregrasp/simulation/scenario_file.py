@@ -14,7 +14,7 @@ from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import validate
 from drake_pregrasp.simulation.scenario_paths import make_paths_absolute
 from drake_pregrasp.simulation.schema_check import add_tags, check_mapping
-from drake_pregrasp.simulation.yaml_text import MAX_BYTES, load_typed, parse_yaml
+from drake_pregrasp.simulation.yaml_text import MAX_BYTES, load_typed, parse_yaml, without_private
 
 SCENARIO_TEXT = "scenario text"
 """What error messages call the text that overrides a scenario."""
@@ -179,10 +179,10 @@ def read_mapping(file: Path) -> dict[str, Any]:
 
 def parse_mapping(source: str, text: str) -> dict[str, Any]:
     """Returns what YAML makes of a text, without private entries; see `read_mapping`."""
-    data = parse_yaml(source, text)
+    data = without_private(parse_yaml(source, text))
     if not isinstance(data, dict):
         raise ScenarioError(source, "", "must be a mapping from names to values")
     for key in data:
         if not isinstance(key, str):
             raise ScenarioError(source, str(key), "is no name; quote it if it is meant as one")
-    return {key: value for key, value in data.items() if not key.startswith("_")}
+    return data

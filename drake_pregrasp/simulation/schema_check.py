@@ -24,6 +24,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from drake_pregrasp.errors import ScenarioError
+from drake_pregrasp.simulation.yaml_text import TAG_KEY
 
 _NUMBER_RULES: Mapping[str, Callable[[float, float], bool]] = {
     "above": lambda value, bound: value > bound,
@@ -51,7 +52,6 @@ MAX_LENGTH = 64
 MAX_TEXT = 2000
 """Most characters of a text."""
 
-_TAG = "_tag"  # Where Drake's loader keeps a mapping's YAML tag.
 _TYPE_NAMES = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}
 
 
@@ -71,7 +71,7 @@ def check_mapping(source: str, key: str, data: object, schema: Any) -> None:
         if rules.get("required") and name not in data:
             raise ScenarioError(source, key, f"lacks the key {name}; it has no default")
     for name, value in data.items():
-        if name == _TAG:
+        if name == TAG_KEY:
             raise ScenarioError(source, key, f"the tag {value} has no place here; leave it out")
         if not isinstance(name, str):
             raise ScenarioError(source, key, f"the key {_short(name)} must be a name")
@@ -103,7 +103,7 @@ def add_tags(data: object, config: object) -> None:
                 several = isinstance(part, list)
                 parts, values = (part, value) if several else ([part], [value])
                 for element, mapping in zip(parts, values, strict=True):
-                    mapping[_TAG] = f"!{type(element).__name__}"
+                    mapping[TAG_KEY] = f"!{type(element).__name__}"
 
 
 def _fields(schema: Any) -> dict[str, tuple[Any, Mapping[str, Any]]]:
@@ -146,13 +146,13 @@ def _check_variant(source: str, key: str, value: object, kinds: tuple[Any, ...])
     if not isinstance(value, Mapping):
         _reject(source, key, value, f"a mapping with a tag out of: {', '.join(tags)}")
     data = dict(value)
-    tag = data.pop(_TAG, next(iter(tags)))
+    tag = data.pop(TAG_KEY, next(iter(tags)))
     if not isinstance(tag, str) or tag not in tags:
         raise ScenarioError(source, key, f"no such tag {tag}; there are: {', '.join(tags)}")
     try:
         check_mapping(source, key, data, tags[tag])
     except ScenarioError as error:
-        if _TAG in value:
+        if TAG_KEY in value:
             raise
         hint = f"{error.problem}; without a tag it is a {tag}, of: {', '.join(tags)}"
         raise ScenarioError(source, error.key, hint) from error
@@ -192,9 +192,9 @@ def _number(value: object, kind: Any) -> float | int | None:
 
 
 def _short(value: object) -> str:
-    if isinstance(value, Mapping) and _TAG in value:
-        rest = {name: element for name, element in value.items() if name != _TAG}
-        return f"{value[_TAG]} {_short(rest)}"
+    if isinstance(value, Mapping) and TAG_KEY in value:
+        rest = {name: element for name, element in value.items() if name != TAG_KEY}
+        return f"{value[TAG_KEY]} {_short(rest)}"
     text = repr(value)
     return text if len(text) <= 60 else text[:57] + "..."
 

@@ -9,10 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray
 from drake_pregrasp.planning.contact_status import is_active
+from drake_pregrasp.planning.ticks import tick_index
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.systems.tick import tick_index
 
 PERIOD = 0.0125
 """Seconds between planning ticks; the hand's delays are multiples of it."""

@@ -28,8 +28,8 @@ from drake_pregrasp.planning.safe_regions import SafeRegions
 from drake_pregrasp.planning.selection_input import ContactGoals, SelectionInput
 from drake_pregrasp.planning.strategies import make_strategy
 from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.planning.ticks import SLACK, tick_is_due
 from drake_pregrasp.planning.usable_inputs import usable_covariance, usable_status
-from drake_pregrasp.systems.tick import SLACK, tick_is_due
 from drake_pregrasp.systems.usable_poses import LastPose
 
 

@@ -19,8 +19,8 @@ from drake_pregrasp.planning.pose_filter import predict
 from drake_pregrasp.planning.pose_history import PoseTrack
 from drake_pregrasp.planning.pose_measurement import OLDEST, PoseMeasurement
 from drake_pregrasp.planning.pose_tracker import TrackerSettings, take
+from drake_pregrasp.planning.ticks import tick_is_due
 from drake_pregrasp.planning.tracking_status import TrackingStatus, tracking_status
-from drake_pregrasp.systems.tick import tick_is_due
 
 WAITING_STD = 1.0
 """Standard deviation of a position of which nothing is known yet, in metres."""

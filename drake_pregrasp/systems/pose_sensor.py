@@ -21,8 +21,8 @@ from drake_pregrasp.planning.fault_check import find_flaw
 from drake_pregrasp.planning.fault_settings import MeasurementFaults
 from drake_pregrasp.planning.measurement_faults import faulty_disturbance, white_disturbance
 from drake_pregrasp.planning.sensor_memory import SensorMemory, memory_capacity, next_memory
+from drake_pregrasp.planning.ticks import tick_index
 from drake_pregrasp.systems.noise_source import MAX_SEED
-from drake_pregrasp.systems.tick import tick_index
 
 
 class NoisyPoseSensor(LeafSystem):

@@ -102,6 +102,17 @@ def test_what_is_older_than_the_memory_is_refused_and_said_so():
         assert np.array_equal(later.steps, track.steps) == verdict.is_refusal
 
 
+def test_how_far_an_outlier_was_off_is_said_of_late_ones_too():
+    rng = np.random.default_rng(3)
+    track, _ = follow(in_time(20, rng))
+    far = measured(0.5 * DT, rng)
+    far = replace(far, p_WCoM=far.p_WCoM + 1.0)
+    after = take(track, far, 20 * DT, SETTINGS)
+    assert after.verdict == MeasurementVerdict.OUTLIER
+    np.testing.assert_array_equal(after.steps, track.steps)
+    assert after.innovation_squared[0] > SETTINGS.gate**2 > after.innovation_squared[1]
+
+
 def test_a_measurement_counts_once():
     rng = np.random.default_rng(4)
     track, _ = follow(in_time(10, rng))

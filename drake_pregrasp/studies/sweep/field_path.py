@@ -10,9 +10,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from drake_pregrasp.errors import ScenarioError
-
-TAG = "_tag"
-"""Where a mapping keeps its YAML tag."""
+from drake_pregrasp.simulation.yaml_text import TAG_KEY
 
 _STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d+)\]")
 
@@ -45,7 +43,7 @@ def set_field(data: dict[str, Any], path: str, value: Any, source: str) -> None:
     before = _step_into(data, holder, last, path, source)
     if _merges(before, value):
         for key, element in value.items():
-            if key != TAG:
+            if key != TAG_KEY:
                 set_field(data, f"{path}.{key}", element, source)
     else:
         holder[last] = value
@@ -60,7 +58,7 @@ def overlap(one: str, other: str) -> bool:
 def _merges(before: Any, value: Any) -> bool:
     if not (isinstance(before, Mapping) and isinstance(value, Mapping)):
         return False
-    return TAG not in value or value[TAG] == before.get(TAG)
+    return TAG_KEY not in value or value[TAG_KEY] == before.get(TAG_KEY)
 
 
 def _steps(data: Mapping[str, Any], path: str, source: str) -> list[str | int]:
@@ -84,7 +82,7 @@ def _step_into(data: Mapping[str, Any], value: Any, step: str | int, path: str, 
             problem = f"no element [{step}]: the list has {len(value)} in the scenario"
             raise ScenarioError(source, path, problem)
         return value[step]
-    if isinstance(value, Mapping) and step in value and step != TAG:
+    if isinstance(value, Mapping) and step in value and step != TAG_KEY:
         return value[step]
     raise _unknown(data, path, source)
 
@@ -103,7 +101,7 @@ def _paths(value: Any, path: str = "") -> Iterator[str]:
         yield path
     if isinstance(value, Mapping):
         for key, element in value.items():
-            if key != TAG:
+            if key != TAG_KEY:
                 yield from _paths(element, f"{path}.{key}".lstrip("."))
     elif isinstance(value, list):
         for index, element in enumerate(value):

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from drake_pregrasp.errors import ScenarioError
-from drake_pregrasp.studies.sweep.field_path import TAG, read_field, set_field
+from drake_pregrasp.simulation.yaml_text import TAG_KEY
+from drake_pregrasp.studies.sweep.field_path import read_field, set_field
 
 Label = float | int | bool | str
 """What a row says of a value."""
@@ -48,7 +49,7 @@ def grid_axis(name: str, values: Any, data: dict[str, Any], source: str) -> Grid
     """
     if isinstance(values, list) and values:
         axis = _of_a_field(name, values, data, source)
-    elif isinstance(values, Mapping) and values and TAG not in values:
+    elif isinstance(values, Mapping) and values and TAG_KEY not in values:
         axis = _of_fields_together(name, values, data, source)
     else:
         problem = "must be a list of values, or a mapping from labels to what each sets; not empty"

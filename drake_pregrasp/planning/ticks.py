@@ -1,4 +1,4 @@
-"""When a planning tick is due."""
+"""Planning ticks: tick k is at k * period, as near as floats can say it."""
 
 import math
 
@@ -9,11 +9,16 @@ _NEVER = -(10**18)
 
 
 def tick_index(time: float, period: float) -> int:
-    """Returns the number of the last tick at or before `time`; tick k is at k * period.
+    """Returns the number of the last tick at or before `time`.
 
     The time -inf, which stands for never, comes before every tick.
     """
     return _NEVER if time == -math.inf else math.floor(time / period + SLACK)
+
+
+def first_tick(time: float, period: float) -> int:
+    """Returns the number of the first tick at or after `time`, which is finite."""
+    return math.ceil(time / period - SLACK)
 
 
 def tick_is_due(time: float, stored_time: float, period: float) -> bool:
