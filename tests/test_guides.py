@@ -9,17 +9,16 @@ from pydrake.math import RigidTransform
 
 from drake_pregrasp import MeasurementVerdict, TrackingStatus, load_scenario, run
 from drake_pregrasp.cli import main
+from drake_pregrasp.studies.failed_file import FAILED
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.closings import CLOSINGS
 from drake_pregrasp.studies.static_versus_dynamic.command import SEEDS
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
-from drake_pregrasp.studies.static_versus_dynamic.failures import FAILED
 from drake_pregrasp.studies.static_versus_dynamic.figures import STRIPS
 from drake_pregrasp.studies.static_versus_dynamic.outcome import CLEAN_IN_WORDS
 from drake_pregrasp.studies.static_versus_dynamic.picture_figure import PICTURES
 from drake_pregrasp.studies.static_versus_dynamic.report import REPORT
 from drake_pregrasp.studies.static_versus_dynamic.store import OUTCOMES, SETTINGS
-from drake_pregrasp.studies.sweep.failed_file import FAILED as FAILED_RUNS
 from drake_pregrasp.studies.sweep.measures import MEASURES
 from drake_pregrasp.studies.sweep.package_digest import package_digest
 from drake_pregrasp.studies.sweep.rows_file import ROWS
@@ -136,7 +135,7 @@ def test_the_guide_to_sweeps_names_what_there_is(capsys):
     for name in MEASURES:
         of_quality = re.match(r"q_(gii|vew)_", name)
         assert f"`{name}`" in text or (of_quality and f"`q_{of_quality[1]}`" in text), name
-    for file in (ROWS, FAILED_RUNS, STUDY, SWEEP_SETTINGS, REPORT):
+    for file in (ROWS, FAILED, STUDY, SWEEP_SETTINGS, REPORT):
         assert f"| `{file}` |" in text
     assert f"{len(load_study('tracking').plan):,} runs" in text
     for field in dataclasses.fields(StudyConfig):

@@ -5,7 +5,7 @@ import time
 from typing import Any
 
 from drake_pregrasp.studies.bench.bench import bench
-from drake_pregrasp.studies.faults.study import study_faults
+from drake_pregrasp.studies.faults import command as faults
 from drake_pregrasp.studies.gallery import make_gallery
 from drake_pregrasp.studies.grasp_pictures import picture_grasps
 from drake_pregrasp.studies.lookahead import study_lookahead
@@ -17,7 +17,6 @@ from drake_pregrasp.studies.step_bar import step_bar
 from drake_pregrasp.studies.sweep import command as sweep
 
 _STUDIES = {
-    "faults": (study_faults, "how the planner stands up to faulty measurements"),
     "gallery": (make_gallery, "pictures of the shipped scenarios, with their measures"),
     "grasps": (picture_grasps, "pictures of the shipped hands"),
     "lookahead": (study_lookahead, "what goals for a later pose gain on fast objects"),
@@ -47,6 +46,7 @@ def add_commands(commands: "argparse._SubParsersAction[Any]") -> None:
         study.add_argument(
             "--out", default=f"study_{name}", metavar="FOLDER", help="where the report goes"
         )
+    faults.add_command(studies)
     static_versus_dynamic.add_command(studies)
     sweep.add_command(commands)
 

@@ -8,8 +8,10 @@ import pytest
 from pydrake.math import RigidTransform, RotationMatrix
 
 from drake_pregrasp import TrackingStatus, load_scenario
+from drake_pregrasp.cli import main
 from drake_pregrasp.diagrams.estimator_config import EstimatorConfig, filter_noise
 from drake_pregrasp.planning.contact_status import ContactStatus
+from drake_pregrasp.studies.faults import command
 from drake_pregrasp.studies.faults.consistency import (
     consistency,
     conveyor_motion,
@@ -102,6 +104,37 @@ def test_each_fault_has_a_row_in_the_report(tmp_path):
         (f, s) for f in faults for s in "01"
     }
     assert all(float(row["valid"]) == 1 for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("option", "problem"),
+    [
+        (["--faults", "fault_nan,nan"], "'nan' is no fault; there are: fault_white_noise, "),
+        (["--seeds", "0"], "--seeds: 0 must be 1 or more"),
+        (["--processes", "-1"], "--processes: -1 must be 1 or more"),
+    ],
+)
+def test_options_that_cannot_be_used_are_said_in_one_line(option, problem, tmp_path, capsys):
+    assert main(["study", "faults", "--out", str(tmp_path / "out"), *option]) == 2
+    said = capsys.readouterr().err
+    assert problem in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_command_studies_what_it_is_asked_for(monkeypatch, capsys):
+    asked = {}
+
+    def study(out, *, on_progress, **options):
+        asked.update(options, out=out)
+        return out
+
+    monkeypatch.setattr(command, "study_faults", study)
+    flags = ["--faults", "fault_nan, fault_bias", "--seeds", "3", "--processes", "1"]
+    assert main(["study", "faults", "--out", "here", *flags]) == 0
+    faults = ["fault_nan", "fault_bias"]
+    assert asked == {"out": "here", "faults": faults, "seeds": 3, "processes": 1}
+    assert capsys.readouterr().out == "report in here\n"
 
 
 def test_shares_are_not_rounded_up_to_all():

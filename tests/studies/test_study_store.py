@@ -23,7 +23,6 @@ from drake_pregrasp.studies.settings_file import digest
 from drake_pregrasp.studies.static_versus_dynamic import outcome_csv, trials
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
-from drake_pregrasp.studies.static_versus_dynamic.failures import read_failures
 from drake_pregrasp.studies.static_versus_dynamic.outcome import (
     MAX_PUSHED_MM,
     MAX_SLIP_MM,
@@ -33,7 +32,7 @@ from drake_pregrasp.studies.static_versus_dynamic.outcome import (
 )
 from drake_pregrasp.studies.static_versus_dynamic.store import OUTCOMES, OutcomeStore
 from drake_pregrasp.studies.static_versus_dynamic.study import trial_jobs
-from drake_pregrasp.studies.static_versus_dynamic.trials import run_missing
+from drake_pregrasp.studies.static_versus_dynamic.trials import read_failures, run_missing
 
 TIMES = {key: condition.closing_times for key, condition in CONDITIONS.items()}
 JOBS = trial_jobs(["nominal", "sphere"], ["frozen", "still", "dynamic_reach"], range(2))
@@ -154,7 +153,7 @@ def test_two_studies_do_not_share_a_folder(tmp_path):
         ("outcomes.csv", "a,b\n1,2\n", "outcomes.csv: its columns are not those of"),
         ("outcomes.csv", outcome_csv.HEADER + "nominal,still\n", "line 2 is no outcome: 'nominal"),
         ("study.json", "{", "study.json: can't be read as a study's settings"),
-        ("failed.csv", "nonsense\n", "failed.csv: is no list of failed trials"),
+        ("failed.csv", "nonsense\n", "failed.csv: is no list of what has failed"),
     ],
 )
 def test_files_of_something_else_are_refused(tmp_path, file, text, problem):
@@ -162,6 +161,10 @@ def test_files_of_something_else_are_refused(tmp_path, file, text, problem):
     with pytest.raises(OutputError, match=problem):
         run(tmp_path)
     assert (tmp_path / file).read_text() == text
+
+
+def interrupt(done, total):
+    raise KeyboardInterrupt
 
 
 def test_trials_that_fail_do_not_stop_the_others_and_are_tried_again(tmp_path):
@@ -180,6 +183,9 @@ def test_trials_that_fail_do_not_stop_the_others_and_are_tried_again(tmp_path):
     )
     with OutcomeStore(tmp_path, SETTINGS, TIMES) as store:
         assert {job for job in JOBS if job not in store} == set(failures)
+    with pytest.raises(KeyboardInterrupt):
+        run(tmp_path, on_progress=interrupt)
+    assert failures == read_failures(tmp_path / "failed.csv")
     left, _ = run(tmp_path, [job for job in JOBS if job.arm == "frozen"])
     assert left == {job: why for job, why in failures.items() if job.arm != "frozen"}
     cured, after = run(tmp_path)
@@ -225,7 +231,7 @@ def test_an_interrupted_study_keeps_what_is_done_and_says_how_to_go_on(tmp_path)
         output, errors = process.communicate(timeout=60)
     assert process.returncode == 130
     assert output == ""
-    assert f"interrupted: the outcomes so far are in {path}; the same command" in errors
+    assert f"interrupted: the trials so far are in {path}; the same command" in errors
     assert errors.count("\n") == 1
     jobs = trial_jobs(["nominal"], list(ARMS), range(4))
     with OutcomeStore(path.parent, {"closing_times": TIMES}, TIMES) as store:

@@ -16,9 +16,10 @@ from drake_pregrasp import OutputError, load_scenario, run
 from drake_pregrasp.cli import main
 from drake_pregrasp.simulation.phases import adapting_phase
 from drake_pregrasp.studies.case_runs import CaseLog, CaseRun
+from drake_pregrasp.studies.failed_file import FAILED
 from drake_pregrasp.studies.settings_file import claim
 from drake_pregrasp.studies.sweep.engines import local_engine
-from drake_pregrasp.studies.sweep.failed_file import FAILED
+from drake_pregrasp.studies.sweep.failed_runs import read_failures
 from drake_pregrasp.studies.sweep.measures import MEASURES
 from drake_pregrasp.studies.sweep.package_digest import package_digest
 from drake_pregrasp.studies.sweep.rows_file import ROWS, RowsFile
@@ -110,6 +111,27 @@ def test_a_failed_run_is_recorded_and_made_again(study, tmp_path, monkeypatch):
     monkeypatch.delenv("FAIL_RUN_3")
     assert make(tmp_path, study) == ({}, whole)
     assert not (tmp_path / FAILED).exists()
+
+
+def test_what_has_failed_is_known_until_it_is_made_again(study, tmp_path, monkeypatch):
+    monkeypatch.setenv("FAIL_RUN_3", "yes")
+    failures, _ = make(tmp_path, study)
+    known = (tmp_path / FAILED).read_bytes()
+
+    def interrupted(maker, runs):
+        raise KeyboardInterrupt
+        yield
+
+    with pytest.raises(KeyboardInterrupt):
+        make(tmp_path, study, engine=interrupted)
+    assert (tmp_path / FAILED).read_bytes() == known
+    assert read_failures(tmp_path / FAILED, study.plan) == failures
+    text = known.decode()
+    for other in ("nonsense\n", text.replace("\n3,", "\n99,"), text.replace("\n3,", "\nx,")):
+        (tmp_path / FAILED).write_text(other)
+        with pytest.raises(OutputError, match=FAILED):
+            make(tmp_path, study)
+        assert (tmp_path / FAILED).read_text() == other
 
 
 def test_rows_of_another_study_are_no_rows(study, tmp_path):
@@ -259,7 +281,7 @@ def test_a_sweep_that_is_ended_keeps_its_rows_and_goes_on(tmp_path, number):
     assert output == ""
     if number != signal.SIGKILL:
         assert process.returncode == 130
-        assert f"interrupted: the rows so far are in {rows}; the same command goes on" in errors
+        assert f"interrupted: the runs so far are in {rows}; the same command goes on" in errors
         assert errors.count("\n") == 1
     study = load_study(file)
     measures = study.config.measures

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from drake_pregrasp.diagrams.estimator_config import EstimatorConfig, filter_noise
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.simulation.output import write_text, writing
 from drake_pregrasp.simulation.scenario_file import shipped_scenarios
 from drake_pregrasp.studies.bench.markdown import table
@@ -61,11 +62,19 @@ def study_faults(
         filter_seeds: How many for the filter's consistency.
         processes: How many runs at a time.
         on_progress: Called with how many runs are done, and how many there are.
+
+    Raises:
+        InvalidArgumentError: If there is no such fault.
+        OutputError: If the folder can't be written to.
     """
+    known = fault_scenarios()
+    names = list(known) if faults is None else list(dict.fromkeys(faults))
+    for name in names:
+        if name not in known:
+            raise InvalidArgumentError(f"{name!r} is no fault; there are: {', '.join(known)}")
     folder = Path(out)
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    names = list(fault_scenarios()) if faults is None else faults
     jobs = [FaultJob(name, seed) for seed in range(seeds) for name in names]
     done = 0
 

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.studies.many_runs import ManyRuns
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.experiment import Experiment
@@ -15,22 +15,6 @@ from drake_pregrasp.studies.static_versus_dynamic.trials import run_missing
 
 NAME = "static-versus-dynamic"
 """Of the study, of its command, and of its folder."""
-
-
-class StudyResult(NamedTuple):
-    """What a run of the study has left.
-
-    Attributes:
-        report: The page.
-        wanted: How many trials were wanted.
-        made: How many of them are there.
-        failed: How many trials of the folder have failed, those of earlier runs included.
-    """
-
-    report: Path
-    wanted: int
-    made: int
-    failed: int
 
 
 def trial_jobs(
@@ -62,7 +46,7 @@ def study_static_versus_dynamic(
     *,
     processes: int | None = None,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
-) -> StudyResult:
+) -> ManyRuns:
     """Runs what is missing and writes the report.
 
     Args:
@@ -97,4 +81,4 @@ def study_static_versus_dynamic(
     )
     if figures:
         write_report(report, outcomes, settings, failures=failures, figures=figures)
-    return StudyResult(report, len(jobs), made, len(failures))
+    return ManyRuns(report, len(jobs), made, len(failures))

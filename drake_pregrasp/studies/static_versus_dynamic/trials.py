@@ -2,19 +2,15 @@
 
 import contextlib
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 from drake_pregrasp.errors import OutputError
 from drake_pregrasp.studies.error_words import in_words
+from drake_pregrasp.studies.failed_file import FAILED, Cells, read_failed, write_failed
 from drake_pregrasp.studies.processes import as_they_end
-from drake_pregrasp.studies.static_versus_dynamic.failures import (
-    FAILED,
-    read_failures,
-    write_failures,
-)
 from drake_pregrasp.studies.static_versus_dynamic.outcome import Outcome, TrialJob
 from drake_pregrasp.studies.static_versus_dynamic.store import OutcomeStore
 
@@ -48,14 +44,9 @@ def run_missing(
         OutputError: If a file can't be written, or a process ended without a word.
     """
     path = folder / FAILED
-    wanted = set(jobs)
     missing = [job for job in jobs if job not in store]
-    failures = {
-        job: why
-        for job, why in read_failures(path).items()
-        if job not in wanted and job not in store
-    }
-    write_failures(path, failures)
+    failures = {job: why for job, why in read_failures(path).items() if job not in store}
+    _write_failures(path, failures)
     on_progress(0, len(missing))
     ended = as_they_end(functools.partial(_attempt, run_trial), missing, processes=processes)
     with contextlib.closing(ended):
@@ -66,11 +57,34 @@ def run_missing(
                 found = _mismatch(found)
             if isinstance(found, str):
                 failures[job] = found
-                write_failures(path, failures)
+                _write_failures(path, failures)
             else:
                 store.append(job, found)
+                if failures.pop(job, None) is not None:
+                    _write_failures(path, failures)
             on_progress(done, len(missing))
     return failures
+
+
+def read_failures(path: Path) -> dict[TrialJob, str]:
+    """Returns which trials have failed, and why, as a file says.
+
+    Raises:
+        OutputError: If it can't be read.
+    """
+    failures = {}
+    for (condition, arm, seed), why in read_failed(path, TrialJob._fields).items():
+        if not seed.isdecimal():
+            raise OutputError(f"{path}: {seed!r} is no seed")
+        failures[TrialJob(condition, arm, int(seed))] = why
+    return failures
+
+
+def _write_failures(path: Path, failures: Mapping[TrialJob, str]) -> None:
+    cells: dict[Cells, str] = {
+        (job.condition, job.arm, str(job.seed)): failures[job] for job in sorted(failures)
+    }
+    write_failed(path, TrialJob._fields, cells)
 
 
 def _attempt(run_trial: Callable[[TrialJob], list[Outcome]], job: TrialJob) -> list[Outcome] | str:

@@ -7,7 +7,7 @@ from typing import Any
 
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.studies.sweep.field_path import overlap
-from drake_pregrasp.studies.sweep.grid_axis import GridAxis, Label, label_of
+from drake_pregrasp.studies.sweep.grid_axis import GridAxis, Label, label_of, label_text
 from drake_pregrasp.studies.sweep.random_axis import RandomAxis
 
 MOST_RUNS = 1_000_000
@@ -32,6 +32,11 @@ class SweepRun:
     labels: tuple[Label, ...]
     seed: int
     changes: Mapping[str, Any]
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """What its row begins with; `SweepPlan.cell_names` names them."""
+        return str(self.index), *map(label_text, self.labels), str(self.seed)
 
 
 @dataclass(frozen=True)
@@ -67,6 +72,11 @@ class SweepPlan:
         names = [axis.name for axis in self.axes]
         fields = [field for axis in self.axes for field in axis.fields]
         return list(dict.fromkeys([*names, *fields]))
+
+    @property
+    def cell_names(self) -> list[str]:
+        """Names of `SweepRun.cells`."""
+        return ["index", *self.columns, "seed"]
 
     def run(self, index: int) -> SweepRun:
         """Returns the run of an index."""

@@ -10,7 +10,6 @@ from typing import Self
 
 from drake_pregrasp.errors import OutputError
 from drake_pregrasp.simulation.output import reading_back, writing
-from drake_pregrasp.studies.sweep.grid_axis import label_text
 from drake_pregrasp.studies.sweep.plan import SweepPlan
 from drake_pregrasp.studies.whole_files import append_safely, replace_whole, whole_lines
 
@@ -49,7 +48,7 @@ class RowsFile:
     def __init__(self, path: Path, plan: SweepPlan, measures: Sequence[str]) -> None:
         self._path = path
         self._plan = plan
-        self._columns = ["index", *plan.columns, "seed", *measures]
+        self._columns = [*plan.cell_names, *measures]
         self._num_values = len(measures)
         self._rows: dict[int, SweepRow] = {}
 
@@ -86,9 +85,8 @@ class RowsFile:
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         for index in indices:
-            run = self._plan.run(index)
-            said = [label_text(label) for label in run.labels]
-            writer.writerow([index, *said, run.seed, *map(repr, self._rows[index].values)])
+            cells = self._plan.run(index).cells
+            writer.writerow([*cells, *map(repr, self._rows[index].values)])
         return text.getvalue()
 
     def _read(self) -> dict[int, SweepRow]:

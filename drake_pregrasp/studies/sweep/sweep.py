@@ -3,14 +3,15 @@
 import contextlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 from pydrake.common.yaml import yaml_dump
 
 from drake_pregrasp.simulation.output import write_text, writing
 from drake_pregrasp.studies import settings_file
+from drake_pregrasp.studies.failed_file import FAILED
+from drake_pregrasp.studies.many_runs import ManyRuns
 from drake_pregrasp.studies.sweep.engines import Engine, Maker
-from drake_pregrasp.studies.sweep.failed_file import FAILED, write_failed
+from drake_pregrasp.studies.sweep.failed_runs import read_failures, write_failures
 from drake_pregrasp.studies.sweep.named_files import named_files
 from drake_pregrasp.studies.sweep.package_digest import package_digest
 from drake_pregrasp.studies.sweep.plan import SweepPlan
@@ -26,29 +27,13 @@ STUDY = "study.yaml"
 """The file of the study with every key."""
 
 
-class SweepResult(NamedTuple):
-    """What a sweep has left.
-
-    Attributes:
-        report: The page.
-        wanted: How many runs it has.
-        made: How many of them have rows.
-        failed: How many have failed.
-    """
-
-    report: Path
-    wanted: int
-    made: int
-    failed: int
-
-
 def sweep(
     study: Study,
     out: str | Path,
     engine: Engine,
     *,
     on_progress: Callable[[int, int], None] = lambda done, total: None,
-) -> SweepResult:
+) -> ManyRuns:
     """Makes the runs of a study that are not there yet, and its report.
 
     Args:
@@ -76,7 +61,7 @@ def sweep(
         found = rows.rows
     report = folder / REPORT
     write_report(report, study, found, failures=failures, settings=settings)
-    return SweepResult(report, len(study.plan), len(found), len(failures))
+    return ManyRuns(report, len(study.plan), len(found), len(failures))
 
 
 def make_missing(
@@ -111,15 +96,18 @@ def make_missing(
         (index for index in range(len(plan)) if index not in rows),
         key=lambda index: (index % len(plan.seeds), index),
     )
-    failures: dict[int, str] = {}
-    write_failed(failed, plan, failures)
+    # What has failed is known until it is made again, whenever that ends.
+    failures = {i: why for i, why in read_failures(failed, plan).items() if i not in rows}
+    write_failures(failed, plan, failures)
     on_progress(0, len(missing))
     with contextlib.closing(engine(make, [plan.run(index) for index in missing])) as ended:
         for done, (run, found) in enumerate(ended, start=1):
             if isinstance(found, str):
                 failures[run.index] = found
-                write_failed(failed, plan, failures)
+                write_failures(failed, plan, failures)
             else:
                 rows.append(run.index, found)
+                if failures.pop(run.index, None) is not None:
+                    write_failures(failed, plan, failures)
             on_progress(done, len(missing))
     return failures

@@ -1,0 +1,46 @@
+"""The command `drake-pregrasp study faults`."""
+
+import argparse
+from typing import Any
+
+from drake_pregrasp.studies.faults.study import PREFIX, SEEDS, study_faults
+from drake_pregrasp.studies.many_runs import check_at_least, names_of
+from drake_pregrasp.studies.step_bar import step_bar
+
+
+def add_command(studies: "argparse._SubParsersAction[Any]") -> None:
+    """Adds the command to those of `study`."""
+    parser = studies.add_parser("faults", help="how the planner stands up to faulty measurements")
+    parser.set_defaults(command=_run)
+    parser.add_argument(
+        "--out", default="study_faults", metavar="FOLDER", help="where the report goes"
+    )
+    parser.add_argument(
+        "--faults",
+        type=names_of,
+        metavar="a,b,...",
+        help=f"which of the shipped scenarios {PREFIX}...; all if not set",
+    )
+    parser.add_argument(
+        "--seeds", type=int, default=SEEDS, metavar="N", help="of each; %(default)s if not set"
+    )
+    parser.add_argument(
+        "--processes",
+        type=int,
+        metavar="N",
+        help="runs at a time; as many as there are processors if not set",
+    )
+
+
+def _run(options: argparse.Namespace) -> int:
+    check_at_least(options, seeds=1, processes=1)
+    with step_bar("run") as on_progress:
+        report = study_faults(
+            options.out,
+            faults=options.faults,
+            seeds=options.seeds,
+            processes=options.processes,
+            on_progress=on_progress,
+        )
+    print(f"report in {report}")
+    return 0
