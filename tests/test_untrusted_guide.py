@@ -19,7 +19,7 @@ CHECKED = (
     "simulation/run_size",
     "planning/mesh_file",
     "planning/mesh_components",
-    "planning/pose_track",
+    "planning/recorded_poses",
     "diagrams/model_files",
 )
 

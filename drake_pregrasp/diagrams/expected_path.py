@@ -16,7 +16,7 @@ from drake_pregrasp.diagrams.object_body import standing_position
 from drake_pregrasp.diagrams.object_config import ObjectConfig
 from drake_pregrasp.diagrams.push_motion import push_direction
 from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.pose_track import read_pose_track
+from drake_pregrasp.planning.recorded_poses import read_recorded_poses
 from drake_pregrasp.planning.velocity_profile import VelocityProfile
 from drake_pregrasp.resources import resolve_path
 
@@ -53,7 +53,7 @@ def expected_path(motion: MotionConfig, duration: float, object_config: ObjectCo
         way = np.linspace(0.0, motion.distance, _SAMPLES)
         path = [start + distance * np.array(push_direction(motion)) for distance in way]
     else:
-        track = read_pose_track(resolve_path(motion.file, Path.cwd()))
+        track = read_recorded_poses(resolve_path(motion.file, Path.cwd()))
         path = [p_WO + R_WO.apply(p_OCoM) for p_WO, R_WO in map(track.at, times)]
     return np.array(path)
 
@@ -65,6 +65,6 @@ def initial_pose(motion: MotionConfig, object_config: ObjectConfig) -> RigidTran
         p_OCoM = object_config.make_shape().p_OCoM
         return RigidTransform(R_WO, np.array(motion.position) - R_WO @ p_OCoM)
     if isinstance(motion, PoseStream):
-        position, rotation = read_pose_track(resolve_path(motion.file, Path.cwd())).at(0.0)
+        position, rotation = read_recorded_poses(resolve_path(motion.file, Path.cwd())).at(0.0)
         return RigidTransform(RotationMatrix(rotation.as_matrix()), position)
     return RigidTransform(standing_position(object_config))

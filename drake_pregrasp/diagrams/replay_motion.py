@@ -10,7 +10,7 @@ from drake_pregrasp.diagrams.motion_config import PoseStream
 from drake_pregrasp.diagrams.moving_object import MovingObject
 from drake_pregrasp.diagrams.object_body import add_object_body
 from drake_pregrasp.diagrams.object_config import ObjectConfig
-from drake_pregrasp.planning.pose_track import read_pose_track
+from drake_pregrasp.planning.recorded_poses import read_recorded_poses
 from drake_pregrasp.resources import resolve_path
 from drake_pregrasp.systems.pose_replay import PoseReplay
 
@@ -30,9 +30,9 @@ def add_replay(
     source = plant.RegisterAsSourceForSceneGraph(scene_graph)
     body = add_object_body(plant, object_config)
     plant.Finalize()
-    track = read_pose_track(resolve_path(motion.file, Path.cwd()))
+    poses = read_recorded_poses(resolve_path(motion.file, Path.cwd()))
     replay = builder.AddNamedSystem(
-        "pose_replay", PoseReplay(track, plant.GetBodyFrameIdOrThrow(body.index()))
+        "pose_replay", PoseReplay(poses, plant.GetBodyFrameIdOrThrow(body.index()))
     )
     builder.Connect(replay.GetOutputPort("geometry_pose"), scene_graph.get_source_pose_port(source))
     return MovingObject(plant, scene_graph, replay.GetOutputPort("X_WO"))

@@ -1,161 +1,172 @@
-"""Poses over time, as a program or a camera records them."""
+"""What a tracker remembers: measurements with the beliefs after them, and a rival belief."""
 
-import csv
-import math
-from collections.abc import Iterator
-from dataclasses import dataclass
-from io import StringIO
-from pathlib import Path
-from typing import NoReturn
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
-from scipy.spatial.transform import Rotation, Slerp
 
-from drake_pregrasp.bounded_file import read_bounded_text
-from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.pose_belief import PoseBelief
+from drake_pregrasp.planning.pose_measurement import MeasurementVerdict, PoseMeasurement
 
-COLUMNS = ("time", "x", "y", "z", "qw", "qx", "qy", "qz")
-"""Columns of a pose stream's CSV file: seconds, metres, and a unit quaternion."""
+_MEASUREMENT_SIZE = 13
 
-MAX_ROWS = 200_000
-"""Most rows of a file: half an hour at 100 Hz."""
+# Where in a track's vector its parts begin.
+_SEEN_FROM = 13
+_RIVAL_FROM = _SEEN_FROM + _MEASUREMENT_SIZE
+_STEPS_FROM = _RIVAL_FROM + PoseBelief.SIZE
 
-MAX_BYTES = 100_000_000
-"""Bytes of a file: 500 for each of its rows."""
 
-MAX_LINE = 10_000
-"""Characters of a line."""
+@dataclass(frozen=True, eq=False)
+class Step:
+    """A measurement that was used, and the belief after it, at its time."""
 
-MAX_DISTANCE = 100.0
-"""Largest coordinate of a position, in metres: beyond it are millimetres by mistake."""
+    measurement: PoseMeasurement
+    belief: PoseBelief
 
-QUATERNION_TOLERANCE = 0.01
-"""By how much a quaternion's length may differ from 1: a few digits are enough."""
+    SIZE: ClassVar[int] = _MEASUREMENT_SIZE + PoseBelief.SIZE
 
-_SHOWN = 40  # Characters of a cell in a message.
-_POSITION, _QUATERNION = slice(1, 4), slice(4, 8)
+    def to_vector(self) -> FloatArray:
+        """Returns it as one vector."""
+        return np.concatenate([self.measurement.to_vector(), self.belief.to_vector()])
+
+    @staticmethod
+    def from_vector(vector: FloatArray) -> "Step":
+        """Inverse of `to_vector`."""
+        return Step(
+            PoseMeasurement.from_vector(vector[:_MEASUREMENT_SIZE]),
+            PoseBelief.from_vector(vector[_MEASUREMENT_SIZE:]),
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class PoseTrack:
-    """Poses of the object O in the world W.
+    """What is remembered of an object's measurements.
 
     Attributes:
-        times: Increasing, shape (k,), in seconds.
-        p_WO: Positions, shape (k, 3), in metres.
-        R_WO: The k orientations.
+        steps: The newest steps, the oldest of them first, shape (memory, `Step.SIZE`); rows that
+            aren't filled yet come first, and have the time -inf.
+        last_seen: The last measurement that was a pose, used or not.
+        rival: What refused measurements that agree with each other say; empty if there are none.
+        rival_count: How many they are.
+        refused: How many outliers there were in a row.
+        noisiness: How much of its expected noise the sensor has shown of late, from 0 to 1.
+        excess: How much larger innovations were of late than expected, as a variance.
+        verdict: What became of the last measurement.
+        last_innovation: Of the newest that was used in time, shape (2, 3).
+        innovation_squared: Of the last one that was compared with a prediction: νᵀ S⁻¹ ν of
+            position and orientation, shape (2,).
     """
 
-    times: FloatArray
-    p_WO: FloatArray
-    R_WO: Rotation
+    steps: FloatArray
+    last_seen: PoseMeasurement
+    rival: PoseBelief
+    rival_count: int
+    refused: int
+    noisiness: float
+    excess: float
+    verdict: MeasurementVerdict
+    last_innovation: FloatArray
+    innovation_squared: FloatArray
 
-    def at(self, time: float) -> tuple[FloatArray, Rotation]:
-        """Returns position and orientation at a time, in seconds.
+    @staticmethod
+    def empty(memory: int) -> "PoseTrack":
+        """Returns the track before the first measurement.
 
-        Positions are interpolated linearly, orientations along the shortest turn (Shoemake's slerp,
-        1985). Before the first pose and after the last one the object stands still.
+        Args:
+            memory: How many steps are remembered, at least 1.
         """
-        row = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, self._last))
-        if row == self._last or time <= self.times[0]:
-            return self.p_WO[row], self.R_WO[row]
-        ends = self.times[row : row + 2]
-        share = (time - ends[0]) / (ends[1] - ends[0])
-        p_WO: FloatArray = (1 - share) * self.p_WO[row] + share * self.p_WO[row + 1]
-        return p_WO, Slerp(ends, self.R_WO[row : row + 2])(time)
+        nothing = Step(PoseMeasurement.none(), PoseBelief.empty()).to_vector()
+        return PoseTrack(
+            steps=np.tile(nothing, (memory, 1)),
+            last_seen=PoseMeasurement.none(),
+            rival=PoseBelief.empty(),
+            rival_count=0,
+            refused=0,
+            noisiness=0.0,
+            excess=1.0,
+            verdict=MeasurementVerdict.NOTHING_NEW,
+            last_innovation=np.zeros((2, 3)),
+            innovation_squared=np.zeros(2),
+        )
+
+    @cached_property
+    def newest(self) -> PoseBelief:
+        """The belief after the newest measurement that was used."""
+        return PoseBelief.from_vector(self.steps[-1, _MEASUREMENT_SIZE:])
 
     @property
-    def _last(self) -> int:
-        return len(self.times) - 1
+    def is_empty(self) -> bool:
+        """Whether no measurement was used yet."""
+        return bool(self.steps[-1, 0] == -np.inf)
 
+    @property
+    def times_seen(self) -> list[float]:
+        """Times of the measurements that are remembered, in seconds."""
+        return [self.last_seen.time, *self.steps[:, 0].tolist()]
 
-def read_pose_track(path: Path) -> PoseTrack:
-    """Reads a CSV file with the columns `COLUMNS`, in any order, beside which there may be others.
+    def divided(self, time: float) -> tuple[FloatArray, FloatArray]:
+        """Returns the steps up to a time, and those after it."""
+        steps = self.steps[self.steps[:, 0] > -np.inf]
+        index = int(np.searchsorted(steps[:, 0], time, side="right"))
+        return steps[:index], steps[index:]
 
-    Raises:
-        InvalidArgumentError: If it can't be used; the line names file, row, column and value. Row 1
-            is the header.
-    """
-    try:
-        rows = list(_rows(path, _lines(path)))
-    except csv.Error as error:
-        raise InvalidArgumentError(f"{path}: can't be read: {error}") from error
-    if not rows:
-        _refuse(path, "has no poses; at least one row must follow the header")
-    table = np.array(rows)
-    quaternions = table[:, _QUATERNION]
-    return PoseTrack(
-        table[:, 0], table[:, _POSITION], Rotation.from_quat(np.roll(quaternions, -1, axis=1))
-    )
+    def judged(self, verdict: MeasurementVerdict) -> "PoseTrack":
+        """Returns the track with nothing more to it than a verdict."""
+        return replace(self, verdict=verdict)
 
-
-def _lines(path: Path) -> Iterator[str]:
-    for number, line in enumerate(StringIO(read_bounded_text(path, MAX_BYTES), newline="")):
-        if len(line) > MAX_LINE:
-            _refuse(path, f"row {number + 1}: has more than {MAX_LINE} characters")
-        yield line
-
-
-def _rows(path: Path, lines: Iterator[str]) -> Iterator[list[float]]:
-    reader = csv.reader(lines)
-    header = [name.strip() for name in next(reader, [])]
-    missing = [name for name in COLUMNS if name not in header]
-    if missing:
-        _refuse(
-            path,
-            f"row 1: lacks the column {missing[0]}; the header must be {','.join(COLUMNS)}",
-        )
-    places = [header.index(name) for name in COLUMNS]
-    previous = -math.inf
-    for number, cells in enumerate(reader, start=2):
-        if number > MAX_ROWS + 1:
-            _refuse(path, f"has more than {MAX_ROWS} rows of poses; take fewer, or cut it up")
-        if not cells:
-            continue
-        if len(cells) != len(header):
-            _refuse(path, f"row {number}: has {len(cells)} cells; the header has {len(header)}")
-        values = [
-            _number(path, number, name, cells[place])
-            for name, place in zip(COLUMNS, places, strict=True)
-        ]
-        _check_row(path, number, values, previous)
-        previous = values[0]
-        yield values
-
-
-def _number(path: Path, row: int, column: str, cell: str) -> float:
-    try:
-        value = float(cell)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        _refuse(
-            path, f"row {row}, column {column}: {cell.strip()[:_SHOWN]!r} must be a finite number"
-        )
-    return value
-
-
-def _check_row(path: Path, row: int, values: list[float], previous: float) -> None:
-    if not values[0] > previous:
-        _refuse(
-            path, f"row {row}, column time: {values[0]:g} must be more than {previous:g} before it"
-        )
-    for column, value in zip(COLUMNS[_POSITION], values[_POSITION], strict=True):
-        if abs(value) > MAX_DISTANCE:
-            _refuse(
-                path,
-                f"row {row}, column {column}: {value:g} m is more than {MAX_DISTANCE:g} m away;"
-                " positions must be in metres, are these millimetres?",
-            )
-    length = math.hypot(*values[_QUATERNION])
-    if abs(length - 1) > QUATERNION_TOLERANCE:
-        _refuse(
-            path,
-            f"row {row}, columns qw to qz: a quaternion of length {length:.4g} must have length 1"
-            f" within {QUATERNION_TOLERANCE}",
+    def begun(self, step: Step, verdict: MeasurementVerdict) -> "PoseTrack":
+        """Returns a track that knows of one step only, and of the sensor what it knew before."""
+        nothing = PoseTrack.empty(len(self.steps))
+        return replace(
+            self,
+            steps=nothing.steps_with(step),
+            rival=nothing.rival,
+            rival_count=0,
+            refused=0,
+            verdict=verdict,
         )
 
+    def steps_with(self, step: Step) -> FloatArray:
+        """Returns the steps with one more, the newest, in place of the oldest."""
+        steps = np.empty_like(self.steps)
+        steps[:-1] = self.steps[1:]
+        steps[-1] = step.to_vector()
+        return steps
 
-def _refuse(path: Path, problem: str) -> NoReturn:
-    raise InvalidArgumentError(f"{path}: {problem}")
+    def rewritten(self, before: FloatArray, steps: Sequence[Step]) -> "PoseTrack":
+        """Returns the track whose steps after `before` are others."""
+        memory = len(self.steps)
+        rows = np.vstack([PoseTrack.empty(memory).steps, before, *(s.to_vector() for s in steps)])
+        return replace(self, steps=rows[-memory:])
+
+    def to_vector(self) -> FloatArray:
+        """Returns it as one vector, for a discrete state."""
+        return np.concatenate(
+            [
+                [self.rival_count, self.refused, self.noisiness, self.excess, self.verdict],
+                self.innovation_squared,
+                self.last_innovation.ravel(),
+                self.last_seen.to_vector(),
+                self.rival.to_vector(),
+                self.steps.ravel(),
+            ]
+        )
+
+    @staticmethod
+    def from_vector(vector: FloatArray) -> "PoseTrack":
+        """Inverse of `to_vector`."""
+        return PoseTrack(
+            steps=vector[_STEPS_FROM:].reshape(-1, Step.SIZE),
+            last_seen=PoseMeasurement.from_vector(vector[_SEEN_FROM:_RIVAL_FROM]),
+            rival=PoseBelief.from_vector(vector[_RIVAL_FROM:_STEPS_FROM]),
+            rival_count=int(vector[0]),
+            refused=int(vector[1]),
+            noisiness=float(vector[2]),
+            excess=float(vector[3]),
+            verdict=MeasurementVerdict(int(vector[4])),
+            innovation_squared=vector[5:7],
+            last_innovation=vector[7:_SEEN_FROM].reshape(2, 3),
+        )

@@ -19,8 +19,8 @@ from drake_pregrasp.planning.pose_filter import (
     innovation,
     predict,
 )
-from drake_pregrasp.planning.pose_history import PoseTrack, Step
 from drake_pregrasp.planning.pose_measurement import OLDEST, MeasurementVerdict, PoseMeasurement
+from drake_pregrasp.planning.pose_track import PoseTrack, Step
 from drake_pregrasp.planning.shown_noise import excess_after, noisiness_after
 
 _VAGUE = 1.0  # Radians: a prior less certain of its orientation can't tell which way it turned.

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from drake_pregrasp.diagrams.motion_config import Conveyor, MotionConfig, PoseStream, Push, Toss
 from drake_pregrasp.diagrams.push_motion import push_direction
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
-from drake_pregrasp.planning.pose_track import read_pose_track
+from drake_pregrasp.planning.recorded_poses import read_recorded_poses
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.resources import resolve_path
 
@@ -46,7 +46,7 @@ def check_motion(source: str, motion: MotionConfig, surface: ObjectSurface) -> N
             )
     elif isinstance(motion, PoseStream):
         try:
-            read_pose_track(resolve_path(motion.file, Path.cwd()))
+            read_recorded_poses(resolve_path(motion.file, Path.cwd()))
         except InvalidArgumentError as error:
             raise ScenarioError(source, "motion.file", str(error)) from error
 

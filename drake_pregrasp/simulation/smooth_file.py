@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.diagrams.estimator_config import EstimatorConfig, filter_noise
 from drake_pregrasp.planning.pose_smoother import filter_poses, smooth
-from drake_pregrasp.planning.pose_track import COLUMNS, read_pose_track
+from drake_pregrasp.planning.recorded_poses import COLUMNS, read_recorded_poses
 from drake_pregrasp.simulation.output import write_text
 from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.yaml_text import load_typed, parse_yaml, without_private
@@ -51,7 +51,7 @@ def smooth_file(source: Path, target: Path, config: EstimatorConfig) -> int:
         InvalidArgumentError: If the source can't be used.
         OutputError: If the target can't be written.
     """
-    track = read_pose_track(source)
+    track = read_recorded_poses(source)
     noise = filter_noise(config)
     beliefs = smooth(filter_poses(track.times, track.p_WO, track.R_WO.as_matrix(), noise), noise)
     lines = [",".join((*COLUMNS, *VELOCITY_COLUMNS))]

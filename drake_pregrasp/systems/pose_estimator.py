@@ -16,8 +16,8 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.pose_belief import PoseBelief, PoseFilterNoise
 from drake_pregrasp.planning.pose_filter import predict
-from drake_pregrasp.planning.pose_history import PoseTrack
 from drake_pregrasp.planning.pose_measurement import OLDEST, PoseMeasurement
+from drake_pregrasp.planning.pose_track import PoseTrack
 from drake_pregrasp.planning.pose_tracker import TrackerSettings, take
 from drake_pregrasp.planning.ticks import tick_is_due
 from drake_pregrasp.planning.tracking_status import TrackingStatus, tracking_status

@@ -6,11 +6,11 @@ from pydrake.geometry import FrameId, FramePoseVector
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, LeafSystem
 
-from drake_pregrasp.planning.pose_track import PoseTrack
+from drake_pregrasp.planning.recorded_poses import RecordedPoses
 
 
 class PoseReplay(LeafSystem):
-    """Emits the pose of a track at the Context's time.
+    """Emits the recorded pose at the Context's time.
 
     .. pydrake_system::
 
@@ -24,13 +24,13 @@ class PoseReplay(LeafSystem):
     Port `geometry_pose` emits a `FramePoseVector`: the same for SceneGraph.
 
     Args:
-        track: The poses.
+        poses: What is replayed.
         frame_id: The object's frame in SceneGraph; a new one if left out, for a diagram without.
     """
 
-    def __init__(self, track: PoseTrack, frame_id: FrameId | None = None) -> None:
+    def __init__(self, poses: RecordedPoses, frame_id: FrameId | None = None) -> None:
         super().__init__()
-        self._track = track
+        self._poses = poses
         self._frame_id = FrameId.get_new_id() if frame_id is None else frame_id
         self._pose = self.DeclareAbstractOutputPort(
             "X_WO",
@@ -46,7 +46,7 @@ class PoseReplay(LeafSystem):
         )
 
     def _calc_pose(self, context: Context, output: AbstractValue) -> None:
-        p_WO, R_WO = self._track.at(context.get_time())
+        p_WO, R_WO = self._poses.at(context.get_time())
         x, y, z, w = R_WO.as_quat()
         output.set_value(RigidTransform(RotationMatrix(Quaternion(w, x, y, z)), p_WO))
 

@@ -14,7 +14,7 @@ from drake_pregrasp.diagrams import toss_motion
 from drake_pregrasp.diagrams.expected_path import expected_path
 from drake_pregrasp.diagrams.motion_config import Conveyor, PoseStream, Push, Toss
 from drake_pregrasp.diagrams.object_config import Box
-from drake_pregrasp.planning.pose_track import read_pose_track
+from drake_pregrasp.planning.recorded_poses import read_recorded_poses
 from drake_pregrasp.planning.velocity_profile import VelocityProfile
 from drake_pregrasp.resources import resource_folder
 
@@ -160,7 +160,7 @@ def test_a_push_off_the_centre_turns_the_object():
 def test_a_pose_stream_is_followed_as_recorded_and_shown():
     file = "package://drake_pregrasp/carried_by_hand.csv"
     plant = ObjectPlant(Box(), PoseStream(file=file), MultibodyPlantConfig(time_step=0.01))
-    track = read_pose_track(resource_folder("models") / "carried_by_hand.csv")
+    track = read_recorded_poses(resource_folder("models") / "carried_by_hand.csv")
     context = plant.CreateDefaultContext()
     frame = plant.plant.GetBodyFrameIdOrThrow(plant.plant.GetBodyByName("cube").index())
     for time in (0.0, 1.234, 9.0):

@@ -9,8 +9,8 @@ from scipy.spatial.transform import Rotation
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.planning.pose_belief import PoseFilterNoise
 from drake_pregrasp.planning.pose_filter import first_belief, predict, update
-from drake_pregrasp.planning.pose_history import PoseTrack
 from drake_pregrasp.planning.pose_measurement import OLDEST, MeasurementVerdict, PoseMeasurement
+from drake_pregrasp.planning.pose_track import PoseTrack
 from drake_pregrasp.planning.pose_tracker import TrackerSettings, take
 from drake_pregrasp.planning.usable_inputs import FARTHEST
 

@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform
 
 from drake_pregrasp import load_scenario, run, shipped_scenarios
 from drake_pregrasp.diagrams.expected_path import expected_path
-from drake_pregrasp.planning.pose_track import read_pose_track
+from drake_pregrasp.planning.recorded_poses import read_recorded_poses
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.recording import camera_pose
 from drake_pregrasp.simulation.smooth_file import CARRIED, load_estimator, smooth_file
@@ -84,7 +84,7 @@ def test_a_pose_stream_is_run_again_from_its_run_folder(tmp_path):
 
 
 def test_a_smoothed_file_is_a_stream_that_is_nearer_to_the_truth(tmp_path):
-    truth = read_pose_track(resource_folder("models") / "carried_by_hand.csv")
+    truth = read_recorded_poses(resource_folder("models") / "carried_by_hand.csv")
     rng = np.random.default_rng(3)
     noisy, smoothed = tmp_path / "noisy.csv", tmp_path / "smoothed.csv"
     p = truth.p_WO + rng.normal(scale=0.003, size=truth.p_WO.shape)
@@ -93,7 +93,7 @@ def test_a_smoothed_file_is_a_stream_that_is_nearer_to_the_truth(tmp_path):
     header = "time,x,y,z,qw,qx,qy,qz"
     np.savetxt(noisy, rows, delimiter=",", header=header, comments="")
     assert smooth_file(noisy, smoothed, load_estimator("{position_std: 0.003}")) == len(rows)
-    after = read_pose_track(smoothed)
+    after = read_recorded_poses(smoothed)
     np.testing.assert_array_equal(after.times, truth.times)
     errors = [np.linalg.norm(x - truth.p_WO) for x in (p, after.p_WO)]
     assert errors[1] < 0.8 * errors[0]

@@ -28,7 +28,7 @@ from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.motion_config import Conveyor
 from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.planning.grasp_state import GraspSettings
-from drake_pregrasp.planning.pose_track import PoseTrack
+from drake_pregrasp.planning.recorded_poses import RecordedPoses
 from drake_pregrasp.planning.region_constraints import RegionConstraints
 from drake_pregrasp.planning.solids import BallSolid, BoxSolid
 from drake_pregrasp.planning.velocity_profile import VelocityProfile
@@ -161,7 +161,7 @@ MAKERS = {
     ObjectPlant: lambda s, c: ObjectPlant(Box(), Conveyor(), PLANT),
     PoseEstimator: lambda s, c: PoseEstimator(period=0.1, noise=filter_noise(EstimatorConfig())),
     PoseReplay: lambda s, c: PoseReplay(
-        PoseTrack(np.zeros(1), np.zeros((1, 3)), Rotation.identity(1))
+        RecordedPoses(np.zeros(1), np.zeros((1, 3)), Rotation.identity(1))
     ),
     PregraspPlanner: lambda s, c: PregraspPlanner(PlannerConfig(), s, c),
     PregraspVisualizer: lambda s, c: PregraspVisualizer(

@@ -9,7 +9,7 @@ from pydrake.systems.primitives import AddRandomInputs
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.planning.pose_track import PoseTrack
+from drake_pregrasp.planning.recorded_poses import RecordedPoses
 from drake_pregrasp.planning.velocity_profile import VelocityProfile
 from drake_pregrasp.systems.body_pose import BodyPose
 from drake_pregrasp.systems.contact_weights import ContactWeights
@@ -38,13 +38,15 @@ def test_a_constant_motion_commands_position_and_rate():
     np.testing.assert_array_equal(commanded(motion, 3.0), [0.1 * 3.0, -0.5 * 3.0, 0.1, -0.5])
 
 
-def track(times=(1.0, 2.0, 4.0)):
+def recorded(times=(1.0, 2.0, 4.0)):
     p = np.array([[0.0, 0, 0], [1, 0, 0], [1, 2, 0]])
-    return PoseTrack(np.array(times), p, Rotation.from_rotvec([[0, 0, 0], [0, 0, 1], [0, 0, -1]]))
+    return RecordedPoses(
+        np.array(times), p, Rotation.from_rotvec([[0, 0, 0], [0, 0, 1], [0, 0, -1]])
+    )
 
 
 def test_a_replay_passes_through_the_recorded_poses_and_stands_still_outside():
-    replay = PoseReplay(track())
+    replay = PoseReplay(recorded())
     context = replay.CreateDefaultContext()
     for time, p_WO, yaw in (
         (0.0, [0, 0, 0], 0.0),

@@ -18,8 +18,8 @@ from drake_pregrasp.diagrams.estimator_config import EstimatorConfig, filter_noi
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.pose_belief import PoseFilterNoise
-from drake_pregrasp.planning.pose_history import PoseTrack
 from drake_pregrasp.planning.pose_measurement import PoseMeasurement
+from drake_pregrasp.planning.pose_track import PoseTrack
 from drake_pregrasp.planning.pose_tracker import TrackerSettings, take
 from drake_pregrasp.simulation.scenario_file import load_scenario
 

@@ -9,7 +9,7 @@ from typing import Any
 from drake_pregrasp.diagrams.hand_parsing import model_path
 from drake_pregrasp.diagrams.model_files import check_model_files, names_in_part
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
-from drake_pregrasp.planning.pose_track import MAX_BYTES
+from drake_pregrasp.planning.recorded_poses import MAX_BYTES
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_paths import make_paths_absolute

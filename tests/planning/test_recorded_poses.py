@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.planning import pose_track
-from drake_pregrasp.planning.pose_track import PoseTrack, read_pose_track
+from drake_pregrasp.planning import recorded_poses
+from drake_pregrasp.planning.recorded_poses import RecordedPoses, read_recorded_poses
 from drake_pregrasp.resources import resource_folder
 
 HEADER = "time,x,y,z,qw,qx,qy,qz\n"
@@ -16,7 +16,7 @@ GOOD = "0,1,2,3,1,0,0,0\n"
 def read(tmp_path, text):
     file = tmp_path / "poses.csv"
     file.write_bytes(text.encode() if isinstance(text, str) else text)
-    return read_pose_track(file)
+    return read_recorded_poses(file)
 
 
 def test_rows_become_poses(tmp_path):
@@ -62,8 +62,8 @@ def test_bad_files_are_refused_in_one_line(tmp_path, text, problem):
 
 def test_files_that_are_not_there_or_too_long_are_refused(tmp_path, monkeypatch):
     with pytest.raises(InvalidArgumentError, match="can't be read"):
-        read_pose_track(tmp_path / "none.csv")
-    monkeypatch.setattr(pose_track, "MAX_ROWS", 2)
+        read_recorded_poses(tmp_path / "none.csv")
+    monkeypatch.setattr(recorded_poses, "MAX_ROWS", 2)
     rows = [f"{k},0,0,0,1,0,0,0\n" for k in range(3)]
     assert len(read(tmp_path, HEADER + "".join(rows[:2])).times) == 2
     with pytest.raises(InvalidArgumentError, match="more than 2 rows"):
@@ -75,7 +75,7 @@ def test_between_poses_the_object_is_between_them(time, share):
     times = np.array([0.0, 1.0, 3.0])
     p = np.array([[0.0, 0, 0], [1, 2, 3], [-1, 0, 4]])
     R = Rotation.from_rotvec([[0, 0, 0], [0.5, 1, 0], [2, -1, 1]])
-    track = PoseTrack(times, p, R)
+    track = RecordedPoses(times, p, R)
     p_WO, R_WO = track.at(time)
     np.testing.assert_allclose(
         p_WO, [np.interp(time, times, p[:, axis]) for axis in range(3)], atol=1e-12
@@ -90,7 +90,7 @@ def test_between_poses_the_object_is_between_them(time, share):
 
 
 def test_the_shipped_stream_is_what_its_formula_says():
-    track = read_pose_track(resource_folder("models") / "carried_by_hand.csv")
+    track = read_recorded_poses(resource_folder("models") / "carried_by_hand.csv")
     s = track.times / 6
     swell = np.sin(np.pi * s) ** 2
     np.testing.assert_allclose(track.p_WO[:, 0], 0.4 * swell * np.cos(2 * np.pi * s), atol=1e-6)
