@@ -82,6 +82,7 @@ def test_median_and_range_leave_out_what_is_no_number(study):
     rows = [SweepRow(k, (v, v, v, v)) for k, v in enumerate([3.0, 1.0, float("nan"), 2.0])]
     spread = SweepResults(study.plan, MEASURES, rows).spread("ticks", np.arange(4))
     assert (spread.low, spread.median, spread.high) == (1, 2, 3)
+    assert (spread.first_quartile, spread.third_quartile) == (1.5, 2.5)
 
 
 def test_colours_show_another_axis_of_few_values(study):

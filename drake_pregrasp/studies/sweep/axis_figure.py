@@ -8,8 +8,10 @@ from typing import Any
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter
 
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
 from drake_pregrasp.studies.sweep.measures import MEASURES
@@ -25,6 +27,7 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _LOG_RATIO = 20.0
 _LIGHTEST = 0.82  # Of viridis: what is lighter is pale on white.
 _WIDTH = 0.6  # Of the colours of one value, side by side; the next value's are 1 further on.
+_LEAST_SPAN = 2e-3  # Of a panel, as a share of its largest value: less is no difference to show.
 _UNITS = {
     "m": ("position_std", "position_spread", "size", "spacing", "radius", "clearance", "standoff"),
     "rad": ("orientation_std", "direction"),
@@ -47,7 +50,7 @@ def axis_label(name: str) -> str:
 def plot_axis(
     path: Path, results: SweepResults, axis: str, measures: Sequence[str], color_axis: str | None
 ) -> None:
-    """Plots measures against an axis, a panel each: medians, and ranges over all other runs.
+    """Plots measures against an axis, a panel each: medians and quartiles over other runs.
 
     Args:
         path: Of the PNG.
@@ -106,7 +109,9 @@ def _plot_groups(
     groups = results.groups(axis)
     spreads = [results.spread(measure, np.intersect1d(group.places, places)) for group in groups]
     medians = np.array([s.median for s in spreads])
-    low, high = np.array([s.low for s in spreads]), np.array([s.high for s in spreads])
+    # The extremes of many runs say little of them, and would leave the panel to a few.
+    low = np.array([s.first_quartile for s in spreads])
+    high = np.array([s.third_quartile for s in spreads])
     if results.is_numeric(axis):
         x = np.array([float(group.value) for group in groups])
         panel.fill_between(x, low, high, color=style["color"], alpha=0.13, linewidth=0)
@@ -133,6 +138,13 @@ def _finish(panel: Axes, results: SweepResults, axis: str, measure: str) -> None
         panel.set_xticks(range(len(groups)), [_plain(g.label) for g in groups], rotation=20)
     if _wide(results.values[measure]):
         panel.set_yscale("log")
+        _write_out(panel.yaxis)
+    else:
+        panel.ticklabel_format(axis="y", useOffset=False)
+        low, high = panel.get_ylim()
+        lacking = _LEAST_SPAN * max(abs(low), abs(high)) - (high - low)
+        if lacking > 0:  # What is nearly always the same looks so.
+            panel.set_ylim(low - lacking / 2, high + lacking / 2)
     panel.grid(visible=True, color="0.9", linewidth=0.6)
     panel.set_axisbelow(True)
     panel.spines[["top", "right"]].set_visible(False)
@@ -146,6 +158,13 @@ def _scale(panel: Axes, numbers: FloatArray) -> None:
             panel.set_xscale("log")
         else:
             panel.set_xscale("symlog", linthresh=above.min())
+        _write_out(panel.xaxis)
+
+
+def _write_out(scale: Axis) -> None:
+    """Writes a logarithmic axis' numbers without powers of ten."""
+    scale.set_major_formatter(lambda value, place: f"{value:g}")
+    scale.set_minor_formatter(LogFormatter(labelOnlyBase=False))
 
 
 def _wide(values: FloatArray) -> bool:

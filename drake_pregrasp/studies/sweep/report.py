@@ -105,7 +105,7 @@ def _axis(path: Path, results: SweepResults, axis: str) -> list[str]:
     if results.is_continuous(axis):
         caption = f"A point for each run, over {over}."
     else:
-        caption = f"Median, and range from least to most, over {over}."
+        caption = f"Median, and the middle half, over {over}."
     if color is not None:
         caption += f" Colours: {color}."
     with TemporaryDirectory() as folder, writing(path):

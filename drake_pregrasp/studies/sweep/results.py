@@ -1,6 +1,6 @@
 """The rows of a sweep by columns, for its report."""
 
-import statistics
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -34,11 +34,21 @@ class Group(NamedTuple):
 
 @dataclass(frozen=True)
 class Spread:
-    """Median and range of a measure; nan where no run has a number."""
+    """How a measure is spread over runs; nan where none has a number.
+
+    Attributes:
+        median: Half of the runs have less.
+        low: The least of all.
+        high: The most of all.
+        first_quartile: A quarter of the runs has less.
+        third_quartile: A quarter of the runs has more.
+    """
 
     median: float
     low: float
     high: float
+    first_quartile: float
+    third_quartile: float
 
 
 class SweepResults:
@@ -91,12 +101,13 @@ class SweepResults:
         ]
 
     def spread(self, measure: str, places: IntArray) -> Spread:
-        """Returns median and range of a measure over some rows."""
+        """Returns how a measure is spread over some rows."""
         values = self.values[measure][places]
         values = values[np.isfinite(values)]
         if not len(values):
-            return Spread(np.nan, np.nan, np.nan)
-        return Spread(statistics.median(values), float(values.min()), float(values.max()))
+            return Spread(*[math.nan] * 5)
+        low, first, median, third, high = np.quantile(values, np.linspace(0, 1, 5)).tolist()
+        return Spread(median, low, high, first, third)
 
     def _quarters(self, axis: str) -> list[Group]:
         numbers = self.numbers(axis)
