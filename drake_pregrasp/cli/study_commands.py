@@ -9,6 +9,7 @@ from drake_pregrasp.studies.faults import command as faults
 from drake_pregrasp.studies.gallery import make_gallery
 from drake_pregrasp.studies.grasp_pictures import picture_grasps
 from drake_pregrasp.studies.lookahead import study_lookahead
+from drake_pregrasp.studies.many_runs import names_of
 from drake_pregrasp.studies.published import SCENARIOS
 from drake_pregrasp.studies.reproduce import reproduce
 from drake_pregrasp.studies.shapes import study_shapes
@@ -62,7 +63,7 @@ def add_commands(commands: "argparse._SubParsersAction[Any]") -> None:
 
 
 def _reproduce(options: argparse.Namespace) -> int:
-    cases = [case.strip() for case in options.cases.split(",")]
+    cases = names_of(options.cases)
     start = time.perf_counter()
     with step_bar() as on_progress:
         report = reproduce(options.out, cases, on_progress=on_progress)

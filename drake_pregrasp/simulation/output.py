@@ -24,6 +24,8 @@ def _naming(path: Path, what: str) -> Iterator[None]:
     except OSError as error:
         where, why = error.filename or path, error.strerror or error
         raise OutputError(f"{where}: can't be {what}: {why}") from error
+    except UnicodeDecodeError as error:
+        raise OutputError(f"{path}: can't be {what}: is no text in UTF-8") from error
 
 
 def write_text(path: Path, text: str) -> None:

@@ -54,7 +54,7 @@ def parse_yaml(source: str, text: str) -> Any:
     except ScenarioError:
         raise
     except Exception as error:  # Constructors raise whatever dates and numbers do.
-        problem = " ".join(str(error).split()) or type(error).__name__
+        problem = _words(error)
         raise ScenarioError(source, "", f"is no YAML: {problem}") from error
 
 
@@ -63,6 +63,12 @@ def without_private(data: Any) -> Any:
     if not isinstance(data, dict):
         return data
     return {key: value for key, value in data.items() if not str(key).startswith("_")}
+
+
+def dump_yaml(data: Any) -> str:
+    """Returns the text of data from `parse_yaml`: in its order, with its tags."""
+    text: str = yaml.dump(data, Dumper=_Dumper, allow_unicode=True, sort_keys=False)
+    return text
 
 
 def load_typed(schema: type, data: Any, defaults: Any) -> Any:
@@ -76,6 +82,14 @@ def load_typed(schema: type, data: Any, defaults: Any) -> Any:
     # Drake's loader takes text only. This text is plain: no tags, and no alias that isn't small.
     text = yaml.dump(data, Dumper=_DUMPER, allow_unicode=True, default_flow_style=True)
     return yaml_load_typed(schema=schema, data=text, defaults=defaults)
+
+
+def _words(error: Exception) -> str:
+    """Returns what is wrong, and on which line if the error knows, without its excerpts."""
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem:
+        mark = error.problem_mark
+        return error.problem if mark is None else f"line {mark.line + 1}: {error.problem}"
+    return " ".join(str(error).split()) or type(error).__name__
 
 
 def _bounded_events(source: str, text: str) -> Iterator[yaml.Event]:
@@ -180,6 +194,10 @@ class _Loader(Composer, SafeConstructor, Resolver):
 
     def construct_tagged(self, tag: str, node: yaml.Node) -> dict[Any, Any]:
         """Returns a mapping with its tag."""
+        if not isinstance(node, yaml.MappingNode):
+            raise self._error(
+                node, f"the tag {tag[:_SHOWN]} is of no mapping, as that of !Box {{}} is"
+            )
         mapping: dict[Any, Any] = self.construct_mapping(node, deep=True)
         mapping[TAG_KEY] = tag
         return mapping
@@ -187,3 +205,15 @@ class _Loader(Composer, SafeConstructor, Resolver):
 
 _Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_number)
 _Loader.add_multi_constructor("", _Loader.construct_tagged)
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes mappings with their tags."""
+
+    def represent_tagged(self, data: dict[Any, Any]) -> yaml.Node:
+        """Returns the node of a mapping."""
+        rest = {key: value for key, value in data.items() if key != TAG_KEY}
+        return self.represent_mapping(data.get(TAG_KEY, Resolver.DEFAULT_MAPPING_TAG), rest)
+
+
+_Dumper.add_representer(dict, _Dumper.represent_tagged)

@@ -11,6 +11,9 @@ from drake_pregrasp.studies.failed_file import FAILED
 from drake_pregrasp.studies.interruptible import INTERRUPTED_STATUS, interruptible
 from drake_pregrasp.studies.step_bar import step_bar
 
+MOST_SEEDS = 10_000
+"""How many seeds a study may have."""
+
 FAILED_STATUS = 1
 """Exit status if some runs have failed."""
 
@@ -22,7 +25,7 @@ class ManyRuns(NamedTuple):
         report: The page.
         wanted: How many runs were wanted.
         made: How many of them are there.
-        failed: How many have failed, of all that the folder knows of.
+        failed: How many of them have failed.
     """
 
     report: Path
@@ -55,26 +58,32 @@ def carry_out(
     print(f"report in {found.report}: open it in a browser")
     if found.failed:
         print(
-            f"drake-pregrasp: {found.failed} {noun}s failed: {results.with_name(FAILED)} says why;"
-            " the same command tries them again",
+            f"drake-pregrasp: {_counted(found.failed, noun)} failed:"
+            f" {results.with_name(FAILED)} says why; the same command tries again",
             file=sys.stderr,
         )
         return FAILED_STATUS
     return 0
 
 
-def check_at_least(options: argparse.Namespace, **least: int) -> None:
+def check_bounds(options: argparse.Namespace, **bounds: tuple[int, int | None]) -> None:
     """Checks options that are whole numbers, or not set.
 
     Raises:
-        InvalidArgumentError: If one is less than it has to be.
+        InvalidArgumentError: If one is less than the first of its bounds, or more than the second.
     """
-    for name, bound in least.items():
+    for name, (least, most) in bounds.items():
         value = getattr(options, name)
-        if value is not None and value < bound:
-            raise InvalidArgumentError(f"--{name}: {value} must be {bound} or more")
+        if value is not None and value < least:
+            raise InvalidArgumentError(f"--{name}: {value} must be {least} or more")
+        if value is not None and most is not None and value > most:
+            raise InvalidArgumentError(f"--{name}: {value} must be {most} or less")
 
 
 def names_of(text: str) -> list[str]:
     """Returns the names in a list that commas separate."""
     return [name.strip() for name in text.split(",")]
+
+
+def _counted(number: int, noun: str) -> str:
+    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"

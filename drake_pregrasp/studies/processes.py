@@ -93,8 +93,9 @@ def _in_one_pool(
                 # One more for each process, so that none waits for the next.
                 while indices and len(under_way) < 2 * workers and not broken:
                     try:
-                        under_way[pool.submit(function, jobs[indices[0]])] = indices[0]
-                        indices.popleft()
+                        with _without_interrupts():
+                            future = pool.submit(function, jobs[indices[0]])
+                        under_way[future] = indices.popleft()
                     except BrokenProcessPool:
                         broken = True
                 for future in wait(under_way, return_when=FIRST_COMPLETED).done:
@@ -105,9 +106,23 @@ def _in_one_pool(
             raise
 
 
+@contextlib.contextmanager
+def _without_interrupts() -> Generator[None, None, None]:
+    """Holds interrupts back: a process that begins inside has them held back, too.
+
+    A terminal interrupts them all, also those that still import what they need.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 def _prepare() -> None:
     # Interrupts reach the parent, which then ends the rest in order.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

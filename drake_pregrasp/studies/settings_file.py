@@ -8,8 +8,16 @@ from pathlib import Path
 from typing import IO, Any
 
 from drake_pregrasp.errors import OutputError
+from drake_pregrasp.simulation.output import reading_back
 
 _ANOTHER = "choose another folder with --out"
+
+
+def text_keys(data: Any) -> Any:
+    """Returns data with texts for keys, as JSON has them: those of one mapping can be sorted."""
+    if isinstance(data, Mapping):
+        return {str(key): text_keys(value) for key, value in data.items()}
+    return [text_keys(value) for value in data] if isinstance(data, list | tuple) else data
 
 
 def digest(settings: Mapping[str, Any]) -> str:
@@ -45,7 +53,8 @@ def _check(file: IO[str], path: Path, settings: Mapping[str, Any]) -> None:
     except BlockingIOError as error:
         raise OutputError(f"{path}: another process works on this study; {_ANOTHER}") from error
     file.seek(0)
-    text = file.read()
+    with reading_back(path):
+        text = file.read()
     if not text:
         content = {"digest": digest(settings), "settings": json.loads(_canonical(settings))}
         file.write(json.dumps(content, indent=1, sort_keys=True) + "\n")
@@ -62,7 +71,7 @@ def _check(file: IO[str], path: Path, settings: Mapping[str, Any]) -> None:
 
 
 def _canonical(settings: Mapping[str, Any]) -> str:
-    return json.dumps(settings, sort_keys=True, separators=(",", ":"))
+    return json.dumps(text_keys(settings), sort_keys=True, separators=(",", ":"))
 
 
 def _differences(theirs: Any, ours: Any, path: str = "") -> list[str]:

@@ -96,7 +96,11 @@ def test_without_a_gate_outliers_do_harm():
 
 def test_each_fault_has_a_row_in_the_report(tmp_path):
     faults = list(fault_scenarios())[-2:]
-    report = study_faults(tmp_path, faults=faults, seeds=2, filter_seeds=2)
+    steps = []
+    report = study_faults(
+        tmp_path, faults=faults, seeds=2, filter_seeds=2, on_progress=lambda *s: steps.append(s)
+    )
+    assert steps == [(done, 7) for done in range(1, 8)]
     text = report.read_text(encoding="utf-8")
     assert [f"| `{name}` |" in text for name in fault_scenarios()][-3:] == [False, True, True]
     rows = list(csv.DictReader((tmp_path / "faults.csv").read_text().splitlines()))
@@ -109,8 +113,12 @@ def test_each_fault_has_a_row_in_the_report(tmp_path):
 @pytest.mark.parametrize(
     ("option", "problem"),
     [
-        (["--faults", "fault_nan,nan"], "'nan' is no fault; there are: fault_white_noise, "),
+        (
+            ["--faults", "fault_nan,nan"],
+            "faults: 'nan' is no scenario with faults; there are: fault_white_noise, ",
+        ),
         (["--seeds", "0"], "--seeds: 0 must be 1 or more"),
+        (["--seeds", "1000000000"], "--seeds: 1000000000 must be 10000 or less"),
         (["--processes", "-1"], "--processes: -1 must be 1 or more"),
     ],
 )
@@ -133,7 +141,8 @@ def test_the_command_studies_what_it_is_asked_for(monkeypatch, capsys):
     flags = ["--faults", "fault_nan, fault_bias", "--seeds", "3", "--processes", "1"]
     assert main(["study", "faults", "--out", "here", *flags]) == 0
     faults = ["fault_nan", "fault_bias"]
-    assert asked == {"out": "here", "faults": faults, "seeds": 3, "processes": 1}
+    options = {"faults": faults, "seeds": 3, "filter_seeds": 0, "processes": 1}
+    assert asked == {"out": "here", **options}
     assert capsys.readouterr().out == "report in here\n"
 
 

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up_sweeps import STUDY, write_study
-from pydrake.common.yaml import yaml_dump
 
 from drake_pregrasp import ScenarioError, load_scenario
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.scenario_file import scenario_data, scenario_from_data
+from drake_pregrasp.simulation.yaml_text import dump_yaml
 from drake_pregrasp.studies.sweep.field_path import overlap, read_field, set_field
 from drake_pregrasp.studies.sweep.grid_axis import GridAxis
 from drake_pregrasp.studies.sweep.named_files import named_files
@@ -184,7 +184,7 @@ def test_overlap_is_of_whole_names():
 
 def test_a_study_with_every_key_is_the_same_study(tmp_path):
     study = load_study(write_study(tmp_path))
-    (tmp_path / "again.yaml").write_text(yaml_dump(study.resolved))
+    (tmp_path / "again.yaml").write_text(dump_yaml(study.resolved))
     again = load_study(str(tmp_path / "again.yaml"))
     assert (again.resolved, again.plan) == (study.resolved, study.plan)
     assert len(study.plan) == 2 * 2 * STUDY["seeds"]
@@ -196,7 +196,7 @@ def test_a_scenario_of_ones_own_is_found_beside_the_study(tmp_path):
     assert study.scenario["motion"]["linear_velocity"] == 0.0005
     assert study.config.scenario == "slow"
     (tmp_path / "out").mkdir()
-    (tmp_path / "out" / "study.yaml").write_text(yaml_dump(study.resolved))
+    (tmp_path / "out" / "study.yaml").write_text(dump_yaml(study.resolved))
     again = load_study(str(tmp_path / "out" / "study.yaml"))
     assert (again.resolved, again.plan) == (study.resolved, study.plan)
 

@@ -19,7 +19,6 @@ from drake_pregrasp.studies.case_runs import CaseLog, CaseRun
 from drake_pregrasp.studies.failed_file import FAILED
 from drake_pregrasp.studies.settings_file import claim
 from drake_pregrasp.studies.sweep.engines import local_engine
-from drake_pregrasp.studies.sweep.failed_runs import read_failures
 from drake_pregrasp.studies.sweep.measures import MEASURES
 from drake_pregrasp.studies.sweep.package_digest import package_digest
 from drake_pregrasp.studies.sweep.rows_file import ROWS, RowsFile
@@ -125,13 +124,64 @@ def test_what_has_failed_is_known_until_it_is_made_again(study, tmp_path, monkey
     with pytest.raises(KeyboardInterrupt):
         make(tmp_path, study, engine=interrupted)
     assert (tmp_path / FAILED).read_bytes() == known
-    assert read_failures(tmp_path / FAILED, study.plan) == failures
+    for _ in range(2):
+        assert make(tmp_path, study)[0] == failures
+        assert (tmp_path / FAILED).read_bytes() == known
     text = known.decode()
-    for other in ("nonsense\n", text.replace("\n3,", "\n99,"), text.replace("\n3,", "\nx,")):
-        (tmp_path / FAILED).write_text(other)
+    for other in (
+        b"nonsense\n",
+        b"\xff\xfe\n",
+        text.replace("\n3,", "\n99,").encode(),
+        text.replace("\n3,", "\nx,").encode(),
+        text.replace("\n3,", "\n" + "3" * 5000 + ",").encode(),
+        text.replace("\n3,", "\n03,").encode(),
+        text.replace(",20,", ",10,").encode(),
+    ):
+        (tmp_path / FAILED).write_bytes(other)
         with pytest.raises(OutputError, match=FAILED):
             make(tmp_path, study)
-        assert (tmp_path / FAILED).read_text() == other
+        assert (tmp_path / FAILED).read_bytes() == other
+
+
+def test_a_list_of_failures_cut_while_it_was_written_is_completed(study, tmp_path, monkeypatch):
+    def failing(run_):
+        return f"OutputError: {run_.index}" if run_.index % 2 else made_up_run(run_)
+
+    failures, _ = make(tmp_path, study, failing)
+    assert list(failures) == [1, 3, 5, 7]
+    whole = (tmp_path / FAILED).read_bytes()
+    header = whole.index(b"\n") + 1
+    for end in range(header, len(whole), 11):
+        (tmp_path / FAILED).write_bytes(whole[:end])
+        assert make(tmp_path, study, failing)[0] == failures
+        assert (tmp_path / FAILED).read_bytes() == whole
+
+
+def test_the_order_of_labels_counts(tmp_path):
+    """Rows are found by their index, which is another if labels change places."""
+    labels = {"slow": {"planner.period": 0.1}, "quick": {"planner.period": 0.05}}
+    grid = {"rate": labels}
+    turned = {"rate": {name: labels[name] for name in ("quick", "slow")}}
+    study, other = (
+        load_study(write_study(tmp_path / name, grid=g, measures=TWO))
+        for name, g in (("one", grid), ("other", turned))
+    )
+    sweep(study, tmp_path, one_by_one)
+    with pytest.raises(OutputError, match=r"other settings \(study.order\)"):
+        sweep(other, tmp_path, one_by_one)
+    with pytest.raises(OutputError, match="holds no rows of this study"):
+        make(tmp_path / "mine", other)
+    again = load_study(str(tmp_path / "mine" / STUDY))
+    assert [run_.cells for run_ in map(again.plan.run, range(4))] == [
+        run_.cells for run_ in map(study.plan.run, range(4))
+    ]
+
+
+def test_labels_may_be_texts_and_numbers(tmp_path):
+    rates = {20: {"planner.period": 0.05}, "often": {"planner.period": 0.02}}
+    study = load_study(write_study(tmp_path, grid={"rate": rates}, measures=TWO, seeds=1))
+    assert sweep(study, tmp_path / "out", one_by_one).wanted == 2
+    assert sweep(study, tmp_path / "out", one_by_one).wanted == 2
 
 
 def test_rows_of_another_study_are_no_rows(study, tmp_path):
@@ -257,6 +307,33 @@ def test_a_folder_in_use_is_refused(study, tmp_path):
         pytest.raises(OutputError, match="another process works on this study"),
     ):
         sweep(study, tmp_path, one_by_one)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.4, 0.8])
+def test_an_interrupt_from_the_terminal_is_said_once(tmp_path, delay):
+    """It reaches all processes, those too that have only just begun."""
+    file = write_study(tmp_path, seeds=30)
+    command = [sys.executable, "-m", "drake_pregrasp", "sweep", file, "--processes", "2", "--out"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    heed = functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL)
+    with subprocess.Popen(
+        [*command, str(tmp_path / "out")],
+        env=environment,
+        preexec_fn=heed,
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        deadline = time.monotonic() + 60
+        while time.monotonic() < deadline and not (tmp_path / "out" / "mine" / ROWS).exists():
+            time.sleep(0.02)
+        time.sleep(delay)
+        os.killpg(process.pid, signal.SIGINT)
+        output, errors = process.communicate(timeout=60)
+    assert (process.returncode, output) == (130, "")
+    assert errors.count("\n") == 1
+    assert "interrupted: the runs so far are in" in errors
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])

@@ -3,8 +3,8 @@
 import argparse
 from typing import Any
 
-from drake_pregrasp.studies.faults.study import PREFIX, SEEDS, study_faults
-from drake_pregrasp.studies.many_runs import check_at_least, names_of
+from drake_pregrasp.studies.faults.study import FILTER_SEEDS, PREFIX, SEEDS, study_faults
+from drake_pregrasp.studies.many_runs import MOST_SEEDS, check_bounds, names_of
 from drake_pregrasp.studies.step_bar import step_bar
 
 
@@ -19,7 +19,8 @@ def add_command(studies: "argparse._SubParsersAction[Any]") -> None:
         "--faults",
         type=names_of,
         metavar="a,b,...",
-        help=f"which of the shipped scenarios {PREFIX}...; all if not set",
+        help=f"which of the shipped {PREFIX}..., without the filter's consistency; all, and"
+        " that too, if not set",
     )
     parser.add_argument(
         "--seeds", type=int, default=SEEDS, metavar="N", help="of each; %(default)s if not set"
@@ -33,12 +34,13 @@ def add_command(studies: "argparse._SubParsersAction[Any]") -> None:
 
 
 def _run(options: argparse.Namespace) -> int:
-    check_at_least(options, seeds=1, processes=1)
+    check_bounds(options, seeds=(1, MOST_SEEDS), processes=(1, None))
     with step_bar("run") as on_progress:
         report = study_faults(
             options.out,
             faults=options.faults,
             seeds=options.seeds,
+            filter_seeds=0 if options.faults else FILTER_SEEDS,
             processes=options.processes,
             on_progress=on_progress,
         )

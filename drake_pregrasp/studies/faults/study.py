@@ -36,6 +36,7 @@ GOAL_RECOVERY = 0.5
 PREFIX = "fault_"
 """What the names of the scenarios begin with."""
 
+_FILTERS = 3  # Pairs of assumptions and motion whose consistency is measured.
 _Runs = Mapping[str, Sequence[FaultRun]]
 
 
@@ -59,7 +60,7 @@ def study_faults(
         out: Folder of the report.
         faults: Names of their scenarios; all if not set.
         seeds: How many for each fault.
-        filter_seeds: How many for the filter's consistency.
+        filter_seeds: How many for the filter's consistency; 0 to leave it out.
         processes: How many runs at a time.
         on_progress: Called with how many runs are done, and how many there are.
 
@@ -71,17 +72,19 @@ def study_faults(
     names = list(known) if faults is None else list(dict.fromkeys(faults))
     for name in names:
         if name not in known:
-            raise InvalidArgumentError(f"{name!r} is no fault; there are: {', '.join(known)}")
+            problem = f"faults: {name!r} is no scenario with faults; there are: {', '.join(known)}"
+            raise InvalidArgumentError(problem)
     folder = Path(out)
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
     jobs = [FaultJob(name, seed) for seed in range(seeds) for name in names]
+    steps = len(jobs) + (_FILTERS if filter_seeds else 0)
     done = 0
 
     def on_done() -> None:
         nonlocal done
         done += 1
-        on_progress(done, len(jobs))
+        on_progress(done, steps)
 
     found = in_processes(run_faults, jobs, processes=processes, on_done=on_done)
     runs: dict[str, list[FaultRun]] = {}
@@ -89,8 +92,11 @@ def study_faults(
         runs.setdefault(job.scenario, []).append(result)
     write_text(folder / "faults.csv", _csv(jobs, found))
     report = folder / "faults.md"
-    lines = [*fault_lines(runs), *consistency_lines(filter_consistency(filter_seeds))]
-    write_text(report, "\n".join(lines))
+    lines = fault_lines(runs)
+    write_text(report, "\n".join(lines))  # What comes now must not cost what is there.
+    if filter_seeds:
+        lines += consistency_lines(filter_consistency(filter_seeds, on_done))
+        write_text(report, "\n".join(lines))
     return report
 
 
@@ -139,16 +145,29 @@ def fault_lines(runs: _Runs) -> list[str]:
     ]
 
 
-def filter_consistency(seeds: int) -> dict[str, Consistency]:
-    """Returns how consistent the filter is, by what it assumes and what moves."""
-    assumed, even, carried = filter_noise(EstimatorConfig()), even_noise(), conveyor_motion()
-    return {
-        "default assumptions, motion drawn from them": consistency(
-            assumed, lambda rng: random_motion(assumed, rng), seeds
+def filter_consistency(
+    seeds: int, on_done: Callable[[], None] = lambda: None
+) -> dict[str, Consistency]:
+    """Returns how consistent the filter is, by what it assumes and what moves.
+
+    Args:
+        seeds: How many runs.
+        on_done: Called after each of the `_FILTERS`.
+    """
+    assumed, carried = filter_noise(EstimatorConfig()), conveyor_motion()
+    found = {}
+    for name, noise, motion in (
+        (
+            "default assumptions, motion drawn from them",
+            assumed,
+            lambda rng: random_motion(assumed, rng),
         ),
-        "even motion assumed, conveyor": consistency(even, lambda rng: carried, seeds),
-        "default assumptions, conveyor": consistency(assumed, lambda rng: carried, seeds),
-    }
+        ("even motion assumed, conveyor", even_noise(), lambda rng: carried),
+        ("default assumptions, conveyor", assumed, lambda rng: carried),
+    ):
+        found[name] = consistency(noise, motion, seeds)
+        on_done()
+    return found
 
 
 def consistency_lines(found: Mapping[str, Consistency]) -> list[str]:

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from drake_pregrasp.studies.many_runs import carry_out, check_at_least, names_of
+from drake_pregrasp.studies.many_runs import MOST_SEEDS, carry_out, check_bounds, names_of
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.experiment import Experiment
@@ -70,7 +70,7 @@ def add_command(
 
 
 def _run(options: argparse.Namespace, load: Callable[[], Experiment]) -> int:
-    check_at_least(options, seeds=1, first_seed=0, processes=1)
+    check_bounds(options, seeds=(1, MOST_SEEDS), first_seed=(0, None), processes=(1, None))
     jobs = trial_jobs(
         names_of(options.conditions),
         names_of(options.arms),

@@ -81,4 +81,4 @@ def study_static_versus_dynamic(
     )
     if figures:
         write_report(report, outcomes, settings, failures=failures, figures=figures)
-    return ManyRuns(report, len(jobs), made, len(failures))
+    return ManyRuns(report, len(jobs), made, sum(job in failures for job in jobs))

@@ -2,14 +2,14 @@
 
 import contextlib
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 
 from drake_pregrasp.errors import OutputError
 from drake_pregrasp.studies.error_words import in_words
-from drake_pregrasp.studies.failed_file import FAILED, Cells, read_failed, write_failed
+from drake_pregrasp.studies.failed_file import FAILED, Cells, FailedFile
 from drake_pregrasp.studies.processes import as_they_end
 from drake_pregrasp.studies.static_versus_dynamic.outcome import Outcome, TrialJob
 from drake_pregrasp.studies.static_versus_dynamic.store import OutcomeStore
@@ -43,48 +43,40 @@ def run_missing(
     Raises:
         OutputError: If a file can't be written, or a process ended without a word.
     """
-    path = folder / FAILED
     missing = [job for job in jobs if job not in store]
-    failures = {job: why for job, why in read_failures(path).items() if job not in store}
-    _write_failures(path, failures)
-    on_progress(0, len(missing))
-    ended = as_they_end(functools.partial(_attempt, run_trial), missing, processes=processes)
-    with contextlib.closing(ended):
-        for done, (index, future) in enumerate(ended, start=1):
-            job = missing[index]
-            found = _result(job, future)
-            if not isinstance(found, str) and not store.is_complete(job, found):
-                found = _mismatch(found)
-            if isinstance(found, str):
-                failures[job] = found
-                _write_failures(path, failures)
-            else:
-                store.append(job, found)
-                if failures.pop(job, None) is not None:
-                    _write_failures(path, failures)
-            on_progress(done, len(missing))
-    return failures
+    with failed_trials(folder) as file:
+        for cells in list(file.failures):
+            if _job(cells) in store:
+                file.discard(cells)
+        on_progress(0, len(missing))
+        ended = as_they_end(functools.partial(_attempt, run_trial), missing, processes=processes)
+        with contextlib.closing(ended):
+            for done, (index, future) in enumerate(ended, start=1):
+                job = missing[index]
+                found = _result(job, future)
+                if not isinstance(found, str) and not store.is_complete(job, found):
+                    found = _mismatch(found)
+                if isinstance(found, str):
+                    file.add(_cells(job), found)
+                else:
+                    store.append(job, found)
+                    file.discard(_cells(job))
+                on_progress(done, len(missing))
+    return {_job(cells): why for cells, why in file.failures.items()}
 
 
-def read_failures(path: Path) -> dict[TrialJob, str]:
-    """Returns which trials have failed, and why, as a file says.
-
-    Raises:
-        OutputError: If it can't be read.
-    """
-    failures = {}
-    for (condition, arm, seed), why in read_failed(path, TrialJob._fields).items():
-        if not seed.isdecimal():
-            raise OutputError(f"{path}: {seed!r} is no seed")
-        failures[TrialJob(condition, arm, int(seed))] = why
-    return failures
+def failed_trials(folder: Path) -> FailedFile:
+    """Returns the file of the trials that have failed in a study's folder."""
+    return FailedFile(folder / FAILED, TrialJob._fields, _job)
 
 
-def _write_failures(path: Path, failures: Mapping[TrialJob, str]) -> None:
-    cells: dict[Cells, str] = {
-        (job.condition, job.arm, str(job.seed)): failures[job] for job in sorted(failures)
-    }
-    write_failed(path, TrialJob._fields, cells)
+def _job(cells: Cells) -> TrialJob:
+    condition, arm, seed = cells
+    return TrialJob(condition, arm, int(seed))
+
+
+def _cells(job: TrialJob) -> Cells:
+    return job.condition, job.arm, str(job.seed)
 
 
 def _attempt(run_trial: Callable[[TrialJob], list[Outcome]], job: TrialJob) -> list[Outcome] | str:

@@ -27,6 +27,8 @@ _MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 _LOG_RATIO = 20.0
 _LIGHTEST = 0.82  # Of viridis: what is lighter is pale on white.
 _WIDTH = 0.6  # Of the colours of one value, side by side; the next value's are 1 further on.
+_PLAIN = (-2, 4)  # Powers of ten between which an axis' numbers are written out.
+_MOST_TICKS = 6
 _LEAST_SPAN = 2e-3  # Of a panel, as a share of its largest value: less is no difference to show.
 _UNITS = {
     "m": ("position_std", "position_spread", "size", "spacing", "radius", "clearance", "standoff"),
@@ -132,6 +134,8 @@ def _finish(panel: Axes, results: SweepResults, axis: str, measure: str) -> None
     panel.set_xlabel(_plain(axis_label(axis)))
     panel.set_ylabel(_plain(MEASURES[measure].label), fontsize=9)
     if results.is_numeric(axis):
+        panel.ticklabel_format(axis="x", scilimits=_PLAIN)
+        panel.locator_params(axis="x", nbins=_MOST_TICKS)
         _scale(panel, results.numbers(axis))
     else:
         groups = results.groups(axis)

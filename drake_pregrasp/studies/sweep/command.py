@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.studies.many_runs import carry_out, check_at_least
+from drake_pregrasp.studies.many_runs import carry_out, check_bounds
 from drake_pregrasp.studies.sweep.dask_engine import dask_engine
 from drake_pregrasp.studies.sweep.engines import Engine, local_engine
 from drake_pregrasp.studies.sweep.rows_file import ROWS
@@ -56,7 +56,7 @@ def _run(options: argparse.Namespace) -> int:
 
 def _engine(options: argparse.Namespace) -> Engine:
     if options.scheduler is None:
-        check_at_least(options, processes=1)
+        check_bounds(options, processes=(1, None))
         return local_engine(options.processes)
     if options.processes is not None:
         raise InvalidArgumentError("--processes: a cluster has its own; leave it out")

@@ -8,6 +8,7 @@ from typing import Any
 
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.simulation.yaml_text import TAG_KEY
+from drake_pregrasp.studies.settings_file import text_keys
 from drake_pregrasp.studies.sweep.field_path import read_field, set_field
 
 Label = float | int | bool | str
@@ -65,7 +66,7 @@ def label_of(value: Any) -> Label:
     """Returns what rows say of a value: itself, or what is no scalar as JSON."""
     if isinstance(value, float | int | str):
         return value
-    return json.dumps(value, sort_keys=True)
+    return json.dumps(text_keys(value), sort_keys=True)
 
 
 def label_text(label: Label) -> str:

@@ -109,6 +109,8 @@ class RowsFile:
         index, values = int(cells[0]), cells[-self._num_values :]
         if len(cells) != len(self._columns) or not 0 <= index < len(self._plan):
             raise ValueError
+        if tuple(cells[: -self._num_values]) != self._plan.run(index).cells:
+            raise ValueError
         return SweepRow(index, tuple(map(float, values)))
 
     def _write_all(self) -> None:

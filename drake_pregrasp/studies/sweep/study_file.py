@@ -17,7 +17,7 @@ from drake_pregrasp.simulation.scenario_file import (
 )
 from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.studies.sweep.field_path import set_field
-from drake_pregrasp.studies.sweep.grid_axis import grid_axis
+from drake_pregrasp.studies.sweep.grid_axis import grid_axis, label_text
 from drake_pregrasp.studies.sweep.plan import SweepPlan
 from drake_pregrasp.studies.sweep.random_axis import random_axis
 from drake_pregrasp.studies.sweep.study_config import StudyConfig
@@ -59,9 +59,11 @@ class Study:
 
     @property
     def settings(self) -> dict[str, Any]:
-        """All of it that rows depend on."""
+        """All of it that rows depend on, the order of what is swept included."""
         beside = ("description", "scenario", "file")
-        return {key: value for key, value in self.resolved.items() if key not in beside}
+        settings = {key: value for key, value in self.resolved.items() if key not in beside}
+        grid = [[axis.name, *map(label_text, axis.labels)] for axis in self.plan.grid]
+        return {**settings, "order": [*grid, *(axis.name for axis in self.plan.random)]}
 
 
 def shipped_studies() -> dict[str, Path]:

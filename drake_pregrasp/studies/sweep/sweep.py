@@ -4,14 +4,13 @@ import contextlib
 from collections.abc import Callable
 from pathlib import Path
 
-from pydrake.common.yaml import yaml_dump
-
+from drake_pregrasp.errors import OutputError
 from drake_pregrasp.simulation.output import write_text, writing
+from drake_pregrasp.simulation.yaml_text import dump_yaml
 from drake_pregrasp.studies import settings_file
-from drake_pregrasp.studies.failed_file import FAILED
+from drake_pregrasp.studies.failed_file import FAILED, Cells, FailedFile
 from drake_pregrasp.studies.many_runs import ManyRuns
 from drake_pregrasp.studies.sweep.engines import Engine, Maker
-from drake_pregrasp.studies.sweep.failed_runs import read_failures, write_failures
 from drake_pregrasp.studies.sweep.named_files import named_files
 from drake_pregrasp.studies.sweep.package_digest import package_digest
 from drake_pregrasp.studies.sweep.plan import SweepPlan
@@ -54,7 +53,7 @@ def sweep(
         folder.mkdir(parents=True, exist_ok=True)
         claim = settings_file.claim(folder / SETTINGS, settings)
     with claim, RowsFile(folder / ROWS, study.plan, measures) as rows:
-        write_text(folder / STUDY, yaml_dump(study.resolved))
+        write_text(folder / STUDY, dump_yaml(study.resolved))
         failures = make_missing(
             rows, folder / FAILED, study.plan, make, engine, on_progress=on_progress
         )
@@ -96,18 +95,25 @@ def make_missing(
         (index for index in range(len(plan)) if index not in rows),
         key=lambda index: (index % len(plan.seeds), index),
     )
-    # What has failed is known until it is made again, whenever that ends.
-    failures = {i: why for i, why in read_failures(failed, plan).items() if i not in rows}
-    write_failures(failed, plan, failures)
-    on_progress(0, len(missing))
-    with contextlib.closing(engine(make, [plan.run(index) for index in missing])) as ended:
-        for done, (run, found) in enumerate(ended, start=1):
-            if isinstance(found, str):
-                failures[run.index] = found
-                write_failures(failed, plan, failures)
-            else:
-                rows.append(run.index, found)
-                if failures.pop(run.index, None) is not None:
-                    write_failures(failed, plan, failures)
-            on_progress(done, len(missing))
-    return failures
+    with FailedFile(failed, plan.cell_names, _index) as file:
+        for cells in list(file.failures):
+            index = _index(cells)
+            if not 0 <= index < len(plan) or plan.run(index).cells != cells:
+                raise OutputError(f"{failed}: {', '.join(cells)} is no run of this study")
+            if index in rows:
+                file.discard(cells)
+        on_progress(0, len(missing))
+        ended = engine(make, [plan.run(index) for index in missing])
+        with contextlib.closing(ended):
+            for done, (run, found) in enumerate(ended, start=1):
+                if isinstance(found, str):
+                    file.add(run.cells, found)
+                else:
+                    rows.append(run.index, found)
+                    file.discard(run.cells)
+                on_progress(done, len(missing))
+    return {_index(cells): why for cells, why in file.failures.items()}
+
+
+def _index(cells: Cells) -> int:
+    return int(cells[0])
