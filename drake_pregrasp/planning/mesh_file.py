@@ -94,6 +94,8 @@ def _placed_pieces(scene: trimesh.Scene) -> list[tuple[str, trimesh.Trimesh]]:
         if faces > MAX_FACES:
             raise InvalidArgumentError(f"it has more than {MAX_FACES} triangles; simplify it")
         if count:
+            if geometry.vertices.shape[1:] != (3,):  # Some readers take the width of any row.
+                raise InvalidArgumentError("it has a vertex without three coordinates")
             pieces.append((str(name), geometry.copy().apply_transform(transform)))
     return pieces
 

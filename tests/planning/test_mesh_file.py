@@ -33,6 +33,17 @@ def test_each_format_gives_the_same_box(tmp_path, suffix):
     np.testing.assert_allclose(load_shape(file).mesh.extents, [0.1, 0.2, 0.3], rtol=1e-6)
 
 
+@pytest.mark.parametrize("broken", ["v 0", "v", "v 0 0"])
+def test_a_vertex_needs_three_coordinates(tmp_path, broken):
+    lines = box().export(file_type="obj").splitlines()
+    place = [index for index, line in enumerate(lines) if line.startswith("v ")][2]
+    lines[place] = broken
+    file = tmp_path / "box.obj"
+    file.write_text("\n".join(lines))
+    with pytest.raises(InvalidArgumentError, match=str(file)):
+        load_shape(file)
+
+
 def test_buffers_beside_a_gltf_file_are_read(tmp_path):
     assert load_shape(write_gltf(tmp_path)).mesh.is_watertight
 
