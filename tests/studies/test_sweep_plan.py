@@ -1,3 +1,5 @@
+import datetime
+
 """What a sweep's file comes to: its runs, and the lines about what is wrong with it."""
 
 import itertools
@@ -160,6 +162,11 @@ def test_a_scenario_is_the_same_as_data(name, tmp_path):
         ({"scenario": ""}, "scenario: is not there; name the scenario to start from"),
         ({"overrides": {"planner": {"perod": 1}}}, "overrides: planner.perod: no such field"),
         ({"overrides": {"planner.period": -1}}, "planner.period: -1 must be a number at least"),
+        (
+            {"grid": {"description": [datetime.date(2020, 1, 1)]}},
+            "grid.description[0]: datetime.date(2020, 1, 1) must be a number, a text,",
+        ),
+        ({"overrides": {"description": b"x"}}, "overrides.description: b'x' must be a number"),
         ({"seeds": 999_999}, "3999996 runs are too many; at most 1000000"),
     ],
     ids=lambda value: str(value)[:40],

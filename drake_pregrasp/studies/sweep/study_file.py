@@ -1,7 +1,7 @@
 """Sweeps from YAML files."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -86,6 +86,8 @@ def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
     source = str(file)
     data = read_mapping(file)
     check_mapping(source, "", data, StudyConfig)
+    for key in ("overrides", "grid", "random"):
+        _check_plain(source, key, data.get(key))
     config = StudyConfig(**data)
     if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", file.stem):
         problem = "a study's file is named with letters, digits, '_', '-' and '.'"
@@ -112,6 +114,20 @@ def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
     plan.check(source)
     absolute = tuple(str(Path(folder).resolve()) for folder in folders)
     return Study(file.stem, source, file.parent.resolve(), absolute, config, base, plan)
+
+
+def _check_plain(source: str, key: str, value: Any) -> None:
+    """Refuses what YAML has, and no field of a scenario: dates, bytes, sets."""
+    if isinstance(value, Mapping):
+        for name, part in value.items():
+            _check_plain(source, f"{key}.{name}", name)
+            _check_plain(source, f"{key}.{name}", part)
+    elif isinstance(value, list):
+        for index, part in enumerate(value):
+            _check_plain(source, f"{key}[{index}]", part)
+    elif not isinstance(value, str | int | float | None):
+        problem = f"{value!r} must be a number, a text, true, false, a list or a mapping"
+        raise ScenarioError(source, key, problem)
 
 
 def _find(name_or_file: str) -> Path:
