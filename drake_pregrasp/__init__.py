@@ -24,6 +24,7 @@ from drake_pregrasp.planning.contact_status import ContactStatus
 from drake_pregrasp.planning.fault_settings import MeasurementFaults
 from drake_pregrasp.planning.initial_contacts import ring_contacts
 from drake_pregrasp.planning.mesh_surface import mesh_surface
+from drake_pregrasp.planning.pose_belief import PoseFilterNoise
 from drake_pregrasp.planning.pose_measurement import MeasurementVerdict
 from drake_pregrasp.planning.region_constraints import Obstacles
 from drake_pregrasp.planning.safe_regions import compute_safe_regions
@@ -96,6 +97,7 @@ __all__ = [
     "Pair",
     "PlannerConfig",
     "PoseEstimator",
+    "PoseFilterNoise",
     "PregraspError",
     "PregraspPlanner",
     "PregraspVisualizer",

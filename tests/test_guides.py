@@ -31,9 +31,13 @@ from drake_pregrasp.studies.sweep.sweep import STUDY
 DOCS = Path(__file__).parent.parent / "docs"
 
 
-def block(page, language):
+def blocks(page, language):
     text = (DOCS / page).read_text(encoding="utf-8")
-    return "".join(re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL))
+    return re.findall(rf"```{language}\n(.*?)```", text, flags=re.DOTALL)
+
+
+def block(page, language):
+    return "".join(blocks(page, language))
 
 
 @pytest.fixture
@@ -69,8 +73,25 @@ def test_the_strong_finger_owns_what_asks_for_much():
 def test_the_guide_to_composing_lifts_the_cube(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
-    exec(compile(block("compose.md", "python"), "compose.md", "exec"), names)
+    code, _ = blocks("compose.md", "python")
+    exec(compile(code, "compose.md", "exec"), names)
     assert names["X_WO"].translation()[2] == pytest.approx(0.15, abs=2e-3)
+
+
+def test_the_estimator_alone_follows_until_the_object_is_lost(capsys):
+    names: dict[str, object] = {}
+    _, code = blocks("compose.md", "python")
+    exec(compile(code, "compose.md", "exec"), names)
+    assert capsys.readouterr().out == "status at 3 s: LOST\n"
+    estimates, measure = names["estimates"], names["measure"]
+    statuses = [status for _, _, status in estimates]
+    assert statuses == sorted(statuses)
+    assert set(statuses) == set(TrackingStatus) - {TrackingStatus.WAITING}
+    for time, X_WO, status in estimates:
+        if status == TrackingStatus.LOST:
+            assert X_WO.IsExactlyEqualTo(estimates[-1][1])
+        elif time > 1:  # Velocities are known, and hold on.
+            assert X_WO.IsNearlyEqualTo(measure(time), 1e-9)
 
 
 def test_the_guide_to_a_hand_of_your_own_grasps_with_it(monkeypatch, tmp_path):

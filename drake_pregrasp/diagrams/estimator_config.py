@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.pose_belief import PoseFilterNoise
-from drake_pregrasp.systems.pose_estimator import PoseEstimator
+from drake_pregrasp.systems.pose_estimator import MOST_LATE, PoseEstimator
 
 
 @dataclass
@@ -49,7 +49,7 @@ class EstimatorConfig:
     refuse_repeats: bool = True
 
     # How many measurements back a late one may go; older ones are refused.
-    late_measurements: int = field(default=20, metadata={"at_least": 1, "at_most": 1000})
+    late_measurements: int = field(default=20, metadata={"at_least": 1, "at_most": MOST_LATE})
 
     # Seconds by which a measurement is overdue after which goals go on by prediction: coasting.
     coast_after: float = field(default=0.1, metadata={"at_least": 0, "at_most": 1e6})

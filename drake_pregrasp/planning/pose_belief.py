@@ -3,27 +3,41 @@
 W is the world with z up, O the object, CoM its centre of mass; all vectors are expressed in W.
 """
 
+import math
+import sys
 from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
 
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.given_numbers import number_or_nan
+
+# The least value of an assumption, and what it has to be in words.
+_POSITIVE = (math.ulp(0.0), "finite and above 0")
+_NOT_NEGATIVE = (0.0, "finite and at least 0")
+_FINITE = (-sys.float_info.max, "finite")
+_LIMITS = {"position": _POSITIVE, "orientation": _POSITIVE, "gravity": _FINITE}
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class PoseFilterNoise:
     """What the filter assumes of measurements and motion; standard deviations are per axis.
 
     Attributes:
-        position: Of a measured position, in metres.
-        orientation: Of a measured orientation, as a rotation vector, in radians.
+        position: Of a measured position, in metres, above 0.
+        orientation: Of a measured orientation, as a rotation vector, in radians, above 0.
         acceleration: Square root of the white linear acceleration's density, in m/s²/sqrt(Hz).
         angular_acceleration: The same for the angular acceleration, in rad/s²/sqrt(Hz).
         initial_velocity: Of the object's velocity before the first measurement, in m/s.
         initial_angular_velocity: The same for its angular velocity, in rad/s.
         gravity: Mean acceleration of the object, along -z of W, in m/s²: 0 for an object that
-            something carries, about 9.81 for one in free flight.
+            something carries, about 9.81 for one in free flight, negative for one that rises.
+
+    Raises:
+        InvalidArgumentError: If one isn't finite, or `position` or `orientation` not above 0, or
+            another one but `gravity` below 0.
     """
 
     position: float
@@ -33,6 +47,12 @@ class PoseFilterNoise:
     initial_velocity: float
     initial_angular_velocity: float
     gravity: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            least, meant = _LIMITS.get(name, _NOT_NEGATIVE)
+            if not least <= number_or_nan(value) < math.inf:
+                raise InvalidArgumentError(f"{name} must be {meant}, not {value}")
 
 
 @dataclass(frozen=True, eq=False)

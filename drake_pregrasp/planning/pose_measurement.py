@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import ClassVar
 
 import numpy as np
 
@@ -61,6 +62,9 @@ class PoseMeasurement:
     p_WCoM: FloatArray
     R_WO: FloatArray
 
+    SIZE: ClassVar[int] = 13
+    """How many numbers its vector form has."""
+
     @property
     def is_there(self) -> bool:
         """Whether there is one at all."""
@@ -83,13 +87,15 @@ class PoseMeasurement:
         return bool(same_place and self.R_WO.tolist() == other.R_WO.tolist())
 
     def to_vector(self) -> FloatArray:
-        """Returns it as one vector of 13 numbers."""
+        """Returns it as one vector, shape (`SIZE`,)."""
         return np.concatenate([[self.time], self.p_WCoM, self.R_WO.ravel()])
 
     @staticmethod
     def from_vector(vector: FloatArray) -> "PoseMeasurement":
         """Inverse of `to_vector`."""
-        return PoseMeasurement(float(vector[0]), vector[1:4], vector[4:13].reshape(3, 3))
+        return PoseMeasurement(
+            float(vector[0]), vector[1:4], vector[4 : PoseMeasurement.SIZE].reshape(3, 3)
+        )
 
     @staticmethod
     def none() -> "PoseMeasurement":

@@ -11,11 +11,11 @@ from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.planning.pose_belief import PoseBelief
 from drake_pregrasp.planning.pose_measurement import MeasurementVerdict, PoseMeasurement
 
-_MEASUREMENT_SIZE = 13
-
-# Where in a track's vector its parts begin.
-_SEEN_FROM = 13
-_RIVAL_FROM = _SEEN_FROM + _MEASUREMENT_SIZE
+# Where in a track's vector its parts begin; five single numbers come first.
+_SQUARED_FROM = 5
+_INNOVATION_FROM = _SQUARED_FROM + 2
+_SEEN_FROM = _INNOVATION_FROM + 6
+_RIVAL_FROM = _SEEN_FROM + PoseMeasurement.SIZE
 _STEPS_FROM = _RIVAL_FROM + PoseBelief.SIZE
 
 
@@ -26,7 +26,7 @@ class Step:
     measurement: PoseMeasurement
     belief: PoseBelief
 
-    SIZE: ClassVar[int] = _MEASUREMENT_SIZE + PoseBelief.SIZE
+    SIZE: ClassVar[int] = PoseMeasurement.SIZE + PoseBelief.SIZE
 
     def to_vector(self) -> FloatArray:
         """Returns it as one vector."""
@@ -36,8 +36,8 @@ class Step:
     def from_vector(vector: FloatArray) -> "Step":
         """Inverse of `to_vector`."""
         return Step(
-            PoseMeasurement.from_vector(vector[:_MEASUREMENT_SIZE]),
-            PoseBelief.from_vector(vector[_MEASUREMENT_SIZE:]),
+            PoseMeasurement.from_vector(vector[: PoseMeasurement.SIZE]),
+            PoseBelief.from_vector(vector[PoseMeasurement.SIZE :]),
         )
 
 
@@ -95,7 +95,7 @@ class PoseTrack:
     @cached_property
     def newest(self) -> PoseBelief:
         """The belief after the newest measurement that was used."""
-        return PoseBelief.from_vector(self.steps[-1, _MEASUREMENT_SIZE:])
+        return PoseBelief.from_vector(self.steps[-1, PoseMeasurement.SIZE :])
 
     @property
     def is_empty(self) -> bool:
@@ -167,6 +167,6 @@ class PoseTrack:
             noisiness=float(vector[2]),
             excess=float(vector[3]),
             verdict=MeasurementVerdict(int(vector[4])),
-            innovation_squared=vector[5:7],
-            last_innovation=vector[7:_SEEN_FROM].reshape(2, 3),
+            innovation_squared=vector[_SQUARED_FROM:_INNOVATION_FROM],
+            last_innovation=vector[_INNOVATION_FROM:_SEEN_FROM].reshape(2, 3),
         )

@@ -11,6 +11,7 @@ import numpy as np
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.given_numbers import is_whole, number_or_nan
 from drake_pregrasp.planning.pose_belief import PoseBelief, PoseFilterNoise
 from drake_pregrasp.planning.pose_filter import (
     Innovation,
@@ -47,6 +48,9 @@ class TrackerSettings:
             refute the belief.
         refuse_repeats: Whether to refuse measurements that repeat the one before to the last bit,
             while the object moves and the sensor has shown noise.
+
+    Raises:
+        InvalidArgumentError: If `gate` is below 0, or `reacquire_after` no whole number above 0.
     """
 
     noise: PoseFilterNoise
@@ -56,15 +60,16 @@ class TrackerSettings:
     refuse_repeats: bool = True
 
     def __post_init__(self) -> None:
-        if not self.gate >= 0:
+        if not number_or_nan(self.gate) >= 0:
             raise InvalidArgumentError(f"gate must be at least 0, not {self.gate}")
-        if not self.reacquire_after >= 1:
-            problem = f"reacquire_after must be at least 1, not {self.reacquire_after}"
-            raise InvalidArgumentError(problem)
+        if not is_whole(self.reacquire_after, 1):
+            raise InvalidArgumentError(
+                f"reacquire_after must be a whole number, at least 1, not {self.reacquire_after}"
+            )
 
     def expects(self, innovation_squared: FloatArray) -> bool:
         """Whether a measurement is as near to the prediction as the gate asks."""
-        limit = self.gate**2 if self.gate > 0 else math.inf
+        limit = self.gate * self.gate if self.gate > 0 else math.inf  # A power may overflow.
         return all(squared <= limit for squared in innovation_squared.tolist())
 
 

@@ -17,8 +17,8 @@ LARGEST_WEIGHT = 1e4
 LARGEST_VARIANCE = 100.0
 """Largest element of a covariance, in m²: over any object Eq. 3 then is flat."""
 
-_ORTHONORMAL = 1e-5  # Largest error of a rotation, in R'R - 1: as of one in single precision.
-_ASYMMETRY = 1e-9  # Share of the largest element that rounding puts between a matrix and R'.
+_ORTHONORMAL = 1e-5  # Largest error of a rotation, in Rᵀ R - I: as of one in single precision.
+_ASYMMETRY = 1e-9  # Share of the least variance by which a matrix may differ from its transpose.
 _CLEARLY = 1e-6  # Share of what a determinant can be at most, above which rounding can't matter.
 _STATUS_OF = {float(status): status for status in TrackingStatus}
 _I = np.eye(3)
@@ -35,7 +35,8 @@ def is_usable_pose(R: FloatArray, p: FloatArray) -> bool:
     x, y, z = p.tolist()
     if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(z) <= FARTHEST):
         return False
-    (a, b, c), (d, e, f), (g, h, i) = R.tolist()  # Columns are units and level, and not mirrored.
+    # Columns are of unit length, at right angles, and not mirrored.
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
     is_rotation: bool = (
         abs(a * a + d * d + g * g - 1) <= _ORTHONORMAL
         and abs(b * b + e * e + h * h - 1) <= _ORTHONORMAL
@@ -116,7 +117,7 @@ def usable_covariance(covariance_W: FloatArray, R_WO: FloatArray, spread: float)
     if _is_clearly_definite(covariance_O):
         return covariance_O
     asymmetry = np.abs(covariance_O - covariance_O.T).max()
-    if asymmetry <= _ASYMMETRY * np.abs(covariance_O).max():
+    if asymmetry <= _ASYMMETRY * covariance_O.diagonal().min():
         try:
             np.linalg.cholesky(covariance_O)
         except np.linalg.LinAlgError:

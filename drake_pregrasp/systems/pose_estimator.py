@@ -14,6 +14,7 @@ from pydrake.systems.framework import (
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.planning.given_numbers import finite_vector, is_whole, number_or_nan
 from drake_pregrasp.planning.pose_belief import PoseBelief, PoseFilterNoise
 from drake_pregrasp.planning.pose_filter import predict
 from drake_pregrasp.planning.pose_measurement import OLDEST, PoseMeasurement
@@ -24,6 +25,9 @@ from drake_pregrasp.planning.tracking_status import TrackingStatus, tracking_sta
 
 WAITING_STD = 1.0
 """Standard deviation of a position of which nothing is known yet, in metres."""
+
+MOST_LATE = 1000
+"""How many used measurements a late one may go back at most."""
 
 
 class PoseEstimator(LeafSystem):
@@ -84,16 +88,17 @@ class PoseEstimator(LeafSystem):
         period: Seconds between measurements, greater than zero.
         noise: What the filter assumes.
         p_OCoM: The object's centre of mass in O, shape (3,), in metres.
-        lookahead: Seconds by which the outputs are predicted ahead of the time, at least zero.
+        lookahead: Seconds by which the outputs are predicted ahead of the time, from 0 to `OLDEST`.
         gate: See `TrackerSettings`; 0 to take all measurements.
         reacquire_after: See `TrackerSettings`.
         refuse_repeats: See `TrackerSettings`.
-        late_measurements: How many used measurements a late one may go back, at least 1.
-        coast_after: Seconds overdue after which the status is `COASTING`.
-        lost_after: Seconds overdue after which it is `LOST`, at least `coast_after`.
+        late_measurements: How many used measurements a late one may go back, from 1 to `MOST_LATE`.
+        coast_after: Seconds overdue after which the status is `COASTING`, at least zero.
+        lost_after: Seconds overdue after which it is `LOST`, at least `coast_after`; may be
+            infinite.
 
     Raises:
-        InvalidArgumentError: If an argument is out of its range.
+        InvalidArgumentError: If an argument is out of its range, or no number where one is needed.
     """
 
     def __init__(
@@ -111,25 +116,28 @@ class PoseEstimator(LeafSystem):
         lost_after: float = 1.0,
     ) -> None:
         super().__init__()
-        if not 0 < period < np.inf:
-            raise InvalidArgumentError(f"period must be greater than 0 s, not {period}")
-        if not 0 <= lookahead < np.inf:
-            raise InvalidArgumentError(f"lookahead must be at least 0 s, not {lookahead}")
-        if not late_measurements >= 1:
+        self._period, self._lookahead = number_or_nan(period), number_or_nan(lookahead)
+        self._coast_after, self._lost_after = number_or_nan(coast_after), number_or_nan(lost_after)
+        place = np.zeros(3) if p_OCoM is None else finite_vector(p_OCoM, 3)
+        if not 0 < self._period < np.inf:
+            raise InvalidArgumentError(f"period must be finite and above 0 s, not {period}")
+        if not 0 <= self._lookahead <= OLDEST:
+            raise InvalidArgumentError(f"lookahead must be from 0 to {OLDEST:g} s, not {lookahead}")
+        if not is_whole(late_measurements, 1, MOST_LATE):
             raise InvalidArgumentError(
-                f"late_measurements must be at least 1, not {late_measurements}"
+                f"late_measurements must be a whole number from 1 to {MOST_LATE},"
+                f" not {late_measurements}"
             )
-        if not 0 <= coast_after <= lost_after:
+        if not self._lost_after >= 0:
+            raise InvalidArgumentError(f"lost_after must be at least 0 s, not {lost_after}")
+        if not 0 <= self._coast_after <= self._lost_after:
             raise InvalidArgumentError(
                 f"coast_after must be from 0 s to lost_after, {lost_after} s, not {coast_after}"
             )
-        self._period = period
+        if place is None:
+            raise InvalidArgumentError(f"p_OCoM must be three finite numbers, not {p_OCoM}")
         self._noise = noise
-        self._p_OCoM = np.zeros(3) if p_OCoM is None else np.array(p_OCoM, dtype=float)
-        if self._p_OCoM.shape != (3,) or not np.all(np.isfinite(self._p_OCoM)):
-            raise InvalidArgumentError(f"p_OCoM must be three numbers, not {p_OCoM}")
-        self._lookahead = lookahead
-        self._coast_after, self._lost_after = coast_after, lost_after
+        self._p_OCoM = place
         self._settings = TrackerSettings(
             noise=noise,
             p_OCoM=self._p_OCoM if np.any(self._p_OCoM) else None,
@@ -177,7 +185,7 @@ class PoseEstimator(LeafSystem):
         self.DeclareVectorOutputPort(
             "innovation_squared", 2, self._calc_innovation, {self._track.ticket()}
         )
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_track)
+        self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._store_track)
 
     def _nothing(self) -> PoseTrack:
         return PoseTrack.empty(self._memory)
@@ -223,7 +231,7 @@ class PoseEstimator(LeafSystem):
         output.set_value(self._predicted(newest, since))
 
     def _predicted(self, belief: PoseBelief, since: float) -> PoseBelief:
-        now = predict(belief, max(0.0, since), self._noise)
+        now = predict(belief, min(max(0.0, since), OLDEST), self._noise)
         return predict(now, self._lookahead, self._noise) if self._lookahead else now
 
     def _calc_pose(self, context: Context, output: AbstractValue) -> None:
@@ -245,8 +253,7 @@ class PoseEstimator(LeafSystem):
         status = self._status(context)
         if status == TrackingStatus.LOST:  # The belief has stood still, ignorance grows on.
             track: PoseTrack = self._track.Eval(context)
-            since = min(context.get_time() - track.newest.time, OLDEST)
-            belief = self._predicted(track.newest, since)
+            belief = self._predicted(track.newest, context.get_time() - track.newest.time)
         covariance = belief.p_WCoM_covariance
         if status == TrackingStatus.WAITING:
             covariance = WAITING_STD**2 * np.eye(3)

@@ -201,6 +201,50 @@ def test_where_nothing_but_outliers_comes_the_belief_is_given_up():
     np.testing.assert_array_equal(track.newest.p_WCoM, wild[-1][1].p_WCoM)
 
 
+def test_after_it_was_given_up_as_many_outliers_are_borne_again():
+    rng = np.random.default_rng(7)
+    wild = [
+        (now, replace(z, p_WCoM=rng.uniform(-5, 5, 3))) for now, z in in_time(45, rng, start=30)
+    ]
+    _, verdicts = follow(in_time(30, rng) + wild)
+    assert verdicts[30:] == 3 * ([MeasurementVerdict.OUTLIER] * 14 + [MeasurementVerdict.STARTED])
+
+
+@pytest.mark.parametrize("same_place", [True, False])
+def test_outliers_with_good_measurements_between_never_refute_the_belief(same_place):
+    rng = np.random.default_rng(16)
+    stream = in_time(110, rng)
+    for k in range(31, 110, 2):
+        now, z = stream[k]
+        away = np.full(3, 0.5) if same_place else rng.uniform(1, 5, 3)
+        stream[k] = now, replace(z, p_WCoM=z.p_WCoM + away)
+    track, verdicts = follow(stream)
+    assert set(verdicts[31::2]) == {MeasurementVerdict.OUTLIER}
+    assert set(verdicts[30::2]) == {MeasurementVerdict.USED}
+    assert error(track, 109 * DT) < 4 * NOISE.position
+    assert track.refused == track.rival_count == 1
+    after = take(track, measured(110 * DT, rng), 110 * DT, SETTINGS)
+    assert after.refused == after.rival_count == 0
+    assert after.rival.is_empty
+
+
+def test_a_belief_that_knows_the_orientation_no_more_starts_anew_and_no_other_one():
+    rng = np.random.default_rng(17)
+    track, _ = follow(in_time(60, rng))
+    known, unknown = [], []
+    for silence in np.linspace(1.0, 40.0, 40):
+        time = 59 * DT + silence
+        P = predict(track.newest, silence, NOISE).P_orientation
+        std = np.sqrt(np.max(P.diagonal()[:3]))
+        verdict = take(track, measured(time, rng), time, SETTINGS).verdict
+        if std < 0.3:
+            known.append(verdict)
+        elif np.pi / 2 < std < 4 * np.pi:  # A quarter turn and more: it may face any way.
+            unknown.append(verdict)
+    assert set(known) == {MeasurementVerdict.USED}
+    assert set(unknown) == {MeasurementVerdict.STARTED}
+
+
 def test_after_a_jump_velocities_are_those_from_before():
     changes = []
     for seed in range(20):

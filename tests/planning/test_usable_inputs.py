@@ -21,6 +21,9 @@ from drake_pregrasp.planning.usable_inputs import (
 ANY_NUMBER = st.one_of(
     st.floats(), st.floats(-1.0, 1.0), st.sampled_from([np.nan, np.inf, -np.inf, 1e300, -1e300])
 )
+SYMMETRIC = st.lists(st.floats(-1.0, 1.0), min_size=6, max_size=6)
+SCALES = st.sampled_from([1e-12, 1e-6, 1e-3, 1.0, 1e3, 1e12])
+SPREADS = st.sampled_from([1e-3, 0.04, 1.0])
 R = Rotation.from_rotvec([0.3, -0.4, 1.0]).as_matrix()
 
 
@@ -37,13 +40,36 @@ def test_weights_are_bounded_or_those_of_lost_fingers(numbers):
     assert np.all(np.diff(usable[~lost][order]) >= 0)
 
 
-@given(st.lists(ANY_NUMBER, min_size=9, max_size=9), st.sampled_from([1e-3, 0.04, 1.0]))
+@given(st.lists(ANY_NUMBER, min_size=9, max_size=9), SPREADS)
 def test_any_matrix_makes_a_covariance(numbers, spread):
     usable = usable_covariance(np.array(numbers).reshape(3, 3), R, spread)
     np.linalg.cholesky(usable)
     variances = np.linalg.eigvalsh(usable)
     assert np.min(variances) >= 0.9 * spread**2 - 1e-12 * LARGEST_VARIANCE
     assert np.max(variances) <= 3 * LARGEST_VARIANCE + 2 * spread**2
+
+
+def assert_symmetric_and_definite(usable):
+    np.testing.assert_allclose(usable, usable.T, rtol=0, atol=1e-9 * np.max(np.abs(usable)))
+    assert np.min(np.linalg.eigvalsh((usable + usable.T) / 2)) > 0
+
+
+@given(SYMMETRIC, SCALES, SPREADS)
+def test_a_symmetric_matrix_makes_a_covariance_whether_or_not_it_is_one(numbers, scale, spread):
+    matrix = np.zeros((3, 3))
+    matrix[np.triu_indices(3)] = scale * np.array(numbers)
+    matrix += np.triu(matrix, 1).T
+    assert_symmetric_and_definite(usable_covariance(matrix, R, spread))
+
+
+@given(SYMMETRIC, st.sampled_from([1e-8, 1e-4, 1e-2, 1.0]), SCALES, SPREADS)
+def test_a_definite_matrix_that_is_not_symmetric_makes_a_symmetric_one(
+    numbers, skewed, scale, spread
+):
+    root, x = np.diag(numbers[:3]) + np.eye(3), np.array(numbers[3:])
+    skew = skewed * np.cross(np.eye(3), x)
+    usable = usable_covariance(scale * (root @ root.T + skew), R, spread)
+    assert_symmetric_and_definite(usable)
 
 
 @given(st.lists(st.floats(-0.1, 0.1), min_size=9, max_size=9))

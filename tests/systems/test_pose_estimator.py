@@ -4,9 +4,10 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp import MeasurementVerdict as Verdict
 from drake_pregrasp.diagrams.estimator_config import EstimatorConfig, filter_noise
 from drake_pregrasp.planning.pose_filter import first_belief, predict, update
-from drake_pregrasp.systems.pose_estimator import PoseEstimator
+from drake_pregrasp.systems.pose_estimator import MOST_LATE, PoseEstimator
 
 PERIOD = 0.05
 NOISE = filter_noise(EstimatorConfig())
@@ -126,7 +127,44 @@ def test_lookahead_is_prediction_with_a_grown_covariance():
     assert grown[0] > now.GetOutputPort("p_WO_covariance").Eval(context)[0]
 
 
-@pytest.mark.parametrize("arguments", [{"period": 0.0}, {"period": 0.1, "lookahead": -1.0}])
-def test_bad_arguments_are_refused(arguments):
-    with pytest.raises(InvalidArgumentError):
-        PoseEstimator(noise=NOISE, **arguments)
+NO_NUMBERS = (np.nan, -np.inf, -1.0, "abc", None, [1.0, 2.0], 1j)
+NO_COUNTS = (*NO_NUMBERS, np.inf, 0, 2.5, 3.0)
+REFUSED = {
+    "period": (*NO_NUMBERS, np.inf, 0.0, 10**400),
+    "lookahead": (*NO_NUMBERS, np.inf, 1e200, 10**400),
+    "gate": NO_NUMBERS,
+    "reacquire_after": NO_COUNTS,
+    "late_measurements": (*NO_COUNTS, MOST_LATE + 1, 10**400),
+    "coast_after": (*NO_NUMBERS, 2.0),
+    "lost_after": (*NO_NUMBERS, 0.05),
+    "p_OCoM": ("abc", 0.1, np.zeros(2), [np.nan, 0, 0], [0, np.inf, 0], [[1], [2, 3]], [1j, 0, 0]),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"), [(name, value) for name, values in REFUSED.items() for value in values]
+)
+def test_bad_arguments_are_refused_by_name(name, value):
+    with pytest.raises(InvalidArgumentError, match=name):
+        PoseEstimator(**({"period": PERIOD, "noise": NOISE} | {name: value}))
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        {"gate": 1e200},
+        {"gate": np.inf},
+        {"reacquire_after": 10**400},
+        {"late_measurements": np.int64(1)},
+        {"coast_after": 0, "lost_after": 0},
+        {"coast_after": np.inf, "lost_after": np.inf},
+        {"lookahead": np.float32(0.5), "p_OCoM": (1, 2, 3)},
+    ],
+)
+def test_the_ends_of_ranges_are_taken_and_estimates_follow(arguments):
+    estimator, context = estimator_and_context(X_0, **arguments)
+    tick(estimator, context)
+    context.SetTime(PERIOD)
+    estimator.GetInputPort("X_WO_measured").FixValue(context, X_1)
+    assert estimator.GetOutputPort("measurement_verdict").Eval(context)[0] == Verdict.USED
+    assert np.all(np.isfinite(pose(estimator, context).GetAsMatrix34()))
