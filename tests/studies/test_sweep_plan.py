@@ -1,7 +1,6 @@
-import datetime
-
 """What a sweep's file comes to: its runs, and the lines about what is wrong with it."""
 
+import datetime
 import itertools
 import re
 
