@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
 
-MAX_TRIANGLES = 1_500_000
-"""How many small triangles a surface may be split into: they need about half a GB."""
+MAX_TRIANGLES = 2_000_000
+"""How many small triangles a surface may be split into: they need some 0.6 GB."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from drake_pregrasp import box_surface
+from drake_pregrasp import box_surface, load_scenario
+from drake_pregrasp.planning.mesh_surface import EDGE
+from drake_pregrasp.planning.sampling import split_triangles
 from drake_pregrasp.studies.bench import base_case, global_times, scene, startup
 from drake_pregrasp.studies.bench import bench as bench_module
 from drake_pregrasp.studies.bench.base_case import PARTS, RunJob, time_run
@@ -17,7 +19,7 @@ from drake_pregrasp.studies.bench.global_times import PLANNERS, GlobalJob, compa
 from drake_pregrasp.studies.bench.implemented_surface import implemented
 from drake_pregrasp.studies.bench.memory import WARM_UP, MemoryJob, slope
 from drake_pregrasp.studies.bench.outcome import Outcome
-from drake_pregrasp.studies.bench.plan import Plan, full_plan, quick_plan
+from drake_pregrasp.studies.bench.plan import MESH_SPACINGS, Plan, full_plan, quick_plan
 from drake_pregrasp.studies.bench.report import report
 from drake_pregrasp.studies.bench.scene import (
     MESH,
@@ -34,6 +36,15 @@ from drake_pregrasp.studies.bench.tick_times import BY_SIZE, TickJob, TickTimes,
 from drake_pregrasp.studies.bench.ways import AS_OBSTACLES, all_ways, make_ticks
 
 FASTEST = implementations()[-1]
+
+
+def test_the_finest_mesh_of_the_plan_is_within_the_limits():
+    finest = min(MESH_SPACINGS)
+    shape = load_scenario(MESH).object.make_shape()
+    pieces = split_triangles(
+        np.array(shape.mesh.triangles), np.array(shape.mesh.face_normals), EDGE * finest
+    )
+    assert len(pieces.corners) > 1_000_000
 
 
 @pytest.mark.parametrize("strategy", STRATEGIES)
