@@ -14,7 +14,7 @@ from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
 _DISTANCE = 0.75
 """Least distance of two candidates, as a share of the spacing: neighbours are 0.75 to 1.5 apart."""
 
-_EDGE = 0.5
+EDGE = 0.5
 """Longest edge of the triangles that patches are made of, as a share of the spacing."""
 
 _SLIVER = 1e-8
@@ -52,9 +52,9 @@ def mesh_surface(
         raise InvalidArgumentError("spacings must be above 0 m")
     mesh = shape.mesh
     triangles = split_triangles(
-        np.array(mesh.triangles), np.array(mesh.face_normals), _EDGE * spacing
+        np.array(mesh.triangles), np.array(mesh.face_normals), EDGE * spacing
     )
-    triangles = triangles.chosen(triangles.areas > _SLIVER * (_EDGE * spacing) ** 2)
+    triangles = triangles.chosen(triangles.areas > _SLIVER * (EDGE * spacing) ** 2)
     forbidden = is_forbidden(triangles, shape.face_parts, no_touch)
     allowed = triangles.chosen(~forbidden)
     if len(allowed.faces) == 0:

@@ -97,19 +97,22 @@ class PoseBelief:
         zero, covariance = np.zeros(3), np.zeros((6, 6))
         return PoseBelief(-np.inf, zero, zero, np.eye(3), zero, covariance, covariance)
 
+    @property
+    def parts(self) -> list[FloatArray]:
+        """What its vector form has, one after another; `SIZE` numbers in all."""
+        return [
+            np.array([self.time]),
+            self.p_WCoM,
+            self.v_WCoM,
+            self.R_WO.ravel(),
+            self.w_WO,
+            self.P_position.ravel(),
+            self.P_orientation.ravel(),
+        ]
+
     def to_vector(self) -> FloatArray:
-        """Returns the belief as one vector, for a discrete state."""
-        return np.concatenate(
-            [
-                [self.time],
-                self.p_WCoM,
-                self.v_WCoM,
-                self.R_WO.ravel(),
-                self.w_WO,
-                self.P_position.ravel(),
-                self.P_orientation.ravel(),
-            ]
-        )
+        """Returns the belief as one vector."""
+        return np.concatenate(self.parts)
 
     @staticmethod
     def from_vector(vector: FloatArray) -> "PoseBelief":

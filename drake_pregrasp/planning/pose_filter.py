@@ -67,13 +67,16 @@ def predict(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief
     if dt == 0:
         return belief
     F_position, F_orientation = transitions(belief, dt)
-    fall = np.array([0.0, 0.0, -noise.gravity])
+    p_WCoM, v_WCoM = belief.p_WCoM + belief.v_WCoM * dt, belief.v_WCoM
+    if noise.gravity:
+        fall = np.array([0.0, 0.0, -noise.gravity])
+        p_WCoM, v_WCoM = p_WCoM + fall * (dt**2 / 2), v_WCoM + fall * dt
     turned = F_orientation[:3, :3]
     Q_position, Q_orientation = _process_noise(dt, noise)
     return PoseBelief(
         time=belief.time + dt,
-        p_WCoM=belief.p_WCoM + belief.v_WCoM * dt + fall * (dt**2 / 2),
-        v_WCoM=belief.v_WCoM + fall * dt,
+        p_WCoM=p_WCoM,
+        v_WCoM=v_WCoM,
         R_WO=turned @ belief.R_WO,
         w_WO=belief.w_WO,
         P_position=F_position @ belief.P_position @ F_position.T + Q_position,
@@ -147,7 +150,9 @@ def innovation(
     """Returns what a measured pose at the belief's own time has that is new; see `update`."""
     off, turn = p_WCoM_measured - belief.p_WCoM, rotation_vector(R_WO_measured @ belief.R_WO.T)
     P = np.array([belief.P_position, belief.P_orientation])
-    R = np.array([measurement_covariance(belief.R_WO, noise, p_OCoM), noise.orientation**2 * _I])
+    R = _central_noise(noise)
+    if p_OCoM is not None:
+        R = np.array([measurement_covariance(belief.R_WO, noise, p_OCoM), R[1]])
     return Innovation(nu=np.array([off, turn]), P=P, R=R, S=P[:, :3, :3] + R)
 
 
@@ -187,6 +192,15 @@ def corrected(belief: PoseBelief, new: Innovation) -> PoseBelief:
         P_position=P_position,
         P_orientation=P_orientation,
     )
+
+
+@lru_cache
+def _central_noise(noise: PoseFilterNoise) -> FloatArray:
+    """Covariances of a measured pose with the centre of mass at O's origin, shape (2, 3, 3).
+
+    They are kept for the next tick: not to be written to.
+    """
+    return np.array([noise.position**2 * _I, noise.orientation**2 * _I])
 
 
 @lru_cache(maxsize=256)  # As many differences as rounding makes between times a period apart.

@@ -86,13 +86,14 @@ class PoseMeasurement:
         same_place = self.p_WCoM.tolist() == other.p_WCoM.tolist()
         return bool(same_place and self.R_WO.tolist() == other.R_WO.tolist())
 
-    def to_vector(self) -> FloatArray:
-        """Returns it as one vector, shape (`SIZE`,)."""
-        return np.concatenate([[self.time], self.p_WCoM, self.R_WO.ravel()])
+    @property
+    def parts(self) -> list[FloatArray]:
+        """What its vector form has, one after another; `SIZE` numbers in all."""
+        return [np.array([self.time]), self.p_WCoM, self.R_WO.ravel()]
 
     @staticmethod
     def from_vector(vector: FloatArray) -> "PoseMeasurement":
-        """Inverse of `to_vector`."""
+        """Returns it from its vector form."""
         return PoseMeasurement(
             float(vector[0]), vector[1:4], vector[4 : PoseMeasurement.SIZE].reshape(3, 3)
         )

@@ -30,7 +30,7 @@ class Step:
 
     def to_vector(self) -> FloatArray:
         """Returns it as one vector."""
-        return np.concatenate([self.measurement.to_vector(), self.belief.to_vector()])
+        return np.concatenate([*self.measurement.parts, *self.belief.parts])
 
     @staticmethod
     def from_vector(vector: FloatArray) -> "Step":
@@ -149,8 +149,8 @@ class PoseTrack:
                 [self.rival_count, self.refused, self.noisiness, self.excess, self.verdict],
                 self.innovation_squared,
                 self.last_innovation.ravel(),
-                self.last_seen.to_vector(),
-                self.rival.to_vector(),
+                *self.last_seen.parts,
+                *self.rival.parts,
                 self.steps.ravel(),
             ]
         )

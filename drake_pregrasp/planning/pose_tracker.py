@@ -91,17 +91,18 @@ def take(
         return track.judged(MeasurementVerdict.NOTHING_NEW)
     if not measurement.is_usable(now):
         return track.judged(MeasurementVerdict.UNUSABLE)
-    seen, track = track.last_seen, replace(track, last_seen=measurement)
+    seen, newest = track.last_seen, track.newest
+    track = replace(track, last_seen=measurement)
     if track.is_empty:
         return _started(track, measurement, settings)
     if settings.refuse_repeats and measurement.repeats(seen) and _is_suspicious(track):
         return track.judged(MeasurementVerdict.REPEATED)
-    if measurement.time < track.newest.time:
+    if measurement.time < newest.time:
         return _taken_late(track, measurement, settings)
-    silence = measurement.time - track.newest.time
+    silence = measurement.time - newest.time
     if silence > OLDEST:
         return _started(track, measurement, settings)
-    prior = predict(track.newest, silence, settings.noise)
+    prior = predict(newest, silence, settings.noise)
     if _is_vague(prior, settings.noise):
         return _started(track, measurement, settings)
     factor = _variance_factor(track)

@@ -90,7 +90,9 @@ def usable_weights(contact_weights: FloatArray) -> FloatArray:
     Args:
         contact_weights: Shape (n,), in m².
     """
-    usable = np.minimum(np.maximum(contact_weights, -LARGEST_WEIGHT), LARGEST_WEIGHT)
+    if all(abs(weight) <= LARGEST_WEIGHT for weight in contact_weights.tolist()):
+        return contact_weights.copy()
+    usable = np.clip(contact_weights, -LARGEST_WEIGHT, LARGEST_WEIGHT)
     usable[~(contact_weights > -np.inf)] = -np.inf
     return usable
 

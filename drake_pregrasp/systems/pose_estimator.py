@@ -206,7 +206,9 @@ class PoseEstimator(LeafSystem):
         if self._measurement_time.HasValue(context):
             time = float(self._measurement_time.Eval(context)[0])
         R_WO: FloatArray = X_WO.rotation().matrix()
-        return PoseMeasurement(time, X_WO @ self._p_OCoM, R_WO)
+        p_OCoM = self._settings.p_OCoM
+        p_WCoM = X_WO.translation().copy() if p_OCoM is None else X_WO @ p_OCoM
+        return PoseMeasurement(time, p_WCoM, R_WO)
 
     def _store_track(self, context: Context, discrete_state: DiscreteValues) -> None:
         track: PoseTrack = self._track.Eval(context)
@@ -237,7 +239,9 @@ class PoseEstimator(LeafSystem):
     def _calc_pose(self, context: Context, output: AbstractValue) -> None:
         belief: PoseBelief = self._belief.Eval(context)
         R_WO = RotationMatrix.ProjectToRotationMatrix(belief.R_WO)
-        output.set_value(RigidTransform(R_WO, belief.p_WCoM - R_WO @ self._p_OCoM))
+        p_OCoM = self._settings.p_OCoM
+        p_WO = belief.p_WCoM if p_OCoM is None else belief.p_WCoM - R_WO @ p_OCoM
+        output.set_value(RigidTransform(R_WO, p_WO))
 
     def _calc_velocity(self, context: Context, output: AbstractValue) -> None:
         if not self._status(context).is_followed:
