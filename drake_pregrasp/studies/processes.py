@@ -108,15 +108,26 @@ def _in_one_pool(
 
 @contextlib.contextmanager
 def _without_interrupts() -> Generator[None, None, None]:
-    """Holds interrupts back: a process that begins inside has them held back, too.
+    """Holds interrupts back until its end, also in processes that begin inside.
 
-    A terminal interrupts them all, also those that still import what they need.
+    A terminal interrupts all processes, those too that still import what they need. And one whose
+    parent is interrupted while it starts it would wait for words that never come.
     """
+    came: list[int] = []
+    handlers = {}
+    if threading.current_thread() is threading.main_thread():  # No other can set handlers.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if callable(signal.getsignal(number)):
+                handlers[number] = signal.signal(number, lambda number, frame: came.append(number))
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for held, handler in handlers.items():
+            signal.signal(held, handler)
+        if came:
+            signal.raise_signal(came[0])
 
 
 def _prepare() -> None:
