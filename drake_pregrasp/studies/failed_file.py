@@ -4,7 +4,6 @@ import csv
 import io
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 from drake_pregrasp.errors import OutputError
@@ -51,12 +50,7 @@ class FailedFile:
         self.failures = self._read()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *raised: object) -> None:
         self._write_all()
 
     def add(self, cells: Cells, why: str) -> None:
