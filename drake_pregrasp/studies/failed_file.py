@@ -48,6 +48,7 @@ class FailedFile:
 
     def __enter__(self) -> Self:
         self.failures = self._read()
+        self._write_all()  # Else what is added would end a line that was cut off.
         return self
 
     def __exit__(self, *raised: object) -> None:

@@ -16,7 +16,7 @@ from drake_pregrasp import OutputError, load_scenario, run
 from drake_pregrasp.cli import main
 from drake_pregrasp.simulation.phases import adapting_phase
 from drake_pregrasp.studies.case_runs import CaseLog, CaseRun
-from drake_pregrasp.studies.failed_file import FAILED
+from drake_pregrasp.studies.failed_file import FAILED, FailedFile
 from drake_pregrasp.studies.settings_file import claim
 from drake_pregrasp.studies.sweep.engines import local_engine
 from drake_pregrasp.studies.sweep.measures import MEASURES
@@ -153,6 +153,9 @@ def test_a_list_of_failures_cut_while_it_was_written_is_completed(study, tmp_pat
     header = whole.index(b"\n") + 1
     for end in range(header, len(whole), 11):
         (tmp_path / FAILED).write_bytes(whole[:end])
+        killed = FailedFile(tmp_path / FAILED, study.plan.cell_names, list).__enter__()
+        killed.add(study.plan.run(1).cells, "OutputError: 1")
+        killed.add(study.plan.run(3).cells, "OutputError: again")
         assert make(tmp_path, study, failing)[0] == failures
         assert (tmp_path / FAILED).read_bytes() == whole
 
