@@ -12,9 +12,9 @@ FLOORS = [
     "resources",
     "arrays",
     "ticks",
+    "geometry",
     "quality",
     "kernels",
-    "geometry",
     "regions",
     "contacts",
     "estimation",
@@ -27,7 +27,7 @@ FLOORS = [
     "studies",
     "cli",
 ]
-MATHEMATICS = FLOORS[FLOORS.index("quality") : FLOORS.index("config")]
+MATHEMATICS = FLOORS[FLOORS.index("geometry") : FLOORS.index("config")]
 FILES = [path for path in PACKAGE.rglob("*.py") if path.parent != PACKAGE or path.stem in FLOORS]
 
 

@@ -221,16 +221,13 @@ class RegionConstraints:
         blocked = self.obstacles.solids or len(self.obstacles.points) or any(self.closed)
         return not blocked and all(reach is None for reach in self.reach)
 
-    @cached_property
-    def is_empty(self) -> bool:
-        """Whether nothing limits the regions."""
-        return (
-            self.leaves_every_point
-            and not np.any(self.tip_radii)
-            and not self.tip_gap > 0
-            and self.same_side is None
-            and self.fencing is None
-        )
+    def normals_of(self, candidates: IntArray) -> FloatArray:
+        """Returns outward normals of candidates, shape (k, 3); zeros if there are no normals.
+
+        Args:
+            candidates: Their indices, shape (k,).
+        """
+        return self.nhat_OQ[candidates] if len(self.nhat_OQ) else np.zeros((len(candidates), 3))
 
     def tip_radius(self, contact: int) -> float:
         """Returns the radius of the fingertip of the contact with that index, in metres."""

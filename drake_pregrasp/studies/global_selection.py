@@ -65,7 +65,7 @@ def margin_score(p_CoMQ: FloatArray, nhat_OQ: FloatArray) -> Score:
             p_CoMQ[last],
             nhat_OQ[last],
             FRICTION,
-            moved=np.full(len(p_CoMQ), len(held)),
+            moved=len(held),
             p_CoMQ=p_CoMQ,
             nhat_Q=nhat_OQ,
         )

@@ -49,7 +49,7 @@ def figure_2c(scenario: Scenario, contact: int) -> Figure:
     axes = figure.subplots(2, 2, sharex=True, sharey=True)
     for axis, (name, title) in zip(axes.flat, _STRATEGY_TITLES.items(), strict=True):
         strategy = make_strategy(name)
-        b = np.exp(strategy(selection)[q])
+        b = np.exp(strategy(selection, contact))
         goal, normal = surface.project(select_contacts(selection, strategy).p_OC[[contact]])
         weight = np.full(len(strip), np.nan)
         weight[q] = b / b.max()

@@ -146,7 +146,6 @@ class SafeRegionPartitioner(LeafSystem):
         self._moments = np.linspace(0.0, horizon, _MOMENTS)[1:] if horizon > 0 else ()
         self._reach, self._closed = tuple(reach), tuple(closed)
         self._wall_test = wall_test
-        self._kernel = surface.kernel if normal_length == 0 else None
         self._is_unlimited = wall_test == "none" and not len(self._tip_radii)
         self._is_unlimited &= not any(reach) and not any(closed)
         self._graph = SurfaceGraph(surface) if wall_test == "surface" else None
@@ -194,14 +193,7 @@ class SafeRegionPartitioner(LeafSystem):
             _, nhat_OC = self._surface.project(p_OC)
             p_OC = lifted(p_OC, nhat_OC, self._normal_length)
         output.set_value(
-            compute_safe_regions(
-                self._points,
-                p_OC,
-                weights,
-                self._surface.forbidden,
-                constraints,
-                kernel=self._kernel,
-            )
+            compute_safe_regions(self._points, p_OC, weights, self._surface.forbidden, constraints)
         )
 
     def _constraints(

@@ -152,9 +152,7 @@ def _planned(
     surface: ObjectSurface, p_OC: FloatArray, weigh: WeightFunction, in_turns: bool
 ) -> FloatArray:
     """Returns where contacts go in a tick, which measures the goals too."""
-    regions = compute_safe_regions(
-        surface.p_OQ, p_OC, np.zeros(len(p_OC)), surface.forbidden, kernel=surface.kernel
-    )
+    regions = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(len(p_OC)), surface.forbidden)
     selection = SelectionInput(surface, p_OC, regions, SPREAD**2 * np.eye(3))
     goals = select_contacts(selection, weigh, in_turns=in_turns).p_OC
     grasp_quality(goals - surface.p_OCoM)

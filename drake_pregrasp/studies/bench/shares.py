@@ -5,16 +5,17 @@ import pstats
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
+from drake_pregrasp.contacts.centroids import region_centroids
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.kernels import TickKernel
 from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.studies.bench.scene import SceneSpec, make_scene
 from drake_pregrasp.studies.bench.ways import make_ticks
 
 STAGES: Mapping[str, Callable[..., Any]] = {
-    "regions": TickKernel.partition,
-    "weights, centroids": TickKernel.centroids,
-    "projection": ObjectSurface.project_onto_regions,
+    "regions": compute_safe_regions,
+    "weights, centroids": region_centroids,
+    "projection": ObjectSurface.project_into,
     "measures": grasp_quality,
 }
 """The stages of a tick, and the function in which each of them is as a whole."""

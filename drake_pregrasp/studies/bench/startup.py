@@ -30,7 +30,7 @@ kernel = surface.kernel
 made = time.perf_counter()
 p_OC = surface.p_OQ[::500]
 regions = compute_safe_regions(
-    surface.p_OQ, p_OC, np.zeros(len(p_OC)), surface.forbidden, kernel=kernel
+    surface.p_OQ, p_OC, np.zeros(len(p_OC)), surface.forbidden
 )
 selection = SelectionInput(surface, p_OC, regions, 0.04**2 * np.eye(3))
 select_contacts(selection, make_strategy("gii"))

@@ -64,7 +64,6 @@ def _tick(
 ) -> Tick:
     name, reading = STRATEGIES[strategy]
     weigh = make_strategy(name, reading=reading)
-    kernel = surface.kernel if use_kernel else None
     forbidden, constraints = surface.forbidden, RegionConstraints()
     if obstacles:
         constraints = RegionConstraints(obstacles=Obstacles(points=forbidden))
@@ -72,7 +71,7 @@ def _tick(
 
     def tick(p_OC: FloatArray) -> FloatArray:
         regions = compute_safe_regions(
-            surface.p_OQ, p_OC, np.zeros(len(p_OC)), forbidden, constraints, kernel=kernel
+            surface.p_OQ, p_OC, np.zeros(len(p_OC)), forbidden, constraints
         )
         goals = select_contacts(
             SelectionInput(surface, p_OC, regions, SPREAD**2 * np.eye(3)), weigh
