@@ -15,7 +15,7 @@ from drake_pregrasp.contacts.goal_limits import (
     with_returning_contacts,
 )
 from drake_pregrasp.contacts.selection_input import (
-    CentroidFunction,
+    GoalFunction,
     ContactGoals,
     SelectionInput,
     WeightFunction,
@@ -41,7 +41,7 @@ def gaussian_log_weights(q: FloatArray, mu: FloatArray, Sigma: FloatArray) -> Fl
         Sigma: Covariance, symmetric and positive definite, shape (3, 3), in m².
     """
     d = q - mu
-    log_b: FloatArray = -0.5 * np.sum(d @ np.linalg.inv(Sigma) * d, axis=1)
+    log_b: FloatArray = -0.5 * np.einsum("ni,ni->n", d @ np.linalg.inv(Sigma), d)
     return log_b
 
 
@@ -64,10 +64,13 @@ def weighted_centroid(q: FloatArray, log_b: FloatArray, areas: FloatArray) -> Fl
     return c_i
 
 
-def region_centroids(
+def region_goals(
     selection: SelectionInput, contacts: Iterable[int], strategy: WeightFunction
 ) -> FloatArray:
-    """Returns the weighted centroids of the contacts' safe regions, shape (k, 3), in metres.
+    """Returns the weighted centroids of the contacts' regions, projected onto them, shape (k, 3).
+
+    The centroid of a region that bends round an edge is a point of a chord, inside the object: the
+    goal is its projection onto the region's patches.
 
     Args:
         selection: Surface, contacts, regions and estimate of this tick.
@@ -75,11 +78,11 @@ def region_centroids(
         strategy: Weights of the candidates.
     """
     surface, centroids = selection.surface, []
-    for i in contacts:
-        n = selection.regions.members(i)
+    members = [selection.regions.members(i) for i in contacts]
+    for i, n in zip(contacts, members, strict=True):
         log_b = strategy(selection, i)
         centroids.append(weighted_centroid(surface.p_OQ[n], log_b, surface.areas[n]))
-    return np.array(centroids)
+    return surface.project_into(np.array(centroids), members)[0]
 
 
 def best_points(
@@ -103,13 +106,11 @@ def select_contacts(
     best_point: bool = False,
     in_turns: bool = False,
     limits: ContactLimits | None = None,
-    centroids: CentroidFunction | None = None,
+    choose: GoalFunction | None = None,
 ) -> ContactGoals:
     """Moves each contact to the weighted centroid of its safe region, projected onto the surface.
 
-    The centroid of a region that bends round an edge is a point of a chord, inside the object: the
-    goal is its projection onto the region's patches. A contact whose region is empty stays where it
-    is on the object, unless it is to recover.
+    A contact whose region is empty stays where it is on the object, unless it is to recover.
 
     Args:
         selection: Surface, contacts, regions and estimate of this tick.
@@ -118,24 +119,23 @@ def select_contacts(
         in_turns: Whether the contacts move one after another, each seeing where those before it
             have gone, instead of all as if the others stayed. The regions are those of the tick.
         limits: Limits on the goals.
-        centroids: A faster implementation of `region_centroids` with that strategy.
+        choose: A faster implementation of `region_goals` with that strategy.
     """
     limits = limits or ContactLimits()
     regions = selection.regions
-    chosen_points: CentroidFunction = centroids or partial(region_centroids, strategy=strategy)
-    if best_point:
-        chosen_points = partial(best_points, strategy=strategy)
+    if choose is None or best_point:
+        choose = partial(best_points if best_point else region_goals, strategy=strategy)
     active = np.flatnonzero(selection.active)
     goals = selection.p_OC.copy()
     for movers in active[:, None] if in_turns else active[None]:
+        if len(movers) == 0:
+            continue
         seen = replace(selection, p_OC=goals.copy()) if in_turns else selection
-        points = chosen_points(seen, movers) if len(movers) else goals[movers]
-        members = [regions.members(i) for i in movers]
-        goals[movers], _ = selection.surface.project_into(points, members)
+        goals[movers] = choose(seen, movers)
         if not regions.constraints.leaves_every_point:
             selection.project(goals[movers])  # All at once.
-            for i, q in zip(movers.tolist(), members, strict=True):
-                goals[i] = _permitted(selection, i, goals[i], q)
+            for i in movers.tolist():
+                goals[i] = _permitted(selection, i, goals[i], regions.members(i))
     on_patches = np.zeros(len(goals), dtype=bool)
     on_patches[active] = True
     limited = limited_goals(selection, goals.copy(), limits)

@@ -149,9 +149,9 @@ WeightFunction = Callable[[SelectionInput, int], FloatArray]
 """Maps a selection's input and the index of a contact to log(b_n) of the candidates in its region,
 shape (k,), up to a constant."""
 
-CentroidFunction = Callable[[SelectionInput, IntArray], FloatArray]
-"""Maps a selection's input and the indices of k contacts to the weighted centroids of their
-regions, shape (k, 3), in metres."""
+GoalFunction = Callable[[SelectionInput, IntArray], FloatArray]
+"""Maps a selection's input and the indices of k contacts to goals on the patches of their regions,
+shape (k, 3), in metres."""
 
 
 @dataclass(frozen=True, eq=False)

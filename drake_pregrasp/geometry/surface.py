@@ -1,5 +1,6 @@
 """The surface of an object: where contacts may be, and projection onto it."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,7 +18,7 @@ CONTACT_TOLERANCE = 1e-4
 
 _ROUNDING = 1 + 1e-9
 
-_FLAT = 1e-12
+FLAT_CORNER = 1e-12
 """Square of the sine at a corner below which a triangle is taken for its edges: rounding would
 decide on which side of them a point is."""
 
@@ -121,12 +122,13 @@ class ObjectSurface:
         Raises:
             InvalidArgumentError: If a point is not finite.
         """
-        _check_finite(p_OP)
         # A candidate is on its patch, so that the nearest one bounds the distance to the surface.
-        bounds, _ = self._tree.query(p_OP)
-        reach = (bounds + self._patch_reach) * _ROUNDING
+        bounds, _ = self._tree.query(_finite(p_OP))
+        reach = bounds * _ROUNDING + self.patch_reach
         near = self._tree.query_ball_point(p_OP, reach, return_sorted=True)
-        return self._project_onto_patches(p_OP, near, bounds)
+        point = np.repeat(np.arange(len(p_OP)), [len(own) for own in near])
+        candidates = np.fromiter(itertools.chain(*near), np.int64, len(point))
+        return self._project_onto_patches(p_OP, point, candidates, bounds)
 
     def project_into(
         self, p_OP: FloatArray, candidates: Sequence[IntArray]
@@ -143,51 +145,63 @@ class ObjectSurface:
         Raises:
             InvalidArgumentError: If a point is not finite, or has no candidates.
         """
-        _check_finite(p_OP)
-        bounds, near = np.empty(len(p_OP)), []
-        for k, (point, own) in enumerate(zip(p_OP, candidates, strict=True)):
-            if len(own) == 0:
-                raise InvalidArgumentError("a point has no candidates to be projected onto")
-            away = self.p_OQ[own] - point
-            distances = np.sqrt(np.einsum("ij,ij->i", away, away))
-            bounds[k] = distances.min()
-            near.append(own[distances <= (bounds[k] + self._patch_reach) * _ROUNDING])
-        return self._project_onto_patches(p_OP, near, bounds)
+        counts = np.array([len(own) for own in candidates], dtype=np.int64)
+        if not counts.all():
+            raise InvalidArgumentError("a point has no candidates to be projected onto")
+        if len(counts) == 0:
+            return np.empty((0, 3)), np.empty((0, 3))
+        point, own = np.repeat(np.arange(len(counts)), counts), np.concatenate(candidates)
+        away = self.p_OQ[own] - _finite(p_OP)[point]
+        distances = np.sqrt(np.einsum("ij,ij->i", away, away))
+        bounds = np.minimum.reduceat(distances, np.cumsum(counts) - counts)
+        near = distances <= (bounds * _ROUNDING + self.patch_reach)[point]
+        return self._project_onto_patches(p_OP, point[near], own[near], bounds)
 
     def _project_onto_patches(
-        self, p_OP: FloatArray, candidates: Sequence[Sequence[int] | IntArray], bounds: FloatArray
+        self, p_OP: FloatArray, point: IntArray, candidates: IntArray, bounds: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Projects each point onto the patches of its candidates.
+        """Projects points onto the patches of pairs of points and candidates.
 
         Args:
             p_OP: Points in O, shape (k, 3), in metres.
-            candidates: For each point the indices of candidates, in ascending order.
+            point: Index of each pair's point, ascending, shape (p,).
+            candidates: Index of each pair's candidate, ascending for each point, shape (p,).
             bounds: Upper bound of each point's distance, shape (k,), in metres.
         """
-        nearest, normals = np.empty((len(p_OP), 3)), np.empty((len(p_OP), 3))
-        for k, point in enumerate(p_OP):
-            own = self._triangles_within(point, np.asarray(candidates[k]), bounds[k])
-            closest = closest_points(self.patches[own], point)
-            best = np.argmin(np.sum((closest - point) ** 2, axis=1))
-            nearest[k], normals[k] = closest[best], self._triangle_normals[own[best]]
-        return nearest, normals
+        point, triangles = self._near_triangles(p_OP, point, candidates, bounds)
+        closest = closest_points(self.patches[triangles], p_OP[point])
+        away = closest - p_OP[point]
+        squares = np.einsum("ij,ij->i", away, away)
+        starts = np.searchsorted(point, np.arange(len(p_OP) + 1))
+        best = [low + squares[low:high].argmin() for low, high in itertools.pairwise(starts)]
+        return closest[best].reshape(-1, 3), self._triangle_normals[triangles[best]].reshape(-1, 3)
 
-    def _triangles_within(
-        self, point: FloatArray, candidates: IntArray, distance: float
-    ) -> IntArray:
-        """Returns the triangles of patches that are as near to a point as a distance, and more."""
-        first, end = self.patch_starts[candidates], self.patch_starts[candidates + 1]
-        counts = end - first
-        triangles = np.arange(counts.sum()) + np.repeat(end - np.cumsum(counts), counts)
-        away = np.linalg.norm(self._centroids[triangles] - point, axis=1)
-        near: IntArray = triangles[away <= (distance + self._triangle_radius) * _ROUNDING]
-        return near
+    def _near_triangles(
+        self, p_OP: FloatArray, point: IntArray, candidates: IntArray, distances: FloatArray
+    ) -> tuple[IntArray, IntArray]:
+        """Returns pairs of points and triangles of their patches that may be within a distance.
+
+        Args:
+            p_OP: Points in O, shape (k, 3), in metres.
+            point: Index of each pair's point, shape (p,).
+            candidates: Index of each pair's candidate, shape (p,).
+            distances: Distance from each point, shape (k,), in metres.
+        """
+        ends = self.patch_starts[candidates + 1]
+        counts = ends - self.patch_starts[candidates]
+        point = np.repeat(point, counts)
+        triangles = np.arange(len(point)) + np.repeat(ends - np.cumsum(counts), counts)
+        away = self._centroids[triangles] - p_OP[point]
+        reach = (distances + self._triangle_radius) * _ROUNDING
+        near = np.einsum("ij,ij->i", away, away) <= (reach**2)[point]
+        return point[near], triangles[near]
 
     def candidates_within(self, p_OP: FloatArray, distance: float) -> IntArray:
         """Returns the candidates whose patches come that near to a point p_OP, or nearly, (k,)."""
-        reach = (distance + self._triangle_radius + self._patch_reach) * _ROUNDING
-        near = np.sort(self._tree.query_ball_point(p_OP, reach)).astype(np.int64)
-        return np.unique(self._owners[self._triangles_within(p_OP, near, distance)])
+        reach = (distance + self._triangle_radius + self.patch_reach) * _ROUNDING
+        near = np.array(self._tree.query_ball_point(p_OP, reach, return_sorted=True), np.int64)
+        pairs = p_OP[None], np.zeros_like(near), near, np.array([distance])
+        return np.unique(self._owners[self._near_triangles(*pairs)[1]])
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -200,10 +214,10 @@ class ObjectSurface:
         return np.repeat(np.arange(len(self.p_OQ)), np.diff(self.patch_starts))
 
     @cached_property
-    def _patch_reach(self) -> float:
+    def patch_reach(self) -> float:
         """Largest distance of a patch's corner from its candidate, in metres."""
         away = np.linalg.norm(self.patches - self.p_OQ[self._owners, None], axis=2)
-        return float(np.max(away))
+        return float(np.max(away)) * _ROUNDING
 
     @cached_property
     def _centroids(self) -> FloatArray:
@@ -246,8 +260,8 @@ class ObjectSurface:
         return distances
 
 
-def closest_points(triangles: FloatArray, point: FloatArray) -> FloatArray:
-    """Returns the point of each triangle that is nearest to a point, shape (k, 3).
+def closest_points(triangles: FloatArray, points: FloatArray) -> FloatArray:
+    """Returns the point of each triangle that is nearest to its point, shape (k, 3).
 
     It is the foot of the perpendicular if that is inside the triangle, or else on the nearest edge.
     There are no tolerances: trimesh's are absolute, in the fourth power of a length, and take
@@ -255,31 +269,32 @@ def closest_points(triangles: FloatArray, point: FloatArray) -> FloatArray:
 
     Args:
         triangles: Corners a, b, c of each, shape (k, 3, 3), in metres.
-        point: Shape (3,), in metres.
+        points: A point for each, shape (k, 3), or one for all, shape (3,), in metres.
     """
-    away = point - triangles
+    away = points[..., None, :] - triangles
     edges = triangles.take((1, 2, 0), axis=1) - triangles
     squares = np.einsum("kij,kij->ki", edges, edges)
     along = np.einsum("kij,kij->ki", away, edges)
     shares = np.clip(along / np.maximum(squares, np.finfo(float).tiny), 0, 1)
     offsets = shares[:, :, None] * edges - away
     nearest_edge = np.einsum("kij,kij->ki", offsets, offsets).argmin(axis=1)
-    closest: FloatArray = point + offsets[np.arange(len(offsets)), nearest_edge]
+    closest: FloatArray = points + offsets[np.arange(len(offsets)), nearest_edge]
     # The foot is a + (v ab + w ac)/whole.
     ab, ac = edges[:, 0], -edges[:, 2]
     b_a, c_a = along[:, 0], np.einsum("ki,ki->k", away[:, 0], ac)
     bb, bc, cc = squares[:, 0], np.einsum("ki,ki->k", ab, ac), squares[:, 2]
     whole = bb * cc - bc * bc
     v, w = b_a * cc - c_a * bc, c_a * bb - b_a * bc
-    inside = (v > 0) & (w > 0) & (v + w < whole) & (whole > _FLAT * bb * cc)
+    inside = np.flatnonzero((v > 0) & (w > 0) & (v + w < whole) & (whole > FLAT_CORNER * bb * cc))
     foot = (v[inside, None] * ab[inside] + w[inside, None] * ac[inside]) / whole[inside, None]
     closest[inside] = triangles[inside, 0] + foot
     return closest
 
 
-def _check_finite(p_OP: FloatArray) -> None:
+def _finite(p_OP: FloatArray) -> FloatArray:
     if not np.isfinite(p_OP).all():
         raise InvalidArgumentError(f"points must be finite, not {p_OP.tolist()}")
+    return p_OP
 
 
 class RememberedProjection:

@@ -35,6 +35,12 @@ class HalfSpaces:
         excluded: BoolArray = self.normals @ p_CQ.T > self.bounds[:, None]
         return excluded
 
+    def chosen(self, mask: BoolArray) -> "HalfSpaces":
+        """Returns the half-spaces of a mask, shape (m,)."""
+        return HalfSpaces(
+            self.normals[mask], self.bounds[mask], self.limits[mask], self.causes[mask]
+        )
+
 
 def joined(parts: Sequence[HalfSpaces]) -> HalfSpaces:
     """Returns the union of several sets of half-spaces."""

@@ -138,9 +138,7 @@ def compute_safe_regions(
     constraints = constraints or UNCONSTRAINED
     n = len(p_OC)
     lost = contact_weights == -np.inf
-    half_spaces = [
-        bounding_half_spaces(i, p_OC, contact_weights, forbidden, constraints) for i in range(n)
-    ]
+    half_spaces = bounding_half_spaces(p_OC, contact_weights, forbidden, constraints)
     labels = (label or label_candidates)(
         p_OQ, p_OC, contact_weights, half_spaces, constraints.same_side
     )
@@ -210,14 +208,14 @@ def label_candidates(
 
 
 def point_half_spaces(
-    c_i: FloatArray,
+    c: FloatArray,
     points: ForbiddenPoints,
     *,
-    margin: float = 0.0,
+    margins: FloatArray | float = 0.0,
     limit: Limit = Limit.FORBIDDEN,
     first_cause: int = NO_CAUSE,
-) -> HalfSpaces:
-    """Returns the half-spaces that keep a contact's region from forbidden points.
+) -> list[HalfSpaces]:
+    """Returns, for each contact, the half-spaces that keep its region from forbidden points.
 
     This is the right side of Eq. 1, with w_ij of Eq. 2 and d = |z_j - c_i|. Subtracting |q|²,
 
@@ -228,55 +226,53 @@ def point_half_spaces(
     both sides are zero, and no candidate is excluded.
 
     Args:
-        c_i: Contact, shape (d,), in metres.
+        c: Contacts c_i, shape (n, d), in metres.
         points: Points z_j and radii R_j, with d coordinates or the first few of them: such a point
             stands for all values of the others.
-        margin: Distance added to each radius, in metres.
+        margins: Distance added to each radius, in metres; or that of each contact, shape (n, 1).
         limit: The limit that the half-spaces stand for.
         first_cause: Cause of the first point; those of the others follow. `NO_CAUSE` for none.
     """
     m, size = points.points.shape
-    normals = np.zeros((m, len(c_i)))
-    normals[:, :size] = points.points - c_i[:size]
-    d = np.sqrt(np.einsum("ij,ij->i", normals, normals))
+    normals = np.zeros((len(c), m, c.shape[1]))
+    normals[:, :, :size] = points.points - c[:, None, :size]
+    d = np.sqrt(np.einsum("imk,imk->im", normals, normals))
+    bounds = d * (d - points.radii - margins)
+    limits = np.full(m, int(limit))
     causes = np.full(m, NO_CAUSE) if first_cause == NO_CAUSE else first_cause + np.arange(m)
-    return HalfSpaces(normals, d * (d - points.radii - margin), np.full(m, int(limit)), causes)
+    return [HalfSpaces(n, b, limits, causes) for n, b in zip(normals, bounds, strict=True)]
 
 
 def bounding_half_spaces(
-    i: int,
-    c: FloatArray,
-    h: FloatArray,
-    forbidden: ForbiddenPoints,
-    constraints: RegionConstraints,
-) -> HalfSpaces:
-    """Returns what bounds a region in its cell: forbidden points, fingertips, and obstacles.
+    c: FloatArray, h: FloatArray, forbidden: ForbiddenPoints, constraints: RegionConstraints
+) -> list[HalfSpaces]:
+    """Returns what bounds each region in its cell: forbidden points, fingertips, and obstacles.
 
     Args:
-        i: Index of the contact.
-        c: All contacts, shape (n, d), in metres; their first three coordinates are places.
+        c: Contacts, shape (n, d), in metres; their first three coordinates are places.
         h: Weights h_i, shape (n,), in m²; -inf for lost fingers.
         forbidden: Points z_j and radii R_j, in O.
         constraints: Fingertips, obstacles, and the forbidden points that apply to each contact.
     """
-    if constraints.fencing is not None:
-        applies = constraints.fencing[i]
-        forbidden = ForbiddenPoints(forbidden.points[applies], forbidden.radii[applies])
-    parts = [point_half_spaces(c[i], forbidden)]
-    obstacles, radius = constraints.obstacles, constraints.tip_radius(i)
-    margin = radius + constraints.clearance
-    if radius + constraints.tip_gap > 0:
-        parts.append(neighbour_half_spaces(i, c, h, constraints))
-    if obstacles.solids:
-        parts.append(solid_half_spaces(c[i], obstacles.solids, margin))
-    if len(obstacles.points):
-        first = len(obstacles.solids)
-        parts.append(
-            point_half_spaces(
-                c[i], obstacles.points, margin=margin, limit=Limit.OBSTACLE, first_cause=first
-            )
-        )
-    return parts[0] if len(parts) == 1 else joined(parts)
+    half_spaces = point_half_spaces(c, forbidden)
+    if constraints.has_bare_half_spaces:
+        return half_spaces
+    radii = constraints.tip_radii if len(constraints.tip_radii) else np.zeros(len(c))
+    margins, obstacles = radii + constraints.clearance, constraints.obstacles
+    near_points = point_half_spaces(
+        c,
+        obstacles.points,
+        margins=margins[:, None],
+        limit=Limit.OBSTACLE,
+        first_cause=len(obstacles.solids),
+    )
+    for i, own in enumerate(half_spaces):
+        parts = [own if constraints.fencing is None else own.chosen(constraints.fencing[i])]
+        if radii[i] + constraints.tip_gap > 0:
+            parts.append(neighbour_half_spaces(i, c, h, constraints))
+        parts += [solid_half_spaces(c[i], obstacles.solids, margins[i]), near_points[i]]
+        half_spaces[i] = joined(parts)
+    return half_spaces
 
 
 def _limit_of_region(

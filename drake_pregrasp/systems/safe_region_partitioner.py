@@ -10,6 +10,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.fast import fast_labels
 from drake_pregrasp.geometry.input_validation import (
     FARTHEST,
     are_usable_points,
@@ -143,6 +144,7 @@ class SafeRegionPartitioner(LeafSystem):
         self._points = surface.p_OQ
         if normal_length > 0:
             self._points = lifted(surface.p_OQ, surface.nhat_OQ, normal_length)
+        self._label = fast_labels(surface) if normal_length == 0 else None
         self._moments = np.linspace(0.0, horizon, _MOMENTS)[1:] if horizon > 0 else ()
         self._reach, self._closed = tuple(reach), tuple(closed)
         self._wall_test = wall_test
@@ -193,7 +195,14 @@ class SafeRegionPartitioner(LeafSystem):
             _, nhat_OC = self._surface.project(p_OC)
             p_OC = lifted(p_OC, nhat_OC, self._normal_length)
         output.set_value(
-            compute_safe_regions(self._points, p_OC, weights, self._surface.forbidden, constraints)
+            compute_safe_regions(
+                self._points,
+                p_OC,
+                weights,
+                self._surface.forbidden,
+                constraints,
+                label=self._label,
+            )
         )
 
     def _constraints(
