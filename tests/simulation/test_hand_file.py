@@ -21,7 +21,7 @@ from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams import hand_parsing
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.hand_file import load_hand_model
-from drake_pregrasp.simulation.hand_wiring import hand_planner
+from drake_pregrasp.simulation.simulation_diagram import hand_planner
 
 MODELS = resource_folder("models")
 FORBIDDEN = "forbidden_faces: ['+x', '-y', '+y'], radius: 0.009"
