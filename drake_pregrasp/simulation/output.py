@@ -2,6 +2,7 @@
 
 import contextlib
 import ctypes
+import fcntl
 import os
 import signal
 import sys
@@ -67,6 +68,28 @@ def replacing(path: Path) -> Iterator[Path]:
     finally:
         with contextlib.suppress(OSError):
             partial.unlink()
+
+
+@contextlib.contextmanager
+def claimed(folder: Path) -> Iterator[None]:
+    """Keeps other processes from writing into a folder. The lock ends with the process.
+
+    Raises:
+        OutputError: If another process has claimed the folder, or it can't be written.
+    """
+    path = folder / ".lock"
+    with writing(path), path.open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            is_free = os.fstat(file.fileno()).st_nlink > 0  # Not just deleted by its last owner.
+        except BlockingIOError:
+            is_free = False
+        if not is_free:
+            raise OutputError(f"{folder}: another run is writing into it; choose another folder")
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -63,26 +63,27 @@ def connect_named(
         builder.Connect(source.GetOutputPort(port), target.GetInputPort(port))
 
 
-def add_recording(
+def add_visualizers(
     builder: DiagramBuilder,
     meshcat: Meshcat,
     scenario: Scenario,
     surface: ObjectSurface,
     object_plant: ObjectPlant | HandStation,
     planner: PregraspPlanner,
+    *,
+    record: bool,
 ) -> None:
-    """Adds visualizers of the plant and the planner, sets the camera, and starts the recording.
-
-    Meshcat shows the run live only if it runs at a real-time rate: that takes as much time again as
-    the recording.
+    """Adds visualizers of the plant and the planner, sets the camera, and may start a recording.
 
     Args:
         builder: Builder of the diagram.
-        meshcat: Viewer, from `start_meshcat`.
+        meshcat: Viewer.
         scenario: Scenario to simulate.
         surface: Surface of the object.
         object_plant: Plant, in the builder.
         planner: Planner, in the builder.
+        record: Whether to record. The viewer then shows the simulation live only if it runs at a
+            real-time rate: that takes as much time again as the recording.
     """
     num_contacts, period = scenario.num_contacts, scenario.recording.publish_period
     path, direction = shown_path(scenario)
@@ -100,6 +101,7 @@ def add_recording(
             tile_surface=scenario.make_surface(scenario.recording.tile_size),
             num_contacts=num_contacts,
             publish_period=period,
+            record=record,
         ),
     )
     drawn = ["X_WO_estimated", "p_WC", "contact_status", "safe_regions", "p_WO_covariance"]
@@ -119,10 +121,11 @@ def add_recording(
     connect_named(builder, planner, labels, labelled)
     extent = max(0.1, float(surface.mesh.extents.max()))
     meshcat.SetCameraPose(*camera_pose(path, extent, direction))
-    meshcat.StartRecording(
-        frames_per_second=1 / period,
-        set_visualizations_while_recording=scenario.simulator_config.target_realtime_rate > 0,
-    )
+    if record:
+        live = scenario.simulator_config.target_realtime_rate > 0
+        meshcat.StartRecording(
+            frames_per_second=1 / period, set_visualizations_while_recording=live
+        )
 
 
 def shown_path(scenario: Scenario) -> tuple[FloatArray, FloatArray]:

@@ -15,8 +15,14 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
-from drake_pregrasp.errors import ScenarioError
-from drake_pregrasp.simulation.output import without_solver_chatter, write_text, writing
+from drake_pregrasp.errors import OutputError, ScenarioError
+from drake_pregrasp.simulation.output import (
+    claimed,
+    replacing,
+    without_solver_chatter,
+    write_text,
+    writing,
+)
 from drake_pregrasp.simulation.recording import recording_html, start_meshcat
 from drake_pregrasp.simulation.run_log import GraspLog, RunLog, static_end
 from drake_pregrasp.simulation.scenario import Scenario
@@ -46,10 +52,12 @@ class RunResult:
     Attributes:
         folder: Run folder.
         summary: Content of its `summary.json`.
+        replaced: Whether the folder held an earlier run, which was replaced.
     """
 
     folder: Path
     summary: dict[str, Any]
+    replaced: bool = False
 
     @property
     def completed(self) -> bool:
@@ -63,49 +71,75 @@ def run(
     name: str,
     out: str | Path = "runs",
     recording: bool = True,
+    overwrite: bool = False,
     on_tick: Callable[[TickRecord], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> RunResult:
     """Simulates a scenario and writes the run folder `out/name`.
+
+    An earlier run of the same scenario in that folder is replaced.
 
     Args:
         scenario: Scenario to simulate.
         name: Name of the run folder: letters, digits, `_`, `-` and `.`.
         out: Folder for run folders; created if it does not exist.
         recording: Whether to record `recording.html`.
+        overwrite: Whether to replace a run of another scenario, too.
         on_tick: Function that is called with each planning tick.
         should_stop: Function that is called after each step; if it returns true, the run ends
             early.
 
     Raises:
         ScenarioError: If the scenario or its name can't be used.
-        OutputError: If the run folder can't be written.
+        OutputError: If the run folder can't be written, holds a run of another scenario, or is in
+            use by another run.
     """
+    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", name):
+        raise ScenarioError("", name, "a run's name is made of letters, digits, '_', '-' and '.'")
     check_scenario(scenario)
     if recording:
         check_recording("scenario", scenario, scenario.make_surface())
-    meshcat = start_meshcat() if recording else None
-    logged = LoggedRun(scenario, meshcat=meshcat, on_tick=on_tick)
-    folder = _prepare_folder(Path(out), name)  # Not before all else is known to be in order.
-    write_text(folder / "scenario.yaml", dump_scenario(name, scenario))
-    write_graphviz(logged.diagram, folder / "diagram.dot")
-    _draw_graphviz(folder / "diagram.dot")
-    logged.simulate(folder, should_stop)
-    if meshcat is not None:
-        write_text(folder / "recording.html", recording_html(meshcat))
-    summary = summarize(
-        name,
-        scenario,
-        logged.surface,
-        logged.log,
-        wall_seconds=logged.wall_seconds,
-        completed=logged.completed,
-    )
-    if logged.grasp_log is not None:
-        summary["grasp"] = summarize_grasp(scenario, logged.grasp_log)
-    write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
-    plot_metrics(folder / "metrics.png", name, scenario, logged.log, summary)
-    return RunResult(folder=folder, summary=summary)
+    folder, text = Path(out) / name, dump_scenario(name, scenario)
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    with claimed(folder):
+        earlier = [folder / file for file in RUN_FILES if (folder / file).exists()]
+        if earlier and not overwrite and not _holds(folder / "scenario.yaml", text):
+            raise OutputError(
+                f"{folder}: holds a run of another scenario or with other settings; choose another"
+                " folder with --out, or replace it with --overwrite (in Python: out, overwrite)"
+            )
+        meshcat = start_meshcat() if recording else None
+        logged = LoggedRun(scenario, meshcat=meshcat, on_tick=on_tick)
+        with writing(folder):  # Not before everything else is known to be valid.
+            for file in earlier:
+                file.unlink()
+        write_text(folder / "scenario.yaml", text)
+        write_graphviz(logged.diagram, folder / "diagram.dot")
+        _draw_graphviz(folder / "diagram.dot")
+        logged.simulate(folder, should_stop)
+        if meshcat is not None:
+            write_text(folder / "recording.html", recording_html(meshcat))
+        summary = summarize(
+            name,
+            scenario,
+            logged.surface,
+            logged.log,
+            wall_seconds=logged.wall_seconds,
+            completed=logged.completed,
+        )
+        if logged.grasp_log is not None:
+            summary["grasp"] = summarize_grasp(scenario, logged.grasp_log)
+        write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+        plot_metrics(folder / "metrics.png", name, scenario, logged.log, summary)
+    return RunResult(folder=folder, summary=summary, replaced=bool(earlier))
+
+
+def _holds(file: Path, text: str) -> bool:
+    try:
+        return file.read_text(encoding="utf-8") == text
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 class LoggedRun:
@@ -113,7 +147,7 @@ class LoggedRun:
 
     Args:
         scenario: Scenario to simulate, which has been checked.
-        meshcat: Viewer in which to draw and record; None for no drawing.
+        meshcat: Viewer that records the simulation; None for no recording.
         on_tick: Function that is called with each planning tick.
 
     Attributes:
@@ -141,6 +175,7 @@ class LoggedRun:
             sink=self._sinks.add_tick,
             grasp_sink=self._sinks.add_grasp,
             meshcat=meshcat,
+            record=True,
         )
 
     @property
@@ -166,7 +201,12 @@ class LoggedRun:
         """
         scenario, count = self._scenario, self._scenario.num_contacts
         with contextlib.ExitStack() as logs:
-            log = RunLog(folder / "log.csv", count, static_end=static_end(scenario))
+            log = RunLog(
+                folder / "log.csv",
+                count,
+                static_end=static_end(scenario),
+                lookahead=scenario.planner.estimator.lookahead,
+            )
             self._sinks.log = logs.enter_context(log)
             if scenario.grasp.has_hand:
                 self._sinks.grasp_log = logs.enter_context(GraspLog(folder / "grasp.csv", count))
@@ -221,19 +261,12 @@ def write_graphviz(diagram: Diagram, path: Path) -> None:
 
 
 def _draw_graphviz(path: Path) -> None:
-    """Draws a Graphviz file as SVG beside it, where Graphviz is installed."""
-    dot = shutil.which("dot")
-    if dot is not None:
-        command = [dot, "-Tsvg", "-o", str(path.with_suffix(".svg")), str(path)]
-        subprocess.run(command, check=False, capture_output=True)
-
-
-def _prepare_folder(out: Path, name: str) -> Path:
-    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", name):
-        raise ScenarioError("", name, "a run's name is made of letters, digits, '_', '-' and '.'")
-    folder = out / name
-    with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        for file in RUN_FILES:
-            (folder / file).unlink(missing_ok=True)
-    return folder
+    """Draws a Graphviz file as SVG beside it, if Graphviz is installed."""
+    if dot := shutil.which("dot"):
+        with (
+            contextlib.suppress(subprocess.CalledProcessError),
+            replacing(path.with_suffix(".svg")) as svg,
+        ):
+            subprocess.run(
+                [dot, "-Tsvg", "-o", str(svg), str(path)], check=True, capture_output=True
+            )

@@ -6,6 +6,7 @@
 import csv
 import time
 from array import array
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Self
@@ -89,6 +90,7 @@ class RunLog(CsvLog):
         path: File to write; an existing one is replaced.
         num_contacts: Number of contacts n.
         static_end: End of the static phase, in seconds.
+        lookahead: Time by which the logged estimates are predicted ahead, in seconds.
 
     Attributes:
         last_static: Last tick of the static phase, or None.
@@ -99,25 +101,53 @@ class RunLog(CsvLog):
         OutputError: If the file can't be written.
     """
 
-    def __init__(self, path: Path, num_contacts: int, *, static_end: float = 0.0) -> None:
+    def __init__(
+        self, path: Path, num_contacts: int, *, static_end: float = 0.0, lookahead: float = 0.0
+    ) -> None:
         super().__init__(path, log_columns(num_contacts))
         self.last_static: TickRecord | None = None
         self.last: TickRecord | None = None
         self.tick_seconds = array("d")
         self._static_end = static_end
+        self._lookahead = lookahead
+        self._predictions: deque[tuple[float, FloatArray]] = deque()
 
     def append(self, record: TickRecord) -> None:
         """Adds a tick."""
-        row = _row(record, self.last or record)
+        p_WO = self._estimate_for(record)
+        row = _row(record, self.last or record, p_WO - record.X_WO.translation())
         self.last = record
         if record.time < self._static_end:
             self.last_static = record
         self.tick_seconds.append(record.wall_seconds)
         self.write(row)
 
+    def _estimate_for(self, record: TickRecord) -> FloatArray:
+        """Returns the position of O in W that was estimated for a tick's own time.
+
+        With look-ahead, that is interpolated between earlier predictions, or NaN if there are none.
+        """
+        p_WO: FloatArray = record.X_WO_estimated.translation()
+        if not self._lookahead:
+            return p_WO
+        now = record.time + SLACK * self._lookahead
+        self._predictions.append((record.time + self._lookahead, p_WO))
+        while len(self._predictions) > 1 and self._predictions[1][0] <= now:
+            self._predictions.popleft()
+        if self._predictions[0][0] > now:
+            return np.full(3, np.nan)
+        (t0, p0), (t1, p1) = self._predictions[0], self._predictions[1]
+        share = (record.time - t0) / (t1 - t0)
+        return p0 + share * (p1 - p0)
+
 
 def log_columns(num_contacts: int) -> list[str]:
-    """Returns the names of the columns of `log.csv`, in their order."""
+    """Returns the names of the columns of `log.csv`, in their order.
+
+    `position_error` is the distance between the true position of O and the position that was
+    estimated for the same time. With look-ahead, that is the prediction made earlier by the
+    look-ahead, and NaN until there is one.
+    """
     contacts = range(num_contacts)
     return [
         "time",
@@ -143,13 +173,12 @@ def pose_columns(frames: str) -> list[str]:
     return [f"{coordinate}_{frames}" for coordinate in ("x", "y", "z", "qw", "qx", "qy", "qz")]
 
 
-def _row(record: TickRecord, previous: TickRecord) -> FloatArray:
+def _row(record: TickRecord, previous: TickRecord, error: FloatArray) -> FloatArray:
     active = is_active(record.contact_status)
     dt = record.time - previous.time
     moved = active & is_active(previous.contact_status)
     squares = np.sum((record.p_WC - previous.p_WC)[moved] ** 2, axis=1)
     energy = squares.sum() / (2 * dt**2) if dt > 0 else 0.0
-    error = record.X_WO_estimated.translation() - record.X_WO.translation()
     return np.concatenate(
         [
             [record.time],

@@ -104,6 +104,9 @@ def _size_problems(counts: tuple[tuple[str, float, float, int, str], ...]) -> Pr
 
 def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     count, places = scenario.num_contacts, len(surface.p_OQ)
+    spacing, extent = scenario.surface.spacing, np.max(surface.mesh.extents)
+    if spacing > extent:
+        yield "surface.spacing", f"{spacing} is more than the object's own {extent:.3g} m"
     if scenario.ring_contacts > places:
         problem = f"{count} is more than the {places} places there are on this surface"
         yield "ring_contacts", problem

@@ -30,7 +30,7 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import GraspQuality
 from drake_pregrasp.simulation.hand_file import load_hand, load_hand_model
 from drake_pregrasp.simulation.obstacle_config import moving_solid
-from drake_pregrasp.simulation.recording import add_recording, connect_named
+from drake_pregrasp.simulation.recording import add_visualizers, connect_named
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
 from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord, TickLogger, TickRecord
@@ -47,6 +47,7 @@ def make_diagram(
     sink: Callable[[TickRecord], None] | None = None,
     grasp_sink: Callable[[GraspRecord], None] | None = None,
     meshcat: Meshcat | None = None,
+    record: bool = False,
 ) -> Diagram:
     """Returns the diagram of a scenario.
 
@@ -55,7 +56,9 @@ def make_diagram(
         surface: Surface of the object, from `scenario.make_surface()`.
         sink: Function that is called with a record of each planning tick.
         grasp_sink: Function that is called with a record of each control tick of a hand.
-        meshcat: Viewer in which to draw and record; None for no drawing.
+        meshcat: Viewer in which to draw; None for no drawing.
+        record: Whether the viewer records the simulation instead of showing it live. A run at a
+            real-time rate is shown live, too.
     """
     config = hand_planner(scenario)
     n = scenario.num_contacts
@@ -156,7 +159,7 @@ def make_diagram(
             ],
         )
     if meshcat is not None:
-        add_recording(builder, meshcat, scenario, surface, object_plant, planner)
+        add_visualizers(builder, meshcat, scenario, surface, object_plant, planner, record=record)
     diagram = builder.Build()
     diagram.set_name("pregrasp_simulation")
     return diagram

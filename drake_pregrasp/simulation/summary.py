@@ -10,6 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.config.object_config import PoseStream
 from drake_pregrasp.contacts.goal_limits import hold_contacts
 from drake_pregrasp.contacts.selection_input import (
     ContactStatus,
@@ -32,7 +33,9 @@ from drake_pregrasp.simulation.run_log import (
     RunLog,
     adapting_phase,
     last_phase,
+    pose_columns,
     static_phase,
+    ticks_from,
 )
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.loggers import TickRecord
@@ -158,6 +161,13 @@ def _seen_from(poses: FloatArray, p_WP: FloatArray) -> FloatArray:
     return seen
 
 
+def _points_in_world(poses: FloatArray, p_OP: FloatArray) -> FloatArray:
+    """Returns points of O, shape (k, 3), in W at poses, shape (ticks, 7): shape (ticks, k, 3)."""
+    R = Rotation.from_quat(poses[:, [4, 5, 6, 3]]).as_matrix()
+    points: FloatArray = np.einsum("tij,kj->tki", R, p_OP) + poses[:, None, :3]
+    return points
+
+
 def _largest_motion(points: FloatArray, during: BoolArray) -> float | None:
     """Returns the largest distance of points, shape (ticks, k, 3), from their first positions."""
     return _reduced(lambda p: np.max(np.linalg.norm(p - p[0], axis=2)), points[during])
@@ -206,11 +216,18 @@ def summarize(
     `inactive_contacts` gives the reasons why contacts have no goal at the last tick. `tracking` is
     over all ticks, and `deadline_overruns` counts ticks that took longer than the planning period.
     With damage, `max` and `mean` end before the first loss, and `after_damage` follows the last.
+    Once the object has left the table or is lost for good (`object_fate`), ticks count no more, but
+    for `final`.
     """
     time, *values = log.read("time", *MEASURES)
     measured = dict(zip(MEASURES, values, strict=True))
-    static, adapting = static_phase(scenario, time), adapting_phase(scenario, time)
     seconds = np.array(log.tick_seconds)
+    fate = object_fate(scenario, surface, log)
+    gone = min((at for at in fate.values() if at is not None), default=np.inf)
+    measured = {
+        name: column[: ticks_from(scenario, time, gone)] for name, column in measured.items()
+    }
+    static, adapting = static_phase(scenario, time), adapting_phase(scenario, time)
     return {
         "scenario": name,
         "seed": scenario.random_seed,
@@ -219,7 +236,11 @@ def summarize(
         "static": _measures(measured, static, np.mean),
         "max": _measures(measured, adapting, np.max),
         "mean": _measures(measured, adapting, np.mean),
-        "final": _measures(measured, slice(-1, None), np.mean),
+        "final": {
+            name: float(column[-1]) if len(column) else None
+            for name, column in zip(MEASURES, values, strict=True)
+        },
+        **fate,
         "contact_model": scenario.measures.contact_model,
         **force_closure_summary(scenario, surface, static=log.last_static, final=log.last),
         **_after_damage(scenario, surface, measured, time),
@@ -231,6 +252,24 @@ def summarize(
         "tick_time_p99_ms": _reduced(lambda t: 1e3 * np.percentile(t, 99), seconds),
         "deadline_overruns": int(np.sum(seconds > scenario.planner.period)),
         "real_time_factor": float(time[-1]) / wall_seconds if len(time) else 0.0,
+    }
+
+
+def object_fate(scenario: Scenario, surface: ObjectSurface, log: RunLog) -> dict[str, float | None]:
+    """Returns the times at which the object was gone for good, in seconds; null if it never was.
+
+    - `object_left_at`: time at which its centre of mass was below the top of the table.
+    - `object_lost_at`: time from which it was lost by the estimator up to the end.
+    """
+    time, status, *pose = log.read("time", "tracking_status", *pose_columns("wo"))
+    has_table = getattr(scenario.motion, "table", not isinstance(scenario.motion, PoseStream))
+    p_WCoM = _points_in_world(np.stack(pose, axis=-1), surface.p_OCoM[None])
+    left = time[(p_WCoM[:, 0, 2] < 0) & has_table]
+    found = np.flatnonzero(status != TrackingStatus.LOST)
+    lost = time[found[-1] + 1 if len(found) else 0 :]
+    return {
+        "object_left_at": _reduced(np.min, left),
+        "object_lost_at": _reduced(np.min, lost),
     }
 
 
