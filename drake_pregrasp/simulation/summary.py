@@ -19,7 +19,7 @@ from drake_pregrasp.contacts.selection_input import (
     is_active,
 )
 from drake_pregrasp.errors import printable
-from drake_pregrasp.estimation.tracking_status import TrackingStatus
+from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
 from drake_pregrasp.kernels import numba_is_installed
