@@ -66,9 +66,7 @@ def choose(items: list[WorkItem], clone: Path, count: int, seed: int) -> list[Wo
             by_line.setdefault(line, []).append(item)
     draw = random.Random(seed)
     lines = draw.sample(sorted(by_line), min(count, len(by_line)))
-    return [
-        draw.choice(sorted(by_line[line], key=lambda i: str(i.mutations[0]))) for line in lines
-    ]
+    return [draw.choice(sorted(by_line[line], key=lambda i: str(i.mutations[0]))) for line in lines]
 
 
 def main() -> int:
@@ -89,7 +87,9 @@ def main() -> int:
         )
 
         def cosmic_ray(*command: str) -> None:
-            subprocess.run([sys.executable, "-m", "cosmic_ray.cli", *command], cwd=clone, check=True)
+            subprocess.run(
+                [sys.executable, "-m", "cosmic_ray.cli", *command], cwd=clone, check=True
+            )
 
         cosmic_ray("init", config.name, SESSION)
         with use_db(str(clone / SESSION)) as database:
