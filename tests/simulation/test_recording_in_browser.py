@@ -80,7 +80,7 @@ def test_regions_grow_when_contacts_adapt(pictures, base_log):
 
 def test_a_live_view_shows_what_a_recording_shows(recorded_run, pictures, tmp_path):
     """The whole scene, in the same colours."""
-    scenario = load_scenario("a_base")
+    scenario = load_scenario("a_base", text="{simulation_duration: 8.0}")
     meshcat = start_meshcat()
     Simulator(make_diagram(scenario, scenario.make_surface(), meshcat=meshcat)).AdvanceTo(1.0)
     page = tmp_path / "live.html"
