@@ -223,9 +223,9 @@ def _claim(folder: Path, settings: Mapping[str, Any]) -> Iterator[None]:
         with reading_back(path):
             text = file.read()
         try:
-            theirs = json.loads(text) if text else ours
+            theirs = dict(json.loads(text)) if text else ours
             different = ", ".join(_differences(theirs, ours))
-        except (ValueError, AttributeError) as error:
+        except (ValueError, TypeError) as error:
             raise OutputError(f"{path}: holds no settings of a study; {_ANOTHER}") from error
         if different:
             raise OutputError(
