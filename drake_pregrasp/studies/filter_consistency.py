@@ -19,9 +19,9 @@ from scipy.stats import chi2
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
-from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
-from drake_pregrasp.estimation.pose_track import PoseMeasurement, PoseTrack
-from drake_pregrasp.estimation.pose_tracker import TrackerSettings, take
+from drake_pregrasp.estimation.pose_filter import PoseFilterNoise, PoseMeasurement
+from drake_pregrasp.estimation.pose_track import PoseTrack
+from drake_pregrasp.estimation.pose_tracker import TrackerSettings, update_track
 from drake_pregrasp.simulation.scenario_file import load_scenario
 
 PERIOD = 0.05
@@ -157,7 +157,9 @@ def filter_errors(
     for k in range(TICKS):
         p = motion.p_WO[k] + rng.normal(scale=noise.position, size=3)
         R = Rotation.from_rotvec(rng.normal(scale=noise.orientation, size=3)) * motion.R_WO[k]
-        track = take(track, PoseMeasurement(k * PERIOD, p, R.as_matrix()), k * PERIOD, settings)
+        track = update_track(
+            track, PoseMeasurement(k * PERIOD, p, R.as_matrix()), k * PERIOD, settings
+        )
         if k >= TICKS // 2:
             nis.append(track.innovation_squared)
     belief, last = track.newest, TICKS - 1

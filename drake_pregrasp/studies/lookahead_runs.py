@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, EventStatus
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, pack
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
 from drake_pregrasp.estimation.pose_filter import PoseBelief
@@ -209,7 +209,7 @@ def lookback_errors(job: dict[str, Any]) -> list[dict[str, Any]]:
         noise,
     )
     smoothed = smooth(beliefs, noise)
-    same = bool(np.array_equal(beliefs[-1].to_vector(), smoothed[-1].to_vector()))
+    same = bool(np.array_equal(pack(beliefs[-1]), pack(smoothed[-1])))
     return [
         {"poses": name, **_past_errors(found, run, R_WO), "newest_equal": same}
         for name, found in (("filtered", beliefs), ("smoothed", smoothed))

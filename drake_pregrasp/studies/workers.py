@@ -14,8 +14,7 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from drake_pregrasp.errors import InvalidArgumentError, OutputError, first_line
-from drake_pregrasp.studies.error_words import in_words
+from drake_pregrasp.errors import InvalidArgumentError, OutputError, first_line, one_line
 from drake_pregrasp.studies.package_digest import differences, package_digest
 
 ATTEMPTS = 3
@@ -57,7 +56,7 @@ class _Call:
                     raise InvalidArgumentError(f"this worker has another package: {differing}")
                 return self.function(job)
         except Exception as error:
-            return Failure(in_words(error))
+            return Failure(one_line(error))
 
 
 def call_for_all(
@@ -250,7 +249,7 @@ def _result(future: "Future[Any]") -> Any:
     except BrokenProcessPool:
         return Failure(f"its process was killed, {ATTEMPTS} times")
     except Exception as error:  # A result that can't be pickled, or Dask's own.
-        return Failure(in_words(error))
+        return Failure(one_line(error))
 
 
 @contextlib.contextmanager

@@ -1,6 +1,5 @@
 """Rows of a study are the same whoever makes them, and survive whatever ends it."""
 
-import fcntl
 import functools
 import os
 import signal
@@ -15,6 +14,7 @@ from made_up_jobs import JOBS, Deadly, constant_row, row, write_study
 
 from drake_pregrasp.cli import main
 from drake_pregrasp.errors import InvalidArgumentError, OutputError
+from drake_pregrasp.simulation.output import claimed
 from drake_pregrasp.studies import workers
 from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS, SETTINGS, run_jobs
 
@@ -136,10 +136,8 @@ def test_rows_of_other_settings_are_never_mixed(again, whole):
 
 def test_a_folder_in_use_is_refused(again):
     _, folder = again()
-    with (folder / SETTINGS).open() as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        with pytest.raises(OutputError, match="another process works on this study"):
-            run_jobs(constant_row, JOBS, folder=folder, settings={"a": {"b": 1}})
+    with claimed(folder), pytest.raises(OutputError, match="another run is writing into it"):
+        run_jobs(constant_row, JOBS, folder=folder, settings={"a": {"b": 1}})
 
 
 @pytest.mark.parametrize(
