@@ -1,4 +1,4 @@
-"""Whether the filter's errors are as large as it says, over many seeded runs.
+"""Runs of the pose filter that show whether its errors are as large as it says.
 
 The normalised estimation error squared (NEES), eᵀ P⁻¹ e of position and velocity, or of orientation
 and angular velocity, is chi-square distributed with 6 degrees of freedom if the filter's
@@ -6,10 +6,12 @@ assumptions hold; the normalised innovation squared (NIS), νᵀ S⁻¹ ν, with
 Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 5.4).
 """
 
-from collections.abc import Callable
+import functools
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
@@ -29,20 +31,23 @@ TICKS = 100
 """Measurements of a run; errors are those after the last, innovations those of the second half."""
 
 CONFIDENCE = 0.95
-"""Of the bands."""
+"""Probability of the bands."""
 
-CONSTANT = 1e-6
-"""Acceleration density, linear and angular, for an object that moves evenly."""
+DEFAULT_NOISE = filter_noise(EstimatorConfig())
+"""The default assumptions of the filter."""
+
+EVEN_NOISE = filter_noise(EstimatorConfig(acceleration=1e-6, angular_acceleration=1e-6))
+"""The assumptions for an object that moves evenly, as on the conveyor."""
 
 
 class Motion(NamedTuple):
-    """A true motion: positions and velocities, shape (K, 3), orientations and angular velocities.
+    """A true motion of K ticks.
 
     Attributes:
-        p_WO: In metres.
-        v_WO: In m/s.
-        R_WO: Orientations.
-        w_WO: In rad/s.
+        p_WO: Positions, shape (K, 3), in metres.
+        v_WO: Velocities, shape (K, 3), in m/s.
+        R_WO: K orientations.
+        w_WO: Angular velocities, shape (K, 3), in rad/s.
     """
 
     p_WO: FloatArray
@@ -51,29 +56,57 @@ class Motion(NamedTuple):
     w_WO: FloatArray
 
 
-class Consistency(NamedTuple):
-    """Mean squares over all runs, of position and of orientation, and the bands they belong in.
+FILTERS: Mapping[str, tuple[PoseFilterNoise, bool]] = {
+    "default assumptions, motion drawn from them": (DEFAULT_NOISE, False),
+    "even motion assumed, conveyor": (EVEN_NOISE, True),
+    "default assumptions, conveyor": (DEFAULT_NOISE, True),
+}
+"""Assumptions of the filter, and whether the object is on the conveyor."""
 
-    Attributes:
-        runs: How many runs.
-        nees: Shape (2,), 6 expected.
-        nees_band: Shape (2,), its lowest and highest value, for a consistent filter.
-        nis: Shape (2,), 3 expected.
-        nis_band: Shape (2,).
+
+def run_filter(job: Mapping[str, object]) -> dict[str, float]:
+    """Returns the normalised errors of a run of a job with a `filter` of `FILTERS` and a `seed`."""
+    noise, is_carried = FILTERS[str(job["filter"])]
+    rng = np.random.default_rng(int(str(job["seed"])))
+    motion = conveyor_motion() if is_carried else random_motion(noise, rng)
+    return filter_errors(noise, motion, rng)
+
+
+def consistency_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Returns means of normalised errors over runs, and the bands of a consistent filter.
+
+    Args:
+        rows: Of `run_filter`, with their jobs.
     """
+    groups = rows.groupby("filter", sort=False)
+    means, seeds = groups.mean(), groups.size()
+    table = {"filter and motion": means.index}
+    for name, freedom, samples, digits in (
+        ("nees", 6, seeds, 2),
+        ("nis", 3, seeds * (TICKS - TICKS // 2), 3),
+    ):
+        table[name.upper()] = [
+            f"{position:.{digits}f}, {orientation:.{digits}f}"
+            for position, orientation in means[[f"{name}_position", f"{name}_orientation"]].values
+        ]
+        table[f"{100 * CONFIDENCE:g} % band of {name.upper()}"] = [
+            "{:.{d}f} to {:.{d}f}".format(*band(freedom, n), d=digits) for n in samples
+        ]
+    return pd.DataFrame(table)
 
-    runs: int
-    nees: FloatArray
-    nees_band: FloatArray
-    nis: FloatArray
-    nis_band: FloatArray
+
+def band(freedom: int, samples: int) -> tuple[float, float]:
+    """Returns the band of the mean of chi-square samples.
+
+    Args:
+        freedom: Degrees of freedom.
+        samples: Number of samples.
+    """
+    low, high = chi2.interval(CONFIDENCE, freedom * samples)
+    return low / samples, high / samples
 
 
-def even_noise() -> PoseFilterNoise:
-    """Returns the assumptions for an object that moves evenly, as on the conveyor."""
-    return filter_noise(EstimatorConfig(acceleration=CONSTANT, angular_acceleration=CONSTANT))
-
-
+@functools.cache
 def conveyor_motion(scenario: str = "a_base") -> Motion:
     """Returns the motion of a scenario's object on the simulated conveyor, by friction."""
     config = load_scenario(scenario)
@@ -84,13 +117,13 @@ def conveyor_motion(scenario: str = "a_base") -> Motion:
     poses = []
     for k in range(TICKS + 1):
         simulator.AdvanceTo(k * PERIOD)
-        X_WO = plant.GetOutputPort("X_WO").Eval(simulator.get_context())
-        poses.append(X_WO.GetAsMatrix34())
+        poses.append(
+            plant.GetOutputPort("X_WO").Eval(simulator.get_context()).GetAsMatrix34().copy()
+        )
     X = np.array(poses)
     p_WO, R_WO = X[:, :, 3], Rotation.from_matrix(X[:, :, :3])
     turns: FloatArray = (R_WO[1:] * R_WO[:-1].inv()).as_rotvec()
-    v_WO, w_WO = np.diff(p_WO, axis=0) / PERIOD, turns / PERIOD
-    return Motion(p_WO[1:], v_WO, R_WO[1:], w_WO)
+    return Motion(p_WO[1:], np.diff(p_WO, axis=0) / PERIOD, R_WO[1:], turns / PERIOD)
 
 
 def random_motion(noise: PoseFilterNoise, rng: np.random.Generator) -> Motion:
@@ -108,37 +141,16 @@ def random_motion(noise: PoseFilterNoise, rng: np.random.Generator) -> Motion:
     return Motion(np.array(p_WO), np.array(v_WO), Rotation.concatenate(R_WO), np.array(w_WO))
 
 
-def consistency(
-    noise: PoseFilterNoise, motion: Callable[[np.random.Generator], Motion], seeds: int
-) -> Consistency:
-    """Returns how consistent the tracker is, over that many seeds.
+def filter_errors(
+    noise: PoseFilterNoise, motion: Motion, rng: np.random.Generator
+) -> dict[str, float]:
+    """Returns the NEES after the last tick, and the mean NIS of the second half of them.
 
     Args:
-        noise: What it assumes; measurements have the noise it assumes of them.
-        motion: Gives a run's motion.
-        seeds: How many runs.
+        noise: The filter's assumptions; measurements have the noise that it assumes.
+        motion: The true motion.
+        rng: Draws the noise.
     """
-    ends = []
-    innovations = []
-    for seed in range(seeds):
-        rng = np.random.default_rng(seed)
-        nees, nis = _run(noise, motion(rng), rng)
-        ends.append(nees)
-        innovations.extend(nis)
-    share = np.array([1 - CONFIDENCE, 1 + CONFIDENCE]) / 2
-    count = len(innovations)
-    return Consistency(
-        runs=seeds,
-        nees=np.mean(ends, axis=0),
-        nees_band=chi2.ppf(share, 6 * seeds) / seeds,
-        nis=np.mean(innovations, axis=0),
-        nis_band=chi2.ppf(share, 3 * count) / count,
-    )
-
-
-def _run(
-    noise: PoseFilterNoise, motion: Motion, rng: np.random.Generator
-) -> tuple[FloatArray, list[FloatArray]]:
     settings = TrackerSettings(noise)
     track = PoseTrack.empty(memory=1)
     nis = []
@@ -154,11 +166,13 @@ def _run(
     e = np.concatenate([motion.p_WO[last] - belief.p_WCoM, motion.v_WO[last] - belief.v_WCoM])
     theta = (motion.R_WO[last] * Rotation.from_matrix(belief.R_WO).inv()).as_rotvec()
     e_R = np.concatenate([theta, motion.w_WO[last] - belief.w_WO])
-    nees = [
-        e @ np.linalg.solve(belief.P_position, e),
-        e_R @ np.linalg.solve(belief.P_orientation, e_R),
-    ]
-    return np.array(nees), nis
+    nis_position, nis_orientation = np.mean(nis, axis=0).tolist()
+    return {
+        "nees_position": float(e @ np.linalg.solve(belief.P_position, e)),
+        "nees_orientation": float(e_R @ np.linalg.solve(belief.P_orientation, e_R)),
+        "nis_position": nis_position,
+        "nis_orientation": nis_orientation,
+    }
 
 
 def _accelerated(density: float, rng: np.random.Generator) -> FloatArray:
