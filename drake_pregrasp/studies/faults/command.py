@@ -1,16 +1,14 @@
 """The command `drake-pregrasp study faults`."""
 
 import argparse
-from typing import Any
 
 from drake_pregrasp.studies.faults.study import FILTER_SEEDS, PREFIX, SEEDS, study_faults
 from drake_pregrasp.studies.many_runs import MOST_SEEDS, check_bounds, names_of
 from drake_pregrasp.studies.step_bar import step_bar
 
 
-def add_command(studies: "argparse._SubParsersAction[Any]") -> None:
-    """Adds the command to those of `study`."""
-    parser = studies.add_parser("faults", help="how the planner stands up to faulty measurements")
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of the command."""
     parser.set_defaults(command=_run)
     parser.add_argument(
         "--out", default="study_faults", metavar="FOLDER", help="where the report goes"

@@ -2,7 +2,6 @@
 
 import argparse
 from pathlib import Path
-from typing import Any
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.studies.many_runs import carry_out, check_bounds
@@ -13,9 +12,8 @@ from drake_pregrasp.studies.sweep.study_file import load_study
 from drake_pregrasp.studies.sweep.sweep import sweep
 
 
-def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
-    """Adds the command to those of `drake-pregrasp`."""
-    parser = commands.add_parser("sweep", help="simulate a scenario with many values of its fields")
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of the command."""
     parser.set_defaults(command=_run)
     parser.add_argument("study", metavar="STUDY", help="YAML file, or name of a shipped sweep")
     parser.add_argument(
