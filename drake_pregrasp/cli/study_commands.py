@@ -31,7 +31,16 @@ _STUDY_COMMANDS = {
     ),
 }
 
-_EXTRA = ("dask", "distributed", "jinja2", "markupsafe", "pandas", "statsmodels", "tabulate")
+_EXTRA = (
+    "dask",
+    "distributed",
+    "jinja2",
+    "markupsafe",
+    "pandas",
+    "statsmodels",
+    "tabulate",
+    "threadpoolctl",
+)
 """The libraries of the extra `studies`."""
 
 

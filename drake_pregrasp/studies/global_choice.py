@@ -1,8 +1,7 @@
 """The planner against choosing all contacts anew each time: time, Q_MSV and force-closure margin.
 
 Greedy selection puts one contact after another at the candidate with the best score; exchange then
-moves each in turn to its best candidate, until no move gains. SLSQP (Kraft, DFVLR-FB 88-28, 1988)
-maximises Q_MSV² from many starts over the side faces on which the contacts start.
+moves each in turn to its best candidate, until no move gains.
 """
 
 import itertools
@@ -11,18 +10,13 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from scipy.optimize import Bounds, minimize
 
 from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
 from drake_pregrasp.planning.arrays import FloatArray, IntArray
 from drake_pregrasp.planning.extreme_singular_values import extreme_singular_values
-from drake_pregrasp.planning.force_closure import FRICTION
 from drake_pregrasp.planning.grasp_quality import grasp_quality
-from drake_pregrasp.planning.least_norm_margin import moved_least_norm_margin
 from drake_pregrasp.planning.surface import ObjectSurface
 from drake_pregrasp.studies.bench.tick_times import (
-    EDGE,
-    LARGEST_RADIUS,
     Tick,
     cube,
     implementations,
@@ -61,28 +55,6 @@ def msv_score(p_CoMQ: FloatArray) -> Score:
     return score
 
 
-def margin_score(p_CoMQ: FloatArray, nhat_OQ: FloatArray) -> Score:
-    """Returns as score the lower bound of the min-weight margin of hard fingers.
-
-    Args:
-        p_CoMQ: Candidates relative to the centre of mass, shape (N, 3), in metres.
-        nhat_OQ: Outward unit normals at the candidates, shape (N, 3).
-    """
-
-    def score(held: IntArray) -> FloatArray:
-        last = np.append(held, 0)  # The last contact is the one that is moved.
-        return moved_least_norm_margin(
-            p_CoMQ[last],
-            nhat_OQ[last],
-            FRICTION,
-            moved=np.full(len(p_CoMQ), len(held)),
-            p_CoMQ=p_CoMQ,
-            nhat_Q=nhat_OQ,
-        )
-
-    return score
-
-
 def greedy(score: Score, first: int, contacts: int) -> IntArray:
     """Returns candidates, each at the best score beside those before it, shape (n,).
 
@@ -116,34 +88,6 @@ def exchanged(score: Score, chosen: IntArray) -> IntArray:
     return chosen
 
 
-def slsqp_choice(contacts: int, generator: np.random.Generator, *, starts: int = 10) -> FloatArray:
-    """Returns the best contacts that SLSQP finds on the cube's side faces, shape (n, 3), in metres.
-
-    Contacts keep away from top and bottom by the largest radius of forbidden points.
-
-    Args:
-        contacts: Number of contacts n.
-        generator: Generator of the starts.
-        starts: Number of starts.
-    """
-    half = np.tile([EDGE / 2, EDGE / 2, EDGE / 2 - LARGEST_RADIUS], (contacts, 1))
-    results = []
-    for _ in range(starts):
-        low, high = -half, half.copy()
-        on = np.arange(contacts), generator.integers(2, size=contacts)
-        low[on] = high[on] = EDGE / 2 * generator.choice([-1, 1], contacts)
-        results.append(
-            minimize(
-                lambda x: -(grasp_quality(x.reshape(-1, 3)).q_msv ** 2),
-                generator.uniform(low, high).ravel(),
-                method="SLSQP",
-                bounds=Bounds(low.ravel(), high.ravel()),
-            )
-        )
-    best: FloatArray = min(results, key=lambda result: result.fun).x.reshape(-1, 3)
-    return best
-
-
 def compare_choices(seed: int, *, per_edge: int = 24, ticks: int = 60) -> list[dict[str, Any]]:
     """Returns a row for each method and strategy on one cube with random forbidden points.
 
@@ -153,28 +97,12 @@ def compare_choices(seed: int, *, per_edge: int = 24, ticks: int = 60) -> list[d
         ticks: Number of ticks until the planner's contacts have settled, and of those timed.
     """
     surface, starts = make_scene(cube(per_edge, seed=seed))
-    rng, contacts = np.random.default_rng(seed), starts.shape[1]
-    clear = np.flatnonzero(surface.is_clear_of_forbidden_points)
-    q = surface.p_OQ[clear]
-    msv, margin = msv_score(q), margin_score(q, surface.nhat_OQ[clear])
-    first = int(rng.integers(len(q)))
-
-    def exchange() -> FloatArray:
-        return q[exchanged(msv, greedy(msv, first, contacts))]
-
-    def exchange_by_margin() -> FloatArray:
-        return q[exchanged(margin, exchanged(msv, greedy(msv, first, contacts)))]
-
-    rows = []
-    for method, choose in (
-        ("greedy with exchange", exchange),
-        ("greedy with exchange, then by margin", exchange_by_margin),
-        ("SLSQP, 10 starts", lambda: slsqp_choice(contacts, rng)),
-    ):
-        start = time.perf_counter()
-        p_OC = choose()
-        seconds = time.perf_counter() - start
-        rows.append(_row(method, surface, seconds, [p_OC]))
+    clear = surface.p_OQ[surface.is_clear_of_forbidden_points]
+    score, first = msv_score(clear), int(np.random.default_rng(seed).integers(len(clear)))
+    start = time.perf_counter()
+    chosen = exchanged(score, greedy(score, first, starts.shape[1]))
+    seconds = time.perf_counter() - start
+    rows = [_row("greedy with exchange", surface, seconds, [clear[chosen]])]
     for strategy, config in PLANNERS.items():
         tick = make_tick(surface, implementations()[-1], starts[0], config)
         settled = settled_contacts(tick, starts[0], ticks=ticks)

@@ -1,4 +1,4 @@
-"""Pictures by Drake's VTK renderer: lights, meshes, cameras, and an object with its contact goals."""
+"""Pictures by Drake's VTK renderer: lights, meshes, cameras, and an object with its goals."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

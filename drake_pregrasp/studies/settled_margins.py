@@ -20,7 +20,7 @@ CASES: Sequence[tuple[int, int, Sequence[float], float]] = (
     (3, 24, (0.1, 0.1, 0.1), 0.005),
     (3, 24, (0.05, 0.2, 0.1), 0.01),
 )
-"""Number of contacts, number of starts, size of the box and spacing of its candidates, in metres."""
+"""Contacts, starts, size of the box and spacing of its candidates, both in metres."""
 
 STRATEGIES: Mapping[str, PlannerConfig] = {
     "position": PlannerConfig(),

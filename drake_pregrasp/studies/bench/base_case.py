@@ -24,9 +24,6 @@ from drake_pregrasp.studies.bench.tick_times import implementations, with_implem
 PARTS = ("physics", "sensor and planner", "measures and log.csv", "recording")
 """Parts of a simulation, in the order in which the timed diagrams gain them."""
 
-UNCOMPILED = "numba, nothing compiled yet"
-"""Name of the row of `time_starts` for the first process after installing."""
-
 _WARM_UP = 10  # Planning ticks that do not count.
 
 _FIRST_TICK = """
@@ -121,7 +118,7 @@ def time_starts(processes: int, *, compiling: bool) -> list[dict[str, Any]]:
         for implementation in implementations():
             first = _start(implementation, own_cache)
             if compiling and implementation == "numba":
-                rows.append((UNCOMPILED, *first))
+                rows.append(("numba, nothing compiled yet", *first))
             later = [_start(implementation, own_cache) for _ in range(processes)]
             rows.append((implementation, *np.median(later, axis=0).tolist()))
     columns = ("implementation", "import [s]", "surface and first tick [s]")

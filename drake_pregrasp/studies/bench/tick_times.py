@@ -1,7 +1,7 @@
 """Times of planning ticks through the planner's ports, by implementation and size."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
