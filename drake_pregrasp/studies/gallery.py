@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from drake_pregrasp.planning.contact_status import ContactStatus, describe_status, is_active
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.contacts.selection_input import ContactStatus, describe_status, is_active
+from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.output import writing
 from drake_pregrasp.simulation.run import run
@@ -20,7 +20,7 @@ from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scena
 from drake_pregrasp.studies.pictures import ByteArray, render_goals
 from drake_pregrasp.studies.report_page import Heading, Part, write_report
 from drake_pregrasp.studies.runner import OnProgress, run_jobs
-from drake_pregrasp.systems.tick_logger import TickRecord
+from drake_pregrasp.systems.loggers import TickRecord
 
 MOMENTS = (0.0, 0.5, 1.0)
 """Moments that are shown, as shares of the run."""

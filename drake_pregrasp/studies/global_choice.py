@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
-from drake_pregrasp.planning.arrays import FloatArray, IntArray
-from drake_pregrasp.planning.extreme_singular_values import extreme_singular_values
-from drake_pregrasp.planning.grasp_quality import grasp_quality
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.quality.singular_values import extreme_singular_values
 from drake_pregrasp.studies.bench.tick_times import (
     Tick,
     cube,

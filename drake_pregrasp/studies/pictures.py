@@ -29,11 +29,11 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.sensors import CameraInfo
 
-from drake_pregrasp.planning.arrays import FloatArray, IntArray
-from drake_pregrasp.planning.safe_regions import NO_REGION
-from drake_pregrasp.planning.solids import BallSolid, BoxSolid, Solid
-from drake_pregrasp.planning.surface import ObjectSurface
-from drake_pregrasp.systems.palette import NO_REGION_COLOR, contact_color, tint
+from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, Solid
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.regions.safe_regions import NO_REGION
+from drake_pregrasp.systems.drawing import NO_REGION_COLOR, contact_color, tint
 
 ByteArray = NDArray[np.uint8]
 

@@ -7,11 +7,11 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.diagrams.pregrasp_planner import BlendConfig, PlannerConfig
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.box_surface import box_surface
-from drake_pregrasp.planning.force_closure import FRICTION, min_weight_margin
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.geometry.box_surface import box_surface
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.quality.force_closure import FRICTION, min_weight_margin
 from drake_pregrasp.studies.bench.tick_times import Tick, implementations, make_tick
 
 CASES: Sequence[tuple[int, int, Sequence[float], float]] = (

@@ -9,20 +9,20 @@ from typing import Any
 import numpy as np
 import trimesh
 
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_limits import ROUNDING, tip_gaps
-from drake_pregrasp.planning.contact_status import is_active
-from drake_pregrasp.planning.force_closure import min_weight_margin
-from drake_pregrasp.planning.grasp_quality import grasp_quality
-from drake_pregrasp.planning.region_constraints import OPPOSITE
-from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.goal_limits import ROUNDING, tip_gaps
+from drake_pregrasp.contacts.selection_input import is_active
+from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.quality.force_closure import min_weight_margin
+from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.regions.constraints import OPPOSITE
 from drake_pregrasp.simulation.output import writing
 from drake_pregrasp.simulation.run import run
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
-from drake_pregrasp.studies.report_page import Table, write_report
+from drake_pregrasp.studies.report_page import Part, Table, write_report
 from drake_pregrasp.studies.runner import OnProgress, run_jobs
-from drake_pregrasp.systems.tick_logger import TickRecord
+from drake_pregrasp.systems.loggers import TickRecord
 
 SHIPPED = ("box", "can", "ball", "bowling_pin", "mug", "bracket")
 """Shipped scenarios that are part of the study."""
@@ -83,7 +83,7 @@ def study_shapes(
     digits = {"off": "{:.1e}", "Q_MSV": "{:.4f}", "margin": "{:.2f}"}
     for name in table:
         table[name] = table[name].map(digits.get(name.split()[0], "{}").format)
-    parts = [
+    parts: list[Part] = [
         "`drake-pregrasp study shapes` makes this page, in some three minutes on two cores. Each"
         f" shape has five contacts with fingertips of 18 mm and measurement noise, in {len(seeds)}"
         f" runs of {duration:g} s with different seeds of the noise and of the surface's sampling."

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
-import drake_pregrasp
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.run_log import RunLog
@@ -126,7 +125,7 @@ def time_starts(processes: int, *, compiling: bool) -> list[dict[str, Any]]:
 
 
 def _start(implementation: str, variables: dict[str, str]) -> list[float]:
-    root = str(Path(drake_pregrasp.__path__[0]).parent)
+    root = str(Path(__file__).parents[3])
     paths = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
     # -P: the package comes from the caller's paths, not from the current folder.
     done = subprocess.run(

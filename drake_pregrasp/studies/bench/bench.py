@@ -134,6 +134,7 @@ def plan(*, quick: bool) -> list[Job]:
     contacts = (2, 5, 32) if quick else (2, 3, 5, 8, 16, 32)
     forbidden = (0, 20, 200) if quick else (0, 20, 200, 2000)
     periods = {0.05: 1.0, 0.001: 0.1} if quick else {0.05: 2.0, 0.01: 1.0, 0.001: 0.3}
+    ticks: list[tuple[str, Scene, tuple[str, ...]]]
     ticks = [(BY_SIZE, cube(cells), STRATEGIES) for cells in sizes]
     ticks += [(BY_SIZE, cube(cells), ("margin",)) for cells in sizes if cells <= 71]
     ticks += [(ON_A_MESH, Scene(spacing, shape=MESH), STRATEGIES) for spacing in spacings]

@@ -13,11 +13,11 @@ import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from scipy.stats import linregress
 
-from drake_pregrasp.planning.contact_status import is_active
+from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
-from drake_pregrasp.systems.tick_logger import TickRecord
+from drake_pregrasp.systems.loggers import TickRecord
 
 _STATM = Path("/proc/self/statm")
 
@@ -55,7 +55,7 @@ def soak(
         error = record.X_WO_estimated.translation() - record.X_WO.translation()
         active = np.mean(is_active(record.contact_status))
         measures = (quality.q_msv, quality.q_gii, quality.q_vew)
-        total[:] += (1, *measures, np.linalg.norm(error), active)
+        total[:] += np.array([1, *measures, np.linalg.norm(error), active])
 
     simulator = Simulator(make_diagram(config, config.make_surface(), sink=add))
     ApplySimulatorConfig(config.simulator_config, simulator)

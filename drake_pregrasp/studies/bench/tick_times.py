@@ -10,16 +10,16 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.centroids import select_contacts
+from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.contacts.strategies import make_strategy
 from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig, PregraspPlanner
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.box_surface import box_surface
-from drake_pregrasp.planning.contact_selection import select_contacts
-from drake_pregrasp.planning.kernels import make_kernel, numba_is_installed
-from drake_pregrasp.planning.region_constraints import Obstacles
-from drake_pregrasp.planning.safe_regions import compute_safe_regions
-from drake_pregrasp.planning.selection_input import SelectionInput
-from drake_pregrasp.planning.strategies import make_strategy
-from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
+from drake_pregrasp.geometry.box_surface import box_surface
+from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
+from drake_pregrasp.kernels import make_kernel, numba_is_installed
+from drake_pregrasp.regions.constraints import Obstacles
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.scenario_file import load_scenario
 
 Tick = Callable[[FloatArray], FloatArray]

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_pregrasp.simulation.output import reading_back, write_text
-from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
+from drake_pregrasp.simulation.output import reading_back, without_solver_chatter, write_text
 from drake_pregrasp.studies.processes import as_they_end
 from drake_pregrasp.studies.settings_file import digest
 from drake_pregrasp.studies.static_versus_dynamic.outcome import TrialJob

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray
 
 
 def ring_triangles(

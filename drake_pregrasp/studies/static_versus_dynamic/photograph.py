@@ -13,10 +13,10 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context
 from pydrake.systems.sensors import CameraInfo
 
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_status import is_active
-from drake_pregrasp.planning.safe_regions import SafeRegions
-from drake_pregrasp.planning.solids import HalfSpace
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.selection_input import is_active
+from drake_pregrasp.geometry.solids import HalfSpace
+from drake_pregrasp.regions.safe_regions import SafeRegions
 from drake_pregrasp.studies.drawn_mesh import camera_pose, drawn_mesh
 from drake_pregrasp.studies.static_versus_dynamic.marks import ring_triangles
 from drake_pregrasp.studies.static_versus_dynamic.scene import FINGERS
@@ -28,7 +28,7 @@ from drake_pregrasp.studies.vtk_picture import (
     lit_renderer,
     take_picture,
 )
-from drake_pregrasp.systems.palette import contact_color
+from drake_pregrasp.systems.drawing import contact_color
 
 _ENGINE = "photograph"
 CAMERA = ColorRenderCamera(

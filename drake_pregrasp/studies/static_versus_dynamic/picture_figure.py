@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 from matplotlib.image import imsave
 
-from drake_pregrasp.simulation.output import writing
-from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
+from drake_pregrasp.simulation.output import without_solver_chatter, writing
 from drake_pregrasp.studies.processes import in_processes
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.outcome import (

@@ -6,12 +6,12 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
-from drake_pregrasp.diagrams.hand_limits import hand_limits
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.grasp_config import hand_limits
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PlannerConfig
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.region_constraints import Obstacles
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.studies.static_versus_dynamic.scene import Scene
 from drake_pregrasp.systems.carrier_posture import reach_frame
 

@@ -7,9 +7,9 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, BusValue, Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.planning.arrays import FloatArray, IntArray
-from drake_pregrasp.planning.assignment import mean_angle, wrapped
-from drake_pregrasp.planning.contact_status import ContactStatus
+from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.contacts.assignment import mean_angle, wrapped
+from drake_pregrasp.contacts.selection_input import ContactStatus
 
 _TOO_FAR_ASIDE = float(np.radians(40))
 

@@ -4,13 +4,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_pregrasp.diagrams.driven_hand import TABLE
-from drake_pregrasp.diagrams.grasp_config import GraspConfig
-from drake_pregrasp.diagrams.motion_config import Conveyor
-from drake_pregrasp.diagrams.object_config import Box
-from drake_pregrasp.planning.assignment import FREE_TURN
-from drake_pregrasp.planning.solids import BallSolid, HalfSpace, Solid
-from drake_pregrasp.systems.moving_obstacles import MovingSolid
+from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.config.object_config import Box, Conveyor
+from drake_pregrasp.contacts.assignment import FREE_TURN
+from drake_pregrasp.diagrams.hand_station import TABLE
+from drake_pregrasp.geometry.solids import BallSolid, HalfSpace, Solid
+from drake_pregrasp.systems.scene_inputs import MovingSolid
 
 BOX = Box(size=[0.1, 0.1, 0.1], mass=0.4)
 """The object."""

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.assignment import assign_fingers_round
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.assignment import assign_fingers_round
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.studies.static_versus_dynamic.scene import FINGERS, Scene
 
 _LEAST_DISTANCE = 0.024  # Between contacts, in metres.

@@ -8,10 +8,10 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import BasicVector, BusValue, Context, LeafSystem
 
-from drake_pregrasp.planning.arrays import BoolArray, FloatArray
-from drake_pregrasp.planning.contact_status import ContactStatus
-from drake_pregrasp.planning.region_constraints import Limit, Obstacles, RegionConstraints
-from drake_pregrasp.planning.solids import BoxSolid
+from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.contacts.selection_input import ContactStatus
+from drake_pregrasp.geometry.solids import BoxSolid
+from drake_pregrasp.regions.constraints import Limit, Obstacles, RegionConstraints
 
 
 class StillHand(LeafSystem):

@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import FloatArray
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 
 _CLEAN_COLOR, _OTHER_COLOR = "#009E73", "#D55E00"

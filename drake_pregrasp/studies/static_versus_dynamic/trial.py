@@ -7,14 +7,14 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.selection_input import ContactStatus, is_active
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.box_surface import box_surface
-from drake_pregrasp.planning.contact_status import ContactStatus, is_active
-from drake_pregrasp.planning.grasp_state import GraspPhase, GraspState
+from drake_pregrasp.geometry.box_surface import box_surface
+from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.simulation.hand_file import load_hand
-from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
+from drake_pregrasp.simulation.output import without_solver_chatter
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalLook, grasp_outcome
 from drake_pregrasp.studies.static_versus_dynamic.outcome import Outcome, TrialJob
@@ -24,7 +24,7 @@ from drake_pregrasp.studies.static_versus_dynamic.trial_diagram import (
     TrialDiagram,
     make_trial_diagram,
 )
-from drake_pregrasp.systems.grasp_logger import GraspRecord
+from drake_pregrasp.systems.loggers import GraspRecord
 
 _TICK = PlannerConfig.period  # Seconds between looks at goals.
 _HOLD = 1.0  # Seconds of holding, after which the outcome is read.

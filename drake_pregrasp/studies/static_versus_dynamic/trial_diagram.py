@@ -9,24 +9,22 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import ConstantValueSource
 
-from drake_pregrasp.diagrams.driven_hand import add_driven_hand
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.hand_station import HandStation
+from drake_pregrasp.diagrams.hand_station import HandStation, add_driven_hand
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, FINGERS, Scene
 from drake_pregrasp.studies.static_versus_dynamic.start import Start
 from drake_pregrasp.studies.static_versus_dynamic.trial_goals import (
     add_goals,
     arm_start,
 )
-from drake_pregrasp.systems.contact_weights import ContactWeights
-from drake_pregrasp.systems.grasp_logger import GraspLogger, GraspRecord
-from drake_pregrasp.systems.moving_obstacles import MovingObstacles
+from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord
 from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
+from drake_pregrasp.systems.scene_inputs import ContactWeights, MovingObstacles
 
 PLANT = MultibodyPlantConfig(
     time_step=0.01,

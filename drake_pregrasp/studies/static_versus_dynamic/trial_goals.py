@@ -7,6 +7,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import DiscreteTimeDelay
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.pregrasp_planner import (
@@ -14,10 +15,9 @@ from drake_pregrasp.diagrams.pregrasp_planner import (
     PlannerConfig,
     PregraspPlanner,
 )
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.region_constraints import RegionConstraints
-from drake_pregrasp.planning.solids import BoxSolid
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.geometry.solids import BoxSolid
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.regions.constraints import RegionConstraints
 from drake_pregrasp.studies.static_versus_dynamic.planned_start import planned_start, planner_config
 from drake_pregrasp.studies.static_versus_dynamic.reassignment import Reassignment
 from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, Scene
