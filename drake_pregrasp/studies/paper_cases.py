@@ -145,7 +145,7 @@ class CaseLog:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.scenario = load_scenario(file=folder / "scenario.yaml")
-        self.table = pd.read_csv(folder / "log.csv", float_precision="round_trip")
+        self.table = pd.DataFrame(np.genfromtxt(folder / "log.csv", delimiter=",", names=True))
         time = self.table["time"].to_numpy()
         self.static = static_phase(self.scenario, time)
         self.last_phase = last_phase(self.scenario, time)

@@ -1,16 +1,13 @@
 """Rows of a study are the same whoever makes them, and survive whatever ends it."""
 
 import os
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
-from drake_pregrasp.errors import InvalidArgumentError, OutputError
-from drake_pregrasp.studies import workers
-from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS, SETTINGS, run_jobs
+from drake_pregrasp.studies.runner import JOURNAL, ROWS, SETTINGS, run_jobs
 
 JOBS = [{"name": name, "seed": seed} for seed in range(4) for name in ("b", "a")]
 

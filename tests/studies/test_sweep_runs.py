@@ -10,12 +10,12 @@ import time
 from pathlib import Path
 
 import pytest
+from drake_pregrasp.studies.case_runs import CaseLog, CaseRun
 from made_up_sweeps import DiesOnce, made_up_run, one_by_one, write_study
 
 from drake_pregrasp import OutputError, load_scenario, run
 from drake_pregrasp.cli import main
 from drake_pregrasp.simulation.phases import adapting_phase
-from drake_pregrasp.studies.case_runs import CaseLog, CaseRun
 from drake_pregrasp.studies.failed_file import FAILED, FailedFile
 from drake_pregrasp.studies.settings_file import claim
 from drake_pregrasp.studies.sweep.engines import local_engine

@@ -11,6 +11,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.centroids import select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_strategy
@@ -190,7 +191,7 @@ def make_ticks(job: TickJob) -> dict[str, Tick]:
     if job.obstacles:
         obstacles, names = Obstacles(points=surface.forbidden), names[:-1]
         surface = replace(surface, forbidden=ForbiddenPoints.none())
-    config = PlannerConfig(strategy=job.strategy)
+    config = PlannerConfig(strategy=job.strategy, limits=LimitsConfig(clearance=0.0))
     return {
         name: make_tick(surface, name, starts[0], config, obstacles=obstacles) for name in names
     }
