@@ -15,8 +15,8 @@ from drake_pregrasp.contacts.goal_limits import (
     with_returning_contacts,
 )
 from drake_pregrasp.contacts.selection_input import (
-    GoalFunction,
     ContactGoals,
+    GoalFunction,
     SelectionInput,
     WeightFunction,
 )

@@ -53,8 +53,8 @@ def position_tracking(selection: SelectionInput, i: int) -> FloatArray:
     return gaussian_log_weights(q, surface.p_OCoM, selection.covariance_O)
 
 
-def singular_values(selection: SelectionInput, i: int) -> FloatArray:
-    """Returns the singular values of the hand's G_qn with contact i at each q_n, rising, (k, 6).
+def hand_singular_values(r: FloatArray, q: FloatArray) -> FloatArray:
+    """Returns the singular values of the hand's G_qn, rising, for each place q_n, shape (k, 6).
 
     They are the roots of the eigenvalues of G Gᵀ. With G_i = [[I, 0], [[r_i]x, I]], r_i being the
     lever arm of a contact about the centre of mass, the product over n contacts is
@@ -64,10 +64,9 @@ def singular_values(selection: SelectionInput, i: int) -> FloatArray:
     since [r]x [r]xᵀ = |r|² I - r rᵀ.
 
     Args:
-        selection: Contacts and their regions.
-        i: Index of the contact.
+        r: Lever arms of the contacts that are held, shape (n - 1, 3), in metres.
+        q: Lever arms of the places q_n of one contact more, shape (k, 3), in metres.
     """
-    r, q = selection.lever_arms(i)
     n = len(r) + 1
     t = r.sum(axis=0) + q
     second_moment = r.T @ r + q[:, :, None] * q[:, None, :]
@@ -83,13 +82,13 @@ def singular_values(selection: SelectionInput, i: int) -> FloatArray:
 
 def hand_msv(selection: SelectionInput, i: int) -> FloatArray:
     """Returns b_n = sigma_min(G_qn) (Eq. 5)."""
-    sigma_min: FloatArray = singular_values(selection, i)[:, 0]
+    sigma_min: FloatArray = hand_singular_values(*selection.lever_arms(i))[:, 0]
     return sigma_min
 
 
 def hand_gii(selection: SelectionInput, i: int) -> FloatArray:
     """Returns b_n = sigma_min(G_qn) / sigma_max(G_qn) (Eq. 6)."""
-    sigma = singular_values(selection, i)
+    sigma = hand_singular_values(*selection.lever_arms(i))
     isotropy: FloatArray = sigma[:, 0] / sigma[:, -1]
     return isotropy
 
@@ -99,7 +98,7 @@ def hand_vew(selection: SelectionInput, i: int) -> FloatArray:
 
     The determinant is the product of the squared singular values.
     """
-    volume: FloatArray = np.prod(singular_values(selection, i), axis=1)
+    volume: FloatArray = np.prod(hand_singular_values(*selection.lever_arms(i)), axis=1)
     return volume
 
 

@@ -1,7 +1,7 @@
 """Weighted centroids of safe regions, with closed forms in place of decompositions.
 
 With t = sum r_i and B = sum (|r_i|² I - r_i r_iᵀ) over n contacts, the matrix of
-`contacts.strategies.singular_values` is G Gᵀ = [[n I, -[t]x], [[t]x, n I + B]].
+`contacts.strategies.hand_singular_values` is G Gᵀ = [[n I, -[t]x], [[t]x, n I + B]].
 
 **Volume.** By the Schur complement of n I, det(G Gᵀ) = n³ det(n I + B + [t]x²/n).
 
