@@ -30,25 +30,15 @@ FORMER_METHODS = {"frozen": "fixed_plan", "still": "stationary"}
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
     study_options.add_out_option(parser, "studies", f"the folder {NAME} with the report")
-    for flag, kind, default, metavar, text in (
-        (
-            "--seeds",
-            study_options.whole_number(1, study_options.MOST_SEEDS),
-            SEEDS,
-            "N",
-            "number of seeds",
-        ),
-        ("--first_seed", study_options.whole_number(0), 0, "K", "first seed"),
-        (
-            "--conditions",
-            study_options.names,
-            ",".join(CONDITIONS),
-            "a,b,...",
-            "keys of conditions",
-        ),
-        ("--methods", study_options.names, ",".join(METHODS), "a,b,...", "keys of methods"),
+    count, names = study_options.whole_number, study_options.names
+    most = study_options.MOST_SEEDS
+    for flags, kind, default, metavar, text in (
+        (["--seeds"], count(1, most), SEEDS, "N", "number of seeds"),
+        (["--first_seed"], count(0), 0, "K", "first seed"),
+        (["--conditions"], names, ",".join(CONDITIONS), "a,b,...", "keys of conditions"),
+        # The second is the name in version 0.1.
+        (["--methods", "--arms"], names, ",".join(METHODS), "a,b,...", "keys of methods"),
     ):
-        flags = (flag, "--arms") if flag == "--methods" else (flag,)  # Its name in version 0.1.
         text = f"{text}; %(default)s if not set"
         parser.add_argument(*flags, type=kind, default=default, metavar=metavar, help=text)
     study_options.add_processes_option(parser, "trials")

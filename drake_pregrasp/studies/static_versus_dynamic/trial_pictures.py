@@ -156,7 +156,7 @@ def make_pictures(
     grasps = {row.method: row for row in outcomes.itertuples()}
     jobs = [TrialJob(grasps[m].condition, m, int(grasps[m].seed)) for m in METHODS if m in grasps]
     titles = [*(f"t = {moment:g} s" for moment in moments), "end of the grasp"]
-    figure = Figure((0.6 + 3 * len(titles), 0.3 + 4 * len(jobs)), layout="constrained")
+    figure = Figure((0.6 + 3 * len(titles), 0.3 + 3.6 * len(jobs)), layout="constrained")
     axes = figure.subplots(len(jobs), len(titles), squeeze=False)
     with TemporaryDirectory() as folder, writing(path):
         take = functools.partial(_take_pictures, Path(folder), moments)
