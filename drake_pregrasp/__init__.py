@@ -1,52 +1,47 @@
 """Dynamic pre-grasp planning for hands that track a moving object, made of Drake systems."""
 
-from drake_pregrasp.diagrams.estimator_config import EstimatorConfig
-from drake_pregrasp.diagrams.grasp_config import GraspConfig
+from drake_pregrasp.config.grasp_config import GraspConfig, hand_limits
+from drake_pregrasp.config.hand_description import HandDescription
+from drake_pregrasp.config.limits_config import BallReach, BoxReach, LimitsConfig, Pair, SectorReach
+from drake_pregrasp.config.object_config import Box, Conveyor
+from drake_pregrasp.contacts.assignment import ring_contacts
+from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.diagrams.hand_controller import HandController
-from drake_pregrasp.diagrams.hand_description import HandDescription
-from drake_pregrasp.diagrams.hand_limits import hand_limits
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import HandStation
-from drake_pregrasp.diagrams.limits_config import LimitsConfig, Pair
-from drake_pregrasp.diagrams.motion_config import Conveyor
-from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import (
     AddPregraspPlanner,
     BlendConfig,
+    EstimatorConfig,
     PlannerConfig,
     PregraspPlanner,
 )
-from drake_pregrasp.diagrams.reach_config import BallReach, BoxReach, SectorReach
 from drake_pregrasp.errors import InvalidArgumentError, OutputError, PregraspError, ScenarioError
-from drake_pregrasp.planning.box_surface import box_surface
-from drake_pregrasp.planning.contact_status import ContactStatus
-from drake_pregrasp.planning.fault_settings import MeasurementFaults
-from drake_pregrasp.planning.initial_contacts import ring_contacts
-from drake_pregrasp.planning.mesh_surface import mesh_surface
-from drake_pregrasp.planning.pose_belief import PoseFilterNoise
-from drake_pregrasp.planning.pose_measurement import MeasurementVerdict
-from drake_pregrasp.planning.region_constraints import Obstacles
-from drake_pregrasp.planning.safe_regions import compute_safe_regions
-from drake_pregrasp.planning.shapes import load_shape
-from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace
-from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
-from drake_pregrasp.planning.tracking_status import TrackingStatus
+from drake_pregrasp.estimation.fault_settings import MeasurementFaults
+from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
+from drake_pregrasp.estimation.pose_track import MeasurementVerdict
+from drake_pregrasp.estimation.tracking_status import TrackingStatus
+from drake_pregrasp.geometry.box_surface import box_surface
+from drake_pregrasp.geometry.mesh_surface import mesh_surface
+from drake_pregrasp.geometry.shapes import load_shape
+from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
+from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
+from drake_pregrasp.regions.constraints import Obstacles
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.hand_file import load_hand
+from drake_pregrasp.simulation.output import without_solver_chatter
 from drake_pregrasp.simulation.run import RunResult, run
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
-from drake_pregrasp.systems.arm_kinematics import ArmKinematics
-from drake_pregrasp.systems.arm_posture import ArmPosture
+from drake_pregrasp.systems.arm_posture import ArmKinematics, ArmPosture
 from drake_pregrasp.systems.carrier_posture import CarrierPosture
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
-from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
+from drake_pregrasp.systems.fingertip_sensor import FingertipSensor, HandKinematics
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor, GraspQualityView
 from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
-from drake_pregrasp.systems.hand_kinematics import HandKinematics
 from drake_pregrasp.systems.joint_reference import JointReference
 from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.pose_estimator import PoseEstimator

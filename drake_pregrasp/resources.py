@@ -1,12 +1,10 @@
-"""The folders of models and scenarios, from a checkout and from an installed wheel alike.
+"""Files of the package and of users: where they are, and reading them within limits."""
 
-And the one rule for paths in scenario files, `resolve_path`.
-"""
-
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -72,3 +70,92 @@ def check_inside(path: Path, folders: Sequence[Path]) -> None:
         f"{there} is outside of {names}; if you trust it, add --allow {there.parent}"
         " (in Python: folders)"
     )
+
+
+_MEGABYTE = 1_000_000
+
+
+def read_bounded(path: Path, most: int) -> bytes:
+    """Returns what a file holds.
+
+    Args:
+        path: The file. A pipe or a device, which may never end, is none.
+        most: Bytes that it may have.
+
+    Raises:
+        InvalidArgumentError: If it is no regular file, can't be read, or is larger.
+    """
+    try:
+        if path.exists() and not path.is_file():
+            raise InvalidArgumentError(f"{path}: can't be read: it is no regular file")
+        with path.open("rb") as file:
+            data = file.read(most + 1)
+    except (OSError, ValueError) as error:
+        if isinstance(error, InvalidArgumentError):
+            raise
+        why = getattr(error, "strerror", None) or str(error)
+        raise InvalidArgumentError(f"{path}: can't be read: {why}") from error
+    if len(data) > most:
+        raise InvalidArgumentError(
+            f"{path}: can't be read: it has more than {most / _MEGABYTE:g} MB; make it smaller"
+        )
+    return data
+
+
+def read_bounded_text(path: Path, most: int) -> str:
+    """Returns what a file of UTF-8 holds, without a byte order mark.
+
+    Args:
+        path: As for `read_bounded`.
+        most: As for `read_bounded`.
+
+    Raises:
+        InvalidArgumentError: As for `read_bounded`, or if it is no UTF-8.
+    """
+    try:
+        return read_bounded(path, most).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InvalidArgumentError(f"{path}: can't be read: {error}") from error
+
+
+def make_paths_absolute(
+    config: object,
+    folder: Path,
+    *,
+    allowed: Sequence[Path] | None = None,
+    source: str = "scenario",
+    key: str = "",
+) -> None:
+    """Makes every path in a configuration absolute, in place; URLs stay.
+
+    Args:
+        config: A dataclass. Its paths are the texts whose fields have the metadata `path`.
+        folder: Where relative paths start; see `resolve_path`.
+        allowed: Folders that files may be in, or below. None: anywhere.
+        source: Where the configuration is from, for the message.
+        key: Dotted path of the configuration in it.
+
+    Raises:
+        ScenarioError: If a file is elsewhere, or a text can't be the name of one.
+    """
+    for f in dataclasses.fields(config) if dataclasses.is_dataclass(config) else ():
+        value = getattr(config, f.name)
+        path = f"{key}.{f.name}" if key else f.name
+        if f.metadata.get("path"):
+            if value and "://" not in value:
+                setattr(config, f.name, _absolute(value, folder, allowed, source, path))
+        else:
+            for part in value if isinstance(value, list) else [value]:
+                make_paths_absolute(part, folder, allowed=allowed, source=source, key=path)
+
+
+def _absolute(
+    text: str, folder: Path, allowed: Sequence[Path] | None, source: str, key: str
+) -> str:
+    try:
+        path = resolve_path(text, folder)
+        if allowed is not None:
+            check_inside(path, allowed)
+    except InvalidArgumentError as error:
+        raise ScenarioError(source, key, str(error)) from error
+    return str(path)

@@ -16,8 +16,8 @@ from drake_pregrasp import (
     shipped_scenarios,
 )
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.surface import ObjectSurface
-from drake_pregrasp.robots.robot_data import find_robot_data
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.robots.allegro_panda import find_robot_data
 from drake_pregrasp.robots.robot_models import robot_model
 
 # The same examples every time; machines differ too much for deadlines.

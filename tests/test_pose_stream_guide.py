@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_pregrasp import load_scenario
 from drake_pregrasp.cli import main
-from drake_pregrasp.planning.recorded_poses import MAX_ROWS
+from drake_pregrasp.estimation.recorded_poses import MAX_ROWS
 
 GUIDE = (Path(__file__).parent.parent / "docs" / "pose_stream.md").read_text(encoding="utf-8")
 

@@ -16,10 +16,9 @@ ROWS = dict(
 CHECKED = (
     "simulation/yaml_text",
     "simulation/schema_check",
-    "simulation/run_size",
-    "planning/mesh_file",
-    "planning/mesh_components",
-    "planning/recorded_poses",
+    "simulation/scenario_check",
+    "geometry/meshes",
+    "estimation/recorded_poses",
     "diagrams/model_files",
 )
 

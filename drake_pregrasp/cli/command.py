@@ -4,16 +4,43 @@ import argparse
 import logging
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any, NoReturn
 
 from drake_pregrasp.cli import run_command, study_commands
-from drake_pregrasp.cli.one_line_parser import BAD_INPUT, OneLineParser
 from drake_pregrasp.errors import PregraspError, printable
 from drake_pregrasp.simulation.scenario_file import shipped_scenarios
 from drake_pregrasp.simulation.smooth_file import load_estimator, smooth_file
 from drake_pregrasp.studies.interruptible import INTERRUPTED_STATUS
 from drake_pregrasp.version import __version__
+
+BAD_INPUT = 2
+"""Exit status of a command that can't use what it was given."""
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """Says what is wrong in one line, without the usage before it.
+
+    Attributes:
+        add_options: Adds the options of a command when it is given, and not before; none if not
+            set.
+    """
+
+    add_options: "Callable[[OneLineParser], None] | None" = None
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parses arguments, after the options of the command have been added."""
+        add_options, self.add_options = self.add_options, None
+        if add_options is not None:
+            add_options(self)
+        return super().parse_known_args(args, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """Prints what is wrong, and ends the process."""
+        print(f"{self.prog}: {message}", file=sys.stderr)
+        sys.exit(BAD_INPUT)
+
 
 BROKEN_PIPE = 141
 """Exit status when nobody reads the output any more."""

@@ -1,19 +1,128 @@
 """The command `drake-pregrasp run`."""
 
 import argparse
+import contextlib
+import signal
+import time
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from drake_pregrasp.cli.run_progress import run_bar, stop_on_signals
-from drake_pregrasp.cli.run_words import print_result
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
 from drake_pregrasp.errors import ScenarioError
-from drake_pregrasp.simulation.run import run, write_graphviz
+from drake_pregrasp.simulation.run import RunResult, run, write_graphviz
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import validate
 from drake_pregrasp.simulation.scenario_file import load_scenario, only_name
 from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.simulation.summary import MEASURES
 from drake_pregrasp.studies.interruptible import INTERRUPTED_STATUS
+from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
+from drake_pregrasp.systems.loggers import TickRecord
+
+
+@contextlib.contextmanager
+def stop_on_signals() -> Iterator[Callable[[], bool]]:
+    """Turns the first SIGINT or SIGTERM into a request to stop; a second one ends the process."""
+    requested = False
+
+    def request(number: int, frame: object) -> None:
+        nonlocal requested
+        requested = True
+        signal.signal(number, signal.SIG_DFL)
+
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, request) for number in numbers]
+    try:
+        yield lambda: requested
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def run_bar(scenario: Scenario) -> Iterator[Callable[[TickRecord], None] | None]:
+    """Shows a bar on a terminal, and nothing when the output goes elsewhere."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield None
+        return
+    columns = (
+        TextColumn("{task.completed:5.1f} s of {task.total:g} s"),
+        BarColumn(),
+        TextColumn("{task.fields[factor]:5.1f} x real time   Q_GII {task.fields[q_gii]:.4f}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as bar:
+        task = bar.add_task("", total=scenario.simulation_duration, factor=0.0, q_gii=0.0)
+        start = time.perf_counter()
+
+        def on_tick(record: TickRecord) -> None:
+            bar.update(
+                task,
+                completed=record.time,
+                factor=record.time / (time.perf_counter() - start),
+                q_gii=GraspQualityView(record.grasp_quality).q_gii,
+            )
+
+        yield on_tick
+        bar.update(task, completed=scenario.simulation_duration)
+
+
+def print_result(result: RunResult, *, recorded: bool) -> None:
+    """Prints a run's measures, its speed, what has gone wrong, and where its files are.
+
+    Args:
+        result: Of the run.
+        recorded: Whether there is a recording.
+    """
+    summary = result.summary
+    for title, phase in (("static", "static"), ("best after", "max")):
+        values = summary[phase]
+        if values["q_msv"] is not None:
+            shown = "   ".join(f"{m.upper()} {values[m]:.4f}" for m in MEASURES)
+            print(f"{title:12}{shown}")
+    print(
+        f"speed       {summary['real_time_factor']:.1f} x real time,"
+        f" planning tick {summary['tick_time_p50_ms']:.2f} ms (median)"
+    )
+    if "grasp" in summary:
+        print(f"grasp       {_grasp_in_words(summary['grasp'])}")
+    if summary["deadline_overruns"]:
+        print(
+            f"late        {summary['deadline_overruns']} of {summary['ticks']} ticks took longer"
+            " than planner.period"
+        )
+    for contact, reason in summary["inactive_contacts"].items():
+        print(f"at the end contact {contact} has no place, and doesn't count: {reason}")
+    if not result.completed:
+        print(
+            f"interrupted at {summary['simulated_seconds']:g} s:"
+            f" the log up to that tick is in {result.folder / 'log.csv'}"
+        )
+    if recorded:
+        print(f"recording in {result.folder / 'recording.html'}: open it in a browser")
+    else:
+        print(f"results in {result.folder}")
+
+
+def _grasp_in_words(grasp: Mapping[str, Any]) -> str:
+    words = [f"at the end: {grasp['phase']}"]
+    if grasp["gave_up"] is not None:
+        words.append(f"gave up because {grasp['gave_up']}")
+    for key, text in (
+        ("tracking_error_mean_mm", "fingertips {:.3f} mm off their goals"),
+        ("closing_motion_mm", "object moved {:.3f} mm in closing"),
+        ("lift_height_mm", "lifted {:.1f} mm"),
+        ("slip_lift_mm", "slip {:.2f} mm in the lift"),
+        ("slip_hold_mm", "{:.2f} mm in the hold"),
+    ):
+        if grasp[key] is not None:
+            words.append(text.format(grasp[key]))
+    return ", ".join(words)
 
 
 def add_command(commands: "argparse._SubParsersAction[Any]") -> None:

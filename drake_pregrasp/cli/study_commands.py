@@ -5,8 +5,6 @@ import functools
 import importlib
 from typing import Any
 
-from drake_pregrasp.cli.one_line_parser import OneLineParser
-
 _STUDIES = "drake_pregrasp.studies"
 
 # Of each command, a module with `add_options(parser)`, or the function of a study whose only
@@ -44,11 +42,11 @@ def add_commands(commands: "argparse._SubParsersAction[Any]") -> None:
 
 def _add(commands: "argparse._SubParsersAction[Any]", table: dict[str, tuple[str, str]]) -> None:
     for name, (where, text) in table.items():
-        parser = commands.add_parser(name, help=text)
+        parser: Any = commands.add_parser(name, help=text)  # A `OneLineParser`.
         parser.add_options = functools.partial(_add_options, where=where, name=name)
 
 
-def _add_options(parser: OneLineParser, *, where: str, name: str) -> None:
+def _add_options(parser: argparse.ArgumentParser, *, where: str, name: str) -> None:
     module, _, function = where.partition(":")
     try:
         study = importlib.import_module(f"{_STUDIES}.{module}")

@@ -5,19 +5,19 @@ from pathlib import Path
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
-from drake_pregrasp.diagrams.motion_config import (
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.object_config import (
     Conveyor,
     MotionConfig,
+    ObjectConfig,
     PoseStream,
     Push,
     Toss,
 )
 from drake_pregrasp.diagrams.object_body import standing_position
-from drake_pregrasp.diagrams.object_config import ObjectConfig
-from drake_pregrasp.diagrams.push_motion import push_direction
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.recorded_poses import read_recorded_poses
-from drake_pregrasp.planning.velocity_profile import VelocityProfile
+from drake_pregrasp.diagrams.object_plant import push_direction
+from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
+from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.resources import resolve_path
 
 _SAMPLES = 50

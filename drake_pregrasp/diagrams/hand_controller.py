@@ -1,21 +1,155 @@
 """The hand's side of the loop: from contact goals to desired joint states."""
 
+from dataclasses import dataclass, field
+
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.multibody.inverse_kinematics import DifferentialInverseKinematicsSystem
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.planning import DofMask, JointLimits
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
-from drake_pregrasp.diagrams.fingertip_kinematics import POSTURE_GAIN, fingertip_kinematics
-from drake_pregrasp.diagrams.grasp_config import GraspConfig
-from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.posture_wiring import add_posture
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.contacts.assignment import mean_angle, turned_within
+from drake_pregrasp.diagrams.hand_model import HandModel, PalmCarrier
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.assignment import mean_angle, turned_within
-from drake_pregrasp.planning.solids import Solid
+from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.systems.arm_posture import ArmPosture
+from drake_pregrasp.systems.carrier_posture import CarrierPosture
 from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
 from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
-from drake_pregrasp.systems.joint_reference import JointReference
+from drake_pregrasp.systems.joint_reference import LARGEST_RATE, JointReference
+
+POSTURE_GAIN = 5.0
+"""How fast the carrier follows its nominal posture, in 1/s."""
+
+_LIMIT_INFLUENCE = 0.05  # Radians or metres from a limit, in which joints slow down.
+_TRACKING_WEIGHT = 100.0  # Of fingertips against posture, as Drake's documentation advises.
+_POSITION_ONLY = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
+_LARGEST_TWIST = SpatialVelocity([5.0] * 3, [1.0] * 3)  # rad/s and m/s, of any fingertip.
+
+
+def fingertip_kinematics(
+    hand: HandModel, more_masks: dict[str, FloatArray], period: float
+) -> DifferentialInverseKinematicsSystem:
+    """Returns Drake's system for fingertip positions, and for what more there is to follow.
+
+    Its fingertips share out what joints at their limits can't do.
+
+    Args:
+        hand: The hand.
+        more_masks: Of the frames that it follows beside the fingertips, shape (6,): which of their
+            rotations and translations count.
+        period: Seconds between control ticks.
+    """
+    masks = dict.fromkeys(hand.kinematics.tip_frames, _POSITION_ONLY) | more_masks
+    tracking = DifferentialInverseKinematicsSystem.LeastSquaresCost.Config()
+    tracking.cartesian_qp_weight = _TRACKING_WEIGHT
+    tracking.cartesian_axis_masks = masks
+    centering = DifferentialInverseKinematicsSystem.JointCenteringCost.Config()
+    centering.posture_gain = POSTURE_GAIN
+    centering.cartesian_axis_masks = masks
+    recipe = DifferentialInverseKinematicsSystem.Recipe()
+    recipe.AddIngredient(DifferentialInverseKinematicsSystem.LeastSquaresCost(tracking))
+    recipe.AddIngredient(DifferentialInverseKinematicsSystem.JointCenteringCost(centering))
+    margins = DifferentialInverseKinematicsSystem.JointVelocityLimitConstraint.Config()
+    margins.min_margin, margins.influence_margin = 0.0, _LIMIT_INFLUENCE
+    rates = np.full(hand.kinematics.num_positions, LARGEST_RATE)
+    endless = np.full(hand.kinematics.num_positions, np.inf)
+    limits = JointLimits(
+        hand.kinematics.lower, hand.kinematics.upper, -rates, rates, -endless, endless
+    )
+    recipe.AddIngredient(
+        DifferentialInverseKinematicsSystem.JointVelocityLimitConstraint(margins, limits)
+    )
+    return DifferentialInverseKinematicsSystem(
+        recipe=recipe,
+        task_frame="world",
+        collision_checker=hand.checker,
+        active_dof=DofMask([True] * hand.kinematics.num_positions),
+        time_step=period,
+        K_VX=1.0,
+        Vd_TG_limit=_LARGEST_TWIST,
+    )
+
+
+@dataclass(frozen=True)
+class AddedPosture:
+    """A posture in a diagram that is being built.
+
+    Attributes:
+        system: It has the ports `tip_goals`, `X_WG`, `V_WG`, `X_WO_estimated`, `nominal_posture`
+            and `X_WH`.
+        goals: All that differential inverse kinematics follows.
+        masks: Of frames that it follows beside the fingertips.
+    """
+
+    system: CarrierPosture | ArmPosture
+    goals: OutputPort
+    masks: dict[str, FloatArray] = field(default_factory=dict)
+
+
+def add_posture(
+    builder: DiagramBuilder,
+    hand: HandModel,
+    tip_goals: OutputPort,
+    *,
+    p_WG: FloatArray,
+    yaw: float,
+    yaw_range: tuple[float, float],
+    lead: float,
+    gain: float,
+    period: float,
+) -> AddedPosture:
+    """Adds the posture system for what carries a hand.
+
+    Args:
+        builder: Where to add it.
+        hand: The hand.
+        tip_goals: Of `FingertipGoalShaper`.
+        p_WG: Where the goals' frame G is at the start, shape (3,), in metres.
+        yaw: Of the palm at the start, in radians.
+        yaw_range: Least and largest angle of the palm, in radians.
+        lead: For when the goals are, in seconds after the Context's time.
+        gain: With which joints follow a posture, in 1/s.
+        period: Seconds between control ticks.
+    """
+    base = hand.base
+    if isinstance(base, PalmCarrier):
+        carried = builder.AddNamedSystem(
+            "carrier_posture",
+            CarrierPosture(
+                tip_frames=hand.kinematics.tip_frames,
+                finger_azimuths=hand.azimuths,
+                home=hand.home(np.zeros(3), yaw),
+                carrier=base.joints,
+                gain=gain,
+                period=period,
+                yaw_range=yaw_range,
+            ),
+        )
+        builder.Connect(tip_goals, carried.GetInputPort("tip_goals"))
+        return AddedPosture(carried, tip_goals)
+    held = builder.AddNamedSystem(
+        "arm_posture",
+        ArmPosture(
+            tip_frames=hand.kinematics.tip_frames,
+            palm_frame=base.palm_frame,
+            finger_azimuths=hand.azimuths,
+            X_GP=base.X_GP,
+            home=hand.relaxed,
+            p_WG=p_WG,
+            yaw=yaw,
+            lead=lead,
+            period=period,
+            yaw_range=yaw_range,
+        ),
+    )
+    builder.Connect(tip_goals, held.GetInputPort("tip_goals"))
+    masks = {base.palm_frame: np.ones(6)}
+    return AddedPosture(held, held.GetOutputPort("goals"), masks)
 
 
 class HandController(Diagram):

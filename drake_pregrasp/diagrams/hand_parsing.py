@@ -1,4 +1,8 @@
-"""A hand's model, found and added to a plant."""
+"""A hand's model, found and added to a plant.
+
+Where Drake demands a condition of what it is given, a failure reaches Python as `SystemExit`: it
+would end the process, whatever a file of unknown origin has made fail.
+"""
 
 import contextlib
 import logging
@@ -9,12 +13,23 @@ from pydrake.multibody.parsing import PackageMap, Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
-from drake_pregrasp.diagrams.drake_failures import failures_as_errors
-from drake_pregrasp.diagrams.hand_description import Carrier, HandDescription
+from drake_pregrasp.config.hand_description import Carrier, HandDescription
+from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.errors import InvalidArgumentError, first_line
-from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.resources import resolve_path, resource_folder
 from drake_pregrasp.robots.robot_models import ROBOTS_URL, robot_model
+
+
+@contextlib.contextmanager
+def failures_as_errors() -> Iterator[None]:
+    """Turns a failed demand of Drake's inside into a `RuntimeError` that says which."""
+    try:
+        yield
+    except SystemExit as error:
+        if not isinstance(error.code, str):
+            raise
+        raise RuntimeError(error.code) from error
+
 
 _DOWNLOADED = ("drake_models",)
 

@@ -12,10 +12,9 @@ from pathlib import Path
 
 from pydrake.multibody.parsing import PackageMap
 
-from drake_pregrasp.bounded_file import read_bounded, read_bounded_text
 from drake_pregrasp.diagrams.hand_parsing import add_packages
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.resources import check_inside
+from drake_pregrasp.resources import check_inside, read_bounded, read_bounded_text
 
 MAX_MODEL_BYTES = 5_000_000
 """Bytes of a model."""

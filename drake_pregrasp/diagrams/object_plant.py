@@ -1,25 +1,201 @@
 """The moving object, as one diagram."""
 
+import math
 from collections.abc import Callable
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
-from pydrake.geometry import SceneGraph
-from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
-from pydrake.systems.framework import Diagram, DiagramBuilder
+import numpy as np
+from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
-from drake_pregrasp.diagrams.conveyor_motion import add_conveyor
-from drake_pregrasp.diagrams.motion_config import (
+from drake_pregrasp.config.object_config import (
     Conveyor,
     MotionConfig,
+    ObjectConfig,
     PoseStream,
     Push,
     Toss,
 )
-from drake_pregrasp.diagrams.moving_object import MovingObject
-from drake_pregrasp.diagrams.object_config import ObjectConfig
-from drake_pregrasp.diagrams.push_motion import add_push
-from drake_pregrasp.diagrams.replay_motion import add_replay
-from drake_pregrasp.diagrams.toss_motion import add_toss
+from drake_pregrasp.diagrams.object_body import (
+    add_object_body,
+    add_solid_collision,
+    standing_position,
+)
+from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
+from drake_pregrasp.geometry.motion_profiles import VelocityProfile
+from drake_pregrasp.resources import resolve_path, resource_folder
+from drake_pregrasp.systems.object_motion import BodyPose, Launch, ObjectMotion, PoseReplay
+
+
+class MovingObject(NamedTuple):
+    """An object that moves, in a diagram that is being built.
+
+    Attributes:
+        plant: The plant whose body it is.
+        scene_graph: What shows it.
+        X_WO: The port that emits its pose.
+    """
+
+    plant: MultibodyPlant
+    scene_graph: SceneGraph
+    X_WO: OutputPort
+
+
+def add_model(plant: MultibodyPlant, file: str) -> ModelInstanceIndex:
+    """Adds the model of one of the package's files to a plant."""
+    parser = Parser(plant)
+    parser.package_map().AddPackageXml(str(resource_folder("models") / "package.xml"))
+    (model,) = parser.AddModelsFromUrl(f"package://drake_pregrasp/{file}")
+    return model
+
+
+def add_pose_output(builder: DiagramBuilder, plant: MultibodyPlant, body: RigidBody) -> OutputPort:
+    """Adds a system that emits a body's pose in W, and returns its port."""
+    pose = builder.AddNamedSystem("object_pose", BodyPose(body.index()))
+    builder.Connect(plant.get_body_poses_output_port(), pose.get_input_port())
+    return pose.get_output_port()
+
+
+def add_conveyor(
+    builder: DiagramBuilder,
+    object_config: ObjectConfig,
+    motion: Conveyor,
+    plant_config: MultibodyPlantConfig,
+    *,
+    add_more: Callable[[MultibodyPlant, RigidBody], None] | None = None,
+) -> MovingObject:
+    """Puts the object at rest on the middle of a table that then moves as commanded.
+
+    What else there is in the plant is added by `add_more`, which is given the object's body.
+    """
+    plant, scene_graph = AddMultibodyPlant(plant_config, builder)
+    body = add_object_body(plant, object_config)
+    table = add_model(plant, "conveyor_table.sdf")
+    if add_more is not None:
+        add_more(plant, body)
+    plant.Finalize()
+    X_WO = RigidTransform(standing_position(object_config))
+    plant.SetDefaultFloatingBaseBodyPose(body, X_WO)
+    profile = VelocityProfile(motion.velocities())
+    command = builder.AddNamedSystem("object_motion", ObjectMotion(profile))
+    builder.Connect(command.get_output_port(), plant.get_desired_state_input_port(table))
+    return MovingObject(plant, scene_graph, add_pose_output(builder, plant, body))
+
+
+TIP_RADIUS = 0.012
+"""Radius of the pusher's tip in `pusher.sdf`, in metres."""
+
+RAMP = 0.1
+"""Seconds in which the tip comes up to its speed, and in which it stops."""
+
+
+def add_push(
+    builder: DiagramBuilder,
+    object_config: ObjectConfig,
+    motion: Push,
+    plant_config: MultibodyPlantConfig,
+) -> MovingObject:
+    """Puts the object at rest on a table, and a pusher behind it."""
+    plant, scene_graph = AddMultibodyPlant(plant_config, builder)
+    body = add_object_body(plant, object_config)
+    solid = add_solid_collision(plant, body, object_config)
+    table = plant.GetBodyByName("table", add_model(plant, "table.sdf"))
+    pusher = add_model(plant, "pusher.sdf")
+    R_WP = RotationMatrix.MakeZRotation(motion.direction)
+    behind = [-(motion.start_distance + TIP_RADIUS), motion.offset, motion.height]
+    plant.WeldFrames(
+        plant.world_frame(),
+        plant.GetFrameByName("guide", pusher),
+        RigidTransform(R_WP, R_WP @ behind),
+    )
+    plant.Finalize()
+    # The object stands on its feet; its whole bottom on the table would be one hopping contact.
+    scene_graph.collision_filter_manager().Apply(
+        CollisionFilterDeclaration().ExcludeBetween(
+            GeometrySet(solid), GeometrySet(plant.GetCollisionGeometriesForBody(table))
+        )
+    )
+    X_WO = RigidTransform(standing_position(object_config))
+    plant.SetDefaultFloatingBaseBodyPose(body, X_WO)
+    profile = VelocityProfile(push_profile(motion))
+    command = builder.AddNamedSystem("object_motion", ObjectMotion(profile))
+    builder.Connect(command.get_output_port(), plant.get_desired_state_input_port(pusher))
+    return MovingObject(plant, scene_graph, add_pose_output(builder, plant, body))
+
+
+def push_profile(motion: Push) -> list[list[float]]:
+    """Returns rows of times and speeds of the tip: at rest, up, on for its distance, and down."""
+    ramp = min(RAMP, motion.distance / motion.speed)
+    up = motion.start + ramp
+    down = motion.start + motion.distance / motion.speed
+    corners = [(0.0, 0.0), (motion.start, 0.0), (up, motion.speed), (down, motion.speed)]
+    corners.append((down + ramp, 0.0))
+    return [[time, speed] for time, speed in dict(corners).items()]  # Some times may be the same.
+
+
+def push_direction(motion: Push) -> list[float]:
+    """Returns the unit vector that the tip moves along, in W."""
+    return [math.cos(motion.direction), math.sin(motion.direction), 0.0]
+
+
+def add_replay(
+    builder: DiagramBuilder,
+    object_config: ObjectConfig,
+    motion: PoseStream,
+    plant_config: MultibodyPlantConfig,
+) -> MovingObject:
+    """Moves the object along the poses of a file.
+
+    The plant only holds the body's model and is no part of the diagram: nothing is simulated.
+    """
+    plant = MultibodyPlant(plant_config.time_step)
+    scene_graph = builder.AddNamedSystem("scene_graph", SceneGraph())
+    source = plant.RegisterAsSourceForSceneGraph(scene_graph)
+    body = add_object_body(plant, object_config)
+    plant.Finalize()
+    poses = read_recorded_poses(resolve_path(motion.file, Path.cwd()))
+    replay = builder.AddNamedSystem(
+        "pose_replay", PoseReplay(poses, plant.GetBodyFrameIdOrThrow(body.index()))
+    )
+    builder.Connect(replay.GetOutputPort("geometry_pose"), scene_graph.get_source_pose_port(source))
+    return MovingObject(plant, scene_graph, replay.GetOutputPort("X_WO"))
+
+
+def add_toss(
+    builder: DiagramBuilder,
+    object_config: ObjectConfig,
+    motion: Toss,
+    plant_config: MultibodyPlantConfig,
+) -> MovingObject:
+    """Launches the object into the air in the plant's first step.
+
+    A plant in steps of h falls by g t (t + h)/2. A launch that is faster by g h/2 upwards makes
+    the parabola of the centre of mass exact at the steps, for any h. The orientation of a
+    tumbling body still has an error of the order of h.
+    """
+    plant, scene_graph = AddMultibodyPlant(plant_config, builder)
+    body = add_object_body(plant, object_config)
+    if motion.table:
+        add_solid_collision(plant, body, object_config)
+        add_model(plant, "table.sdf")
+    plant.Finalize()
+    R_WO = RollPitchYaw(motion.rpy).ToRotationMatrix()
+    p_OCoM = body.CalcCenterOfMassInBodyFrame(plant.CreateDefaultContext())
+    plant.SetDefaultFloatingBaseBodyPose(
+        body, RigidTransform(R_WO, np.array(motion.position) - R_WO @ p_OCoM)
+    )
+    half_step = -plant.gravity_field().gravity_vector() * plant.time_step() / 2
+    V_WOcm = SpatialVelocity(w=motion.spin, v=np.array(motion.velocity) + half_step)
+    launch = builder.AddNamedSystem("launch", Launch(plant, body, V_WOcm))
+    builder.Connect(launch.get_output_port(), plant.get_applied_spatial_force_input_port())
+    return MovingObject(plant, scene_graph, add_pose_output(builder, plant, body))
+
 
 _MOTIONS: dict[type, Callable[[DiagramBuilder, ObjectConfig, Any, Any], MovingObject]] = {
     Conveyor: add_conveyor,

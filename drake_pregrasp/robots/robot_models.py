@@ -1,5 +1,10 @@
 """Robots by their names, as URDF files that Drake can use as they are."""
 
+import hashlib
+import os
+import shutil
+import tempfile
+import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -7,10 +12,72 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
-from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.robots.allegro_panda import write_allegro_panda
-from drake_pregrasp.robots.model_cache import cached, source_digest
-from drake_pregrasp.robots.robot_data import RobotData, find_robot_data
+from drake_pregrasp.errors import InvalidArgumentError, OutputError
+from drake_pregrasp.robots.allegro_panda import RobotData, find_robot_data, write_allegro_panda
+
+_PARTIAL = ".partial-"
+_ABANDONED = 3600.0  # Seconds after which a folder that was begun is nobody's any more.
+
+
+def cache_folder() -> Path:
+    """Returns the folder, by the XDG Base Directory Specification: `$XDG_CACHE_HOME`."""
+    base = os.environ.get("XDG_CACHE_HOME", "")
+    root = Path(base) if Path(base).is_absolute() else Path.home() / ".cache"
+    return root / "drake_pregrasp" / "robots"
+
+
+def cached(name: str, make: Callable[[Path], object]) -> Path:
+    """Returns the folder of a model, and makes it if there is none.
+
+    What is there is complete: it is made under another name, and renamed at its end. Of several
+    processes that make it at once the first one's stays, and they all return it.
+
+    Args:
+        name: Of the model in just this version.
+        make: Fills an empty folder that it is given.
+
+    Raises:
+        OutputError: If the folder can't be written.
+    """
+    parent = cache_folder()
+    final = parent / name
+    if final.is_dir():
+        return final
+    try:
+        parent.mkdir(parents=True, exist_ok=True)
+        _sweep(parent)
+        partial = Path(tempfile.mkdtemp(prefix=f"{_PARTIAL}{name}-", dir=parent))
+    except OSError as error:
+        raise OutputError(f"{parent} can't be written: {error.strerror}") from error
+    try:
+        make(partial)
+        os.replace(partial, final)
+    except OSError as error:
+        if not final.is_dir():  # Else another process has been quicker.
+            raise OutputError(f"{final} can't be written: {error.strerror}") from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+    return final
+
+
+def source_digest(folder: Path) -> str:
+    """Returns a short digest of the Python source in a folder."""
+    digest = hashlib.sha256()
+    for file in sorted(folder.glob("*.py")):
+        digest.update(file.name.encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()[:12]
+
+
+def _sweep(parent: Path) -> None:
+    """Removes what processes that were killed have left."""
+    for partial in parent.glob(f"{_PARTIAL}*"):
+        try:
+            abandoned = time.time() - partial.stat().st_mtime > _ABANDONED
+        except OSError:  # It is gone by now.
+            continue
+        if abandoned:
+            shutil.rmtree(partial, ignore_errors=True)
+
 
 ROBOTS_URL = "robots://"
 """What names of these models start with."""

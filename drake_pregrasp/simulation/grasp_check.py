@@ -2,19 +2,17 @@
 
 import numpy as np
 
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.hand_description import HandDescription
+from drake_pregrasp.config.object_config import Box, Conveyor
+from drake_pregrasp.contacts.assignment import palm_turn
 from drake_pregrasp.diagrams.expected_path import initial_pose
-from drake_pregrasp.diagrams.hand_description import HandDescription
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.motion_config import Conveyor
-from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.assignment import palm_turn
-from drake_pregrasp.planning.no_touch import AxisArea
-from drake_pregrasp.planning.surface import ObjectSurface
-from drake_pregrasp.planning.velocity_profile import VelocityProfile
-from drake_pregrasp.simulation.hand_config import HandConfig
-from drake_pregrasp.simulation.hand_file import load_hand, load_hand_model
+from drake_pregrasp.geometry.motion_profiles import VelocityProfile
+from drake_pregrasp.geometry.no_touch import AxisArea
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.simulation.hand_file import HandConfig, load_hand, load_hand_model
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 

@@ -2,21 +2,60 @@
 
 import functools
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from drake_pregrasp.bounded_file import read_bounded_text
-from drake_pregrasp.diagrams.drake_failures import failures_as_errors
-from drake_pregrasp.diagrams.hand_description import HandDescription
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from drake_pregrasp.config.hand_description import HandDescription
+from drake_pregrasp.config.object_config import zeros
+from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.hand_parsing import model_path
+from drake_pregrasp.diagrams.hand_parsing import failures_as_errors, model_path
 from drake_pregrasp.diagrams.model_files import check_model_files
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, first_line
-from drake_pregrasp.planning.assignment import FREE_TURN
-from drake_pregrasp.resources import MODELS_URL, resolve_path
+from drake_pregrasp.resources import (
+    MODELS_URL,
+    make_paths_absolute,
+    read_bounded_text,
+    resolve_path,
+)
 from drake_pregrasp.robots.robot_models import ROBOTS_URL
-from drake_pregrasp.simulation.scenario_paths import make_paths_absolute
 from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.yaml_text import MAX_BYTES, load_typed, parse_yaml, without_private
+
+
+@dataclass
+class HandConfig:
+    """The hand's frame H, in which fingers have their reach."""
+
+    # Where H is: relative to the object's estimated origin if it follows, else in W; in metres.
+    position: list[float] = field(
+        default_factory=zeros,
+        metadata={"length": 3, "at_least": -10, "at_most": 10},
+    )
+
+    # Its orientation in W, as roll, pitch and yaw, in radians. It stays.
+    rpy: list[float] = field(
+        default_factory=zeros,
+        metadata={"length": 3, "at_least": -10, "at_most": 10},
+    )
+
+    # Whether it follows the object.
+    follow: bool = True
+
+    # Where the fingertips are at the start in H, one row each, in metres. If given, each finger
+    # gets the contact that makes all of them together travel least, so that no two cross.
+    fingertips: list[list[float]] = field(
+        default_factory=list, metadata={"elements": {"length": 3, "at_least": -10, "at_most": 10}}
+    )
+
+    def initial_X_WH(self, X_WO: RigidTransform) -> RigidTransform:
+        """Returns the pose of H in W when the object is at X_WO."""
+        p_WH = np.array(self.position) + (X_WO.translation() if self.follow else 0)
+        return RigidTransform(RollPitchYaw(self.rpy), p_WH)
+
 
 _OWN = (MODELS_URL, ROBOTS_URL)  # What models of this package start with.
 _KEPT = 2  # Models: one for looking at it, and one with the wrist's range.

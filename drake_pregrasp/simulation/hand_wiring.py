@@ -1,6 +1,7 @@
 """A scenario's hand in its diagram."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import cast
 
 import numpy as np
@@ -8,15 +9,36 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from drake_pregrasp.diagrams.driven_hand import DrivenHand, add_driven_hand
-from drake_pregrasp.diagrams.motion_config import Conveyor
-from drake_pregrasp.diagrams.object_config import Box
-from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.surface import ObjectSurface
-from drake_pregrasp.simulation.hand_file import load_hand_model
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.grasp_config import hand_limits
+from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.config.object_config import Box, Conveyor
+from drake_pregrasp.diagrams.hand_station import DrivenHand, add_driven_hand
+from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig, PregraspPlanner
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.simulation.hand_file import load_hand, load_hand_model
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.systems.grasp_logger import GraspLogger, GraspRecord
+from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord
+
+
+def hand_planner(scenario: Scenario) -> PlannerConfig:
+    """Returns a scenario's planner, with the limits of its hand where it has one.
+
+    What the scenario says of limits beyond their defaults comes first; but faces that are forbidden
+    to a finger are those of the scenario and those of the hand.
+    """
+    config = scenario.planner
+    if not scenario.grasp.has_hand:
+        return config
+    own, none = config.limits, LimitsConfig()
+    limits = hand_limits(
+        load_hand(scenario.grasp.hand), scenario.grasp, reach=scenario.grasp.use_reach
+    )
+    said = {name: value for name, value in vars(own).items() if value != getattr(none, name)}
+    if len(own.forbidden_faces) == len(limits.forbidden_faces):
+        both = zip(own.forbidden_faces, limits.forbidden_faces, strict=True)
+        said["forbidden_faces"] = [list(dict.fromkeys([*a, *b])) for a, b in both]
+    return replace(config, limits=replace(limits, **said))
 
 
 def add_hand(

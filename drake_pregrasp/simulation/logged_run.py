@@ -9,14 +9,12 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, EventStatus
 
-from drake_pregrasp.simulation.grasp_log import GraspLog
+from drake_pregrasp.simulation.output import without_solver_chatter
 from drake_pregrasp.simulation.phases import static_end
-from drake_pregrasp.simulation.run_log import RunLog
+from drake_pregrasp.simulation.run_log import GraspLog, RunLog
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
-from drake_pregrasp.systems.grasp_logger import GraspRecord
-from drake_pregrasp.systems.tick_logger import TickRecord
+from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 
 
 class LoggedRun:

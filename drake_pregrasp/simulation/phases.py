@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.goal_limits import hold_contacts
-from drake_pregrasp.planning.grasp_quality import GraspQuality, grasp_quality
-from drake_pregrasp.planning.safe_regions import compute_safe_regions
-from drake_pregrasp.planning.selection_input import SelectionInput
-from drake_pregrasp.planning.surface import ObjectSurface
-from drake_pregrasp.planning.ticks import SLACK
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.goal_limits import hold_contacts
+from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.quality.grasp_quality import GraspQuality, grasp_quality
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.ticks import SLACK
 
 
 def ticks_from(scenario: Scenario, times: FloatArray, start: float) -> int:

@@ -11,14 +11,14 @@ from pydrake.geometry import (
 )
 from pydrake.systems.framework import DiagramBuilder
 
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.hand_description import Arm
 from drake_pregrasp.diagrams.expected_path import expected_path
-from drake_pregrasp.diagrams.hand_description import Arm
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.errors import OutputError
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer

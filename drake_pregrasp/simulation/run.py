@@ -12,16 +12,15 @@ from typing import Any
 from pydrake.systems.framework import Diagram
 
 from drake_pregrasp.errors import ScenarioError
-from drake_pregrasp.simulation.grasp_summary import summarize_grasp
 from drake_pregrasp.simulation.logged_run import LoggedRun
 from drake_pregrasp.simulation.metrics_plot import plot_metrics
 from drake_pregrasp.simulation.output import write_text, writing
 from drake_pregrasp.simulation.recording import recording_html, start_meshcat
-from drake_pregrasp.simulation.run_size import check_recording
 from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario_check import check_recording
 from drake_pregrasp.simulation.scenario_file import check_scenario, dump_scenario
-from drake_pregrasp.simulation.summary import summarize
-from drake_pregrasp.systems.tick_logger import TickRecord
+from drake_pregrasp.simulation.summary import summarize, summarize_grasp
+from drake_pregrasp.systems.loggers import TickRecord
 
 RUN_FILES = (
     "recording.html",

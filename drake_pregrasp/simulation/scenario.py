@@ -6,22 +6,19 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.config.object_config import Box, Conveyor, MotionConfig, ObjectConfig
+from drake_pregrasp.config.sensor_config import SensorConfig
+from drake_pregrasp.config.surface_config import SurfaceConfig
+from drake_pregrasp.contacts.assignment import assign_fingers, assign_fingers_round, ring_contacts
 from drake_pregrasp.diagrams.expected_path import initial_pose
-from drake_pregrasp.diagrams.grasp_config import GraspConfig
-from drake_pregrasp.diagrams.motion_config import Conveyor, MotionConfig
-from drake_pregrasp.diagrams.object_config import Box, ObjectConfig
 from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.assignment import assign_fingers, assign_fingers_round
-from drake_pregrasp.planning.contact_models import CONTACT_MODELS
-from drake_pregrasp.planning.force_closure import FRICTION, TORSIONAL_FRICTION
-from drake_pregrasp.planning.initial_contacts import ring_contacts
-from drake_pregrasp.planning.surface import ObjectSurface
-from drake_pregrasp.simulation.hand_config import HandConfig
-from drake_pregrasp.simulation.hand_file import load_hand_model
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.quality.contact_models import CONTACT_MODELS
+from drake_pregrasp.quality.force_closure import FRICTION, TORSIONAL_FRICTION
+from drake_pregrasp.simulation.hand_file import HandConfig, load_hand_model
 from drake_pregrasp.simulation.obstacle_config import ObstacleConfig
-from drake_pregrasp.simulation.sensor_config import SensorConfig
-from drake_pregrasp.simulation.surface_config import SurfaceConfig
 from drake_pregrasp.systems.noise_source import MAX_SEED
 
 

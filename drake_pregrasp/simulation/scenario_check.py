@@ -1,4 +1,7 @@
-"""What no single key of a scenario shows."""
+"""Cross-field validation of scenarios."""
+
+import itertools
+from pathlib import Path
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -6,23 +9,238 @@ from pydrake.multibody.plant import AddMultibodyPlant
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
+from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.diagrams.drake_failures import failures_as_errors
-from drake_pregrasp.diagrams.object_config import Box
-from drake_pregrasp.errors import ScenarioError, first_line
-from drake_pregrasp.planning.blends import BLEND
-from drake_pregrasp.planning.strategies import STRATEGIES
-from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
-from drake_pregrasp.planning.ticks import SLACK, tick_index
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.config.object_config import Box, Conveyor, MotionConfig, PoseStream, Push, Toss
+from drake_pregrasp.config.sensor_config import check_sensor
+from drake_pregrasp.config.surface_config import check_surface
+from drake_pregrasp.contacts.strategies import BLEND, STRATEGIES
+from drake_pregrasp.diagrams.hand_parsing import failures_as_errors
+from drake_pregrasp.diagrams.object_plant import push_direction
+from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, first_line
+from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
+from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.resources import resolve_path
 from drake_pregrasp.simulation.grasp_check import check_grasp
-from drake_pregrasp.simulation.hand_planner import hand_planner
-from drake_pregrasp.simulation.limits_check import check_limits, check_reach
-from drake_pregrasp.simulation.motion_check import check_motion
+from drake_pregrasp.simulation.hand_wiring import hand_planner
 from drake_pregrasp.simulation.obstacle_config import check_obstacles
-from drake_pregrasp.simulation.run_size import check_size
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.sensor_config import check_sensor
-from drake_pregrasp.simulation.surface_config import check_surface
+from drake_pregrasp.ticks import SLACK, tick_index
+
+MAX_TICKS = 5_000_000
+"""Planning ticks of a run, and control ticks of its hand: each is a row of a log."""
+
+MAX_STEPS = 100_000_000
+"""Time steps of its plant."""
+
+MAX_FRAMES = 100_000
+"""Frames of its recording, which is kept in memory."""
+
+MAX_TILES = 100_000
+"""Tiles that its recording draws regions with."""
+
+
+def check_size(source: str, scenario: Scenario) -> None:
+    """Raises a `ScenarioError` if a run is too long.
+
+    Args:
+        source: Where the scenario is from, for the message.
+        scenario: Loaded, with keys and types checked.
+    """
+    duration = scenario.simulation_duration
+    checks = [
+        ("planner.period", scenario.planner.period, MAX_TICKS, "ticks"),
+        ("plant_config.time_step", scenario.plant_config.time_step, MAX_STEPS, "steps"),
+    ]
+    if scenario.grasp.has_hand:
+        checks.append(("grasp.period", scenario.grasp.period, MAX_TICKS, "ticks"))
+    for key, period, most, what in checks:
+        _check_number(source, key, period, duration / period, most, what)
+
+
+def check_recording(source: str, scenario: Scenario, surface: ObjectSurface) -> None:
+    """Raises a `ScenarioError` if a run is too much to record.
+
+    Args:
+        source: Where the scenario is from, for the message.
+        scenario: Loaded, with keys and types checked.
+        surface: The object's.
+    """
+    period, tile = scenario.recording.publish_period, scenario.recording.tile_size
+    frames = scenario.simulation_duration / period
+    _check_number(source, "recording.publish_period", period, frames, MAX_FRAMES, "frames")
+    tiles = float(surface.areas.sum()) / tile**2
+    _check_number(source, "recording.tile_size", tile, tiles, MAX_TILES, "tiles")
+
+
+def _check_number(source: str, key: str, value: float, count: float, most: int, what: str) -> None:
+    if count > most:
+        problem = f"{value:g} makes {count:.3g} {what}, at most {most}; choose a larger one"
+        raise ScenarioError(source, key, f"{problem}, or a shorter simulation_duration")
+
+
+PROFILE_LIMITS = ((1, 10.0, "m/s"), (2, 100.0, "rad/s"))
+"""For each velocity in a row of a profile: its place there, its largest value, and the unit."""
+
+
+def check_motion(source: str, motion: MotionConfig, surface: ObjectSurface) -> None:
+    """Raises a `ScenarioError` unless the object can be moved so.
+
+    Args:
+        source: Where the scenario is from, for the message.
+        motion: Loaded, with keys and types checked.
+        surface: The object's.
+    """
+    if isinstance(motion, Conveyor):
+        _check_profile(source, motion.profile)
+    elif isinstance(motion, Toss):
+        R_WO = Rotation.from_euler("xyz", motion.rpy)
+        below = -float(np.min(R_WO.apply(surface.mesh.vertices - surface.p_OCoM)[:, 2]))
+        if motion.table and motion.position[2] < below:
+            raise ScenarioError(
+                source,
+                "motion.position[2]",
+                f"{motion.position[2]} must be at least {below:.4g}, to start above the table",
+            )
+    elif isinstance(motion, Push):
+        rear = -float(np.min((surface.mesh.vertices - surface.p_OCoM) @ push_direction(motion)))
+        if motion.start_distance < rear:
+            raise ScenarioError(
+                source,
+                "motion.start_distance",
+                f"{motion.start_distance} must be at least {rear:.4g}, where the object ends",
+            )
+    elif isinstance(motion, PoseStream):
+        try:
+            read_recorded_poses(resolve_path(motion.file, Path.cwd()))
+        except InvalidArgumentError as error:
+            raise ScenarioError(source, "motion.file", str(error)) from error
+
+
+def _check_profile(source: str, profile: list[list[float]]) -> None:
+    key = "motion.profile"
+    if profile and profile[0][0] != 0:
+        raise ScenarioError(source, f"{key}[0][0]", f"{profile[0][0]} must be 0, the first time")
+    for index, (row, following) in enumerate(itertools.pairwise(profile), start=1):
+        if not following[0] > row[0]:
+            raise ScenarioError(
+                source,
+                f"{key}[{index}][0]",
+                f"{following[0]} must be more than {row[0]}, the time before it",
+            )
+    for index, row in enumerate(profile):
+        for place, limit, unit in PROFILE_LIMITS:
+            if abs(row[place]) > limit:
+                raise ScenarioError(
+                    source,
+                    f"{key}[{index}][{place}]",
+                    f"{row[place]} must be from {-limit:g} to {limit:g} {unit}",
+                )
+
+
+def check_limits(
+    source: str, limits: LimitsConfig, num_contacts: int, surface: ObjectSurface
+) -> None:
+    """Raises a `ScenarioError` if limits contradict each other, or the object.
+
+    Args:
+        source: Where the scenario is from, for the message.
+        limits: Loaded, with keys and types checked.
+        num_contacts: n.
+        surface: The object's.
+    """
+    key = "planner.limits"
+    for name in ("tip_radii", "reach", "forbidden_faces"):
+        count = len(getattr(limits, name))
+        if count not in (0, num_contacts):
+            raise ScenarioError(
+                source,
+                f"{key}.{name}",
+                f"{count} elements must be none or one for each of the {num_contacts} contacts",
+            )
+    for index, reach in enumerate(limits.reach):
+        try:
+            reach.make_reach()
+        except InvalidArgumentError as error:
+            raise ScenarioError(source, f"{key}.reach[{index}]", str(error)) from error
+    if max(limits.tip_gap, limits.standoff) > 0 and not limits.tip_radii:
+        name = "tip_gap" if limits.tip_gap > 0 else "standoff"
+        problem = f"{getattr(limits, name)} needs tip_radii, whose tips it keeps clear"
+        raise ScenarioError(source, f"{key}.{name}", problem)
+    longest = float(np.linalg.norm(surface.mesh.extents))
+    for index, pair in enumerate(limits.pairs):
+        pair_key = f"{key}.pairs[{index}]"
+        for contact in (pair.first, pair.second):
+            if contact >= num_contacts:
+                problem = f"there is no contact {contact}; there are 0 to {num_contacts - 1}"
+                raise ScenarioError(source, pair_key, problem)
+        if pair.first == pair.second:
+            raise ScenarioError(source, pair_key, f"contact {pair.first} can't follow itself")
+        if pair.distance > longest:
+            raise ScenarioError(
+                source,
+                f"{pair_key}.distance",
+                f"{pair.distance} is more than the object's own {longest:.3g} m",
+            )
+        if limits.tip_radii:
+            room = limits.tip_radii[pair.first] + limits.tip_radii[pair.second]
+            if pair.distance < room:
+                raise ScenarioError(
+                    source,
+                    f"{pair_key}.distance",
+                    f"{pair.distance} contradicts tip_radii, which keep the two {room:.3g} m apart",
+                )
+    try:
+        limits.make_limits(period=1.0, friction=1.0)
+    except InvalidArgumentError as error:
+        raise ScenarioError(source, f"{key}.pairs", str(error)) from error
+    if limits.deadband > longest:
+        raise ScenarioError(
+            source,
+            f"{key}.deadband",
+            f"{limits.deadband} is more than the object's own {longest:.3g} m: no goal would move",
+        )
+    _check_room(source, limits, surface)
+
+
+def check_reach(
+    source: str, limits: LimitsConfig, p_HO: FloatArray, surface: ObjectSurface
+) -> None:
+    """Raises a `ScenarioError` if a finger of a hand that follows can never reach the object.
+
+    Args:
+        source: Where the scenario is from, for the message.
+        limits: With the reach of each finger.
+        p_HO: The object's origin in the hand's frame, shape (3,), in metres.
+        surface: The object's.
+    """
+    farthest = float(np.max(np.linalg.norm(surface.p_OQ, axis=1)))
+    for index, reach in enumerate(limits.reach):
+        # The hand doesn't turn, but the object may: only the distance of its origin is sure.
+        solid = reach.make_reach().solid
+        gap = -np.inf if solid is None else float(solid.distance(p_HO[None])[0]) - farthest
+        if gap > 0:
+            raise ScenarioError(
+                source,
+                f"planner.limits.reach[{index}]",
+                f"the object is never nearer to it than {gap:.3g} m: move or enlarge it",
+            )
+
+
+def _check_room(source: str, limits: LimitsConfig, surface: ObjectSurface) -> None:
+    """Fingertips need room, if not on the ground itself, then over its convex hull."""
+    if not limits.tip_radii:
+        return
+    largest = max(limits.tip_radii)
+    extent = float(np.max(surface.mesh.extents))
+    if largest > extent:
+        raise ScenarioError(
+            source,
+            "planner.limits.tip_radii",
+            f"{largest} is more than the object's own {extent:.3g} m; radii are in metres",
+        )
 
 
 def validate(scenario: Scenario, source: str = "scenario") -> None:

@@ -6,13 +6,11 @@ from typing import Any
 
 from pydrake.common.yaml import yaml_dump_typed
 
-from drake_pregrasp.bounded_file import read_bounded_text
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, printable
-from drake_pregrasp.resources import resource_folder
+from drake_pregrasp.resources import make_paths_absolute, read_bounded_text, resource_folder
 from drake_pregrasp.simulation.hand_file import check_hand_files
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import validate
-from drake_pregrasp.simulation.scenario_paths import make_paths_absolute
 from drake_pregrasp.simulation.schema_check import add_tags, check_mapping
 from drake_pregrasp.simulation.yaml_text import MAX_BYTES, load_typed, parse_yaml, without_private
 

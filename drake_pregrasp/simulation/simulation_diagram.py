@@ -7,26 +7,21 @@ from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_pregrasp.diagrams.driven_hand import TABLE, DrivenHand
-from drake_pregrasp.diagrams.hand_station import HandStation
+from drake_pregrasp.diagrams.hand_station import TABLE, DrivenHand, HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
-from drake_pregrasp.planning.grasp_quality import GraspQuality
-from drake_pregrasp.planning.surface import ObjectSurface
-from drake_pregrasp.simulation.hand_planner import hand_planner
-from drake_pregrasp.simulation.hand_wiring import add_hand, connect_hand
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.quality.grasp_quality import GraspQuality
+from drake_pregrasp.simulation.hand_wiring import add_hand, connect_hand, hand_planner
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.recording import add_recording, shown_path
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.systems.contact_weights import ContactWeights
-from drake_pregrasp.systems.grasp_logger import GraspRecord
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
-from drake_pregrasp.systems.hand_pose import HandPose
-from drake_pregrasp.systems.moving_obstacles import MovingObstacles
+from drake_pregrasp.systems.loggers import GraspRecord, TickLogger, TickRecord
 from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
-from drake_pregrasp.systems.tick_logger import TickLogger, TickRecord
+from drake_pregrasp.systems.scene_inputs import ContactWeights, HandPose, MovingObstacles
 
 
 def make_diagram(

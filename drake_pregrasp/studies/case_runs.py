@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.simulation.phases import last_phase, static_phase, ticks_from
 from drake_pregrasp.simulation.run import run
 from drake_pregrasp.simulation.scenario import Scenario

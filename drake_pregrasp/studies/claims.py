@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.simulation.summary import MEASURES
 from drake_pregrasp.studies.case_runs import CaseLog
 from drake_pregrasp.studies.published import TABLE_3

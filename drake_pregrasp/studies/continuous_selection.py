@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.optimize import differential_evolution, minimize
 
-from drake_pregrasp.planning.arrays import FloatArray, IntArray
-from drake_pregrasp.planning.box_surface import face_normal
+from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.geometry.box_surface import face_normal
 from drake_pregrasp.studies.global_selection import grasp_grams
 
 _SPREAD_OF_SCORES = 1e-6  # Of a population at rest, relative; random ones are within 1e-2.

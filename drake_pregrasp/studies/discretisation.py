@@ -4,13 +4,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_selection import select_contacts
-from drake_pregrasp.planning.grasp_quality import grasp_quality
-from drake_pregrasp.planning.safe_regions import compute_safe_regions
-from drake_pregrasp.planning.selection_input import SelectionInput
-from drake_pregrasp.planning.strategies import position_tracking
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.centroids import select_contacts
+from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.contacts.strategies import position_tracking
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.studies.case_runs import CaseLog
 from drake_pregrasp.studies.claims import Claim

@@ -5,8 +5,8 @@ from pydrake.common import MemoryFile
 from pydrake.geometry import InMemoryMesh, Mesh
 from pydrake.math import RigidTransform, RotationMatrix
 
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.sampling import unit_normals
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.geometry.sampling import unit_normals
 
 
 def drawn_mesh(triangles: FloatArray, lift: float = 0.0) -> Mesh:

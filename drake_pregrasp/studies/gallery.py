@@ -10,15 +10,15 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image
 
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_status import ContactStatus, describe_status, is_active
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.selection_input import ContactStatus, describe_status, is_active
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.output import write_text, writing
 from drake_pregrasp.simulation.run import run
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
 from drake_pregrasp.studies.processes import in_processes
 from drake_pregrasp.studies.rendered_goals import render_goals
-from drake_pregrasp.systems.tick_logger import TickRecord
+from drake_pregrasp.systems.loggers import TickRecord
 
 MOMENTS = (0.0, 0.5, 1.0)
 """Which moments are shown, as shares of the run."""

@@ -10,11 +10,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from drake_pregrasp.planning.arrays import FloatArray, IntArray
-from drake_pregrasp.planning.contact_models import contact_blocks
-from drake_pregrasp.planning.extreme_singular_values import extreme_singular_values
-from drake_pregrasp.planning.force_closure import FRICTION
-from drake_pregrasp.planning.least_norm_margin import moved_least_norm_margin
+from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.quality.contact_models import contact_blocks
+from drake_pregrasp.quality.force_closure import FRICTION, moved_least_norm_margin
+from drake_pregrasp.quality.singular_values import extreme_singular_values
 
 Score = Callable[[IntArray], FloatArray]
 """Maps held candidates, shape (k,), to the score with each candidate beside them, shape (N,)."""

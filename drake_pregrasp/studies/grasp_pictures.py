@@ -15,20 +15,19 @@ from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.sensors import CameraInfo
 
-from drake_pregrasp.diagrams.hand_description import Arm
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.hand_description import Arm
 from drake_pregrasp.diagrams.hand_station import HandStation
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.grasp_state import GraspPhase
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.simulation.hand_file import load_hand
-from drake_pregrasp.simulation.output import write_text, writing
+from drake_pregrasp.simulation.output import without_solver_chatter, write_text, writing
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
 from drake_pregrasp.studies.drawn_mesh import camera_pose
 from drake_pregrasp.studies.vtk_picture import ByteArray, Light, lit_renderer, take_picture
-from drake_pregrasp.systems.grasp_logger import GraspRecord
+from drake_pregrasp.systems.loggers import GraspRecord
 
 PHASES = (GraspPhase.TRACK, GraspPhase.SQUEEZE, GraspPhase.HOLD)
 """At whose ends pictures are taken, after one at the start."""

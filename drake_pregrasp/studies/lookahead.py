@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.simulation.output import write_text, writing
 from drake_pregrasp.studies.lookahead_plot import Curves, plot_lookahead
 from drake_pregrasp.studies.lookahead_runs import (

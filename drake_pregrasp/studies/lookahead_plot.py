@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray
 
 # Colours of Okabe and Ito's colour-blind-safe set, with markers that differ as well.
 _STYLES = (

@@ -7,12 +7,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.planning.arrays import BoolArray, FloatArray
-from drake_pregrasp.planning.contact_status import is_active
-from drake_pregrasp.planning.ticks import tick_index
+from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.ticks import tick_index
 
 PERIOD = 0.0125
 """Seconds between planning ticks; the hand's delays are multiples of it."""

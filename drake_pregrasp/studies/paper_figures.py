@@ -7,12 +7,12 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.figure import Figure
 
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_selection import select_contacts
-from drake_pregrasp.planning.safe_regions import compute_safe_regions
-from drake_pregrasp.planning.selection_input import SelectionInput
-from drake_pregrasp.planning.strategies import make_strategy
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.centroids import select_contacts
+from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.contacts.strategies import make_strategy
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.studies.case_runs import CaseLog
 

@@ -16,10 +16,10 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.sensors import CameraInfo
 
-from drake_pregrasp.planning.arrays import FloatArray, IntArray
-from drake_pregrasp.planning.safe_regions import NO_REGION
-from drake_pregrasp.planning.solids import BallSolid, BoxSolid, Solid
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, Solid
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.regions.safe_regions import NO_REGION
 from drake_pregrasp.studies.drawn_mesh import camera_pose, drawn_mesh
 from drake_pregrasp.studies.vtk_picture import (
     ByteArray,
@@ -28,7 +28,7 @@ from drake_pregrasp.studies.vtk_picture import (
     lit_renderer,
     take_picture,
 )
-from drake_pregrasp.systems.palette import NO_REGION_COLOR, contact_color, tint
+from drake_pregrasp.systems.drawing import NO_REGION_COLOR, contact_color, tint
 
 _LIGHTS = (Light([0.0, 0.0, 1.0], 1.0), Light([0.5, 0.3, 0.8], 0.35), Light([0.0, 1.0, 0.0], 0.35))
 _MARKER_SHARE = 0.055  # Radius of a goal's ball, of the object's mean extent.

@@ -10,10 +10,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
+from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.errors import ScenarioError
-from drake_pregrasp.planning.arrays import FloatArray, IntArray
-from drake_pregrasp.planning.safe_regions import NO_REGION, compute_safe_regions
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.regions.safe_regions import NO_REGION, compute_safe_regions
 from drake_pregrasp.simulation.output import write_text, writing
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.studies.case_runs import CaseLog, Job, case_job, run_jobs

@@ -7,15 +7,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.blends import make_blend
-from drake_pregrasp.planning.box_surface import box_surface
-from drake_pregrasp.planning.contact_selection import select_contacts
-from drake_pregrasp.planning.force_closure import FRICTION, min_weight_margin
-from drake_pregrasp.planning.safe_regions import compute_safe_regions
-from drake_pregrasp.planning.selection_input import SelectionInput, WeightFunction
-from drake_pregrasp.planning.strategies import make_strategy
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.centroids import select_contacts
+from drake_pregrasp.contacts.selection_input import SelectionInput, WeightFunction
+from drake_pregrasp.contacts.strategies import make_blend, make_strategy
+from drake_pregrasp.geometry.box_surface import box_surface
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.quality.force_closure import FRICTION, min_weight_margin
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
 
 CASES: Sequence[tuple[int, int, Sequence[float], float]] = (
     (5, 40, (0.1, 0.1, 0.1), 0.005),

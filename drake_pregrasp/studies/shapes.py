@@ -9,19 +9,19 @@ from typing import NamedTuple
 import numpy as np
 import trimesh
 
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_limits import ROUNDING, tip_gaps
-from drake_pregrasp.planning.contact_status import is_active
-from drake_pregrasp.planning.force_closure import min_weight_margin
-from drake_pregrasp.planning.grasp_quality import grasp_quality
-from drake_pregrasp.planning.region_constraints import OPPOSITE
-from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.goal_limits import ROUNDING, tip_gaps
+from drake_pregrasp.contacts.selection_input import is_active
+from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.quality.force_closure import min_weight_margin
+from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.regions.constraints import OPPOSITE
 from drake_pregrasp.simulation.output import write_text, writing
 from drake_pregrasp.simulation.run import run
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.studies.processes import in_processes
-from drake_pregrasp.systems.tick_logger import TickRecord
+from drake_pregrasp.systems.loggers import TickRecord
 
 SHIPPED = ("box", "can", "ball", "bowling_pin", "mug", "bracket")
 """Scenarios that are part of the study."""

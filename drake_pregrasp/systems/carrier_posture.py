@@ -15,10 +15,10 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.assignment import FREE_TURN, palm_turn
-from drake_pregrasp.systems.usable_poses import LastPose, usable_poses, usable_velocity
+from drake_pregrasp.systems.pose_ports import LastPose, usable_poses, usable_velocity
 
 
 class CarrierPosture(LeafSystem):

@@ -14,23 +14,20 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.centroids import select_contacts, verify_contacts
+from drake_pregrasp.contacts.goal_limits import ContactLimits, hold_contacts
+from drake_pregrasp.contacts.selection_input import ContactGoals, ContactStatus, SelectionInput
+from drake_pregrasp.contacts.strategies import BLEND, make_blend, make_strategy
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.blends import BLEND, make_blend
-from drake_pregrasp.planning.contact_check import verify_contacts
-from drake_pregrasp.planning.contact_limits import ContactLimits
-from drake_pregrasp.planning.contact_selection import select_contacts
-from drake_pregrasp.planning.contact_status import ContactStatus
-from drake_pregrasp.planning.force_closure import FRICTION
-from drake_pregrasp.planning.goal_limits import hold_contacts
-from drake_pregrasp.planning.region_constraints import NO_CAUSE
-from drake_pregrasp.planning.safe_regions import SafeRegions
-from drake_pregrasp.planning.selection_input import ContactGoals, SelectionInput
-from drake_pregrasp.planning.strategies import make_strategy
-from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
-from drake_pregrasp.planning.ticks import SLACK, tick_is_due
-from drake_pregrasp.planning.usable_inputs import usable_covariance, usable_status
-from drake_pregrasp.systems.usable_poses import LastPose
+from drake_pregrasp.estimation.tracking_status import usable_status
+from drake_pregrasp.geometry.input_validation import usable_covariance
+from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.quality.force_closure import FRICTION
+from drake_pregrasp.regions.constraints import NO_CAUSE
+from drake_pregrasp.regions.safe_regions import SafeRegions
+from drake_pregrasp.systems.pose_ports import LastPose
+from drake_pregrasp.ticks import SLACK, tick_is_due
 
 
 class CentroidSelector(LeafSystem):

@@ -13,17 +13,17 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_status import is_active
-from drake_pregrasp.planning.goal_shaping import shape_goals
-from drake_pregrasp.planning.placed_obstacles import all_are_known, place_obstacles
-from drake_pregrasp.planning.region_constraints import Obstacles
-from drake_pregrasp.planning.rotation_vectors import rotation_matrix
-from drake_pregrasp.planning.solids import Solid
-from drake_pregrasp.planning.tip_places import MOVING_CLEARANCE, TipPlaces
-from drake_pregrasp.planning.usable_inputs import known_numbers, usable_status
-from drake_pregrasp.systems.usable_poses import (
+from drake_pregrasp.estimation.tracking_status import usable_status
+from drake_pregrasp.geometry.input_validation import known_numbers
+from drake_pregrasp.geometry.rotations import rotation_matrix
+from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.grasping.fingertip_paths import MOVING_CLEARANCE, TipPlaces, shape_goals
+from drake_pregrasp.regions.constraints import Obstacles
+from drake_pregrasp.regions.obstacles import all_are_known, place_obstacles
+from drake_pregrasp.systems.pose_ports import (
     LastPose,
     is_usable,
     usable_poses,

@@ -1,12 +1,155 @@
-"""Where a hand's fingertips are and what they feel, from its joints."""
+"""Kinematics of a hand's fingertips, and the sensor that measures their poses and forces."""
+
+from collections.abc import Sequence
 
 import numpy as np
 from pydrake.common.value import AbstractValue
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, JacobianWrtVariable, ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, ValueProducer
 
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.usable_inputs import known_numbers
-from drake_pregrasp.systems.hand_kinematics import HandKinematics
+from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.input_validation import known_numbers
+
+_FORCE_DIRECTIONS = 3
+_DAMPING = 1e-10  # In m², beside squares of a finger's length: it can be stretched out straight.
+
+
+class HandKinematics:
+    """The kinematics of a hand whose joints are all driven to desired positions.
+
+    It holds no Context: whoever asks brings one of its plant.
+
+    Args:
+        plant: A finalized plant with nothing but the hand, and whatever carries it.
+        tip_frames: Scoped names, `model_instance::frame`, of the frames at the fingertips' centres.
+
+    Attributes:
+        plant: The plant.
+        tip_frames: The names.
+        stiffness: Proportional gain of each joint, shape (nq,).
+        lower: Least position of each joint, shape (nq,).
+        upper: Largest position of each joint, shape (nq,).
+
+    Raises:
+        InvalidArgumentError: If there is no such frame, or a joint isn't driven.
+    """
+
+    def __init__(self, plant: MultibodyPlant, tip_frames: Sequence[str]) -> None:
+        self.plant = plant
+        self.tip_frames = list(tip_frames)
+        self._frames = [_find_frame(plant, name) for name in tip_frames]
+        self.stiffness = _stiffness(plant)
+        self.lower, self.upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
+        ways = [_joints_to(plant, frame) for frame in self._frames]
+        shared = [sum(joint in way for way in ways) > 1 for joint in range(plant.num_velocities())]
+        self._is_own = np.array(
+            [[j in way and not s for j, s in enumerate(shared)] for way in ways]
+        )
+        for name, own in zip(tip_frames, self._is_own, strict=True):
+            if np.sum(own) < _FORCE_DIRECTIONS:
+                raise InvalidArgumentError(
+                    f"{name} has {np.sum(own)} joints of its own; to feel forces in all directions"
+                    f" it needs {_FORCE_DIRECTIONS}"
+                )
+
+    @property
+    def num_positions(self) -> int:
+        """How many joints there are, nq."""
+        return int(self.plant.num_positions())
+
+    def own_joints(self, finger: int) -> IntArray:
+        """Returns which joints move the tip of that finger only."""
+        return np.flatnonzero(self._is_own[finger])
+
+    def tip_positions(self, plant_context: Context) -> FloatArray:
+        """Returns the fingertips' centres in W, shape (n, 3), in metres."""
+        return np.array([f.CalcPoseInWorld(plant_context).translation() for f in self._frames])
+
+    def tip_jacobians(self, plant_context: Context) -> FloatArray:
+        """Returns the Jacobians of the fingertips' velocities in W, shape (n, 3, nq)."""
+        world = self.plant.world_frame()
+        return np.array(
+            [
+                self.plant.CalcJacobianTranslationalVelocity(
+                    plant_context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world
+                )
+                for frame in self._frames
+            ]
+        )
+
+    def tip_forces(self, plant_context: Context, actuation: FloatArray) -> FloatArray:
+        """Returns the forces that fingertips press with, in W, shape (n, 3), in newtons.
+
+        At rest and without gravity a finger's torques are tau = J^T f, with the columns of its own
+        joints. Of a finger with more than three, f fits best.
+
+        Args:
+            plant_context: Where the joints are.
+            actuation: Their torques, shape (nq,), in N m.
+        """
+        J = self.tip_jacobians(plant_context) * self._is_own[:, None]
+        squares = J @ J.transpose(0, 2, 1) + _DAMPING * np.eye(3)
+        forces: FloatArray = np.linalg.solve(squares, (J @ actuation)[:, :, None])[:, :, 0]
+        return forces
+
+
+def _find_frame(plant: MultibodyPlant, scoped_name: str) -> Frame:
+    instance, _, name = scoped_name.rpartition("::")
+    if plant.HasModelInstanceNamed(instance):
+        model = plant.GetModelInstanceByName(instance)
+        if plant.HasFrameNamed(name, model):
+            return plant.GetFrameByName(name, model)
+        there = ", ".join(frame_names(plant, model))
+        raise InvalidArgumentError(f"{instance} has no frame {name}; there are: {there}")
+    raise InvalidArgumentError(f"no model instance {instance!r} for the frame {scoped_name}")
+
+
+def frame_names(plant: MultibodyPlant, model: ModelInstanceIndex) -> list[str]:
+    """Returns the names of a model's frames, but for those that Drake adds for its joints."""
+    joints = [plant.get_joint(index).name() for index in plant.GetJointIndices(model)]
+    added = tuple(f"{joint}_" for joint in joints)
+    names = [plant.get_frame(index).name() for index in plant.GetFrameIndices(model)]
+    bodies = [plant.get_body(index).name() for index in plant.GetBodyIndices(model)]
+    return [name for name in names if name in bodies or not name.startswith(added)]
+
+
+def _stiffness(plant: MultibodyPlant) -> FloatArray:
+    stiffness = np.zeros(plant.num_positions())
+    last = -1
+    for index in plant.GetJointActuatorIndices():
+        actuator = plant.get_joint_actuator(index)
+        position = actuator.joint().position_start()
+        if position <= last:  # Ports of drives are in their own order, positions in the joints'.
+            raise InvalidArgumentError(
+                f"actuator {actuator.name()} must come in the order of the joints, one for each"
+            )
+        last = position
+        if actuator.has_controller():
+            stiffness[actuator.joint().position_start()] = actuator.get_controller_gains().p
+    for index in plant.GetJointIndices():
+        joint = plant.get_joint(index)
+        if joint.num_positions() and not stiffness[joint.position_start()] > 0:
+            raise InvalidArgumentError(
+                f"joint {joint.name()} isn't driven; give it an effort and drake:controller_gains"
+            )
+    return stiffness
+
+
+def _joints_to(plant: MultibodyPlant, frame: Frame) -> set[int]:
+    """Returns the velocities on the way from the world to a frame."""
+    above = {}
+    for index in plant.GetJointIndices():
+        joint = plant.get_joint(index)
+        above[joint.child_body().index()] = joint
+    way = set()
+    body = frame.body()
+    while body.index() in above:
+        joint = above[body.index()]
+        way |= set(range(joint.velocity_start(), joint.velocity_start() + joint.num_velocities()))
+        body = joint.parent_body()
+    return way
 
 
 class FingertipSensor(LeafSystem):

@@ -5,14 +5,14 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_models import CONTACT_MODELS, NEED_NORMALS
-from drake_pregrasp.planning.contact_status import is_active
-from drake_pregrasp.planning.grasp_quality import GraspQuality, grasp_quality
-from drake_pregrasp.planning.surface import ObjectSurface
-from drake_pregrasp.planning.usable_inputs import are_usable_points
-from drake_pregrasp.systems.usable_poses import is_usable
+from drake_pregrasp.geometry.input_validation import are_usable_points
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.quality.contact_models import CONTACT_MODELS, NEED_NORMALS
+from drake_pregrasp.quality.grasp_quality import GraspQuality, grasp_quality
+from drake_pregrasp.systems.pose_ports import is_usable
 
 GraspQualityView = namedview("GraspQualityView", GraspQuality.names())
 """Names the elements of the port `grasp_quality`: `GraspQualityView(port.Eval(context)).q_msv`."""

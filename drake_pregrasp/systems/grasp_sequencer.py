@@ -12,15 +12,15 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import BoolArray, FloatArray
-from drake_pregrasp.planning.carried_pose import Coasting
-from drake_pregrasp.planning.contact_status import is_active
-from drake_pregrasp.planning.grasp_phases import next_state
-from drake_pregrasp.planning.grasp_state import GraspPhase, GraspSettings, GraspState, GraspView
-from drake_pregrasp.planning.squeeze import Squeeze, safest_squeeze
-from drake_pregrasp.planning.usable_inputs import known_numbers, usable_status
-from drake_pregrasp.systems.usable_poses import LastPose, usable_velocity
+from drake_pregrasp.estimation.tracking_status import usable_status
+from drake_pregrasp.geometry.input_validation import known_numbers
+from drake_pregrasp.grasping.grasp_phases import next_state
+from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspSettings, GraspState, GraspView
+from drake_pregrasp.grasping.squeeze import Coasting, Squeeze, safest_squeeze
+from drake_pregrasp.systems.pose_ports import LastPose, usable_velocity
 
 GRAVITY = 9.81
 """Along -z of W, in m/s²."""

@@ -10,10 +10,10 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import BoolArray, FloatArray
-from drake_pregrasp.planning.usable_inputs import known_numbers
-from drake_pregrasp.systems.hand_kinematics import HandKinematics
+from drake_pregrasp.geometry.input_validation import known_numbers
+from drake_pregrasp.systems.fingertip_sensor import HandKinematics
 
 LARGEST_RATE = 10.0
 """Of any joint, in rad/s or m/s: near a singular posture all joints slow down together."""

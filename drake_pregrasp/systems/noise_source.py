@@ -4,7 +4,7 @@ import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, NumericParameterIndex
 
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.ticks import tick_index
+from drake_pregrasp.ticks import tick_index
 
 MAX_SEED = 2**53
 """Largest seed: integers beyond it have no floats of their own."""

@@ -8,8 +8,8 @@ from pydrake.geometry import Box, Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
-from drake_pregrasp.planning.region_constraints import Obstacles
-from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace, Solid
+from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace, Solid
+from drake_pregrasp.regions.constraints import Obstacles
 
 ROOT = "/drake/obstacles"
 """Meshcat path under which obstacles are drawn."""

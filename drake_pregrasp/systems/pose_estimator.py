@@ -12,16 +12,13 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from drake_pregrasp.arrays import FloatArray, finite_vector, is_whole, number_or_nan
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.given_numbers import finite_vector, is_whole, number_or_nan
-from drake_pregrasp.planning.pose_belief import PoseBelief, PoseFilterNoise
-from drake_pregrasp.planning.pose_filter import predict
-from drake_pregrasp.planning.pose_measurement import OLDEST, PoseMeasurement
-from drake_pregrasp.planning.pose_track import PoseTrack
-from drake_pregrasp.planning.pose_tracker import TrackerSettings, take
-from drake_pregrasp.planning.ticks import tick_is_due
-from drake_pregrasp.planning.tracking_status import TrackingStatus, tracking_status
+from drake_pregrasp.estimation.pose_filter import PoseBelief, PoseFilterNoise, predict
+from drake_pregrasp.estimation.pose_track import OLDEST, PoseMeasurement, PoseTrack
+from drake_pregrasp.estimation.pose_tracker import TrackerSettings, take
+from drake_pregrasp.estimation.tracking_status import TrackingStatus, tracking_status
+from drake_pregrasp.ticks import tick_is_due
 
 WAITING_STD = 1.0
 """Standard deviation of a position of which nothing is known yet, in metres."""

@@ -15,14 +15,13 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.fault_check import find_flaw
-from drake_pregrasp.planning.fault_settings import MeasurementFaults
-from drake_pregrasp.planning.measurement_faults import faulty_disturbance, white_disturbance
-from drake_pregrasp.planning.sensor_memory import SensorMemory, memory_capacity, next_memory
-from drake_pregrasp.planning.ticks import tick_index
+from drake_pregrasp.estimation.fault_settings import MeasurementFaults, find_flaw
+from drake_pregrasp.estimation.measurement_faults import faulty_disturbance, white_disturbance
+from drake_pregrasp.estimation.sensor_memory import SensorMemory, memory_capacity, next_memory
 from drake_pregrasp.systems.noise_source import MAX_SEED
+from drake_pregrasp.ticks import tick_index
 
 
 class NoisyPoseSensor(LeafSystem):

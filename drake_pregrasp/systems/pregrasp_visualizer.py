@@ -7,12 +7,12 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 from scipy.spatial import cKDTree
 
-from drake_pregrasp.planning.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.planning.contact_status import is_active
-from drake_pregrasp.planning.safe_regions import NO_REGION, SafeRegions
-from drake_pregrasp.planning.sampling import lifted, unit_normals
-from drake_pregrasp.planning.surface import ObjectSurface
-from drake_pregrasp.systems.palette import NO_REGION_COLOR, contact_color, linear_rgb, tint
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.contacts.selection_input import is_active
+from drake_pregrasp.geometry.sampling import lifted, unit_normals
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions
+from drake_pregrasp.systems.drawing import NO_REGION_COLOR, contact_color, linear_rgb, tint
 
 ROOT = "/drake/pregrasp"
 """Meshcat path under which everything is drawn."""

@@ -8,28 +8,28 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.finger_reach import FingerReach
-from drake_pregrasp.planning.no_touch import AxisArea
-from drake_pregrasp.planning.placed_obstacles import place_obstacles
-from drake_pregrasp.planning.region_constraints import (
-    UNCONSTRAINED,
-    Obstacles,
-    RegionConstraints,
-)
-from drake_pregrasp.planning.rotation_vectors import rotation_matrix
-from drake_pregrasp.planning.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
-from drake_pregrasp.planning.sampling import lifted
-from drake_pregrasp.planning.solids import BallSolid
-from drake_pregrasp.planning.surface import ObjectSurface
-from drake_pregrasp.planning.usable_inputs import (
+from drake_pregrasp.geometry.input_validation import (
     FARTHEST,
     are_usable_points,
     usable_weights,
 )
-from drake_pregrasp.planning.wall_test import WALL_TESTS, SurfaceGraph, normals_agree
-from drake_pregrasp.systems.usable_poses import is_usable, usable_velocity
+from drake_pregrasp.geometry.no_touch import AxisArea
+from drake_pregrasp.geometry.rotations import rotation_matrix
+from drake_pregrasp.geometry.sampling import lifted
+from drake_pregrasp.geometry.solids import BallSolid
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.regions.constraints import (
+    UNCONSTRAINED,
+    FingerReach,
+    Obstacles,
+    RegionConstraints,
+)
+from drake_pregrasp.regions.obstacles import place_obstacles
+from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
+from drake_pregrasp.regions.walls import WALL_TESTS, SurfaceGraph, normals_agree
+from drake_pregrasp.systems.pose_ports import is_usable, usable_velocity
 
 _NO_OBSTACLES = Obstacles()
 _NOWHERE = FingerReach(BallSolid(np.array([FARTHEST, 0.0, 0.0]), 0.0))

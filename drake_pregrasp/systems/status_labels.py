@@ -8,12 +8,10 @@ from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_status import ContactStatus, describe_status
-from drake_pregrasp.planning.tracking_status import TrackingStatus
-from drake_pregrasp.planning.usable_inputs import usable_status
-from drake_pregrasp.systems.palette import NO_REGION_COLOR, contact_color
-from drake_pregrasp.systems.text_board import text_board
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.selection_input import ContactStatus, describe_status
+from drake_pregrasp.estimation.tracking_status import TrackingStatus, usable_status
+from drake_pregrasp.systems.drawing import NO_REGION_COLOR, contact_color, text_board
 
 ROOT = "/drake/contact_status"
 """Meshcat path under which the labels are."""

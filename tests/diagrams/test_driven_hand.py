@@ -14,7 +14,7 @@ from drake_pregrasp import (
     load_hand,
     ring_contacts,
 )
-from drake_pregrasp.diagrams.driven_hand import TABLE, add_driven_hand
+from drake_pregrasp.diagrams.hand_station import TABLE, add_driven_hand
 
 BOX = Box(size=[0.08, 0.09, 0.1])
 SUNK = 1e-4  # Metres by which feet may be in the table.

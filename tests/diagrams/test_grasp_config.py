@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drake_pregrasp import GraspConfig, InvalidArgumentError
-from drake_pregrasp.diagrams.hand_description import Closing, Fingertip
-from drake_pregrasp.planning.assignment import FREE_TURN
-from drake_pregrasp.planning.grasp_phases import next_state
-from drake_pregrasp.planning.grasp_state import GraspPhase, GraspState, GraspView
-from drake_pregrasp.planning.squeeze import Squeeze
+from drake_pregrasp.config.hand_description import Closing, Fingertip
+from drake_pregrasp.contacts.assignment import FREE_TURN
+from drake_pregrasp.grasping.grasp_phases import next_state
+from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, GraspView
+from drake_pregrasp.grasping.squeeze import Squeeze
 
 N, PERIOD = 4, 0.002
 ALL = np.ones(N, dtype=bool)

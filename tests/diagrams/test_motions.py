@@ -10,12 +10,11 @@ from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import ObjectPlant, load_scenario, shipped_scenarios
-from drake_pregrasp.diagrams import toss_motion
+from drake_pregrasp.config.object_config import Box, Conveyor, PoseStream, Push, Toss
+from drake_pregrasp.diagrams import object_plant
 from drake_pregrasp.diagrams.expected_path import expected_path
-from drake_pregrasp.diagrams.motion_config import Conveyor, PoseStream, Push, Toss
-from drake_pregrasp.diagrams.object_config import Box
-from drake_pregrasp.planning.recorded_poses import read_recorded_poses
-from drake_pregrasp.planning.velocity_profile import VelocityProfile
+from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
+from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.resources import resource_folder
 
 BOX = Box(size=[0.1, 0.06, 0.14])
@@ -83,7 +82,7 @@ def test_a_thrown_body_follows_its_centre_of_mass(monkeypatch):
     def add_off_centre_body(plant, object_config):
         return plant.AddRigidBody("cube", inertia)
 
-    monkeypatch.setattr(toss_motion, "add_object_body", add_off_centre_body)
+    monkeypatch.setattr(object_plant, "add_object_body", add_off_centre_body)
     p, v, spin = np.array([0, 0, 1.0]), np.array([1.0, 0, 2]), np.array([2.0, 5, -3])
     motion = Toss(position=list(p), rpy=[1, 0.5, -2], velocity=list(v), spin=list(spin))
     h = 0.001

@@ -9,11 +9,9 @@ from pydrake.multibody.tree import UnitInertia
 from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import ObjectPlant
-from drake_pregrasp.diagrams.limits_config import LimitsConfig, Pair
-from drake_pregrasp.diagrams.motion_config import Conveyor
+from drake_pregrasp.config.limits_config import BallReach, BoxReach, LimitsConfig, Pair
+from drake_pregrasp.config.object_config import Ball, Box, Conveyor, Cylinder, Mesh, Revolved
 from drake_pregrasp.diagrams.object_body import add_object_body, standing_position
-from drake_pregrasp.diagrams.object_config import Ball, Box, Cylinder, Mesh, Revolved
-from drake_pregrasp.diagrams.reach_config import BallReach, BoxReach
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.resources import resource_folder
 

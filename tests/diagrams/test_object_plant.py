@@ -6,9 +6,8 @@ from pydrake.math import RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import InvalidArgumentError, ObjectPlant, load_scenario
-from drake_pregrasp.diagrams.box_model import resized_box_sdf
-from drake_pregrasp.diagrams.motion_config import Conveyor
-from drake_pregrasp.diagrams.object_config import Box
+from drake_pregrasp.config.object_config import Box, Conveyor
+from drake_pregrasp.diagrams.object_body import resized_box_sdf
 from drake_pregrasp.resources import resource_folder
 
 CUBE = resource_folder("models") / "cube.sdf"

@@ -14,7 +14,7 @@ from drake_pregrasp import (
     PlannerConfig,
     PregraspPlanner,
 )
-from drake_pregrasp.planning.strategies import STRATEGIES
+from drake_pregrasp.contacts.strategies import STRATEGIES
 
 CONFIG = PlannerConfig(static_duration=0.0)
 X_0 = RigidTransform(RollPitchYaw(0, 0, 0.2), [0.1, 0.2, 0.05])

@@ -10,9 +10,9 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
-from drake_pregrasp.planning.region_constraints import Obstacles
-from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace
-from drake_pregrasp.planning.surface import ForbiddenPoints
+from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
+from drake_pregrasp.geometry.surface import ForbiddenPoints
+from drake_pregrasp.regions.constraints import Obstacles
 
 NASTY = (float("nan"), float("inf"), float("-inf"), 1e300, -1e300, 1e6, -1e6, 1e-300, 0.0)
 """Numbers that break programs that expect others."""

@@ -25,13 +25,13 @@ from input_variants import PERIOD, Variant, make_variant
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BusValue, Context
 
-from drake_pregrasp.planning.contact_limits import tip_gaps
-from drake_pregrasp.planning.contact_status import ContactStatus, is_active
-from drake_pregrasp.planning.region_constraints import Limit
-from drake_pregrasp.planning.safe_regions import SafeRegions
-from drake_pregrasp.planning.surface import CONTACT_TOLERANCE
-from drake_pregrasp.planning.tracking_status import TrackingStatus
-from drake_pregrasp.systems.usable_poses import is_usable
+from drake_pregrasp.contacts.goal_limits import tip_gaps
+from drake_pregrasp.contacts.selection_input import ContactStatus, is_active
+from drake_pregrasp.estimation.tracking_status import TrackingStatus
+from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE
+from drake_pregrasp.regions.constraints import Limit
+from drake_pregrasp.regions.safe_regions import SafeRegions
+from drake_pregrasp.systems.pose_ports import is_usable
 
 BETWEEN = 0.4
 """Share of a period after a tick at which outputs are looked at again."""

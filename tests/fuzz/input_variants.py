@@ -8,13 +8,12 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp import PlannerConfig, PregraspPlanner, box_surface
-from drake_pregrasp.diagrams.limits_config import LimitsConfig, Pair
-from drake_pregrasp.diagrams.reach_config import BallReach, SectorReach
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_limits import ContactLimits
-from drake_pregrasp.planning.mesh_surface import mesh_surface
-from drake_pregrasp.planning.shapes import revolved_shape
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.limits_config import BallReach, LimitsConfig, Pair, SectorReach
+from drake_pregrasp.contacts.goal_limits import ContactLimits
+from drake_pregrasp.geometry.mesh_surface import mesh_surface
+from drake_pregrasp.geometry.shapes import revolved_shape
+from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
 

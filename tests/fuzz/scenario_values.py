@@ -7,8 +7,7 @@ import typing
 from collections.abc import Mapping
 from typing import Any
 
-from drake_pregrasp.diagrams.motion_config import PoseStream
-from drake_pregrasp.diagrams.object_config import Box, Mesh
+from drake_pregrasp.config.object_config import Box, Mesh, PoseStream
 from drake_pregrasp.simulation.schema_check import _fields
 
 LEFT_OUT = 0.8  # Share of a mapping's keys that keep their defaults.

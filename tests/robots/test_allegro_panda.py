@@ -10,7 +10,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from drake_pregrasp.robots.robot_data import find_robot_data
+from drake_pregrasp.robots.allegro_panda import find_robot_data
 from drake_pregrasp.robots.robot_models import robot_model
 
 TIPS = [f"link_{i}.0_tip" for i in (3, 7, 11, 15)]

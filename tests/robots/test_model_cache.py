@@ -8,8 +8,8 @@ import time
 import pytest
 
 from drake_pregrasp.errors import InvalidArgumentError, OutputError
-from drake_pregrasp.robots import robot_data, robot_models
-from drake_pregrasp.robots.model_cache import cache_folder, cached, source_digest
+from drake_pregrasp.robots import allegro_panda, robot_models
+from drake_pregrasp.robots.robot_models import cache_folder, cached, source_digest
 
 
 @pytest.fixture(autouse=True)
@@ -46,7 +46,7 @@ def test_an_interrupted_one_leaves_nothing(error):
 def test_a_killed_one_is_not_taken_for_complete_and_swept_away_in_time():
     script = """if True:
         import os
-        from drake_pregrasp.robots.model_cache import cached
+        from drake_pregrasp.robots.robot_models import cached
 
         def killed(folder):
             (folder / "model.urdf").write_text("half")
@@ -67,7 +67,7 @@ def test_a_killed_one_is_not_taken_for_complete_and_swept_away_in_time():
 def test_two_processes_at_once_get_the_same_complete_model(tmp_path):
     script = """if True:
         import time
-        from drake_pregrasp.robots.model_cache import cached
+        from drake_pregrasp.robots.robot_models import cached
 
         def slowly(folder):
             (folder / "model.urdf").write_text("comp")
@@ -102,6 +102,6 @@ def test_a_change_of_the_source_is_another_version(tmp_path):
 def test_unknown_robots_and_a_missing_package_are_told_in_a_line(monkeypatch):
     with pytest.raises(InvalidArgumentError, match=r"no robot robots://shadow.urdf; there are: ro"):
         robot_models.robot_model("robots://shadow.urdf")
-    monkeypatch.setattr(robot_data, "PACKAGE", "example-robot-data-that-is-not-there")
+    monkeypatch.setattr(allegro_panda, "PACKAGE", "example-robot-data-that-is-not-there")
     with pytest.raises(InvalidArgumentError, match=r"pip install 'drake_pregrasp\[robots\]'"):
         robot_models.robot_model("robots://allegro_panda.urdf")

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.robots.mesh_conversion import convert_mesh
+from drake_pregrasp.robots.robot_meshes import convert_mesh
 from drake_pregrasp.robots.urdf_mending import Drive, drive_joints, drop_from, mend_inertias
 
 ROBOT = """

@@ -19,10 +19,10 @@ from drake_pregrasp import (
     without_solver_chatter,
 )
 from drake_pregrasp.cli import main
-from drake_pregrasp.planning.grasp_state import GraspPhase
+from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.resources import resource_folder
-from drake_pregrasp.robots import robot_data
-from drake_pregrasp.systems.arm_kinematics import pose_error
+from drake_pregrasp.robots import allegro_panda
+from drake_pregrasp.systems.arm_posture import pose_error
 
 NAME = "grasp_allegro_panda"
 FILE = "package://drake_pregrasp/allegro_panda.yaml"
@@ -177,7 +177,7 @@ def test_a_contact_that_the_thumb_may_not_have_is_refused(allegro_panda):
 
 def test_without_the_extra_a_line_says_what_to_install(monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(robot_data, "PACKAGE", "example-robot-data-that-is-not-there")
+    monkeypatch.setattr(allegro_panda, "PACKAGE", "example-robot-data-that-is-not-there")
     assert main(["run", NAME]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "grasp.hand" in line

@@ -18,8 +18,8 @@ from drake_pregrasp import (
     run,
     without_solver_chatter,
 )
-from drake_pregrasp.planning.contact_status import ContactStatus
-from drake_pregrasp.planning.grasp_state import GraspPhase
+from drake_pregrasp.contacts.selection_input import ContactStatus
+from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.simulation.summary import inactive_contacts
 
 NAME = "grasp_five_finger"

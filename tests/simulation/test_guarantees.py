@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from drake_pregrasp import load_scenario, run, shipped_scenarios
-from drake_pregrasp.planning.contact_limits import tip_gaps
-from drake_pregrasp.planning.contact_status import ContactStatus, is_active
+from drake_pregrasp.contacts.goal_limits import tip_gaps
+from drake_pregrasp.contacts.selection_input import ContactStatus, is_active
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 
 FILES = ("objects", "areas", "limits")

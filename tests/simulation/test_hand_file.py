@@ -15,13 +15,13 @@ from drake_pregrasp import (
     load_scenario,
     make_diagram,
 )
+from drake_pregrasp.config.hand_description import Arm, Carrier
+from drake_pregrasp.config.limits_config import BallReach, BoxReach, SectorReach
+from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams import hand_parsing
-from drake_pregrasp.diagrams.hand_description import Arm, Carrier
-from drake_pregrasp.diagrams.reach_config import BallReach, BoxReach, SectorReach
-from drake_pregrasp.planning.assignment import FREE_TURN
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.hand_file import load_hand_model
-from drake_pregrasp.simulation.hand_planner import hand_planner
+from drake_pregrasp.simulation.hand_wiring import hand_planner
 
 MODELS = resource_folder("models")
 FORBIDDEN = "forbidden_faces: ['+x', '-y', '+y'], radius: 0.009"

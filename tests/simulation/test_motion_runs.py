@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform
 
 from drake_pregrasp import load_scenario, run, shipped_scenarios
 from drake_pregrasp.diagrams.expected_path import expected_path
-from drake_pregrasp.planning.recorded_poses import read_recorded_poses
+from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.recording import camera_pose
 from drake_pregrasp.simulation.smooth_file import CARRIED, load_estimator, smooth_file

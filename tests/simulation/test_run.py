@@ -16,12 +16,12 @@ from drake_pregrasp import (
     run,
     shipped_scenarios,
 )
-from drake_pregrasp.diagrams.estimator_config import filter_noise
-from drake_pregrasp.planning.force_closure import ferrari_canny, min_weight_margin
-from drake_pregrasp.planning.grasp_quality import grasp_quality
-from drake_pregrasp.planning.independent_regions import force_closed_share
-from drake_pregrasp.planning.pose_filter import first_belief, predict, update
-from drake_pregrasp.planning.safe_regions import compute_safe_regions
+from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
+from drake_pregrasp.estimation.pose_filter import first_belief, predict, update
+from drake_pregrasp.quality.force_closure import ferrari_canny, min_weight_margin
+from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.regions.independent_regions import force_closed_share
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.run import RUN_FILES
 from drake_pregrasp.systems.noise_source import NoiseSource
 

@@ -5,9 +5,9 @@ import pytest
 from pydrake.math import RigidTransform
 
 from drake_pregrasp.errors import OutputError
-from drake_pregrasp.planning.grasp_quality import GraspQuality
+from drake_pregrasp.quality.grasp_quality import GraspQuality
 from drake_pregrasp.simulation.run_log import RunLog
-from drake_pregrasp.systems.tick_logger import TickRecord
+from drake_pregrasp.systems.loggers import TickRecord
 
 CONTACTS = 2
 

@@ -3,10 +3,10 @@
 import pytest
 
 from drake_pregrasp import ScenarioError, box_surface, load_scenario
+from drake_pregrasp.config.surface_config import MAX_BOX_POINTS
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.box_surface import MAX_POINTS
-from drake_pregrasp.simulation.run_size import check_recording
-from drake_pregrasp.simulation.surface_config import MAX_BOX_POINTS
+from drake_pregrasp.geometry.box_surface import MAX_POINTS
+from drake_pregrasp.simulation.scenario_check import check_recording
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ import pytest
 from conftest import usable_scenarios
 
 from drake_pregrasp import Scenario, ScenarioError, load_scenario, shipped_scenarios
-from drake_pregrasp.diagrams.motion_config import PoseStream
+from drake_pregrasp.config.object_config import PoseStream
 from drake_pregrasp.resources import resolve_path, resource_folder
 from drake_pregrasp.simulation.scenario_file import check_scenario, dump_scenario
 

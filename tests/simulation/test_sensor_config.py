@@ -10,7 +10,7 @@ from drake_pregrasp import (
     run,
     shipped_scenarios,
 )
-from drake_pregrasp.simulation.sensor_config import FaultsConfig
+from drake_pregrasp.config.sensor_config import FaultsConfig
 
 NAMES = [name for name, (file, _) in shipped_scenarios().items() if file.stem == "faults"]
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drake_pregrasp.simulation.tick_times import TickTimes
+from drake_pregrasp.simulation.run_log import TickTimes
 
 
 @pytest.mark.parametrize("percent", [1, 50, 99])

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drake_pregrasp.planning.tracking_status import TrackingStatus
-from drake_pregrasp.simulation.tracking_summary import tracking_summary
+from drake_pregrasp.estimation.tracking_status import TrackingStatus
+from drake_pregrasp.simulation.summary import tracking_summary
 
 
 @given(st.lists(st.sampled_from(TrackingStatus), min_size=1), st.randoms(use_true_random=False))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from drake_pregrasp import box_surface, load_scenario
-from drake_pregrasp.planning.mesh_surface import EDGE
-from drake_pregrasp.planning.sampling import split_triangles
+from drake_pregrasp.geometry.mesh_surface import EDGE
+from drake_pregrasp.geometry.sampling import split_triangles
 from drake_pregrasp.studies.bench import base_case, global_times, scene, startup
 from drake_pregrasp.studies.bench import bench as bench_module
 from drake_pregrasp.studies.bench.base_case import PARTS, RunJob, time_run

@@ -4,9 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drake_pregrasp import box_surface
-from drake_pregrasp.planning.force_closure import FRICTION
-from drake_pregrasp.planning.grasp_quality import grasp_quality
-from drake_pregrasp.planning.least_norm_margin import least_norm_margin
+from drake_pregrasp.quality.force_closure import FRICTION, least_norm_margin
+from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.studies.continuous_selection import (
     evolved_choice,
     least_eigenvalue,

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from drake_pregrasp.planning.strategies import make_strategy
+from drake_pregrasp.contacts.strategies import make_strategy
 from drake_pregrasp.studies import settled_margins
 from drake_pregrasp.studies.settled_margins import margin_of, random_starts, settled_margin
 

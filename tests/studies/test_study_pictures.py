@@ -22,8 +22,8 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.sampling import unit_normals
-from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
+from drake_pregrasp.geometry.sampling import unit_normals
+from drake_pregrasp.simulation.output import without_solver_chatter
 from drake_pregrasp.studies import processes
 from drake_pregrasp.studies.drawn_mesh import camera_pose
 from drake_pregrasp.studies.static_versus_dynamic import closings, figures, picture_figure, trials
@@ -52,7 +52,7 @@ from drake_pregrasp.studies.static_versus_dynamic.study import (
     trial_jobs,
 )
 from drake_pregrasp.studies.static_versus_dynamic.trial import Trial
-from drake_pregrasp.systems.palette import contact_color
+from drake_pregrasp.systems.drawing import contact_color
 
 (SOME, *_) = made_up_trial(TrialJob("headline", "still", 0))
 CLEAN = dataclasses.replace(

@@ -16,7 +16,7 @@ from PIL import Image
 
 from drake_pregrasp import InvalidArgumentError, OutputError
 from drake_pregrasp.cli import main
-from drake_pregrasp.cli.one_line_parser import OneLineParser
+from drake_pregrasp.cli.command import OneLineParser
 from drake_pregrasp.studies.markup import Cell, table
 from drake_pregrasp.studies.static_versus_dynamic import trials
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS

@@ -9,14 +9,14 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BusValue
 
+from drake_pregrasp.contacts.assignment import wrapped
+from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.planning.assignment import wrapped
-from drake_pregrasp.planning.box_surface import box_surface
-from drake_pregrasp.planning.contact_status import ContactStatus
-from drake_pregrasp.planning.grasp_quality import grasp_quality
-from drake_pregrasp.planning.grasp_state import GiveUp, GraspPhase, GraspSettings, GraspState
-from drake_pregrasp.planning.region_constraints import Obstacles, RegionConstraints
-from drake_pregrasp.planning.solids import BoxSolid, HalfSpace
+from drake_pregrasp.geometry.box_surface import box_surface
+from drake_pregrasp.geometry.solids import BoxSolid, HalfSpace
+from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspSettings, GraspState
+from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.studies.static_versus_dynamic import outcome_csv
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
@@ -32,7 +32,7 @@ from drake_pregrasp.studies.static_versus_dynamic.still_hand import StillHand
 from drake_pregrasp.studies.static_versus_dynamic.study import study_static_versus_dynamic
 from drake_pregrasp.studies.static_versus_dynamic.study_settings import study_settings
 from drake_pregrasp.studies.static_versus_dynamic.trial import Trial, run_trial
-from drake_pregrasp.systems.grasp_logger import GraspRecord
+from drake_pregrasp.systems.loggers import GraspRecord
 
 MODEL = HandModel(load_hand(HAND))
 FRAMES = MODEL.kinematics.tip_frames

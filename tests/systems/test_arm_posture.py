@@ -9,7 +9,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BusValue
 
 from drake_pregrasp import ArmPosture, InvalidArgumentError
-from drake_pregrasp.planning.assignment import FREE_TURN
+from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.systems.arm_posture import SMOOTHING
 
 FRAMES = [f"hand::tip_{i}" for i in range(4)]

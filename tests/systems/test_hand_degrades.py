@@ -23,8 +23,8 @@ from drake_pregrasp import (
     Obstacles,
     load_hand,
 )
-from drake_pregrasp.planning.grasp_state import GiveUp, GraspPhase, GraspSettings
-from drake_pregrasp.planning.tracking_status import TrackingStatus
+from drake_pregrasp.estimation.tracking_status import TrackingStatus
+from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspSettings
 
 HAND = HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
 FRAMES = HAND.kinematics.tip_frames

@@ -11,16 +11,15 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BusValue
 
 from drake_pregrasp import BallSolid, BoxSolid, HalfSpace, InvalidArgumentError, Obstacles
+from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn, wrapped
+from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.planning.assignment import FREE_TURN, palm_turn, wrapped
-from drake_pregrasp.planning.contact_status import ContactStatus
-from drake_pregrasp.planning.grasp_state import GraspSettings
+from drake_pregrasp.grasping.grasp_state import GraspSettings
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.systems.carrier_posture import CarrierPosture
 from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
-from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
+from drake_pregrasp.systems.fingertip_sensor import FingertipSensor, HandKinematics
 from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
-from drake_pregrasp.systems.hand_kinematics import HandKinematics
 from drake_pregrasp.systems.joint_reference import LARGEST_RATE, JointReference
 
 FILE = "package://drake_pregrasp/five_finger_hand.yaml"

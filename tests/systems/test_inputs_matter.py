@@ -31,11 +31,10 @@ from drake_pregrasp import (
     load_hand,
     load_scenario,
 )
-from drake_pregrasp.diagrams.estimator_config import filter_noise
-from drake_pregrasp.planning.finger_reach import FingerReach
-from drake_pregrasp.planning.grasp_state import GraspPhase, GraspSettings, GraspState
-from drake_pregrasp.planning.region_constraints import Obstacles
-from drake_pregrasp.planning.safe_regions import SafeRegions, compute_safe_regions
+from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
+from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspSettings, GraspState
+from drake_pregrasp.regions.constraints import FingerReach, Obstacles
+from drake_pregrasp.regions.safe_regions import SafeRegions, compute_safe_regions
 
 SURFACE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
 P_OC = load_scenario("a_base").initial_p_OC(SURFACE)

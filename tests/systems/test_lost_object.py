@@ -12,10 +12,10 @@ from drake_pregrasp import (
     InvalidArgumentError,
     Obstacles,
 )
-from drake_pregrasp.planning.contact_limits import ContactLimits
-from drake_pregrasp.planning.finger_reach import FingerReach
-from drake_pregrasp.planning.safe_regions import compute_safe_regions
-from drake_pregrasp.planning.tracking_status import TrackingStatus
+from drake_pregrasp.contacts.goal_limits import ContactLimits
+from drake_pregrasp.estimation.tracking_status import TrackingStatus
+from drake_pregrasp.regions.constraints import FingerReach
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
 

@@ -9,13 +9,13 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import ContactStatus, InvalidArgumentError, box_surface
-from drake_pregrasp.planning.contact_models import CONTACT_MODELS
-from drake_pregrasp.planning.grasp_quality import grasp_quality
-from drake_pregrasp.planning.safe_regions import compute_safe_regions
-from drake_pregrasp.planning.tracking_status import TrackingStatus
+from drake_pregrasp.estimation.tracking_status import TrackingStatus
+from drake_pregrasp.quality.contact_models import CONTACT_MODELS
+from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor, GraspQualityView
+from drake_pregrasp.systems.loggers import TickLogger
 from drake_pregrasp.systems.pregrasp_visualizer import ROOT, PregraspVisualizer
-from drake_pregrasp.systems.tick_logger import TickLogger
 
 X_WO = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [1.0, 2.0, 3.0])
 

@@ -13,22 +13,20 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import ContactStatus, ForbiddenPoints, InvalidArgumentError
+from drake_pregrasp.contacts.goal_limits import ContactLimits
+from drake_pregrasp.contacts.selection_input import contact_status, describe_status
 from drake_pregrasp.errors import ContactError
-from drake_pregrasp.planning.contact_limits import ContactLimits
-from drake_pregrasp.planning.contact_status import contact_status, describe_status
-from drake_pregrasp.planning.finger_reach import FingerReach
-from drake_pregrasp.planning.region_constraints import NO_CAUSE, Limit, Obstacles
-from drake_pregrasp.planning.safe_regions import NO_REGION
-from drake_pregrasp.planning.solids import BallSolid, BoxSolid, HalfSpace
-from drake_pregrasp.planning.wall_test import WALL_TESTS
+from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
+from drake_pregrasp.regions.constraints import NO_CAUSE, FingerReach, Limit, Obstacles
+from drake_pregrasp.regions.safe_regions import NO_REGION
+from drake_pregrasp.regions.walls import WALL_TESTS
 from drake_pregrasp.systems import centroid_selector, obstacle_visualizer, status_labels
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
-from drake_pregrasp.systems.hand_pose import HandPose
-from drake_pregrasp.systems.moving_obstacles import MovingObstacles, MovingSolid
+from drake_pregrasp.systems.drawing import text_board
 from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
+from drake_pregrasp.systems.scene_inputs import HandPose, MovingObstacles, MovingSolid
 from drake_pregrasp.systems.status_labels import StatusLabels
-from drake_pregrasp.systems.text_board import text_board
 
 X_WO = RigidTransform(RollPitchYaw(0.2, -0.4, 1.0), [0.5, -0.3, 0.2])
 TILT = RollPitchYaw(0.1, 0.2, 0.3).ToRotationMatrix().matrix()

@@ -6,12 +6,11 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from drake_pregrasp import ContactStatus, ForbiddenPoints, InvalidArgumentError
-from drake_pregrasp.planning.blends import make_blend
-from drake_pregrasp.planning.contact_selection import select_contacts
-from drake_pregrasp.planning.region_constraints import Obstacles
-from drake_pregrasp.planning.safe_regions import compute_safe_regions
-from drake_pregrasp.planning.selection_input import SelectionInput
-from drake_pregrasp.planning.strategies import make_strategy, position_tracking
+from drake_pregrasp.contacts.centroids import select_contacts
+from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.contacts.strategies import make_blend, make_strategy, position_tracking
+from drake_pregrasp.regions.constraints import Obstacles
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
 

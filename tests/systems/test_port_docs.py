@@ -20,45 +20,38 @@ import drake_pregrasp.diagrams
 import drake_pregrasp.studies
 import drake_pregrasp.systems
 from drake_pregrasp import ObjectPlant, PlannerConfig, PregraspPlanner
-from drake_pregrasp.diagrams.estimator_config import EstimatorConfig, filter_noise
-from drake_pregrasp.diagrams.grasp_config import GraspConfig
+from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.config.object_config import Box, Conveyor
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import HandStation
-from drake_pregrasp.diagrams.motion_config import Conveyor
-from drake_pregrasp.diagrams.object_config import Box
-from drake_pregrasp.planning.grasp_state import GraspSettings
-from drake_pregrasp.planning.recorded_poses import RecordedPoses
-from drake_pregrasp.planning.region_constraints import RegionConstraints
-from drake_pregrasp.planning.solids import BallSolid, BoxSolid
-from drake_pregrasp.planning.velocity_profile import VelocityProfile
+from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
+from drake_pregrasp.estimation.recorded_poses import RecordedPoses
+from drake_pregrasp.geometry.motion_profiles import VelocityProfile
+from drake_pregrasp.geometry.solids import BallSolid, BoxSolid
+from drake_pregrasp.grasping.grasp_state import GraspSettings
+from drake_pregrasp.regions.constraints import RegionConstraints
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.studies.static_versus_dynamic.reassignment import Reassignment
 from drake_pregrasp.studies.static_versus_dynamic.still_hand import StillHand
 from drake_pregrasp.systems.arm_posture import ArmPosture
-from drake_pregrasp.systems.body_pose import BodyPose
 from drake_pregrasp.systems.carrier_posture import CarrierPosture
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
-from drake_pregrasp.systems.contact_weights import ContactWeights
 from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
-from drake_pregrasp.systems.grasp_logger import GraspLogger
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
 from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
-from drake_pregrasp.systems.hand_pose import HandPose
 from drake_pregrasp.systems.joint_reference import JointReference
-from drake_pregrasp.systems.launch import Launch
-from drake_pregrasp.systems.moving_obstacles import MovingObstacles
+from drake_pregrasp.systems.loggers import GraspLogger, TickLogger
 from drake_pregrasp.systems.noise_source import NoiseSource
-from drake_pregrasp.systems.object_motion import ObjectMotion
+from drake_pregrasp.systems.object_motion import BodyPose, Launch, ObjectMotion, PoseReplay
 from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
-from drake_pregrasp.systems.pose_replay import PoseReplay
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
+from drake_pregrasp.systems.scene_inputs import ContactWeights, HandPose, MovingObstacles
 from drake_pregrasp.systems.status_labels import StatusLabels
-from drake_pregrasp.systems.tick_logger import TickLogger
 
 
 def make_launch() -> Launch:

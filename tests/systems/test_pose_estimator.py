@@ -5,8 +5,8 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp import MeasurementVerdict as Verdict
-from drake_pregrasp.diagrams.estimator_config import EstimatorConfig, filter_noise
-from drake_pregrasp.planning.pose_filter import first_belief, predict, update
+from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
+from drake_pregrasp.estimation.pose_filter import first_belief, predict, update
 from drake_pregrasp.systems.pose_estimator import MOST_LATE, PoseEstimator
 
 PERIOD = 0.05

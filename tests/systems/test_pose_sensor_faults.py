@@ -3,7 +3,7 @@ import pytest
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from drake_pregrasp import InvalidArgumentError, MeasurementFaults, NoisyPoseSensor
-from drake_pregrasp.planning.rotation_vectors import rotation_matrix
+from drake_pregrasp.geometry.rotations import rotation_matrix
 
 T = 0.05
 STD = {"position_std": 0.01, "orientation_std": 0.02}

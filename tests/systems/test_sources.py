@@ -9,14 +9,12 @@ from pydrake.systems.primitives import AddRandomInputs
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.planning.recorded_poses import RecordedPoses
-from drake_pregrasp.planning.velocity_profile import VelocityProfile
-from drake_pregrasp.systems.body_pose import BodyPose
-from drake_pregrasp.systems.contact_weights import ContactWeights
+from drake_pregrasp.estimation.recorded_poses import RecordedPoses
+from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.systems.noise_source import NoiseSource
-from drake_pregrasp.systems.object_motion import ObjectMotion
-from drake_pregrasp.systems.pose_replay import PoseReplay
+from drake_pregrasp.systems.object_motion import BodyPose, ObjectMotion, PoseReplay
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
+from drake_pregrasp.systems.scene_inputs import ContactWeights
 
 
 def noise_at(source, time, seed=None):

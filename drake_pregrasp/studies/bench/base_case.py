@@ -16,9 +16,9 @@ import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_pregrasp.diagrams.estimator_config import make_estimator
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.diagrams.pregrasp_planner import make_estimator
+from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.run_log import RunLog
 from drake_pregrasp.simulation.scenario import Scenario

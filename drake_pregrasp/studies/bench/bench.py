@@ -14,7 +14,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TypeVar
 
-from drake_pregrasp.planning.kernels import numba_is_installed
+from drake_pregrasp.kernels import numba_is_installed
 from drake_pregrasp.simulation.output import write_text, writing
 from drake_pregrasp.studies.bench.base_case import time_run
 from drake_pregrasp.studies.bench.global_times import compare_choices

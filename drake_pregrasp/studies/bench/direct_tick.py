@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_models import grasp_matrix
-from drake_pregrasp.planning.grasp_quality import grasp_quality
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.quality.contact_models import grasp_matrix
+from drake_pregrasp.quality.grasp_quality import grasp_quality
 
 STRATEGIES = {
     "position": ("position", "hand"),

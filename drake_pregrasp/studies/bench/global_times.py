@@ -6,14 +6,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.blends import make_blend
-from drake_pregrasp.planning.contact_selection import select_contacts
-from drake_pregrasp.planning.grasp_quality import grasp_quality
-from drake_pregrasp.planning.safe_regions import compute_safe_regions
-from drake_pregrasp.planning.selection_input import SelectionInput, WeightFunction
-from drake_pregrasp.planning.strategies import make_strategy
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.centroids import select_contacts
+from drake_pregrasp.contacts.selection_input import SelectionInput, WeightFunction
+from drake_pregrasp.contacts.strategies import make_blend, make_strategy
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.studies.bench.direct_tick import SPREAD
 from drake_pregrasp.studies.bench.scene import (
     EDGE,

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass, fields
 
-from drake_pregrasp.planning.kernels import TickKernel, make_kernel
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.kernels import TickKernel, make_kernel
 
 
 @dataclass(frozen=True, eq=False)

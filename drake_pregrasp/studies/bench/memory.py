@@ -18,13 +18,13 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource
 
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PlannerConfig
-from drake_pregrasp.planning.box_surface import box_surface
-from drake_pregrasp.planning.grasp_quality import GraspQuality
-from drake_pregrasp.planning.kernels import numba_is_installed
+from drake_pregrasp.geometry.box_surface import box_surface
+from drake_pregrasp.kernels import numba_is_installed
+from drake_pregrasp.quality.grasp_quality import GraspQuality
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
+from drake_pregrasp.systems.loggers import TickLogger, TickRecord
 from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
-from drake_pregrasp.systems.tick_logger import TickLogger, TickRecord
 
 SAMPLES = 100
 """Readings of the memory in use, in equal distances."""

@@ -7,10 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.box_surface import box_surface
-from drake_pregrasp.planning.kernels import numba_is_installed
-from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.geometry.box_surface import box_surface
+from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
+from drake_pregrasp.kernels import numba_is_installed
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.studies.bench.implemented_surface import implemented
 

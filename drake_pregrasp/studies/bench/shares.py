@@ -5,9 +5,9 @@ import pstats
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from drake_pregrasp.planning.grasp_quality import grasp_quality
-from drake_pregrasp.planning.kernels import TickKernel
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.kernels import TickKernel
+from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.studies.bench.scene import SceneSpec, make_scene
 from drake_pregrasp.studies.bench.ways import make_ticks
 

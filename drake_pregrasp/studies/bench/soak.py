@@ -10,12 +10,12 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
-from drake_pregrasp.planning.contact_status import is_active
+from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies.bench.memory import resident_bytes
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
-from drake_pregrasp.systems.tick_logger import TickRecord
+from drake_pregrasp.systems.loggers import TickRecord
 
 HOUR = 3600.0
 """Seconds."""

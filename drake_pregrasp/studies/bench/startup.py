@@ -19,10 +19,10 @@ start = time.perf_counter()
 import drake_pregrasp
 imported = time.perf_counter()
 import numpy as np
-from drake_pregrasp.planning.contact_selection import select_contacts
-from drake_pregrasp.planning.safe_regions import compute_safe_regions
-from drake_pregrasp.planning.selection_input import SelectionInput
-from drake_pregrasp.planning.strategies import make_strategy
+from drake_pregrasp.contacts.centroids import select_contacts
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
+from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.contacts.strategies import make_strategy
 from drake_pregrasp.studies.bench.implemented_surface import implemented
 surface = drake_pregrasp.box_surface([0.1] * 3, spacing=0.1 / 24)
 surface = implemented(surface, sys.argv[1])

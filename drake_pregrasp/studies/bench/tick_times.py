@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_pregrasp.planning.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.studies.bench.direct_tick import Tick, direct_scale
 from drake_pregrasp.studies.bench.scene import NUM_SETS, SceneSpec, make_scene
 from drake_pregrasp.studies.bench.ways import IN_DRAKE, SLOW, make_ticks

@@ -7,14 +7,14 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder
 
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_selection import select_contacts
-from drake_pregrasp.planning.grasp_quality import grasp_quality
-from drake_pregrasp.planning.region_constraints import Obstacles, RegionConstraints
-from drake_pregrasp.planning.safe_regions import compute_safe_regions
-from drake_pregrasp.planning.selection_input import SelectionInput
-from drake_pregrasp.planning.strategies import make_strategy
-from drake_pregrasp.planning.surface import ForbiddenPoints, ObjectSurface
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.centroids import select_contacts
+from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.contacts.strategies import make_strategy
+from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
+from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.studies.bench.direct_tick import SPREAD, STRATEGIES, Tick, direct_tick
 from drake_pregrasp.studies.bench.scene import Scene, implementations
 from drake_pregrasp.systems.centroid_selector import CentroidSelector

@@ -14,13 +14,12 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from drake_pregrasp.diagrams.estimator_config import EstimatorConfig, filter_noise
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.pose_belief import PoseFilterNoise
-from drake_pregrasp.planning.pose_measurement import PoseMeasurement
-from drake_pregrasp.planning.pose_track import PoseTrack
-from drake_pregrasp.planning.pose_tracker import TrackerSettings, take
+from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
+from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
+from drake_pregrasp.estimation.pose_track import PoseMeasurement, PoseTrack
+from drake_pregrasp.estimation.pose_tracker import TrackerSettings, take
 from drake_pregrasp.simulation.scenario_file import load_scenario
 
 PERIOD = 0.05

@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
-from drake_pregrasp.planning.contact_status import is_active
-from drake_pregrasp.planning.surface import CONTACT_TOLERANCE, ObjectSurface
-from drake_pregrasp.planning.tracking_status import TrackingStatus
+from drake_pregrasp.contacts.selection_input import is_active
+from drake_pregrasp.estimation.tracking_status import TrackingStatus
+from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.systems.tick_logger import TickRecord
+from drake_pregrasp.systems.loggers import TickRecord
 
 RECOVERED = 4.0
 """Standard deviations of the sensor within which an estimate has recovered."""

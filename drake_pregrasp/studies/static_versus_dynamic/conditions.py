@@ -7,17 +7,17 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.object_config import Box
+from drake_pregrasp.contacts.assignment import assign_fingers_round
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.object_config import Box
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.assignment import assign_fingers_round
-from drake_pregrasp.planning.solids import Solid
-from drake_pregrasp.planning.surface import ObjectSurface
+from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
-from drake_pregrasp.systems.moving_obstacles import MovingSolid
+from drake_pregrasp.systems.scene_inputs import MovingSolid
 
 FINGERS = 5
 """Number of fingers of the hand."""

@@ -8,14 +8,14 @@ import numpy as np
 from pydrake.math import RigidTransform
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.planning.arrays import BoolArray, FloatArray
-from drake_pregrasp.planning.grasp_quality import grasp_quality
-from drake_pregrasp.planning.grasp_state import GiveUp, GraspPhase, GraspState, describe_give_up
-from drake_pregrasp.planning.solids import BoxSolid
-from drake_pregrasp.planning.squeeze import squeeze_forces
+from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.geometry.solids import BoxSolid
+from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState, describe_give_up
+from drake_pregrasp.grasping.squeeze import squeeze_forces
+from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.studies.static_versus_dynamic.conditions import Condition
-from drake_pregrasp.systems.grasp_logger import GraspRecord
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
+from drake_pregrasp.systems.loggers import GraspRecord
 
 LIFTED_ABOVE_MM = 80.0
 LEVEL_BELOW_DEG = 20.0

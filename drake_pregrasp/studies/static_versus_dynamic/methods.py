@@ -8,11 +8,11 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import BasicVector, BusValue, Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.diagrams.limits_config import LimitsConfig
-from drake_pregrasp.planning.arrays import FloatArray, IntArray
-from drake_pregrasp.planning.assignment import mean_angle, wrapped
-from drake_pregrasp.planning.contact_status import ContactStatus
-from drake_pregrasp.planning.region_constraints import Limit, Obstacles, RegionConstraints
+from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.contacts.assignment import mean_angle, wrapped
+from drake_pregrasp.contacts.selection_input import ContactStatus
+from drake_pregrasp.regions.constraints import Limit, Obstacles, RegionConstraints
 
 _RING_RADIUS = 0.092  # On which the fingertips of a stationary hand wait, in metres.
 _LARGEST_MEAN_OFFSET = float(np.radians(40))  # Of contacts from their fingers, about z of H.

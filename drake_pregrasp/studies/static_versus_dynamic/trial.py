@@ -11,26 +11,24 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import ConstantValueSource, DiscreteTimeDelay
 
-from drake_pregrasp.diagrams.driven_hand import TABLE
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.selection_input import ContactStatus, is_active
 from drake_pregrasp.diagrams.expected_path import initial_pose
+from drake_pregrasp.diagrams.hand_station import TABLE
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PlannerConfig
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_status import ContactStatus, is_active
-from drake_pregrasp.planning.grasp_state import GraspPhase, GraspState
-from drake_pregrasp.planning.region_constraints import Obstacles
+from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
+from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.simulation.hand_file import load_hand_model
-from drake_pregrasp.simulation.hand_planner import hand_planner
-from drake_pregrasp.simulation.hand_wiring import add_hand
-from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
+from drake_pregrasp.simulation.hand_wiring import add_hand, hand_planner
+from drake_pregrasp.simulation.output import without_solver_chatter
 from drake_pregrasp.studies.static_versus_dynamic import conditions, grasp_outcome, methods
 from drake_pregrasp.studies.static_versus_dynamic.conditions import FINGERS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalSample, Outcome, TrialJob
 from drake_pregrasp.systems.carrier_posture import reach_frame
-from drake_pregrasp.systems.contact_weights import ContactWeights
-from drake_pregrasp.systems.grasp_logger import GraspLogger, GraspRecord
-from drake_pregrasp.systems.moving_obstacles import MovingObstacles
+from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord
 from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
+from drake_pregrasp.systems.scene_inputs import ContactWeights, MovingObstacles
 
 MODULES = (__name__, conditions.__name__, grasp_outcome.__name__, methods.__name__)
 """Modules of this folder that the rows of the study depend on."""

@@ -16,11 +16,10 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context
 from pydrake.systems.sensors import CameraInfo
 
-from drake_pregrasp.planning.arrays import FloatArray
-from drake_pregrasp.planning.contact_status import is_active
-from drake_pregrasp.planning.solids import HalfSpace
-from drake_pregrasp.simulation.output import writing
-from drake_pregrasp.simulation.solver_chatter import without_solver_chatter
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.selection_input import is_active
+from drake_pregrasp.geometry.solids import HalfSpace
+from drake_pregrasp.simulation.output import without_solver_chatter, writing
 from drake_pregrasp.studies import vtk_picture
 from drake_pregrasp.studies.drawn_mesh import camera_pose, drawn_mesh
 from drake_pregrasp.studies.report_page import Heading, Part, Picture
@@ -29,7 +28,7 @@ from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS, 
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import TrialJob
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
 from drake_pregrasp.studies.static_versus_dynamic.trial import MODULES, Trial, tracking_rows
-from drake_pregrasp.systems.palette import contact_color
+from drake_pregrasp.systems.drawing import contact_color
 
 PICTURES, STRIPS, TRACKING = "pictures.png", "strips.png", "strips"
 """Files of the two figures, and the folder of the rows of the strip charts."""

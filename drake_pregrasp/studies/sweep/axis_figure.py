@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
-from drake_pregrasp.planning.arrays import FloatArray, IntArray
+from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.studies.sweep.measures import MEASURES
 from drake_pregrasp.studies.sweep.results import Group, SweepResults
 

@@ -7,12 +7,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.planning.arrays import BoolArray, FloatArray
-from drake_pregrasp.simulation.force_closure_summary import force_closure_summary
-from drake_pregrasp.simulation.grasp_summary import summarize_grasp
+from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.simulation.logged_run import LoggedRun
 from drake_pregrasp.simulation.phases import adapting_phase
 from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.summary import force_closure_summary, summarize_grasp
 
 _MM = 1e3
 

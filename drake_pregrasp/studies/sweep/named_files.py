@@ -9,10 +9,10 @@ from typing import Any
 from drake_pregrasp.diagrams.hand_parsing import model_path
 from drake_pregrasp.diagrams.model_files import check_model_files, names_in_part
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
-from drake_pregrasp.planning.recorded_poses import MAX_BYTES
+from drake_pregrasp.estimation.recorded_poses import MAX_BYTES
+from drake_pregrasp.resources import make_paths_absolute
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.scenario_paths import make_paths_absolute
 from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.yaml_text import load_typed
 from drake_pregrasp.studies.file_digest import digest_files

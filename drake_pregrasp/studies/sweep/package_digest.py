@@ -6,7 +6,7 @@ import platform
 from pathlib import Path
 from typing import Any
 
-from drake_pregrasp.planning.kernels import numba_is_installed
+from drake_pregrasp.kernels import numba_is_installed
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.studies.file_digest import digest_files
 from drake_pregrasp.version import __version__

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_pregrasp.planning.arrays import FloatArray, IntArray
+from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.studies.sweep.grid_axis import Label, label_text
 from drake_pregrasp.studies.sweep.plan import SweepPlan
 from drake_pregrasp.studies.sweep.rows_file import SweepRow

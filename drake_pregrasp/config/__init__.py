@@ -1,0 +1,1 @@
+"""Settings of objects, sensors, planners and hands: the dataclasses behind YAML files."""

@@ -1,0 +1,217 @@
+"""The object and how it moves: the keys `object` and `motion` of a scenario."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from drake_pregrasp.geometry.shapes import (
+    Shape,
+    ball_shape,
+    box_shape,
+    cylinder_shape,
+    load_shape,
+    revolved_shape,
+)
+from drake_pregrasp.resources import resolve_path
+
+
+def zeros() -> list[float]:
+    """Returns three zeros: a default for points, directions and angles."""
+    return [0.0, 0.0, 0.0]
+
+
+_LENGTH = {"at_least": 0.001, "at_most": 1}
+_MASS = {"above": 0, "at_most": 1000}
+
+
+@dataclass
+class Box:
+    """A homogeneous box whose frame O is at its centre."""
+
+    # Edge lengths along x, y and z of O, in metres.
+    size: list[float] = field(
+        default_factory=lambda: [0.1, 0.1, 0.1],
+        metadata={"length": 3, "at_least": 0.005, "at_most": 0.25},
+    )
+
+    # Mass, in kg.
+    mass: float = field(default=0.4, metadata=_MASS)
+
+    def make_shape(self) -> Shape:
+        """Returns its surface in O."""
+        return box_shape(self.size)
+
+
+@dataclass
+class Cylinder:
+    """A homogeneous cylinder, as a can, whose frame O is at its centre, with z along its axis."""
+
+    # Radius, in metres.
+    radius: float = field(default=0.033, metadata=_LENGTH)
+
+    # Length, in metres.
+    length: float = field(default=0.12, metadata=_LENGTH)
+
+    # Mass, in kg.
+    mass: float = field(default=0.35, metadata=_MASS)
+
+    def make_shape(self) -> Shape:
+        """Returns its surface in O."""
+        return cylinder_shape(self.radius, self.length)
+
+
+@dataclass
+class Ball:
+    """A homogeneous ball whose frame O is at its centre."""
+
+    # Radius, in metres.
+    radius: float = field(default=0.04, metadata=_LENGTH)
+
+    # Mass, in kg.
+    mass: float = field(default=0.15, metadata=_MASS)
+
+    def make_shape(self) -> Shape:
+        """Returns its surface in O."""
+        return ball_shape(self.radius)
+
+
+@dataclass
+class Revolved:
+    """A homogeneous body of revolution about z of O, as a bottle, a cup or a bowling pin."""
+
+    # Points (r, z) of its outline in metres, r >= 0, with z rising along the outside, from the axis
+    # back to the axis. One that doesn't end there is closed into a ring.
+    profile: list[list[float]] = field(
+        default_factory=list,
+        metadata={
+            "required": True,
+            "min_length": 3,
+            "max_length": 256,
+            "elements": {"length": 2, "at_least": -1, "at_most": 1},
+        },
+    )
+
+    # Mass, in kg.
+    mass: float = field(default=0.3, metadata=_MASS)
+
+    def make_shape(self) -> Shape:
+        """Returns its surface in O."""
+        return revolved_shape(self.profile)
+
+
+@dataclass
+class Mesh:
+    """A homogeneous body with the surface of a mesh file, whose frame is O."""
+
+    # An OBJ, STL, PLY or glTF file with a watertight mesh, from the folder of the scenario's file;
+    # or package://drake_pregrasp/..., for those that are shipped.
+    file: str = field(default="", metadata={"required": True, "path": True})
+
+    # Metres for each unit of the file.
+    scale: float = field(default=1.0, metadata={"above": 0, "at_most": 1000})
+
+    # Mass, in kg.
+    mass: float = field(default=0.3, metadata=_MASS)
+
+    def make_shape(self) -> Shape:
+        """Returns its surface in O."""
+        return load_shape(resolve_path(self.file, Path.cwd()), scale=self.scale)
+
+
+ObjectConfig = Box | Cylinder | Ball | Revolved | Mesh
+
+
+_LARGEST_SPEED = {"at_least": -10, "at_most": 10}
+_LARGEST_TURN = {"at_least": -100, "at_most": 100}
+
+
+@dataclass
+class Conveyor:
+    """A table that slides and turns, and carries the object by friction."""
+
+    # Speed along x of W, in m/s.
+    linear_velocity: float = field(default=0.001, metadata=_LARGEST_SPEED)
+
+    # Turning rate about z of W, in rad/s.
+    angular_velocity: float = field(default=0.0174, metadata=_LARGEST_TURN)
+
+    # Velocities over time, instead of the two above: rows [time, linear, angular] in s, m/s and
+    # rad/s, times increasing from 0. They are interpolated linearly, and the last ones stay.
+    profile: list[list[float]] = field(
+        default_factory=list,
+        metadata={
+            "elements": {"length": 3, "at_least": -100, "at_most": 1e6},
+            "max_length": 10_000,
+        },
+    )
+
+    def velocities(self) -> list[list[float]]:
+        """Returns the profile; a constant velocity is one of a single row."""
+        return self.profile or [[0.0, self.linear_velocity, self.angular_velocity]]
+
+
+@dataclass
+class Toss:
+    """Free flight under gravity: a tossed or a falling object."""
+
+    # Where the object's centre of mass starts in W, in metres.
+    position: list[float] = field(
+        default_factory=lambda: [0.0, 0.0, 1.0],
+        metadata={"length": 3, "at_least": -100, "at_most": 100},
+    )
+
+    # Its orientation at the start, as roll, pitch and yaw, in radians.
+    rpy: list[float] = field(
+        default_factory=zeros,
+        metadata={"length": 3, "at_least": -10, "at_most": 10},
+    )
+
+    # Velocity of its centre of mass at the start, in W, in m/s.
+    velocity: list[float] = field(
+        default_factory=zeros,
+        metadata={"length": 3, "at_least": -50, "at_most": 50},
+    )
+
+    # Angular velocity at the start, in W, in rad/s. With three equal moments of inertia it stays.
+    spin: list[float] = field(default_factory=zeros, metadata={"length": 3, **_LARGEST_TURN})
+
+    # Whether there is a table in the way, with its top at z = 0.
+    table: bool = False
+
+
+@dataclass
+class Push:
+    """A ball-shaped tip that pushes the object over a table that stands still."""
+
+    # Direction of the push, as the angle from x of W about z, in radians.
+    direction: float = field(default=0.0, metadata={"at_least": -10, "at_most": 10})
+
+    # Speed of the tip, in m/s.
+    speed: float = field(default=0.05, metadata={"above": 0, "at_most": 2})
+
+    # How far the tip goes, in metres.
+    distance: float = field(default=0.25, metadata={"above": 0, "at_most": 1})
+
+    # When it starts, in seconds.
+    start: float = field(default=0.5, metadata={"at_least": 0, "at_most": 1e6})
+
+    # How far behind the object's centre of mass its front is then, in metres; outside the object.
+    start_distance: float = field(default=0.09, metadata={"above": 0, "at_most": 1})
+
+    # How far to the left of the centre it pushes, in metres. Off the centre the object turns.
+    offset: float = field(default=0.0, metadata={"at_least": -0.5, "at_most": 0.5})
+
+    # Height of the tip's centre over the table, in metres.
+    height: float = field(default=0.03, metadata={"at_least": 0.012, "at_most": 0.5})
+
+
+@dataclass
+class PoseStream:
+    """Recorded poses, from a camera or another program, that the object is moved along."""
+
+    # A CSV file with the header time,x,y,z,qw,qx,qy,qz: seconds, metres, and a unit quaternion; the
+    # pose of the object O in the world W. A relative path starts at the scenario file's folder,
+    # and package://drake_pregrasp/ at that of the package's models.
+    file: str = field(default="", metadata={"required": True, "path": True})
+
+
+MotionConfig = Conveyor | Toss | Push | PoseStream

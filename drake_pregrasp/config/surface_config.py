@@ -1,0 +1,207 @@
+"""How the object's surface is sampled, and where contacts may not be."""
+
+import contextlib
+import functools
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from pydrake.math import RollPitchYaw
+
+from drake_pregrasp.config.object_config import Box, Mesh, ObjectConfig, zeros
+from drake_pregrasp.errors import InvalidArgumentError, NoGroundError, ScenarioError
+from drake_pregrasp.geometry.box_surface import BOX_FACES, box_surface
+from drake_pregrasp.geometry.mesh_surface import mesh_surface
+from drake_pregrasp.geometry.no_touch import AxisArea, FacingArea, NoTouchArea, PartArea
+from drake_pregrasp.geometry.shapes import Shape
+from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.resources import resolve_path
+
+_KEPT = 2  # Surfaces: one to plan on, and one to draw.
+
+_POINT = {"length": 3, "at_least": -10, "at_most": 10}
+_ANGLES = {"length": 3, "at_least": -10, "at_most": 10}
+_SIZE = {"length": 3, "above": 0, "at_most": 10}
+
+
+@dataclass
+class Facing:
+    """All ground that faces a direction."""
+
+    # The direction, in O; of any length.
+    direction: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
+
+    # Largest angle between it and the outward normal, in radians.
+    angle: float = field(default=0.785, metadata={"above": 0, "at_most": 3.1416})
+
+    def make_area(self, shape: Shape) -> NoTouchArea:
+        """Returns the area on a shape."""
+        return FacingArea(np.array(self.direction), self.angle)
+
+
+@dataclass
+class InsideBox:
+    """All ground inside a box."""
+
+    # Edge lengths, in metres.
+    size: list[float] = field(default_factory=zeros, metadata={"required": True, **_SIZE})
+
+    # Its centre in O, in metres.
+    center: list[float] = field(default_factory=zeros, metadata=_POINT)
+
+    # Its orientation in O, as roll, pitch and yaw, in radians.
+    rpy: list[float] = field(default_factory=zeros, metadata=_ANGLES)
+
+    def make_area(self, shape: Shape) -> NoTouchArea:
+        """Returns the area on a shape."""
+        R_OB = RollPitchYaw(self.rpy).ToRotationMatrix().matrix()
+        return BoxSolid(np.array(self.center), R_OB, np.array(self.size))
+
+
+@dataclass
+class InsideBall:
+    """All ground inside a ball."""
+
+    # Its centre in O, in metres.
+    center: list[float] = field(default_factory=zeros, metadata=_POINT)
+
+    # Its radius, in metres.
+    radius: float = field(default=0.0, metadata={"required": True, "above": 0, "at_most": 10})
+
+    def make_area(self, shape: Shape) -> NoTouchArea:
+        """Returns the area on a shape."""
+        return BallSolid(np.array(self.center), self.radius)
+
+
+@dataclass
+class BehindPlane:
+    """All ground on one side of a plane."""
+
+    # A point of the plane in O, in metres.
+    point: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
+
+    # The plane's normal in O; it points away from the forbidden ground.
+    normal: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
+
+    def make_area(self, shape: Shape) -> NoTouchArea:
+        """Returns the area on a shape."""
+        return HalfSpace(np.array(self.point), np.array(self.normal))
+
+
+@dataclass
+class Part:
+    """A named part of a mesh file, as an OBJ's objects or a glTF's meshes are."""
+
+    # Its name.
+    name: str = field(default="", metadata={"required": True})
+
+    def make_area(self, shape: Shape) -> NoTouchArea:
+        """Returns the area on a shape."""
+        return PartArea(shape.part(self.name))
+
+
+MAX_BOX_POINTS = 200_000
+"""Most candidates of a box in a scenario, and most of its forbidden points."""
+
+
+@dataclass
+class SurfaceConfig:
+    """How the object's surface is sampled, and where contacts may not be."""
+
+    # Distance of neighbouring candidate points Y, in metres: the largest on a box, else a mean.
+    spacing: float = field(default=0.005, metadata={"at_least": 0.0005})
+
+    # Seed of the candidates' choice; a box has a regular grid and needs none.
+    seed: int = field(default=0, metadata={"at_least": 0, "at_most": 2**32})
+
+    # Forbidden ground by outward normal, in O: that whose normal is nearest to one of these axes.
+    forbidden_faces: list[str] = field(
+        default_factory=lambda: ["-z", "+z"], metadata={"one_of": BOX_FACES}
+    )
+
+    # More no-touch areas, in O.
+    no_touch: list[Facing | InsideBox | InsideBall | BehindPlane | Part] = field(
+        default_factory=list
+    )
+
+    # Distance of neighbouring forbidden points Z, in metres.
+    forbidden_spacing: float = field(default=0.02, metadata={"at_least": 0.0005})
+
+    # Radius R_j of each forbidden point, in metres.
+    forbidden_radius: float = field(default=0.005, metadata={"at_least": 0, "at_most": 10})
+
+    def make_surface(self, config: ObjectConfig, spacing: float | None = None) -> ObjectSurface:
+        """Returns an object's surface, sampled as said here, or with another spacing.
+
+        The last few are kept: as long as nothing changed, it is the one that was made before.
+
+        Raises:
+            InvalidArgumentError: If the object can't be made, or no ground is left for contacts.
+        """
+        changed: tuple[int, ...] = ()
+        if isinstance(config, Mesh):
+            with contextlib.suppress(OSError, InvalidArgumentError):
+                status = resolve_path(config.file, Path.cwd()).stat()
+                changed = (status.st_mtime_ns, status.st_size, status.st_ino)
+        key = repr((Path.cwd(), self, config, spacing, changed))
+        return _kept_surface(_Request(key, self, config, spacing))
+
+    def _make(self, config: ObjectConfig, spacing: float | None) -> ObjectSurface:
+        lengths = {
+            "spacing": self.spacing if spacing is None else spacing,
+            "forbidden_spacing": self.forbidden_spacing,
+            "forbidden_radius": self.forbidden_radius,
+        }
+        if isinstance(config, Box) and not self.no_touch:
+            return box_surface(
+                config.size,
+                forbidden_faces=self.forbidden_faces,
+                max_points=MAX_BOX_POINTS,
+                **lengths,
+            )
+        shape = config.make_shape()
+        areas: list[NoTouchArea] = [AxisArea(face) for face in self.forbidden_faces]
+        areas += [area.make_area(shape) for area in self.no_touch]
+        return mesh_surface(shape, seed=self.seed, no_touch=areas, **lengths)
+
+
+@dataclass(frozen=True)
+class _Request:
+    """What a surface is made of; two with the same key are the same."""
+
+    key: str
+    surface: SurfaceConfig = field(compare=False)
+    object: ObjectConfig = field(compare=False)
+    spacing: float | None = field(compare=False)
+
+
+@functools.lru_cache(maxsize=_KEPT)
+def _kept_surface(request: _Request) -> ObjectSurface:
+    return request.surface._make(request.object, request.spacing)
+
+
+def check_surface(source: str, config: ObjectConfig, surface: SurfaceConfig) -> ObjectSurface:
+    """Returns an object's surface.
+
+    Raises:
+        ScenarioError: If the object can't be made, or no ground is left for contacts.
+    """
+    try:
+        shape = config.make_shape()
+    except InvalidArgumentError as error:
+        key = "file" if isinstance(config, Mesh) else "profile"
+        raise ScenarioError(source, f"object.{key}", str(error)) from error
+    for index, area in enumerate(surface.no_touch):
+        try:
+            area.make_area(shape)
+        except InvalidArgumentError as error:
+            raise ScenarioError(source, f"surface.no_touch[{index}]", str(error)) from error
+    try:
+        return surface.make_surface(config)
+    except NoGroundError as error:
+        key = "no_touch" if surface.no_touch else "forbidden_faces"
+        raise ScenarioError(source, f"surface.{key}", str(error)) from error
+    except InvalidArgumentError as error:
+        key = "forbidden_spacing" if "forbidden_spacing" in str(error) else "spacing"
+        raise ScenarioError(source, f"surface.{key}", str(error)) from error

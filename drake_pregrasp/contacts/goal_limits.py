@@ -1,0 +1,370 @@
+"""Limits and coupling of contact goals from one tick to the next, and which goals are active."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.contacts.quality_guard import Measure, keep_quality
+from drake_pregrasp.contacts.selection_input import ContactGoals, SelectionInput, contact_status
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.regions.constraints import NO_CAUSE, Limit
+from drake_pregrasp.regions.safe_regions import SafeRegions
+from drake_pregrasp.regions.walls import normals_agree
+
+ROUNDING = 1e-9
+"""Overlap of fingertips that is none, in metres."""
+
+Projection = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
+"""Maps points, shape (k, 3), to the nearest ones on a surface and the normals there."""
+
+_HALVINGS = 12  # Of a step that comes out too long; then it is left out.
+_ROUNDS = 40  # To bring a pair to its distance.
+
+
+@dataclass(frozen=True)
+class CoupledPair:
+    """Two contacts of one finger, as its tip and a joint before it, at a fixed distance.
+
+    Attributes:
+        first: Index of the contact that moves freely.
+        second: Index of the contact that follows it.
+        distance: Between the two, in metres.
+        tolerance: By which it may be off, in metres.
+    """
+
+    first: int
+    second: int
+    distance: float
+    tolerance: float = 5e-4
+
+    def error(self, p_OC: FloatArray) -> float:
+        """Returns by how much the distance is off, in metres."""
+        return abs(float(np.linalg.norm(p_OC[self.first] - p_OC[self.second])) - self.distance)
+
+
+@dataclass(frozen=True)
+class ContactLimits:
+    """What holds goals back; by default nothing does.
+
+    Attributes:
+        max_step: Longest way of a goal over the object in one tick, in metres.
+        deadband: A goal stays as long as what it should move to is nearer than that, in metres.
+        pairs: Contacts that keep a distance.
+        recover: Whether a contact whose region is empty moves to the nearest place it may have.
+        guard: Measures of the grasp that no step may make worse.
+    """
+
+    max_step: float = np.inf
+    deadband: float = 0.0
+    pairs: tuple[CoupledPair, ...] = ()
+    recover: bool = False
+    guard: Measure | None = None
+
+    @property
+    def hold_nothing(self) -> bool:
+        """Whether goals become what strategies choose."""
+        free = self.max_step == np.inf and self.deadband == 0
+        return free and not self.pairs and self.guard is None
+
+    def __post_init__(self) -> None:
+        if not self.max_step > 0:
+            raise InvalidArgumentError(f"max_step must be greater than 0 m, not {self.max_step}")
+        if not 0 <= self.deadband < np.inf:
+            raise InvalidArgumentError(f"deadband must be at least 0 m, not {self.deadband}")
+        contacts = [contact for pair in self.pairs for contact in (pair.first, pair.second)]
+        if len(set(contacts)) < len(contacts):
+            raise InvalidArgumentError(f"a contact is in two pairs: {contacts}")
+
+
+def groups_of(pairs: Sequence[CoupledPair], num_contacts: int) -> list[list[int]]:
+    """Returns the contacts that move together: the pairs, then each other contact alone."""
+    together = [[pair.first, pair.second] for pair in pairs]
+    paired = {contact for pair in together for contact in pair}
+    return together + [[contact] for contact in range(num_contacts) if contact not in paired]
+
+
+def step_toward(
+    surface: ObjectSurface, p_OCi: FloatArray, goal: FloatArray, max_step: float
+) -> FloatArray:
+    """Returns the point over the allowed ground near the way to a goal, at most a step away.
+
+    A contact that isn't on allowed ground goes there at once. No step leads through a wall.
+
+    Args:
+        surface: The object's surface.
+        p_OCi: Where the contact is, shape (3,), in metres.
+        goal: Where it should be, on the surface, shape (3,).
+        max_step: In metres.
+    """
+    way = goal - p_OCi
+    length = float(np.linalg.norm(way))
+    starts, normals = surface.project(p_OCi[None])
+    if length <= max_step and normals_agree(normals, surface.project(goal[None])[1])[0, 0]:
+        return goal
+    start: FloatArray = starts[0]
+    if np.linalg.norm(start - p_OCi) > max_step:
+        return start
+    near = surface.candidates_within(p_OCi, max_step)
+    near = near[normals_agree(normals, surface.nhat_OQ[near])[0]]
+    step = min(max_step, length)
+    for _ in range(_HALVINGS if len(near) else 0):
+        point: FloatArray = surface.project_into((p_OCi + step / length * way)[None], [near])[0][0]
+        if np.linalg.norm(point - p_OCi) <= max_step:
+            return point
+        step /= 2
+    return p_OCi
+
+
+def follow_pairs(
+    surface: ObjectSurface,
+    regions: SafeRegions,
+    pairs: Sequence[CoupledPair],
+    p_OC: FloatArray,
+    p_OC_before: FloatArray,
+    max_step: float,
+) -> FloatArray:
+    """Moves the second contact of each pair to where the distance holds, in its own region.
+
+    A pair whose distance can't be met, or is met worse than before, stays where it was.
+
+    Args:
+        surface: The object's surface.
+        regions: The contacts' regions.
+        pairs: The pairs.
+        p_OC: Goals, shape (n, 3), in metres.
+        p_OC_before: Goals of the tick before, shape (n, 3).
+        max_step: In metres.
+    """
+    p_OC = p_OC.copy()
+    for pair in pairs:
+        members = regions.members(pair.second)
+        first, before = p_OC[pair.first], p_OC_before[pair.second]
+        for _ in range(_ROUNDS if len(members) else 0):
+            if pair.error(p_OC) <= pair.tolerance / 2:
+                break
+            away = p_OC[pair.second] - first
+            point = first + pair.distance * away / max(float(np.linalg.norm(away)), 1e-12)
+            p_OC[pair.second] = surface.project_into(point[None], [members])[0][0]
+        allowed = max(pair.tolerance, pair.error(p_OC_before))
+        too_far = np.linalg.norm(p_OC[pair.second] - before) > max_step
+        if pair.error(p_OC) > allowed or too_far:
+            both = [pair.first, pair.second]
+            p_OC[both] = p_OC_before[both]
+    return p_OC
+
+
+def tip_gaps(
+    p_OC: FloatArray, nhat_OC: FloatArray, tip_radii: FloatArray, gap: float = 0.0
+) -> FloatArray:
+    """Returns what is to spare between fingertips that touch at the contacts, shape (n, n).
+
+    Args:
+        p_OC: Contacts, shape (n, 3), in metres.
+        nhat_OC: Outward unit normals there, shape (n, 3).
+        tip_radii: Shape (n,), in metres.
+        gap: That there has to be between them, in metres.
+
+    Returns:
+        In metres, below zero where tips are too near; infinite on the diagonal.
+    """
+    centres = p_OC + tip_radii[:, None] * nhat_OC
+    distances = np.linalg.norm(centres[:, None] - centres, axis=2)
+    gaps: FloatArray = distances - tip_radii[:, None] - tip_radii - gap
+    np.fill_diagonal(gaps, np.inf)
+    return gaps
+
+
+def hold_where_tips_meet(
+    project: Projection,
+    p_OC: FloatArray,
+    p_OC_before: FloatArray,
+    active: BoolArray,
+    tip_radii: FloatArray,
+    gap: float,
+    pairs: Sequence[CoupledPair],
+) -> FloatArray:
+    """Takes steps back until no two fingertips are too near that weren't so before.
+
+    Holding all is always a way out, so the search ends; coupled contacts are held together.
+
+    Args:
+        project: Of the object's surface.
+        p_OC: Goals, shape (n, 3), in metres.
+        p_OC_before: Goals of the tick before, shape (n, 3).
+        active: Contacts that take part, shape (n,).
+        tip_radii: Shape (n,), in metres.
+        gap: Between tips, in metres.
+        pairs: Coupled contacts.
+    """
+    both_active = active[:, None] & active
+    before = tip_gaps(p_OC_before, project(p_OC_before)[1], tip_radii, gap)
+    needed = np.minimum(0.0, before) - ROUNDING
+    p_OC = p_OC.copy()
+    partners = {pair.first: pair.second for pair in pairs}
+    partners |= {pair.second: pair.first for pair in pairs}
+    for _ in range(len(p_OC)):
+        gaps = tip_gaps(p_OC, project(p_OC)[1], tip_radii, gap)
+        meets = np.any((gaps < needed) & both_active, axis=1)
+        moved = np.any(p_OC != p_OC_before, axis=1)
+        if not np.any(meets & moved):
+            break
+        held = np.flatnonzero(meets & moved)
+        held = np.unique([*held, *(partners.get(int(i), i) for i in held)])
+        p_OC[held] = p_OC_before[held]
+    return p_OC
+
+
+def hold_contacts(selection: SelectionInput) -> ContactGoals:
+    """Returns goals that stay where they are on the object.
+
+    Active are those that have a safe region and lie on the allowed surface.
+
+    Args:
+        selection: Surface, contacts and regions; the estimate is not used.
+    """
+    unknown = np.zeros(len(selection.p_OC), dtype=bool)
+    return judged_goals(selection, selection.p_OC, unknown, ContactLimits())
+
+
+def limited_goals(
+    selection: SelectionInput, goals: FloatArray, limits: ContactLimits
+) -> FloatArray:
+    """Returns how far contacts get towards their goals in one tick, shape (n, 3), in metres.
+
+    Args:
+        selection: Surface, contacts and regions.
+        goals: What the strategy has chosen, shape (n, 3), in metres; overwritten.
+        limits: What holds goals back.
+    """
+    surface, regions, p_OC = selection.surface, selection.regions, selection.p_OC
+    if limits.hold_nothing and len(regions.constraints.tip_radii) == 0:
+        return goals
+    # A lost finger needs no partner any more.
+    pairs = [p for p in limits.pairs if not (regions.lost[p.first] or regions.lost[p.second])]
+    may_stay = np.zeros(len(goals), dtype=bool)
+    if limits.deadband > 0 or limits.guard is not None:
+        may_stay = hold_contacts(selection).active
+    stays = may_stay & (np.linalg.norm(goals - p_OC, axis=1) < limits.deadband)
+    goals[stays] = p_OC[stays]
+    if np.isfinite(limits.max_step):
+        for contact in range(len(goals)):
+            goals[contact] = step_toward(surface, p_OC[contact], goals[contact], limits.max_step)
+    if pairs:
+        goals = follow_pairs(surface, regions, pairs, goals, p_OC, limits.max_step)
+    guarded = may_stay.copy()
+    for pair in pairs:  # If one of them has to go, or both to their distance, both go.
+        both = [pair.first, pair.second]
+        guarded[both] &= np.all(may_stay[both]) and pair.error(p_OC) <= pair.tolerance
+    if limits.guard is not None:
+        groups = groups_of(pairs, len(goals))
+        goals = keep_quality(surface, goals, p_OC, guarded, limits.guard, groups)
+    tip_radii = regions.constraints.tip_radii
+    if len(tip_radii):
+        taking_part = (regions.sizes() > 0) & ~regions.lost
+        apart = hold_where_tips_meet(
+            selection.project,
+            goals,
+            p_OC,
+            taking_part,
+            tip_radii,
+            regions.constraints.tip_gap,
+            pairs,
+        )
+        # Steps that are taken back one by one can leave the rest worse than all of them held.
+        if limits.guard is not None and np.any(apart != goals):
+            everybody = [range(len(goals))]
+            apart = keep_quality(surface, apart, p_OC, guarded, limits.guard, everybody)
+        goals = apart
+    return goals
+
+
+def with_returning_contacts(
+    selection: SelectionInput, goals: FloatArray, max_step: float
+) -> FloatArray:
+    """Sends each contact without a region to the nearest candidate that it may have.
+
+    That is on its own side of a wall, if there is one, since no step leads through; and with room
+    beside the others, wherever these are held.
+    """
+    surface, regions = selection.surface, selection.regions
+    constraints, goals = regions.constraints, goals.copy()
+    without = (regions.sizes() == 0) & ~regions.lost
+    there = ~without & ~regions.lost
+    normals = selection.project(goals)[1]
+    for contact in np.flatnonzero(without).tolist():
+        limits, _ = constraints.limits_at(contact, surface.p_OQ, surface.nhat_OQ)
+        free = (limits == Limit.NONE) & surface.is_clear_of_forbidden_points
+        radius = constraints.tip_radius(contact)
+        centres = surface.p_OQ + radius * surface.nhat_OQ
+        for other in np.flatnonzero(there).tolist():
+            other_radius = constraints.tip_radius(other)
+            away = centres - (goals[other] + other_radius * normals[other])
+            room = radius + other_radius + constraints.tip_gap
+            free &= np.linalg.norm(away, axis=1) > room
+        on_its_side = free & normals_agree(normals[contact][None], surface.nhat_OQ)[0]
+        choices = np.flatnonzero(on_its_side if np.any(on_its_side) else free)
+        if len(choices):
+            away = surface.p_OQ[choices] - goals[contact]
+            target = surface.p_OQ[choices[np.argmin(np.sum(away**2, axis=1))]]
+            goals[contact] = step_toward(surface, goals[contact], target, max_step)
+            normals[contact] = selection.project(goals[contact][None])[1][0]
+            there[contact] = True
+    return goals
+
+
+def judged_goals(
+    selection: SelectionInput,
+    goals: FloatArray,
+    on_ground: BoolArray,
+    contact_limits: ContactLimits,
+) -> ContactGoals:
+    """Says which goals are active: with a region, on allowed ground, permitted, and with room.
+
+    Args:
+        selection: Surface and regions.
+        goals: Shape (n, 3), in metres.
+        on_ground: Those that are known to be on allowed ground, shape (n,).
+        contact_limits: With the pairs.
+    """
+    regions = selection.regions
+    constraints, limits, causes = regions.constraints, regions.limits.copy(), regions.causes.copy()
+    active = (regions.sizes() > 0) & ~regions.lost
+    unknown = np.flatnonzero(~on_ground)
+    if len(unknown):
+        nearest, _ = selection.project(goals[unknown])
+        off = unknown[np.linalg.norm(nearest - goals[unknown], axis=1) > CONTACT_TOLERANCE]
+        limits[off], causes[off], active[off] = Limit.FORBIDDEN, NO_CAUSE, False
+    limiting = () if constraints.leaves_every_point else np.flatnonzero(active).tolist()
+    for contact in limiting:
+        limit, cause = limit_at(selection, contact, goals[contact])
+        if limit != Limit.NONE:
+            active[contact], limits[contact], causes[contact] = False, limit, cause
+    if len(constraints.tip_radii):
+        normals = selection.project(goals)[1]
+        gaps = tip_gaps(goals, normals, constraints.tip_radii, constraints.tip_gap)
+        for contact in np.flatnonzero(active).tolist():
+            meets = np.flatnonzero((gaps[contact, :contact] < -ROUNDING) & active[:contact])
+            if len(meets):
+                active[contact], limits[contact], causes[contact] = False, Limit.CROWDED, meets[0]
+    for pair in contact_limits.pairs:
+        if active[pair.first] and active[pair.second] and pair.error(goals) > pair.tolerance:
+            for contact, partner in ((pair.first, pair.second), (pair.second, pair.first)):
+                limits[contact], causes[contact] = Limit.PARTNER, partner
+    status = contact_status(active, regions.lost, limits)
+    return ContactGoals(goals, status, causes.astype(float))
+
+
+def limit_at(selection: SelectionInput, contact: int, p_OCi: FloatArray) -> tuple[int, int]:
+    """Returns what keeps a contact from a point on the surface, shape (3,), and its cause."""
+    constraints = selection.regions.constraints
+    if constraints.leaves_every_point:
+        return Limit.NONE, NO_CAUSE
+    key = contact, p_OCi.tobytes()
+    if key not in selection.known_limits:
+        _, normals = selection.project(p_OCi[None])
+        limits, causes = constraints.limits_at(contact, p_OCi[None], normals)
+        selection.known_limits[key] = int(limits[0]), int(causes[0])
+    return selection.known_limits[key]

@@ -1,0 +1,105 @@
+"""Hysteresis in quality: goals that move only as far as a measure of the grasp allows."""
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.quality.force_closure import min_weight_margin
+from drake_pregrasp.quality.grasp_quality import grasp_quality
+
+GUARDS = ("q_msv", "q_gii", "q_vew", "margin")
+"""What may not become worse: a measure of the complete grasp matrix, or the margin."""
+
+Measure = Callable[[FloatArray, FloatArray], Iterable[float]]
+"""Maps lever arms and normals of active contacts, shapes (n, 3), to qualities, one by one: who has
+seen one that is too low need not wait for the others."""
+
+_REMEMBERED = 8  # Margins. Contacts that stay have the same as at the tick before.
+
+
+def guard_measure(names: Sequence[str], friction: float) -> Measure | None:
+    """Returns the measures of some names as one function, or None for no name.
+
+    The margin comes last: it is a linear programme, and the others are not.
+
+    Args:
+        names: Out of `GUARDS`.
+        friction: Coulomb's coefficient, for the margin.
+
+    Raises:
+        InvalidArgumentError: If there is none of a name.
+    """
+    for name in names:
+        if name not in GUARDS:
+            raise InvalidArgumentError(f"no guard {name!r}; there are: {', '.join(GUARDS)}")
+    if not names:
+        return None
+
+    @lru_cache(maxsize=_REMEMBERED)
+    def margin(p_CoMC: bytes, nhat: bytes) -> float:
+        p, n = (np.frombuffer(buffer).reshape(-1, 3) for buffer in (p_CoMC, nhat))
+        return min_weight_margin(p, n, friction)
+
+    def measure(p_CoMC: FloatArray, nhat: FloatArray) -> Iterator[float]:
+        of_the_matrix = [name for name in names if name != "margin"]
+        if of_the_matrix:
+            quality = grasp_quality(p_CoMC)
+            yield from (getattr(quality, name) for name in of_the_matrix)
+        if "margin" in names:
+            yield margin(p_CoMC.tobytes(), nhat.tobytes())
+
+    return measure
+
+
+def keep_quality(
+    surface: ObjectSurface,
+    goals: FloatArray,
+    p_OC_before: FloatArray,
+    active: BoolArray,
+    measure: Measure,
+    groups: Sequence[Sequence[int]],
+) -> FloatArray:
+    """Lets contacts move one after another, each only if the grasp doesn't become worse by it.
+
+    Args:
+        surface: The object's surface.
+        goals: Where the contacts would go, shape (n, 3), in metres.
+        p_OC_before: Where they are, shape (n, 3).
+        active: Those that take part in the grasp, shape (n,); the others move freely.
+        measure: Of the active contacts; none of its values may fall.
+        groups: Contacts that move together; each contact is in one group.
+
+    Returns:
+        Shape (n, 3). Each measure is at least that of `p_OC_before`.
+    """
+    # Each contact is either where it was or at its goal, so that its normal is one of two.
+    normals_before, normals_there = surface.project(p_OC_before)[1], surface.project(goals)[1]
+    steps = ~active
+
+    def quality_after(steps: BoolArray) -> Iterable[float]:
+        if not np.any(active):
+            return [0.0]
+        p_OC = np.where(steps[:, None], goals, p_OC_before)[active]
+        normals = np.where(steps[:, None], normals_there, normals_before)[active]
+        return measure(p_OC - surface.p_OCoM, normals)
+
+    quality = list(quality_after(steps))
+    for group in groups:
+        members = [contact for contact in group if active[contact]]
+        if not members or np.all(goals[members] == p_OC_before[members]):
+            continue
+        proposal = steps.copy()
+        proposal[members] = True
+        proposed_quality = []
+        for value, least in zip(quality_after(proposal), quality, strict=False):
+            if not value >= least:
+                break
+            proposed_quality.append(value)
+        if len(proposed_quality) == len(quality):
+            steps, quality = proposal, proposed_quality
+    accepted: FloatArray = np.where(steps[:, None], goals, p_OC_before)
+    return accepted

@@ -1,0 +1,168 @@
+"""Input and result of the selection of contact goals, and the status of contacts."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from functools import cached_property
+
+import numpy as np
+
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.geometry.surface import ObjectSurface, RememberedProjection
+from drake_pregrasp.regions.constraints import Limit
+from drake_pregrasp.regions.safe_regions import SafeRegions
+
+
+class ContactStatus(IntEnum):
+    """What has become of a contact at a tick.
+
+    Above zero it is active: the goal lies on the allowed surface, has a safe region and counts in
+    G. From two on in size, the name says what leaves it a tiny region, or none.
+    """
+
+    LOST = -1
+    """The finger is gone (its weight h_i is -inf); its goal is void."""
+    INACTIVE = 0
+    """Nothing has been planned yet."""
+    ACTIVE = 1
+    """The goal has a region of its own."""
+    NO_ALLOWED_GROUND = -2
+    LITTLE_ALLOWED_GROUND = 2
+    CROWDED_OUT = -3
+    CROWDED = 3
+    OUT_OF_REACH = -4
+    HARDLY_IN_REACH = 4
+    OBSTRUCTED = -5
+    NEARLY_OBSTRUCTED = 5
+    BEHIND_WALL = -6
+    NEARLY_BEHIND_WALL = 6
+    APART_FROM_PARTNER = 7
+
+
+# By whether a contact is active, and what limits it.
+_STATUS = np.array([1.0 + np.array(Limit)] * 2)
+_STATUS[0] *= -1
+_STATUS[0, Limit.NONE] = ContactStatus.INACTIVE
+
+
+def is_active(status: FloatArray) -> BoolArray:
+    """Returns which contacts take part, of their `ContactStatus`, shape (n,)."""
+    mask: BoolArray = status > 0
+    return mask
+
+
+def contact_status(active: BoolArray, lost: BoolArray, limits: IntArray) -> FloatArray:
+    """Returns the `ContactStatus` of contacts, shape (n,).
+
+    Args:
+        active: Mask of those that are active, shape (n,).
+        lost: Mask of those whose finger is gone, shape (n,).
+        limits: The `Limit` of each, shape (n,).
+    """
+    status: FloatArray = _STATUS[active.astype(np.int64), limits]
+    status[lost] = ContactStatus.LOST
+    return status
+
+
+def describe_status(
+    status: float, cause: float, obstacle_names: Mapping[int, str] | None = None
+) -> str:
+    """Returns a contact's status in words.
+
+    Args:
+        status: A `ContactStatus`.
+        cause: Index of the contact or obstacle behind it, or `NO_CAUSE`.
+        obstacle_names: What obstacles are called, by their index, that have a name.
+    """
+    index = int(cause)
+    obstacle = (obstacle_names or {}).get(index, f"obstacle {index}")
+    return _DESCRIPTIONS[ContactStatus(int(status))].format(index, obstacle=obstacle)
+
+
+_DESCRIPTIONS = {
+    ContactStatus.LOST: "lost",
+    ContactStatus.INACTIVE: "not planned yet",
+    ContactStatus.ACTIVE: "active",
+    ContactStatus.NO_ALLOWED_GROUND: "no allowed ground",
+    ContactStatus.LITTLE_ALLOWED_GROUND: "little allowed ground",
+    ContactStatus.CROWDED_OUT: "crowded out by contact {}",
+    ContactStatus.CROWDED: "crowded by contact {}",
+    ContactStatus.OUT_OF_REACH: "out of reach",
+    ContactStatus.HARDLY_IN_REACH: "hardly in reach",
+    ContactStatus.OBSTRUCTED: "obstructed by {obstacle}",
+    ContactStatus.NEARLY_OBSTRUCTED: "nearly obstructed by {obstacle}",
+    ContactStatus.BEHIND_WALL: "behind a wall",
+    ContactStatus.NEARLY_BEHIND_WALL: "nearly behind a wall",
+    ContactStatus.APART_FROM_PARTNER: "not at its distance from contact {}",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class SelectionInput:
+    """What a strategy may look at when it weighs candidate points.
+
+    Attributes:
+        surface: The object's surface, in the frame of its estimated pose. Its centre of mass is
+            there by definition the mean mu of Eq. 3.
+        p_OC: Contact points as they are, shape (n, 3), in metres.
+        regions: Their safe regions.
+        covariance_O: Sigma of Eq. 3, expressed in O, shape (3, 3), in m².
+    """
+
+    surface: ObjectSurface
+    p_OC: FloatArray
+    regions: SafeRegions
+    covariance_O: FloatArray
+
+    @cached_property
+    def project(self) -> RememberedProjection:
+        """Projects points onto the surface, each once a tick."""
+        return RememberedProjection(self.surface)
+
+    @cached_property
+    def known_limits(self) -> dict[tuple[int, bytes], tuple[int, int]]:
+        """What keeps a contact from a point, and its cause, where that has been asked for."""
+        return {}
+
+
+WeightFunction = Callable[[SelectionInput], FloatArray]
+"""Maps a selection's input to log(b_n) for each candidate, shape (N,), up to a constant."""
+
+
+@dataclass(frozen=True)
+class KernelStrategy:
+    """A weight function that kernels know as well.
+
+    Attributes:
+        log_weights: The weight function.
+        kind: What kernels call it, one of their `KINDS`.
+        stretch: Whether it stretches its weights over each region.
+    """
+
+    log_weights: WeightFunction
+    kind: str
+    stretch: bool
+
+    def __call__(self, selection: SelectionInput) -> FloatArray:
+        """Returns log(b_n) for each candidate, shape (N,), up to a constant."""
+        return self.log_weights(selection)
+
+
+@dataclass(frozen=True, eq=False)
+class ContactGoals:
+    """Contact goals of one tick, in the object frame.
+
+    Attributes:
+        p_OC: Contact points, shape (n, 3), in metres.
+        status: A `ContactStatus` for each, shape (n,).
+        causes: Index of the contact or obstacle behind it, or `NO_CAUSE`, shape (n,).
+    """
+
+    p_OC: FloatArray
+    status: FloatArray
+    causes: FloatArray
+
+    @property
+    def active(self) -> BoolArray:
+        """Mask of the active contacts, shape (n,)."""
+        return is_active(self.status)

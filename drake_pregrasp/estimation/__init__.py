@@ -1,0 +1,1 @@
+"""Estimation of the object's pose, and faults of its measurements."""

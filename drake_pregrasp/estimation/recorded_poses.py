@@ -1,0 +1,161 @@
+"""Poses over time, as a program or a camera records them."""
+
+import csv
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import StringIO
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+from scipy.spatial.transform import Rotation, Slerp
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.resources import read_bounded_text
+
+COLUMNS = ("time", "x", "y", "z", "qw", "qx", "qy", "qz")
+"""Columns of a pose stream's CSV file: seconds, metres, and a unit quaternion."""
+
+MAX_ROWS = 200_000
+"""Most rows of a file: half an hour at 100 Hz."""
+
+MAX_BYTES = 100_000_000
+"""Bytes of a file: 500 for each of its rows."""
+
+MAX_LINE = 10_000
+"""Characters of a line."""
+
+MAX_DISTANCE = 100.0
+"""Largest coordinate of a position, in metres: beyond it are millimetres by mistake."""
+
+QUATERNION_TOLERANCE = 0.01
+"""By how much a quaternion's length may differ from 1: a few digits are enough."""
+
+_SHOWN = 40  # Characters of a cell in a message.
+_POSITION, _QUATERNION = slice(1, 4), slice(4, 8)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedPoses:
+    """Poses of the object O in the world W.
+
+    Attributes:
+        times: Increasing, shape (k,), in seconds.
+        p_WO: Positions, shape (k, 3), in metres.
+        R_WO: The k orientations.
+    """
+
+    times: FloatArray
+    p_WO: FloatArray
+    R_WO: Rotation
+
+    def at(self, time: float) -> tuple[FloatArray, Rotation]:
+        """Returns position and orientation at a time, in seconds.
+
+        Positions are interpolated linearly, orientations along the shortest turn (Shoemake's slerp,
+        1985). Before the first pose and after the last one the object stands still.
+        """
+        row = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, self._last))
+        if row == self._last or time <= self.times[0]:
+            return self.p_WO[row], self.R_WO[row]
+        ends = self.times[row : row + 2]
+        share = (time - ends[0]) / (ends[1] - ends[0])
+        p_WO: FloatArray = (1 - share) * self.p_WO[row] + share * self.p_WO[row + 1]
+        return p_WO, Slerp(ends, self.R_WO[row : row + 2])(time)
+
+    @property
+    def _last(self) -> int:
+        return len(self.times) - 1
+
+
+def read_recorded_poses(path: Path) -> RecordedPoses:
+    """Reads a CSV file with the columns `COLUMNS`, in any order, beside which there may be others.
+
+    Raises:
+        InvalidArgumentError: If it can't be used; the line names file, row, column and value. Row 1
+            is the header.
+    """
+    try:
+        rows = list(_rows(path, _lines(path)))
+    except csv.Error as error:
+        raise InvalidArgumentError(f"{path}: can't be read: {error}") from error
+    if not rows:
+        _refuse(path, "has no poses; at least one row must follow the header")
+    table = np.array(rows)
+    quaternions = table[:, _QUATERNION]
+    return RecordedPoses(
+        table[:, 0], table[:, _POSITION], Rotation.from_quat(np.roll(quaternions, -1, axis=1))
+    )
+
+
+def _lines(path: Path) -> Iterator[str]:
+    for number, line in enumerate(StringIO(read_bounded_text(path, MAX_BYTES), newline="")):
+        if len(line) > MAX_LINE:
+            _refuse(path, f"row {number + 1}: has more than {MAX_LINE} characters")
+        yield line
+
+
+def _rows(path: Path, lines: Iterator[str]) -> Iterator[list[float]]:
+    reader = csv.reader(lines)
+    header = [name.strip() for name in next(reader, [])]
+    missing = [name for name in COLUMNS if name not in header]
+    if missing:
+        _refuse(
+            path,
+            f"row 1: lacks the column {missing[0]}; the header must be {','.join(COLUMNS)}",
+        )
+    places = [header.index(name) for name in COLUMNS]
+    previous = -math.inf
+    for number, cells in enumerate(reader, start=2):
+        if number > MAX_ROWS + 1:
+            _refuse(path, f"has more than {MAX_ROWS} rows of poses; take fewer, or cut it up")
+        if not cells:
+            continue
+        if len(cells) != len(header):
+            _refuse(path, f"row {number}: has {len(cells)} cells; the header has {len(header)}")
+        values = [
+            _number(path, number, name, cells[place])
+            for name, place in zip(COLUMNS, places, strict=True)
+        ]
+        _check_row(path, number, values, previous)
+        previous = values[0]
+        yield values
+
+
+def _number(path: Path, row: int, column: str, cell: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        _refuse(
+            path, f"row {row}, column {column}: {cell.strip()[:_SHOWN]!r} must be a finite number"
+        )
+    return value
+
+
+def _check_row(path: Path, row: int, values: list[float], previous: float) -> None:
+    if not values[0] > previous:
+        _refuse(
+            path, f"row {row}, column time: {values[0]:g} must be more than {previous:g} before it"
+        )
+    for column, value in zip(COLUMNS[_POSITION], values[_POSITION], strict=True):
+        if abs(value) > MAX_DISTANCE:
+            _refuse(
+                path,
+                f"row {row}, column {column}: {value:g} m is more than {MAX_DISTANCE:g} m away;"
+                " positions must be in metres, are these millimetres?",
+            )
+    length = math.hypot(*values[_QUATERNION])
+    if abs(length - 1) > QUATERNION_TOLERANCE:
+        _refuse(
+            path,
+            f"row {row}, columns qw to qz: a quaternion of length {length:.4g} must have length 1"
+            f" within {QUATERNION_TOLERANCE}",
+        )
+
+
+def _refuse(path: Path, problem: str) -> NoReturn:
+    raise InvalidArgumentError(f"{path}: {problem}")

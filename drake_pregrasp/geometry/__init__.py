@@ -1,0 +1,1 @@
+"""Surfaces, shapes and solids: the geometry of the object, without Drake."""

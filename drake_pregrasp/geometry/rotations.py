@@ -1,0 +1,92 @@
+"""Rotation vectors and the rotations they stand for, one at a time.
+
+`scipy.spatial.transform.Rotation` does the same for many at once; for a single one its call takes
+ten to forty times as long, which a filter at a kilohertz can't afford.
+"""
+
+import math
+
+import numpy as np
+
+from drake_pregrasp.arrays import FloatArray
+
+_SMALL = 1e-2  # Radians: below it the series are exact to rounding.
+
+
+def rotation_matrix(theta: FloatArray) -> FloatArray:
+    """Returns Exp(theta), shape (3, 3), by Rodrigues' formula.
+
+    Args:
+        theta: Rotation vector, shape (3,), in radians.
+    """
+    a, b, _ = _coefficients(theta)
+    return _polynomial(theta, a, b)
+
+
+def rotation_vector(R: FloatArray) -> FloatArray:
+    """Returns the theta of least length with Exp(theta) = R, shape (3,), in radians.
+
+    It is taken by way of the unit quaternion, from its largest component (Shepperd, "Quaternion
+    from rotation matrix", 1978), so that it is exact at half a turn as well.
+
+    Args:
+        R: Rotation matrix, shape (3, 3).
+    """
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    largest = max(a + e + i, a, e, i)
+    if largest == a + e + i:
+        w, x, y, z = 1 + a + e + i, h - f, c - g, d - b
+    elif largest == a:
+        w, x, y, z = h - f, 1 + a - e - i, b + d, c + g
+    elif largest == e:
+        w, x, y, z = c - g, b + d, 1 + e - a - i, f + h
+    else:
+        w, x, y, z = d - b, c + g, f + h, 1 + i - a - e
+    if w < 0:
+        w, x, y, z = -w, -x, -y, -z
+    sine = math.sqrt(x * x + y * y + z * z)  # Both times the same factor, and so is the cosine.
+    half = math.atan2(sine, w)
+    scale = 2 * half / sine if sine > 0 else 0.0
+    return np.array([scale * x, scale * y, scale * z])
+
+
+def left_jacobian(theta: FloatArray) -> FloatArray:
+    """Returns J with Exp(theta + e) = Exp(J e) Exp(theta) to first order in e, shape (3, 3).
+
+    Args:
+        theta: Rotation vector, shape (3,), in radians.
+    """
+    _, b, c = _coefficients(theta)
+    return _polynomial(theta, b, c)
+
+
+def _polynomial(theta: FloatArray, first: float, second: float) -> FloatArray:
+    """Returns I + first [theta]x + second [theta]x², shape (3, 3)."""
+    x, y, z = theta.tolist()
+    a, b = first, second
+    return np.array(
+        [
+            [1 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
+            [b * x * y + a * z, 1 - b * (x * x + z * z), b * y * z - a * x],
+            [b * x * z - a * y, b * y * z + a * x, 1 - b * (x * x + y * y)],
+        ]
+    )
+
+
+def _coefficients(theta: FloatArray) -> tuple[float, float, float]:
+    """Returns sin(s)/s, (1 - cos(s))/s² and (s - sin(s))/s³, with s = |theta|."""
+    x, y, z = theta.tolist()
+    square = x * x + y * y + z * z
+    if square < _SMALL**2:
+        return (
+            1 - square / 6 * (1 - square / 20 * (1 - square / 42)),
+            (1 - square / 12 * (1 - square / 30 * (1 - square / 56))) / 2,
+            (1 - square / 20 * (1 - square / 42 * (1 - square / 72))) / 6,
+        )
+    angle = math.sqrt(square)
+    sine = math.sin(angle)
+    return (
+        sine / angle,
+        2 * math.sin(angle / 2) ** 2 / square,
+        (angle - sine) / (square * angle),
+    )

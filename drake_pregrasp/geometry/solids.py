@@ -1,0 +1,145 @@
+"""Convex solids, for no-touch areas, obstacles and the reach of fingers."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.errors import InvalidArgumentError
+
+
+class Solid(ABC):
+    """A closed convex set of points of a frame F, known by its signed distance."""
+
+    @abstractmethod
+    def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Returns the signed distances of points and the unit directions in which they grow.
+
+        Args:
+            p_FP: Shape (k, 3), in metres.
+
+        Returns:
+            Distances, shape (k,), in metres: below zero inside; and gradients, shape (k, 3).
+        """
+
+    @abstractmethod
+    def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "Solid":
+        """Returns the same solid expressed in a frame G, in which F has that pose."""
+
+    def distance(self, p_FP: FloatArray) -> FloatArray:
+        """Returns the signed distances of points, shape (k, 3), in metres: below zero inside."""
+        return self.distance_and_gradient(p_FP)[0]
+
+
+@dataclass(frozen=True, eq=False)
+class BallSolid(Solid):
+    """A ball.
+
+    Attributes:
+        center: Shape (3,), in metres.
+        radius: In metres, at least zero.
+    """
+
+    center: FloatArray
+    radius: float
+
+    def __post_init__(self) -> None:
+        if not self.radius >= 0:
+            raise InvalidArgumentError(f"a ball's radius must be at least 0 m, not {self.radius}")
+        for name, numbers in (("radius", self.radius), ("center", self.center)):
+            _check_finite(f"a ball's {name}", numbers)
+
+    def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `Solid`; at the centre the gradient is +z."""
+        away = p_FP - self.center
+        length = np.linalg.norm(away, axis=1)
+        return length - self.radius, _unit(away, length)
+
+    def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "BallSolid":
+        """See `Solid`."""
+        return BallSolid(R_GF @ self.center + p_GF, self.radius)
+
+
+@dataclass(frozen=True, eq=False)
+class BoxSolid(Solid):
+    """A box.
+
+    Attributes:
+        center: Shape (3,), in metres.
+        R_FB: Orientation of the box's axes, shape (3, 3).
+        size: Edge lengths, shape (3,), in metres.
+    """
+
+    center: FloatArray
+    R_FB: FloatArray
+    size: FloatArray
+
+    def __post_init__(self) -> None:
+        if not np.all(self.size >= 0):
+            raise InvalidArgumentError(
+                f"a box's edges must be at least 0 m long, not {list(self.size)}"
+            )
+        for name, numbers in (("edges", self.size), ("center", self.center), ("R_FB", self.R_FB)):
+            _check_finite(f"a box's {name}", numbers)
+
+    def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `Solid`."""
+        p_BP = (p_FP - self.center) @ self.R_FB
+        beyond = np.abs(p_BP) - self.size / 2
+        outside = np.maximum(beyond, 0)
+        length = np.linalg.norm(outside, axis=1)
+        nearest_face = np.eye(3)[np.argmax(beyond, axis=1)]
+        toward = np.where(length[:, None] > 0, outside, nearest_face)
+        toward *= np.where(p_BP < 0, -1.0, 1.0)
+        gradient = toward / np.linalg.norm(toward, axis=1, keepdims=True)
+        return length + np.minimum(np.max(beyond, axis=1), 0), gradient @ self.R_FB.T
+
+    def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "BoxSolid":
+        """See `Solid`."""
+        return BoxSolid(R_GF @ self.center + p_GF, R_GF @ self.R_FB, self.size)
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpace(Solid):
+    """All points on one side of a plane.
+
+    Attributes:
+        point: A point of the plane, shape (3,), in metres.
+        normal: Points out of the solid, shape (3,); of any length but zero.
+    """
+
+    point: FloatArray
+    normal: FloatArray
+
+    def __post_init__(self) -> None:
+        for name, numbers in (("point", self.point), ("normal", self.normal)):
+            _check_finite(f"a half-space's {name}", numbers)
+        length = float(np.linalg.norm(self.normal))
+        if not length > 0:
+            raise InvalidArgumentError("a half-space's normal must not be zero")
+        object.__setattr__(self, "normal", self.normal / length)
+
+    def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `Solid`."""
+        return self.distance(p_FP), np.tile(self.normal, (len(p_FP), 1))
+
+    def distance(self, p_FP: FloatArray) -> FloatArray:
+        """See `Solid`."""
+        distances: FloatArray = (p_FP - self.point) @ self.normal
+        return distances
+
+    def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "HalfSpace":
+        """See `Solid`."""
+        return HalfSpace(R_GF @ self.point + p_GF, R_GF @ self.normal)
+
+
+def _check_finite(name: str, numbers: float | FloatArray) -> None:
+    if not np.all(np.isfinite(numbers)):
+        raise InvalidArgumentError(f"{name} must be finite, not {np.asarray(numbers).tolist()}")
+
+
+def _unit(vectors: FloatArray, lengths: FloatArray) -> FloatArray:
+    there = lengths[:, None] > 0
+    units: FloatArray = np.where(there, vectors, [0.0, 0.0, 1.0])
+    return units / np.where(there, lengths[:, None], 1)

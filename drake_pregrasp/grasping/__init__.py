@@ -1,0 +1,1 @@
+"""Grasping: phases, squeeze forces, and paths of fingertips."""

@@ -1,0 +1,206 @@
+"""Places and paths of fingertips about an object."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.geometry.solids import Solid
+
+_PASSES = 6  # Solids and other tips that push one tip out push it into each other a few times.
+_SAMPLES = 17  # On a straight way: its least distance from a solid of a hand's size to 0.2 mm.
+_ON_SIDE = 0.7  # Level part of an outward direction that is that of a side.
+_ROUNDING = 1e-12  # Metres.
+_GRAZE = 1e-4  # Metres by which a way may come nearer than the clearance, and still be free.
+
+
+@dataclass(frozen=True, eq=False)
+class TipRoom:
+    """Where the centres of n fingertips may be, in the frame G that the object is carried in.
+
+    Attributes:
+        object: What is to be grasped, convex, upright: fingers go round it about z of G.
+        p_GO: A point inside it, shape (3,), in metres.
+        object_clearances: Least distance of each tip's centre from it, shape (n,), in metres.
+        others: What else to stay clear of, as the table and obstacles, each with the least distance
+            of tips' centres from it, or that of each, shape (n,), in metres.
+        spacing: Least distance of two tips' centres, in metres; or of each pair, shape (n, n).
+    """
+
+    object: Solid
+    p_GO: FloatArray
+    object_clearances: FloatArray
+    others: tuple[tuple[Solid, float | FloatArray], ...] = ()
+    spacing: float | FloatArray = 0.0
+
+    def permitted(self, p_GT: FloatArray) -> FloatArray:
+        """Returns the nearest permitted places, or nearly, shape (n, 3).
+
+        The object is never entered. Where others leave no room beside it, it is they that are.
+        """
+        p_GT = _pushed_out(p_GT, self.object, self.object_clearances)
+        for _ in range(_PASSES):
+            before = p_GT
+            for solid, clearance in self.others:
+                p_GT = _pushed_out(p_GT, solid, clearance)
+            p_GT = _spread(p_GT, self.spacing)
+            if p_GT is before:
+                break
+            p_GT = _pushed_out(p_GT, self.object, self.object_clearances)
+        return p_GT
+
+
+def shape_goals(p_GT: FloatArray, goal: FloatArray, step: float, room: TipRoom) -> FloatArray:
+    """Returns the next places of tips on their ways to goals, shape (n, 3).
+
+    A tip goes straight where the way is free of the object, and otherwise round it, on the side
+    that is shorter. It goes no farther than a step, but where solids or other tips push it out.
+
+    Args:
+        p_GT: Where the tips' centres are, in G, shape (n, 3), in metres.
+        goal: Where they are to go, shape (n, 3): permitted places.
+        step: Largest way, in metres.
+        room: Where they may be.
+    """
+    way = goal - p_GT
+    free = _is_free(p_GT, goal, room)
+    if not np.all(free):
+        way = np.where(free[:, None], way, _way_round(p_GT, goal, room))
+    length = np.linalg.norm(way, axis=1, keepdims=True)
+    return room.permitted(p_GT + way * np.minimum(1.0, step / np.maximum(length, step)))
+
+
+def _is_free(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> BoolArray:
+    shares = np.linspace(0.0, 1.0, _SAMPLES)[:, None, None]
+    points = p_GT + shares * (goal - p_GT)
+    distances = room.object.distance(points.reshape(-1, 3)).reshape(_SAMPLES, -1)
+    free: BoolArray = np.min(distances, axis=0) >= room.object_clearances - _GRAZE
+    return free
+
+
+def _way_round(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> FloatArray:
+    """Returns ways along the object's side, level but for the height that is still to go.
+
+    On top of it, and below, ways just slide along the surface.
+    """
+    _, outward = room.object.distance_and_gradient(p_GT)
+    straight = goal - p_GT
+    sliding = straight - np.sum(straight * outward, axis=1, keepdims=True) * outward
+    here, there = (p_GT - room.p_GO)[:, :2], (goal - room.p_GO)[:, :2]
+    turn = here[:, 0] * there[:, 1] - here[:, 1] * there[:, 0]
+    angle = np.arctan2(turn, np.sum(here * there, axis=1))
+    tangent = np.stack([-outward[:, 1], outward[:, 0]], axis=1)
+    arc = angle * np.linalg.norm(here, axis=1)
+    round_it = np.column_stack([arc[:, None] * tangent, straight[:, 2]])
+    on_side = np.linalg.norm(tangent, axis=1) > _ON_SIDE
+    ways: FloatArray = np.where(on_side[:, None], round_it, sliding)
+    return ways
+
+
+def _pushed_out(p_GT: FloatArray, solid: Solid, clearance: float | FloatArray) -> FloatArray:
+    """Returns tips at a solid's clearance or farther; the same array if they are already."""
+    distance, gradient = solid.distance_and_gradient(p_GT)
+    lacking = clearance - distance
+    if np.max(lacking) <= _ROUNDING:
+        return p_GT
+    return p_GT + np.maximum(lacking, 0)[:, None] * gradient
+
+
+def _spread(p_GT: FloatArray, spacing: float | FloatArray) -> FloatArray:
+    """Pushes tips apart that are too near, both by the same; else returns the same array."""
+    away = p_GT[:, None] - p_GT
+    distance = np.sqrt(np.einsum("ijk,ijk->ij", away, away))
+    lacking = np.maximum(spacing - distance, 0)
+    np.fill_diagonal(lacking, 0)
+    if np.max(lacking, initial=0) <= _ROUNDING:
+        return p_GT
+    unit = np.where(distance[..., None] > 0, away, np.triu(np.ones_like(distance))[..., None] - 0.5)
+    unit /= np.linalg.norm(unit, axis=2, keepdims=True)
+    apart: FloatArray = p_GT + np.sum(lacking[..., None] / 2 * unit, axis=1)
+    return apart
+
+
+MOVING_CLEARANCE = 0.008
+"""Least gap between moving fingertips and the object, in metres."""
+
+OTHER_CLEARANCE = 0.004
+"""Least gap between fingertips and all else, also among themselves, in metres."""
+
+_WITHDRAWN_CLEARANCE = 0.02  # Of fingers without a contact, over the object's top, in metres.
+
+
+@dataclass(frozen=True, eq=False)
+class TipPlaces:
+    """The fingertips of a hand about an object O that is carried in the frame G.
+
+    Attributes:
+        tip_radii: Of the fingertips, shape (n,), in metres.
+        ways_out: Level unit vectors to the fingers in the frame U of the palm, shape (n, 3).
+        withdrawn_radii: How far from z of G each finger without a contact waits, shape (n,), in
+            metres.
+        object_top: How high the object reaches over O, in metres.
+    """
+
+    tip_radii: FloatArray
+    ways_out: FloatArray
+    withdrawn_radii: FloatArray
+    object_top: float
+
+    def first_contacts(self, p_GT: FloatArray, standoff: float) -> tuple[FloatArray, FloatArray]:
+        """Returns contacts of tips that are to stay where they are, and normals, shape (n, 3).
+
+        Args:
+            p_GT: The tips' centres in G, shape (n, 3), in metres.
+            standoff: The gap between tips and contacts, in metres.
+        """
+        outward = p_GT * [1.0, 1.0, 0.0]
+        length = np.linalg.norm(outward, axis=1, keepdims=True)
+        normals = np.where(length > 0, outward / np.where(length > 0, length, 1), self.ways_out)
+        return p_GT - (self.tip_radii + standoff)[:, None] * normals, normals
+
+    def withdrawn(self, p_GT: FloatArray, R_GU: FloatArray | None) -> FloatArray:
+        """Returns where fingers without a contact wait over the object, in G, shape (n, 3).
+
+        Args:
+            p_GT: Where tips are, in G, shape (n, 3), in metres.
+            R_GU: Orientation of the palm, shape (3, 3); without it tips wait at their azimuths.
+        """
+        level = p_GT * [1.0, 1.0, 0.0] if R_GU is None else self.ways_out @ R_GU.T
+        least = self.tip_radii[:, None]
+        length = np.maximum(np.linalg.norm(level, axis=1, keepdims=True), least)
+        raised: FloatArray = level * self.withdrawn_radii[:, None] / length
+        raised[:, 2] = self.object_top + self.tip_radii + _WITHDRAWN_CLEARANCE
+        return raised
+
+    def room(
+        self,
+        object_solid: Solid,
+        gaps: FloatArray,
+        *,
+        fixed: Sequence[Solid],
+        obstacles: Sequence[Solid],
+        holding: BoolArray,
+    ) -> TipRoom:
+        """Returns where the tips' centres may be.
+
+        Args:
+            object_solid: The object in G, convex.
+            gaps: That tips are to have from it, shape (n,), in metres; below zero they press.
+            fixed: Solids in G that all tips stay off, as the table.
+            obstacles: Solids in G that tips stay off unless they hold.
+            holding: Which tips hold the object, shape (n,).
+        """
+        clearances = self.tip_radii + OTHER_CLEARANCE
+        # A finger that were pushed along the object would lose the grasp.
+        heeded = np.where(holding, -np.inf, clearances)
+        return TipRoom(
+            object=object_solid,
+            p_GO=np.zeros(3),
+            object_clearances=self.tip_radii + np.minimum(gaps, MOVING_CLEARANCE),
+            others=(
+                *((solid, clearances) for solid in fixed),
+                *((solid, heeded) for solid in obstacles),
+            ),
+            spacing=self.tip_radii[:, None] + self.tip_radii + OTHER_CLEARANCE,
+        )

@@ -1,0 +1,258 @@
+"""What a hand does next: approach, track, close until touch, squeeze, lift, hold, or back off.
+
+The decisions only, from what is seen at a control tick; who carries goals, moves joints and
+measures forces is elsewhere.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from drake_pregrasp.arrays import BoolArray
+from drake_pregrasp.geometry.motion_profiles import Ramp
+from drake_pregrasp.grasping.grasp_state import (
+    GiveUp,
+    GraspPhase,
+    GraspSettings,
+    GraspState,
+    GraspView,
+)
+from drake_pregrasp.grasping.squeeze import Squeeze
+
+GATE_SHARE = 0.5
+"""Of the imbalance that a squeeze may have: what the gate lets pass. Contacts may still shift."""
+
+CRUSHING = 1.3
+"""Times the largest planned force from which on a hand lets go: torques tell forces roughly."""
+
+
+def fingers_have_arrived(view: GraspView, settings: GraspSettings) -> bool:
+    """Returns whether no active finger is on its way."""
+    return bool(np.all(view.distances[view.active] <= settings.gate_distance))
+
+
+def hindrance(
+    view: GraspView, settings: GraspSettings, squeeze: Callable[[BoolArray], Squeeze]
+) -> tuple[GiveUp, float] | None:
+    """Returns why closing now would be in vain, and what goes with it; None if it wouldn't.
+
+    Args:
+        view: What is seen.
+        settings: How the hand grasps.
+        squeeze: As for `next_state`.
+    """
+    count = int(np.sum(view.active))
+    if count < settings.least_fingers:
+        return GiveUp.TOO_FEW_FINGERS, count
+    residual = squeeze(view.active).residual
+    allowed = GATE_SHARE * settings.imbalance
+    return (GiveUp.OUT_OF_BALANCE, residual) if residual > allowed else None
+
+
+def next_state(
+    state: GraspState,
+    view: GraspView,
+    settings: GraspSettings,
+    period: float,
+    squeeze: Callable[[BoolArray], Squeeze],
+) -> GraspState:
+    """Returns the state after a tick.
+
+    Args:
+        state: Before it.
+        view: What is seen at it.
+        settings: How the hand grasps.
+        period: Seconds to the next tick.
+        squeeze: Gives the forces of the fingers in a mask, in O, with zeros for the others.
+    """
+    asked = min(state.asked, view.time) if view.close else np.inf
+    state = replace(state, asked=asked)
+    step = _STEPS[GraspPhase(state.phase)]
+    if GraspPhase.CLOSE <= state.phase <= GraspPhase.HOLD:
+        fault = _fault(state, view, settings)
+        if fault is not None:
+            return _open(state, view, *fault)
+    return step(state, view, settings, period, squeeze)
+
+
+def _fault(
+    state: GraspState, view: GraspView, settings: GraspSettings
+) -> tuple[GiveUp, float] | None:
+    if not view.close:
+        return GiveUp.TOLD_TO_OPEN, 0.0
+    if state.phase == GraspPhase.CLOSE and not view.sees:  # It has no hold yet.
+        return GiveUp.OBJECT_UNSEEN, 0.0
+    excess = view.presses - CRUSHING * settings.largest_force
+    hardest = int(np.argmax(np.where(np.isnan(excess), -np.inf, excess)))
+    if excess[hardest] > 0:
+        return GiveUp.PRESSED_TOO_HARD, hardest
+    if state.phase >= GraspPhase.LIFT:
+        lost = np.flatnonzero(state.active & (view.presses < settings.touch_force / 2))
+        if len(lost):
+            return GiveUp.LOST_TOUCH, float(lost[0])
+    return None
+
+
+def _enter(state: GraspState, phase: GraspPhase, view: GraspView) -> GraspState:
+    return replace(state, phase=phase, since=view.time)
+
+
+def _open(state: GraspState, view: GraspView, reason: GiveUp, detail: float) -> GraspState:
+    return replace(
+        _enter(state, GraspPhase.BACK_OFF, view),
+        reason=reason,
+        detail=detail,
+        height=Ramp.at_rest(state.height.value(view.time)),
+        force=Ramp.at_rest(state.force.value(view.time)),
+    )
+
+
+def _approach(
+    state: GraspState, view: GraspView, settings: GraspSettings, period: float, squeeze: object
+) -> GraspState:
+    """Comes down, and stays at its height as long as it doesn't see what it comes down to."""
+    now = view.time
+    if not view.sees:
+        return replace(state, height=Ramp.at_rest(state.height.value(now)))
+    if not state.height.is_over(now):
+        return state
+    if state.height.last > 0:
+        down = Ramp(now, settings.approach_duration, state.height.last, 0.0)
+        return replace(state, height=down)
+    return _enter(state, GraspPhase.TRACK, view)
+
+
+def _track(
+    state: GraspState,
+    view: GraspView,
+    settings: GraspSettings,
+    period: float,
+    squeeze: Callable[[BoolArray], Squeeze],
+) -> GraspState:
+    """Waits, with a limit, for fingers on their way and for a grasp that can hold.
+
+    For an object to be seen again it waits without one, and the limit begins anew after that.
+    """
+    if np.isinf(state.asked):
+        return state
+    if not view.sees:
+        waiting = _enter(state, GraspPhase.TRACK, view)
+        return replace(waiting, reason=GiveUp.OBJECT_UNSEEN, detail=0.0)
+    if state.reason == GiveUp.OBJECT_UNSEEN:
+        state = replace(state, reason=GiveUp.NONE, detail=0.0)
+    waited = view.time - max(state.asked, state.since) >= settings.gate_limit - 1e-9
+    if not waited and not fingers_have_arrived(view, settings):
+        return state
+    why_not = hindrance(view, settings, squeeze)
+    if why_not is None:
+        closing = _enter(state, GraspPhase.CLOSE, view)
+        return replace(closing, active=view.active.copy(), reason=GiveUp.NONE, detail=0.0)
+    return _open(state, view, *why_not) if waited else state
+
+
+def _close(
+    state: GraspState,
+    view: GraspView,
+    settings: GraspSettings,
+    period: float,
+    squeeze: Callable[[BoolArray], Squeeze],
+) -> GraspState:
+    feels = (view.presses >= settings.touch_force) & (view.gaps <= settings.search)
+    touches = state.active & ~state.touched & feels
+    touched = state.touched | touches
+    elapsed = view.time - state.since
+    speed = np.minimum(settings.closing_speed, settings.closing_acceleration * elapsed)
+    moving = state.active & ~touched
+    # A finger that meets the object stays where it is, and no longer where it was to go.
+    met = np.maximum(view.gaps, -np.asarray(settings.search))
+    standoffs = np.where(touches, met, state.standoffs - np.where(moving, speed * period, 0))
+    state = replace(state, touched=touched, standoffs=standoffs)
+    if not np.any(moving):
+        return _begin_squeeze(state, view, settings, squeeze)
+    missed = np.flatnonzero(moving & (standoffs < -settings.search))
+    if len(missed):
+        return _open(state, view, GiveUp.MET_NOTHING, float(missed[0]))
+    return state
+
+
+def _begin_squeeze(
+    state: GraspState,
+    view: GraspView,
+    settings: GraspSettings,
+    squeeze: Callable[[BoolArray], Squeeze],
+) -> GraspState:
+    planned = squeeze(state.active)
+    if planned.residual > settings.imbalance:
+        return _open(state, view, GiveUp.OUT_OF_BALANCE, planned.residual)
+    return replace(
+        _enter(state, GraspPhase.SQUEEZE, view),
+        gripped=view.time,
+        forces=planned.forces,
+        force=Ramp(view.time, settings.squeeze_duration, 0.0, 1.0),
+    )
+
+
+def _squeeze(
+    state: GraspState, view: GraspView, settings: GraspSettings, period: float, squeeze: object
+) -> GraspState:
+    if not state.force.is_over(view.time):
+        return state
+    lift = Ramp(view.time, settings.lift_duration, 0.0, settings.lift_height)
+    return replace(_enter(state, GraspPhase.LIFT, view), height=lift)
+
+
+def _lift(
+    state: GraspState, view: GraspView, settings: GraspSettings, period: float, squeeze: object
+) -> GraspState:
+    return _enter(state, GraspPhase.HOLD, view) if state.height.is_over(view.time) else state
+
+
+def _hold(
+    state: GraspState, view: GraspView, settings: GraspSettings, period: float, squeeze: object
+) -> GraspState:
+    return state
+
+
+def _back_off(
+    state: GraspState, view: GraspView, settings: GraspSettings, period: float, squeeze: object
+) -> GraspState:
+    """Sets down what was lifted, lets go, opens, and goes up; one after another.
+
+    If it had not gripped the object, it then begins anew once it is no longer told to close. If it
+    had, it no longer follows it, and stays where it is.
+    """
+    now = view.time
+    if not state.height.is_over(now) or not state.force.is_over(now):
+        return state
+    height = state.height.value(now)
+    if state.force.value(now) > 0 or np.any(state.touched):
+        if height > 0:
+            return replace(state, height=Ramp(now, settings.lift_duration, height, 0.0))
+        share = state.force.value(now)
+        return replace(
+            state,
+            force=Ramp(now, settings.squeeze_duration / 2, share, 0.0),
+            touched=np.zeros_like(state.touched),
+        )
+    opened = np.minimum(settings.standoff, state.standoffs + settings.closing_speed * period)
+    if np.any(opened < settings.standoff):
+        return replace(state, standoffs=opened)
+    if height < settings.approach_height:
+        up = Ramp(now, settings.approach_duration, height, settings.approach_height)
+        return replace(state, height=up, standoffs=opened)
+    if view.close or np.isfinite(state.gripped):
+        return replace(state, standoffs=opened)
+    down = Ramp(now, settings.approach_duration, height, 0.0)
+    return replace(_enter(state, GraspPhase.APPROACH, view), height=down, standoffs=opened)
+
+
+_STEPS: dict[GraspPhase, Callable[..., GraspState]] = {
+    GraspPhase.APPROACH: _approach,
+    GraspPhase.TRACK: _track,
+    GraspPhase.CLOSE: _close,
+    GraspPhase.SQUEEZE: _squeeze,
+    GraspPhase.LIFT: _lift,
+    GraspPhase.HOLD: _hold,
+    GraspPhase.BACK_OFF: _back_off,
+}

@@ -1,1 +1,0 @@
-"""The mathematics of dynamic pre-grasp planning, equation by equation, without Drake."""

@@ -1,0 +1,312 @@
+"""Margins of force closure: min-weight, Ferrari-Canny, and a certified lower bound in closed form.
+
+Both look at the primitive wrenches of a grasp: what the edges of a pyramid inside each contact's
+cone of forces pass on to the object, per newton of normal force.
+"""
+
+import numpy as np
+from scipy.optimize import linprog
+from scipy.spatial import ConvexHull, QhullError
+
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.quality.contact_models import contact_blocks
+
+CONE_MODELS = ("hard_finger", "soft_finger", "frictionless")
+"""The contact models with a cone of forces. The complete one pulls as well as it pushes."""
+
+_RANK_TOLERANCE = 1e-9  # Of singular values, for wrenches of the order of one.
+
+CONE_EDGES = 8
+"""Edges of the pyramid that stands for a friction cone."""
+
+FRICTION = 0.7
+"""Coulomb's coefficient where none is given: rubber on most things."""
+
+TORSIONAL_FRICTION = 0.004
+"""Moment about the normal that a soft finger holds per newton of normal force, in metres.
+
+It is 3 pi/16 times friction times the patch's radius (Johnson, Contact Mechanics, 1985, for a
+Hertzian patch that turns as a whole): 4 mm are a patch of 10 mm with friction 0.7.
+"""
+
+
+def min_weight_margin(
+    p_CoMC: FloatArray,
+    nhat: FloatArray,
+    friction: float,
+    *,
+    model: str = "hard_finger",
+    torsional_friction: float = TORSIONAL_FRICTION,
+) -> float:
+    """Returns the normalised min-weight margin of a grasp, in [0, 1].
+
+    The m primitive wrenches of all contacts are to balance with weights a >= 0 that add up to one;
+    the margin is m times the largest possible least weight. It is above zero if and only if the
+    grasp has force closure, which Q_MSV, Q_GII and Q_VEW don't see. The metric is that of FRoGGeR
+    (Li et al., arXiv 2302.13687). It doesn't depend on the unit of length.
+
+    Args:
+        p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
+        nhat: Outward unit normals there, in the same frame, shape (n, 3).
+        friction: Coulomb's coefficient.
+        model: One of `CONE_MODELS`.
+        torsional_friction: Of the soft finger, in metres.
+
+    Raises:
+        InvalidArgumentError: If there is no such model, or a coefficient is below 0.
+    """
+    W = primitive_wrenches(
+        p_CoMC, nhat, friction, model=model, torsional_friction=torsional_friction
+    )
+    # In this unit of torque tolerances mean the same on any object.
+    W[3:] /= longest_arm(p_CoMC)
+    if not _spans_all_wrenches(W):
+        return 0.0
+    m = W.shape[1]
+    # With a = b + l, b >= 0: max l with W (b + l) = 0, sum (b + l) = 1.
+    A = np.vstack([W, np.ones((1, m))])
+    solution = linprog(
+        c=np.append(np.zeros(m), -1.0),
+        A_eq=np.hstack([A, np.sum(A, axis=1, keepdims=True)]),
+        b_eq=np.append(np.zeros(6), 1.0),
+        bounds=(0, None),
+    )
+    return max(0.0, float(m * solution.x[-1])) if solution.success else 0.0
+
+
+def longest_arm(p_CoMC: FloatArray) -> float:
+    """Returns the longest of some lever arms, shape (..., 3), in metres; above zero in any case."""
+    lengths = np.linalg.norm(p_CoMC, axis=-1)
+    return float(max(np.max(lengths, initial=0.0), np.finfo(float).tiny))
+
+
+def ferrari_canny(
+    p_CoMC: FloatArray,
+    nhat: FloatArray,
+    friction: float,
+    *,
+    length: float,
+    model: str = "hard_finger",
+    torsional_friction: float = TORSIONAL_FRICTION,
+) -> float:
+    """Returns the radius of the largest ball about the origin that the grasp wrench space holds.
+
+    The space is the convex hull of the primitive wrenches: normal forces that add up to one newton
+    (the L1 metric of Ferrari & Canny, ICRA 1992). The radius is the smallest wrench that defeats
+    them, in newtons, with torques divided by `length`; zero without force closure.
+
+    Args:
+        p_CoMC: As for `min_weight_margin`.
+        nhat: As for `min_weight_margin`.
+        friction: As for `min_weight_margin`.
+        length: What torques are divided by, in metres.
+        model: One of `CONE_MODELS`.
+        torsional_friction: Of the soft finger, in metres.
+
+    Raises:
+        InvalidArgumentError: As of `min_weight_margin`, or if the length isn't above 0.
+    """
+    if not length > 0:
+        raise InvalidArgumentError(f"length must be greater than 0 m, not {length}")
+    W = primitive_wrenches(
+        p_CoMC, nhat, friction, model=model, torsional_friction=torsional_friction
+    )
+    W[3:] /= longest_arm(p_CoMC)
+    # A hull in six dimensions has seven corners or more.
+    if W.shape[1] <= len(W) or not _spans_all_wrenches(W):
+        return 0.0
+    W[3:] *= longest_arm(p_CoMC) / length
+    try:
+        hull = ConvexHull(W.T)
+    except QhullError:  # All wrenches lie in one plane beside the origin.
+        return 0.0
+    # Each facet's plane is normal @ x + offset = 0, with its unit normal pointing out.
+    return max(0.0, float(-np.max(hull.equations[:, -1])))
+
+
+def primitive_wrenches(
+    p_CoMC: FloatArray, nhat: FloatArray, friction: float, *, model: str, torsional_friction: float
+) -> FloatArray:
+    """Returns the wrenches of unit normal force along the cones' edges, torques in metres.
+
+    Args:
+        p_CoMC: As for `min_weight_margin`.
+        nhat: As for `min_weight_margin`.
+        friction: As for `min_weight_margin`.
+        model: One of `CONE_MODELS`.
+        torsional_friction: As for `min_weight_margin`.
+
+    Returns:
+        Shape (6, en) for e edges a contact.
+    """
+    edges = cone_edges(friction, model, torsional_friction)
+    wrenches = contact_blocks(p_CoMC, nhat, model) @ edges
+    W: FloatArray = wrenches.transpose(1, 0, 2).reshape(6, -1)
+    return W
+
+
+def cone_edges(friction: float, model: str, torsional_friction: float) -> FloatArray:
+    """Returns the edges of a contact's cone in the coordinates of its model: n, t, o, moment.
+
+    A soft finger has two edges more, with moment and without tangential force: the polytope is
+    inscribed in the ellipsoid that bounds both together.
+
+    Returns:
+        Shape (k, e); the first row, normal forces, is all ones, and E Eᵀ is diagonal.
+
+    Raises:
+        InvalidArgumentError: If there is no such model, or a coefficient is below 0.
+    """
+    if model not in CONE_MODELS:
+        raise InvalidArgumentError(
+            f"no contact model with a friction cone {model!r}; there are: {', '.join(CONE_MODELS)}"
+        )
+    for name, value in (("friction", friction), ("torsional_friction", torsional_friction)):
+        if not value >= 0:
+            raise InvalidArgumentError(f"{name} must be at least 0, not {value}")
+    if model == "frictionless":
+        return np.ones((1, 1))
+    angles = 2 * np.pi * np.arange(CONE_EDGES) / CONE_EDGES
+    E = np.stack([np.ones(CONE_EDGES), friction * np.cos(angles), friction * np.sin(angles)])
+    if model == "soft_finger":
+        twists = np.array([[1.0, 1], [0, 0], [0, 0]])
+        moments = np.append(np.zeros(CONE_EDGES), [torsional_friction, -torsional_friction])
+        E = np.vstack([np.hstack([E, twists]), moments])
+    return E
+
+
+def _spans_all_wrenches(W: FloatArray) -> bool:
+    """Returns whether the rank is six; torques are in a unit that makes them comparable."""
+    return bool(np.linalg.matrix_rank(W, tol=_RANK_TOLERANCE) == len(W))
+
+
+_GRAM_RANK_TOLERANCE = 1e-10  # Of a pivot over the largest one, torques being divided by an arm.
+
+
+def least_norm_margin(
+    p_CoMC: FloatArray,
+    nhat: FloatArray,
+    friction: float,
+    *,
+    model: str = "hard_finger",
+    torsional_friction: float = TORSIONAL_FRICTION,
+) -> FloatArray:
+    """Returns the lower bound m min(a) of the margin, at most 1, for sets of n contacts at once.
+
+    Args:
+        p_CoMC: Lever arms from the centre of mass to the contacts, shape (..., n, 3), in metres.
+        nhat: Outward unit normals there, in the same frame, shape (..., n, 3).
+        friction: Coulomb's coefficient.
+        model: One of `CONE_MODELS`.
+        torsional_friction: Of the soft finger, in metres.
+
+    Returns:
+        Shape (...); -inf where the wrenches don't span all there are.
+
+    Raises:
+        InvalidArgumentError: As of `min_weight_margin`.
+    """
+    E = cone_edges(friction, model, torsional_friction)
+    P = _balance_blocks(p_CoMC, nhat, model, longest_arm(p_CoMC))
+    y, spans = _solve(np.sum(_grams(P, E), axis=2))
+    weights = _edge_weights(P, E, y[:, None, None])
+    least = np.min(weights, axis=(0, 1), initial=np.inf)
+    m = E.shape[1] * p_CoMC.shape[-2]
+    return np.where(spans, m * np.where(spans, least, 0), -np.inf)
+
+
+def moved_least_norm_margin(
+    p_CoMC: FloatArray,
+    nhat: FloatArray,
+    friction: float,
+    *,
+    moved: IntArray,
+    p_CoMQ: FloatArray,
+    nhat_Q: FloatArray,
+    model: str = "hard_finger",
+    torsional_friction: float = TORSIONAL_FRICTION,
+) -> FloatArray:
+    """Returns `least_norm_margin` of one grasp with one contact moved, for N places at once.
+
+    Args:
+        p_CoMC: As for `least_norm_margin`, shape (n, 3).
+        nhat: As for `least_norm_margin`, shape (n, 3).
+        friction: As for `least_norm_margin`.
+        moved: Index of the contact that moves to each place, shape (N,).
+        p_CoMQ: Lever arms of the places, shape (N, 3), in metres.
+        nhat_Q: Outward unit normals there, shape (N, 3).
+        model: As for `least_norm_margin`.
+        torsional_friction: As for `least_norm_margin`.
+
+    Returns:
+        Shape (N,).
+
+    Raises:
+        InvalidArgumentError: As of `min_weight_margin`.
+    """
+    E = cone_edges(friction, model, torsional_friction)
+    arm = max(longest_arm(p_CoMC), longest_arm(p_CoMQ))
+    P = _balance_blocks(p_CoMC, nhat, model, arm)
+    P_Q = _balance_blocks(p_CoMQ, nhat_Q, model, arm)
+    held = _grams(P, E)
+    others = np.sum(held, axis=2)[:, :, None] - held
+    y, spans = _solve(others[:, :, moved] + _grams(P_Q, E))
+    least = np.min(_edge_weights(P_Q, E, y[:, None]), axis=0)
+    n = len(p_CoMC)
+    for i in range(n):
+        places = np.flatnonzero(moved == i)
+        held_P = np.delete(P, i, axis=2)[..., None]
+        weights = _edge_weights(held_P, E, y[:, None, None, places])
+        least[places] = np.minimum(least[places], np.min(weights, axis=(0, 1), initial=np.inf))
+    return np.where(spans, n * E.shape[1] * np.where(spans, least, 0), -np.inf)
+
+
+# Below, the 7 rows of A come first and the many grasps last, so that loops over few rows vectorise.
+
+
+def _balance_blocks(p_CoMC: FloatArray, nhat: FloatArray, model: str, arm: float) -> FloatArray:
+    """Returns P_i, shape (7, k, n, ...) for contacts (..., n, 3), torques divided by an arm."""
+    G = contact_blocks(p_CoMC, nhat, model)
+    G[..., 3:, :] /= arm
+    ones = np.zeros((*G.shape[:-2], 1, G.shape[-1]))
+    ones[..., 0] = 1
+    P = np.concatenate([G, ones], axis=-2)
+    return np.ascontiguousarray(P.transpose(-2, -1, -3, *range(P.ndim - 3)))
+
+
+def _grams(P: FloatArray, E: FloatArray) -> FloatArray:
+    """Returns P_i (E Eᵀ) P_iᵀ, shape (7, 7, n, ...)."""
+    scaled = P * np.sum(E**2, axis=1).reshape(-1, *[1] * (P.ndim - 2))
+    grams: FloatArray = np.einsum("ak...,bk...->ab...", scaled, P)
+    return grams
+
+
+def _edge_weights(P: FloatArray, E: FloatArray, y: FloatArray) -> FloatArray:
+    """Returns the weights Eᵀ P_iᵀ y of the edges, shape (e, n, ...), y running along axis 0."""
+    components = np.sum(P * y, axis=0)
+    weights: FloatArray = np.tensordot(E.T, components, axes=1)
+    return weights
+
+
+def _solve(M: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Returns y of M y = e, shape (7, ...), and whether M has full rank, by M = L D Lᵀ.
+
+    As L is unit triangular and e has only its last element, D Lᵀ y = e.
+    """
+    size = len(M)
+    largest = np.max(np.einsum("aa...->a...", M), axis=0)
+    M, L = M.copy(), np.zeros_like(M)
+    spans = np.ones(M.shape[2:], dtype=bool)
+    pivot = largest
+    for j in range(size):
+        pivot = M[j, j]
+        spans &= pivot > _GRAM_RANK_TOLERANCE * largest
+        pivot = np.where(spans, pivot, 1)
+        L[j + 1 :, j] = M[j + 1 :, j] / pivot
+        M[j + 1 :, j + 1 :] -= L[j + 1 :, None, j] * M[None, j, j + 1 :]
+    y = np.zeros((size, *M.shape[2:]))
+    y[-1] = 1 / pivot
+    for j in reversed(range(size - 1)):
+        y[j] = -np.sum(L[j + 1 :, j] * y[j + 1 :], axis=0)
+    return y, spans

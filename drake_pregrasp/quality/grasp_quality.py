@@ -1,0 +1,144 @@
+"""The measures Q_MSV, Q_GII and Q_VEW, the classification of Eq. 8-9, and hand-centric measures."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.quality.contact_models import grasp_matrix
+
+_WRENCH_SIZE = 6
+_RANK_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True)
+class GraspQuality:
+    """Quality of a set of contacts; zeros where there is no contact.
+
+    Attributes:
+        q_msv: Smallest singular value of the grasp matrix G, zero if it has too few columns.
+        q_gii: Grasp isotropy index: smallest over largest singular value.
+        q_vew: Volume of the wrench ellipsoid, sqrt(det(G Gᵀ)).
+        graspable: 1 if N(G) is not trivial (Eq. 9), else 0.
+        indeterminate: 1 if N(Gᵀ) is not trivial (Eq. 8), else 0.
+    """
+
+    q_msv: float
+    q_gii: float
+    q_vew: float
+    graspable: float
+    indeterminate: float
+
+    def to_vector(self) -> FloatArray:
+        """Returns the values in the order of the attributes."""
+        return np.array(list(vars(self).values()))
+
+    @staticmethod
+    def names() -> list[str]:
+        """Returns the attributes' names in their order."""
+        return [field.name for field in fields(GraspQuality)]
+
+
+def grasp_quality(
+    p_CoMC: FloatArray,
+    nhat: FloatArray | None = None,
+    *,
+    model: str = "complete",
+    length: float = 1.0,
+) -> GraspQuality:
+    """Measures a grasp by the grasp matrix of a contact model, and classifies it (Eq. 8-9).
+
+    Of the complete model the classification would be vacuous: with two contacts or more, 6n > 6
+    columns of rank 6 always make it graspable. It is then run on the hard-finger model.
+
+    Args:
+        p_CoMC: Lever arms of the active contacts, as for `grasp_matrix`.
+        nhat: Outward unit normals there, as for `grasp_matrix`.
+        model: One of `CONTACT_MODELS`.
+        length: Unit of the lever arms in the measures, as for `grasp_matrix`; the paper's is 1 m.
+
+    Raises:
+        InvalidArgumentError: As of `grasp_matrix`.
+    """
+    sigma = np.zeros(_WRENCH_SIZE)
+    G = grasp_matrix(p_CoMC, nhat, model, length=length)
+    if len(p_CoMC) == 0:
+        return GraspQuality(0.0, 0.0, 0.0, graspable=0.0, indeterminate=1.0)
+    # Fewer than six columns leave singular values of zero.
+    found = np.linalg.svd(G, compute_uv=False)
+    sigma[: len(found)] = found
+    # Of each contact the first columns, up to three, are the forces: all that a hard finger has.
+    blocks = G.reshape(_WRENCH_SIZE, len(p_CoMC), -1)
+    blocks = (blocks[:, :, :3] if model == "complete" else blocks).copy()
+    # Their torques are divided by the longest lever arm, so that ranks don't depend on units.
+    longest = max(float(np.sqrt((p_CoMC**2).sum(axis=1).max())), np.finfo(float).tiny)
+    blocks[3:, :, :3] *= length / longest
+    H = blocks.reshape(_WRENCH_SIZE, -1)
+    rank = np.count_nonzero(np.linalg.svd(H, compute_uv=False) > _RANK_TOLERANCE)
+    return GraspQuality(
+        q_msv=float(sigma[-1]),
+        q_gii=float(sigma[-1] / sigma[0]),
+        q_vew=float(np.prod(sigma)),
+        graspable=float(rank < H.shape[1]),
+        indeterminate=float(rank < _WRENCH_SIZE),
+    )
+
+
+def distance_to_singularity(J: FloatArray) -> FloatArray:
+    """Returns the smallest singular value of J: zero at a singular configuration.
+
+    With fewer joints than rows, k < r, it is always zero: some velocity can't be made.
+
+    Args:
+        J: Shape (..., r, k).
+
+    Raises:
+        InvalidArgumentError: If J has another shape.
+    """
+    return _singular_values(J)[..., -1]
+
+
+def manipulability_volume(J: FloatArray) -> FloatArray:
+    """Returns the product of the singular values, sqrt(det(J Jᵀ)).
+
+    It is the volume of the manipulability ellipsoid up to a constant (Yoshikawa, 1985).
+
+    Args:
+        J: Shape (..., r, k).
+
+    Raises:
+        InvalidArgumentError: If J has another shape.
+    """
+    volume: FloatArray = np.prod(_singular_values(J), axis=-1)
+    return volume
+
+
+def uniformity_of_transformation(J: FloatArray) -> FloatArray:
+    """Returns the smallest over the largest singular value, in [0, 1]; zero for J = 0.
+
+    It is 1 where all directions are equally easy. Roa & Suárez state its inverse, the condition
+    number (after Salisbury & Craig, 1982); this way round, more is better.
+
+    Args:
+        J: Shape (..., r, k).
+
+    Raises:
+        InvalidArgumentError: If J has another shape.
+    """
+    sigma = _singular_values(J)
+    largest = np.where(sigma[..., 0] > 0, sigma[..., 0], 1)
+    uniformity: FloatArray = sigma[..., -1] / largest
+    return uniformity
+
+
+def _singular_values(J: FloatArray) -> FloatArray:
+    """Returns r singular values in falling order, with zeros where there are fewer columns."""
+    if J.ndim < 2 or J.shape[-2] not in (3, 6) or J.shape[-1] == 0:
+        raise InvalidArgumentError(
+            f"a Jacobian must have shape (..., 3, k) or (..., 6, k), k >= 1, not {J.shape}"
+        )
+    sigma = np.linalg.svd(J, compute_uv=False)
+    padded = np.zeros((*J.shape[:-2], J.shape[-2]))
+    padded[..., : sigma.shape[-1]] = sigma
+    return padded

@@ -1,0 +1,288 @@
+"""Constraints of safe regions beside Eq. 1: fingertips, obstacles, reach, and thin walls."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from enum import IntEnum
+from functools import cached_property
+
+import numpy as np
+
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.no_touch import AxisArea
+from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.geometry.surface import ForbiddenPoints
+
+
+def _z() -> FloatArray:
+    return np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class FingerReach:
+    """What a finger can reach, expressed in a frame F: all that passes each test that is asked for.
+
+    Attributes:
+        solid: In which the contact has to be, or None.
+        direction: The way in which the finger stands off the hand's axis, shape (3,), of any length
+            but zero; None if neither angle below is asked for.
+        half_angle: Between `direction` and the way from the axis to the tip at its standoff, both
+            level, at most; in radians.
+        incidence: Between `direction` and the outward normal at the contact, at most; in radians. A
+            finger that stands far off a normal reaches round an edge, and touches with a link.
+        origin: A point of the hand's axis, shape (3,), in metres.
+        axis: Of the hand, a unit vector, shape (3,).
+    """
+
+    solid: Solid | None = None
+    direction: FloatArray | None = None
+    half_angle: float = np.pi
+    incidence: float = np.pi
+    origin: FloatArray = field(default_factory=lambda: np.zeros(3))
+    axis: FloatArray = field(default_factory=_z)
+
+    def __post_init__(self) -> None:
+        if self.direction is None:
+            if min(self.half_angle, self.incidence) < np.pi:
+                raise InvalidArgumentError("a reach with an angle needs a direction")
+            return
+        length = float(np.linalg.norm(self.direction))
+        if not length > 0:
+            raise InvalidArgumentError("a reach's direction must not be zero")
+        object.__setattr__(self, "direction", self.direction / length)
+        if self.half_angle < np.pi and not np.linalg.norm(self._level(self.direction)) > 0:
+            raise InvalidArgumentError("a sector's direction must not be along the hand's axis")
+
+    def permits(self, contacts: FloatArray, normals: FloatArray, tips: FloatArray) -> BoolArray:
+        """Returns which contacts the finger reaches, shape (k,).
+
+        Args:
+            contacts: In F, shape (k, 3), in metres.
+            normals: Outward unit normals there, shape (k, 3).
+            tips: Centres of a fingertip at its standoff from each, shape (k, 3), in metres.
+        """
+        permitted = np.ones(len(contacts), dtype=bool)
+        if self.solid is not None:
+            permitted &= self.solid.distance(contacts) <= 0
+        if self.direction is None:
+            return permitted
+        if self.half_angle < np.pi:
+            ways, middle = self._level(tips - self.origin), self._level(self.direction)
+            lengths = np.linalg.norm(ways, axis=1) * np.linalg.norm(middle)
+            permitted &= ways @ middle >= np.cos(self.half_angle) * lengths
+        if self.incidence < np.pi:
+            permitted &= normals @ self.direction >= np.cos(self.incidence)
+        return permitted
+
+    def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "FingerReach":
+        """Returns the same reach expressed in a frame G, in which F has that pose."""
+        return replace(
+            self,
+            solid=None if self.solid is None else self.solid.moved(R_GF, p_GF),
+            direction=None if self.direction is None else R_GF @ self.direction,
+            origin=R_GF @ self.origin + p_GF,
+            axis=R_GF @ self.axis,
+        )
+
+    def _level(self, vectors: FloatArray) -> FloatArray:
+        """Returns the parts of vectors across the axis, shape (..., 3)."""
+        level: FloatArray = vectors - (vectors @ self.axis)[..., None] * self.axis
+        return level
+
+
+NO_CAUSE = -1
+"""Stands for no contact and no obstacle."""
+
+OPPOSITE = -0.5
+"""Cosine between outward normals below which ground faces opposite ways: 120 degrees."""
+
+_ALONG = (0.0, 0.5, 1.0)  # Of the way from contact to standoff: where tips stay off obstacles.
+
+
+class Limit(IntEnum):
+    """What leaves a contact an empty or a tiny region."""
+
+    NONE = 0
+    """Nothing: the region is neither."""
+    FORBIDDEN = 1
+    """Forbidden ground of the object."""
+    CROWDED = 2
+    """Another contact, whose index is the cause."""
+    REACH = 3
+    """The finger's reach."""
+    OBSTACLE = 4
+    """An obstacle, whose index is the cause."""
+    WALL = 5
+    """The ground near the contact is on the other side of a wall."""
+    PARTNER = 6
+    """Not a limit of the region: the goal isn't at its distance from the contact that is the cause,
+    with which it is coupled."""
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacles:
+    """Obstacles in the world, or in another frame that is named by whoever holds them.
+
+    Their indices count the solids first, then the points.
+
+    Attributes:
+        solids: Convex solids.
+        points: Points z_j with radii R_j.
+        velocities: Of the solids, shape (k, 3), in m/s; empty if they don't move. Points don't.
+
+    Raises:
+        InvalidArgumentError: If velocities are neither none nor one a solid, or a number isn't
+            finite.
+    """
+
+    solids: tuple[Solid, ...] = ()
+    points: ForbiddenPoints = field(default_factory=ForbiddenPoints.none)
+    velocities: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+
+    def __post_init__(self) -> None:
+        if self.velocities.shape not in ((0, 3), (len(self.solids), 3)):
+            raise InvalidArgumentError(
+                f"velocities must be none or have shape ({len(self.solids)}, 3), one a solid, not"
+                f" {self.velocities.shape}"
+            )
+        for name, numbers in (
+            ("points", self.points.points),
+            ("radii", self.points.radii),
+            ("velocities", self.velocities),
+        ):
+            if not np.all(np.isfinite(numbers)):
+                raise InvalidArgumentError(
+                    f"{name} of obstacles must be finite, not {numbers.tolist()}"
+                )
+
+    def after(self, seconds: float) -> "Obstacles":
+        """Returns where they are some time later."""
+        if not np.any(self.velocities):
+            return self
+        ways = seconds * self.velocities
+        moved = zip(self.solids, ways, strict=True)
+        return replace(self, solids=tuple(solid.moved(np.eye(3), way) for solid, way in moved))
+
+    def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "Obstacles":
+        """Returns the same obstacles expressed in a frame G, in which F has that pose."""
+        return Obstacles(
+            tuple(solid.moved(R_GF, p_GF) for solid in self.solids),
+            ForbiddenPoints(
+                self.points.points @ R_GF.T + p_GF,
+                self.points.radii,
+                self.points.normals @ R_GF.T,
+            ),
+            self.velocities @ R_GF.T,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class RegionConstraints:
+    """What limits the regions of n contacts, expressed in O; by default nothing does.
+
+    Attributes:
+        obstacles: Regions end at the plane across the way from c_i to an obstacle's nearest point,
+            set back by the fingertip's radius and the clearance; and no region has a candidate
+            whose fingertip would be nearer than that to an obstacle, on its way from the standoff.
+        later: Where obstacles will be, in O as it will be then, while contacts are still in use: a
+            region has no candidate either whose fingertip would be near one of these.
+        clearance: Between fingertips and obstacles, in metres.
+        tip_radii: Of the fingertips, balls that touch the surface from outside, shape (n,), in
+            metres; empty for points. Regions are set back by them from their common boundary.
+        tip_gap: Between fingertips, at least, in metres.
+        standoff: How far from the surface tips wait, along the normal, in metres.
+        nhat_OQ: Outward unit normals at the candidates, shape (N, 3); needed for fingertips.
+        nhat_OC: The same at the contacts, shape (n, 3). Contacts that face opposite ways, as on
+            the two sides of a plate, need no room from each other.
+        reach: What the finger of each contact reaches, or None; empty for no limit.
+        closed: For each contact the ground, in O, that is forbidden to it but not to others; empty
+            for none.
+        same_side: Candidates that no wall hides from each contact, shape (n, N). Those behind a
+            wall belong to the nearest contact on their own side.
+        fencing: Which of the object's forbidden points fence each contact in, shape (n, m).
+    """
+
+    obstacles: Obstacles = field(default_factory=Obstacles)
+    later: Sequence[Obstacles] = ()
+    clearance: float = 0.0
+    tip_radii: FloatArray = field(default_factory=lambda: np.empty(0))
+    tip_gap: float = 0.0
+    standoff: float = 0.0
+    nhat_OQ: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    nhat_OC: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    reach: Sequence[FingerReach | None] = ()
+    closed: Sequence[Sequence[AxisArea]] = ()
+    same_side: BoolArray | None = None
+    fencing: BoolArray | None = None
+
+    @cached_property
+    def leaves_every_point(self) -> bool:
+        """Whether no point by itself is kept from any contact."""
+        blocked = self.obstacles.solids or len(self.obstacles.points) or any(self.closed)
+        return not blocked and all(reach is None for reach in self.reach)
+
+    @cached_property
+    def is_empty(self) -> bool:
+        """Whether nothing limits the regions."""
+        return (
+            self.leaves_every_point
+            and not np.any(self.tip_radii)
+            and not self.tip_gap > 0
+            and self.same_side is None
+            and self.fencing is None
+        )
+
+    def tip_radius(self, contact: int) -> float:
+        """Returns the radius of the fingertip of the contact with that index, in metres."""
+        return float(self.tip_radii[contact]) if len(self.tip_radii) else 0.0
+
+    def limits_at(
+        self, contact: int, points: FloatArray, normals: FloatArray
+    ) -> tuple[IntArray, IntArray]:
+        """Returns what keeps a contact from points: a `Limit` each, and its cause.
+
+        Only what holds for a point by itself is asked: first closed ground, then reach, then
+        obstacles in their order.
+
+        Args:
+            contact: Its index.
+            points: In O, shape (k, 3), in metres.
+            normals: Outward unit normals there, shape (k, 3).
+        """
+        limits = np.full(len(points), int(Limit.NONE))
+        causes = np.full(len(points), NO_CAUSE)
+        radius = self.tip_radius(contact)
+        if len(self.closed):
+            for area in self.closed[contact]:
+                limits[area.holds(normals)] = Limit.FORBIDDEN
+        if len(self.reach) and (reach := self.reach[contact]) is not None:
+            tips = points + (radius + self.standoff) * normals
+            unreached = ~reach.permits(points, normals, tips)
+            limits[unreached & (limits == Limit.NONE)] = Limit.REACH
+        for index, gap in self._obstacle_gaps(points + radius * normals, normals):
+            # What has no distance may be near.
+            touched = ~(gap >= radius + self.clearance) & (limits == Limit.NONE)
+            limits[touched], causes[touched] = Limit.OBSTACLE, index
+        return limits, causes
+
+    def _obstacle_gaps(
+        self, centres: FloatArray, normals: FloatArray
+    ) -> Iterator[tuple[int, FloatArray]]:
+        """Yields each obstacle's index, and its distances from tips' centres, shape (k,).
+
+        The least one counts, between where the tip touches and its standoff, now and later.
+        """
+        shares = _ALONG if self.standoff > 0 else _ALONG[:1]
+        k = len(centres)
+        along = np.concatenate([centres + share * self.standoff * normals for share in shares])
+        for obstacles in (self.obstacles, *self.later):
+            for index, solid in enumerate(obstacles.solids):
+                yield index, np.min(solid.distance(along).reshape(len(shares), k), axis=0)
+            spheres = zip(obstacles.points.points, obstacles.points.radii, strict=True)
+            for index, (point, radius) in enumerate(spheres, start=len(obstacles.solids)):
+                distances = np.linalg.norm(along - point, axis=1).reshape(len(shares), k)
+                yield index, np.min(distances, axis=0) - radius
+
+
+UNCONSTRAINED = RegionConstraints()
+"""Nothing limits the regions beside Eq. 1."""

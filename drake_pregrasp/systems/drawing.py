@@ -1,0 +1,82 @@
+"""Colours and text for Meshcat."""
+
+import numpy as np
+import trimesh
+from PIL import Image, ImageDraw, ImageFont
+from pydrake.common import MemoryFile
+from pydrake.geometry import InMemoryMesh, Mesh, Rgba
+
+# Okabe and Ito's set (2008) without its black, in an order that keeps neighbours far apart.
+_CONTACT_COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442")
+
+NO_REGION_COLOR = Rgba(0.72, 0.73, 0.75)
+
+
+def contact_color(contact: int) -> Rgba:
+    """Returns the colour of the contact with that index; colours come round again after seven."""
+    hex_color = _CONTACT_COLORS[contact % len(_CONTACT_COLORS)]
+    return Rgba(*(int(hex_color[k : k + 2], 16) / 255 for k in (1, 3, 5)))
+
+
+def tint(color: Rgba, share_of_white: float) -> Rgba:
+    """Returns a colour mixed with white."""
+    return Rgba(
+        *(share_of_white + (1 - share_of_white) * c for c in (color.r(), color.g(), color.b()))
+    )
+
+
+def linear_rgb(color: Rgba) -> list[float]:
+    """Returns the linear RGB triple of an sRGB colour: what a recording animates."""
+    return [
+        c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4
+        for c in (color.r(), color.g(), color.b())
+    ]
+
+
+_FONT_PIXELS = 40
+_MARGIN = 16
+_FRAME = 9
+
+
+def text_board(text: str, *, height: float, frame_color: Rgba) -> Mesh:
+    """Returns a board with a line of text on it, seen from both sides.
+
+    The board stands upright in the x-z plane of its frame, its lower edge's middle at the origin,
+    to be read from the side of -y.
+
+    Args:
+        text: One line.
+        height: In metres.
+        frame_color: Of the board's rim.
+    """
+    image = _picture(text, frame_color)
+    width = height * image.width / image.height
+    corners = np.array([[-1, 0, 0], [1, 0, 0], [1, 0, 1], [-1, 0, 1]]) * [width / 2, 1, height]
+    uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+    material = trimesh.visual.material.PBRMaterial(
+        baseColorTexture=image, metallicFactor=0.0, roughnessFactor=1.0, doubleSided=True
+    )
+    board = trimesh.Trimesh(
+        corners,
+        [[0, 1, 2], [0, 2, 3]],
+        visual=trimesh.visual.TextureVisuals(uv=uv, material=material),
+        process=False,
+    )
+    # Drake turns the y axis of a glTF file into z, so what is z here goes into the file as y.
+    board.apply_transform([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+    files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(board), embed_buffers=True)
+    memory = MemoryFile(files["model.gltf"], ".gltf", "text.gltf")
+    return Mesh(mesh_data=InMemoryMesh(mesh_file=memory), scale=1.0)
+
+
+def _picture(text: str, frame_color: Rgba) -> Image.Image:
+    font = ImageFont.load_default(_FONT_PIXELS)
+    left, top, right, bottom = font.getbbox(text)
+    size = int(right - left) + 2 * _MARGIN, _FONT_PIXELS + 2 * _MARGIN
+    image = Image.new("RGB", size, "white")
+    draw = ImageDraw.Draw(image)
+    rgb = (frame_color.r(), frame_color.g(), frame_color.b())
+    outline = tuple(round(255 * channel) for channel in rgb)
+    draw.rectangle((0, 0, size[0] - 1, size[1] - 1), outline=outline, width=_FRAME)
+    draw.text((_MARGIN - left, (size[1] - bottom - top) / 2), text, fill="black", font=font)
+    return image

@@ -1,0 +1,132 @@
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from scipy.stats import binomtest, kstest, norm, t
+
+from drake_pregrasp import MeasurementFaults
+from drake_pregrasp.estimation.measurement_faults import faulty_disturbance, white_disturbance
+from drake_pregrasp.geometry.rotations import rotation_vector
+
+TICKS = 2000
+STD = (0.01, 0.02)
+NORMAL = np.random.default_rng(1).standard_normal((TICKS, 6))
+SILENT = np.zeros((TICKS, 6))
+SURE = 1e-4  # Of a test that a right model fails: seeds are fixed, so it never does later on.
+
+
+def disturbances(faults, noise=NORMAL, seed=0, std=STD):
+    """Returns offsets and rotation vectors, shapes (k, 3)."""
+    found = [faulty_disturbance(n, *std, faults, tick=k, seed=seed) for k, n in enumerate(noise)]
+    return np.array([d.offset for d in found]), np.array([rotation_vector(d.turn) for d in found])
+
+
+def test_without_faults_it_is_the_noise():
+    for tick, noise in enumerate(NORMAL[:50]):
+        found = faulty_disturbance(noise, *STD, MeasurementFaults(), tick=tick, seed=0)
+        white = white_disturbance(noise, *STD)
+        np.testing.assert_array_equal(found.offset, white.offset)
+        np.testing.assert_allclose(found.turn, white.turn, atol=1e-15)
+
+
+def test_a_factor_on_the_noise_is_one_on_its_standard_deviations():
+    louder = disturbances(MeasurementFaults(noise_factor=3.0), NORMAL[:50])
+    scaled = disturbances(MeasurementFaults(), 3.0 * NORMAL[:50])
+    np.testing.assert_allclose(louder, scaled, atol=1e-15)
+
+
+def test_a_bias_is_there_in_w_whatever_the_noise():
+    bias, turn = np.array([0.1, -0.2, 0.3]), np.array([0.4, 0.0, -0.5])
+    faults = MeasurementFaults(position_bias=bias, orientation_bias=turn)
+    for noise in (SILENT[:1], NORMAL[:20]):
+        offsets, vectors = disturbances(faults, noise)
+        white, angles = disturbances(MeasurementFaults(), noise)
+        np.testing.assert_allclose(offsets, white + bias, atol=1e-15)
+        expected = Rotation.from_rotvec(angles) * Rotation.from_rotvec(turn)
+        np.testing.assert_allclose(vectors, expected.as_rotvec(), atol=1e-12)
+
+
+@pytest.mark.parametrize("degrees_of_freedom", [1.0, 2.5, 8.0])
+def test_heavy_tails_are_students(degrees_of_freedom):
+    """Each number by itself, at the scale that is stated."""
+    faults = MeasurementFaults(degrees_of_freedom=degrees_of_freedom)
+    # So little noise of the orientation that no rotation vector is beyond half a turn.
+    offsets, vectors = disturbances(faults, std=(0.01, 1e-9))
+    for numbers, scale in ((offsets, 0.01), (vectors, 1e-9)):
+        for column in numbers.T / scale:
+            assert kstest(column, t(degrees_of_freedom).cdf).pvalue > SURE
+            assert kstest(column, norm.cdf).pvalue < SURE or degrees_of_freedom > 3
+
+
+def test_heavy_tails_prefer_no_direction_and_come_one_by_one():
+    faults = MeasurementFaults(degrees_of_freedom=1.5)
+    offsets, vectors = disturbances(faults, std=(0.01, 1e-9))
+    directions = offsets / np.linalg.norm(offsets, axis=1, keepdims=True)
+    np.testing.assert_allclose(directions.T @ directions / TICKS, np.eye(3) / 3, atol=0.04)
+    p, R, n = (np.log(np.linalg.norm(x, axis=1)) for x in (offsets, vectors, NORMAL[:, :3]))
+    assert abs(np.corrcoef(p - n, R)[0, 1]) < 0.1
+
+
+def test_many_degrees_of_freedom_are_the_normal_noise():
+    offsets, _ = disturbances(MeasurementFaults(degrees_of_freedom=1e6), NORMAL[:200])
+    np.testing.assert_allclose(offsets, STD[0] * NORMAL[:200, :3], rtol=0.01)
+
+
+def test_outliers_are_as_many_and_as_far_as_stated_in_any_direction():
+    faults = MeasurementFaults(
+        outlier_probability=0.3, outlier_position=0.25, outlier_orientation=0.5
+    )
+    offsets, vectors = disturbances(faults, SILENT)
+    out = np.linalg.norm(offsets, axis=1) > 0
+    np.testing.assert_array_equal(np.linalg.norm(vectors, axis=1) > 0, out)
+    assert binomtest(int(np.sum(out)), TICKS, 0.3).pvalue > SURE
+    for numbers, size in ((offsets[out], 0.25), (vectors[out], 0.5)):
+        np.testing.assert_allclose(np.linalg.norm(numbers, axis=1), size, rtol=1e-9)
+        for column in numbers.T / size:  # Archimedes: on a sphere each coordinate is uniform.
+            assert kstest(column, "uniform", args=(-1, 2)).pvalue > SURE
+    assert abs(np.mean(np.sum(offsets[out] * vectors[out], axis=1)) / 0.125) < 0.1
+
+
+def test_outliers_do_not_prefer_the_corners_of_a_cube():
+    """On the sphere x⁴ + y⁴ + z⁴ is 3/5 on average; it is 1 along an axis, 1/3 along a diagonal."""
+    faults = MeasurementFaults(outlier_probability=1.0, outlier_position=1.0)
+    quartic = np.sum(disturbances(faults, SILENT)[0] ** 4, axis=1)
+    assert np.mean(quartic) == pytest.approx(0.6, abs=4 * np.std(quartic) / math.sqrt(TICKS))
+
+
+def test_more_outliers_are_the_same_ones_and_others():
+    few, many = (
+        disturbances(MeasurementFaults(outlier_probability=p), SILENT[:300])[0] for p in (0.1, 0.4)
+    )
+    out = np.any(few != 0, axis=1)
+    assert 0 < np.sum(out) < np.sum(np.any(many != 0, axis=1))
+    np.testing.assert_array_equal(many[out], few[out])
+
+
+def test_a_measurement_that_is_not_a_number_is_none_throughout_and_so_are_as_many_as_stated():
+    found = [
+        faulty_disturbance(n, *STD, MeasurementFaults(nan_probability=0.2), tick=k, seed=0)
+        for k, n in enumerate(NORMAL)
+    ]
+    bad = np.array([np.concatenate([d.offset, d.turn.ravel()]) for d in found])
+    np.testing.assert_array_equal(np.any(np.isnan(bad), axis=1), np.all(np.isnan(bad), axis=1))
+    assert binomtest(int(np.sum(np.isnan(bad[:, 0]))), TICKS, 0.2).pvalue > SURE
+
+
+def test_no_rotation_shows_the_sign_of_its_quaternion():
+    """Bit for bit whatever the probability, and to rounding as if there were no quaternion."""
+    some, all_of_them, none = (
+        disturbances(MeasurementFaults(sign_flip_probability=p), NORMAL[:200])
+        for p in (0.5, 1.0, 0.0)
+    )
+    np.testing.assert_array_equal(some, all_of_them)
+    np.testing.assert_allclose(some, none, atol=1e-14)
+
+
+def test_faults_are_a_function_of_seed_and_tick():
+    faults = MeasurementFaults(degrees_of_freedom=3.0, outlier_probability=0.5)
+    first, again, other = (disturbances(faults, SILENT[:60], seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(first, again)
+    assert not np.array_equal(first, other)
+    assert math.isclose(np.linalg.norm(first[0], axis=1).max(), faults.outlier_position)

@@ -1,0 +1,235 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drake_pregrasp import MeasurementFaults
+from drake_pregrasp.estimation.fault_settings import find_flaw
+from drake_pregrasp.estimation.measurement_faults import (
+    arrival_tick,
+    is_frozen,
+    is_occluded,
+    is_taken,
+)
+from drake_pregrasp.estimation.sensor_memory import (
+    POSE_SIZE,
+    SensorMemory,
+    memory_capacity,
+    next_memory,
+)
+
+T = 0.05
+TICKS = 120
+
+
+def value(tick):
+    """Returns the pose that is measured at a tick: numbers that tell which it is."""
+    return np.arange(POSE_SIZE) + 100.0 * tick
+
+
+def played(faults, seed=0, ticks=range(TICKS), memory=None, period=T):
+    """Returns the memories after the ticks, each by way of the vector that is stored."""
+    memory = memory or SensorMemory.empty()
+    found = []
+    for tick in ticks:
+        memory = next_memory(
+            memory,
+            value(tick),
+            time=tick * period,
+            tick=tick,
+            faults=faults,
+            period=period,
+            seed=seed,
+        )
+        memory = SensorMemory.from_vector(memory.to_vector(memory_capacity(faults, period)))
+        found.append(memory)
+    return found
+
+
+def stamps(memories):
+    return np.array([memory.stamp for memory in memories])
+
+
+def transcribed(faults, seed):
+    """Returns stamps and first numbers of poses, straight from all that was ever measured."""
+    sent, held = [], None
+    for tick in range(TICKS):
+        taken, frozen = is_taken(tick, faults, T), is_frozen(tick, faults, T, seed)
+        held = (held if held is not None else tick if taken else None) if frozen else None
+        if taken and not is_occluded(tick, faults, T, seed):
+            shown = tick if held is None else held
+            sent.append((arrival_tick(tick, faults, T, seed), tick, shown))
+    for now in range(TICKS):
+        arrived = [entry for entry in sent if entry[0] <= now]
+        key = (lambda e: e[:2]) if faults.out_of_order else (lambda e: e[1])
+        _, tick, shown = max(arrived, key=key, default=(0, None, None))
+        yield (-math.inf, math.nan) if tick is None else (tick * T, 100.0 * shown)
+
+
+@settings(max_examples=40)
+@given(
+    faults=st.builds(
+        MeasurementFaults,
+        dropout_rate=st.sampled_from([0.0, 1.0]),
+        dropout_duration=st.floats(0.05, 0.5),
+        delay=st.sampled_from([0.0, 0.05, 0.13]),
+        jitter=st.sampled_from([0.0, 0.03, 0.4]),
+        out_of_order=st.booleans(),
+        freeze_rate=st.sampled_from([0.0, 1.0]),
+        freeze_duration=st.floats(0.05, 0.5),
+        sample_period=st.sampled_from([0.0, 0.07, 0.2]),
+        start=st.sampled_from([0.0, 1.0]),
+        end=st.sampled_from([4.0, 1e6]),
+    ),
+    seed=st.integers(0, 1000),
+)
+def test_memory_of_a_few_knows_what_memory_of_all_does(faults, seed):
+    found = played(faults, seed)
+    expected = list(transcribed(faults, seed))
+    np.testing.assert_array_equal([(m.stamp, m.pose[0]) for m in found], expected)
+
+
+def test_each_measurement_arrives_not_before_its_delay_nor_after_the_jitter():
+    faults = MeasurementFaults(delay=0.12, jitter=0.3)
+    lags = np.array([arrival_tick(k, faults, T, 1) - k for k in range(3000)]) * T
+    assert lags.min() >= faults.delay
+    assert lags.max() < faults.delay + faults.jitter + T
+    # On average a lag is up to the next tick, half a period.
+    assert np.mean(lags) == pytest.approx(0.12 + 0.15 + T / 2, abs=0.01)
+    late = np.arange(TICKS) * T - stamps(played(faults, 1))
+    assert late.min() >= faults.delay - 1e-12
+
+
+def test_a_delay_alone_is_the_past():
+    for delay, ticks in ((0.05, 1), (0.2, 4), (0.21, 5), (3 * 0.1, 6)):
+        found = stamps(played(MeasurementFaults(delay=delay)))
+        np.testing.assert_array_equal(found[:ticks], -np.inf)
+        np.testing.assert_array_equal(found[ticks:], np.arange(TICKS - ticks) * T)
+
+
+def test_time_goes_back_only_if_measurements_may_come_out_of_order():
+    for out_of_order in (False, True):
+        faults = MeasurementFaults(delay=0.05, jitter=0.4, out_of_order=out_of_order)
+        steps = np.diff(stamps(played(faults))[10:])
+        assert np.any(steps < 0) == out_of_order
+        assert np.any(steps == 0)
+
+
+def test_the_order_changes_no_measurement():
+    """Those that come out of order are measurements that were taken, each with its own stamp."""
+    for memory in played(MeasurementFaults(jitter=0.4, out_of_order=True))[10:]:
+        np.testing.assert_array_equal(memory.pose, value(round(memory.stamp / T)))
+
+
+def test_what_is_frozen_repeats_its_first_value_with_stamps_of_its_own():
+    faults = MeasurementFaults(freeze_rate=1.0)
+    frozen = [is_frozen(k, faults, T, 0) for k in range(TICKS)]
+    assert 0 < sum(frozen) < TICKS
+    first = 0
+    for tick, memory in enumerate(played(faults)):
+        assert memory.stamp == tick * T
+        first = first if tick and frozen[tick] and frozen[tick - 1] else tick
+        np.testing.assert_array_equal(memory.pose, value(first))
+
+
+def test_what_is_frozen_is_not_kept_over_ticks_that_were_skipped():
+    faults = MeasurementFaults(freeze_rate=1.0)
+    for tick in range(2, TICKS):
+        if all(is_frozen(k, faults, T, 0) for k in (tick - 2, tick - 1, tick)):
+            found = played(faults, ticks=[tick - 2, tick])
+            np.testing.assert_array_equal(found[1].pose, value(tick))
+            return
+    raise AssertionError("no burst of three ticks")
+
+
+def test_an_occlusion_leaves_the_last_measurement_and_its_stamp():
+    faults = MeasurementFaults(dropout_rate=1.0)
+    last = -np.inf
+    hidden = [is_occluded(k, faults, T, 3) for k in range(TICKS)]
+    assert 0 < sum(hidden) < TICKS
+    for tick, memory in enumerate(played(faults, 3)):
+        last = last if hidden[tick] else tick * T
+        assert memory.stamp == last
+
+
+@pytest.mark.parametrize("sample_period", [0.05, 0.1, 0.12, 0.3, 1.0])
+@pytest.mark.parametrize("period", [0.05, 0.03, 0.1 / 3])
+def test_a_low_rate_takes_the_first_tick_of_each_turn(sample_period, period):
+    faults = MeasurementFaults(sample_period=sample_period)
+    taken = [k * period for k in range(1200) if is_taken(k, faults, period)]
+    turns = np.arange(len(taken)) * sample_period
+    assert np.all(taken - turns > -1e-6)
+    assert np.all(taken - turns < period)
+    assert abs(1200 * period - len(taken) * sample_period) <= max(sample_period, period) + 1e-6
+
+
+def test_outside_of_their_time_faults_do_nothing():
+    faults = MeasurementFaults(
+        dropout_rate=5.0, delay=0.1, jitter=0.3, freeze_rate=5.0, sample_period=0.2, start=2, end=4
+    )
+    found = played(faults)
+    for tick, memory in enumerate(found):
+        if not 40 <= tick < 80:
+            assert memory.stamp == tick * T
+            np.testing.assert_array_equal(memory.pose, value(tick))
+    assert np.sum(stamps(found[40:80]) != np.arange(40, 80) * T) > 30
+
+
+def test_a_memory_of_the_future_is_none():
+    faults = MeasurementFaults(delay=0.1, freeze_rate=2.0, dropout_rate=1.0)
+    future = played(faults)[-1]
+    anew, other = played(faults, ticks=range(20)), played(faults, ticks=range(20), memory=future)
+    np.testing.assert_array_equal([m.to_vector(2) for m in other], [m.to_vector(2) for m in anew])
+
+
+def test_the_vector_form_loses_nothing():
+    faults = MeasurementFaults(delay=0.2, jitter=0.1, freeze_rate=4.0)
+    for memory in [SensorMemory.empty(), *played(faults)]:
+        vector = memory.to_vector(6)
+        np.testing.assert_array_equal(SensorMemory.from_vector(vector).to_vector(6), vector)
+        assert vector.shape == SensorMemory.empty().to_vector(6).shape
+
+
+USABLE = {"outlier_probability": 0.1, "dropout_rate": 1.0, "freeze_rate": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("name", "changed"),
+    [
+        ("position_bias", {"position_bias": (0.0, 1.0)}),
+        ("position_bias", {"position_bias": (0.0, 1.0, math.nan)}),
+        ("orientation_bias", {"orientation_bias": (0.0, 3.0, 1.0)}),
+        ("noise_factor", {"noise_factor": -1.0}),
+        ("degrees_of_freedom", {"degrees_of_freedom": 0.5}),
+        ("outlier_probability", {"outlier_probability": 1.1}),
+        ("outlier_probability", {"outlier_position": 0.0, "outlier_orientation": 0.0}),
+        ("outlier_orientation", {"outlier_orientation": 3.2}),
+        ("nan_probability", {"nan_probability": math.nan}),
+        ("sign_flip_probability", {"sign_flip_probability": -0.1}),
+        ("dropout_rate", {"dropout_rate": math.inf}),
+        ("dropout_duration", {"dropout_duration": 0.0}),
+        ("dropout_duration", {"dropout_duration": 101.0}),
+        ("freeze_duration", {"freeze_duration": 101.0}),
+        ("delay", {"delay": 30.0, "jitter": 21.0}),
+        ("out_of_order", {"jitter": 0.05, "out_of_order": True}),
+        ("out_of_order", {"jitter": 0.2, "sample_period": 0.2, "out_of_order": True}),
+        ("sample_period", {"sample_period": 0.04}),
+        ("start", {"start": 2.0, "end": 2.0}),
+        ("end", {"end": math.inf}),
+    ],
+)
+def test_what_is_unusable_is_named(name, changed):
+    assert find_flaw(MeasurementFaults(**USABLE), T) is None
+    flaw = find_flaw(MeasurementFaults(**{**USABLE, **changed}), T)
+    assert flaw is not None
+    assert flaw.name == name
+    assert "\n" not in flaw.problem
+
+
+def test_the_longest_delay_and_burst_that_are_allowed_can_be_used():
+    faults = MeasurementFaults(delay=30.0, jitter=20.0, dropout_rate=1.0, dropout_duration=100.0)
+    assert find_flaw(faults, T) is None
+    assert memory_capacity(faults, T) == 1000
+    assert len(played(faults, ticks=range(3))) == 3

@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+import trimesh
+
+from drake_pregrasp import InvalidArgumentError, load_shape
+from drake_pregrasp.geometry.meshes import is_inside
+
+
+def saved(tmp_path, *pieces):
+    file = tmp_path / "bodies.stl"
+    trimesh.util.concatenate(pieces).export(file)
+    return file
+
+
+def box(size, center=(0.0, 0.0, 0.0), inverted=False):
+    piece = trimesh.creation.box([size] * 3)
+    piece.apply_translation(center)
+    if inverted:
+        piece.invert()
+    return piece
+
+
+@pytest.mark.parametrize("first", [False, True])
+@pytest.mark.parametrize("second", [False, True])
+def test_bodies_beside_each_other_are_both_solid(tmp_path, first, second):
+    file = saved(tmp_path, box(0.06, inverted=first), box(0.03, (0.1, 0, 0), inverted=second))
+    shape = load_shape(file)
+    assert shape.mesh.volume == pytest.approx(0.06**3 + 0.03**3)
+    x = 0.1 * 0.03**3 / shape.mesh.volume
+    np.testing.assert_allclose(shape.p_OCoM, [x, 0, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("first", [False, True])
+@pytest.mark.parametrize("second", [False, True])
+def test_a_body_inside_another_is_a_cavity(tmp_path, first, second):
+    file = saved(tmp_path, box(0.06, inverted=first), box(0.03, inverted=second))
+    assert load_shape(file).mesh.volume == pytest.approx(0.06**3 - 0.03**3)
+
+
+def test_and_one_inside_of_that_is_solid_again(tmp_path):
+    file = saved(tmp_path, box(0.06), box(0.03), box(0.01))
+    assert load_shape(file).mesh.volume == pytest.approx(0.06**3 - 0.03**3 + 0.01**3)
+
+
+def test_bodies_that_cross_are_refused(tmp_path):
+    file = saved(tmp_path, box(0.06), box(0.06, (0.03, 0.01, 0.02)))
+    with pytest.raises(InvalidArgumentError, match=r"bodies\.stl has closed surfaces that cross"):
+        load_shape(file)
+
+
+def test_inside_is_inside_whichever_way_the_surface_is_turned():
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-0.08, 0.08, (400, 3))
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=0.05)
+    distances = np.linalg.norm(points, axis=1)
+    clear = np.abs(distances - 0.05) > 1e-3
+    for triangles in (ball.triangles, ball.triangles[:, ::-1]):
+        inside = is_inside(points, np.array(triangles))
+        np.testing.assert_array_equal(inside[clear], distances[clear] < 0.05)

@@ -1,0 +1,144 @@
+"""Mesh files that claim too much, or name what is none of their business."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+import trimesh
+
+from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp.geometry import meshes
+from drake_pregrasp.geometry.meshes import MESH_SUFFIXES, read_pieces
+from drake_pregrasp.geometry.shapes import load_shape
+
+
+def box():
+    return trimesh.creation.box(extents=[0.1, 0.2, 0.3])
+
+
+def write_gltf(folder, tree_of=lambda tree: tree):
+    """Writes a box as glTF with its buffers beside it, and returns the file."""
+    for name, data in box().export(file_type="gltf").items():
+        (folder / name).write_bytes(data)
+    file = folder / "model.gltf"
+    file.write_text(json.dumps(tree_of(json.loads(file.read_text()))))
+    return file
+
+
+@pytest.mark.parametrize("suffix", [kind for kind in MESH_SUFFIXES if kind != ".gltf"])
+def test_each_format_gives_the_same_box(tmp_path, suffix):
+    file = tmp_path / f"box{suffix}"
+    box().export(file)
+    np.testing.assert_allclose(load_shape(file).mesh.extents, [0.1, 0.2, 0.3], rtol=1e-6)
+
+
+@pytest.mark.parametrize("broken", ["v 0", "v", "v 0 0"])
+def test_a_vertex_needs_three_coordinates(tmp_path, broken):
+    lines = box().export(file_type="obj").splitlines()
+    place = [index for index, line in enumerate(lines) if line.startswith("v ")][2]
+    lines[place] = broken
+    file = tmp_path / "box.obj"
+    file.write_text("\n".join(lines))
+    with pytest.raises(InvalidArgumentError, match=str(file)):
+        load_shape(file)
+
+
+def test_buffers_beside_a_gltf_file_are_read(tmp_path):
+    assert load_shape(write_gltf(tmp_path)).mesh.is_watertight
+
+
+@pytest.mark.parametrize("uri", ["../secret.bin", "/etc/hostname", "link.bin", "model.gltf"])
+def test_no_other_file_is_opened(tmp_path, uri):
+    (tmp_path / "secret.bin").write_bytes(bytes(10_000))
+    folder = tmp_path / "own"
+    folder.mkdir()
+    (folder / "link.bin").symlink_to(tmp_path / "secret.bin")
+
+    def renamed(tree):
+        tree["buffers"] = [{**buffer, "uri": uri} for buffer in tree["buffers"]]
+        return tree
+
+    with pytest.raises(InvalidArgumentError, match=r"is outside of|is not opened"):
+        load_shape(write_gltf(folder, renamed))
+
+
+def test_arrays_that_claim_too_much_are_refused(tmp_path):
+    def claiming(tree):
+        tree["accessors"].append({"componentType": 5126, "count": 10**12, "type": "MAT4"})
+        return tree
+
+    with pytest.raises(InvalidArgumentError, match="its arrays claim too many elements"):
+        load_shape(write_gltf(tmp_path, claiming))
+
+
+def test_nodes_that_go_in_a_circle_are_refused(tmp_path):
+    def circling(tree):
+        tree["nodes"] = [{"children": [1]}, {"children": [1], "mesh": 0}]
+        return tree
+
+    with pytest.raises(InvalidArgumentError, match="nodes must be a tree"):
+        load_shape(write_gltf(tmp_path, circling))
+
+
+def test_materials_of_an_obj_file_are_not_looked_for(tmp_path, monkeypatch):
+    file = tmp_path / "box.obj"
+    box().export(file)
+    (tmp_path / "other.mtl").write_text("newmtl a\nmap_Kd other.png\n")
+    file.write_text("mtllib other.mtl\nusemtl a\n" + file.read_text())
+    opened = []
+    monkeypatch.setattr(meshes._Beside, "get", lambda self, key: opened.append(key))
+    assert load_shape(file).mesh.is_watertight
+    assert opened == []
+
+
+@pytest.mark.parametrize("name", ["box.zip", "box.dae", "box.3mf", "box"])
+def test_other_formats_are_not_read(tmp_path, name):
+    (tmp_path / name).write_bytes(b"")
+    with pytest.raises(InvalidArgumentError, match=r"its name must end with \.obj, \.stl"):
+        load_shape(tmp_path / name)
+
+
+def test_too_many_bytes_triangles_and_parts_are_refused(tmp_path, monkeypatch):
+    file = tmp_path / "box.stl"
+    box().export(file)
+    for name, most, problem in (
+        ("MAX_MESH_BYTES", 100, "it has more than"),
+        ("MAX_FACES", 11, "it has more than 11 triangles"),
+        ("MAX_PIECES", 0, "it has 1 parts"),
+    ):
+        with monkeypatch.context() as patch:
+            patch.setattr(meshes, name, most)
+            with pytest.raises(InvalidArgumentError, match=problem):
+                read_pieces(file)
+    assert len(read_pieces(file)) == 1
+
+
+def test_a_pipe_is_no_mesh(tmp_path):
+    os.mkfifo(tmp_path / "box.stl")
+    with pytest.raises(InvalidArgumentError, match=r"no such file|no regular file"):
+        load_shape(tmp_path / "box.stl")
+
+
+def test_a_vertex_far_away_is_refused_in_one_line(tmp_path):
+    for far, problem in ((1e308, "m long; at most 3 m"), (1e6, "away from its own origin")):
+        mesh = box()
+        mesh.apply_translation([1e6 if far == 1e6 else 0, 0, 0])
+        text = mesh.export(file_type="obj")
+        if far == 1e308:
+            text += "v 1e308 0 0\nv -1e308 0 0\nv 0 1 0\nf 9 10 11\n"
+        (tmp_path / "far.obj").write_text(text)
+        with pytest.raises(InvalidArgumentError, match=problem):
+            load_shape(tmp_path / "far.obj")
+
+
+def test_closed_surfaces_are_counted_before_they_are_compared(monkeypatch):
+    balls = [trimesh.creation.icosphere(subdivisions=1, radius=r) for r in (0.1, 0.2)]
+    mesh = trimesh.util.concatenate(balls)
+    meshes.orient_components(mesh.copy(), "mesh")
+    monkeypatch.setattr(meshes, "MAX_PAIRS", 100)
+    with pytest.raises(InvalidArgumentError, match="in each other with too many triangles"):
+        meshes.orient_components(mesh.copy(), "mesh")
+    monkeypatch.setattr(meshes, "MAX_COMPONENTS", 1)
+    with pytest.raises(InvalidArgumentError, match="has 2 closed surfaces; at most 1"):
+        meshes.orient_components(mesh, "mesh")

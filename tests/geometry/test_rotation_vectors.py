@@ -1,0 +1,64 @@
+"""Rotation vectors against scipy's rotations, from no turn to half a turn."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from drake_pregrasp.geometry.rotations import (
+    left_jacobian,
+    rotation_matrix,
+    rotation_vector,
+)
+
+seeds = st.integers(0, 2**32 - 1)
+angles = st.one_of(
+    st.floats(0, np.pi),
+    st.sampled_from([0.0, 1e-300, 1e-12, 1e-5, 0.00999, 0.01001, np.pi - 1e-9, np.pi]),
+)
+
+
+def turn(seed, angle):
+    axis = np.random.default_rng(seed).normal(size=3)
+    if seed % 3 == 0:  # Along an axis.
+        axis[seed % 2 :] = 0
+        axis[seed % 2] = 1
+    return angle * axis / np.linalg.norm(axis)
+
+
+@given(seeds, angles)
+def test_matrices_are_those_of_scipy(seed, angle):
+    theta = turn(seed, angle)
+    expected = Rotation.from_rotvec(theta).as_matrix()
+    np.testing.assert_allclose(rotation_matrix(theta), expected, rtol=0, atol=4e-16 + 1e-16 * angle)
+
+
+@given(seeds, angles)
+def test_vectors_are_the_inverse(seed, angle):
+    theta = turn(seed, angle)
+    R = Rotation.from_rotvec(theta).as_matrix()
+    found = rotation_vector(R)
+    assert np.linalg.norm(found) <= np.pi + 1e-15
+    if np.pi - angle < 1e-7:  # Half a turn one way is half a turn the other way.
+        found *= np.sign(found @ theta)
+    np.testing.assert_allclose(found, theta, rtol=0, atol=1e-15 + 1e-15 * angle)
+
+
+@given(seeds, angles)
+def test_the_left_jacobian_is_the_derivative(seed, angle):
+    theta, step = turn(seed, angle), 1e-5
+    J = left_jacobian(theta)
+    for axis in np.eye(3):
+        # scipy's own, so that an error in the exponential can't hide one here.
+        after, before = (Rotation.from_rotvec(theta + s * axis) for s in (step, -step))
+        difference = (after * before.inv()).as_rotvec() / (2 * step)
+        np.testing.assert_allclose(J @ axis, difference, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize("angle", [1e-2 * (1 - 1e-9), 1e-2 * (1 + 1e-9)])
+def test_series_and_closed_forms_agree_where_they_meet(angle):
+    theta = angle * np.array([0.6, 0.0, 0.8])
+    smaller, larger = theta * (1 - 1e-8), theta * (1 + 1e-8)
+    assert np.max(np.abs(left_jacobian(larger) - left_jacobian(smaller))) < 2e-10
+    assert np.max(np.abs(rotation_matrix(larger) - rotation_matrix(smaller))) < 2e-10

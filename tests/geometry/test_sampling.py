@@ -1,0 +1,267 @@
+"""Laws of even samples, and of the surfaces that are made of them."""
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import cKDTree
+from thin_cup import CUP
+
+from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp.contacts.centroids import select_contacts, weighted_centroid
+from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.contacts.strategies import position_tracking
+from drake_pregrasp.geometry.mesh_surface import mesh_surface
+from drake_pregrasp.geometry.no_touch import AxisArea
+from drake_pregrasp.geometry.sampling import choose_evenly, lifted, split_triangles
+from drake_pregrasp.geometry.shapes import Shape, ball_shape, box_shape, cylinder_shape
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
+
+NO_ENDS = (AxisArea("+z"), AxisArea("-z"))
+
+
+def pieces(shape=CUP, edge=0.004):
+    return split_triangles(np.array(shape.mesh.triangles), shape.mesh.face_normals, edge)
+
+
+@pytest.mark.parametrize("edge", [0.5, 0.01, 0.003])
+def test_a_split_surface_is_the_same_surface(edge):
+    triangles = pieces(edge=edge)
+    mesh = CUP.mesh
+    edges = np.roll(triangles.corners, -1, axis=1) - triangles.corners
+    assert np.max(np.linalg.norm(edges, axis=2)) <= edge * (1 + 1e-12)
+    areas = np.bincount(triangles.faces, weights=triangles.areas, minlength=len(mesh.faces))
+    np.testing.assert_allclose(areas, mesh.area_faces, rtol=1e-9)
+    normals = np.cross(edges[:, 0], edges[:, 1])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    np.testing.assert_allclose(normals, triangles.normals, atol=1e-6)
+    np.testing.assert_array_equal(triangles.normals, mesh.face_normals[triangles.faces])
+
+
+def test_a_triangle_that_is_short_enough_stays_whole():
+    corners = np.array([[[0.0, 0, 0], [3, 0, 0], [0, 4, 0]]])
+    triangles = split_triangles(corners, np.array([[0, 0, 1.0]]), 5.0)
+    np.testing.assert_array_equal(triangles.corners, corners)
+
+
+def test_a_spacing_that_memory_cannot_hold_is_refused():
+    with pytest.raises(InvalidArgumentError, match="choose a larger spacing"):
+        mesh_surface(box_shape([1, 1, 1]), spacing=1e-4)
+
+
+@pytest.mark.parametrize("distance", [0.004, 0.02])
+def test_samples_are_apart_and_none_could_be_added(distance):
+    triangles = pieces()
+    samples, owners = choose_evenly(triangles, distance, np.random.default_rng(0))
+    points = lifted(triangles.centroids, triangles.normals, distance)
+    tree = cKDTree(points[samples])
+    assert np.min(tree.query(points[samples], k=2)[0][:, 1]) >= distance * (1 - 1e-9)
+    nearest, _ = tree.query(points)
+    assert np.max(nearest) <= distance * (1 + 1e-9)
+    own = np.linalg.norm(points - points[samples[owners]], axis=1)
+    np.testing.assert_allclose(own, nearest)
+    np.testing.assert_array_equal(owners[samples], np.arange(len(samples)))
+
+
+def test_lifted_points_tell_the_sides_of_a_wall_apart():
+    same = np.zeros((2, 3))
+    up = np.array([0, 0, 1.0])
+    both = lifted(same, np.array([up, -up]), 0.03)
+    assert np.linalg.norm(both[0] - both[1]) == pytest.approx(0.06)
+
+
+def surface_bytes(seed):
+    surface = mesh_surface(CUP, spacing=0.008, seed=seed, no_touch=NO_ENDS)
+    arrays = (surface.p_OQ, surface.areas, surface.patches, surface.forbidden.points)
+    return [array.tobytes() for array in arrays]
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_one_others():
+    assert surface_bytes(3) == surface_bytes(3)
+    assert surface_bytes(3)[0] != surface_bytes(4)[0]
+
+
+@pytest.fixture(scope="module")
+def cup():
+    return mesh_surface(CUP, spacing=0.008, no_touch=NO_ENDS)
+
+
+def patch_owners(surface):
+    return np.repeat(np.arange(len(surface.p_OQ)), np.diff(surface.patch_starts))
+
+
+def triangle_areas(corners):
+    sides = corners[:, 1:] - corners[:, :1]
+    return np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
+
+
+def test_patches_partition_the_allowed_surface(cup):
+    allowed = np.abs(CUP.mesh.face_normals[:, 2]) < 0.5
+    area = np.sum(CUP.mesh.area_faces[allowed])
+    assert np.sum(cup.areas) == pytest.approx(area, rel=1e-9)
+    owners = patch_owners(cup)
+    np.testing.assert_allclose(
+        np.bincount(owners, weights=triangle_areas(cup.patches)), cup.areas, rtol=1e-9
+    )
+    # All triangles together have the area, and no two are the same: so they don't overlap.
+    centroids = np.mean(cup.patches, axis=1)
+    assert np.min(cKDTree(centroids).query(centroids, k=2)[0][:, 1]) > 1e-5
+
+
+def test_each_candidate_lies_on_its_own_patch_with_its_normal(cup):
+    every = [np.array([q]) for q in range(len(cup.p_OQ))]
+    nearest, normals = cup.project_into(cup.p_OQ, every)
+    np.testing.assert_allclose(nearest, cup.p_OQ, atol=1e-12)
+    np.testing.assert_allclose(normals, cup.nhat_OQ, atol=1e-9)
+
+
+def test_patches_are_nearer_to_their_candidate_than_to_others(cup):
+    """Up to what the choice among lifted points changes on bent ground."""
+    owners = patch_owners(cup)
+    centroids = np.mean(cup.patches, axis=1)
+    own = np.linalg.norm(centroids - cup.p_OQ[owners], axis=1)
+    assert np.max(own) <= 0.75 * 0.008
+
+
+def nearest_by_brute_force(triangles, point):
+    tiled = np.tile(point, (len(triangles), 1))
+    closest = trimesh.triangles.closest_point(1e4 * triangles, 1e4 * tiled) / 1e4
+    return np.min(np.linalg.norm(closest - point, axis=1))
+
+
+def test_projection_is_the_nearest_allowed_point_of_all(cup):
+    rng = np.random.default_rng(0)
+    points = rng.uniform([-0.06, -0.06, -0.03], [0.06, 0.06, 0.12], (40, 3))
+    nearest, normals = cup.project(points)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1)
+    for point, q in zip(points, nearest, strict=True):
+        assert np.linalg.norm(q - point) == pytest.approx(
+            nearest_by_brute_force(cup.patches, point), abs=1e-9
+        )
+        assert nearest_by_brute_force(np.array(CUP.mesh.triangles), q) < 1e-9
+        assert abs(cup.distance(q[None])[0]) < 1e-9
+
+
+def test_projection_of_nothing_is_nothing(cup):
+    nearest, normals = cup.project(np.empty((0, 3)))
+    assert nearest.shape == normals.shape == (0, 3)
+
+
+def test_projection_into_stays_on_the_ground_that_is_given(cup):
+    rng = np.random.default_rng(1)
+    owners = patch_owners(cup)
+    points = rng.uniform([-0.06, -0.06, -0.03], [0.06, 0.06, 0.12], (20, 3))
+    chosen = [rng.choice(len(cup.p_OQ), size, replace=False) for size in [1, 2, 5, 40] * 5]
+    nearest, normals = cup.project_into(points, chosen)
+    for point, candidates, q, normal in zip(points, chosen, nearest, normals, strict=True):
+        ground = cup.patches[np.isin(owners, candidates)]
+        assert nearest_by_brute_force(ground, q) < 1e-9
+        assert np.linalg.norm(q - point) == pytest.approx(
+            nearest_by_brute_force(ground, point), abs=1e-9
+        )
+        assert np.max(cup.nhat_OQ[candidates] @ normal) > 0.9
+
+
+def test_candidates_within_reach_hold_all_ground_that_near(cup):
+    point = np.array([0.035, 0.0, 0.05])
+    near = cup.candidates_within(point, 0.01)
+    owners = patch_owners(cup)
+    for candidate in range(len(cup.p_OQ)):
+        if nearest_by_brute_force(cup.patches[owners == candidate], point) <= 0.01:
+            assert candidate in near
+    assert np.max(np.linalg.norm(cup.p_OQ[near] - point, axis=1)) < 0.03
+
+
+def test_signed_distances_of_a_box_are_exact():
+    surface = mesh_surface(box_shape([0.04, 0.06, 0.1]), spacing=0.02)
+    points = np.random.default_rng(2).uniform(-0.08, 0.08, (60, 3))
+    beyond = np.abs(points) - [0.02, 0.03, 0.05]
+    expected = np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(axis=1), 0)
+    assert np.min(expected) < 0 < np.max(expected)
+    np.testing.assert_allclose(surface.distance(points), expected, atol=1e-9)
+    assert np.isnan(surface.distance(np.array([[np.nan, 0, 0]]))[0])
+
+
+def test_at_a_sharp_edge_signs_tell_in_from_out():
+    """Beyond the edge of a thin wedge, points are behind the one face and before the other."""
+    corners = 0.1 * np.array([[0, 0], [1, -0.1], [1, 0.1]])
+    mesh = trimesh.creation.extrude_triangulation(corners, [[0, 1, 2]], 0.1)
+    shape = Shape(mesh, ("body",), np.zeros(len(mesh.faces), dtype=np.int64))
+    surface = mesh_surface(shape, spacing=0.02)
+    points = np.random.default_rng(4).uniform([-0.01, -0.01, 0.02], [0.04, 0.01, 0.08], (200, 3))
+    inside = np.abs(points[:, 1]) < 0.1 * points[:, 0]
+    assert 0 < np.sum(inside) < len(points)
+    np.testing.assert_array_equal(surface.distance(points) < 0, inside)
+
+
+def test_signed_distances_of_a_ball_are_those_of_its_facets():
+    surface = mesh_surface(ball_shape(0.03), spacing=0.01)
+    points = np.random.default_rng(3).uniform(-0.05, 0.05, (40, 3))
+    expected = np.linalg.norm(points, axis=1) - 0.03
+    np.testing.assert_allclose(surface.distance(points), expected, atol=1e-4)
+
+
+SPACINGS = (0.012, 0.006, 0.003)
+
+
+@pytest.mark.parametrize("shape", [CUP, ball_shape(0.03)], ids=["cup", "ball"])
+def test_area_weighted_sums_approach_the_integral(shape):
+    """The centroid of the half of all ground with x > 0, against the mesh's own triangles."""
+    fine = pieces(shape, edge=0.001)
+    half = fine.centroids[:, 0] > 0
+    exact = np.average(fine.centroids[half], axis=0, weights=fine.areas[half])
+    errors = []
+    for spacing in SPACINGS:
+        surface = mesh_surface(shape, spacing=spacing)
+        mine = surface.p_OQ[:, 0] > 0
+        centroid = weighted_centroid(
+            surface.p_OQ[mine], np.zeros(np.sum(mine)), surface.areas[mine]
+        )
+        errors.append(np.linalg.norm(centroid - exact))
+    assert errors[-1] < 0.4 * errors[0]
+    assert np.all(np.array(errors) < 0.25 * np.array(SPACINGS))
+
+
+def test_contacts_approach_a_limit_as_the_spacing_shrinks():
+    """After some ticks of safe regions and position tracking, on the side of a can."""
+    shape = cylinder_shape(0.035, 0.12)
+    angles = np.array([0.0, 1.9, 4.0])
+    start = np.stack([0.035 * np.cos(angles), 0.035 * np.sin(angles), [0.01, -0.02, 0.03]], axis=1)
+    ends = []
+    for spacing in (0.016, 0.008, 0.004, 0.002):
+        surface = mesh_surface(shape, spacing=spacing, no_touch=NO_ENDS)
+        p_OC, _ = surface.project(start)
+        for _ in range(6):
+            regions = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(3), surface.forbidden)
+            selection = SelectionInput(surface, p_OC, regions, 0.04**2 * np.eye(3))
+            p_OC = select_contacts(selection, position_tracking).p_OC
+        ends.append(p_OC)
+    errors = [np.max(np.linalg.norm(end - ends[-1], axis=1)) for end in ends[:-1]]
+    assert errors[2] < 0.5 * errors[0]
+    assert errors[2] < 0.002
+
+
+def test_uneven_sampling_does_not_pull_centroids():
+    """A plate whose triangles are a hundred times denser on its right than on its left."""
+    xs = np.concatenate([[-0.05, -0.025], np.linspace(0, 0.05, 101)])
+    points = np.array([[x, y] for x in xs for y in (-0.02, 0.02)])
+    cells = 2 * np.arange(len(xs) - 1)[:, None]
+    faces = np.concatenate([cells + np.array([0, 2, 1]), cells + np.array([1, 2, 3])])
+    mesh = trimesh.creation.extrude_triangulation(points, faces, 0.01)
+    shape = Shape(mesh, ("body",), np.zeros(len(mesh.faces), dtype=np.int64))
+    surface = mesh_surface(shape, spacing=0.006)
+    top = np.flatnonzero(surface.nhat_OQ[:, 2] > 0.9)
+    centroid = weighted_centroid(surface.p_OQ[top], np.zeros(len(top)), surface.areas[top])
+    np.testing.assert_allclose(centroid[:2], 0, atol=6e-4)
+    assert np.mean(surface.p_OQ[top, 0] > 0) == pytest.approx(0.5, abs=0.12)
+
+
+def test_weights_by_area_undo_denser_sampling():
+    """A square whose right half has four times as many samples, each of a quarter of the area."""
+    coarse = np.stack(np.meshgrid(np.arange(-0.95, 0, 0.1), np.arange(-0.95, 1, 0.1)), -1)
+    dense = np.stack(np.meshgrid(np.arange(0.025, 1, 0.05), np.arange(-0.975, 1, 0.05)), -1)
+    points = np.concatenate([coarse.reshape(-1, 2), dense.reshape(-1, 2)])
+    areas = np.repeat([0.01, 0.0025], [coarse.size // 2, dense.size // 2])
+    np.testing.assert_allclose(
+        weighted_centroid(points, np.zeros(len(points)), areas), 0, atol=1e-9
+    )
+    assert np.mean(points[:, 0]) > 0.2

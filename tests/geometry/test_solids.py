@@ -1,0 +1,132 @@
+"""Signed distances of convex solids."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
+from drake_pregrasp.geometry.surface import ForbiddenPoints
+from drake_pregrasp.regions.constraints import Obstacles
+
+
+def rotation(rng):
+    R = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    return R * np.sign(np.linalg.det(R))
+
+
+def random_solid(kind, seed):
+    rng = np.random.default_rng(seed)
+    center = rng.uniform(-1, 1, 3)
+    if kind == "ball":
+        return BallSolid(center, rng.uniform(0, 1))
+    if kind == "box":
+        return BoxSolid(center, rotation(rng), rng.uniform(0.2, 2, 3))
+    return HalfSpace(center, rng.normal(size=3))
+
+
+kinds = pytest.mark.parametrize("kind", ["ball", "box", "half-space"])
+
+
+def test_distances_have_their_closed_forms():
+    points = np.random.default_rng(0).uniform(-3, 3, (200, 3))
+    ball = BallSolid(np.array([0.5, 0, 0]), 0.7)
+    expected = np.linalg.norm(points - [0.5, 0, 0], axis=1) - 0.7
+    np.testing.assert_allclose(ball.distance(points), expected)
+    space = HalfSpace(np.array([0, 0, 0.3]), np.array([0, 0, 5.0]))
+    np.testing.assert_allclose(space.distance(points), points[:, 2] - 0.3)
+
+
+def test_a_boxs_distance_is_that_to_the_nearest_point_of_its_faces():
+    """By brute force: points of a fine grid on all six faces."""
+    solid = random_solid("box", 3)
+    grid = np.linspace(-0.5, 0.5, 61)
+    u, v = (a.ravel() for a in np.meshgrid(grid, grid))
+    faces = []
+    for axis in range(3):
+        for sign in (-0.5, 0.5):
+            face = np.full((u.size, 3), sign)
+            face[:, np.delete(np.arange(3), axis)] = np.stack([u, v], axis=1)
+            faces.append(face)
+    on_faces = np.concatenate(faces) * solid.size @ solid.R_FB.T + solid.center
+    points = np.random.default_rng(4).uniform(-2, 2, (60, 3))
+    inside = np.all(np.abs((points - solid.center) @ solid.R_FB) < solid.size / 2, axis=1)
+    assert np.any(inside)
+    nearest = np.min(np.linalg.norm(points[:, None] - on_faces, axis=2), axis=1)
+    signed = np.where(inside, -nearest, nearest)
+    np.testing.assert_allclose(solid.distance(points), signed, atol=0.03)
+
+
+@kinds
+@given(seed=st.integers(0, 10**6))
+def test_the_gradient_is_that_of_the_distance(kind, seed):
+    solid = random_solid(kind, seed)
+    points = np.random.default_rng(seed + 1).uniform(-3, 3, (10, 3))
+    distances, gradients = solid.distance_and_gradient(points)
+    np.testing.assert_allclose(np.linalg.norm(gradients, axis=1), 1, rtol=1e-9)
+    step = 1e-6
+    slopes = np.stack(
+        [(solid.distance(points + step * e) - solid.distance(points - step * e)) for e in np.eye(3)]
+    ).T / (2 * step)
+    smooth = np.abs(np.linalg.norm(slopes, axis=1) - 1) < 1e-4  # Off the creases inside a box.
+    np.testing.assert_allclose(gradients[smooth], slopes[smooth], atol=1e-4)
+    assert np.sum(smooth) >= 8
+    # A step along the gradient leads to the surface from outside.
+    outside = distances > 0
+    feet = points[outside] - distances[outside, None] * gradients[outside]
+    np.testing.assert_allclose(solid.distance(feet), 0, atol=1e-9)
+
+
+@kinds
+@given(seed=st.integers(0, 10**6))
+def test_distances_change_no_faster_than_points_and_are_convex(kind, seed):
+    solid = random_solid(kind, seed)
+    a, b = np.random.default_rng(seed + 2).uniform(-3, 3, (2, 20, 3))
+    at_a, at_b = solid.distance(a), solid.distance(b)
+    assert np.all(np.abs(at_a - at_b) <= np.linalg.norm(a - b, axis=1) + 1e-12)
+    assert np.all(solid.distance((a + b) / 2) <= (at_a + at_b) / 2 + 1e-12)
+
+
+@kinds
+@given(seed=st.integers(0, 10**6))
+def test_moving_is_rigid(kind, seed):
+    solid = random_solid(kind, seed)
+    rng = np.random.default_rng(seed + 3)
+    R, p, points = rotation(rng), rng.normal(size=3), rng.uniform(-3, 3, (20, 3))
+    distances, gradients = solid.distance_and_gradient(points)
+    moved_distances, moved_gradients = solid.moved(R, p).distance_and_gradient(points @ R.T + p)
+    np.testing.assert_allclose(moved_distances, distances, atol=1e-12)
+    np.testing.assert_allclose(moved_gradients, gradients @ R.T, atol=1e-9)
+
+
+def test_obstacles_move_with_all_that_they_are():
+    rng = np.random.default_rng(5)
+    R, p = rotation(rng), rng.normal(size=3)
+    points = ForbiddenPoints(rng.normal(size=(4, 3)), rng.uniform(size=4), rng.normal(size=(4, 3)))
+    obstacles = Obstacles((random_solid("ball", 1), random_solid("box", 2)), points)
+    moved = obstacles.moved(R, p)
+    np.testing.assert_allclose(moved.points.points, points.points @ R.T + p)
+    np.testing.assert_allclose(moved.points.normals, points.normals @ R.T)
+    np.testing.assert_array_equal(moved.points.radii, points.radii)
+    probes = rng.normal(size=(5, 3))
+    for before, after in zip(obstacles.solids, moved.solids, strict=True):
+        np.testing.assert_allclose(after.distance(probes @ R.T + p), before.distance(probes))
+
+
+def test_at_special_points_gradients_are_units():
+    ball = BallSolid(np.zeros(3), 1.0)
+    np.testing.assert_array_equal(ball.distance_and_gradient(np.zeros((1, 3)))[1], [[0, 0, 1]])
+    box = BoxSolid(np.zeros(3), np.eye(3), np.array([1.0, 2, 3]))
+    distances, gradients = box.distance_and_gradient(np.array([[0.0, 0, 0], [0.5, 1, 1.5]]))
+    np.testing.assert_allclose(distances, [-0.5, 0])
+    np.testing.assert_allclose(np.linalg.norm(gradients, axis=1), 1)
+
+
+def test_solids_without_sense_are_refused():
+    with pytest.raises(InvalidArgumentError, match="radius must be at least 0 m, not -1"):
+        BallSolid(np.zeros(3), -1.0)
+    with pytest.raises(InvalidArgumentError, match="edges must be at least 0 m"):
+        BoxSolid(np.zeros(3), np.eye(3), np.array([1.0, -1, 1]))
+    with pytest.raises(InvalidArgumentError, match="normal must not be zero"):
+        HalfSpace(np.zeros(3), np.zeros(3))

@@ -1,0 +1,356 @@
+"""What a hand does next: laws of the closing gate, of touch, and of giving up."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drake_pregrasp.geometry.motion_profiles import Ramp
+from drake_pregrasp.grasping.grasp_phases import fingers_have_arrived, next_state
+from drake_pregrasp.grasping.grasp_state import (
+    GiveUp,
+    GraspPhase,
+    GraspSettings,
+    GraspState,
+    GraspView,
+    describe_give_up,
+)
+from drake_pregrasp.grasping.squeeze import Coasting, Squeeze
+
+SETTINGS = GraspSettings()
+PERIOD = 0.02
+N = 5
+ALL = np.ones(N, dtype=bool)
+
+
+def balanced(active):
+    return Squeeze(np.where(active[:, None], [-3.0, 0, 0], 0.0), 0.0)
+
+
+class Scene:
+    """Fingers that do as they are told, and an object off the place where it should be."""
+
+    def __init__(self, offset=0.0, active=ALL, distance=0.0, stiffness=500.0):
+        self.offset, self.active, self.distance = np.broadcast_to(offset, N), active, distance
+        self.stiffness = stiffness
+        self.force = np.zeros(N)
+        self.sees = True
+
+    def view(self, time, close, state):
+        """Fingertips meet the object at a gap of minus the offset, and then press."""
+        depth = np.maximum(-self.offset - state.standoffs, 0)
+        share = state.force.value(time)
+        presses = self.stiffness * depth * self.active + share * 3.0 * self.active
+        presses += state.touched * SETTINGS.touch_force * (1 - share) + self.force
+        gaps = np.maximum(state.standoffs, -self.offset)
+        distances = np.full(N, self.distance)
+        return GraspView(time, close, self.active, distances, gaps, presses, self.sees)
+
+
+def play(scene, *, close_at=2.0, open_at=np.inf, end=8.0, squeeze=balanced, change=None):
+    state, states, time = GraspState.first(N, SETTINGS), [], 0.0
+    while time < end:
+        if change is not None:
+            change(scene, state)
+        view = scene.view(time, close_at <= time < open_at, state)
+        state = next_state(state, view, SETTINGS, PERIOD, squeeze)
+        states.append(state)
+        time = len(states) * PERIOD
+    return states
+
+
+def phases(states):
+    return list(dict.fromkeys(GraspPhase(state.phase).name for state in states))
+
+
+def test_a_grasp_goes_through_all_phases():
+    states = play(Scene())
+    assert phases(states) == ["APPROACH", "TRACK", "CLOSE", "SQUEEZE", "LIFT", "HOLD"]
+    assert states[-1].height.value(8.0) == SETTINGS.lift_height
+    assert states[-1].reason == GiveUp.NONE
+    for state in states:
+        # It goes its own way from the squeeze on.
+        assert np.isfinite(state.gripped) == (state.phase >= GraspPhase.SQUEEZE)
+
+
+def test_nothing_closes_before_it_is_asked():
+    assert phases(play(Scene(), close_at=np.inf)) == ["APPROACH", "TRACK"]
+
+
+@given(st.floats(-0.004, 0.005), st.floats(-0.004, 0.005))
+@settings(max_examples=20)
+def test_each_finger_stops_where_it_meets_the_object(first, others):
+    offset = np.array([first, others, others, others, others])
+    states = play(Scene(offset=-offset))
+    assert phases(states)[-1] == "HOLD"
+    np.testing.assert_allclose(states[-1].standoffs, offset, atol=1.1e-3)
+
+
+def test_what_is_felt_far_from_the_object_is_no_touch():
+    def jerked(scene, state):
+        early = state.phase == GraspPhase.CLOSE and state.standoffs[0] > SETTINGS.search
+        scene.force = np.full(N, 5.0 * early)
+
+    states = play(Scene(), change=jerked)
+    assert phases(states)[-1] == "HOLD"
+    np.testing.assert_allclose(states[-1].standoffs, 0, atol=1.1e-3)
+
+
+def test_fingers_never_close_faster_than_they_may():
+    standoffs = np.array([state.standoffs for state in play(Scene())])
+    steps = np.diff(standoffs[:, 0])
+    assert np.min(steps) >= -SETTINGS.closing_speed * PERIOD - 1e-12
+    first = np.flatnonzero(steps)[0]
+    gains = np.diff(steps[first - 1 : first + 5])
+    assert np.min(gains) >= -SETTINGS.closing_acceleration * PERIOD**2 - 1e-12
+
+
+def closing_time(states):
+    return PERIOD * [state.phase == GraspPhase.CLOSE for state in states].index(True)
+
+
+@pytest.mark.parametrize("arrives", [0.0, 0.3, 1.2, 5.0])
+def test_the_gate_waits_for_fingers_on_their_way_and_no_longer_than_its_limit(arrives):
+    def travel(scene, state):
+        scene.calls = getattr(scene, "calls", -1) + 1
+        scene.distance = 0.01 * (scene.calls * PERIOD < 2.0 + arrives - 1e-9)
+
+    waited = closing_time(play(Scene(), change=travel)) - 2.0
+    assert waited == pytest.approx(min(arrives, SETTINGS.gate_limit))
+
+
+@pytest.mark.parametrize("comes", [0.3, 1.2])
+def test_the_gate_waits_for_a_finger_that_is_missing_and_for_balance(comes):
+    def balanced_later(active):
+        return Squeeze(np.zeros((N, 3)), 1.0 if scene.time < 2.0 + comes - 1e-9 else 0.0)
+
+    def appear(scene, state):
+        scene.time = getattr(scene, "time", -PERIOD) + PERIOD
+        scene.active = ALL if scene.time >= 2.0 + comes - 1e-9 else np.arange(N) < 2
+
+    scene = Scene(active=np.arange(N) < 2)
+    assert closing_time(play(scene, change=appear)) == pytest.approx(2.0 + comes)
+    scene = Scene()
+
+    def count(scene, state):
+        scene.time = getattr(scene, "time", -PERIOD) + PERIOD
+
+    states = play(scene, change=count, squeeze=balanced_later)
+    assert closing_time(states) == pytest.approx(2.0 + comes)
+
+
+def test_the_gate_does_not_wait_for_lost_fingers():
+    state = GraspState.first(N, SETTINGS)
+    scene = Scene(active=np.arange(N) != 3)
+    view = scene.view(0.0, True, state)
+    view.distances[3] = 1.0
+    assert fingers_have_arrived(view, SETTINGS)
+    view.distances[2] = 1.0
+    assert not fingers_have_arrived(view, SETTINGS)
+
+
+def test_lost_fingers_take_no_part():
+    lost = np.arange(N) == 3
+    states = play(Scene(active=~lost))
+    assert phases(states)[-1] == "HOLD"
+    np.testing.assert_array_equal(states[-1].touched, ~lost)
+    assert states[-1].standoffs[3] == SETTINGS.standoff
+
+
+def pressed(scene, state):
+    scene.force = np.where(np.arange(N) == 2, 20.0 * (state.phase == GraspPhase.SQUEEZE), 0.0)
+
+
+def slipped(scene, state):
+    scene.force = np.where(np.arange(N) == 4, -9.0 * (state.phase == GraspPhase.LIFT), 0.0)
+
+
+GIVING_UP = {
+    "only 2 active fingers": (Scene(active=np.arange(N) < 2), {}),
+    "finger 1 met nothing": (Scene(offset=np.where(np.arange(N) == 1, 0.03, 0.0)), {}),
+    "finger 2 pressed too hard": (Scene(), {"change": pressed}),
+    "finger 4 lost touch": (Scene(), {"change": slipped}),
+    "no squeeze balances the weight: 1.50 N are left": (
+        Scene(),
+        {"squeeze": lambda active: Squeeze(np.zeros((N, 3)), 1.5)},
+    ),
+    "told to open": (Scene(), {"open_at": 4.0}),
+}
+
+
+@pytest.mark.parametrize("reason", GIVING_UP)
+def test_it_backs_off_and_says_why(reason):
+    scene, more = GIVING_UP[reason]
+    states = play(scene, end=14.0, **more)
+    last = states[-1]
+    assert phases(states)[-1] == "BACK_OFF"
+    assert describe_give_up(last.reason, last.detail) == reason
+    assert not np.any(last.touched)
+    assert last.force.value(14.0) == 0
+    np.testing.assert_allclose(last.standoffs, SETTINGS.standoff)
+    assert last.height.value(14.0) == pytest.approx(SETTINGS.approach_height)
+
+
+def test_a_hand_that_gripped_nothing_begins_anew_when_it_is_told_to_again():
+    def appear(scene, state):
+        scene.time = getattr(scene, "time", -PERIOD) + PERIOD
+        scene.active = ALL if scene.time > 6.0 else np.arange(N) < 2
+
+    scene, states, state = Scene(), [], GraspState.first(N, SETTINGS)
+    for tick in range(700):
+        time = tick * PERIOD
+        appear(scene, state)
+        view = scene.view(time, 2.0 <= time < 7.0 or time >= 9.0, state)
+        state = next_state(state, view, SETTINGS, PERIOD, balanced)
+        states.append(state)
+    names = [GraspPhase(s.phase).name for s in states]
+    order = [name for k, name in enumerate(names) if k == 0 or names[k - 1] != name]
+    first = ["APPROACH", "TRACK", "BACK_OFF"]
+    assert order == [*first, "APPROACH", "TRACK", "CLOSE", "SQUEEZE", "LIFT", "HOLD"]
+    tracking = [s for s in states if s.phase == GraspPhase.TRACK]
+    assert tracking[-1].reason == GiveUp.TOO_FEW_FINGERS
+    assert states[-1].reason == GiveUp.NONE
+
+
+def test_what_was_lifted_is_set_down_before_it_is_let_go():
+    states = play(Scene(), open_at=6.5, end=14.0)
+    times = PERIOD * np.arange(len(states))
+    heights = np.array(
+        [state.height.value(time) for time, state in zip(times, states, strict=True)]
+    )
+    forces = np.array([state.force.value(time) for time, state in zip(times, states, strict=True)])
+    backing = np.array([state.phase == GraspPhase.BACK_OFF for state in states])
+    assert heights[backing][0] > 0.05
+    letting_go = backing & (forces < 1) & (forces > 0)
+    assert np.any(letting_go)
+    np.testing.assert_allclose(heights[letting_go], 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("open_at", [2.9, 3.5])
+def test_it_stops_at_once_when_it_is_told_to_open(open_at):
+    states = play(Scene(), open_at=open_at, end=6.0)
+    backing = [
+        (state.height.value(index * PERIOD), state.force.value(index * PERIOD))
+        for index, state in enumerate(states)
+        if state.phase == GraspPhase.BACK_OFF
+    ]
+    down = np.array(backing[:20])  # It goes up only once it has opened.
+    assert down[0].max() > 0.1
+    assert np.max(np.diff(down, axis=0)) <= 1e-12
+
+
+def test_a_state_survives_as_a_vector():
+    for state in play(Scene(), end=5.0)[::20]:
+        again = GraspState.from_vector(state.to_vector())
+        np.testing.assert_array_equal(again.to_vector(), state.to_vector())
+        assert again.height == state.height
+
+
+@given(st.floats(0, 3), st.floats(0.1, 2), st.floats(-1, 1), st.floats(-1, 1))
+def test_a_ramp_is_smooth_and_monotonic(time, duration, first, last):
+    ramp = Ramp(0.5, duration, first, last)
+    assert min(first, last) - 1e-12 <= ramp.value(time) <= max(first, last) + 1e-12
+    h = 1e-6
+    slope = (ramp.value(time + h) - ramp.value(time - h)) / (2 * h)
+    assert slope == pytest.approx(ramp.rate(time), abs=1e-3)
+    assert ramp.value(0.0) == first
+    assert ramp.value(10.0) == pytest.approx(last, abs=1e-15)
+
+
+@given(st.floats(0, 2), st.floats(0.1, 0.5), st.floats(-1, 1))
+def test_a_hand_that_coasts_moves_by_its_twist_and_comes_to_rest(elapsed, stop, turn):
+    first = Coasting(np.eye(3), np.zeros(3), np.array([0, 0, turn]), np.array([0.05, 0.01, 0]))
+    h, coast = 1e-6, 0.5
+    now = first.after(elapsed, coast=coast, stop=stop)
+    then = first.after(elapsed + h, coast=coast, stop=stop)
+    np.testing.assert_allclose((then.p_WG - now.p_WG) / h, now.v_WG, atol=1e-5)
+    assert (then.R_WG @ now.R_WG.T)[1, 0] / h == pytest.approx(now.w_WG[2], abs=1e-4)
+    if elapsed >= coast + stop:
+        np.testing.assert_allclose(now.p_WG, first.v_WG * (coast + stop / 2), atol=1e-12)
+        assert not np.any(now.v_WG)
+    again = Coasting.from_vector(now.to_vector())
+    np.testing.assert_array_equal(again.to_vector(), now.to_vector())
+
+
+def unseen(start, end):
+    """Loses the object from sight from one time to another."""
+
+    def change(scene, state):
+        scene.calls = getattr(scene, "calls", -1) + 1
+        scene.sees = not start - 1e-9 <= scene.calls * PERIOD < end - 1e-9
+
+    return change
+
+
+@pytest.mark.parametrize("found", [3.0, 6.0])
+def test_no_closing_starts_on_an_object_that_is_not_seen(found):
+    states = play(Scene(), change=unseen(1.8, found), end=found + 6.0)
+    assert closing_time(states) == pytest.approx(found)
+    assert phases(states)[-1] == "HOLD"
+    for tick, state in enumerate(states):
+        waits = 2.0 - 1e-9 <= tick * PERIOD < found - 1e-9
+        reason = describe_give_up(state.reason, state.detail)
+        assert reason == ("the object is lost from sight" if waits else None)
+
+
+def test_the_gates_limit_begins_when_the_object_is_seen_again():
+    scene = Scene(distance=1.0)
+    states = play(scene, change=unseen(2.2, 5.0), end=7.0)
+    assert closing_time(states) == pytest.approx(5.0 + SETTINGS.gate_limit, abs=1.1 * PERIOD)
+
+
+@pytest.mark.parametrize("touched", [0, 3])
+def test_a_closing_that_has_no_hold_opens_when_the_object_is_lost(touched):
+    scene = Scene(offset=np.where(np.arange(N) < touched, -0.005, 0.005))
+
+    def lose(scene, state):
+        scene.sees &= not (state.phase == GraspPhase.CLOSE and np.sum(state.touched) == touched)
+
+    states = play(scene, change=lose, end=10.0)
+    assert phases(states) == ["APPROACH", "TRACK", "CLOSE", "BACK_OFF"]
+    last = states[-1]
+    assert describe_give_up(last.reason, last.detail) == "the object is lost from sight"
+    np.testing.assert_allclose(last.standoffs, SETTINGS.standoff)
+    assert last.height.value(10.0) == pytest.approx(SETTINGS.approach_height)
+
+
+@pytest.mark.parametrize("phase", [GraspPhase.SQUEEZE, GraspPhase.LIFT, GraspPhase.HOLD])
+def test_a_hand_that_holds_goes_on_holding_an_object_that_it_no_longer_sees(phase):
+    def lose(scene, state):
+        scene.sees = state.phase < phase
+
+    assert phases(play(Scene(), change=lose)) == phases(play(Scene()))
+
+
+def test_a_hand_comes_no_lower_while_it_does_not_see_what_it_comes_down_to():
+    states = play(Scene(), change=unseen(0.5, 3.0), close_at=np.inf)
+    heights = np.array([s.height.value(PERIOD * tick) for tick, s in enumerate(states)])
+    lost = heights[int(0.5 / PERIOD) : int(3.0 / PERIOD)]
+    assert np.ptp(lost) == 0
+    assert 0 < lost[0] < SETTINGS.approach_height
+    assert np.all(np.diff(heights) <= 0)
+    assert phases(states) == ["APPROACH", "TRACK"]
+    assert heights[-1] == 0
+
+
+def test_a_force_that_is_not_known_hides_no_other():
+    def pressed(scene, state):
+        scene.force = np.where(np.arange(N) == 0, np.nan, 100.0 * (state.phase == GraspPhase.HOLD))
+
+    last = play(Scene(), change=lambda scene, state: None)[-1]
+    scene = Scene()
+    pressed(scene, last)
+    after = next_state(last, scene.view(9.0, True, last), SETTINGS, PERIOD, balanced)
+    assert after.reason == GiveUp.PRESSED_TOO_HARD
+    scene.force = np.array([np.nan, 0, 0, 0, 0])
+    assert next_state(last, scene.view(9.0, True, last), SETTINGS, PERIOD, balanced).phase == 5
+
+
+def test_a_fingertip_that_is_said_to_be_deep_inside_stops_where_it_may_search():
+    state = replace(GraspState.first(N, SETTINGS), phase=GraspPhase.CLOSE, active=ALL)
+    gaps = np.array([-1e6, 0.0, 0.0, 0.0, 0.02])
+    view = GraspView(3.0, True, ALL, np.zeros(N), gaps, np.ones(N))
+    after = next_state(state, view, SETTINGS, PERIOD, balanced)
+    assert after.standoffs[0] == -SETTINGS.search

@@ -1,0 +1,94 @@
+import numpy as np
+import pytest
+
+from drake_pregrasp import box_surface
+from drake_pregrasp.quality.force_closure import least_norm_margin, min_weight_margin
+from drake_pregrasp.regions.independent_regions import force_closed_share
+from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
+
+SURFACE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
+
+
+def regions_of(*members):
+    labels = np.full(len(SURFACE.p_OQ), NO_REGION)
+    for contact, q in enumerate(members):
+        labels[q] = contact
+    return SafeRegions.unlimited(labels, len(members))
+
+
+def share(regions, friction=0.7, *, seed=0, **options):
+    generator = np.random.default_rng(seed)
+    return force_closed_share(SURFACE, regions, friction, generator=generator, **options)
+
+
+def nearest(p):
+    return int(np.argmin(np.linalg.norm(SURFACE.p_OQ - p, axis=1)))
+
+
+def test_single_points_of_a_force_closed_set_always_close():
+    around = [nearest([0.05, 0, 0]), nearest([-0.05, 0, 0]), nearest([0, 0.05, 0])]
+    assert share(regions_of(*around)) == 1
+    assert share(regions_of(*around[:2])) == 0  # Free to turn about their line.
+    assert share(regions_of(*around[:2]), model="soft_finger") == 1
+
+
+def test_points_of_one_face_never_close():
+    face = np.flatnonzero(SURFACE.nhat_OQ[:, 0] > 0.5)
+    assert share(regions_of(*np.array_split(face, 4))) == 0
+
+
+def test_no_region_no_share():
+    assert share(regions_of([], [])) == 0
+
+
+@pytest.mark.parametrize("friction", [0.7, 0.25])
+def test_it_is_the_share_that_the_linear_programme_finds(p_OC, friction):
+    """Every choice once more, without the bound that decides most of them first."""
+    regions = compute_safe_regions(SURFACE.p_OQ, p_OC, np.zeros(5), SURFACE.forbidden)
+    rng = np.random.default_rng(3)
+    members = [regions.members(i) for i in range(5)]
+    picks = np.stack([rng.choice(q, size=60, p=np.full(len(q), 1 / len(q))) for q in members])
+    closed = [
+        min_weight_margin(SURFACE.p_OQ[pick], SURFACE.nhat_OQ[pick], friction) > 1e-7
+        for pick in picks.T
+    ]
+    assert 0 < np.mean(closed) < 1
+    assert share(regions, friction, seed=3, samples=60) == np.mean(closed)
+
+
+def test_what_the_bound_nearly_certifies_is_not_taken_for_closed():
+    rng = np.random.default_rng(0)
+    seen = 0
+    while seen < 5:
+        q = rng.choice(len(SURFACE.p_OQ), 3, replace=False)
+        points = SURFACE.p_OQ[q], SURFACE.nhat_OQ[q], 0.7
+        if -1 < least_norm_margin(*points) < 0 and min_weight_margin(*points) < 1e-9:
+            assert share(regions_of(*q), samples=1) == 0
+            seen += 1
+
+
+def test_more_friction_closes_no_fewer_and_the_seed_decides(p_OC):
+    regions = compute_safe_regions(SURFACE.p_OQ, p_OC, np.zeros(5), SURFACE.forbidden)
+    shares = [share(regions, mu) for mu in (0.1, 0.3, 0.7, 1.2)]
+    assert shares == sorted(shares)
+    assert shares[0] < shares[-1]
+    assert share(regions) == share(regions)
+
+
+def test_candidates_count_by_their_areas():
+    around = [nearest([0.05, 0, 0]), nearest([-0.05, 0, 0]), nearest([0, 0.05, 0])]
+    closing, spoiling = around[2], nearest([0.05, 0.02, 0.02])
+    areas = SURFACE.areas.copy()
+    areas[spoiling] = 3 * areas[closing]
+    regions = regions_of(around[0], around[1], [closing, spoiling])
+    weighed = box_surface([0.1, 0.1, 0.1], spacing=0.01)
+    object.__setattr__(weighed, "areas", areas)
+    generator = np.random.default_rng(0)
+    closed = [
+        min_weight_margin(SURFACE.p_OQ[[*around[:2], q]], SURFACE.nhat_OQ[[*around[:2], q]], 0.7)
+        for q in (closing, spoiling)
+    ]
+    assert closed[0] > 0.1
+    expected = 1.0 if closed[1] > 1e-7 else 0.25
+    found = force_closed_share(weighed, regions, 0.7, generator=generator, samples=400)
+    assert found == pytest.approx(expected, abs=0.08)
