@@ -1,7 +1,6 @@
 """Trials that simulate nothing, with rows as a simulation might give."""
 
 import math
-import time
 import zlib
 
 import numpy as np
@@ -20,7 +19,7 @@ SKILL = {
     "sphere": (0.1, 0.4, 0.45, 0.45, 0.4, 0.92, 0.93),
     "noise": (0.2, 0.7, 0.9, 0.9, 0.98, 0.7, 0.72),
 }
-"""Shares of clean grasps by method; under turning and noise the tested method isn't ahead of all."""
+"""Shares of clean grasps by method; under turning and noise the tested one isn't ahead of all."""
 
 
 def made_up_trial(job: TrialJob) -> list[dict[str, object]]:
@@ -61,10 +60,4 @@ def failing_trial(job: TrialJob) -> list[dict[str, object]]:
     """Fails for one method and seed."""
     if (job.method, job.seed) == ("fixed_plan", 0):
         raise ValueError("no <b>luck\nat all")
-    return made_up_trial(job)
-
-
-def slow_trial(job: TrialJob) -> list[dict[str, object]]:
-    """Takes as long as a simulation might."""
-    time.sleep(0.3)
     return made_up_trial(job)
