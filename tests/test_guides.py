@@ -155,7 +155,7 @@ def test_the_guide_to_sweeps_names_what_there_is(capsys):
     for name in MEASURES:
         of_quality = re.match(r"q_(gii|vew)_", name)
         assert f"`{name}`" in text or (of_quality and f"`q_{of_quality[1]}`" in text), name
-    for file in (ROWS, FAILED, STUDY, SWEEP_SETTINGS, REPORT):
+    for file in (ROWS, FAILED, STUDY, SWEEP_SETTINGS, "report.html"):
         assert f"| `{file}` |" in text
     assert f"{len(load_study('tracking').plan):,} runs" in text
     for field in dataclasses.fields(StudyConfig):

@@ -93,9 +93,8 @@ def test_every_count_and_test_is_in_the_tables():
         assert sorted(shown["only it clean"]) == sorted(of_condition["gained"])
         assert sorted(shown["only the other clean"]) == sorted(of_condition["lost"])
         # Bounds of the difference are rounded outward.
-        bounds = [
-            shown[name].str.rstrip(" %").astype(float) for name in ("difference, least", "most")
-        ]
+        columns = ("difference, least", "most")
+        least, most = (shown[column].str.rstrip(" %").astype(float) for column in columns)
         exact = of_condition.sort_values(
             "method", key=lambda keys: keys.map(list(METHODS).index), kind="stable"
         )

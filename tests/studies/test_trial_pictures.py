@@ -6,7 +6,6 @@ import os
 import numpy as np
 import pandas as pd
 import pytest
-from drake_pregrasp.systems.palette import contact_color
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up_trials import made_up_trial
@@ -44,6 +43,7 @@ from drake_pregrasp.studies.static_versus_dynamic.trial_pictures import (
     plot_strips,
     representative_seed,
 )
+from drake_pregrasp.systems.drawing import contact_color
 
 
 def rows_of(jobs, trial=made_up_trial):

@@ -1,6 +1,7 @@
 """The command `drake-pregrasp study static-versus-dynamic`."""
 
 import argparse
+import functools
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -17,23 +18,20 @@ from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
 from drake_pregrasp.studies.static_versus_dynamic.trial import MODULES, run_trial
 from drake_pregrasp.studies.static_versus_dynamic.trial_pictures import figures_of_one_seed
 
-NAME = "static-versus-dynamic"
-"""Name of the study's folder."""
+NAME = "static-versus-dynamic"  # Name of the study's folder.
 
-SEEDS = 30
-"""Default number of seeds."""
+SEEDS = 30  # Default number of seeds.
 
+# Keys of methods in version 0.1, and what they are now.
 FORMER_METHODS = {"frozen": "fixed_plan", "still": "stationary"}
-"""Keys of methods in version 0.1, and what they are now."""
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
     study_options.add_out_option(parser, "studies", f"the folder {NAME} with the report")
     count, names = study_options.whole_number, study_options.names
-    most = study_options.MOST_SEEDS
     for flags, kind, default, metavar, text in (
-        (["--seeds"], count(1, most), SEEDS, "N", "number of seeds"),
+        (["--seeds"], count(1, study_options.MOST_SEEDS), SEEDS, "N", "number of seeds"),
         (["--first_seed"], count(0), 0, "K", "first seed"),
         (["--conditions"], names, ",".join(CONDITIONS), "a,b,...", "keys of conditions"),
         # The second is the name in version 0.1.
@@ -49,13 +47,8 @@ def _run(options: argparse.Namespace) -> int:
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     jobs = trial_jobs(options.conditions, options.methods, seeds)
     folder = Path(options.out) / NAME
-    return study_options.make_rows_and_report(
-        lambda on_progress: compare_methods(
-            folder, jobs, processes=options.processes, on_progress=on_progress
-        ),
-        folder=folder,
-        noun="trial",
-    )
+    make = functools.partial(compare_methods, folder, jobs, processes=options.processes)
+    return study_options.make_rows_and_report(make, folder=folder, noun="trial")
 
 
 def trial_jobs(
@@ -88,20 +81,20 @@ def trial_jobs(
 def compare_methods(
     folder: Path,
     jobs: Sequence[TrialJob],
+    on_progress: OnProgress = lambda done, total: None,
     *,
     run: Callable[[TrialJob], Sequence[Mapping[str, Any]]] = run_trial,
     processes: int | None = None,
-    on_progress: OnProgress = lambda done, total: None,
 ) -> tuple[StudyRows, Path]:
     """Runs the trials that have no rows yet, and writes the report of all rows.
 
     Args:
         folder: Folder of the study.
         jobs: Trials from `trial_jobs`.
-        run: Simulates a trial, and returns its rows.
-        processes: Number of local processes; that of the processors if not set.
         on_progress: Called with the number of trials that have ended and of those that are needed;
             then anew for the trials of each figure.
+        run: Simulates a trial, and returns its rows.
+        processes: Number of local processes; that of the processors if not set.
 
     Returns:
         The rows, and the path of the report.

@@ -17,20 +17,21 @@ from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import CLEAN_IN_
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS, TESTED
 
 _AREA = ("wall", "headline", "sphere")
+# Goals for `TESTED`: the least number of successes of 30 seeds at each closing time; the largest
+# share of ticks, in percent, at which a goal (in any grasp) and a fingertip (on average) may be in
+# the no-touch area.
 GOALS = {
     "lifted": {"two_lost": 29, "wall": 25, "sphere": 26},
     "clean": {"turning": 27, "headline": 25},
     "goal_in_area": dict.fromkeys(_AREA, 0),
     "tip_in_area": dict.fromkeys(_AREA, 1),
 }
-"""Goals for `TESTED`: the least number of successes of 30 seeds at each closing time; the largest
-share of ticks in percent at which a goal, in any grasp, and a fingertip, on average, may be in the
-no-touch area."""
 
 _MEASURES = [field.name for field in fields(Outcome) if field.type in (int, float)][1:]
 _LABELS = {key: method.label for key, method in METHODS.items()}
 _TESTED = _LABELS[TESTED]
 _CLASSES = {"ahead": "better", "behind": "worse", "reached": "holds", "not reached": "fails"}
+_TITLE = "Static or dynamic contacts: which hand grasps better?"
 _LIMITS = (
     "All grasps are simulated: rigid bodies, point contact, one friction coefficient, one object,"
     " and one hand without gravity. The authors of the planner chose speeds, sizes and bounds."
@@ -90,9 +91,8 @@ def write_comparison(
         parts += [Heading("Do measures of the contacts predict success?"), ranking_table(rows)]
     methods = [{"method": method.label, "contacts": method.text} for method in METHODS.values()]
     parts += [Heading("Methods"), Table(pd.DataFrame(methods)), Heading("Limits"), _LIMITS]
-    parts.append(Details("Settings", json.dumps(settings, indent=1)))
-    title = "Static or dynamic contacts: which hand grasps better?"
-    return write_report(folder, title, parts, formats=("html",))
+    parts += [Details("Settings", json.dumps(settings, indent=1))]
+    return write_report(folder, _TITLE, parts, formats=("html",))
 
 
 def overview_table(tests: pd.DataFrame) -> Table:

@@ -19,8 +19,7 @@ from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.systems.scene_inputs import MovingSolid
 
-FINGERS = 5
-"""Number of fingers of the hand."""
+FINGERS = 5  # Number of fingers of the hand.
 
 _LEAST_DISTANCE = 0.024  # Between random contacts, in metres.
 _HEIGHTS = (-0.030, 0.035)  # Range of the random contacts over the object's centre, in metres.
@@ -62,6 +61,7 @@ class Condition:
         return [moving.solid.moved(np.eye(3), time * moving.velocity) for moving in self.area]
 
 
+# The conditions by their keys, in the order of tables and figures.
 CONDITIONS = {
     condition.key: condition
     for condition in (
@@ -75,7 +75,6 @@ CONDITIONS = {
         Condition("noise", "noise", (4.0, 7.0)),
     )
 }
-"""The conditions by their keys, in the order of tables and figures."""
 
 
 class Start(NamedTuple):

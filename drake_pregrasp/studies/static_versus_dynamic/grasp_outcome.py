@@ -19,14 +19,15 @@ from drake_pregrasp.systems.loggers import GraspRecord
 
 LIFTED_ABOVE_MM = 80.0
 LEVEL_BELOW_DEG = 20.0
+# Bounds of a clean grasp on measures of an `Outcome`.
 CLEAN_BELOW = {
     "pushed_before_mm": 5.0,
     "turned_before_deg": 5.0,
     "pushed_closing_mm": 5.0,
     "slip_mm": 5.0,
 }
-"""Bounds of a clean grasp on measures of an `Outcome`."""
 
+# Definition of a clean grasp, as the report quotes it.
 CLEAN_IN_WORDS = (
     f"A grasp is clean if the object is lifted by more than {LIFTED_ABOVE_MM:g} mm and tilted by"
     f" less than {LEVEL_BELOW_DEG:g}°, slips by less than {CLEAN_BELOW['slip_mm']:g} mm, and was"
@@ -34,7 +35,6 @@ CLEAN_IN_WORDS = (
     f" {CLEAN_BELOW['turned_before_deg']:g}° before the hand closed, and moved by less than"
     f" {CLEAN_BELOW['pushed_closing_mm']:g} mm in closing."
 )
-"""Definition of a clean grasp, as the report quotes it."""
 
 _AREA_FROM = 1.0  # Time from which fingertips have to keep out of the no-touch area, in seconds.
 

@@ -56,6 +56,7 @@ _STATIONARY = "the hand follows the object, does not turn, and closes without a 
 _DYNAMIC = "contacts are planned anew at every tick"
 _REACH = "contacts are planned anew at every tick, within the reach of each finger"
 
+# The methods by their keys, in the order of tables and figures.
 # Colours of Okabe and Ito's colour-blind-safe set, without its yellow, which is pale on white.
 METHODS = {
     "world": Method(
@@ -72,10 +73,8 @@ METHODS = {
         "dynamic with reach", _REACH, "#0072B2", "o", replans=True, uses_reach=True
     ),
 }
-"""The methods by their keys, in the order of tables and figures."""
 
-TESTED = "dynamic_reach"
-"""Key of the method that each other one is tested against."""
+TESTED = "dynamic_reach"  # Key of the method that each other one is tested against.
 
 
 def rays_at(azimuths: FloatArray) -> FloatArray:
@@ -128,10 +127,10 @@ class StationaryHand(LeafSystem):
         - fingertip_targets
         - contact_status
 
-    The ports are those of `PregraspPlanner`, except `close`, the command to close. Fingers wait on
-    a ring around the object, which moves with it and does not turn. After the command their goals
-    are where the rays from the object's origin meet its surface. A finger is not active if it is
-    lost, or if the planner's limits forbid its contact there.
+    The ports are as those of `PregraspPlanner`, except `close`, the command to close. Fingers wait
+    on a ring around the object, which moves with it and does not turn. After the command their
+    goals are where the rays from the object's origin meet its surface. A finger is not active if
+    it is lost, or if the planner's limits forbid its contact there.
 
     Args:
         tip_frames: Scoped names of the fingertips' frames.
@@ -213,9 +212,9 @@ class Reassignment(LeafSystem):
         - fingertip_targets
         - contact_status
 
-    The ports are those of `PregraspPlanner`. Fingers are lost, not contacts. When the mean offset
-    of the contacts from their fingers about z of H is more than 40 degrees, every finger changes
-    to the next contact in that direction.
+    The ports are as those of `PregraspPlanner`. Fingers are lost, not contacts. When the mean
+    offset of the contacts from their fingers about z of H is more than 40 degrees, every finger
+    changes to the next contact in that direction.
 
     Args:
         tip_frames: Scoped names of the fingertips' frames.

@@ -10,11 +10,9 @@ from statsmodels.stats.proportion import proportion_confint
 
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS, TESTED
 
-CONFIDENCE = 0.95
-"""Confidence of all intervals."""
+CONFIDENCE = 0.95  # Confidence of all intervals.
 
-SIGNIFICANT = 0.05
-"""A difference is shown if its corrected p is below this."""
+SIGNIFICANT = 0.05  # A difference is shown if its corrected p is below this.
 
 
 def exact_interval(

@@ -30,11 +30,11 @@ from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
 from drake_pregrasp.systems.scene_inputs import ContactWeights, MovingObstacles
 
+# Modules of this folder that the rows of the study depend on.
 MODULES = (__name__, conditions.__name__, grasp_outcome.__name__, methods.__name__)
-"""Modules of this folder that the rows of the study depend on."""
 
+# Closing times of strip charts, in seconds.
 TRACKED_CLOSING_TIMES = tuple(0.5 * k for k in range(1, 25))
-"""Closing times of strip charts, in seconds."""
 
 _START_TICKS = 60  # Ticks of the planner in which contacts of a fixed plan converge.
 _FOREVER = 1e6  # Static duration of the methods that plan at most once, in seconds.

@@ -30,27 +30,25 @@ from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
 from drake_pregrasp.studies.static_versus_dynamic.trial import MODULES, Trial, tracking_rows
 from drake_pregrasp.systems.drawing import contact_color
 
+# Files of the two figures, and the folder of the rows of the strip charts.
 PICTURES, STRIPS, TRACKING = "pictures.png", "strips.png", "strips"
-"""Files of the two figures, and the folder of the rows of the strip charts."""
 
-HEADLINE = "headline"
-"""Condition of the figures."""
+HEADLINE = "headline"  # Condition of the figures.
 
-PICTURED = ("fixed_plan", "stationary", "dynamic_reach")
-"""Methods that have a row of pictures."""
+PICTURED = ("fixed_plan", "stationary", "dynamic_reach")  # Methods that have a row of pictures.
 
+# Times of the pictures before the grasp, in seconds. The hand closes at the last one.
 MOMENTS = (0.5, 4.0, 8.0)
-"""Times of the pictures before the grasp, in seconds. The hand closes at the last one."""
 
+# Least number of seeds with which strip charts are made: they take as long as 50 trials.
 SEEDS_FOR_STRIPS = 5
-"""Least number of seeds with which strip charts are made: they take as long as 50 trials."""
 
+# Camera of the pictures.
 CAMERA = ColorRenderCamera(
     RenderCameraCore(
         "pictures", CameraInfo(600, 630, 0.55), ClippingRange(0.01, 10), RigidTransform()
     )
 )
-"""Camera of the pictures."""
 
 _FARTHEST_MM = 60.0  # Largest distance from the no-touch area that strip charts show.
 _TARGET = np.array([0.0, 0.0, 0.14])  # Of the camera, from the turntable's centre, in metres.
@@ -66,13 +64,12 @@ _DOT = (0.0, 0.0017, 4e-4, 10)  # Two radii and height in metres, number of corn
 _RING = (0.0055, 0.008, 1.2e-3, 36)
 _PICTURES_TEXT = (
     "Red: the wall, which no fingertip may touch. Rings: contacts of active fingers if the hand"
-    " closed now. Dots, in the colours of the fingertips: the safe regions of methods that plan"
-    " anew. A finger without a goal waits above the object."
+    " closed now. Dots, in the colours of the fingertips: safe regions of methods that plan anew."
 )
 _STRIPS_TEXT = (
-    "For each method, while the hand follows: the number of active fingers; the least distance of a"
-    " fingertip at a goal, in contact or at its standoff, from the wall, whose inside is shaded, up"
-    f" to {_FARTHEST_MM:g} mm; and whether a grasp that closes then is clean, tried every 0.5 s."
+    "While the hand follows: the number of active fingers; the least distance of a fingertip at a"
+    " goal, in contact or at its standoff, from the wall (inside is shaded), up to"
+    f" {_FARTHEST_MM:g} mm; and whether a grasp that closes then is clean, tried every 0.5 s."
 )
 
 
@@ -230,9 +227,9 @@ def closing_contacts(trial: Trial) -> list[RigidTransform]:
     own = trial.goals.GetMyContextFromRoot(context)
     active = is_active(np.asarray(trial.goals.GetOutputPort("contact_status").Eval(own)))
     targets = trial.goals.GetOutputPort("fingertip_targets").Eval(own)
-    outward = RotationMatrix.MakeXRotation(np.pi)
+    outward = RigidTransform(RotationMatrix.MakeXRotation(np.pi))
     frames = np.array(trial.hand.kinematics.tip_frames)[active]
-    return [targets.Find(frame) @ RigidTransform(outward) for frame in frames]
+    return [targets.Find(frame) @ outward for frame in frames]
 
 
 def _shapes(
