@@ -21,6 +21,7 @@ from drake_pregrasp.contacts.selection_input import ContactGoals, ContactStatus,
 from drake_pregrasp.contacts.strategies import BLEND, make_blend, make_strategy
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.pose_track import TrackingStatus
+from drake_pregrasp.fast import fast_goals
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.quality.force_closure import FRICTION
 from drake_pregrasp.regions.constraints import NO_CAUSE
@@ -174,6 +175,9 @@ class CentroidSelector(LeafSystem):
             self._strategy = make_strategy(
                 strategy, reading=reading, stretch=stretch, power=power, friction=friction
             )
+        self._fast_goals = fast_goals(
+            surface, strategy, reading=reading, stretch=stretch, power=power
+        )
         self._best_point = best_point
         self._in_turns = in_turns
         self._spread = position_spread
@@ -256,6 +260,7 @@ class CentroidSelector(LeafSystem):
                 best_point=self._best_point,
                 in_turns=self._in_turns,
                 limits=self._limits,
+                choose=self._fast_goals,
             )
         if self._verify_contacts:
             verify_contacts(self._surface, goals)

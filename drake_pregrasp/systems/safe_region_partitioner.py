@@ -15,6 +15,7 @@ from drake_pregrasp.arrays import (
     validated_weights,
 )
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.fast import fast_labels
 from drake_pregrasp.geometry.no_touch import AxisArea
 from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.geometry.sampling import lifted
@@ -143,10 +144,10 @@ class SafeRegionPartitioner(LeafSystem):
         self._points = surface.p_OQ
         if normal_length > 0:
             self._points = lifted(surface.p_OQ, surface.nhat_OQ, normal_length)
+        self._label = fast_labels(surface) if normal_length == 0 else None
         self._moments = np.linspace(0.0, horizon, _MOMENTS)[1:] if horizon > 0 else ()
         self._reach, self._closed = tuple(reach), tuple(closed)
         self._wall_test = wall_test
-        self._kernel = surface.kernel if normal_length == 0 else None
         self._is_unlimited = wall_test == "none" and not len(self._tip_radii)
         self._is_unlimited &= not any(reach) and not any(closed)
         self._graph = SurfaceGraph(surface) if wall_test == "surface" else None
@@ -200,7 +201,7 @@ class SafeRegionPartitioner(LeafSystem):
                 weights,
                 self._surface.forbidden,
                 constraints,
-                kernel=self._kernel,
+                label=self._label,
             )
         )
 
