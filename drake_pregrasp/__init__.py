@@ -4,19 +4,14 @@ from drake_pregrasp.config.grasp_config import GraspConfig, hand_limits
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.limits_config import BallReach, BoxReach, LimitsConfig, Pair, SectorReach
 from drake_pregrasp.config.object_config import Box, Conveyor
+from drake_pregrasp.config.planner_config import BlendConfig, EstimatorConfig, PlannerConfig
 from drake_pregrasp.contacts.assignment import ring_contacts
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
-from drake_pregrasp.diagrams.pregrasp_planner import (
-    AddPregraspPlanner,
-    BlendConfig,
-    EstimatorConfig,
-    PlannerConfig,
-    PregraspPlanner,
-)
+from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.errors import InvalidArgumentError, OutputError, PregraspError, ScenarioError
 from drake_pregrasp.estimation.fault_settings import MeasurementFaults
 from drake_pregrasp.estimation.pose_filter import PoseFilterNoise

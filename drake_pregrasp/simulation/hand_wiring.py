@@ -13,8 +13,9 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import hand_limits
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import Box, Conveyor
+from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.diagrams.hand_station import DrivenHand, add_driven_hand
-from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig, PregraspPlanner
+from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import load_hand, load_hand_model
 from drake_pregrasp.simulation.scenario import Scenario

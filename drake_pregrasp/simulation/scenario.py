@@ -9,11 +9,11 @@ from pydrake.systems.analysis import SimulatorConfig
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.object_config import Box, Conveyor, MotionConfig, ObjectConfig
+from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.config.surface_config import SurfaceConfig
 from drake_pregrasp.contacts.assignment import assign_fingers, assign_fingers_round, ring_contacts
 from drake_pregrasp.diagrams.expected_path import initial_pose
-from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.contact_models import CONTACT_MODELS
 from drake_pregrasp.quality.force_closure import FRICTION, TORSIONAL_FRICTION

@@ -66,7 +66,7 @@ def make_diagram(
             orientation_std=scenario.sensor.orientation_std,
             period=config.period,
             seed=scenario.random_seed,
-            faults=scenario.sensor.faults.settings(),
+            faults=scenario.sensor.faults,
         ),
     )
     weights = builder.AddNamedSystem(

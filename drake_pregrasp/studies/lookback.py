@@ -7,7 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
+from drake_pregrasp.config.planner_config import filter_noise
 from drake_pregrasp.estimation.pose_filter import PoseBelief
 from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
 from drake_pregrasp.studies.lookahead_runs import (

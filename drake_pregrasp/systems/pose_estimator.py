@@ -13,6 +13,7 @@ from pydrake.systems.framework import (
 )
 
 from drake_pregrasp.arrays import FloatArray, finite_vector, is_whole, number_or_nan
+from drake_pregrasp.config.planner_config import MOST_LATE
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.pose_filter import PoseBelief, PoseFilterNoise, predict
 from drake_pregrasp.estimation.pose_track import OLDEST, PoseMeasurement, PoseTrack
@@ -22,9 +23,6 @@ from drake_pregrasp.ticks import tick_is_due
 
 WAITING_STD = 1.0
 """Standard deviation of a position of which nothing is known yet, in metres."""
-
-MOST_LATE = 1000
-"""How many used measurements a late one may go back at most."""
 
 
 class PoseEstimator(LeafSystem):

@@ -16,8 +16,9 @@ from pydrake.systems.framework import (
 )
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.sensor_config import check_faults
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.fault_settings import MeasurementFaults, find_flaw
+from drake_pregrasp.estimation.fault_settings import MeasurementFaults
 from drake_pregrasp.estimation.measurement_faults import faulty_disturbance, white_disturbance
 from drake_pregrasp.estimation.sensor_memory import SensorMemory, memory_capacity, next_memory
 from drake_pregrasp.systems.noise_source import MAX_SEED
@@ -190,7 +191,5 @@ class NoisyPoseSensor(LeafSystem):
 def _checked_period(faults: MeasurementFaults, period: float | None) -> float:
     if period is None or not period > 0:
         raise InvalidArgumentError(f"faults need a period greater than 0 s, not {period}")
-    flaw = find_flaw(faults, period)
-    if flaw is not None:
-        raise InvalidArgumentError(f"faults.{flaw.name}: {flaw.problem}")
+    check_faults(faults, period)
     return period

@@ -16,7 +16,7 @@ from drake_pregrasp import (
     run,
     shipped_scenarios,
 )
-from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
+from drake_pregrasp.config.planner_config import filter_noise
 from drake_pregrasp.estimation.pose_filter import first_belief, predict, update
 from drake_pregrasp.quality.force_closure import ferrari_canny, min_weight_margin
 from drake_pregrasp.quality.grasp_quality import grasp_quality

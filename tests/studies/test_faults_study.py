@@ -9,8 +9,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 
 from drake_pregrasp import TrackingStatus, load_scenario
 from drake_pregrasp.cli import main
+from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
 from drake_pregrasp.contacts.selection_input import ContactStatus
-from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
 from drake_pregrasp.studies.faults import command
 from drake_pregrasp.studies.faults.consistency import (
     consistency,

@@ -31,7 +31,7 @@ from drake_pregrasp import (
     load_hand,
     load_scenario,
 )
-from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
+from drake_pregrasp.config.planner_config import filter_noise
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspSettings, GraspState
 from drake_pregrasp.regions.constraints import FingerReach, Obstacles
 from drake_pregrasp.regions.safe_regions import SafeRegions, compute_safe_regions

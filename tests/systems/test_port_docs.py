@@ -22,10 +22,10 @@ import drake_pregrasp.systems
 from drake_pregrasp import ObjectPlant, PlannerConfig, PregraspPlanner
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.object_config import Box, Conveyor
+from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import HandStation
-from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
 from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid

@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp import MeasurementVerdict as Verdict
-from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
+from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
 from drake_pregrasp.estimation.pose_filter import first_belief, predict, update
 from drake_pregrasp.systems.pose_estimator import MOST_LATE, PoseEstimator
 

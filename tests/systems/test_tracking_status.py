@@ -6,7 +6,8 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import MeasurementVerdict, PoseEstimator, TrackingStatus
-from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise, make_estimator
+from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
+from drake_pregrasp.diagrams.pregrasp_planner import make_estimator
 from drake_pregrasp.estimation.tracking_status import tracking_status
 from drake_pregrasp.geometry.input_validation import FARTHEST
 

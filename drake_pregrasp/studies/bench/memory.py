@@ -17,7 +17,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource
 
-from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PlannerConfig
+from drake_pregrasp.config.planner_config import PlannerConfig
+from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
 from drake_pregrasp.geometry.box_surface import box_surface
 from drake_pregrasp.kernels import numba_is_installed
 from drake_pregrasp.quality.grasp_quality import GraspQuality

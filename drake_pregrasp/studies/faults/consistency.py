@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
-from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
 from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
 from drake_pregrasp.estimation.pose_track import PoseMeasurement, PoseTrack
 from drake_pregrasp.estimation.pose_tracker import TrackerSettings, take

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
+from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.simulation.output import write_text, writing
 from drake_pregrasp.simulation.scenario_file import shipped_scenarios

@@ -8,8 +8,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import hand_limits
+from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PlannerConfig
+from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.studies.static_versus_dynamic.scene import Scene

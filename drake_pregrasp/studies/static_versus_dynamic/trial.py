@@ -8,9 +8,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus, is_active
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
 from drake_pregrasp.geometry.box_surface import box_surface
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.simulation.hand_file import load_hand

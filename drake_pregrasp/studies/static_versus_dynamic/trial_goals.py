@@ -8,13 +8,10 @@ from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import DiscreteTimeDelay
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.pregrasp_planner import (
-    AddPregraspPlanner,
-    PlannerConfig,
-    PregraspPlanner,
-)
+from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.geometry.solids import BoxSolid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.constraints import RegionConstraints
