@@ -30,17 +30,15 @@ from drake_pregrasp.simulation.run import RunResult, run
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.systems.arm_posture import ArmKinematics, ArmPosture
-from drake_pregrasp.systems.carrier_posture import CarrierPosture
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor, HandKinematics
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor, GraspQualityView
 from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
 from drake_pregrasp.systems.joint_reference import JointReference
-from drake_pregrasp.systems.noise_source import NoiseSource
+from drake_pregrasp.systems.palm_posture import ArmKinematics, ArmPosture, CarrierPosture
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
-from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
+from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
 from drake_pregrasp.version import __version__

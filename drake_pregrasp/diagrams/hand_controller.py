@@ -15,12 +15,11 @@ from drake_pregrasp.contacts.assignment import mean_angle, turned_within
 from drake_pregrasp.diagrams.hand_model import HandModel, PalmCarrier
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.solids import Solid
-from drake_pregrasp.systems.arm_posture import ArmPosture
-from drake_pregrasp.systems.carrier_posture import CarrierPosture
 from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
 from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
 from drake_pregrasp.systems.joint_reference import LARGEST_RATE, JointReference
+from drake_pregrasp.systems.palm_posture import ArmPosture, CarrierPosture
 
 POSTURE_GAIN = 5.0
 """How fast the carrier follows its nominal posture, in 1/s."""
@@ -254,6 +253,7 @@ class HandController(Diagram):
         shaper = builder.AddNamedSystem(
             "fingertip_goal_shaper",
             FingertipGoalShaper(
+                config,
                 tip_frames=tip_frames,
                 tip_radius=hand.tip_radii,
                 object_solid=object_solid,
@@ -261,11 +261,8 @@ class HandController(Diagram):
                 fixed=fixed,
                 p_GT=(X_WG.inverse() @ hand.tips_at(self.initial).T).T,
                 finger_azimuths=hand.azimuths,
-                period=config.period,
                 target_period=target_period,
                 lead=config.period + plant_time_step,
-                speed=config.goal_speed,
-                standoff=config.standoff,
                 withdrawn_radii=hand.withdrawn_radii,
             ),
         )
@@ -293,13 +290,7 @@ class HandController(Diagram):
         sequencer = builder.AddNamedSystem(
             "grasp_sequencer",
             GraspSequencer(
-                num_fingers=len(tip_frames),
-                tip_radius=hand.tip_radii,
-                mass=mass,
-                p_OCoM=p_OCoM,
-                friction=config.planned_friction,
-                settings=settings,
-                period=config.period,
+                config, fingertips=hand.description.fingertips, mass=mass, p_OCoM=p_OCoM
             ),
         )
         for source, output, target, target_input in (

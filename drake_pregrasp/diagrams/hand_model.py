@@ -17,8 +17,8 @@ from drake_pregrasp.config.limits_config import SectorReach
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.systems.arm_posture import ArmKinematics, pose_error
 from drake_pregrasp.systems.fingertip_sensor import HandKinematics, frame_names
+from drake_pregrasp.systems.palm_posture import ArmKinematics, pose_error
 
 _STEPS = 300  # That an arm takes to its first pose, at most.
 _ARRIVED = 1e-5  # Metres and radians, of the palm.

@@ -21,8 +21,7 @@ from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
 from drake_pregrasp.diagrams.object_body import add_solid_collision
 from drake_pregrasp.diagrams.object_plant import add_conveyor
 from drake_pregrasp.geometry.solids import BoxSolid, HalfSpace
-from drake_pregrasp.systems.object_motion import BodyPose
-from drake_pregrasp.systems.scene_inputs import MovingSolid
+from drake_pregrasp.systems.sources import BodyPose, MovingSolid
 
 
 class HandStation(Diagram):

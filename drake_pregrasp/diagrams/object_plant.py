@@ -30,7 +30,7 @@ from drake_pregrasp.diagrams.object_body import (
 from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.resources import resolve_path, resource_folder
-from drake_pregrasp.systems.object_motion import BodyPose, Launch, ObjectMotion, PoseReplay
+from drake_pregrasp.systems.sources import BodyPose, Launch, ObjectMotion, PoseReplay
 
 
 class MovingObject(NamedTuple):

@@ -57,49 +57,51 @@ def describe_give_up(reason: int, detail: float) -> str | None:
 
 @dataclass(frozen=True)
 class GraspSettings:
-    """How a hand grasps; lengths in metres, times in seconds, forces in newtons.
+    """Settings of a grasp: lengths in metres, times in seconds, forces in newtons.
 
-    The closing speed, the search and the largest force may be those of each finger, shape (n,).
+    `GraspConfig.make_settings` combines a configuration with the limits of a hand's fingers. The
+    closing speed, the search and the largest force may be those of each finger, shape (n,).
 
     Attributes:
-        approach_height: From where it comes down, above where it tracks.
-        approach_duration: How long that takes.
         standoff: Gap between fingertips and object while tracking.
-        gate_distance: All active fingers have to be that near to their goals before it closes.
-        gate_limit: How long it waits for that, and for enough fingers whose forces can balance, at
-            most.
-        closing_speed: Of the fingertips along the normals.
-        closing_acceleration: In m/s², so that fingertips don't feel their own inertia as touch.
-        search: How far from the surface, as it is estimated, a fingertip may meet it. Forces felt
-            farther out are its own inertia, and beyond it there is nothing.
-        touch_force: What counts as touch.
-        least_fingers: With fewer it doesn't close.
-        least_force: Normal force of each finger in the squeeze, at least.
-        largest_force: Normal force of any finger, at most.
-        squeeze_duration: In which forces come up.
-        imbalance: Force that a squeeze may leave out of balance.
-        stop_duration: In which the hand comes to rest when it lifts.
-        lift_height: How far it lifts.
-        lift_duration: In which it does so.
+        gate_limit: Longest time for which the hand waits until all active fingers are at their
+            goals and enough of them can balance the weight.
+        closing_speed: Speed of closing fingertips along the normals.
+        search: Largest distance from the estimated surface at which a fingertip may touch the
+            object. A force that is felt farther outside is inertia; farther inside is nothing.
+        touch_force: Smallest force that counts as touch.
+        least_force: Smallest normal force of each finger in the squeeze.
+        largest_force: Largest normal force of each finger.
+        lift_height: Height of the lift.
+        lift_duration: Duration of the lift.
+        approach_height: Height above the tracking height at which the approach starts.
+        approach_duration: Duration of the approach.
+        gate_distance: Largest distance of a fingertip from its goal at which it has arrived.
+        closing_acceleration: Acceleration of closing fingertips, in m/s², which is small enough
+            that fingertips do not feel their own inertia as touch.
+        least_fingers: Smallest number of fingers that close.
+        squeeze_duration: Time in which the forces of the squeeze increase.
+        imbalance: Largest force that a squeeze may leave unbalanced.
+        stop_duration: Time in which the hand stops before it lifts.
     """
 
+    standoff: float
+    gate_limit: float
+    closing_speed: float | FloatArray
+    search: float | FloatArray
+    touch_force: float
+    least_force: float
+    largest_force: float | FloatArray
+    lift_height: float
+    lift_duration: float
     approach_height: float = 0.15
     approach_duration: float = 1.5
-    standoff: float = 0.02
     gate_distance: float = 0.004
-    gate_limit: float = 1.5
-    closing_speed: float | FloatArray = 0.04
     closing_acceleration: float = 0.4
-    search: float | FloatArray = 0.006
-    touch_force: float = 0.35
     least_fingers: int = 3
-    least_force: float = 2.5
-    largest_force: float | FloatArray = 12.0
     squeeze_duration: float = 0.5
     imbalance: float = 0.2
     stop_duration: float = 0.3
-    lift_height: float = 0.1
-    lift_duration: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,10 +18,9 @@ from drake_pregrasp.simulation.recording import add_recording, shown_path
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
 from drake_pregrasp.systems.loggers import GraspRecord, TickLogger, TickRecord
-from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer
-from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
-from drake_pregrasp.systems.scene_inputs import ContactWeights, HandPose, MovingObstacles
+from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
+from drake_pregrasp.systems.sources import ContactWeights, HandPose, MovingObstacles
 
 
 def make_diagram(
@@ -61,13 +60,7 @@ def make_diagram(
     )
     sensor = builder.AddNamedSystem(
         "pose_sensor",
-        NoisyPoseSensor(
-            position_std=scenario.sensor.position_std,
-            orientation_std=scenario.sensor.orientation_std,
-            period=config.period,
-            seed=scenario.random_seed,
-            faults=scenario.sensor.faults,
-        ),
+        NoisyPoseSensor(scenario.sensor, period=config.period, seed=scenario.random_seed),
     )
     weights = builder.AddNamedSystem(
         "contact_weights",
@@ -85,12 +78,7 @@ def make_diagram(
     )
     monitor = builder.AddNamedSystem(
         "grasp_quality_monitor",
-        GraspQualityMonitor(
-            surface=surface,
-            num_contacts=n,
-            contact_model=scenario.measures.contact_model,
-            length=scenario.measures.length,
-        ),
+        GraspQualityMonitor(scenario.measures, surface=surface, num_contacts=n),
     )
     _add_obstacles(builder, scenario, planner, hand, meshcat)
     if config.limits.reach:

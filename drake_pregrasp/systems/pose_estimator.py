@@ -1,4 +1,6 @@
-"""The object's pose, twist and uncertainty from noisy pose measurements."""
+"""Estimate of the object's pose, twist and uncertainty from noisy pose measurements."""
+
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -12,17 +14,20 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from drake_pregrasp.arrays import FloatArray, finite_vector, is_whole, number_or_nan
-from drake_pregrasp.config.planner_config import MOST_LATE
+from drake_pregrasp.arrays import FloatArray, finite_vector, number_or_nan
+from drake_pregrasp.config.deprecated_keywords import config_with
+from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
+from drake_pregrasp.config.validation import check_fields
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.pose_filter import PoseBelief, PoseFilterNoise, predict
+from drake_pregrasp.estimation.pose_filter import PoseBelief, predict
 from drake_pregrasp.estimation.pose_track import OLDEST, PoseMeasurement, PoseTrack
 from drake_pregrasp.estimation.pose_tracker import TrackerSettings, take
 from drake_pregrasp.estimation.tracking_status import TrackingStatus, tracking_status
+from drake_pregrasp.systems.pose_ports import POSE, VELOCITY
 from drake_pregrasp.ticks import tick_is_due
 
 WAITING_STD = 1.0
-"""Standard deviation of a position of which nothing is known yet, in metres."""
+"""Standard deviation of the position before the first measurement, in metres."""
 
 
 class PoseEstimator(LeafSystem):
@@ -43,233 +48,200 @@ class PoseEstimator(LeafSystem):
         - measurement_verdict
         - innovation_squared
 
-    Port `X_WO_measured` accepts a `RigidTransform`; it is sampled once each period. What is no
-    pose (NaN, infinite, no rotation, beyond `FARTHEST`) is refused.
+    Port `X_WO_measured` accepts a `RigidTransform`, which is sampled once each period. A pose that
+    is not finite, has an invalid rotation, or is beyond `FARTHEST` is refused.
 
-    Port `measurement_time` (optional) accepts a number: when the pose at `X_WO_measured` was
-    measured, in s; -inf if there was none yet. A time that was there before says that there is
-    nothing new. One that is older than the newest corrects the estimate of its own time and all
-    since then, if it is not older than `late_measurements` back, and is refused otherwise.
-    Unconnected, every sample is new, and measured at its tick.
+    Port `measurement_time` (optional) accepts a vector of 1: the time at which the pose at
+    `X_WO_measured` was measured, in seconds; -inf before the first measurement. A time that was
+    received before means that there is no new measurement. A measurement that is older than the
+    newest one corrects the estimate for its own time and for all later times, if at most
+    `late_measurements` used ones are newer; otherwise it is refused. If the port is unconnected,
+    every sample is new and was measured at its tick.
 
-    Port `X_WO_estimated` emits a `RigidTransform`.
+    Port `X_WO_estimated` emits a `RigidTransform`: the estimated pose.
 
-    Port `V_WO_estimated` emits a `SpatialVelocity`: of O's frame in W, expressed in W.
+    Port `V_WO_estimated` emits a `SpatialVelocity`: the velocity of O in W, expressed in W.
 
-    Port `p_WO_covariance` emits a vector of 9: the covariance Sigma of the position estimate, which
-    is made at the object's centre of mass, expressed in W, row-major, in m² (Eq. 3). It grows
+    Port `p_WO_covariance` emits a vector of 9: the covariance Sigma of the position estimate in W,
+    row-major, in m² (Eq. 3). The position is estimated at the centre of mass. The covariance grows
     while no measurement is used.
 
-    Port `tracking_status` emits a `TrackingStatus` as a number. While it is `LOST`, pose and twist
-    stand still: the pose is the prediction for the moment of the loss, the twist is zero. While it
-    is `WAITING`, the pose is the identity.
+    Port `tracking_status` emits a vector of 1: a `TrackingStatus`. While it is `LOST`, the pose
+    stays at its prediction for the moment of the loss and the twist is zero. While it is `WAITING`,
+    the pose is the identity.
 
-    Port `time_since_measurement` emits the seconds since the newest measurement that was used was
-    made, or since time 0 if none was.
+    Port `time_since_measurement` emits a vector of 1: the age of the newest measurement that was
+    used, in seconds; the Context's time if none was used yet.
 
-    Port `measurement_verdict` emits what became of the last tick's sample: a `MeasurementVerdict`
-    as a number.
+    Port `measurement_verdict` emits a vector of 1: a `MeasurementVerdict`, which says what became
+    of the last tick's sample.
 
-    Port `innovation_squared` emits a vector of 2: νᵀ S⁻¹ ν of position and orientation, of the
-    last measurement that was compared with a prediction. If the filter's assumptions hold, each is
-    chi-square distributed with 3 degrees of freedom.
+    Port `innovation_squared` emits a vector of 2: νᵀ S⁻¹ ν of the position and of the orientation
+    for the last measurement that was compared with a prediction. If the filter's assumptions hold,
+    each is chi-square distributed with 3 degrees of freedom.
 
-    A Kalman filter follows the centre of mass, an error-state filter the orientation. There is no
-    lag: at a tick the outputs are the posterior of that tick's measurement, whether they are
-    evaluated before the discrete update stores it or after (what is stored carries its time, so
-    that no measurement counts twice). Between ticks they are predictions.
+    A Kalman filter estimates the position of the centre of mass, and an error-state filter the
+    orientation. Between ticks the outputs are predictions. At a tick they are the posterior of that
+    tick's measurement, both before and after the discrete update: the stored state carries its
+    time, so no measurement is used twice.
 
     Args:
+        config: Assumptions of the filter; `EstimatorConfig()` by default.
         period: Seconds between measurements, greater than zero.
-        noise: What the filter assumes.
-        p_OCoM: The object's centre of mass in O, shape (3,), in metres.
-        lookahead: Seconds by which the outputs are predicted ahead of the time, from 0 to `OLDEST`.
-        gate: See `TrackerSettings`; 0 to take all measurements.
-        reacquire_after: See `TrackerSettings`.
-        refuse_repeats: See `TrackerSettings`.
-        late_measurements: How many used measurements a late one may go back, from 1 to `MOST_LATE`.
-        coast_after: Seconds overdue after which the status is `COASTING`, at least zero.
-        lost_after: Seconds overdue after which it is `LOST`, at least `coast_after`; may be
-            infinite.
+        p_OCoM: The object's centre of mass in O, shape (3,), in metres; zero by default.
 
     Raises:
-        InvalidArgumentError: If an argument is out of its range, or no number where one is needed.
+        InvalidArgumentError: If an argument or a field of `config` is out of its range.
     """
 
     def __init__(
         self,
+        config: EstimatorConfig | None = None,
         *,
         period: float,
-        noise: PoseFilterNoise,
         p_OCoM: FloatArray | None = None,
-        lookahead: float = 0.0,
-        gate: float = 7.0,
-        reacquire_after: int = 3,
-        refuse_repeats: bool = True,
-        late_measurements: int = 20,
-        coast_after: float = 0.1,
-        lost_after: float = 1.0,
+        **deprecated: Any,
     ) -> None:
         super().__init__()
-        self._period, self._lookahead = number_or_nan(period), number_or_nan(lookahead)
-        self._coast_after, self._lost_after = number_or_nan(coast_after), number_or_nan(lost_after)
-        place = np.zeros(3) if p_OCoM is None else finite_vector(p_OCoM, 3)
-        if not 0 < self._period < np.inf:
+        config = config_with(config, EstimatorConfig(), _unpacked(deprecated), self)
+        check_fields(config)
+        if not config.coast_after <= config.lost_after:
+            raise InvalidArgumentError(
+                f"coast_after must be at most lost_after, {config.lost_after} s, not"
+                f" {config.coast_after}"
+            )
+        if not 0 < number_or_nan(period) < np.inf:
             raise InvalidArgumentError(f"period must be finite and above 0 s, not {period}")
-        if not 0 <= self._lookahead <= OLDEST:
-            raise InvalidArgumentError(f"lookahead must be from 0 to {OLDEST:g} s, not {lookahead}")
-        if not is_whole(late_measurements, 1, MOST_LATE):
-            raise InvalidArgumentError(
-                f"late_measurements must be a whole number from 1 to {MOST_LATE},"
-                f" not {late_measurements}"
-            )
-        if not self._lost_after >= 0:
-            raise InvalidArgumentError(f"lost_after must be at least 0 s, not {lost_after}")
-        if not 0 <= self._coast_after <= self._lost_after:
-            raise InvalidArgumentError(
-                f"coast_after must be from 0 s to lost_after, {lost_after} s, not {coast_after}"
-            )
+        place = np.zeros(3) if p_OCoM is None else finite_vector(p_OCoM, 3)
         if place is None:
             raise InvalidArgumentError(f"p_OCoM must be three finite numbers, not {p_OCoM}")
-        self._noise = noise
-        self._p_OCoM = place
+        self._config, self._period, self._p_OCoM = config, period, place
+        self._noise = filter_noise(config)
         self._settings = TrackerSettings(
-            noise=noise,
-            p_OCoM=self._p_OCoM if np.any(self._p_OCoM) else None,
-            gate=gate,
-            reacquire_after=reacquire_after,
-            refuse_repeats=refuse_repeats,
+            noise=self._noise,
+            p_OCoM=place if np.any(place) else None,
+            gate=config.gate,
+            reacquire_after=config.reacquire_after,
+            refuse_repeats=config.refuse_repeats,
         )
-        self._memory = late_measurements + 1  # The belief before the latest of them, too.
+        # One more than may be newer than an out-of-sequence measurement: the belief before them.
+        self._no_track = PoseTrack.empty(config.late_measurements + 1)
+        nothing = TrackingStatus.WAITING, PoseBelief.empty()
 
         self._time_index = self.DeclareDiscreteState(np.array([-np.inf]))
-        self._track_index = self.DeclareDiscreteState(self._nothing().to_vector())
-        self._X_WO_measured = self.DeclareAbstractInputPort(
-            "X_WO_measured", AbstractValue.Make(RigidTransform())
-        )
+        self._track_index = self.DeclareDiscreteState(self._no_track.to_vector())
+        self._X_WO_measured = self.DeclareAbstractInputPort("X_WO_measured", POSE)
         self._measurement_time = self.DeclareVectorInputPort("measurement_time", 1)
         self._track = self.DeclareCacheEntry(
             "track at the Context's last tick",
-            ValueProducer(lambda: AbstractValue.Make(self._nothing()), self._calc_track),
+            ValueProducer(lambda: AbstractValue.Make(self._no_track), self._calc_track),
             {self.time_ticket(), self.xd_ticket(), self.all_input_ports_ticket()},
         )
-        self._belief = self.DeclareCacheEntry(
-            "belief at the Context's time",
-            ValueProducer(lambda: AbstractValue.Make(PoseBelief.empty()), self._calc_belief),
-            {self.time_ticket(), self._track.ticket()},
+        tracked, timed = {self._track.ticket()}, {self.time_ticket(), self._track.ticket()}
+        self._estimate = self.DeclareCacheEntry(
+            "status and belief at the Context's time",
+            ValueProducer(lambda: AbstractValue.Make(nothing), self._calc_estimate),
+            timed,
         )
-        at_this_time = {self.time_ticket(), self._track.ticket()}
+        estimated = {self._estimate.ticket()}
+        self.DeclareAbstractOutputPort("X_WO_estimated", POSE.Clone, self._calc_pose, estimated)
         self.DeclareAbstractOutputPort(
-            "X_WO_estimated",
-            lambda: AbstractValue.Make(RigidTransform()),
-            self._calc_pose,
-            {self._belief.ticket()},
+            "V_WO_estimated", VELOCITY.Clone, self._calc_velocity, estimated
         )
-        self.DeclareAbstractOutputPort(
-            "V_WO_estimated",
-            lambda: AbstractValue.Make(SpatialVelocity()),
-            self._calc_velocity,
-            at_this_time,
-        )
-        self.DeclareVectorOutputPort("p_WO_covariance", 9, self._calc_covariance, at_this_time)
-        self.DeclareVectorOutputPort("tracking_status", 1, self._calc_status, at_this_time)
-        self.DeclareVectorOutputPort("time_since_measurement", 1, self._calc_age, at_this_time)
-        self.DeclareVectorOutputPort(
-            "measurement_verdict", 1, self._calc_verdict, {self._track.ticket()}
-        )
-        self.DeclareVectorOutputPort(
-            "innovation_squared", 2, self._calc_innovation, {self._track.ticket()}
-        )
-        self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._store_track)
-
-    def _nothing(self) -> PoseTrack:
-        return PoseTrack.empty(self._memory)
+        self.DeclareVectorOutputPort("p_WO_covariance", 9, self._calc_covariance, estimated | timed)
+        self.DeclareVectorOutputPort("tracking_status", 1, self._calc_status, estimated)
+        self.DeclareVectorOutputPort("time_since_measurement", 1, self._calc_age, timed)
+        self.DeclareVectorOutputPort("measurement_verdict", 1, self._calc_verdict, tracked)
+        self.DeclareVectorOutputPort("innovation_squared", 2, self._calc_innovation, tracked)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_track)
 
     def _calc_track(self, context: Context, output: AbstractValue) -> None:
         time = context.get_time()
-        stored_time = context.get_discrete_state(self._time_index).value()[0]
+        stored_time = context.get_discrete_state(self._time_index)[0]
         track = PoseTrack.from_vector(context.get_discrete_state(self._track_index).value())
         if tick_is_due(time, stored_time, self._period):
             if stored_time > time:  # The Context was set back.
-                track = self._nothing()
-            track = take(track, self._measurement(context), time, self._settings)
+                track = self._no_track
+            X_WO: RigidTransform = self._X_WO_measured.Eval(context)
+            measured_at = time
+            if self._measurement_time.HasValue(context):
+                measured_at = float(self._measurement_time.Eval(context)[0])
+            p_OCoM = self._settings.p_OCoM
+            p_WCoM = X_WO.translation().copy() if p_OCoM is None else X_WO @ p_OCoM
+            measurement = PoseMeasurement(measured_at, p_WCoM, X_WO.rotation().matrix())
+            track = take(track, measurement, time, self._settings)
         output.set_value(track)
-
-    def _measurement(self, context: Context) -> PoseMeasurement:
-        X_WO: RigidTransform = self._X_WO_measured.Eval(context)
-        time = context.get_time()
-        if self._measurement_time.HasValue(context):
-            time = float(self._measurement_time.Eval(context)[0])
-        R_WO: FloatArray = X_WO.rotation().matrix()
-        p_OCoM = self._settings.p_OCoM
-        p_WCoM = X_WO.translation().copy() if p_OCoM is None else X_WO @ p_OCoM
-        return PoseMeasurement(time, p_WCoM, R_WO)
 
     def _store_track(self, context: Context, discrete_state: DiscreteValues) -> None:
         track: PoseTrack = self._track.Eval(context)
         discrete_state.set_value(self._time_index, [context.get_time()])
         discrete_state.set_value(self._track_index, track.to_vector())
 
-    def _status(self, context: Context) -> TrackingStatus:
-        track: PoseTrack = self._track.Eval(context)
-        since = context.get_time() - track.newest.time
-        return tracking_status(since, self._period, self._coast_after, self._lost_after)
-
-    def _calc_belief(self, context: Context, output: AbstractValue) -> None:
-        """The belief to act on: looked ahead, and at a standstill from the loss on."""
-        track: PoseTrack = self._track.Eval(context)
-        newest = track.newest
-        if newest.is_empty:
-            output.set_value(newest)
-            return
+    def _calc_estimate(self, context: Context, output: AbstractValue) -> None:
+        newest = self._track.Eval(context).newest
         since = context.get_time() - newest.time
-        if self._status(context) == TrackingStatus.LOST:
-            since = self._period + self._lost_after
-        output.set_value(self._predicted(newest, since))
+        lost_after = self._config.lost_after
+        status = tracking_status(since, self._period, self._config.coast_after, lost_after)
+        if status == TrackingStatus.LOST:  # The pose stays where it was lost.
+            since = self._period + lost_after
+        belief = newest if status == TrackingStatus.WAITING else self._predicted(newest, since)
+        output.set_value((status, belief))
 
     def _predicted(self, belief: PoseBelief, since: float) -> PoseBelief:
         now = predict(belief, min(max(0.0, since), OLDEST), self._noise)
-        return predict(now, self._lookahead, self._noise) if self._lookahead else now
+        lookahead = self._config.lookahead
+        return predict(now, lookahead, self._noise) if lookahead else now
 
     def _calc_pose(self, context: Context, output: AbstractValue) -> None:
-        belief: PoseBelief = self._belief.Eval(context)
+        _, belief = self._estimate.Eval(context)
         R_WO = RotationMatrix.ProjectToRotationMatrix(belief.R_WO)
         p_OCoM = self._settings.p_OCoM
         p_WO = belief.p_WCoM if p_OCoM is None else belief.p_WCoM - R_WO @ p_OCoM
         output.set_value(RigidTransform(R_WO, p_WO))
 
     def _calc_velocity(self, context: Context, output: AbstractValue) -> None:
-        if not self._status(context).is_followed:
+        status, belief = self._estimate.Eval(context)
+        if not status.is_followed:
             output.set_value(SpatialVelocity.Zero())
             return
-        belief: PoseBelief = self._belief.Eval(context)
         p_CoMO_W = -(belief.R_WO @ self._p_OCoM)
         v_WO = belief.v_WCoM + np.cross(belief.w_WO, p_CoMO_W)
         output.set_value(SpatialVelocity(w=belief.w_WO, v=v_WO))
 
     def _calc_covariance(self, context: Context, output: BasicVector) -> None:
-        belief: PoseBelief = self._belief.Eval(context)
-        status = self._status(context)
-        if status == TrackingStatus.LOST:  # The belief has stood still, ignorance grows on.
-            track: PoseTrack = self._track.Eval(context)
-            belief = self._predicted(track.newest, context.get_time() - track.newest.time)
+        status, belief = self._estimate.Eval(context)
+        if status == TrackingStatus.LOST:  # The pose stays, but its uncertainty grows on.
+            newest = self._track.Eval(context).newest
+            belief = self._predicted(newest, context.get_time() - newest.time)
         covariance = belief.p_WCoM_covariance
         if status == TrackingStatus.WAITING:
             covariance = WAITING_STD**2 * np.eye(3)
         output.SetFromVector(covariance.ravel())
 
     def _calc_status(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([self._status(context)])
+        output[0] = self._estimate.Eval(context)[0]
 
     def _calc_age(self, context: Context, output: BasicVector) -> None:
         track: PoseTrack = self._track.Eval(context)
         since = context.get_time() if track.is_empty else context.get_time() - track.newest.time
-        output.SetFromVector([max(0.0, since)])
+        output[0] = max(0.0, since)
 
     def _calc_verdict(self, context: Context, output: BasicVector) -> None:
-        track: PoseTrack = self._track.Eval(context)
-        output.SetFromVector([track.verdict])
+        output[0] = self._track.Eval(context).verdict
 
     def _calc_innovation(self, context: Context, output: BasicVector) -> None:
-        track: PoseTrack = self._track.Eval(context)
-        output.SetFromVector(track.innovation_squared)
+        output.SetFromVector(self._track.Eval(context).innovation_squared)
+
+
+def _unpacked(deprecated: dict[str, Any]) -> dict[str, Any]:
+    """Returns deprecated keywords as fields of `EstimatorConfig`: `noise` held seven of them."""
+    keywords = {
+        name: 1e6 if name in ("gate", "lost_after") and value == np.inf else value
+        for name, value in deprecated.items()
+        if name != "noise"
+    }
+    if noise := deprecated.get("noise"):
+        for name, value in vars(noise).items():
+            is_std = name not in ("acceleration", "angular_acceleration", "gravity")
+            keywords[f"{name}_std" if is_std else name] = value
+    return keywords

@@ -7,19 +7,19 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.geometry.motion_profiles import Ramp
 from drake_pregrasp.grasping.grasp_phases import fingers_have_arrived, next_state
 from drake_pregrasp.grasping.grasp_state import (
     GiveUp,
     GraspPhase,
-    GraspSettings,
     GraspState,
     GraspView,
     describe_give_up,
 )
 from drake_pregrasp.grasping.squeeze import Coasting, Squeeze
 
-SETTINGS = GraspSettings()
+SETTINGS = GraspConfig().make_settings()
 PERIOD = 0.02
 N = 5
 ALL = np.ones(N, dtype=bool)

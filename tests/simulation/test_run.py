@@ -23,7 +23,7 @@ from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.independent_regions import force_closed_share
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.run import RUN_FILES
-from drake_pregrasp.systems.noise_source import NoiseSource
+from drake_pregrasp.systems.pose_sensor import NoiseSource
 
 STATIC_PUBLISHED = {"q_msv": (2.2089, 0.001), "q_gii": (0.9749, 0.001), "q_vew": (125.4176, 0.005)}
 

@@ -16,8 +16,8 @@ import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
+from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
-from drake_pregrasp.diagrams.pregrasp_planner import make_estimator
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.run_log import RunLog
@@ -25,8 +25,8 @@ from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies.bench.implemented_surface import implemented
-from drake_pregrasp.systems.noise_source import NoiseSource
-from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
+from drake_pregrasp.systems.pose_estimator import PoseEstimator
+from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 
 PARTS = (
     "physics",
@@ -148,13 +148,10 @@ def _plant_and_estimator(scenario: Scenario, surface: ObjectSurface) -> Diagram:
         NoiseSource(size=NoisyPoseSensor.NOISE_SIZE, period=period, seed=scenario.random_seed)
     )
     sensor = builder.AddSystem(
-        NoisyPoseSensor(
-            position_std=scenario.sensor.position_std,
-            orientation_std=scenario.sensor.orientation_std,
-        )
+        NoisyPoseSensor(SensorConfig(scenario.sensor.position_std, scenario.sensor.orientation_std))
     )
     estimator = builder.AddSystem(
-        make_estimator(scenario.planner.estimator, period, surface.p_OCoM)
+        PoseEstimator(scenario.planner.estimator, period=period, p_OCoM=surface.p_OCoM)
     )
     builder.Connect(plant.GetOutputPort("X_WO"), sensor.GetInputPort("X_WO"))
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))

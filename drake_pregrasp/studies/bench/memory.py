@@ -24,8 +24,7 @@ from drake_pregrasp.kernels import numba_is_installed
 from drake_pregrasp.quality.grasp_quality import GraspQuality
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
 from drake_pregrasp.systems.loggers import TickLogger, TickRecord
-from drake_pregrasp.systems.noise_source import NoiseSource
-from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
+from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 
 SAMPLES = 100
 """Readings of the memory in use, in equal distances."""
@@ -112,7 +111,7 @@ def _diagram() -> Diagram:
     builder = DiagramBuilder()
     pose = builder.AddSystem(ConstantValueSource(AbstractValue.Make(RigidTransform())))
     noise = builder.AddSystem(NoiseSource(size=NoisyPoseSensor.NOISE_SIZE, period=_PERIOD))
-    sensor = builder.AddSystem(NoisyPoseSensor(position_std=5e-4, orientation_std=3.5e-3))
+    sensor = builder.AddSystem(NoisyPoseSensor())
     config = PlannerConfig(period=_PERIOD, static_duration=0.0, strategy=_STRATEGY)
     planner = AddPregraspPlanner(builder, config, surface, p_OC)
     monitor = builder.AddSystem(GraspQualityMonitor(surface=surface, num_contacts=len(p_OC)))

@@ -8,6 +8,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import DiagramBuilder
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.centroids import select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_strategy
@@ -89,12 +90,15 @@ def _drake_tick(surface: ObjectSurface, strategy: str, p_OC: FloatArray) -> Tick
     partitioner = builder.AddSystem(SafeRegionPartitioner(surface=surface, num_contacts=len(p_OC)))
     selector = builder.AddSystem(
         CentroidSelector(
+            PlannerConfig(
+                period=1.0,
+                static_duration=0.0,
+                strategy=name,
+                reading=reading,
+                position_spread=SPREAD,
+            ),
             surface=surface,
             p_OC=p_OC,
-            period=1.0,
-            strategy=name,
-            reading=reading,
-            position_spread=SPREAD,
         )
     )
     monitor = builder.AddSystem(GraspQualityMonitor(surface=surface, num_contacts=len(p_OC)))

@@ -14,7 +14,7 @@ from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.studies.static_versus_dynamic.scene import Scene
-from drake_pregrasp.systems.carrier_posture import reach_frame
+from drake_pregrasp.systems.palm_posture import reach_frame
 
 _TICKS = 60
 _FOREVER = 1e6

@@ -9,7 +9,7 @@ from drake_pregrasp.config.object_config import Box, Conveyor
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_station import TABLE
 from drake_pregrasp.geometry.solids import BallSolid, HalfSpace, Solid
-from drake_pregrasp.systems.scene_inputs import MovingSolid
+from drake_pregrasp.systems.sources import MovingSolid
 
 BOX = Box(size=[0.1, 0.1, 0.1], mass=0.4)
 """The object."""

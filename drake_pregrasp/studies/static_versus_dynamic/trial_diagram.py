@@ -9,6 +9,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import ConstantValueSource
 
+from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
@@ -22,9 +23,8 @@ from drake_pregrasp.studies.static_versus_dynamic.trial_goals import (
     arm_start,
 )
 from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord
-from drake_pregrasp.systems.noise_source import NoiseSource
-from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
-from drake_pregrasp.systems.scene_inputs import ContactWeights, MovingObstacles
+from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
+from drake_pregrasp.systems.sources import ContactWeights, MovingObstacles
 
 PLANT = MultibodyPlantConfig(
     time_step=0.01,
@@ -119,7 +119,7 @@ def _add_sensor(
         NoiseSource(size=NoisyPoseSensor.NOISE_SIZE, period=period, seed=start.noise_seed)
     )
     sensor = builder.AddSystem(
-        NoisyPoseSensor(position_std=scene.position_std, orientation_std=scene.orientation_std)
+        NoisyPoseSensor(SensorConfig(scene.position_std, scene.orientation_std))
     )
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
     builder.Connect(station.GetOutputPort("X_WO"), sensor.GetInputPort("X_WO"))

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from drake_pregrasp.studies.sweep.measures import DEFAULT_MEASURES, MEASURES
-from drake_pregrasp.systems.noise_source import MAX_SEED
+from drake_pregrasp.systems.pose_sensor import MAX_SEED
 
 
 @dataclass
