@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass, field
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.strategies import BLEND, READINGS, STRATEGIES
 from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
+from drake_pregrasp.estimation.pose_tracker import TrackerSettings
 from drake_pregrasp.quality.contact_models import CONTACT_MODELS
 from drake_pregrasp.quality.force_closure import FRICTION, TORSIONAL_FRICTION
 from drake_pregrasp.regions.walls import WALL_TESTS
@@ -82,6 +84,22 @@ def filter_noise(config: EstimatorConfig) -> PoseFilterNoise:
         initial_velocity=config.initial_velocity_std,
         initial_angular_velocity=config.initial_angular_velocity_std,
         gravity=config.gravity,
+    )
+
+
+def tracker_settings(config: EstimatorConfig, p_OCoM: FloatArray | None = None) -> TrackerSettings:
+    """Returns the settings with which the tracker checks and uses measurements.
+
+    Args:
+        config: Assumptions of the estimator.
+        p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
+    """
+    return TrackerSettings(
+        noise=filter_noise(config),
+        gate=config.gate,
+        reacquire_after=config.reacquire_after,
+        refuse_repeats=config.refuse_repeats,
+        p_OCoM=p_OCoM,
     )
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray, pack
 from drake_pregrasp.config.planner_config import filter_noise
 from drake_pregrasp.estimation.pose_filter import PoseBelief
 from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
@@ -55,7 +55,7 @@ def lookback_errors(
     )
     smoothed = smooth(beliefs, noise)
     v_WO = np.gradient(run.p_WO, PERIOD, axis=0)
-    same = bool(np.array_equal(beliefs[-1].to_vector(), smoothed[-1].to_vector()))
+    same = bool(np.array_equal(pack(beliefs[-1]), pack(smoothed[-1])))
     return (
         _errors(beliefs, run.p_WO, R_WO, v_WO),
         _errors(smoothed, run.p_WO, R_WO, v_WO),

@@ -16,7 +16,7 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray, validated_covariance
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.planner_config import BlendConfig, PlannerConfig
 from drake_pregrasp.config.validation import check_fields
@@ -25,7 +25,6 @@ from drake_pregrasp.contacts.goal_limits import hold_contacts
 from drake_pregrasp.contacts.selection_input import ContactGoals, ContactStatus, SelectionInput
 from drake_pregrasp.contacts.strategies import BLEND, make_blend, make_strategy
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.input_validation import usable_covariance
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.regions.constraints import NO_CAUSE
 from drake_pregrasp.regions.safe_regions import SafeRegions
@@ -203,7 +202,7 @@ class CentroidSelector(LeafSystem):
             surface=self._surface,
             p_OC=p_OC,
             regions=regions,
-            covariance_O=usable_covariance(covariance_W, R_WO, config.position_spread),
+            covariance_O=validated_covariance(covariance_W, R_WO, config.position_spread),
         )
         if time < config.static_duration - SLACK * config.period:
             goals = hold_contacts(selection)
@@ -220,7 +219,7 @@ class CentroidSelector(LeafSystem):
         output.set_value(goals)
 
     def _is_tracked(self, context: Context) -> bool:
-        return is_followed(self._tracking_status, context) and self._pose.is_usable(context)
+        return is_followed(self._tracking_status, context) and self._pose.is_valid(context)
 
     def _store_goals(self, context: Context, discrete_state: DiscreteValues) -> None:
         goals: ContactGoals = self._goals.Eval(context)

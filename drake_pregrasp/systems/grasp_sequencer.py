@@ -15,13 +15,12 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, validated_numbers
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.validation import check_fields
 from drake_pregrasp.contacts.selection_input import is_active
-from drake_pregrasp.geometry.input_validation import known_numbers
 from drake_pregrasp.grasping.grasp_phases import next_state
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, GraspView
 from drake_pregrasp.grasping.squeeze import Coasting, Squeeze, safest_squeeze
@@ -30,7 +29,7 @@ from drake_pregrasp.systems.pose_ports import (
     VELOCITY,
     LastPose,
     is_followed,
-    usable_velocity,
+    validated_velocity,
 )
 
 GRAVITY = 9.81
@@ -196,7 +195,7 @@ class GraspSequencer(LeafSystem):
         state: GraspState = self._remembered.Eval(context)
         time = context.get_time()
         if np.isinf(state.gripped):
-            X, V = self._pose.eval(context), usable_velocity(self._V_WO.Eval(context))
+            X, V = self._pose.eval(context), validated_velocity(self._V_WO.Eval(context))
             R, p, w, v = X.rotation(), X.translation(), V.rotational(), V.translational()
         else:
             first = Coasting.from_vector(context.get_discrete_state(self._gripped).value())
@@ -210,18 +209,18 @@ class GraspSequencer(LeafSystem):
         output.set_value((X_WG, SpatialVelocity(w=w, v=v + state.height.rate(time) * up)))
 
     def _contacts(self, context: Context) -> tuple[FloatArray, FloatArray]:
-        p_OC, nhat = known_numbers(self._frames.Eval(context)).reshape(2, -1, 3)
+        p_OC, nhat = validated_numbers(self._frames.Eval(context)).reshape(2, -1, 3)
         return p_OC, nhat
 
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
         state: GraspState = self._remembered.Eval(context)
         X_WG, V_WG = self._motion.Eval(context)
         p_OC, nhat = self._contacts(context)
-        p_WT = known_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
+        p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
         p_GT = (X_WG.inverse() @ p_WT.T).T
         presses = np.zeros(len(p_OC))
         if state.phase >= GraspPhase.CLOSE:  # Forces take time to compute, and count from here on.
-            f_T_W = known_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
+            f_T_W = validated_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
             f_T_G = f_T_W @ X_WG.rotation().matrix()
             presses = -np.sum(f_T_G * nhat, axis=1)
         p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat
@@ -235,7 +234,7 @@ class GraspSequencer(LeafSystem):
             distances=distances,
             gaps=np.sum((p_GT - p_OC) * nhat, axis=1) - self._radius,
             presses=presses,
-            sees=is_followed(self._tracking_status, context) and self._pose.is_usable(context),
+            sees=is_followed(self._tracking_status, context) and self._pose.is_valid(context),
         )
         after = next_state(
             state,

@@ -26,8 +26,8 @@ from drake_pregrasp.systems.pose_ports import (
     POSE,
     VELOCITY,
     LastPose,
-    usable_poses,
-    usable_velocity,
+    validated_poses,
+    validated_velocity,
 )
 
 _DAMPING = 1e-4  # Damping of joint steps against palm steps, in metres or radians of the palm.
@@ -144,7 +144,7 @@ class _PalmPosture(LeafSystem):
 
     def _goal_poses(self, context: Context) -> list[RigidTransform | None]:
         port = f"tip_goals of {self.get_name()}"
-        return usable_poses(self._tip_goals.Eval(context), self._tip_frames, port)
+        return validated_poses(self._tip_goals.Eval(context), self._tip_frames, port)
 
 
 def reach_frame(X_WO: RigidTransform, yaw: float, yaw_range: tuple[float, float]) -> RigidTransform:
@@ -260,7 +260,7 @@ class CarrierPosture(_PalmPosture):
         self._object.store(context, discrete_state)
 
     def _calc_posture(self, context: Context, output: BasicVector) -> None:
-        V_WG = usable_velocity(self._V_WG.Eval(context))
+        V_WG = validated_velocity(self._V_WG.Eval(context))
         posture = self._home.copy()
         posture[self._slides] += self._carrier.eval(context).translation()
         posture[self._slides] += V_WG.translational() * self._lead
@@ -353,7 +353,7 @@ class ArmPosture(_PalmPosture):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._advance)
 
     def _rates(self, context: Context) -> FloatArray:
-        V_WG = usable_velocity(self._V_WG.Eval(context))
+        V_WG = validated_velocity(self._V_WG.Eval(context))
         return np.append(V_WG.translational(), V_WG.rotational()[2])
 
     def _calc_now(self, context: Context, output: AbstractValue) -> None:

@@ -14,17 +14,21 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from drake_pregrasp.arrays import FloatArray, finite_vector, number_or_nan
+from drake_pregrasp.arrays import FloatArray, finite_vector, number_or_nan, pack, unpack
 from drake_pregrasp.config.deprecated_keywords import config_with
-from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
+from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
 from drake_pregrasp.config.validation import check_fields
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.pose_filter import PoseBelief, predict
-from drake_pregrasp.estimation.pose_track import OLDEST, PoseMeasurement, PoseTrack
-from drake_pregrasp.estimation.pose_tracker import TrackerSettings, take
-from drake_pregrasp.estimation.tracking_status import TrackingStatus, tracking_status
+from drake_pregrasp.estimation.pose_filter import (
+    NO_BELIEF,
+    PoseBelief,
+    PoseMeasurement,
+    predict,
+)
+from drake_pregrasp.estimation.pose_track import PoseTrack, TrackingStatus, tracking_status
+from drake_pregrasp.estimation.pose_tracker import OLDEST, update_track
 from drake_pregrasp.systems.pose_ports import POSE, VELOCITY
-from drake_pregrasp.ticks import tick_is_due
+from drake_pregrasp.ticks import tick_index
 
 WAITING_STD = 1.0
 """Standard deviation of the position before the first measurement, in metres."""
@@ -116,20 +120,14 @@ class PoseEstimator(LeafSystem):
         if place is None:
             raise InvalidArgumentError(f"p_OCoM must be three finite numbers, not {p_OCoM}")
         self._config, self._period, self._p_OCoM = config, period, place
-        self._noise = filter_noise(config)
-        self._settings = TrackerSettings(
-            noise=self._noise,
-            p_OCoM=place if np.any(place) else None,
-            gate=config.gate,
-            reacquire_after=config.reacquire_after,
-            refuse_repeats=config.refuse_repeats,
-        )
+        self._settings = tracker_settings(config, place if np.any(place) else None)
+        self._noise = self._settings.noise
         # One more than may be newer than an out-of-sequence measurement: the belief before them.
         self._no_track = PoseTrack.empty(config.late_measurements + 1)
-        nothing = TrackingStatus.WAITING, PoseBelief.empty()
+        nothing = TrackingStatus.WAITING, NO_BELIEF
 
         self._time_index = self.DeclareDiscreteState(np.array([-np.inf]))
-        self._track_index = self.DeclareDiscreteState(self._no_track.to_vector())
+        self._track_index = self.DeclareDiscreteState(pack(self._no_track))
         self._X_WO_measured = self.DeclareAbstractInputPort("X_WO_measured", POSE)
         self._measurement_time = self.DeclareVectorInputPort("measurement_time", 1)
         self._track = self.DeclareCacheEntry(
@@ -158,8 +156,8 @@ class PoseEstimator(LeafSystem):
     def _calc_track(self, context: Context, output: AbstractValue) -> None:
         time = context.get_time()
         stored_time = context.get_discrete_state(self._time_index)[0]
-        track = PoseTrack.from_vector(context.get_discrete_state(self._track_index).value())
-        if tick_is_due(time, stored_time, self._period):
+        track = unpack(self._no_track, context.get_discrete_state(self._track_index).value())
+        if tick_index(time, self._period) != tick_index(stored_time, self._period):
             if stored_time > time:  # The Context was set back.
                 track = self._no_track
             X_WO: RigidTransform = self._X_WO_measured.Eval(context)
@@ -169,13 +167,12 @@ class PoseEstimator(LeafSystem):
             p_OCoM = self._settings.p_OCoM
             p_WCoM = X_WO.translation().copy() if p_OCoM is None else X_WO @ p_OCoM
             measurement = PoseMeasurement(measured_at, p_WCoM, X_WO.rotation().matrix())
-            track = take(track, measurement, time, self._settings)
+            track = update_track(track, measurement, time, self._settings)
         output.set_value(track)
 
     def _store_track(self, context: Context, discrete_state: DiscreteValues) -> None:
-        track: PoseTrack = self._track.Eval(context)
         discrete_state.set_value(self._time_index, [context.get_time()])
-        discrete_state.set_value(self._track_index, track.to_vector())
+        discrete_state.set_value(self._track_index, pack(self._track.Eval(context)))
 
     def _calc_estimate(self, context: Context, output: AbstractValue) -> None:
         newest = self._track.Eval(context).newest
@@ -213,7 +210,7 @@ class PoseEstimator(LeafSystem):
         if status == TrackingStatus.LOST:  # The pose stays, but its uncertainty grows on.
             newest = self._track.Eval(context).newest
             belief = self._predicted(newest, context.get_time() - newest.time)
-        covariance = belief.p_WCoM_covariance
+        covariance = belief.P_position[:3, :3]
         if status == TrackingStatus.WAITING:
             covariance = WAITING_STD**2 * np.eye(3)
         output.SetFromVector(covariance.ravel())
@@ -222,9 +219,8 @@ class PoseEstimator(LeafSystem):
         output[0] = self._estimate.Eval(context)[0]
 
     def _calc_age(self, context: Context, output: BasicVector) -> None:
-        track: PoseTrack = self._track.Eval(context)
-        since = context.get_time() if track.is_empty else context.get_time() - track.newest.time
-        output[0] = max(0.0, since)
+        newest = self._track.Eval(context).newest.time
+        output[0] = max(0.0, context.get_time() - (newest if newest > -np.inf else 0.0))
 
     def _calc_verdict(self, context: Context, output: BasicVector) -> None:
         output[0] = self._track.Eval(context).verdict

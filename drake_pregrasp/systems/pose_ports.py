@@ -16,9 +16,9 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
+from drake_pregrasp.arrays import is_valid_pose, validated_rates
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.tracking_status import usable_status
-from drake_pregrasp.geometry.input_validation import is_usable_pose, usable_rates
+from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.regions.constraints import Obstacles
 
 POSE = AbstractValue.Make(RigidTransform())
@@ -62,13 +62,13 @@ class LastPose:
 
     def _calc_valid(self, context: Context, output: AbstractValue) -> None:
         X: RigidTransform = self._port.Eval(context)
-        if is_usable(X):
+        if is_valid(X):
             output.set_value((RigidTransform(X), True))  # A copy: Drake overwrites port values.
             return
         stored = context.get_discrete_state(self._index).value()
         output.set_value((RigidTransform(stored.reshape(3, 4)), False))
 
-    def is_usable(self, context: Context) -> bool:
+    def is_valid(self, context: Context) -> bool:
         """Returns whether the pose at the port is valid."""
         usable: bool = self._valid.Eval(context)[1]
         return usable
@@ -85,7 +85,7 @@ class LastPose:
             discrete_state.set_value(self._index, X.GetAsMatrix34().ravel())
 
 
-def usable_poses(bus: BusValue, names: Sequence[str], port: str) -> list[RigidTransform | None]:
+def validated_poses(bus: BusValue, names: Sequence[str], port: str) -> list[RigidTransform | None]:
     """Returns the poses of a bus by name, and None for each that is missing or invalid.
 
     Args:
@@ -103,20 +103,20 @@ def usable_poses(bus: BusValue, names: Sequence[str], port: str) -> list[RigidTr
             raise InvalidArgumentError(
                 f"port {port} accepts a RigidTransform for {name}, not a {type(X).__name__}"
             )
-        poses.append(X if X is not None and is_usable(X) else None)
+        poses.append(X if X is not None and is_valid(X) else None)
     return poses
 
 
-def usable_velocity(V: SpatialVelocity) -> SpatialVelocity:
+def validated_velocity(V: SpatialVelocity) -> SpatialVelocity:
     """Returns a velocity if it is finite and not too large, else zero."""
     rates = V.get_coeffs()
-    return V if usable_rates(rates) is rates else SpatialVelocity.Zero()
+    return V if validated_rates(rates) is rates else SpatialVelocity.Zero()
 
 
-def is_usable(X: RigidTransform) -> bool:
+def is_valid(X: RigidTransform) -> bool:
     """Returns whether a pose is finite, not too far away, and has a valid rotation."""
     Rp = X.GetAsMatrix34()
-    return is_usable_pose(Rp[:, :3], Rp[:, 3])
+    return is_valid_pose(Rp[:, :3], Rp[:, 3])
 
 
 def eval_obstacles(system: LeafSystem, port: InputPort, context: Context) -> Obstacles:
@@ -138,4 +138,4 @@ def eval_obstacles(system: LeafSystem, port: InputPort, context: Context) -> Obs
 
 def is_followed(port: InputPort, context: Context) -> bool:
     """Returns whether goals may follow the estimate, by an optional port `tracking_status`."""
-    return not port.HasValue(context) or usable_status(port.Eval(context)[0]).is_followed
+    return not port.HasValue(context) or TrackingStatus(port.Eval(context)[0]).is_followed

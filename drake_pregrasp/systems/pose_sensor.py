@@ -18,13 +18,17 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray, pack, unpack
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.sensor_config import SensorConfig, check_faults
 from drake_pregrasp.config.validation import check_fields
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.measurement_faults import faulty_disturbance, white_disturbance
-from drake_pregrasp.estimation.sensor_memory import SensorMemory, memory_capacity, next_memory
+from drake_pregrasp.estimation.measurement_faults import (
+    SensorMemory,
+    faulty_disturbance,
+    next_memory,
+)
+from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.systems.pose_ports import POSE
 from drake_pregrasp.ticks import tick_index
 
@@ -164,12 +168,12 @@ class NoisyPoseSensor(LeafSystem):
 
     def _declare_memory(self, sources: set[DependencyTicket]) -> CacheEntry:
         assert self._faults is not None
-        self._capacity = memory_capacity(self._faults, self._period)
-        self._state = self.DeclareDiscreteState(SensorMemory.empty().to_vector(self._capacity))
+        self._empty = SensorMemory.empty(self._faults, self._period)
+        self._state = self.DeclareDiscreteState(pack(self._empty))
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._store_memory)
         return self.DeclareCacheEntry(
             "memory at the Context's time",
-            ValueProducer(lambda: AbstractValue.Make(SensorMemory.empty()), self._calc_memory),
+            ValueProducer(lambda: AbstractValue.Make(self._empty), self._calc_memory),
             sources | {self.discrete_state_ticket(self._state)},
         )
 
@@ -193,7 +197,9 @@ class NoisyPoseSensor(LeafSystem):
         """Returns the pose that is measured now, whenever it arrives."""
         X_WO: RigidTransform = self._X_WO.Eval(context)
         noise: FloatArray = self._noise.Eval(context)
-        offset, turn = white_disturbance(noise, *self._stds)
+        position_std, orientation_std = self._stds
+        offset = position_std * noise[:3]
+        turn = rotation_matrix(orientation_std * noise[3:])
         if self._faults is not None:
             tick = tick_index(context.get_time(), self._period)
             if self._faults.act_at(tick, self._period):
@@ -206,7 +212,7 @@ class NoisyPoseSensor(LeafSystem):
 
     def _calc_memory(self, context: Context, output: AbstractValue) -> None:
         assert self._faults is not None
-        memory = SensorMemory.from_vector(context.get_discrete_state(self._state).value())
+        memory = unpack(self._empty, context.get_discrete_state(self._state).value())
         time = context.get_time()
         tick = tick_index(time, self._period)
         if tick != memory.tick:
@@ -223,5 +229,4 @@ class NoisyPoseSensor(LeafSystem):
 
     def _store_memory(self, context: Context, discrete_state: DiscreteValues) -> None:
         assert self._memory is not None
-        memory: SensorMemory = self._memory.Eval(context)
-        discrete_state.set_value(self._state, memory.to_vector(self._capacity))
+        discrete_state.set_value(self._state, pack(self._memory.Eval(context)))

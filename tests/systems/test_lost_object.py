@@ -14,7 +14,7 @@ from drake_pregrasp import (
     InvalidArgumentError,
     Obstacles,
 )
-from drake_pregrasp.estimation.tracking_status import TrackingStatus
+from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 
 X_WO = RigidTransform(RollPitchYaw(0.2, -0.4, 1.0), [0.5, -0.3, 0.2])

@@ -10,7 +10,7 @@ from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import ContactStatus, InvalidArgumentError, box_surface
 from drake_pregrasp.config.planner_config import MeasuresConfig
-from drake_pregrasp.estimation.tracking_status import TrackingStatus
+from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.quality.contact_models import CONTACT_MODELS
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
@@ -64,7 +64,7 @@ def test_monitor_measures_by_the_contact_model(p_OC, surface, model):
 def test_monitor_refuses_unusable_arguments(p_OC, surface):
     with pytest.raises(InvalidArgumentError, match="contact_model must be one of: complete"):
         quality(p_OC, surface, contact_model="glue")
-    with pytest.raises(InvalidArgumentError, match="length must be a number at least 0 .*, not -1"):
+    with pytest.raises(InvalidArgumentError, match="length must be a number at least 0"):
         quality(p_OC, surface, length=-1)
 
 

@@ -7,8 +7,8 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import MeasurementVerdict, TrackingStatus
-from drake_pregrasp.estimation.tracking_status import tracking_status
-from drake_pregrasp.geometry.input_validation import FARTHEST
+from drake_pregrasp.arrays import FARTHEST
+from drake_pregrasp.estimation.pose_track import tracking_status
 
 COAST, LOST = 0.1, 0.5
 NAN = RigidTransform([np.nan, 0, 0])

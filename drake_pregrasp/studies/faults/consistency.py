@@ -7,6 +7,7 @@ Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, se
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -15,11 +16,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
+from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise, tracker_settings
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
-from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
-from drake_pregrasp.estimation.pose_track import PoseMeasurement, PoseTrack
-from drake_pregrasp.estimation.pose_tracker import TrackerSettings, take
+from drake_pregrasp.estimation.pose_filter import PoseFilterNoise, PoseMeasurement
+from drake_pregrasp.estimation.pose_track import PoseTrack
+from drake_pregrasp.estimation.pose_tracker import update_track
 from drake_pregrasp.simulation.scenario_file import load_scenario
 
 PERIOD = 0.05
@@ -139,13 +140,15 @@ def consistency(
 def _run(
     noise: PoseFilterNoise, motion: Motion, rng: np.random.Generator
 ) -> tuple[FloatArray, list[FloatArray]]:
-    settings = TrackerSettings(noise)
+    settings = replace(tracker_settings(EstimatorConfig()), noise=noise)
     track = PoseTrack.empty(memory=1)
     nis = []
     for k in range(TICKS):
         p = motion.p_WO[k] + rng.normal(scale=noise.position, size=3)
         R = Rotation.from_rotvec(rng.normal(scale=noise.orientation, size=3)) * motion.R_WO[k]
-        track = take(track, PoseMeasurement(k * PERIOD, p, R.as_matrix()), k * PERIOD, settings)
+        track = update_track(
+            track, PoseMeasurement(k * PERIOD, p, R.as_matrix()), k * PERIOD, settings
+        )
         if k >= TICKS // 2:
             nis.append(track.innovation_squared)
     belief, last = track.newest, TICKS - 1

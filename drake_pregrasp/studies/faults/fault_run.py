@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
 from drake_pregrasp.contacts.selection_input import is_active
-from drake_pregrasp.estimation.tracking_status import TrackingStatus
+from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from drake_pregrasp.diagrams.hand_parsing import model_path
-from drake_pregrasp.diagrams.model_files import check_model_files, names_in_part
+from drake_pregrasp.diagrams.model_files import checked_model
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 from drake_pregrasp.estimation.recorded_poses import MAX_BYTES
+from drake_pregrasp.geometry.meshes import companions
 from drake_pregrasp.resources import make_paths_absolute
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.scenario import Scenario
@@ -81,17 +82,16 @@ def _hand_files(hand: str, allowed: Sequence[Path]) -> list[Path]:
         if not _is_file(model):
             return []
         path = model_path(model)
-        return [path, *check_model_files(path, [Path(hand).parent, *allowed])]
+        return list(checked_model(path, [Path(hand).parent, *allowed]).files)
     except (ScenarioError, InvalidArgumentError):
         return []
 
 
 def _buffers(mesh: Path) -> list[Path]:
     try:
-        names = names_in_part(mesh)
+        return companions(mesh)
     except InvalidArgumentError:
         return []
-    return [mesh.parent / name for name in names if name.lower().endswith(".bin")]
 
 
 def _digest(path: Path) -> str:
