@@ -78,9 +78,9 @@ class Fingertip:
     # radians (or metres).
     home: list[float] = field(default_factory=list, metadata={"required": True, **_ANGLE})
 
-    # Reach of the finger in the frame H: its origin is the object's, z is up, and its axes are W's at
-    # yaw 0. H turns with a palm that turns without limits; for a palm of limited range its yaw is
-    # the middle of that range.
+    # Reach of the finger in the frame H. Its origin is that of O, z is up, and its axes are those
+    # of W at yaw 0. H turns with a palm that turns without limits; for a palm of limited range, the
+    # yaw of H is the middle of that range.
     reach: ReachConfig = field(default_factory=SectorReach, metadata={"required": True})
 
     # Distance from the object's z axis at which the fingertip waits, above the object, while it has

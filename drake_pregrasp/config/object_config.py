@@ -135,7 +135,7 @@ class Conveyor:
     angular_velocity: float = field(default=0.0174, metadata=_LARGEST_TURN)
 
     # Velocities over time, instead of the two above: rows [time, linear, angular] in s, m/s and
-    # rad/s, with times that increase from 0. They are interpolated linearly, and the last ones stay.
+    # rad/s, with times that increase from 0. They are interpolated linearly; the last ones stay.
     profile: list[list[float]] = field(
         default_factory=list,
         metadata={
@@ -208,9 +208,9 @@ class Push:
 class PoseStream:
     """Recorded poses of the object, from a camera or another program."""
 
-    # CSV file with the header time,x,y,z,qw,qx,qy,qz: seconds, metres and a unit quaternion, the pose
-    # of the object O in the world W. A relative path starts at the folder of the scenario's file,
-    # package://drake_pregrasp/ at the folder of the package's models.
+    # CSV file with the header time,x,y,z,qw,qx,qy,qz: seconds, metres and a unit quaternion, the
+    # pose of the object O in W. A relative path starts at the folder of the scenario's
+    # file, package://drake_pregrasp/ at the folder of the package's models.
     file: str = field(default="", metadata={"required": True, "path": True})
 
 

@@ -109,8 +109,8 @@ MAX_BOX_POINTS = 200_000
 class SurfaceConfig:
     """Configuration of the sampling of the object's surface, and of no-touch areas."""
 
-    # Distance between neighbouring candidate points Y, in metres: the largest one on a box, else the
-    # mean.
+    # Distance between neighbouring candidate points Y, in metres: the largest on a box, the mean
+    # on other shapes.
     spacing: float = field(default=0.005, metadata={"at_least": 0.0005})
 
     # Seed of the sampling; a box has a regular grid and needs none.

@@ -14,7 +14,14 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from drake_pregrasp.arrays import FloatArray, finite_vector, number_or_nan, pack, unpack
+from drake_pregrasp.arrays import (
+    FARTHEST,
+    FloatArray,
+    finite_vector,
+    number_or_nan,
+    pack,
+    unpack,
+)
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
 from drake_pregrasp.config.validation import check_fields
@@ -70,9 +77,11 @@ class PoseEstimator(LeafSystem):
     row-major, in m² (Eq. 3). The position is estimated at the centre of mass. The covariance grows
     while no measurement is used.
 
-    Port `tracking_status` emits a vector of 1: a `TrackingStatus`. While it is `LOST`, the pose
-    stays at its prediction for the moment of the loss and the twist is zero. While it is `WAITING`,
-    the pose is the identity.
+    Port `tracking_status` emits a vector of 1: a `TrackingStatus`. It is not `TRACKING` while
+    measurements contradict a belief whose twist no measurement has confirmed. While it is `LOST`,
+    the pose stays at its prediction for the moment of the loss and the twist is zero. It is also
+    `LOST` if the prediction is beyond `FARTHEST`; the pose then stays at the newest one that was
+    used. While it is `WAITING`, the pose is the identity.
 
     Port `time_since_measurement` emits a vector of 1: the age of the newest measurement that was
     used, in seconds; the Context's time if none was used yet.
@@ -175,13 +184,19 @@ class PoseEstimator(LeafSystem):
         discrete_state.set_value(self._track_index, pack(self._track.Eval(context)))
 
     def _calc_estimate(self, context: Context, output: AbstractValue) -> None:
-        newest = self._track.Eval(context).newest
-        since = context.get_time() - newest.time
-        lost_after = self._config.lost_after
-        status = tracking_status(since, self._period, self._config.coast_after, lost_after)
+        track: PoseTrack = self._track.Eval(context)
+        belief, config = track.newest, self._config
+        since = context.get_time() - belief.time
+        status = tracking_status(since, self._period, config.coast_after, config.lost_after)
+        if status == TrackingStatus.TRACKING and not track.is_locked:
+            status = TrackingStatus.COASTING
         if status == TrackingStatus.LOST:  # The pose stays where it was lost.
-            since = self._period + lost_after
-        belief = newest if status == TrackingStatus.WAITING else self._predicted(newest, since)
+            since = self._period + config.lost_after
+        if status != TrackingStatus.WAITING:
+            belief = self._predicted(track.newest, since)
+            p_WO = belief.p_WCoM - belief.R_WO @ self._p_OCoM
+            if not np.abs([p_WO, belief.v_WCoM, belief.w_WO]).max() <= FARTHEST:
+                status, belief = TrackingStatus.LOST, track.newest
         output.set_value((status, belief))
 
     def _predicted(self, belief: PoseBelief, since: float) -> PoseBelief:
@@ -194,6 +209,7 @@ class PoseEstimator(LeafSystem):
         R_WO = RotationMatrix.ProjectToRotationMatrix(belief.R_WO)
         p_OCoM = self._settings.p_OCoM
         p_WO = belief.p_WCoM if p_OCoM is None else belief.p_WCoM - R_WO @ p_OCoM
+        p_WO = np.clip(p_WO, -FARTHEST, FARTHEST)  # So that the pose is valid, if LOST.
         output.set_value(RigidTransform(R_WO, p_WO))
 
     def _calc_velocity(self, context: Context, output: AbstractValue) -> None:

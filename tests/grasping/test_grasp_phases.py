@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drake_pregrasp.config.grasp_config import GraspConfig
-from drake_pregrasp.geometry.motion_profiles import Ramp
 from drake_pregrasp.grasping.grasp_phases import fingers_have_arrived, next_state
 from drake_pregrasp.grasping.grasp_state import (
     GiveUp,
     GraspPhase,
     GraspState,
     GraspView,
+    Ramp,
     describe_give_up,
 )
 from drake_pregrasp.grasping.squeeze import Coasting, Squeeze
