@@ -11,6 +11,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import hand_limits
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import Box, Conveyor
@@ -62,17 +63,7 @@ def make_diagram(
     p_OC = scenario.initial_p_OC(surface)
     hand = None
     if scenario.grasp.has_hand:
-        hand = add_driven_hand(
-            builder,
-            cast(Box, scenario.object),
-            cast(Conveyor, scenario.motion),
-            scenario.plant_config,
-            scenario.grasp,
-            load_hand_model(scenario.grasp.hand, scenario.grasp.yaw_range),
-            p_OCoM=surface.p_OCoM,
-            p_OC=p_OC,
-            target_period=scenario.planner.period,
-        )
+        hand = add_hand(builder, scenario, surface, p_OC)
         object_plant: ObjectPlant | HandStation = hand.station
     else:
         object_plant = builder.AddNamedSystem(
@@ -137,6 +128,30 @@ def make_diagram(
     diagram = builder.Build()
     diagram.set_name("pregrasp_simulation")
     return diagram
+
+
+def add_hand(
+    builder: DiagramBuilder, scenario: Scenario, surface: ObjectSurface, p_OC: FloatArray
+) -> DrivenHand:
+    """Adds the plant and the controller of a scenario's hand, and connects them.
+
+    Args:
+        builder: Builder of the diagram.
+        scenario: Scenario with a hand.
+        surface: The object's surface.
+        p_OC: Initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
+    """
+    return add_driven_hand(
+        builder,
+        cast(Box, scenario.object),
+        cast(Conveyor, scenario.motion),
+        scenario.plant_config,
+        scenario.grasp,
+        load_hand_model(scenario.grasp.hand, scenario.grasp.yaw_range),
+        p_OCoM=surface.p_OCoM,
+        p_OC=p_OC,
+        target_period=scenario.planner.period,
+    )
 
 
 def hand_planner(scenario: Scenario) -> PlannerConfig:

@@ -20,10 +20,9 @@ NOISE = filter_noise(EstimatorConfig())
 LAST_UNLOCKED = 3  # The fifth measurement locks.
 
 
-def estimates(poses, period, *, gate=7.0, **config):
+def estimates(poses, period, **config):
     """Feeds an estimator with a pose a period, and yields it with its Context after each tick."""
-    noise = filter_noise(EstimatorConfig(**config))
-    estimator = PoseEstimator(period=period, noise=noise, gate=gate)
+    estimator = PoseEstimator(EstimatorConfig(**config), period=period)
     context = estimator.CreateDefaultContext()
     for k, (p_WO, R_WO) in enumerate(poses):
         context.SetTime(k * period)

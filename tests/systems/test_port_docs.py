@@ -37,13 +37,13 @@ import drake_pregrasp.systems
 from drake_pregrasp import (
     BallSolid,
     Box,
-    BoxSolid,
     Conveyor,
     FingertipSensor,
     GraspConfig,
     GraspQualityMonitor,
     HandController,
     HandStation,
+    LimitsConfig,
     NoiseSource,
     NoisyPoseSensor,
     ObjectPlant,
@@ -54,9 +54,7 @@ from drake_pregrasp import (
 )
 from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
-from drake_pregrasp.regions.constraints import RegionConstraints
-from drake_pregrasp.studies.static_versus_dynamic.reassignment import Reassignment
-from drake_pregrasp.studies.static_versus_dynamic.still_hand import StillHand
+from drake_pregrasp.studies.static_versus_dynamic.methods import Reassignment, StationaryHand
 from drake_pregrasp.systems.loggers import GraspLogger, TickLogger
 from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer
 from drake_pregrasp.systems.sources import (
@@ -94,14 +92,9 @@ def make_controller(p_OC: np.ndarray) -> HandController:
     )
 
 
-def make_still_hand() -> StillHand:
-    return StillHand(
-        tip_frames=FRAMES,
-        azimuths=np.arange(5.0),
-        ring_radius=0.09,
-        box=BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)),
-        constraints=RegionConstraints(tip_radii=np.full(5, 0.009)),
-    )
+def make_stationary_hand() -> StationaryHand:
+    limits = LimitsConfig(tip_radii=[0.009] * 5)
+    return StationaryHand(FRAMES, azimuths=np.arange(5.0), box_size=[0.1] * 3, limits=limits)
 
 
 def shown(system_class, **arguments):
@@ -122,7 +115,7 @@ MAKERS = [
     lambda s, c: make_shaper(),
     lambda s, c: make_controller(c),
     lambda s, c: make_launch(),
-    lambda s, c: make_still_hand(),
+    lambda s, c: make_stationary_hand(),
     lambda s, c: BodyPose(BodyIndex(1)),
     lambda s, c: ContactWeights(np.zeros(N)),
     lambda s, c: FingertipSensor(HAND.kinematics),
@@ -139,7 +132,7 @@ MAKERS = [
     lambda s, c: ObjectPlant(Box(), Conveyor(), PLANT),
     lambda s, c: PoseReplay(POSES),
     lambda s, c: PregraspPlanner(PlannerConfig(), s, c),
-    lambda s, c: Reassignment(tip_frames=FRAMES, azimuths=np.arange(5.0), period=0.05),
+    lambda s, c: Reassignment(FRAMES, azimuths=np.arange(5.0), period=0.05),
     lambda s, c: TickLogger(num_contacts=N, quality_size=5, period=0.1, sink=lambda record: None),
     lambda s, c: shown(ObstacleVisualizer, solids=[]),
     lambda s, c: shown(PregraspVisualizer, surface=s, num_contacts=N),
