@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from drake_pregrasp.kernels import make_kernel
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from slow_safe_regions import breaks_eq_1
@@ -14,6 +13,7 @@ from drake_pregrasp.geometry.no_touch import AxisArea
 from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.shapes import ball_shape, box_shape
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
+from drake_pregrasp.kernels import make_kernel
 from drake_pregrasp.regions.constraints import (
     NO_CAUSE,
     FingerReach,
