@@ -15,7 +15,7 @@ from drake_pregrasp.arrays import (
     validated_weights,
 )
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.no_touch import AxisArea
+from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.solids import BallSolid

@@ -215,9 +215,7 @@ def test_a_file_has_to_hold_one_model(tmp_path, count):
     models = "".join(f'<model name="m{i}"><link name="a"/></model>' for i in range(count))
     (tmp_path / "own.sdf").write_text(f'<sdf version="1.9">{models}</sdf>')
     text = shipped().replace("package://drake_pregrasp/five_finger_hand", "own")
-    with pytest.raises(
-        PregraspError, match=r"own\.sdf (must hold one|is no model)"
-    ):
+    with pytest.raises(PregraspError, match=r"own\.sdf (must hold one|is no model)"):
         HandModel(load_hand(write(tmp_path, text)))
 
 
