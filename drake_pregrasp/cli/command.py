@@ -5,9 +5,9 @@ import contextlib
 import logging
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from drake_pregrasp.cli import run_command, study_commands
 from drake_pregrasp.errors import OutputError, PregraspError, printable
@@ -21,7 +21,21 @@ BAD_INPUT = 2
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """Parser that reports an error in one line, without the usage before it."""
+    """Parser that reports an error in one line, without the usage before it.
+
+    Attributes:
+        add_options: Adds the options of a command when it is given, and not before; none if not
+            set.
+    """
+
+    add_options: "Callable[[OneLineParser], None] | None" = None
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parses arguments, after the options of the command have been added."""
+        add_options, self.add_options = self.add_options, None
+        if add_options is not None:
+            add_options(self)
+        return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
         """Prints an error and ends the process."""
@@ -97,9 +111,7 @@ def _parser() -> argparse.ArgumentParser:
     run_command.add_command(commands)
     study_commands.add_commands(commands)
 
-    smoother = commands.add_parser(
-        "smooth", help="smooth a recorded pose stream, and add its velocities"
-    )
+    smoother = commands.add_parser("smooth", help="smooth recorded poses and add velocities")
     smoother.set_defaults(command=_smooth)
     smoother.add_argument("input", metavar="IN.csv", help="columns time,x,y,z,qw,qx,qy,qz")
     smoother.add_argument("output", metavar="OUT.csv", help="the same and vx,vy,vz,wx,wy,wz")
