@@ -54,7 +54,7 @@ def figure_2c(scenario: Scenario, contact: int) -> Figure:
     axes = figure.subplots(2, 2, sharex=True, sharey=True)
     for axis, (name, title) in zip(axes.flat, _STRATEGY_TITLES.items(), strict=True):
         strategy = make_strategy(name)
-        b = np.exp(strategy(selection)[q])
+        b = np.exp(strategy(selection, contact))
         goal = select_contacts(selection, strategy).p_OC[[contact]]
         shades = axis.pcolormesh(*_as_grid(strip, b / b.max()), cmap="cividis", vmin=0)
         axis.set_facecolor("0.93")

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.diagrams.pregrasp_planner import BlendConfig, PlannerConfig
+from drake_pregrasp.config.planner_config import BlendConfig, PlannerConfig
 from drake_pregrasp.geometry.box_surface import box_surface
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import FRICTION, min_weight_margin
