@@ -60,6 +60,7 @@ def test_the_scenario_in_yaml_loads(tmp_path):
     assert load_scenario("fast", file=file).planner.period == 0.02
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("head", "table"), [("Table II", TABLE_2), ("Table III", TABLE_3)])
 def test_tables_hold_what_is_published_and_what_runs_give(head, table, tmp_path):
     rows = {row[0].split()[0]: row for row in table_rows(head)}

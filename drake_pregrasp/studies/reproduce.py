@@ -1,5 +1,6 @@
 """The paper's tables, figures and claims, from runs of its ten cases."""
 
+import argparse
 import json
 import os
 import time
@@ -27,6 +28,7 @@ from drake_pregrasp.studies.paper_figures import figure_2c, figure_4, figure_6
 from drake_pregrasp.studies.published import SCENARIOS
 from drake_pregrasp.studies.rendered_goals import render_goals
 from drake_pregrasp.studies.report import write_report
+from drake_pregrasp.studies.study_options import add_out_option, names, step_bar
 from drake_pregrasp.studies.tables import make_tables
 
 SEEDS = tuple(range(10))
@@ -233,3 +235,25 @@ def _regions_at(log: CaseLog, tick: int) -> tuple[ObjectSurface, IntArray, Float
     # Regions count the active contacts; the picture counts all of them.
     labels = np.append(contacts, NO_REGION)[regions.labels]
     return surface, labels, p_OC, contacts
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `drake-pregrasp reproduce`."""
+    add_out_option(parser, "reproduction")
+    parser.add_argument(
+        "--cases",
+        type=names,
+        default=list(SCENARIOS),
+        metavar="a,b,...",
+        help=f"which; {','.join(SCENARIOS)} if not set",
+    )
+    parser.set_defaults(command=_command)
+
+
+def _command(options: argparse.Namespace) -> int:
+    start = time.perf_counter()
+    with step_bar() as on_progress:
+        report = reproduce(options.out, options.cases, on_progress=on_progress)
+    print(f"reproduced in {(time.perf_counter() - start) / 60:.1f} minutes")
+    print(f"report in {report}: open it in a browser")
+    return 0

@@ -1,5 +1,6 @@
 """The benchmark: it measures, and writes a report."""
 
+import argparse
 import json
 import logging
 import multiprocessing
@@ -25,6 +26,7 @@ from drake_pregrasp.studies.bench.report import report
 from drake_pregrasp.studies.bench.shares import profile_ticks
 from drake_pregrasp.studies.bench.startup import time_starts
 from drake_pregrasp.studies.bench.tick_times import BY_SIZE, time_ticks
+from drake_pregrasp.studies.study_options import add_out_option, step_bar
 
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
@@ -125,3 +127,17 @@ def _be_quiet() -> None:
     """Keeps Meshcat from saying where it listens, and leaves interrupts to the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     logging.getLogger("drake").setLevel(logging.WARNING)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `drake-pregrasp bench`."""
+    add_out_option(parser, "bench")
+    parser.add_argument("--quick", action="store_true", help="leave out what takes long")
+    parser.set_defaults(command=_command)
+
+
+def _command(options: argparse.Namespace) -> int:
+    with step_bar() as on_progress:
+        report = bench(options.out, quick=options.quick, on_progress=on_progress)
+    print(f"report in {report}")
+    return 0

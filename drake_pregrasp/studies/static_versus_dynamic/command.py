@@ -4,7 +4,6 @@ import argparse
 import importlib
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 from drake_pregrasp.studies.many_runs import MOST_SEEDS, carry_out, check_bounds, names_of
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
@@ -29,16 +28,15 @@ def load_experiment() -> Experiment:
     return experiment
 
 
-def add_command(
-    studies: "argparse._SubParsersAction[Any]", load: Callable[[], Experiment] | None = None
+def add_options(
+    parser: argparse.ArgumentParser, load: Callable[[], Experiment] | None = None
 ) -> None:
-    """Adds the command to those of `study`.
+    """Adds the options of `drake-pregrasp study static-versus-dynamic`.
 
     Args:
-        studies: What holds those commands.
+        parser: Of the command.
         load: Returns what is run; `load_experiment` if not set.
     """
-    parser = studies.add_parser(NAME, help="what planning anew gains, in simulated grasps")
     parser.set_defaults(command=lambda options: _run(options, load or load_experiment))
     parser.add_argument(
         "--out", default="studies", metavar="FOLDER", help=f"its folder {NAME} gets the report"

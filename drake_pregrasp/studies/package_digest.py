@@ -1,0 +1,62 @@
+"""What the rows of a study depend on besides its jobs: versions, and digests of the source."""
+
+import functools
+import hashlib
+import importlib
+import importlib.metadata
+import platform
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from drake_pregrasp.resources import resource_folder
+from drake_pregrasp.version import __version__
+
+_PACKAGE = Path(__file__).parents[1]
+_LEFT_OUT = ("cli", "studies")  # Of the studies, only the modules that are asked for count.
+_LIBRARIES = ("drake", "numpy", "scipy", "trimesh", "numba")
+
+
+def digest_files(files: Iterable[Path]) -> str:
+    """Returns a digest of the contents of files, in this order."""
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+@functools.cache
+def package_digest(*modules: str) -> dict[str, str]:
+    """Returns the versions of this package and its libraries, and a digest of the source.
+
+    Two processes whose digests are equal compute the same rows.
+
+    Args:
+        modules: Names of the modules of studies that rows depend on.
+    """
+    files = [
+        file
+        for file in sorted(_PACKAGE.rglob("*.py"))
+        if file.relative_to(_PACKAGE).parts[0] not in _LEFT_OUT
+    ]
+    files += sorted(file for file in resource_folder("models").rglob("*") if file.is_file())
+    for name in sorted(set(modules)):
+        files.append(Path(str(importlib.import_module(name).__file__)))
+    versions = {}
+    for library in _LIBRARIES:
+        try:
+            versions[library] = importlib.metadata.version(library)
+        except importlib.metadata.PackageNotFoundError:
+            continue  # It is an extra.
+    return {
+        "drake_pregrasp": __version__,
+        "source": digest_files(files),
+        "python": platform.python_version(),
+        **versions,
+    }
+
+
+def differences(theirs: Any, ours: Mapping[str, str]) -> str:
+    """Returns what differs between two digests, in words; an empty text if they are equal."""
+    names = [name for name in {**theirs, **ours} if theirs.get(name) != ours.get(name)]
+    return ", ".join(f"{name} {theirs.get(name)} instead of {ours.get(name)}" for name in names)

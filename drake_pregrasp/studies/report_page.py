@@ -1,0 +1,152 @@
+"""Reports as one HTML page with all figures inside, and as Markdown."""
+
+import base64
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import jinja2
+import matplotlib.figure
+import pandas as pd
+from markupsafe import Markup
+from pandas.io.formats.style import Styler
+
+from drake_pregrasp.simulation.output import reading_back, write_text
+
+NO_VALUE = "–"
+"""The text of a cell without a value."""
+
+
+@dataclass(frozen=True)
+class Heading:
+    """A heading.
+
+    Attributes:
+        text: Of the heading.
+        level: 2 for a section, 3 for a part of one.
+    """
+
+    text: str
+    level: int = 2
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table.
+
+    Attributes:
+        data: Its columns, numbers as texts where digits matter; a `Styler` of such columns for
+            classes and colours, which only the HTML page shows.
+        caption: What the table shows, above it.
+    """
+
+    data: "pd.DataFrame | Styler"
+    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure.
+
+    Attributes:
+        image: A PNG in the report's folder, or a figure of Matplotlib, which only the HTML shows.
+        caption: What the figure shows, below it.
+    """
+
+    image: Path | matplotlib.figure.Figure
+    caption: str
+
+
+@dataclass(frozen=True)
+class Details:
+    """Preformatted text that the HTML page shows on demand.
+
+    Attributes:
+        title: What is always shown.
+        text: What can be opened.
+    """
+
+    title: str
+    text: str
+
+
+Part = str | Heading | Table | Picture | Details
+"""A part of a report; a text is a paragraph."""
+
+
+def write_report(
+    folder: Path,
+    title: str,
+    parts: Sequence[Part],
+    *,
+    name: str = "report",
+    formats: Sequence[str] = ("html", "md"),
+) -> Path:
+    """Writes a report and returns the path of its first format.
+
+    Args:
+        folder: Where it goes.
+        title: Its main heading; if empty, the Markdown has none.
+        parts: What it shows, in this order.
+        name: Of the files, without their endings.
+        formats: "html", "md" or both.
+
+    Raises:
+        OutputError: If a file can't be written, or a PNG can't be read.
+    """
+    writers = {"html": to_html, "md": to_markdown}
+    for ending in formats:
+        write_text(folder / f"{name}.{ending}", writers[ending](title, parts))
+    return folder / f"{name}.{formats[0]}"
+
+
+def to_html(title: str, parts: Sequence[Part]) -> str:
+    """Returns a page with everything inside; all texts are escaped."""
+    loader = jinja2.FileSystemLoader(Path(__file__).parent)
+    template = jinja2.Environment(loader=loader, autoescape=True).get_template("report_page.html")
+    shown = [(type(part).__name__, part, _content(part, k)) for k, part in enumerate(parts)]
+    return template.render(title=title, parts=shown)
+
+
+def to_markdown(title: str, parts: Sequence[Part]) -> str:
+    """Returns Markdown; tables are aligned with their data, figures are links to their files."""
+    blocks = [f"# {title}"] if title else []
+    for part in parts:
+        match part:
+            case str():
+                blocks.append(part)
+            case Heading():
+                blocks.append(f"{'#' * part.level} {part.text}")
+            case Table():
+                cells = _texts(part.data).map(lambda text: text.replace("|", r"\|"))
+                text = cells.to_markdown(index=False, disable_numparse=True)
+                blocks += [part.caption, text] if part.caption else [text]
+            case Picture(image=Path() as path):
+                blocks += [f"![{part.caption}]({path.name})", part.caption]
+            case Details():
+                blocks.append(f"## {part.title}\n\n```\n{part.text}\n```")
+    return "\n\n".join(blocks) + "\n"
+
+
+def _content(part: Part, place: int) -> str:
+    """Returns the HTML of a table, or a figure's data; nothing of what the template writes."""
+    match part:
+        case Table(data=Styler() as styler):
+            styler = styler.hide(axis="index").format(escape="html", na_rep=NO_VALUE)
+            return Markup(styler.to_html(table_uuid=f"table{place}"))
+        case Table():
+            return Markup(_texts(part.data).to_html(index=False, border=0))
+        case Picture(image=Path() as path):
+            with reading_back(path):
+                return base64.b64encode(path.read_bytes()).decode()
+        case Picture(image=matplotlib.figure.Figure() as figure):
+            png = io.BytesIO()
+            figure.savefig(png, format="png", dpi=130, bbox_inches="tight")
+            return base64.b64encode(png.getvalue()).decode()
+    return ""
+
+
+def _texts(data: "pd.DataFrame | Styler") -> pd.DataFrame:
+    frame = data.data if isinstance(data, Styler) else data
+    return frame.map(lambda value: NO_VALUE if pd.isna(value) else str(value))

@@ -1,0 +1,292 @@
+"""Calls a function for many independent jobs, in local processes or on a Dask cluster."""
+
+import contextlib
+import logging
+import multiprocessing
+import os
+import queue
+import signal
+import threading
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from drake_pregrasp.errors import InvalidArgumentError, OutputError, first_line, one_line
+from drake_pregrasp.studies.package_digest import differences, package_digest
+
+ATTEMPTS = 3
+"""Times that a job is started whose process is killed."""
+
+JOBS_A_WORKER = 100
+"""Jobs after which a process is replaced: Drake's Python systems are never freed."""
+
+TIMEOUT = 10.0
+"""Seconds within which a Dask scheduler must answer, and must have a worker."""
+
+_POLL_PERIOD = 0.2  # Seconds between looks for an interrupt while no job ends.
+_MOST_ON_CLUSTER = 1000  # Jobs that a scheduler has at a time.
+
+_OnEnd = Callable[[int, "Future[Any]"], None]
+
+# A run with a hand redirects the output of its process, and a Dask worker may have threads.
+_ONE_AT_A_TIME = threading.Lock()
+
+
+class Failure(NamedTuple):
+    """The error that ended a job, in one line."""
+
+    error: str
+
+
+@dataclass(frozen=True)
+class _Call:
+    """Calls the function in a worker; an error becomes a `Failure`, as not all can be pickled."""
+
+    function: Callable[[Any], Any]
+    modules: tuple[str, ...]
+    package: Mapping[str, str]
+
+    def __call__(self, job: Any) -> Any:
+        try:
+            with _ONE_AT_A_TIME:
+                if differing := differences(package_digest(*self.modules), self.package):
+                    raise InvalidArgumentError(f"this worker has another package: {differing}")
+                return self.function(job)
+        except Exception as error:
+            return Failure(one_line(error))
+
+
+def call_for_all(
+    function: Callable[[Any], Any],
+    jobs: Sequence[Any],
+    on_result: Callable[[int, Any], None],
+    *,
+    modules: Sequence[str] = (),
+    processes: int | None = None,
+    scheduler: str | None = None,
+) -> None:
+    """Calls a function for each job, several at a time, and hands over results as they come.
+
+    Args:
+        function: One that can be pickled: a module's function, or a `partial` of it.
+        jobs: Its arguments.
+        on_result: Gets the index of a job, and its result or a `Failure`; called in this process.
+        modules: Names of the modules that a worker must have the same source of.
+        processes: Number of local processes; that of the processors if not set.
+        scheduler: Address of a Dask scheduler whose workers are used instead.
+
+    Raises:
+        InvalidArgumentError: If the scheduler or its workers can't be used.
+        OutputError: If the connection to the scheduler is lost.
+        KeyboardInterrupt: If SIGINT or SIGTERM has come; no further job is started then.
+    """
+    call = _Call(function, tuple(modules), package_digest(*modules))
+    with _noted_interrupts() as interrupted:
+        if scheduler is None:
+            workers = processes or os.cpu_count() or 1
+            _call_locally(call, jobs, on_result, interrupted, workers)
+        else:
+            _call_on_cluster(call, jobs, on_result, interrupted, scheduler)
+
+
+def _call_locally(
+    call: _Call,
+    jobs: Sequence[Any],
+    on_result: Callable[[int, Any], None],
+    interrupted: threading.Event,
+    workers: int,
+) -> None:
+    waiting = deque(range(len(jobs)))
+    kills: Counter[int] = Counter()
+    again: list[int] = []
+
+    def on_end(index: int, future: "Future[Any]") -> None:
+        kills[index] += _is_broken(future)
+        if _is_broken(future) and kills[index] < ATTEMPTS:
+            again.append(index)
+        else:
+            on_result(index, _result(future))
+
+    def submit(index: int) -> "Future[Any]":
+        with _sigint_blocked():  # Processes inherit this while they import.
+            return pool.submit(call, jobs[index])
+
+    while waiting:
+        # A job whose process was killed, or one beside it, is next tried alone: no other is blamed.
+        alone = kills[waiting[0]] > 0
+        most = 1 if alone else min(len(waiting), JOBS_A_WORKER * workers)
+        batch = deque(waiting.popleft() for _ in range(most))
+        # Threads don't survive a fork, so processes are spawned.
+        context = multiprocessing.get_context("spawn")
+        processes = min(workers, most)
+        with ProcessPoolExecutor(processes, context, initializer=_prepare_worker) as pool:
+            try:
+                # One more for each process, so that none waits for the next.
+                _drain(submit, batch, 2 * processes, on_end, interrupted)
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+        waiting.extendleft(reversed([*again, *batch]))
+        again.clear()
+
+
+def _call_on_cluster(
+    call: _Call,
+    jobs: Sequence[Any],
+    on_result: Callable[[int, Any], None],
+    interrupted: threading.Event,
+    address: str,
+) -> None:
+    lost = (
+        f"{address}: the scheduler is gone; results so far are kept, and the same command goes on"
+    )
+    with _connected(address, call) as client:
+
+        def on_end(index: int, future: "Future[Any]") -> None:
+            if future.cancelled():
+                raise OutputError(lost)
+            on_result(index, _result(future))
+
+        def on_idle() -> None:
+            if client.status != "running":
+                raise OutputError(lost)
+
+        # The scheduler gives the jobs of a killed worker to others by itself.
+        executor = client.get_executor(pure=False)
+        _drain(
+            lambda index: executor.submit(call, jobs[index]),
+            deque(range(len(jobs))),
+            _MOST_ON_CLUSTER,
+            on_end,
+            interrupted,
+            on_idle,
+        )
+
+
+def _drain(
+    submit: Callable[[int], "Future[Any]"],
+    indices: deque[int],
+    most: int,
+    on_end: _OnEnd,
+    interrupted: threading.Event,
+    on_idle: Callable[[], None] = lambda: None,
+) -> None:
+    """Submits jobs, `most` at a time, until none is left or a process is killed."""
+    ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
+    index_of: dict[Future[Any], int] = {}
+    broken = False
+    while index_of or (indices and not broken):
+        while indices and len(index_of) < most and not broken:
+            try:
+                future = submit(indices[0])
+            except BrokenProcessPool:
+                broken = True
+            else:
+                index_of[future] = indices.popleft()
+                future.add_done_callback(ended.put)
+        if interrupted.is_set():
+            raise KeyboardInterrupt
+        try:
+            future = ended.get(timeout=_POLL_PERIOD if index_of else 0)
+        except queue.Empty:
+            on_idle()
+            continue
+        broken = broken or _is_broken(future)
+        on_end(index_of.pop(future), future)
+
+
+def _is_broken(future: "Future[Any]") -> bool:
+    return not future.cancelled() and isinstance(future.exception(), BrokenProcessPool)
+
+
+@contextlib.contextmanager
+def _connected(address: str, call: _Call) -> Iterator[Any]:
+    import distributed
+
+    for name in ("distributed", "distributed.client", "distributed.core"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # Errors are reported here.
+    try:
+        client = distributed.Client(address, timeout=TIMEOUT, set_as_default=False)
+    except (OSError, ValueError, TypeError, RuntimeError) as error:
+        raise InvalidArgumentError(
+            f"--scheduler: {address}: no scheduler answers within {TIMEOUT:g} s:"
+            f" {first_line(error)}"
+        ) from error
+    try:
+        _check_workers(client, address, call)
+        yield client
+    finally:
+        # A client whose scheduler is gone may never close.
+        closing = threading.Thread(target=client.close, daemon=True)
+        closing.start()
+        closing.join(TIMEOUT)
+
+
+def _check_workers(client: Any, address: str, call: _Call) -> None:
+    try:
+        client.wait_for_workers(1, timeout=TIMEOUT)
+    except OSError as error:  # TimeoutError is one.
+        raise InvalidArgumentError(
+            f"--scheduler: {address} has no workers; start some: dask worker {address} --nthreads 1"
+        ) from error
+    found = client.run(package_digest, *call.modules, on_error="return")
+    for worker, theirs in found.items():
+        if isinstance(theirs, BaseException):
+            problem = f"can't import the package: {first_line(theirs)}"
+        elif differing := differences(theirs, call.package):
+            problem = f"has another package: {differing}"
+        else:
+            continue
+        raise InvalidArgumentError(f"--scheduler: worker {worker} {problem}")
+
+
+def _result(future: "Future[Any]") -> Any:
+    try:
+        return future.result()
+    except BrokenProcessPool:
+        return Failure(f"its process was killed, {ATTEMPTS} times")
+    except Exception as error:  # A result that can't be pickled, or Dask's own.
+        return Failure(one_line(error))
+
+
+@contextlib.contextmanager
+def _noted_interrupts() -> Generator[threading.Event, None, None]:
+    """Notes SIGINT and SIGTERM instead of raising, which could leave a pool or a client locked."""
+    came = threading.Event()
+    before = {}
+    if threading.current_thread() is threading.main_thread():  # No other can set handlers.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            if callable(signal.getsignal(number)):  # Not if the parent had them ignored.
+                before[number] = signal.signal(number, lambda number, frame: came.set())
+    try:
+        yield came
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def _sigint_blocked() -> Generator[None, None, None]:
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _prepare_worker() -> None:
+    # A terminal interrupts all processes; the parent then ends the others in order.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    # A parent that is killed can't end its processes, and they would wait for jobs forever.
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
