@@ -6,6 +6,7 @@ import json
 
 import numpy as np
 import pytest
+from drake_pregrasp.studies.drawn_mesh import camera_pose
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up_trials import at_once, made_up_strip, made_up_trial
@@ -25,7 +26,6 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.sampling import unit_normals
 from drake_pregrasp.simulation.output import without_solver_chatter
 from drake_pregrasp.studies import processes
-from drake_pregrasp.studies.drawn_mesh import camera_pose
 from drake_pregrasp.studies.static_versus_dynamic import closings, figures, picture_figure, trials
 from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
 from drake_pregrasp.studies.static_versus_dynamic.closings import CLOSINGS, strips_of
