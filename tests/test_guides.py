@@ -9,21 +9,15 @@ from pydrake.math import RigidTransform
 
 from drake_pregrasp import MeasurementVerdict, TrackingStatus, load_scenario, run
 from drake_pregrasp.cli import main
-from drake_pregrasp.studies import runner
-from drake_pregrasp.studies.failed_file import FAILED
+from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS, SETTINGS
 from drake_pregrasp.studies.static_versus_dynamic.comparison_command import SEEDS
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import CLEAN_IN_WORDS
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
 from drake_pregrasp.studies.static_versus_dynamic.trial_pictures import PICTURES, STRIPS, TRACKING
-from drake_pregrasp.studies.sweep.measures import MEASURES
-from drake_pregrasp.studies.sweep.package_digest import package_digest
-from drake_pregrasp.studies.sweep.rows_file import ROWS
-from drake_pregrasp.studies.sweep.run_maker import RunMaker
-from drake_pregrasp.studies.sweep.study_config import StudyConfig
-from drake_pregrasp.studies.sweep.study_file import load_study
-from drake_pregrasp.studies.sweep.sweep import SETTINGS as SWEEP_SETTINGS
-from drake_pregrasp.studies.sweep.sweep import STUDY
+from drake_pregrasp.studies.sweep.command import STUDY
+from drake_pregrasp.studies.sweep.measures import MEASURES, SweepRun
+from drake_pregrasp.studies.sweep.study_file import StudyConfig, load_study
 
 DOCS = Path(__file__).parent.parent / "docs"
 
@@ -127,7 +121,7 @@ def test_the_page_on_the_study_says_what_the_code_does():
     counted = f"{len(CONDITIONS)} conditions x {len(METHODS)} methods x {SEEDS} seeds, {trials} "
     assert counted in text
     files = ("report.html", f"{TRACKING}/", PICTURES, STRIPS)
-    files += (runner.ROWS, runner.JOURNAL, runner.FAILED, runner.SETTINGS)
+    files += (ROWS, JOURNAL, FAILED, SETTINGS)
     assert [file for file in files if f"`{file}`" not in text] == []
 
 
@@ -143,9 +137,8 @@ def test_the_study_in_the_guide_to_sweeps_makes_its_runs(tmp_path):
     (tmp_path / "my_study.yaml").write_text(block("sweeps.md", "yaml"))
     study = load_study(str(tmp_path / "my_study.yaml"))
     assert len(study.plan) == 3 * 3 * 5 * 3
-    measures = tuple(study.config.measures)
-    make = RunMaker(study.scenario, "x", tmp_path, measures, package_digest())
-    values = dict(zip(measures, make(study.plan.run(134)), strict=True))
+    make = SweepRun(study.plan, study.scenario, "x", tmp_path, (), tuple(study.config.measures))
+    values = make(study.plan.job(134))
     assert values["q_gii_mean"] > 0.9
     assert values["active_share"] == 1
 
@@ -155,7 +148,7 @@ def test_the_guide_to_sweeps_names_what_there_is(capsys):
     for name in MEASURES:
         of_quality = re.match(r"q_(gii|vew)_", name)
         assert f"`{name}`" in text or (of_quality and f"`q_{of_quality[1]}`" in text), name
-    for file in (ROWS, FAILED, STUDY, SWEEP_SETTINGS, "report.html"):
+    for file in (ROWS, FAILED, JOURNAL, STUDY, SETTINGS, "report.html"):
         assert f"| `{file}` |" in text
     assert f"{len(load_study('tracking').plan):,} runs" in text
     for field in dataclasses.fields(StudyConfig):

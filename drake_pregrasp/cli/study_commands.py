@@ -22,14 +22,23 @@ _STUDY_COMMANDS = {
         "what goals for a later pose gain on fast objects",
     ),
     "shapes": ("shapes:study_shapes", "whether contacts stay where they may be, on ten shapes"),
-    "faults": ("faults.command", "how the planner stands up to faulty measurements"),
+    "faults": ("faults", "how the planner stands up to faulty measurements"),
     "static-versus-dynamic": (
         "static_versus_dynamic.comparison_command",
         "what planning anew gains, in simulated grasps",
     ),
 }
 
-_EXTRA = ("dask", "distributed", "jinja2", "markupsafe", "pandas", "statsmodels", "tabulate")
+_EXTRA = (
+    "dask",
+    "distributed",
+    "jinja2",
+    "markupsafe",
+    "pandas",
+    "seaborn",
+    "statsmodels",
+    "tabulate",
+)
 """The libraries of the extra `studies`."""
 
 

@@ -1,4 +1,4 @@
-"""What force-closure margin each strategy settles at, from random contacts.
+"""Prints the force-closure margin that each strategy settles at, from random contacts.
 
 Run it as `python -m drake_pregrasp.studies.settled_margins`; it takes some five minutes.
 """
@@ -6,6 +6,7 @@ Run it as `python -m drake_pregrasp.studies.settled_margins`; it takes some five
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.centroids import select_contacts
@@ -89,9 +90,11 @@ def main() -> None:
         starts = random_starts(surface, contacts, count)
         open_starts = sum(margin_of(surface, p_OC) == 0 for p_OC in starts)
         print(f"{contacts} contacts, box {size} m, {count} starts, {open_starts} not closed")
-        for name, (strategy, in_turns) in STRATEGIES.items():
-            margins = [settled_margin(surface, p, strategy, in_turns=in_turns) for p in starts]
-            print(f"  {name:26} median {np.median(margins):.3f}  least {np.min(margins):.3f}")
+        margins = {
+            name: [settled_margin(surface, p, strategy, in_turns=in_turns) for p in starts]
+            for name, (strategy, in_turns) in STRATEGIES.items()
+        }
+        print(pd.DataFrame(margins).agg(["median", "min"]).T.round(3).to_string())
 
 
 if __name__ == "__main__":
