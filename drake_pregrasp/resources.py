@@ -1,4 +1,4 @@
-"""Files of the package and of users: where they are, and reading them within limits."""
+"""Paths of the package's and of users' files, and bounded reading."""
 
 import dataclasses
 from collections.abc import Sequence
@@ -9,13 +9,13 @@ from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 _PACKAGE = Path(__file__).resolve().parent
 
 MODELS_URL = "package://drake_pregrasp/"
-"""What a path into the package's own folder of models starts with."""
+"""Prefix of paths into the package's own folder of models."""
 
 
 def resource_folder(name: str) -> Path:
     """Returns the folder `models` or `scenarios`.
 
-    A wheel holds them inside the package, a checkout beside it.
+    It is inside the package in a wheel, and beside it in a checkout.
     """
     inside = _PACKAGE / name
     return inside if inside.is_dir() else _PACKAGE.parent / name
@@ -25,9 +25,9 @@ def resolve_path(text: str, folder: Path) -> Path:
     """Returns the absolute path of a file that a scenario names.
 
     Args:
-        text: The name: absolute, relative to `folder`, or after `MODELS_URL` relative to the
-            folder `models`. A `~` is the home folder.
-        folder: Where relative names start.
+        text: Name of the file: absolute, relative to `folder`, or after `MODELS_URL` relative to
+            the folder `models`. A `~` is the home folder.
+        folder: Folder at which relative names start.
 
     Raises:
         InvalidArgumentError: If it is a URL of another kind, can't be a file's name, or leads out
@@ -43,7 +43,7 @@ def resolve_path(text: str, folder: Path) -> Path:
                 return path
             raise InvalidArgumentError(f"{text}: leads out of {MODELS_URL}")
         path = (folder / Path(text).expanduser()).resolve()
-        path.exists()  # It says whether a name is too long.
+        path.exists()  # Raises an error if the name is too long.
     except (OSError, RuntimeError, ValueError) as error:
         if isinstance(error, InvalidArgumentError):
             raise
@@ -53,14 +53,14 @@ def resolve_path(text: str, folder: Path) -> Path:
 
 
 def check_inside(path: Path, folders: Sequence[Path]) -> None:
-    """Raises an error unless a file is in one of some folders, or below.
+    """Raises an error unless a file is in one of some folders, at any depth.
 
     Args:
-        path: Of the file; what symbolic links lead to counts.
-        folders: Which.
+        path: Path of the file; symbolic links are resolved.
+        folders: Allowed folders.
 
     Raises:
-        InvalidArgumentError: If it isn't; the message says how to allow it.
+        InvalidArgumentError: If the file is elsewhere; the message names the option to allow it.
     """
     there = path.resolve()
     if any(there.is_relative_to(folder.resolve()) for folder in folders):
@@ -76,14 +76,14 @@ _MEGABYTE = 1_000_000
 
 
 def read_bounded(path: Path, most: int) -> bytes:
-    """Returns what a file holds.
+    """Returns the content of a file.
 
     Args:
-        path: The file. A pipe or a device, which may never end, is none.
-        most: Bytes that it may have.
+        path: Regular file: a pipe or a device may never end.
+        most: Largest allowed size, in bytes.
 
     Raises:
-        InvalidArgumentError: If it is no regular file, can't be read, or is larger.
+        InvalidArgumentError: If the file is not a regular file, can't be read, or is larger.
     """
     try:
         if path.exists() and not path.is_file():
@@ -103,14 +103,14 @@ def read_bounded(path: Path, most: int) -> bytes:
 
 
 def read_bounded_text(path: Path, most: int) -> str:
-    """Returns what a file of UTF-8 holds, without a byte order mark.
+    """Returns the text of a UTF-8 file, without a byte order mark.
 
     Args:
         path: As for `read_bounded`.
         most: As for `read_bounded`.
 
     Raises:
-        InvalidArgumentError: As for `read_bounded`, or if it is no UTF-8.
+        InvalidArgumentError: As for `read_bounded`, or if the file is not UTF-8.
     """
     try:
         return read_bounded(path, most).decode("utf-8-sig")
@@ -129,14 +129,14 @@ def make_paths_absolute(
     """Makes every path in a configuration absolute, in place; URLs stay.
 
     Args:
-        config: A dataclass. Its paths are the texts whose fields have the metadata `path`.
-        folder: Where relative paths start; see `resolve_path`.
-        allowed: Folders that files may be in, or below. None: anywhere.
-        source: Where the configuration is from, for the message.
-        key: Dotted path of the configuration in it.
+        config: Dataclass whose paths are the strings with the metadata `path`.
+        folder: Folder at which relative paths start; see `resolve_path`.
+        allowed: Folders that may hold the files, at any depth; None for any folder.
+        source: Name of the configuration's origin, for error messages.
+        key: Dotted path of the configuration in its origin.
 
     Raises:
-        ScenarioError: If a file is elsewhere, or a text can't be the name of one.
+        ScenarioError: If a file is elsewhere, or a string can't be a file's name.
     """
     for f in dataclasses.fields(config) if dataclasses.is_dataclass(config) else ():
         value = getattr(config, f.name)

@@ -35,6 +35,8 @@ def test_run_from_a_file_with_drakes_flags(tmp_path):
     flags = ["--scenario_file", str(file), "--scenario_name", "two", "--out", str(tmp_path)]
     assert main(["run", *flags, "--scenario_text", "{random_seed: 8}", *SHORT]) == 0
     assert json.loads((tmp_path / "two" / "summary.json").read_text())["seed"] == 8
+    assert main(["run", "one", *flags[:2], *flags[4:], *SHORT]) == 0
+    assert (tmp_path / "one" / "log.csv").exists()
 
 
 def test_graphviz_writes_the_diagram_and_simulates_nothing(tmp_path):
@@ -49,7 +51,8 @@ def test_graphviz_writes_the_diagram_and_simulates_nothing(tmp_path):
     [
         (["run", "z_none"], "z_none: no such scenario; there are: a_base"),
         (["run"], "needs a shipped scenario's name"),
-        (["run", "a_base", "--scenario_file", "x.yaml"], "give either"),
+        (["run", "a_base", "--scenario_name", "b_slower"], "a_base: give one name"),
+        (["run", "a_bse"], "a_bse: no such scenario; did you mean a_base?"),
         (["run", "--scenario_file", "nowhere.yaml"], "nowhere.yaml: can't be read"),
         (["run", "a_base", "--simulation_duration", "-1"], "-1.0 must be a number above 0"),
         (["run", "a_base", "--simulation_duration", "nan"], "nan must be a number above 0"),
@@ -96,6 +99,7 @@ def test_smooth_writes_a_stream_and_says_so(tmp_path, capsys):
 COMMAND = [sys.executable, "-m", "drake_pregrasp", "run", "a_base", "--no-recording", "--out"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_run_keeps_its_log_and_says_so(tmp_path, number):
     log = tmp_path / "a_base" / "log.csv"
@@ -114,6 +118,7 @@ def test_an_interrupted_run_keeps_its_log_and_says_so(tmp_path, number):
     assert json.loads((log.parent / "summary.json").read_text())["completed"] is False
 
 
+@pytest.mark.slow
 def test_a_terminal_gets_a_progress_bar(tmp_path):
     ours, theirs = pty.openpty()
     command = [*COMMAND, str(tmp_path), "--simulation_duration", "2"]
@@ -127,6 +132,7 @@ def test_a_terminal_gets_a_progress_bar(tmp_path):
     assert "Q_GII 0.97" in shown
 
 
+@pytest.mark.slow
 def test_a_reader_who_has_enough_of_the_output_is_no_fault():
     command = [sys.executable, "-m", "drake_pregrasp", "list"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:

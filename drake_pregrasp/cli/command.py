@@ -111,9 +111,7 @@ def _parser() -> argparse.ArgumentParser:
     run_command.add_command(commands)
     study_commands.add_commands(commands)
 
-    smoother = commands.add_parser(
-        "smooth", help="smooth a recorded pose stream, and add its velocities"
-    )
+    smoother = commands.add_parser("smooth", help="smooth recorded poses and add velocities")
     smoother.set_defaults(command=_smooth)
     smoother.add_argument("input", metavar="IN.csv", help="columns time,x,y,z,qw,qx,qy,qz")
     smoother.add_argument("output", metavar="OUT.csv", help="the same and vx,vy,vz,wx,wy,wz")

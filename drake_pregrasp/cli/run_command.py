@@ -81,28 +81,21 @@ def print_result(result: RunResult, *, recorded: bool) -> None:
         recorded: Whether there is a recording.
     """
     summary = result.summary
+    factor, tick_ms = summary["real_time_factor"], summary["tick_time_p50_ms"]
     if result.replaced:
         print("replaced    the earlier run in this folder")
     for line in _measures_in_words(summary):
         print(line)
-    print(
-        f"speed       {summary['real_time_factor']:.1f} x real time,"
-        f" planning tick {summary['tick_time_p50_ms']:.2f} ms (median)"
-    )
+    print(f"speed       {factor:.1f} x real time, planning tick {tick_ms:.2f} ms (median)")
     if "grasp" in summary:
         print(f"grasp       {_grasp_in_words(summary['grasp'])}")
-    if summary["deadline_overruns"]:
-        print(
-            f"late        {summary['deadline_overruns']} of {summary['ticks']} ticks took longer"
-            " than planner.period"
-        )
+    if late := summary["deadline_overruns"]:
+        print(f"late        {late} of {summary['ticks']} ticks took longer than planner.period")
     for contact, reason in summary["inactive_contacts"].items():
         print(f"at the end contact {contact} has no place, and doesn't count: {reason}")
     if not result.completed:
-        print(
-            f"interrupted at {summary['simulated_seconds']:g} s:"
-            f" the log up to that tick is in {result.folder / 'log.csv'}"
-        )
+        log, end = result.folder / "log.csv", summary["simulated_seconds"]
+        print(f"interrupted at {end:g} s: the log up to that tick is in {log}")
     if recorded:
         print(f"recording in {result.folder / 'recording.html'}: open it in a browser")
     else:
@@ -111,17 +104,15 @@ def print_result(result: RunResult, *, recorded: bool) -> None:
 
 def _measures_in_words(summary: Mapping[str, Any]) -> Iterator[str]:
     """Yields the measures before and after adapting, and the reasons to doubt them."""
-    static, best = summary["static"], summary["max"]
-    damage = summary.get("after_damage")
-    if damage is not None and damage["max"]["q_msv"] is not None:
+    phases = summary.get("after_damage", summary)
+    if phases["max"]["q_msv"] is None:
+        phases = summary
+    elif phases is not summary:
         yield "damage      fingers are lost: static and best are those of the remaining ones"
-        static, best = damage["static"], damage["max"]
-    for key, words in (
-        ("object_left_at", "left the table"),
-        ("object_lost_at", "was lost for good"),
-    ):
-        if summary[key] is not None:
-            yield f"object      {words} at {summary[key]:g} s: static and best are from before"
+    static, best = phases["static"], phases["max"]
+    for key, words in (("left", "left the table"), ("lost", "was lost for good")):
+        if (at := summary[f"object_{key}_at"]) is not None:
+            yield f"object      {words} at {at:g} s: static and best are from before"
     for title, values in (("static", static), ("best after", best)):
         if values["q_msv"] is not None:
             shown = "   ".join(f"{m.upper()} {values[m]:.4f}" for m in MEASURES)
@@ -151,41 +142,27 @@ def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
     """Adds the command to those of `drake-pregrasp`."""
     parser = commands.add_parser("run", help="simulate a scenario and write its run folder")
     parser.set_defaults(command=_run)
-    parser.add_argument(
-        "scenario", nargs="?", help="name of a shipped scenario, or of an entry of --scenario_file"
-    )
-    parser.add_argument("--scenario_file", metavar="FILE", help="YAML file with scenarios")
-    parser.add_argument(
-        "--scenario_name", metavar="NAME", help="the same as SCENARIO; needed for several entries"
-    )
-    parser.add_argument(
+    add = parser.add_argument
+    add("scenario", nargs="?", help="name of a shipped scenario, or of an entry of --scenario_file")
+    add("--scenario_file", metavar="FILE", help="YAML file with scenarios")
+    add("--scenario_name", metavar="NAME", help="the same as SCENARIO")
+    add(
         "--scenario_text",
         metavar="YAML",
         help="overrides single keys, for example '{planner: {period: 0.1}}'",
     )
-    parser.add_argument(
+    add(
         "--allow",
         action="append",
         default=[],
         metavar="FOLDER",
-        help="where files that the scenario names may be, beside its own folder; repeatable",
+        help="folder of files that the scenario names, beside its own folder; repeatable",
     )
-    parser.add_argument(
-        "--simulation_duration", metavar="SECONDS", type=float, help="overrides that key"
-    )
-    parser.add_argument(
-        "--out",
-        default="runs",
-        metavar="FOLDER",
-        help="where run folders go; %(default)s if not set",
-    )
-    parser.add_argument(
-        "--overwrite", action="store_true", help="replace a run of another scenario"
-    )
-    parser.add_argument("--no-recording", action="store_true", help="leave out recording.html")
-    parser.add_argument(
-        "--graphviz", metavar="FILE", help="write the diagram to this file and don't simulate"
-    )
+    add("--simulation_duration", metavar="SECONDS", type=float, help="overrides that key")
+    add("--out", default="runs", metavar="FOLDER", help="folder of run folders (%(default)s)")
+    add("--overwrite", action="store_true", help="replace a run of another scenario")
+    add("--no-recording", action="store_true", help="leave out recording.html")
+    add("--graphviz", metavar="FILE", help="write the diagram to this file and don't simulate")
 
 
 def _run(options: argparse.Namespace) -> int:

@@ -38,6 +38,7 @@ _EXTRA = (
     "seaborn",
     "statsmodels",
     "tabulate",
+    "threadpoolctl",
 )
 """The libraries of the extra `studies`."""
 

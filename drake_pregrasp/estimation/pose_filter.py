@@ -104,6 +104,7 @@ _I, _I6 = np.eye(3), np.eye(6)
 _DRIFT, _MIXED, _RATE = (
     np.kron(np.array(block), _I) for block in ([[1, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]])
 )  # Places of dt³/3, dt²/2 and dt in the process noise.
+_SHORTEST = 1e-6  # Seconds.
 _UPPER = np.kron(np.array([[0, 1], [0, 0]]), _I)  # Place of dt in a transition.
 
 NO_MEASUREMENT = PoseMeasurement(-math.inf, np.zeros(3), _I)
@@ -137,6 +138,52 @@ def first_belief(
         P_orientation=np.diag(
             np.repeat([noise.orientation**2, noise.initial_angular_velocity**2], 3)
         ),
+    )
+
+
+def two_point_belief(
+    earlier: PoseBelief,
+    measurement: PoseMeasurement,
+    noise: PoseFilterNoise,
+    p_OCoM: FloatArray | None = None,
+) -> PoseBelief:
+    """Returns the belief after two measured poses, without any earlier knowledge of the twist.
+
+    The twist is the difference of the poses over the time dt between them, with the shorter way
+    round, so that v has the covariance 2 R / dt² of two measurements and q² dt / 3 of white
+    acceleration with the density q². An error e_1 of the first orientation and e_2 of the second
+    make the error J⁻¹ (e_2 - Exp(w dt) e_1) / dt of w, with the left Jacobian J of w dt. Times that
+    differ by no more than their rounding tell nothing of the twist; it then is the initial one.
+
+    Args:
+        earlier: Belief whose pose counts as the first measured pose.
+        measurement: The second measured pose, later than the first.
+        noise: Noise and motion that the filter assumes.
+        p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
+    """
+    dt = measurement.time - earlier.time
+    if not dt > _SHORTEST:
+        return first_belief(measurement, noise, p_OCoM)
+    fall = np.array([0.0, 0.0, -noise.gravity])
+    theta = rotation_vector(measurement.R_WO @ earlier.R_WO.T)
+    R_position = position_covariance(measurement.R_WO, noise, p_OCoM)
+    R_orientation = noise.orientation**2 * _I
+    covariances = []
+    for R, J_inverse, density in (
+        (R_position, _I, noise.acceleration),
+        (R_orientation, np.linalg.inv(left_jacobian(theta)), noise.angular_acceleration),
+    ):
+        mixed = R @ J_inverse.T / dt
+        rate = 2 * J_inverse @ mixed / dt + density**2 * dt / 3 * _I
+        covariances.append(np.block([[R, mixed], [mixed.T, rate]]))
+    return PoseBelief(
+        time=measurement.time,
+        p_WCoM=measurement.p_WCoM,
+        v_WCoM=(measurement.p_WCoM - earlier.p_WCoM) / dt + fall * dt / 2,
+        R_WO=measurement.R_WO,
+        w_WO=theta / dt,
+        P_position=covariances[0],
+        P_orientation=covariances[1],
     )
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_pregrasp.arrays import (
+    BoolArray,
     FloatArray,
     is_integer,
     is_valid_pose,
@@ -29,6 +30,7 @@ from drake_pregrasp.estimation.pose_filter import (
     first_belief,
     innovation,
     predict,
+    two_point_belief,
 )
 from drake_pregrasp.estimation.pose_track import (
     MEASUREMENT_SIZE,
@@ -45,7 +47,8 @@ _FORGETTING = 0.05  # Share of the newest innovation in the running means.
 _LARGEST_EXCESS = 9.0  # Largest excess of a single innovation: it may be an outlier.
 _VAGUE = 1.0  # Radians: with a larger deviation a small turn can't correct the orientation.
 _NOISY = 0.25  # Noise level of a sensor without noise is below this.
-_PATIENCE = 5  # Times `reacquire_after`: after so many outliers in a row the belief is dropped.
+_DOUBT = 2  # Times `reacquire_after`: with so many outliers in excess the track is not locked.
+_PATIENCE = 5  # Times `reacquire_after`: with so many outliers in excess the belief is dropped.
 _AT_REST = 3.0  # Standard deviations up to which a velocity may be zero.
 
 
@@ -119,10 +122,16 @@ def update_track(
     prior = predict(newest, time - newest.time, noise)
     variance = prior.P_orientation.diagonal()[:3].max()
     if variance > _VAGUE**2 + noise.orientation**2:
-        return _start(track, measurement, settings)
+        return _start(track, measurement, settings, prior)
     new, after = _compare(track, prior, measurement, settings)
-    if np.any(new.squared > settings.gate_squared):
-        return _refuse(after, prior, measurement, settings, track.noise_factor)
+    is_expected = np.all(new.squared <= settings.gate_squared)
+    alternative, support = NO_BELIEF, 0
+    if not is_expected or (track.support and not track.is_locked):
+        alternative, support, is_better = _next_alternative(
+            track, prior, new, measurement, settings
+        )
+        if is_better or not is_expected:
+            return _refuse(after, alternative, support, measurement, settings)
     steps = np.empty_like(track.steps)
     steps[:-1] = track.steps[1:]
     steps[-1] = np.concatenate([track.last_seen, pack(corrected(prior, new))])
@@ -133,9 +142,10 @@ def update_track(
     return replace(
         after,
         steps=steps,
-        alternative=NO_ALTERNATIVE,
-        support=0,
-        refused=0,
+        alternative=pack(alternative),
+        support=support,
+        refused=max(0, track.refused - 1),
+        is_locked=track.is_locked or track.refused == 0,
         last_innovation=new.nu,
         noise_level=(1 - _FORGETTING) * track.noise_level + _FORGETTING * level,
         verdict=MeasurementVerdict.USED,
@@ -158,18 +168,42 @@ def _moves(belief: PoseBelief) -> bool:
     return any(rate @ np.linalg.solve(P[3:, 3:], rate) > _AT_REST**2 for rate, P in rates)
 
 
-def _begin(track: PoseTrack, belief: PoseBelief, verdict: MeasurementVerdict) -> PoseTrack:
+def _begin(
+    track: PoseTrack, belief: PoseBelief, verdict: MeasurementVerdict, is_locked: bool
+) -> PoseTrack:
     """Returns a track with one step, of the last measurement and the belief after it."""
     steps = PoseTrack.empty(len(track.steps)).steps
     steps[-1] = np.concatenate([track.last_seen, pack(belief)])
     return replace(
-        track, steps=steps, alternative=NO_ALTERNATIVE, support=0, refused=0, verdict=verdict
+        track,
+        steps=steps,
+        alternative=NO_ALTERNATIVE,
+        support=0,
+        refused=0,
+        is_locked=is_locked,
+        verdict=verdict,
     )
 
 
-def _start(track: PoseTrack, measurement: PoseMeasurement, settings: TrackerSettings) -> PoseTrack:
+def _start(
+    track: PoseTrack,
+    measurement: PoseMeasurement,
+    settings: TrackerSettings,
+    prior: PoseBelief = NO_BELIEF,
+) -> PoseTrack:
+    """Returns the track that starts from a measurement.
+
+    With a prior whose orientation is too uncertain, though only one measurement was used before,
+    the initial velocities alone make it so. The orientation then starts from both measurements.
+    """
     belief = first_belief(measurement, settings.noise, settings.p_OCoM)
-    return _begin(track, belief, MeasurementVerdict.STARTED)
+    if prior.time > -math.inf and np.sum(track.steps[:, 0] > -np.inf) == 1:
+        new = innovation(prior, measurement, settings.noise, settings.p_OCoM)
+        is_expected = np.array([new.squared[0] <= settings.gate_squared, False])
+        fresh = two_point_belief(track.newest, measurement, settings.noise, settings.p_OCoM)
+        belief = _combined(corrected(prior, new), fresh, is_expected)
+    is_first = track.newest.time == -math.inf
+    return _begin(track, belief, MeasurementVerdict.STARTED, is_first)
 
 
 def _update_out_of_sequence(
@@ -182,7 +216,7 @@ def _update_out_of_sequence(
     belief = unpack(NO_BELIEF, steps[count - 1, MEASUREMENT_SIZE:])
     prior = predict(belief, measurement.time - belief.time, noise)
     new, after = _compare(track, prior, measurement, settings)
-    if np.any(new.squared > settings.gate_squared):
+    if not np.all(new.squared <= settings.gate_squared):
         return replace(after, verdict=MeasurementVerdict.OUTLIER)
     belief = corrected(prior, new)
     rows = [np.concatenate([track.last_seen, pack(belief)])]
@@ -197,41 +231,79 @@ def _update_out_of_sequence(
     return replace(after, steps=kept, verdict=MeasurementVerdict.USED_LATE)
 
 
-def _refuse(
+def _next_alternative(
     track: PoseTrack,
     prior: PoseBelief,
+    new: Innovation,
     measurement: PoseMeasurement,
     settings: TrackerSettings,
-    noise_factor: float,
-) -> PoseTrack:
-    """Returns the track after an outlier, which starts or supports an alternative hypothesis.
+) -> tuple[PoseBelief, int, bool]:
+    """Returns the alternative hypothesis after a measurement, and its support.
 
-    The first alternative has jumped but moves on as before. If it does not hold, the next one
-    starts without knowledge of velocities. If so many measurements in a row were outliers and still
-    no alternative held, the belief starts anew.
+    Position and orientation are checked separately: the part that the belief expects goes on. The
+    other part has jumped, in the first alternative, but moves on as before. If that does not hold,
+    its velocity starts from the difference of the last two poses. Any two poses agree with a
+    twist, so the next ones have to confirm it.
+
+    The last value is whether the alternative explains the measurement better than the belief does:
+    a fast rotation comes near to the belief's orientation again and again by chance.
     """
     noise, p_OCoM = settings.noise, settings.p_OCoM
-    fresh = first_belief(measurement, noise, p_OCoM)
-    alternative, support = _jumped(prior, fresh), 1
-    other = unpack(NO_BELIEF, track.alternative)
-    if -math.inf < other.time < measurement.time:
-        other = predict(other, measurement.time - other.time, noise)
-        new = innovation(other, measurement, noise, p_OCoM, noise_factor)
-        if np.any(new.squared > settings.gate_squared):
-            alternative = fresh
-        else:
-            alternative, support = corrected(other, new), track.support + 1
+    earlier = unpack(NO_BELIEF, track.alternative)
+    if not -math.inf < earlier.time < measurement.time:
+        jumped = _jumped(prior, first_belief(measurement, noise, p_OCoM))
+        is_expected = new.squared <= settings.gate_squared
+        return _combined(corrected(prior, new), jumped, is_expected), 1, False
+    prior = predict(earlier, measurement.time - earlier.time, noise)
+    other = innovation(prior, measurement, noise, p_OCoM, track.noise_factor)
+    posterior, is_expected = corrected(prior, other), other.squared <= settings.gate_squared
+    if not np.all(is_expected):
+        fresh = two_point_belief(earlier, measurement, noise, p_OCoM)
+        return _combined(posterior, fresh, is_expected), 1, False
+    # Minus twice the logarithm of the likelihood, but for a constant.
+    cost, cost_of_other = (
+        np.sum(i.squared) + np.sum(np.linalg.slogdet(i.S)[1]) for i in (new, other)
+    )
+    return posterior, track.support + 1, bool(cost_of_other < cost)
+
+
+def _refuse(
+    track: PoseTrack,
+    alternative: PoseBelief,
+    support: int,
+    measurement: PoseMeasurement,
+    settings: TrackerSettings,
+) -> PoseTrack:
+    """Returns the track after an outlier, which goes on from the alternative with enough support.
+
+    If so many measurements in a row were outliers and still no alternative held, the belief starts
+    anew.
+    """
     if support >= settings.reacquire_after:
-        return _begin(track, alternative, MeasurementVerdict.REACQUIRED)
-    refused = track.refused + 1
+        return _begin(track, alternative, MeasurementVerdict.REACQUIRED, support > 1)
+    refused, newest = track.refused + 1, track.newest
+    is_at_rest = not (np.any(newest.v_WCoM) or np.any(newest.w_WO))  # As before any update.
+    is_doubtful = is_at_rest or refused >= _DOUBT * settings.reacquire_after
     if refused >= _PATIENCE * settings.reacquire_after:
-        return _begin(track, fresh, MeasurementVerdict.STARTED)
+        return _start(track, measurement, settings)
     return replace(
         track,
         alternative=pack(alternative),
         support=support,
         refused=refused,
+        is_locked=track.is_locked and not is_doubtful,
         verdict=MeasurementVerdict.OUTLIER,
+    )
+
+
+def _combined(first: PoseBelief, second: PoseBelief, is_first: BoolArray) -> PoseBelief:
+    """Returns a belief with position and orientation each of one of two beliefs."""
+    position, orientation = (first if mine else second for mine in is_first)
+    return replace(
+        position,
+        R_WO=orientation.R_WO,
+        w_WO=orientation.w_WO,
+        P_orientation=orientation.P_orientation,
     )
 
 

@@ -1,7 +1,6 @@
-"""Changes over time: smooth ramps, and velocities with the positions they lead to."""
+"""Velocity profiles: velocities over time, and the positions that they lead to."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -9,57 +8,15 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
 
 
-@dataclass(frozen=True)
-class Ramp:
-    """A value over time that starts and ends at rest, by the cubic 3 s² - 2 s³.
-
-    Attributes:
-        start: When it starts to change, in seconds.
-        duration: How long it changes, in seconds; at least 0.
-        first: Its value until then.
-        last: Its value after that.
-    """
-
-    start: float
-    duration: float
-    first: float
-    last: float
-
-    @staticmethod
-    def at_rest(value: float) -> "Ramp":
-        """Returns a ramp that stays."""
-        return Ramp(0.0, 0.0, value, value)
-
-    def value(self, time: float) -> float:
-        """Returns the value at a time."""
-        s = self._share(time)
-        return self.first + (self.last - self.first) * s * s * (3 - 2 * s)
-
-    def rate(self, time: float) -> float:
-        """Returns how fast it changes at a time, per second."""
-        s = self._share(time)
-        change = 6 * s * (1 - s) * (self.last - self.first)
-        return change / self.duration if change else 0.0
-
-    def is_over(self, time: float) -> bool:
-        """Returns whether it has come to its end, but for rounding."""
-        return time >= self.start + self.duration - 1e-9
-
-    def _share(self, time: float) -> float:
-        if time >= self.start + self.duration:
-            return 1.0
-        return max(0.0, (time - self.start) / self.duration)
-
-
 class VelocityProfile:
-    """Velocities that are linear between the rows of a table, and stay as they are after the last.
+    """Velocities that are linear between the rows of a table, and constant after the last row.
 
     Args:
-        rows: Each a time in seconds and the k velocities then; times increase from 0. One row makes
-            a constant velocity.
+        rows: Rows of a time in seconds and k velocities; times increase from 0. One row makes a
+            constant velocity.
 
     Raises:
-        InvalidArgumentError: If the times are otherwise, or rows differ in length.
+        InvalidArgumentError: If the times do not increase from 0, or rows differ in length.
     """
 
     def __init__(self, rows: Sequence[Sequence[float]]) -> None:

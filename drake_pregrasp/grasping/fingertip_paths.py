@@ -1,4 +1,4 @@
-"""Places and paths of fingertips about an object."""
+"""Collision-free places and paths of fingertips around an object."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,24 +8,26 @@ import numpy as np
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.geometry.solids import Solid
 
-_PASSES = 6  # Solids and other tips that push one tip out push it into each other a few times.
-_SAMPLES = 17  # On a straight way: its least distance from a solid of a hand's size to 0.2 mm.
-_ON_SIDE = 0.7  # Level part of an outward direction that is that of a side.
+_PASSES = 6  # A tip that one constraint pushes out may violate another one a few times.
+_SAMPLES = 17  # On a straight path: least distance from a solid of a hand's size to 0.2 mm.
+_ON_SIDE = 0.7  # Least horizontal part of the outward direction on a side.
 _ROUNDING = 1e-12  # Metres.
-_GRAZE = 1e-4  # Metres by which a way may come nearer than the clearance, and still be free.
+_GRAZE = 1e-4  # Metres by which a free path may violate the clearance.
 
 
 @dataclass(frozen=True, eq=False)
 class TipRoom:
-    """Where the centres of n fingertips may be, in the frame G that the object is carried in.
+    """Free space for the centres of n fingertips, in the frame G that the object is carried in.
 
     Attributes:
-        object: What is to be grasped, convex, upright: fingers go round it about z of G.
-        p_GO: A point inside it, shape (3,), in metres.
-        object_clearances: Least distance of each tip's centre from it, shape (n,), in metres.
-        others: What else to stay clear of, as the table and obstacles, each with the least distance
-            of tips' centres from it, or that of each, shape (n,), in metres.
-        spacing: Least distance of two tips' centres, in metres; or of each pair, shape (n, n).
+        object: Object to grasp, convex and upright: fingers move around it about z of G.
+        p_GO: Point inside the object, shape (3,), in metres.
+        object_clearances: Least distance of each tip's centre from the object, shape (n,), in
+            metres.
+        others: Other solids to avoid, such as table and obstacles, each with the least distance of
+            all tips' centres from it, or of each, shape (n,), in metres.
+        spacing: Least distance between tips' centres, or between those of each pair, shape (n, n),
+            in metres.
     """
 
     object: Solid
@@ -35,9 +37,12 @@ class TipRoom:
     spacing: float | FloatArray = 0.0
 
     def permitted(self, p_GT: FloatArray) -> FloatArray:
-        """Returns the nearest permitted places, or nearly, shape (n, 3).
+        """Returns approximately the nearest permitted places, shape (n, 3).
 
-        The object is never entered. Where others leave no room beside it, it is they that are.
+        They are never inside the object. Without free space beside it, they are inside the others.
+
+        Args:
+            p_GT: Centres of the tips in G, shape (n, 3), in metres.
         """
         p_GT = _pushed_out(p_GT, self.object, self.object_clearances)
         for _ in range(_PASSES):
@@ -52,16 +57,16 @@ class TipRoom:
 
 
 def shape_goals(p_GT: FloatArray, goal: FloatArray, step: float, room: TipRoom) -> FloatArray:
-    """Returns the next places of tips on their ways to goals, shape (n, 3).
+    """Returns the next places of tips on their paths to goals, shape (n, 3).
 
-    A tip goes straight where the way is free of the object, and otherwise round it, on the side
-    that is shorter. It goes no farther than a step, but where solids or other tips push it out.
+    A tip moves straight if the path is clear of the object, and otherwise around it on the shorter
+    side. It moves no farther than a step, unless solids or other tips push it out.
 
     Args:
-        p_GT: Where the tips' centres are, in G, shape (n, 3), in metres.
-        goal: Where they are to go, shape (n, 3): permitted places.
-        step: Largest way, in metres.
-        room: Where they may be.
+        p_GT: Centres of the tips in G, shape (n, 3), in metres.
+        goal: Permitted goals of the centres, shape (n, 3), in metres.
+        step: Longest step, in metres.
+        room: Free space of the tips.
     """
     way = goal - p_GT
     free = _is_free(p_GT, goal, room)
@@ -80,9 +85,9 @@ def _is_free(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> BoolArray:
 
 
 def _way_round(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> FloatArray:
-    """Returns ways along the object's side, level but for the height that is still to go.
+    """Returns displacements along the object's side, horizontal but for the remaining height.
 
-    On top of it, and below, ways just slide along the surface.
+    Above and below the object, tips slide along its surface towards their goals.
     """
     _, outward = room.object.distance_and_gradient(p_GT)
     straight = goal - p_GT
@@ -99,7 +104,7 @@ def _way_round(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> FloatArray:
 
 
 def _pushed_out(p_GT: FloatArray, solid: Solid, clearance: float | FloatArray) -> FloatArray:
-    """Returns tips at a solid's clearance or farther; the same array if they are already."""
+    """Returns tips at a solid's clearance or farther; the same array if nothing changes."""
     distance, gradient = solid.distance_and_gradient(p_GT)
     lacking = clearance - distance
     if np.max(lacking) <= _ROUNDING:
@@ -108,7 +113,7 @@ def _pushed_out(p_GT: FloatArray, solid: Solid, clearance: float | FloatArray) -
 
 
 def _spread(p_GT: FloatArray, spacing: float | FloatArray) -> FloatArray:
-    """Pushes tips apart that are too near, both by the same; else returns the same array."""
+    """Returns tips at their spacing, both pushed equally; the same array if nothing changes."""
     away = p_GT[:, None] - p_GT
     distance = np.sqrt(np.einsum("ijk,ijk->ij", away, away))
     lacking = np.maximum(spacing - distance, 0)
@@ -125,48 +130,48 @@ MOVING_CLEARANCE = 0.008
 """Least gap between moving fingertips and the object, in metres."""
 
 OTHER_CLEARANCE = 0.004
-"""Least gap between fingertips and all else, also among themselves, in metres."""
+"""Least gap of fingertips to other solids and to each other, in metres."""
 
-_WITHDRAWN_CLEARANCE = 0.02  # Of fingers without a contact, over the object's top, in metres.
+_WITHDRAWN_CLEARANCE = 0.02  # Gap of withdrawn fingertips to the object's top, in metres.
 
 
 @dataclass(frozen=True, eq=False)
 class TipPlaces:
-    """The fingertips of a hand about an object O that is carried in the frame G.
+    """Fingertips of a hand around an object O that is carried in the frame G.
 
     Attributes:
-        tip_radii: Of the fingertips, shape (n,), in metres.
-        ways_out: Level unit vectors to the fingers in the frame U of the palm, shape (n, 3).
-        withdrawn_radii: How far from z of G each finger without a contact waits, shape (n,), in
-            metres.
-        object_top: How high the object reaches over O, in metres.
+        tip_radii: Radii of the fingertips, shape (n,), in metres.
+        directions: Horizontal unit vectors to the fingers in the frame U of the palm, shape (n, 3).
+        withdrawn_radii: Distance from z of G at which each finger without a contact waits, shape
+            (n,), in metres.
+        object_top: Height of the object's top above O, in metres.
     """
 
     tip_radii: FloatArray
-    ways_out: FloatArray
+    directions: FloatArray
     withdrawn_radii: FloatArray
     object_top: float
 
     def first_contacts(self, p_GT: FloatArray, standoff: float) -> tuple[FloatArray, FloatArray]:
-        """Returns contacts of tips that are to stay where they are, and normals, shape (n, 3).
+        """Returns contacts at which tips do not move, and their normals, each (n, 3).
 
         Args:
-            p_GT: The tips' centres in G, shape (n, 3), in metres.
-            standoff: The gap between tips and contacts, in metres.
+            p_GT: Centres of the tips in G, shape (n, 3), in metres.
+            standoff: Gap between tips and contacts, in metres.
         """
         outward = p_GT * [1.0, 1.0, 0.0]
         length = np.linalg.norm(outward, axis=1, keepdims=True)
-        normals = np.where(length > 0, outward / np.where(length > 0, length, 1), self.ways_out)
+        normals = np.where(length > 0, outward / np.where(length > 0, length, 1), self.directions)
         return p_GT - (self.tip_radii + standoff)[:, None] * normals, normals
 
     def withdrawn(self, p_GT: FloatArray, R_GU: FloatArray | None) -> FloatArray:
-        """Returns where fingers without a contact wait over the object, in G, shape (n, 3).
+        """Returns the places above the object for fingers without a contact, in G, shape (n, 3).
 
         Args:
-            p_GT: Where tips are, in G, shape (n, 3), in metres.
-            R_GU: Orientation of the palm, shape (3, 3); without it tips wait at their azimuths.
+            p_GT: Centres of the tips in G, shape (n, 3), in metres.
+            R_GU: Orientation of the palm, shape (3, 3); tips keep their azimuths if it is None.
         """
-        level = p_GT * [1.0, 1.0, 0.0] if R_GU is None else self.ways_out @ R_GU.T
+        level = p_GT * [1.0, 1.0, 0.0] if R_GU is None else self.directions @ R_GU.T
         least = self.tip_radii[:, None]
         length = np.maximum(np.linalg.norm(level, axis=1, keepdims=True), least)
         raised: FloatArray = level * self.withdrawn_radii[:, None] / length
@@ -182,25 +187,25 @@ class TipPlaces:
         obstacles: Sequence[Solid],
         holding: BoolArray,
     ) -> TipRoom:
-        """Returns where the tips' centres may be.
+        """Returns the free space of the tips' centres.
 
         Args:
-            object_solid: The object in G, convex.
-            gaps: That tips are to have from it, shape (n,), in metres; below zero they press.
-            fixed: Solids in G that all tips stay off, as the table.
-            obstacles: Solids in G that tips stay off unless they hold.
-            holding: Which tips hold the object, shape (n,).
+            object_solid: Object in G, convex.
+            gaps: Commanded gap of each tip to the object, shape (n,), in metres; negative to press.
+            fixed: Solids in G that all tips avoid, such as the table.
+            obstacles: Solids in G that tips avoid unless they hold the object.
+            holding: Tips that hold the object, shape (n,).
         """
         clearances = self.tip_radii + OTHER_CLEARANCE
-        # A finger that were pushed along the object would lose the grasp.
-        heeded = np.where(holding, -np.inf, clearances)
+        # A holding finger that is pushed along the object would lose the grasp.
+        unless_holding = np.where(holding, -np.inf, clearances)
         return TipRoom(
             object=object_solid,
             p_GO=np.zeros(3),
             object_clearances=self.tip_radii + np.minimum(gaps, MOVING_CLEARANCE),
             others=(
                 *((solid, clearances) for solid in fixed),
-                *((solid, heeded) for solid in obstacles),
+                *((solid, unless_holding) for solid in obstacles),
             ),
             spacing=self.tip_radii[:, None] + self.tip_radii + OTHER_CLEARANCE,
         )

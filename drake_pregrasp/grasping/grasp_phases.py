@@ -1,7 +1,6 @@
-"""What a hand does next: approach, track, close until touch, squeeze, lift, hold, or back off.
+"""State machine of a grasp: approach, track, close until touch, squeeze, lift, hold, or back off.
 
-The decisions only, from what is seen at a control tick; who carries goals, moves joints and
-measures forces is elsewhere.
+It takes the decisions at each control tick. Other parts move goals and joints, and measure forces.
 """
 
 from collections.abc import Callable
@@ -10,37 +9,37 @@ from dataclasses import replace
 import numpy as np
 
 from drake_pregrasp.arrays import BoolArray
-from drake_pregrasp.geometry.motion_profiles import Ramp
 from drake_pregrasp.grasping.grasp_state import (
     GiveUp,
     GraspPhase,
     GraspSettings,
     GraspState,
     GraspView,
+    Ramp,
 )
 from drake_pregrasp.grasping.squeeze import Squeeze
 
 GATE_SHARE = 0.5
-"""Of the imbalance that a squeeze may have: what the gate lets pass. Contacts may still shift."""
+"""Share of a squeeze's largest imbalance that the gate allows, since contacts may still shift."""
 
 CRUSHING = 1.3
-"""Times the largest planned force from which on a hand lets go: torques tell forces roughly."""
+"""Multiple of the largest planned force at which a hand lets go: torques measure forces roughly."""
 
 
 def fingers_have_arrived(view: GraspView, settings: GraspSettings) -> bool:
-    """Returns whether no active finger is on its way."""
+    """Returns whether all active fingers are at their goals."""
     return bool(np.all(view.distances[view.active] <= settings.gate_distance))
 
 
 def hindrance(
     view: GraspView, settings: GraspSettings, squeeze: Callable[[BoolArray], Squeeze]
 ) -> tuple[GiveUp, float] | None:
-    """Returns why closing now would be in vain, and what goes with it; None if it wouldn't.
+    """Returns why the hand can't close now, with the detail of the reason, or None if it can.
 
     Args:
-        view: What is seen.
-        settings: How the hand grasps.
-        squeeze: As for `next_state`.
+        view: Observations at the tick.
+        settings: Settings of the grasp.
+        squeeze: Planner of squeezes; see `next_state`.
     """
     count = int(np.sum(view.active))
     if count < settings.least_fingers:
@@ -60,20 +59,34 @@ def next_state(
     """Returns the state after a tick.
 
     Args:
-        state: Before it.
-        view: What is seen at it.
-        settings: How the hand grasps.
+        state: State before the tick.
+        view: Observations at the tick.
+        settings: Settings of the grasp.
         period: Seconds to the next tick.
-        squeeze: Gives the forces of the fingers in a mask, in O, with zeros for the others.
+        squeeze: Planner of squeezes: returns the forces of the fingers in a mask, in O, and zero
+            for the others.
     """
     asked = min(state.asked, view.time) if view.close else np.inf
     state = replace(state, asked=asked)
-    step = _STEPS[GraspPhase(state.phase)]
     if GraspPhase.CLOSE <= state.phase <= GraspPhase.HOLD:
         fault = _fault(state, view, settings)
         if fault is not None:
             return _open(state, view, *fault)
-    return step(state, view, settings, period, squeeze)
+    match state.phase:
+        case GraspPhase.APPROACH:
+            return _approach(state, view, settings)
+        case GraspPhase.TRACK:
+            return _track(state, view, settings, squeeze)
+        case GraspPhase.CLOSE:
+            return _close(state, view, settings, period, squeeze)
+        case GraspPhase.SQUEEZE if state.force.is_over(view.time):
+            lift = Ramp(view.time, settings.lift_duration, 0.0, settings.lift_height)
+            return replace(_enter(state, GraspPhase.LIFT, view), height=lift)
+        case GraspPhase.LIFT if state.height.is_over(view.time):
+            return _enter(state, GraspPhase.HOLD, view)
+        case GraspPhase.BACK_OFF:
+            return _back_off(state, view, settings, period)
+    return state
 
 
 def _fault(
@@ -81,7 +94,7 @@ def _fault(
 ) -> tuple[GiveUp, float] | None:
     if not view.close:
         return GiveUp.TOLD_TO_OPEN, 0.0
-    if state.phase == GraspPhase.CLOSE and not view.sees:  # It has no hold yet.
+    if state.phase == GraspPhase.CLOSE and not view.sees:  # The fingers do not hold it yet.
         return GiveUp.OBJECT_UNSEEN, 0.0
     excess = view.presses - CRUSHING * settings.largest_force
     hardest = int(np.argmax(np.where(np.isnan(excess), -np.inf, excess)))
@@ -108,10 +121,8 @@ def _open(state: GraspState, view: GraspView, reason: GiveUp, detail: float) -> 
     )
 
 
-def _approach(
-    state: GraspState, view: GraspView, settings: GraspSettings, period: float, squeeze: object
-) -> GraspState:
-    """Comes down, and stays at its height as long as it doesn't see what it comes down to."""
+def _approach(state: GraspState, view: GraspView, settings: GraspSettings) -> GraspState:
+    """Moves the hand down, or keeps its height while the object is not tracked."""
     now = view.time
     if not view.sees:
         return replace(state, height=Ramp.at_rest(state.height.value(now)))
@@ -127,12 +138,11 @@ def _track(
     state: GraspState,
     view: GraspView,
     settings: GraspSettings,
-    period: float,
     squeeze: Callable[[BoolArray], Squeeze],
 ) -> GraspState:
-    """Waits, with a limit, for fingers on their way and for a grasp that can hold.
+    """Waits until the fingers are at their goals and can hold the object, up to a time limit.
 
-    For an object to be seen again it waits without one, and the limit begins anew after that.
+    While the object is not tracked, it waits without a limit, which starts again afterwards.
     """
     if np.isinf(state.asked):
         return state
@@ -164,7 +174,7 @@ def _close(
     elapsed = view.time - state.since
     speed = np.minimum(settings.closing_speed, settings.closing_acceleration * elapsed)
     moving = state.active & ~touched
-    # A finger that meets the object stays where it is, and no longer where it was to go.
+    # A finger that meets the object stops where it is.
     met = np.maximum(view.gaps, -np.asarray(settings.search))
     standoffs = np.where(touches, met, state.standoffs - np.where(moving, speed * period, 0))
     state = replace(state, touched=touched, standoffs=standoffs)
@@ -193,34 +203,13 @@ def _begin_squeeze(
     )
 
 
-def _squeeze(
-    state: GraspState, view: GraspView, settings: GraspSettings, period: float, squeeze: object
-) -> GraspState:
-    if not state.force.is_over(view.time):
-        return state
-    lift = Ramp(view.time, settings.lift_duration, 0.0, settings.lift_height)
-    return replace(_enter(state, GraspPhase.LIFT, view), height=lift)
-
-
-def _lift(
-    state: GraspState, view: GraspView, settings: GraspSettings, period: float, squeeze: object
-) -> GraspState:
-    return _enter(state, GraspPhase.HOLD, view) if state.height.is_over(view.time) else state
-
-
-def _hold(
-    state: GraspState, view: GraspView, settings: GraspSettings, period: float, squeeze: object
-) -> GraspState:
-    return state
-
-
 def _back_off(
-    state: GraspState, view: GraspView, settings: GraspSettings, period: float, squeeze: object
+    state: GraspState, view: GraspView, settings: GraspSettings, period: float
 ) -> GraspState:
-    """Sets down what was lifted, lets go, opens, and goes up; one after another.
+    """Sets the object down, lets go, opens the fingers, and moves the hand up, in this order.
 
-    If it had not gripped the object, it then begins anew once it is no longer told to close. If it
-    had, it no longer follows it, and stays where it is.
+    A hand that had not gripped the object then approaches again once the command to close is gone.
+    One that had gripped it stays where it is.
     """
     now = view.time
     if not state.height.is_over(now) or not state.force.is_over(now):
@@ -245,14 +234,3 @@ def _back_off(
         return replace(state, standoffs=opened)
     down = Ramp(now, settings.approach_duration, height, 0.0)
     return replace(_enter(state, GraspPhase.APPROACH, view), height=down, standoffs=opened)
-
-
-_STEPS: dict[GraspPhase, Callable[..., GraspState]] = {
-    GraspPhase.APPROACH: _approach,
-    GraspPhase.TRACK: _track,
-    GraspPhase.CLOSE: _close,
-    GraspPhase.SQUEEZE: _squeeze,
-    GraspPhase.LIFT: _lift,
-    GraspPhase.HOLD: _hold,
-    GraspPhase.BACK_OFF: _back_off,
-}

@@ -1,16 +1,15 @@
-"""What a hand that grasps goes through: its phases, its settings, what it remembers and sees."""
+"""Phases, settings, state and observations of a hand that grasps."""
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray
-from drake_pregrasp.geometry.motion_profiles import Ramp
+from drake_pregrasp.arrays import BoolArray, FloatArray, pack, unpack
 
 
 class GraspPhase(IntEnum):
-    """What the hand is doing."""
+    """Phases of a grasp."""
 
     APPROACH = 0
     TRACK = 1
@@ -22,7 +21,7 @@ class GraspPhase(IntEnum):
 
 
 class GiveUp(IntEnum):
-    """Why the hand has opened again, or waits to close."""
+    """Reasons why the hand has opened again, or waits to close."""
 
     NONE = 0
     TOLD_TO_OPEN = 1
@@ -46,41 +45,43 @@ _REASONS = {
 
 
 def describe_give_up(reason: int, detail: float) -> str | None:
-    """Returns why the hand has opened, or waits to close, in words, or None if it doesn't.
+    """Returns a text why the hand has opened, or waits to close, or None if there is no reason.
 
     Args:
-        reason: A `GiveUp`, of the last time it did, until it closes again.
-        detail: The finger, the number or the force that goes with it.
+        reason: Last `GiveUp` since the hand closed.
+        detail: Finger, number or force that the text names.
     """
     return None if reason == GiveUp.NONE else _REASONS[GiveUp(reason)].format(detail)
 
 
 @dataclass(frozen=True)
 class GraspSettings:
-    """How a hand grasps; lengths in metres, times in seconds, forces in newtons.
+    """Settings of a grasp; lengths in metres, times in seconds, forces in newtons.
 
-    The closing speed, the search and the largest force may be those of each finger, shape (n,).
+    The closing speed, the search and the largest force may be given for each finger, shape (n,).
 
     Attributes:
-        approach_height: From where it comes down, above where it tracks.
-        approach_duration: How long that takes.
+        approach_height: Height above the tracking height at which the hand starts.
+        approach_duration: Duration of the way down.
         standoff: Gap between fingertips and object while tracking.
-        gate_distance: All active fingers have to be that near to their goals before it closes.
-        gate_limit: How long it waits for that, and for enough fingers whose forces can balance, at
-            most.
-        closing_speed: Of the fingertips along the normals.
-        closing_acceleration: In m/s², so that fingertips don't feel their own inertia as touch.
-        search: How far from the surface, as it is estimated, a fingertip may meet it. Forces felt
-            farther out are its own inertia, and beyond it there is nothing.
-        touch_force: What counts as touch.
-        least_fingers: With fewer it doesn't close.
-        least_force: Normal force of each finger in the squeeze, at least.
-        largest_force: Normal force of any finger, at most.
-        squeeze_duration: In which forces come up.
-        imbalance: Force that a squeeze may leave out of balance.
-        stop_duration: In which the hand comes to rest when it lifts.
-        lift_height: How far it lifts.
-        lift_duration: In which it does so.
+        gate_distance: Largest distance of each active finger from its goal when the hand closes.
+        gate_limit: Longest time for which the hand waits for the fingers to be at their goals, and
+            for enough fingers whose forces can balance.
+        closing_speed: Speed of the fingertips along the normals.
+        closing_acceleration: Acceleration of the fingertips, in m/s², small enough that their
+            inertia is not measured as touch.
+        search: Largest distance from the estimated surface at which a fingertip may meet the
+            object. Forces farther out are the fingertip's own inertia; farther in, the finger has
+            met nothing.
+        touch_force: Least normal force that counts as touch.
+        least_fingers: Least number of active fingers for closing.
+        least_force: Least normal force of each finger in the squeeze.
+        largest_force: Largest normal force of any finger.
+        squeeze_duration: Time in which forces increase.
+        imbalance: Largest force by which a squeeze may be out of balance.
+        stop_duration: Time in which the hand comes to rest when it lifts.
+        lift_height: Height of the lift.
+        lift_duration: Duration of the lift.
     """
 
     approach_height: float = 0.15
@@ -102,23 +103,66 @@ class GraspSettings:
     lift_duration: float = 1.0
 
 
+@dataclass(frozen=True)
+class Ramp:
+    """A value over time that changes by the cubic 3 s² - 2 s³, from rest to rest.
+
+    Attributes:
+        start: Time at which the change starts, in seconds.
+        duration: Duration of the change, in seconds, at least 0.
+        first: Value before the change.
+        last: Value after the change.
+    """
+
+    start: float
+    duration: float
+    first: float
+    last: float
+
+    @staticmethod
+    def at_rest(value: float) -> "Ramp":
+        """Returns a ramp with a constant value."""
+        return Ramp(0.0, 0.0, value, value)
+
+    def value(self, time: float) -> float:
+        """Returns the value at a time."""
+        s = self._share(time)
+        return self.first + (self.last - self.first) * s * s * (3 - 2 * s)
+
+    def rate(self, time: float) -> float:
+        """Returns the rate of change at a time, per second."""
+        s = self._share(time)
+        change = 6 * s * (1 - s) * (self.last - self.first)
+        return change / self.duration if change else 0.0
+
+    def is_over(self, time: float) -> bool:
+        """Returns whether the change is over, up to rounding."""
+        return time >= self.start + self.duration - 1e-9
+
+    def _share(self, time: float) -> float:
+        if time >= self.start + self.duration:
+            return 1.0
+        return max(0.0, (time - self.start) / self.duration)
+
+
 @dataclass(frozen=True, eq=False)
 class GraspState:
-    """What the hand remembers from tick to tick.
+    """State of a grasp.
 
     Attributes:
         phase: A `GraspPhase`.
-        since: When it began, in seconds.
-        asked: Since when the hand is asked to close, in seconds; infinite if it isn't.
+        since: Time at which the phase began, in seconds.
+        asked: Time since which the hand is commanded to close, in seconds; infinite if it is not.
         reason: A `GiveUp`.
-        detail: What goes with it.
-        gripped: When all had touched, and the hand began to go its own way; infinite before.
-        height: Of the hand above where it tracks.
-        force: Share of the squeeze that is applied, from 0 to 1.
-        standoffs: Gap of each fingertip that is commanded, shape (n,), in metres.
-        active: Which fingers take part, shape (n,), fixed once the hand closes.
-        touched: Which of them have met the object, shape (n,).
-        forces: The squeeze on the object, in O, shape (n, 3), in newtons.
+        detail: Finger, number or force that belongs to the reason.
+        gripped: Time at which all fingers had touched, from which on the hand no longer follows the
+            estimate, in seconds; infinite before.
+        height: Height of the hand above the tracking height.
+        force: Applied share of the squeeze, from 0 to 1.
+        standoffs: Commanded gap of each fingertip, shape (n,), in metres.
+        active: Fingers that take part, shape (n,), fixed once the hand closes.
+        touched: Fingers that have met the object, shape (n,).
+        forces: Squeeze on the object, in O, shape (n, 3), in newtons.
     """
 
     phase: int
@@ -136,7 +180,7 @@ class GraspState:
 
     @staticmethod
     def first(num_fingers: int, settings: GraspSettings) -> "GraspState":
-        """Returns the state in which it starts at time 0."""
+        """Returns the state at time 0."""
         return GraspState(
             phase=GraspPhase.APPROACH,
             since=0.0,
@@ -154,17 +198,17 @@ class GraspState:
 
     @property
     def holds_contacts(self) -> bool:
-        """Whether contacts stay where they are on the object."""
+        """Whether contacts are fixed on the object."""
         return self.phase >= GraspPhase.CLOSE
 
     def fingers_hold(self, time: float) -> BoolArray:
         """Returns which fingers hold their contacts, or close on them, shape (n,).
 
-        A hand that backs off holds as long as it has not let go: with the fingers that still touch,
-        or with all while forces go down.
+        A hand that backs off holds with all active fingers while forces decrease, and then with
+        those that still touch.
 
         Args:
-            time: In seconds.
+            time: Time, in seconds.
         """
         if not self.holds_contacts:
             return np.zeros_like(self.active)
@@ -173,54 +217,28 @@ class GraspState:
         return self.active & self.touched
 
     def to_vector(self) -> FloatArray:
-        """Returns everything in one vector."""
-        numbers = [self.phase, self.since, self.asked, self.reason, self.detail, self.gripped]
-        return np.concatenate(
-            [
-                numbers,
-                astuple(self.height),
-                astuple(self.force),
-                self.standoffs,
-                self.active,
-                self.touched,
-                self.forces.ravel(),
-            ]
-        )
+        """Returns the state as one vector."""
+        return pack(self)
 
     @staticmethod
     def from_vector(vector: FloatArray) -> "GraspState":
-        """Returns the state that `to_vector` made a vector of."""
-        phase, since, asked, reason, detail, gripped = vector[:6].tolist()
-        n = (len(vector) - 14) // 6
-        standoffs, active, touched = vector[14 : 14 + 3 * n].reshape(3, n).copy()
-        return GraspState(
-            phase=int(phase),
-            since=since,
-            asked=asked,
-            reason=int(reason),
-            detail=detail,
-            gripped=gripped,
-            height=Ramp(*vector[6:10].tolist()),
-            force=Ramp(*vector[10:14].tolist()),
-            standoffs=standoffs,
-            active=active > 0,
-            touched=touched > 0,
-            forces=vector[14 + 3 * n :].reshape(n, 3).copy(),
-        )
+        """Returns the state from a vector of `to_vector`."""
+        single = len(GraspState.first(0, GraspSettings()).to_vector())
+        return unpack(GraspState.first((len(vector) - single) // 6, GraspSettings()), vector)
 
 
 @dataclass(frozen=True, eq=False)
 class GraspView:
-    """What the hand sees at a tick; NaN stands for what is not known of a finger.
+    """Observations at a tick; NaN where a finger's value is unknown.
 
     Attributes:
-        time: In seconds.
-        close: Whether it is asked to close.
-        active: Which fingers have a contact to go to, shape (n,).
-        distances: How far each fingertip is on its way to its goal, shape (n,), in metres.
-        gaps: Between each fingertip and the surface at its contact, shape (n,), in metres.
-        presses: Normal force of each fingertip on the object, shape (n,), in newtons. Until the
-            hand closes they are not looked at.
+        time: Time, in seconds.
+        close: Whether the hand is commanded to close.
+        active: Fingers that have a contact to go to, shape (n,).
+        distances: Distance of each fingertip from its goal, shape (n,), in metres.
+        gaps: Gap between each fingertip and the surface at its contact, shape (n,), in metres.
+        presses: Normal force of each fingertip on the object, shape (n,), in newtons; ignored until
+            the hand closes.
         sees: Whether the object is tracked.
     """
 

@@ -1,4 +1,4 @@
-"""How a hand goes on with an object that it has just gripped on a moving table."""
+"""Squeeze forces that balance a wrench, and the motion of a hand that has gripped an object."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -19,24 +19,24 @@ from drake_pregrasp.quality.force_closure import (
 
 _MODEL = "hard_finger"
 
-# Weights against the size of forces: what is left out of balance is then some hundred-thousandth of
-# them, unless cones and bounds leave more; and bounds come before the balance.
+# Weights of the equations relative to the size of the forces: the residual is then some
+# hundred-thousandth of the forces, unless cones and bounds leave more; bounds come before balance.
 _BALANCE = 300.0
 _BOUNDS = 6000.0
 
 FRICTION_SHARES = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-"""Of the coefficient that is given: cones that `safest_squeeze` tries, one after another."""
+"""Shares of the friction coefficient for the cones that `safest_squeeze` tries in this order."""
 
-_IN_BALANCE = 0.02  # Newtons that may be left.
-_PASSES = 50  # Changes of the active set for each unknown, at most.
+_IN_BALANCE = 0.02  # Largest residual of a balanced squeeze, in newtons.
+_PASSES = 50  # Most changes of the active set for each unknown.
 
 
 class Squeeze(NamedTuple):
     """Forces of fingertips on an object.
 
     Attributes:
-        forces: Shape (n, 3), in newtons.
-        residual: What the object is out of balance by, in newtons: torques count divided by the
+        forces: Forces, shape (n, 3), in newtons.
+        residual: Norm of the wrench that is not balanced, in newtons, with torques divided by the
             longest lever arm.
     """
 
@@ -55,21 +55,20 @@ def squeeze_forces(
 ) -> Squeeze:
     """Returns the smallest forces that balance a wrench, each inside its friction cone.
 
-    It is the force-balance programme of grasping (Buss, Hashimoto & Moore, 1996, with pyramids in
-    place of cones): min sum |f_i|² over f_i = R_i E a_i, a_i >= 0, with G f + wrench = 0 and with
-    normal forces in bounds. Bounds get slack variables, and all equations a large weight, so that
-    it is a matter of non-negative least squares, and forces come out where nothing balances, too.
+    This is the force-balance programme of grasping (Buss, Hashimoto & Moore, 1996, with pyramids
+    in place of cones): min sum |f_i|² over f_i = R_i E a_i, a_i >= 0, with G f + wrench = 0 and
+    with normal forces in bounds. Bounds get slack variables, and all equations a large weight. That
+    makes it a non-negative least-squares problem, which has a solution even if nothing balances.
 
     Args:
         p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
         nhat: Outward unit normals there, in the same frame, shape (n, 3).
-        wrench: What else acts on the object, as its weight: force in N and torque about the centre
-            of mass in N m, in that frame, shape (6,).
-        friction: Coulomb's coefficient to plan with. The margin to the real one is what holds
-            when contacts, poses and forces are not quite as planned.
-        least_normal: Normal force that every fingertip has at least, in newtons, or that of each,
-            shape (n,).
-        largest_normal: The same at most.
+        wrench: Other wrench on the object, such as its weight: force in N and torque about the
+            centre of mass in N m, in the frame of the contacts, shape (6,).
+        friction: Coulomb's coefficient for the plan. The margin to the real one covers errors of
+            contacts, poses and forces.
+        least_normal: Least normal force of every fingertip, or of each, shape (n,), in newtons.
+        largest_normal: Largest normal force of every fingertip, or of each, shape (n,), in newtons.
 
     Raises:
         InvalidArgumentError: If bounds or friction are out of their ranges, or there is no contact.
@@ -90,7 +89,7 @@ def squeeze_forces(
     n, edges = len(p_CoMC), E.shape[1]
     normals, none = np.kron(np.eye(n), E[:1]), np.zeros((n, n))
     sizes = np.kron(np.eye(n), E)
-    # Unknowns: a, then how far each normal force is above its least, and below its largest.
+    # Unknowns: a, then the slack of each normal force above its least and below its largest.
     A = np.block(
         [
             [_BALANCE * W, np.zeros((6, 2 * n))],
@@ -103,7 +102,7 @@ def squeeze_forces(
     target = np.concatenate([*b, np.zeros(len(sizes))])
     try:
         solution, _ = nnls(A, target, maxiter=_PASSES * A.shape[1])
-    except RuntimeError:  # It came to no end: there is no squeeze to rely on.
+    except RuntimeError:  # It did not converge: no squeeze is reliable.
         return Squeeze(np.zeros((n, 3)), float(np.linalg.norm(w)))
     a = solution[: n * edges]
     local = (E @ a.reshape(n, edges).T).T
@@ -120,19 +119,19 @@ def safest_squeeze(
     least_normal: float,
     largest_normal: float | FloatArray,
 ) -> Squeeze:
-    """Returns the squeeze that needs least friction, of some steps, and balances a wrench.
+    """Returns the squeeze that balances a wrench with the least of `FRICTION_SHARES`.
 
-    The smallest forces lie on the edges of their cones. Where there is room for larger ones, cones
-    are made narrower, so that forces that come out otherwise than planned stay inside the true
-    ones. What balances with no narrower cone is planned with the widest.
+    The smallest forces lie on the edges of their cones. Narrower cones with larger forces leave a
+    margin, so that forces with errors stay inside the true cones. If no narrower cone balances the
+    wrench, the widest is used.
 
     Args:
-        p_CoMC: As for `squeeze_forces`, like all others.
-        nhat: Outward unit normals.
-        wrench: What else acts on the object.
-        friction: The largest coefficient to plan with.
-        least_normal: In newtons.
-        largest_normal: In newtons.
+        p_CoMC: Lever arms; see `squeeze_forces`.
+        nhat: Outward unit normals; see `squeeze_forces`.
+        wrench: Other wrench on the object; see `squeeze_forces`.
+        friction: Largest friction coefficient for the plan.
+        least_normal: Least normal force, in newtons.
+        largest_normal: Largest normal force of every fingertip, or of each, shape (n,), in newtons.
     """
     for share in FRICTION_SHARES:
         squeeze = squeeze_forces(
@@ -150,13 +149,13 @@ def safest_squeeze(
 
 @dataclass(frozen=True, eq=False)
 class Coasting:
-    """A motion that goes on with a constant twist, and then comes to rest evenly.
+    """A motion with a constant twist that then decelerates evenly to rest.
 
     Attributes:
         R_WG: Orientation at the start, shape (3, 3).
         p_WG: Position at the start, shape (3,), in metres.
-        w_WG: Angular velocity, in rad/s.
-        v_WG: Velocity of the origin, in m/s.
+        w_WG: Angular velocity, shape (3,), in rad/s.
+        v_WG: Velocity of the origin, shape (3,), in m/s.
     """
 
     R_WG: FloatArray
@@ -169,8 +168,8 @@ class Coasting:
 
         Args:
             elapsed: Seconds since the start, at least 0.
-            coast: Seconds for which the twist stays.
-            stop: Seconds in which it then vanishes, above 0.
+            coast: Seconds with a constant twist.
+            stop: Seconds in which the twist then decreases to zero, above 0.
         """
         t = min(max(elapsed - coast, 0.0), stop)
         way, share = min(elapsed, coast) + t - t**2 / (2 * stop), 1 - t / stop
@@ -182,10 +181,10 @@ class Coasting:
         )
 
     def to_vector(self) -> FloatArray:
-        """Returns everything in one vector of 18."""
+        """Returns the motion as a vector of 18."""
         return np.concatenate([self.R_WG.ravel(), self.p_WG, self.w_WG, self.v_WG])
 
     @staticmethod
     def from_vector(vector: FloatArray) -> "Coasting":
-        """Returns the motion that `to_vector` made a vector of."""
+        """Returns the motion from a vector of `to_vector`."""
         return Coasting(vector[:9].reshape(3, 3), *np.array(vector[9:]).reshape(3, 3))

@@ -78,7 +78,9 @@ def claimed(folder: Path) -> Iterator[None]:
         OutputError: If another process has claimed the folder, or it can't be written.
     """
     path = folder / ".lock"
-    with writing(path), path.open("w") as file:
+    with writing(path):
+        file = path.open("w")
+    with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             is_free = os.fstat(file.fileno()).st_nlink > 0  # Not just deleted by its last owner.

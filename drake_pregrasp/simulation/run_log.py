@@ -3,7 +3,9 @@
 `log.csv` has one row for each planning tick, `grasp.csv` one for each control tick of a hand.
 """
 
+import contextlib
 import csv
+import os
 import time
 from array import array
 from collections import deque
@@ -23,6 +25,7 @@ from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 from drake_pregrasp.ticks import SLACK
 
 _FLUSH_PERIOD = 1.0  # Largest amount of data that a killed run loses, in seconds.
+_LONGEST_ROW = 100_000  # Characters.
 
 
 class CsvLog:
@@ -56,8 +59,18 @@ class CsvLog:
         return self
 
     def __exit__(self, *raised: object) -> None:
-        with writing(self._path):
-            self._file.close()
+        try:
+            with writing(self._path):
+                self._file.close()
+        finally:
+            self._drop_partial_row()
+
+    def _drop_partial_row(self) -> None:
+        """Removes the characters after the last complete row, which a full disk leaves."""
+        with contextlib.suppress(OSError), self._path.open("r+b") as file:
+            start = max(0, file.seek(0, os.SEEK_END) - _LONGEST_ROW)
+            file.seek(start)
+            file.truncate(start + file.read().rfind(b"\n") + 1)
 
     def write(self, row: FloatArray) -> None:
         """Adds a row."""

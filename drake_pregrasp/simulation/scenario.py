@@ -1,4 +1,4 @@
-"""What a simulation is made of: the schema of scenario files."""
+"""Schema of scenario files: the configuration of a simulation."""
 
 from dataclasses import dataclass, field
 
@@ -24,12 +24,12 @@ from drake_pregrasp.systems.noise_source import MAX_SEED
 
 @dataclass
 class DamageEvent:
-    """Fingers that are lost during the run."""
+    """Loss of fingers during a run."""
 
-    # When, in seconds.
+    # Time of the loss, in seconds.
     at: float = field(default=0.0, metadata={"required": True, "at_least": 0})
 
-    # Which contacts, by their index in initial_contacts.
+    # Indices of the lost contacts in initial_contacts.
     contacts: list[int] = field(
         default_factory=list, metadata={"required": True, "min_length": 1, "at_least": 0}
     )
@@ -37,22 +37,22 @@ class DamageEvent:
 
 @dataclass
 class MeasuresConfig:
-    """What the logged measures and the margins in the summary assume of the contacts."""
+    """Contact model of the logged measures and of the margins in the summary."""
 
     # Contact model of the grasp matrix. The margins need a friction cone: for the complete model,
-    # whose contacts pull as well, they are those of the hard finger.
+    # whose contacts can also pull, they use the hard finger.
     contact_model: str = field(default="complete", metadata={"one_of": CONTACT_MODELS})
 
-    # Coulomb's coefficient.
+    # Coefficient of Coulomb friction.
     friction: float = field(default=FRICTION, metadata={"at_least": 0, "at_most": 10})
 
-    # For soft fingers: moment about the normal per newton of normal force, in metres.
+    # Largest moment of a soft finger about its normal per newton of normal force, in metres.
     torsional_friction: float = field(
         default=TORSIONAL_FRICTION, metadata={"at_least": 0, "at_most": 10}
     )
 
-    # Unit of lever arms, in metres. 0: the longest one on the object; but one metre in the measures
-    # of the complete model, as in the paper.
+    # Unit of lever arms, in metres. 0 means the longest one on the object, and one metre in the
+    # measures of the complete model, as in the paper.
     length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
 
 
@@ -63,31 +63,30 @@ class RecordingConfig:
     # Seconds between frames.
     publish_period: float = field(default=0.05, metadata={"at_least": 1e-3})
 
-    # Largest edge of the tiles that draw the regions, in metres. A few thousand tiles are light.
+    # Largest edge of the tiles that draw the regions, in metres. A few thousand tiles are fast.
     tile_size: float = field(default=0.005, metadata={"at_least": 0.001})
 
 
 @dataclass
 class Scenario:
-    """One simulation. Every field has a default; `scenarios/paper.yaml` shows how to differ."""
+    """Configuration of one simulation. Every field has a default."""
 
-    # One line for lists and titles.
+    # One line of text for lists and titles.
     description: str = ""
 
-    # Seed of the measurement noise and of faults. A run is a function of its scenario: the same
-    # gives the same.
+    # Seed of the measurement noise and of faults. The same scenario gives the same log.
     random_seed: int = field(default=0, metadata={"at_least": 0, "at_most": MAX_SEED})
 
-    # Seconds to simulate.
+    # Duration of the simulation, in seconds.
     simulation_duration: float = field(default=60.0, metadata={"above": 0, "at_most": 1e6})
 
-    # Drake's own settings.
+    # Configuration of Drake's simulator.
     simulator_config: SimulatorConfig = field(default_factory=SimulatorConfig)
 
-    # Drake's own settings. The time step is half the planning period, so that both fall on
-    # exactly the same times; without sampled output ports, the plant steps in the same pass as the
-    # planner, which then sees the pose that loggers and visualizers see; and with the lower SAP
-    # threshold the object sinks into the table by micrometres instead of half a millimetre.
+    # Configuration of Drake's plant. The time step is half the planning period, so that both fall
+    # on exactly the same times. Without sampled output ports, the plant steps in the same pass as
+    # the planner, which then sees the same pose as loggers and visualizers. With the lower SAP
+    # threshold, the object sinks into the table by micrometres instead of half a millimetre.
     plant_config: MultibodyPlantConfig = field(
         default_factory=lambda: MultibodyPlantConfig(
             time_step=0.025,
@@ -105,10 +104,10 @@ class Scenario:
     planner: PlannerConfig = field(default_factory=PlannerConfig)
     measures: MeasuresConfig = field(default_factory=MeasuresConfig)
 
-    # Where the contacts start, one row each, in half extents of the object's bounding box about its
-    # centre: 1 and -1 are a box's faces. On a box they have to be on its surface, on other objects
-    # each starts at the allowed point nearest to that. The default is calibrated to the static
-    # rows of the paper's Table II, for all sizes.
+    # Initial contacts, one row each, in half extents of the object's bounding box from its centre:
+    # 1 and -1 are a box's faces. On a box they must lie on its surface. On other objects, each
+    # contact starts at the nearest allowed point. The default is calibrated to the static rows of
+    # the paper's Table II, for all sizes.
     initial_contacts: list[list[float]] = field(
         default_factory=lambda: [
             [-0.335, 1.0, -0.7],
@@ -120,49 +119,49 @@ class Scenario:
         metadata={"min_length": 1, "elements": {"length": 3}},
     )
 
-    # Instead, how many contacts start on a ring round the centre of mass; 0 for those above.
+    # Number of contacts that start on a ring around the centre of mass; 0 for those above.
     ring_contacts: int = field(default=0, metadata={"at_least": 0, "at_most": 64})
 
-    # h_i of Eq. 1 for each contact, in m^2: larger ones have larger regions. Empty: all zero.
+    # Weight h_i of each contact in Eq. 1, in m^2: a larger one gives a larger region. Empty: all 0.
     contact_weights: list[float] = field(
         default_factory=list, metadata={"at_least": -1, "at_most": 1}
     )
 
-    # Fingers that are lost, which the planner hears of through its port contact_weights.
+    # Losses of fingers, which reach the planner through its port contact_weights.
     damage: list[DamageEvent] = field(default_factory=list)
 
-    # What contacts have to stay clear of in W, such as the table.
+    # Solids in W that contacts must keep clear of.
     obstacles: list[ObstacleConfig] = field(default_factory=list)
 
     hand: HandConfig = field(default_factory=HandConfig)
 
-    # A simulated hand that follows the goals, and grasps; by default there is none.
+    # Simulated hand that follows the goals and grasps; by default there is none.
     grasp: GraspConfig = field(default_factory=GraspConfig)
     recording: RecordingConfig = field(default_factory=RecordingConfig)
 
     @property
     def num_contacts(self) -> int:
-        """How many contacts there are."""
+        """Number of contacts."""
         return self.ring_contacts or len(self.initial_contacts)
 
     @property
     def obstacle_names(self) -> dict[int, str]:
-        """What the planner's obstacles are called that aren't in `obstacles`, by their index.
+        """Names of the planner's obstacles that are not in `obstacles`, by their index.
 
         With a hand there is one: the conveyor's top, which no fingertip may touch.
         """
         return {len(self.obstacles): "the table"} if self.grasp.has_hand else {}
 
     def make_surface(self, spacing: float | None = None) -> ObjectSurface:
-        """Returns the object's surface, sampled as `surface` says, or with another spacing.
+        """Returns the object's surface, sampled as `surface` configures, or with another spacing.
 
         Raises:
-            InvalidArgumentError: If the object can't be made, or no ground is left for contacts.
+            InvalidArgumentError: If the object is invalid, or no surface is allowed for contacts.
         """
         return self.surface.make_surface(self.object, spacing)
 
     def remaining_contacts(self) -> list[int]:
-        """Returns the indices of the contacts that no damage event takes."""
+        """Returns the indices of the contacts that are never lost."""
         lost = {contact for event in self.damage for contact in event.contacts}
         return [i for i in range(self.num_contacts) if i not in lost]
 
@@ -170,7 +169,7 @@ class Scenario:
         """Returns the initial contacts in the object frame O, shape (n, 3), in metres.
 
         Args:
-            surface: From `make_surface`.
+            surface: Surface of the object, from `make_surface`.
 
         Raises:
             InvalidArgumentError: If the hand's fingers can't be assigned to them.

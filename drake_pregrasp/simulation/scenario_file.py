@@ -159,15 +159,15 @@ def check_scenario(scenario: Scenario) -> None:
 def dump_scenario(name: str, scenario: Scenario) -> str:
     """Returns a scenario as YAML with every key; loading it gives the same scenario."""
     text: str = yaml_dump_typed(scenario, child_name=name)
-    # Newer Drakes no longer know this key; at its default it says nothing.
+    # Newer versions of Drake do not have this key.
     return text.replace("    publish_every_time_step: false\n", "")
 
 
 def read_mapping(file: Path) -> dict[str, Any]:
-    """Returns what YAML makes of a file, without private entries, whose names begin with `_`.
+    """Returns the entries of a YAML file, without private ones, whose names begin with `_`.
 
     Raises:
-        ScenarioError: If it can't be read, or is no mapping from names.
+        ScenarioError: If the file can't be read, or is no mapping from names.
     """
     try:
         text = read_bounded_text(file, MAX_BYTES)
@@ -177,7 +177,7 @@ def read_mapping(file: Path) -> dict[str, Any]:
 
 
 def parse_mapping(source: str, text: str) -> dict[str, Any]:
-    """Returns what YAML makes of a text, without private entries; see `read_mapping`."""
+    """Returns the entries of a YAML text, as `read_mapping` does."""
     data = without_private(parse_yaml(source, text))
     if not isinstance(data, dict):
         raise ScenarioError(source, "", "must be a mapping from names to values")

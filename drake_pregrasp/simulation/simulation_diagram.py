@@ -144,20 +144,9 @@ def make_diagram(
         )
         connect_named(builder, object_plant, logger, ["X_WO"])
         connect_named(builder, monitor, logger, ["grasp_quality"])
-        connect_named(
-            builder,
-            planner,
-            logger,
-            [
-                "p_WC",
-                "contact_status",
-                "contact_causes",
-                "safe_regions",
-                "X_WO_estimated",
-                "tracking_status",
-                "time_since_measurement",
-            ],
-        )
+        connect_named(builder, planner, logger, ["p_WC", "contact_status", "contact_causes"])
+        connect_named(builder, planner, logger, ["safe_regions", "X_WO_estimated"])
+        connect_named(builder, planner, logger, ["tracking_status", "time_since_measurement"])
     if meshcat is not None:
         add_visualizers(builder, meshcat, scenario, surface, object_plant, planner, record=record)
     diagram = builder.Build()
@@ -239,18 +228,9 @@ def _connect_hand(
 ) -> None:
     """Connects a hand to the planner, to the command to close, and to its logger."""
     controller = hand.controller
-    connect_named(
-        builder,
-        planner,
-        controller,
-        [
-            "fingertip_targets",
-            "contact_status",
-            "X_WO_estimated",
-            "V_WO_estimated",
-            "tracking_status",
-        ],
-    )
+    connect_named(builder, planner, controller, ["fingertip_targets", "contact_status"])
+    connect_named(builder, planner, controller, ["X_WO_estimated", "V_WO_estimated"])
+    connect_named(builder, planner, controller, ["tracking_status"])
     connect_named(builder, controller, planner, ["hold_contacts"])
     command = builder.AddNamedSystem("close_command", _step_at(scenario.grasp.close_at))
     builder.Connect(command.get_output_port(), controller.GetInputPort("close"))

@@ -1,4 +1,4 @@
-"""A recorded pose stream, smoothed into another."""
+"""Smooths a recorded pose stream into another."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.yaml_text import load_typed, parse_yaml, without_private
 
 VELOCITY_COLUMNS = ("vx", "vy", "vz", "wx", "wy", "wz")
-"""What the smoothed file has beside `COLUMNS`: velocities of O in W, in m/s and rad/s."""
+"""Columns of the smoothed file beside `COLUMNS`: velocities of O in W, in m/s and rad/s."""
 
 CARRIED = EstimatorConfig(
     acceleration=0.5,
@@ -21,14 +21,14 @@ CARRIED = EstimatorConfig(
     initial_velocity_std=1.0,
     initial_angular_velocity_std=3.0,
 )
-"""What is assumed of a stream unless said otherwise: an object that somebody carries."""
+"""Default settings of the filter: those for an object that a person carries."""
 
 
 def load_estimator(text: str) -> EstimatorConfig:
-    """Returns the settings `CARRIED` with what a YAML text overrides.
+    """Returns the settings `CARRIED` with the overrides of a YAML text.
 
     Raises:
-        ScenarioError: If a key or a value in it is wrong.
+        ScenarioError: If a key or a value is invalid.
     """
     source = "--estimator"
     data = without_private(parse_yaml(source, text))
@@ -40,12 +40,12 @@ def load_estimator(text: str) -> EstimatorConfig:
 def smooth_file(source: Path, target: Path, config: EstimatorConfig) -> int:
     """Smooths a file of poses and returns their number.
 
-    What it writes is again a pose stream, with velocities in further columns.
+    The written file is again a pose stream, with velocities in further columns.
 
     Args:
         source: CSV file with the columns `COLUMNS`.
         target: CSV file to write.
-        config: What the filter assumes.
+        config: Settings of the filter.
 
     Raises:
         InvalidArgumentError: If the source can't be used.

@@ -161,13 +161,6 @@ def _seen_from(poses: FloatArray, p_WP: FloatArray) -> FloatArray:
     return seen
 
 
-def _points_in_world(poses: FloatArray, p_OP: FloatArray) -> FloatArray:
-    """Returns points of O, shape (k, 3), in W at poses, shape (ticks, 7): shape (ticks, k, 3)."""
-    R = Rotation.from_quat(poses[:, [4, 5, 6, 3]]).as_matrix()
-    points: FloatArray = np.einsum("tij,kj->tki", R, p_OP) + poses[:, None, :3]
-    return points
-
-
 def _largest_motion(points: FloatArray, during: BoolArray) -> float | None:
     """Returns the largest distance of points, shape (ticks, k, 3), from their first positions."""
     return _reduced(lambda p: np.max(np.linalg.norm(p - p[0], axis=2)), points[during])
@@ -224,9 +217,9 @@ def summarize(
     seconds = np.array(log.tick_seconds)
     fate = object_fate(scenario, surface, log)
     gone = min((at for at in fate.values() if at is not None), default=np.inf)
-    measured = {
-        name: column[: ticks_from(scenario, time, gone)] for name, column in measured.items()
-    }
+    present = slice(ticks_from(scenario, time, gone))
+    final = _measures(measured, slice(-1, None), np.mean)
+    measured = {name: column[present] for name, column in measured.items()}
     static, adapting = static_phase(scenario, time), adapting_phase(scenario, time)
     return {
         "scenario": name,
@@ -236,10 +229,7 @@ def summarize(
         "static": _measures(measured, static, np.mean),
         "max": _measures(measured, adapting, np.max),
         "mean": _measures(measured, adapting, np.mean),
-        "final": {
-            name: float(column[-1]) if len(column) else None
-            for name, column in zip(MEASURES, values, strict=True)
-        },
+        "final": final,
         **fate,
         "contact_model": scenario.measures.contact_model,
         **force_closure_summary(scenario, surface, static=log.last_static, final=log.last),
@@ -263,8 +253,9 @@ def object_fate(scenario: Scenario, surface: ObjectSurface, log: RunLog) -> dict
     """
     time, status, *pose = log.read("time", "tracking_status", *pose_columns("wo"))
     has_table = getattr(scenario.motion, "table", not isinstance(scenario.motion, PoseStream))
-    p_WCoM = _points_in_world(np.stack(pose, axis=-1), surface.p_OCoM[None])
-    left = time[(p_WCoM[:, 0, 2] < 0) & has_table]
+    _, _, z, qw, qx, qy, qz = pose
+    z_of_R = 2 * np.stack([qx * qz - qw * qy, qy * qz + qw * qx, 0.5 - qx**2 - qy**2])
+    left = time[(z + surface.p_OCoM @ z_of_R < 0) & has_table]
     found = np.flatnonzero(status != TrackingStatus.LOST)
     lost = time[found[-1] + 1 if len(found) else 0 :]
     return {

@@ -163,7 +163,7 @@ class FingertipGoalShaper(LeafSystem):
         azimuths = np.asarray(finger_azimuths)
         self._places = TipPlaces(
             tip_radii=self._radius,
-            ways_out=np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(n)], axis=1),
+            directions=np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(n)], axis=1),
             withdrawn_radii=np.where(asked, asked, mean_radius),
             object_top=object_top,
         )

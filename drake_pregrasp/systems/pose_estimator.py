@@ -13,6 +13,7 @@ from pydrake.systems.framework import (
 )
 
 from drake_pregrasp.arrays import (
+    FARTHEST,
     FloatArray,
     finite_vector,
     is_integer,
@@ -74,9 +75,11 @@ class PoseEstimator(LeafSystem):
     at the object's centre of mass, expressed in W, row-major, in m² (Eq. 3). It grows while no
     measurement is used.
 
-    Port `tracking_status` emits a `TrackingStatus` as a number. While it is `LOST`, pose and twist
-    stand still: the pose is the prediction for the time of the loss, the twist is zero. While it
-    is `WAITING`, the pose is the identity.
+    Port `tracking_status` emits a `TrackingStatus` as a number. It is not `TRACKING` while
+    measurements contradict a belief whose twist none has confirmed. While it is `LOST`, pose and
+    twist stand still: the pose is the prediction for the time of the loss, the twist is zero. It is
+    `LOST`, too, if the prediction is beyond `FARTHEST`; the pose then is the newest one that was
+    measured. While it is `WAITING`, the pose is the identity.
 
     Port `time_since_measurement` emits the seconds since the newest measurement that was used was
     made, or since time 0 if none was.
@@ -219,21 +222,29 @@ class PoseEstimator(LeafSystem):
 
     def _calc_estimate(self, context: Context, output: AbstractValue) -> None:
         """Sets the status and the belief for the outputs, which stands still from the loss on."""
-        newest = self._track.Eval(context).newest
+        track: PoseTrack = self._track.Eval(context)
+        newest = track.newest
         since = context.get_time() - newest.time
         status = tracking_status(since, self._period, self._coast_after, self._lost_after)
+        if status == TrackingStatus.TRACKING and not track.is_locked:
+            status = TrackingStatus.COASTING
         if status == TrackingStatus.LOST:
             since = self._period + self._lost_after
+        belief = newest
         if status != TrackingStatus.WAITING:
-            newest = predict(newest, min(max(0.0, since), OLDEST), self._noise)
-            newest = predict(newest, self._lookahead, self._noise) if self._lookahead else newest
-        output.set_value((status, newest))
+            belief = predict(newest, min(max(0.0, since), OLDEST), self._noise)
+            belief = predict(belief, self._lookahead, self._noise) if self._lookahead else belief
+            p_WO = belief.p_WCoM - belief.R_WO @ self._p_OCoM
+            if not np.abs([p_WO, belief.v_WCoM, belief.w_WO]).max() <= FARTHEST:
+                status, belief = TrackingStatus.LOST, newest
+        output.set_value((status, belief))
 
     def _calc_pose(self, context: Context, output: AbstractValue) -> None:
         belief = self._estimate.Eval(context)[1]
         R_WO = RotationMatrix.ProjectToRotationMatrix(belief.R_WO)
         p_OCoM = self._settings.p_OCoM
         p_WO = belief.p_WCoM if p_OCoM is None else belief.p_WCoM - R_WO @ p_OCoM
+        p_WO = np.clip(p_WO, -FARTHEST, FARTHEST)  # So that the pose is valid, if LOST.
         output.set_value(RigidTransform(R_WO, p_WO))
 
     def _calc_velocity(self, context: Context, output: AbstractValue) -> None:

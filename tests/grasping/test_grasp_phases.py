@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drake_pregrasp.geometry.motion_profiles import Ramp
 from drake_pregrasp.grasping.grasp_phases import fingers_have_arrived, next_state
 from drake_pregrasp.grasping.grasp_state import (
     GiveUp,
@@ -15,6 +14,7 @@ from drake_pregrasp.grasping.grasp_state import (
     GraspSettings,
     GraspState,
     GraspView,
+    Ramp,
     describe_give_up,
 )
 from drake_pregrasp.grasping.squeeze import Coasting, Squeeze

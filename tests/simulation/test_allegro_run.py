@@ -24,6 +24,7 @@ from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.robots import allegro_panda
 from drake_pregrasp.systems.arm_posture import pose_error
 
+pytestmark = pytest.mark.slow
 NAME = "grasp_allegro_panda"
 FILE = "package://drake_pregrasp/allegro_panda.yaml"
 FAST = """{

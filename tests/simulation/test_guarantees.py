@@ -9,6 +9,7 @@ from drake_pregrasp.contacts.selection_input import ContactStatus, is_active
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 
 FILES = ("objects", "areas", "limits")
+pytestmark = pytest.mark.slow
 NAMES = [name for name, (file, _) in shipped_scenarios().items() if file.stem in FILES]
 DURATION = 2.0
 ENCOUNTER = 5.0  # With what moves.

@@ -26,6 +26,7 @@ def goals(log, row):
     return np.array([[log[f"c{i}_{axis}"][row] for axis in "xyz"] for i in range(5)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MOTIONS)
 def test_shipped_motions_are_tracked(name, tmp_path):
     scenario = load_scenario(name, text="{planner: {estimator: {lookahead: 0.0}}}")
@@ -38,12 +39,13 @@ def test_shipped_motions_are_tracked(name, tmp_path):
     assert np.all([log[f"c{i}_active"] for i in range(5)])
 
 
+@pytest.mark.slow
 def test_goals_stay_within_the_surface_of_a_tossed_object(tmp_path):
     """On it, where the object is believed to be; with look-ahead that is where it will be."""
     for lookahead in (0.0, 0.05):
         scenario = load_scenario("toss")
         scenario.planner.estimator.lookahead = lookahead
-        result = run(scenario, name="toss", out=tmp_path, recording=False)
+        result = run(scenario, name=f"toss_{lookahead}", out=tmp_path, recording=False)
         log, surface = read_log(result.folder / "log.csv"), scenario.make_surface()
         ahead = round(lookahead / scenario.planner.period)
         assert log["z_wo"].max() - log["z_wo"].min() > 0.4
@@ -68,6 +70,7 @@ def test_the_camera_sees_the_whole_motion(name):
         assert np.max(angle) < HALF_VIEW
 
 
+@pytest.mark.slow
 def test_a_pose_stream_is_run_again_from_its_run_folder(tmp_path):
     (tmp_path / "poses.csv").write_text(
         "time,x,y,z,qw,qx,qy,qz\n0,0,0,0.3,1,0,0,0\n1,0.1,0,0.4,1,0,0,0\n"

@@ -7,9 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from pydrake.systems.analysis import Simulator
+
+from drake_pregrasp import load_scenario, make_diagram
+from drake_pregrasp.simulation.recording import start_meshcat
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
-pytestmark = pytest.mark.skipif(BROWSER is None, reason="needs Chromium (Debian: chromium)")
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(BROWSER is None, reason="needs Chromium (Debian: chromium)"),
+]
 
 FLAGS = [
     "--headless",
@@ -69,3 +76,14 @@ def test_regions_grow_when_contacts_adapt(pictures, base_log):
     assert covered[-1] > 1.3 * covered[0]
     assert np.sum(colored(pictures[7.5])) > 1.1 * np.sum(colored(pictures[3.0]))
     assert np.mean(np.any(np.abs(pictures[7.5] - pictures[3.0]) > 0.1, axis=2)) > 0.01
+
+
+def test_a_live_view_shows_what_a_recording_shows(recorded_run, pictures, tmp_path):
+    """The whole scene, in the same colours."""
+    scenario = load_scenario("a_base", text="{simulation_duration: 8.0}")
+    meshcat = start_meshcat()
+    Simulator(make_diagram(scenario, scenario.make_surface(), meshcat=meshcat)).AdvanceTo(1.0)
+    page = tmp_path / "live.html"
+    page.write_text(meshcat.StaticHtml())
+    live = picture(page, 1.0, tmp_path)
+    assert np.mean(np.any(np.abs(live - pictures[1.0]) > 0.03, axis=2)) < 0.01
