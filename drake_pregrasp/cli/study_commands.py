@@ -24,7 +24,7 @@ _STUDY_COMMANDS = {
     "shapes": ("shapes:study_shapes", "whether contacts stay where they may be, on ten shapes"),
     "faults": ("faults", "how the planner stands up to faulty measurements"),
     "static-versus-dynamic": (
-        "static_versus_dynamic.command",
+        "static_versus_dynamic.comparison_command",
         "what planning anew gains, in simulated grasps",
     ),
 }

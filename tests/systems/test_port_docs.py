@@ -21,6 +21,7 @@ import drake_pregrasp.studies
 import drake_pregrasp.systems
 from drake_pregrasp import ObjectPlant, PlannerConfig, PregraspPlanner
 from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import Box, Conveyor
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
@@ -28,12 +29,10 @@ from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
 from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
-from drake_pregrasp.geometry.solids import BallSolid, BoxSolid
+from drake_pregrasp.geometry.solids import BallSolid
 from drake_pregrasp.grasping.grasp_state import GraspSettings
-from drake_pregrasp.regions.constraints import RegionConstraints
 from drake_pregrasp.simulation.hand_file import load_hand
-from drake_pregrasp.studies.static_versus_dynamic.reassignment import Reassignment
-from drake_pregrasp.studies.static_versus_dynamic.still_hand import StillHand
+from drake_pregrasp.studies.static_versus_dynamic.methods import Reassignment, StationaryHand
 from drake_pregrasp.systems.arm_posture import ArmPosture
 from drake_pregrasp.systems.carrier_posture import CarrierPosture
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
@@ -163,16 +162,13 @@ MAKERS = {
         num_contacts=len(c),
         publish_period=0.1,
     ),
-    Reassignment: lambda s, c: Reassignment(
-        tip_frames=FINGERTIPS, azimuths=np.arange(5.0), period=0.05
-    ),
+    Reassignment: lambda s, c: Reassignment(FINGERTIPS, azimuths=np.arange(5.0), period=0.05),
     SafeRegionPartitioner: lambda s, c: SafeRegionPartitioner(surface=s, num_contacts=len(c)),
-    StillHand: lambda s, c: StillHand(
-        tip_frames=FINGERTIPS,
+    StationaryHand: lambda s, c: StationaryHand(
+        FINGERTIPS,
         azimuths=np.arange(5.0),
-        ring_radius=0.09,
-        box=BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)),
-        constraints=RegionConstraints(tip_radii=np.full(5, 0.009)),
+        box_size=[0.1] * 3,
+        limits=LimitsConfig(tip_radii=[0.009] * 5),
     ),
     TickLogger: lambda s, c: TickLogger(
         num_contacts=len(c), quality_size=5, period=0.1, sink=lambda record: None
