@@ -20,8 +20,7 @@ from drake_pregrasp.diagrams.pregrasp_planner import (
 from drake_pregrasp.errors import InvalidArgumentError, OutputError, PregraspError, ScenarioError
 from drake_pregrasp.estimation.fault_settings import MeasurementFaults
 from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
-from drake_pregrasp.estimation.pose_track import MeasurementVerdict
-from drake_pregrasp.estimation.tracking_status import TrackingStatus
+from drake_pregrasp.estimation.pose_track import MeasurementVerdict, TrackingStatus
 from drake_pregrasp.geometry.box_surface import box_surface
 from drake_pregrasp.geometry.mesh_surface import mesh_surface
 from drake_pregrasp.geometry.shapes import load_shape

@@ -1,7 +1,9 @@
-"""What others give as a number, which may be none."""
+"""Array types, validation of values from users and input ports, and vector forms of dataclasses."""
 
 import math
+from dataclasses import is_dataclass
 from numbers import Integral, Real
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -10,9 +12,24 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
+FARTHEST = 1e7
+"""Largest valid coordinate, in metres, and largest valid rate, in m/s or rad/s. Rounding of larger
+numbers is of the order of the overlap that fingertips may have."""
+
+LARGEST_WEIGHT = 1e4
+"""Largest size of a contact's weight h_i, in m²: one contact then has the whole surface or none."""
+
+LARGEST_VARIANCE = 100.0
+"""Largest element of a covariance, in m²: over any object Eq. 3 then is flat."""
+
+_ORTHONORMAL = 1e-5  # Largest error of a rotation, in Rᵀ R - I: as of one in single precision.
+_ASYMMETRY = 1e-9  # Share of the least variance by which a matrix may differ from its transpose.
+
+Record = TypeVar("Record")
+
 
 def number_or_nan(value: object) -> float:
-    """Returns a number as a float, and NaN, which fails each comparison, for what is none."""
+    """Returns a number as a float, or NaN, which fails each comparison, if it is not a number."""
     if not isinstance(value, Real):
         return math.nan
     try:
@@ -21,26 +38,158 @@ def number_or_nan(value: object) -> float:
         return math.nan
 
 
-def is_whole(value: object, least: int, most: float = math.inf) -> bool:
-    """Whether it is a whole number within limits, by its type too: 2.0 is none.
+def is_integer(value: object, least: int, most: float = math.inf) -> bool:
+    """Returns whether a value has an integer type and lies within limits; the float 2.0 does not.
 
     Args:
-        value: Anything.
-        least: The lower limit.
-        most: The upper limit.
+        value: Any object.
+        least: Lower limit.
+        most: Upper limit.
     """
     return isinstance(value, Integral) and least <= int(value) <= most
 
 
 def finite_vector(value: object, size: int) -> FloatArray | None:
-    """Returns a copy of a vector of finite numbers, shape (size,), or None for what is none.
+    """Returns a copy of a vector of finite numbers, shape (size,), or None if it is not one.
 
     Args:
-        value: Anything.
-        size: How many numbers it has to have.
+        value: Any object.
+        size: Required number of elements.
     """
     try:
         vector = np.array(value, dtype=float)
     except (TypeError, ValueError, OverflowError):
         return None
     return vector if vector.shape == (size,) and np.all(np.isfinite(vector)) else None
+
+
+def is_valid_pose(R: FloatArray, p: FloatArray) -> bool:
+    """Returns whether R is a rotation matrix and p lies within `FARTHEST`.
+
+    Args:
+        R: Candidate rotation matrix, shape (3, 3).
+        p: Position, shape (3,), in metres.
+    """
+    # Twelve numbers are compared faster one by one than by numpy; NaN fails each comparison.
+    x, y, z = p.tolist()
+    if not (abs(x) <= FARTHEST and abs(y) <= FARTHEST and abs(z) <= FARTHEST):
+        return False
+    # Columns have unit length, are orthogonal, and form a right-handed frame.
+    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    is_rotation: bool = (
+        abs(a * a + d * d + g * g - 1) <= _ORTHONORMAL
+        and abs(b * b + e * e + h * h - 1) <= _ORTHONORMAL
+        and abs(c * c + f * f + i * i - 1) <= _ORTHONORMAL
+        and abs(a * b + d * e + g * h) <= _ORTHONORMAL
+        and abs(b * c + e * f + h * i) <= _ORTHONORMAL
+        and abs(c * a + f * d + i * g) <= _ORTHONORMAL
+        and a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g) > 0
+    )
+    return is_rotation
+
+
+def are_valid_points(points: FloatArray) -> BoolArray:
+    """Returns which points are finite and within `FARTHEST`, shape (n,).
+
+    Args:
+        points: Points, shape (n, 3), in metres.
+    """
+    valid: BoolArray = np.logical_and.reduce(np.abs(points) <= FARTHEST, axis=1)
+    return valid
+
+
+def validated_rates(rates: FloatArray) -> FloatArray:
+    """Returns rates unchanged if all are finite and within `FARTHEST`, or else zeros.
+
+    Args:
+        rates: Rates of any shape, in m/s or rad/s.
+    """
+    return rates if np.all(np.abs(rates) <= FARTHEST) else np.zeros_like(rates)
+
+
+def validated_numbers(numbers: FloatArray) -> FloatArray:
+    """Returns numbers with NaN in place of those that are infinite or beyond `FARTHEST`.
+
+    Args:
+        numbers: Numbers of any shape.
+    """
+    return np.where(np.abs(numbers) <= FARTHEST, numbers, np.nan)
+
+
+def validated_weights(contact_weights: FloatArray) -> FloatArray:
+    """Returns weights h_i clipped to `LARGEST_WEIGHT`, shape (n,), in m².
+
+    The weight -inf, which marks a lost finger, is kept, and NaN becomes -inf.
+
+    Args:
+        contact_weights: Weights h_i, shape (n,), in m².
+    """
+    validated = np.clip(contact_weights, -LARGEST_WEIGHT, LARGEST_WEIGHT)
+    validated[~(contact_weights > -np.inf)] = -np.inf
+    return validated
+
+
+def validated_covariance(covariance_W: FloatArray, R_WO: FloatArray, spread: float) -> FloatArray:
+    """Returns Sigma of Eq. 3 in O with the spread added, shape (3, 3), in m², positive definite.
+
+    A covariance that is not finite counts as zero: the spread alone is nearly the same as the
+    spread with a filter's covariance, which is of millimetres. One that is too large is scaled
+    down, and a matrix that is not a covariance is replaced by the nearest one.
+
+    Args:
+        covariance_W: Covariance of the object's position in W, shape (3, 3), in m².
+        R_WO: Rotation of O in W, shape (3, 3).
+        spread: Standard deviation to add, in metres.
+    """
+    largest = np.abs(covariance_W).max()
+    if not math.isfinite(largest):
+        covariance_W = np.zeros((3, 3))
+    elif largest > LARGEST_VARIANCE:
+        covariance_W = covariance_W / largest * LARGEST_VARIANCE
+    added = spread**2 * np.eye(3)
+    covariance_O: FloatArray = R_WO.T @ covariance_W @ R_WO + added
+    asymmetry = np.abs(covariance_O - covariance_O.T).max()
+    if asymmetry <= _ASYMMETRY * covariance_O.diagonal().min():
+        try:
+            np.linalg.cholesky(covariance_O)
+        except np.linalg.LinAlgError:
+            pass
+        else:
+            return covariance_O
+    variances, axes = np.linalg.eigh((covariance_O + covariance_O.T) / 2 - added)
+    nearest: FloatArray = axes * np.maximum(variances, 0) @ axes.T + added
+    return nearest
+
+
+def pack(record: object) -> FloatArray:
+    """Returns all fields of a dataclass in one vector, as discrete state; `unpack` is the inverse.
+
+    Args:
+        record: Dataclass instance of numbers, arrays, and dataclasses of such.
+    """
+    parts = []
+    for value in vars(record).values():
+        parts.append(pack(value) if is_dataclass(value) else np.ravel(value))
+    return np.concatenate(parts, dtype=float)
+
+
+def unpack(template: Record, vector: FloatArray) -> Record:
+    """Returns the dataclass instance that `pack` made a vector of.
+
+    Args:
+        template: Instance of the same class whose fields have the types and shapes to restore.
+        vector: Packed instance, which is copied.
+    """
+    vector, start = np.array(vector), 0
+    fields: list[Any] = []
+    for value in vars(template).values():
+        stop = start + (len(pack(value)) if is_dataclass(value) else np.size(value))
+        part = vector[start:stop]
+        if is_dataclass(value):
+            fields.append(unpack(value, part))
+        elif isinstance(value, np.ndarray):
+            fields.append(part.reshape(value.shape).astype(value.dtype, copy=False))
+        else:
+            fields.append(type(value)(part[0]))
+        start = stop
+    return type(template)(*fields)

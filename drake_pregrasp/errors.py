@@ -1,10 +1,15 @@
-"""The errors this package raises on purpose; everything else is a defect."""
+"""Errors that this package raises on purpose; any other exception is a defect."""
+
+import difflib
+import traceback
+from collections.abc import Iterable
+from pathlib import Path
 
 LONGEST_MESSAGE = 4000
-"""Characters of what an error says of a scenario."""
+"""Most characters of an error message about a scenario."""
 
 LONGEST_KEY = 200
-"""Characters of the key in it."""
+"""Most characters of the key in such a message."""
 
 _LEFT_OUT = " ... "
 
@@ -14,22 +19,22 @@ class PregraspError(Exception):
 
 
 class InvalidArgumentError(PregraspError, ValueError):
-    """An argument of a function, a class or a port is unusable."""
+    """An argument of a function, a class or a port is invalid."""
 
 
 class NoGroundError(InvalidArgumentError):
-    """No ground of an object is left for contacts."""
+    """No part of an object's surface is allowed for contacts."""
 
 
 class ScenarioError(PregraspError):
-    """A scenario can't be used.
+    """A scenario is invalid.
 
-    What it says is one line of printable characters, whatever a file holds.
+    The message is one line of printable characters, whatever a file holds.
 
     Args:
-        source: The file, or the name of the text, that holds the scenario.
-        key: Dotted path of the key at fault, for example `planner.period`.
-        problem: What is there and what would be right, in one line.
+        source: File that holds the scenario, or the name of a text.
+        key: Dotted path of the invalid key, for example `planner.period`.
+        problem: Invalid value and its requirements, in one line.
     """
 
     def __init__(self, source: str, key: str, problem: str) -> None:
@@ -39,26 +44,26 @@ class ScenarioError(PregraspError):
         super().__init__(": ".join(filter(None, (self.source, self.key, self.problem))))
 
     def __reduce__(self) -> tuple[type["ScenarioError"], tuple[str, str, str]]:
-        """Lets it cross to another process, which an error's own way does with one argument."""
+        """Supports pickling: by default, an exception is recreated from its message alone."""
         return type(self), (self.source, self.key, self.problem)
 
 
 class OutputError(PregraspError):
-    """A run folder can't be written, or what was written there can't be read back."""
+    """A run folder can't be written, or its files can't be read back."""
 
 
 class ContactError(PregraspError):
-    """A contact goal is not on the object's allowed surface: a defect, found by verification."""
+    """Verification found a contact goal off the object's allowed surface, which is a defect."""
 
 
 def printable(text: str, longest: int = LONGEST_MESSAGE) -> str:
-    """Returns a text as one line that a terminal only prints.
+    """Returns a text as one line of printable characters.
 
-    Characters that move a cursor, break a line or turn the way of writing become escapes.
+    Characters that move a cursor, break a line or change the direction of writing are escaped.
 
     Args:
-        text: Of unknown origin.
-        longest: How many characters of it are kept; the middle is left out.
+        text: Text of unknown origin.
+        longest: Most characters to keep; the middle of a longer text is left out.
     """
     if len(text) > longest:
         half = (longest - len(_LEFT_OUT)) // 2
@@ -69,6 +74,30 @@ def printable(text: str, longest: int = LONGEST_MESSAGE) -> str:
 
 
 def first_line(error: BaseException) -> str:
-    """Returns the first line of what an error says, or its kind if it says nothing."""
+    """Returns the first line of an error's message, or the name of its type if it is empty."""
     lines = (line.strip() for line in str(error).splitlines())
     return next(filter(None, lines), type(error).__name__)
+
+
+def nearest(name: str, names: Iterable[str], label: str = "there are") -> str:
+    """Returns the second half of an error message about an unknown name.
+
+    Args:
+        name: Unknown name.
+        names: Valid names.
+        label: Words before the list of all names, which is used if none resembles `name`.
+    """
+    names = list(names)
+    if close := difflib.get_close_matches(name, names, n=1):
+        return f"did you mean {close[0]}?"
+    return f"{label}: {', '.join(names)}"
+
+
+def one_line(error: BaseException) -> str:
+    """Returns an error in one line: its message, and the type and place of a defect."""
+    if isinstance(error, PregraspError) and (message := " ".join(str(error).split())):
+        return message
+    place = ""
+    if frames := traceback.extract_tb(error.__traceback__):
+        place = f" ({Path(frames[-1].filename).name}:{frames[-1].lineno})"
+    return " ".join(f"{type(error).__name__}: {error}".split()) + place

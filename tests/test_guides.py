@@ -5,6 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from drake_pregrasp.studies.sweep.package_digest import package_digest
+from drake_pregrasp.studies.sweep.rows_file import ROWS
+from drake_pregrasp.studies.sweep.run_maker import RunMaker
+from drake_pregrasp.studies.sweep.study_config import StudyConfig
+from drake_pregrasp.studies.sweep.sweep import SETTINGS as SWEEP_SETTINGS
+from drake_pregrasp.studies.sweep.sweep import STUDY
 from pydrake.math import RigidTransform
 
 from drake_pregrasp import MeasurementVerdict, TrackingStatus, load_scenario, run
@@ -20,13 +26,7 @@ from drake_pregrasp.studies.static_versus_dynamic.picture_figure import PICTURES
 from drake_pregrasp.studies.static_versus_dynamic.report import REPORT
 from drake_pregrasp.studies.static_versus_dynamic.store import OUTCOMES, SETTINGS
 from drake_pregrasp.studies.sweep.measures import MEASURES
-from drake_pregrasp.studies.sweep.package_digest import package_digest
-from drake_pregrasp.studies.sweep.rows_file import ROWS
-from drake_pregrasp.studies.sweep.run_maker import RunMaker
-from drake_pregrasp.studies.sweep.study_config import StudyConfig
 from drake_pregrasp.studies.sweep.study_file import load_study
-from drake_pregrasp.studies.sweep.sweep import SETTINGS as SWEEP_SETTINGS
-from drake_pregrasp.studies.sweep.sweep import STUDY
 
 DOCS = Path(__file__).parent.parent / "docs"
 

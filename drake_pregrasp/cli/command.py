@@ -1,6 +1,7 @@
 """The command `drake-pregrasp`."""
 
 import argparse
+import contextlib
 import logging
 import os
 import sys
@@ -9,18 +10,18 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from drake_pregrasp.cli import run_command, study_commands
-from drake_pregrasp.errors import PregraspError, printable
+from drake_pregrasp.errors import OutputError, PregraspError, printable
+from drake_pregrasp.simulation.output import INTERRUPTED_STATUS
 from drake_pregrasp.simulation.scenario_file import shipped_scenarios
 from drake_pregrasp.simulation.smooth_file import load_estimator, smooth_file
-from drake_pregrasp.studies.interruptible import INTERRUPTED_STATUS
 from drake_pregrasp.version import __version__
 
 BAD_INPUT = 2
-"""Exit status of a command that can't use what it was given."""
+"""Exit status of a command with invalid input, or whose output can't be written."""
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """Says what is wrong in one line, without the usage before it.
+    """Parser that reports an error in one line, without the usage before it.
 
     Attributes:
         add_options: Adds the options of a command when it is given, and not before; none if not
@@ -37,35 +38,63 @@ class OneLineParser(argparse.ArgumentParser):
         return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
-        """Prints what is wrong, and ends the process."""
-        print(f"{self.prog}: {message}", file=sys.stderr)
+        """Prints an error and ends the process."""
+        _print_error(message, self.prog)
         sys.exit(BAD_INPUT)
 
 
 BROKEN_PIPE = 141
-"""Exit status when nobody reads the output any more."""
+"""Exit status of a command whose output nobody reads any more."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Runs the command and returns its exit status: 2 for bad input, 130 if interrupted."""
     logging.getLogger("drake").setLevel(logging.WARNING)
+    has_stdout = _open_standard_streams()
     options = _parser().parse_args(arguments)
     try:
+        if not has_stdout and options.command is _list:
+            raise OutputError("standard output: can't be written: it is closed")
         status: int = options.command(options)
         sys.stdout.flush()
     except KeyboardInterrupt:
-        print("drake-pregrasp: interrupted", file=sys.stderr)
+        _print_error("interrupted")
         return INTERRUPTED_STATUS
-    except PregraspError as error:
-        print(f"drake-pregrasp: {printable(str(error))}", file=sys.stderr)
+    except (PregraspError, SystemExit) as error:  # The latter is a failed demand of Drake's.
+        _print_error(str(error))
         return BAD_INPUT
-    except SystemExit as error:  # So a failed demand of Drake's reaches Python.
-        print(f"drake-pregrasp: {printable(str(error))}", file=sys.stderr)
-        return BAD_INPUT
-    except BrokenPipeError:  # Whoever reads the output, as `head`, has enough of it.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except BrokenPipeError:  # The reader, such as `head`, has ended.
+        _discard_output()
         return BROKEN_PIPE
+    except OSError as error:  # Every other file has its `OutputError`.
+        _discard_output()
+        _print_error(f"standard output: can't be written: {error.strerror}")
+        return BAD_INPUT
     return status
+
+
+def _open_standard_streams() -> bool:
+    """Replaces closed standard streams by the null device; returns whether the output was open.
+
+    Otherwise the next file that is opened would get the number of a standard stream.
+    """
+    has_stdout = sys.stdout is not None
+    while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
+        pass
+    os.close(number)
+    sys.stdout = sys.stdout or open(os.devnull, "w")  # noqa: SIM115
+    sys.stderr = sys.stderr or open(os.devnull, "w")  # noqa: SIM115
+    return has_stdout
+
+
+def _discard_output() -> None:
+    """Keeps Python from writing the rest of the output when it ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _print_error(message: str, prog: str = "drake-pregrasp") -> None:
+    with contextlib.suppress(OSError):
+        print(f"{prog}: {printable(message)}", file=sys.stderr)
 
 
 def _parser() -> argparse.ArgumentParser:

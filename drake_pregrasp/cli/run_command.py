@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from drake_pregrasp.errors import ScenarioError
+from drake_pregrasp.simulation.output import INTERRUPTED_STATUS
 from drake_pregrasp.simulation.run import RunResult, run, write_graphviz
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import validate
@@ -19,14 +20,13 @@ from drake_pregrasp.simulation.scenario_file import load_scenario, only_name
 from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.summary import MEASURES
-from drake_pregrasp.studies.interruptible import INTERRUPTED_STATUS
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.loggers import TickRecord
 
 
 @contextlib.contextmanager
 def stop_on_signals() -> Iterator[Callable[[], bool]]:
-    """Turns the first SIGINT or SIGTERM into a request to stop; a second one ends the process."""
+    """Turns the first SIGINT or SIGTERM into a request to stop; the second ends the process."""
     requested = False
 
     def request(number: int, frame: object) -> None:
@@ -45,7 +45,7 @@ def stop_on_signals() -> Iterator[Callable[[], bool]]:
 
 @contextlib.contextmanager
 def run_bar(scenario: Scenario) -> Iterator[Callable[[TickRecord], None] | None]:
-    """Shows a bar on a terminal, and nothing when the output goes elsewhere."""
+    """Shows a progress bar if the standard error is a terminal."""
     console = Console(stderr=True)
     if not console.is_terminal:
         yield None
@@ -69,22 +69,22 @@ def run_bar(scenario: Scenario) -> Iterator[Callable[[TickRecord], None] | None]
             )
 
         yield on_tick
-        bar.update(task, completed=scenario.simulation_duration)
+        if scenario.simulation_duration - bar.tasks[task].completed < scenario.planner.period:
+            bar.update(task, completed=scenario.simulation_duration)
 
 
 def print_result(result: RunResult, *, recorded: bool) -> None:
-    """Prints a run's measures, its speed, what has gone wrong, and where its files are.
+    """Prints a run's measures, speed and problems, and the place of its files.
 
     Args:
-        result: Of the run.
+        result: Result of the run.
         recorded: Whether there is a recording.
     """
     summary = result.summary
-    for title, phase in (("static", "static"), ("best after", "max")):
-        values = summary[phase]
-        if values["q_msv"] is not None:
-            shown = "   ".join(f"{m.upper()} {values[m]:.4f}" for m in MEASURES)
-            print(f"{title:12}{shown}")
+    if result.replaced:
+        print("replaced    the earlier run in this folder")
+    for line in _measures_in_words(summary):
+        print(line)
     print(
         f"speed       {summary['real_time_factor']:.1f} x real time,"
         f" planning tick {summary['tick_time_p50_ms']:.2f} ms (median)"
@@ -109,6 +109,28 @@ def print_result(result: RunResult, *, recorded: bool) -> None:
         print(f"results in {result.folder}")
 
 
+def _measures_in_words(summary: Mapping[str, Any]) -> Iterator[str]:
+    """Yields the measures before and after adapting, and the reasons to doubt them."""
+    static, best = summary["static"], summary["max"]
+    damage = summary.get("after_damage")
+    if damage is not None and damage["max"]["q_msv"] is not None:
+        yield "damage      fingers are lost: static and best are those of the remaining ones"
+        static, best = damage["static"], damage["max"]
+    for key, words in (
+        ("object_left_at", "left the table"),
+        ("object_lost_at", "was lost for good"),
+    ):
+        if summary[key] is not None:
+            yield f"object      {words} at {summary[key]:g} s: static and best are from before"
+    for title, values in (("static", static), ("best after", best)):
+        if values["q_msv"] is not None:
+            shown = "   ".join(f"{m.upper()} {values[m]:.4f}" for m in MEASURES)
+            yield f"{title:12}{shown}"
+    for name in MEASURES:
+        if None not in (static[name], best[name]) and best[name] < static[name]:
+            yield f"worse       best {name.upper()} is {static[name] - best[name]:.2g} below static"
+
+
 def _grasp_in_words(grasp: Mapping[str, Any]) -> str:
     words = [f"at the end: {grasp['phase']}"]
     if grasp["gave_up"] is not None:
@@ -129,10 +151,12 @@ def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
     """Adds the command to those of `drake-pregrasp`."""
     parser = commands.add_parser("run", help="simulate a scenario and write its run folder")
     parser.set_defaults(command=_run)
-    parser.add_argument("scenario", nargs="?", help="name of a shipped scenario")
-    parser.add_argument("--scenario_file", metavar="FILE", help="YAML file to load it from instead")
     parser.add_argument(
-        "--scenario_name", metavar="NAME", help="its entry in that file; may be left out of one"
+        "scenario", nargs="?", help="name of a shipped scenario, or of an entry of --scenario_file"
+    )
+    parser.add_argument("--scenario_file", metavar="FILE", help="YAML file with scenarios")
+    parser.add_argument(
+        "--scenario_name", metavar="NAME", help="the same as SCENARIO; needed for several entries"
     )
     parser.add_argument(
         "--scenario_text",
@@ -155,6 +179,9 @@ def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
         metavar="FOLDER",
         help="where run folders go; %(default)s if not set",
     )
+    parser.add_argument(
+        "--overwrite", action="store_true", help="replace a run of another scenario"
+    )
     parser.add_argument("--no-recording", action="store_true", help="leave out recording.html")
     parser.add_argument(
         "--graphviz", metavar="FILE", help="write the diagram to this file and don't simulate"
@@ -173,6 +200,7 @@ def _run(options: argparse.Namespace) -> int:
             name=name,
             out=options.out,
             recording=not options.no_recording,
+            overwrite=options.overwrite,
             on_tick=on_tick,
             should_stop=should_stop,
         )
@@ -182,13 +210,9 @@ def _run(options: argparse.Namespace) -> int:
 
 def _load(options: argparse.Namespace) -> tuple[str, Scenario]:
     file: str | None = options.scenario_file
-    name: str | None = options.scenario_name
-    if options.scenario is not None:
-        if file is not None or name is not None:
-            raise ScenarioError(
-                "", options.scenario, "give either a shipped scenario's name or --scenario_file"
-            )
-        name = options.scenario
+    name: str | None = options.scenario or options.scenario_name
+    if options.scenario_name not in (None, name):
+        raise ScenarioError("", name or "", "give one name, here or with --scenario_name")
     if name is None:
         if file is None:
             raise ScenarioError("", "run", "needs a shipped scenario's name, or --scenario_file")

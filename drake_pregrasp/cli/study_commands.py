@@ -22,7 +22,7 @@ _STUDY_COMMANDS = {
         "what goals for a later pose gain on fast objects",
     ),
     "shapes": ("shapes:study_shapes", "whether contacts stay where they may be, on ten shapes"),
-    "faults": ("faults.command", "how the planner stands up to faulty measurements"),
+    "faults": ("faults", "how the planner stands up to faulty measurements"),
     "static-versus-dynamic": (
         "static_versus_dynamic.command",
         "what planning anew gains, in simulated grasps",
@@ -35,6 +35,7 @@ _EXTRA = (
     "jinja2",
     "markupsafe",
     "pandas",
+    "seaborn",
     "statsmodels",
     "tabulate",
     "threadpoolctl",

@@ -9,15 +9,16 @@ import logging
 from collections.abc import Iterator
 from pathlib import Path
 
-from pydrake.multibody.parsing import PackageMap, Parser
+from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
 from drake_pregrasp.config.hand_description import Carrier, HandDescription
 from drake_pregrasp.contacts.assignment import FREE_TURN
+from drake_pregrasp.diagrams.model_files import checked_model
 from drake_pregrasp.errors import InvalidArgumentError, first_line
 from drake_pregrasp.resources import resolve_path, resource_folder
-from drake_pregrasp.robots.robot_models import ROBOTS_URL, robot_model
+from drake_pregrasp.robots.robot_models import ROBOTS_URL, cache_folder, robot_model
 
 
 @contextlib.contextmanager
@@ -31,8 +32,6 @@ def failures_as_errors() -> Iterator[None]:
         raise RuntimeError(error.code) from error
 
 
-_DOWNLOADED = ("drake_models",)
-
 HAND = "hand"
 """The model instance that a hand is, whatever its file calls it."""
 
@@ -44,8 +43,7 @@ def add_hand_model(
 ) -> ModelInstanceIndex:
     """Adds a hand to a plant that isn't finalized, without gravity, as if it were compensated.
 
-    Its meshes may be at `package://` URLs of packages that its file is in, and of those in folders
-    of the environment's ROS_PACKAGE_PATH.
+    Drake's parser reads the models of this package, and checked copies of all others.
 
     Args:
         plant: Where to add it.
@@ -58,10 +56,13 @@ def add_hand_model(
     parser = Parser(plant)
     path = model_path(description.model)
     parser.SetAutoRenaming(True)
+    copy = None if _is_own(path) else checked_model(path)
     try:
-        add_packages(parser.package_map(), path)
         with _said_only_at_success(), failures_as_errors():
-            models = parser.AddModels(str(path))
+            if copy is None:
+                models = parser.AddModels(str(path))
+            else:
+                models = parser.AddModelsFromString(copy.text, copy.kind)
     except (RuntimeError, ValueError) as error:
         problem = first_line(error)
         raise InvalidArgumentError(f"model: {path} is no model of a hand: {problem}") from error
@@ -99,19 +100,10 @@ def _said_only_at_success() -> Iterator[None]:
         logger.handle(record)
 
 
-def add_packages(packages: PackageMap, model: Path) -> None:
-    """Adds what `package://` may name: this package, those a model is in, and those of ROS.
-
-    Those that Drake would download are left out.
-    """
-    for name in packages.GetPackageNames():
-        if name in _DOWNLOADED:
-            packages.Remove(name)
-    packages.AddPackageXml(str(resource_folder("models") / "package.xml"))
-    for folder in model.parents:
-        if (folder / "package.xml").is_file():
-            packages.AddPackageXml(str(folder / "package.xml"))
-    packages.PopulateFromRosPackagePath()
+def _is_own(model: Path) -> bool:
+    """Returns whether a model is shipped with this package, or was made by it."""
+    folders = (resource_folder("models"), cache_folder())
+    return any(model.resolve().is_relative_to(folder.resolve()) for folder in folders)
 
 
 def model_path(model: str) -> Path:
@@ -124,7 +116,7 @@ def model_path(model: str) -> Path:
         InvalidArgumentError: If there is no such file.
     """
     if not model:
-        raise InvalidArgumentError("model: it is empty, and must name an SDF or URDF")
+        raise InvalidArgumentError("model: it is empty, and must name an SDF, a URDF or an MJCF")
     if model.startswith(ROBOTS_URL):
         return robot_model(model)
     path = resolve_path(model, Path.cwd())

@@ -1,140 +1,386 @@
-"""What a hand's model of unknown origin may name: files that are near, of known kinds, not large.
+"""Models of hands of unknown origin: checked, and copied without anything that was not checked.
 
-Drake's parser follows every name that a model holds, to anywhere on this machine. So a model is
-read once before, as text.
+Drake's parser follows every name that a model holds, to anywhere on this machine. So Drake is given
+a copy only: an XML tree of elements and attributes on a list, and meshes that are written anew.
 """
 
-import json
-import re
-import xml.etree.ElementTree as ET
-from collections.abc import Iterator, Sequence
+import functools
+import logging
+import tempfile
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 from pydrake.multibody.parsing import PackageMap
 
-from drake_pregrasp.diagrams.hand_parsing import add_packages
-from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.resources import check_inside, read_bounded, read_bounded_text
+from drake_pregrasp.errors import InvalidArgumentError, first_line, printable
+from drake_pregrasp.geometry.meshes import MAX_FACES, MESH_SUFFIXES, companions, read_pieces
+from drake_pregrasp.resources import check_inside, read_bounded_text, resource_folder
+from drake_pregrasp.robots.robot_meshes import write_obj
+from drake_pregrasp.robots.urdf_mending import DRAKE
 
 MAX_MODEL_BYTES = 5_000_000
 """Bytes of a model."""
 
 MAX_PART_BYTES = 50_000_000
-"""Bytes of a file that a model names."""
+"""Bytes of all mesh files that a model names, together."""
 
-MODEL_SUFFIXES = (".sdf", ".urdf")
-"""What a model's name ends with."""
+MAX_ELEMENTS = 20_000
+"""XML elements of a model."""
 
-PART_SUFFIXES = (".obj", ".mtl", ".gltf", ".glb", ".bin", ".vtk", ".stl", ".dae", ".png", ".jpg")
-"""What the names of files end with that a model names."""
+MAX_DEPTH = 64
+"""Levels of elements in a model."""
 
-_PACKAGES = ("package://", "model://")
-_ATTRIBUTES = ("filename", "file", "uri", "url")
-_MATERIAL_FILE = re.compile(r"^\s*mtllib\s+(.+?)\s*$", re.MULTILINE)
-_TEXTURE_FILE = re.compile(r"^\s*(?:map_\w+|bump|disp|norm|decal|refl)\s.*?(\S+)\s*$", re.MULTILINE)
+MAX_VALUE = 1000
+"""Characters of an attribute, or of the text of an element."""
+
+MAX_LINKS = 200
+"""Links of a model."""
+
+MAX_GEOMETRIES = 1000
+"""Visual and collision geometries of a model, together."""
+
+MAX_OTHERS = 300
+"""Joints of a model; actuators, frames, constraints and collision filters, of each kind."""
+
+MAX_CELLS = 20_000
+"""Sum of (size / resolution hint)² of a model's hydroelastic geometries, which Drake meshes."""
+
+_KINDS = {"sdf": "sdf", "robot": "urdf", "mujoco": "xml"}  # Formats by the tags of roots.
+_MESH_NAMES = {"urdf": "filename", "xml": "file"}  # Attributes; SDF has an element.
+
+_DRAKE_TAGS = """
+    acceleration ball_constraint ball_constraint_body_A ball_constraint_body_B ball_constraint_p_AP
+    ball_constraint_p_BQ bushing_force_damping bushing_force_stiffness bushing_frameA bushing_frameC
+    bushing_torque_damping bushing_torque_stiffness capsule child collision_filter_group
+    compliant_hydroelastic controller_gains damping declare_convex ellipsoid gear_ratio
+    hunt_crossley_dissipation hydroelastic_margin hydroelastic_modulus
+    ignored_collision_filter_group illustration_properties joint linear_bushing_rpy
+    linear_spring_damper linear_spring_damper_body_A linear_spring_damper_body_B
+    linear_spring_damper_damping linear_spring_damper_free_length linear_spring_damper_p_AP
+    linear_spring_damper_p_BQ linear_spring_damper_stiffness member member_group
+    mesh_resolution_hint mimic mu_dynamic mu_static parent perception_properties
+    point_contact_stiffness proximity_properties relaxation_time rigid_hydroelastic rotor_inertia
+    screw_thread_pitch tendon_constraint tendon_constraint_damping tendon_constraint_joint
+    tendon_constraint_lower_limit tendon_constraint_offset tendon_constraint_stiffness
+    tendon_constraint_upper_limit visual
+"""
+_DRAKE = {f"drake:{name}" for name in _DRAKE_TAGS.split()}
+_SDF = """
+    sdf model static pose link inertial mass inertia ixx iyy izz ixy ixz iyz visual collision
+    geometry box size sphere radius cylinder length capsule ellipsoid radii plane normal mesh scale
+    material ambient diffuse specular emissive surface friction ode mu mu2 joint parent child axis
+    axis2 xyz limit lower upper effort velocity stiffness dissipation dynamics damping
+    spring_reference spring_stiffness mimic multiplier offset reference screw_thread_pitch
+    thread_pitch frame
+"""
+_URDF = """
+    robot link inertial origin mass inertia visual collision geometry box sphere cylinder capsule
+    ellipsoid mesh material color joint parent child axis limit dynamics mimic transmission type
+    actuator frame
+"""
+_MJCF = """
+    mujoco compiler default asset mesh material worldbody body geom joint freejoint inertial
+    actuator motor position velocity general equality connect weld contact exclude pair
+"""
+_TAGS: Mapping[str, set[str]] = {
+    "sdf": {*_SDF.split(), *_DRAKE},
+    "urdf": {*_URDF.split(), *_DRAKE},
+    "xml": set(_MJCF.split()),
+}
+"""Elements of each format that are copied; others are left out."""
+
+_REFUSED = {"include", "attach", "heightmap", "image", "hfield", "flexcomp", "composite"}
+"""Elements without which a model would be another one, so that they can't be left out."""
+
+_ATTRIBUTE_NAMES = """
+    name type version relative_to attached_to expressed_in canonical_link joint xyz rpy value ixx
+    iyy izz ixy ixz iyz size radius length link rgba lower upper effort velocity damping friction
+    multiplier offset scale p d enabled ignore a b c drake:acceleration
+    model angle autolimits coordinate eulerseq inertiafromgeom balanceinertia boundmass boundinertia
+    settotalmass inertiagrouprange class childclass pos quat axisangle xyaxes zaxis euler range
+    limited armature stiffness springref ref mass diaginertia fullinertia fromto density contype
+    conaffinity group mesh material kp kv gear ctrlrange ctrllimited forcerange forcelimited
+    inheritrange gainprm biasprm gaintype biastype dyntype body1 body2 geom1 geom2 anchor relpose
+    refpos refquat axis actuatorfrcrange actuatorfrclimited
+"""
+_ATTRIBUTES = set(_ATTRIBUTE_NAMES.split())
+"""Attributes that are copied: those of SDF, URDF and Drake first, then those of MJCF."""
+
+_LINKS = ("link", "body")
+_GEOMETRIES = ("visual", "collision", "geom")
+_OTHERS = """
+    joint freejoint drake:joint frame motor position velocity general transmission connect weld
+    exclude pair default drake:ball_constraint drake:collision_filter_group drake:linear_bushing_rpy
+    drake:linear_spring_damper drake:member drake:tendon_constraint
+"""
+_COUNTED: Mapping[str, tuple[str, int]] = {
+    **dict.fromkeys(_LINKS, ("links", MAX_LINKS)),
+    **dict.fromkeys(_GEOMETRIES, ("geometries", MAX_GEOMETRIES)),
+    **{name: (f"elements <{name}>", MAX_OTHERS) for name in _OTHERS.split()},
+}
 
 
-def check_model_files(model: Path, folders: Sequence[Path]) -> list[Path]:
-    """Raises an error unless all that a model names may be read.
+@dataclass(frozen=True)
+class CheckedModel:
+    """A copy of a model that holds only what was checked.
+
+    Attributes:
+        text: The copy, in XML. The only files that it names are meshes that this process wrote.
+        kind: Its format, as Drake's parser calls it: `sdf`, `urdf` or `xml`.
+        files: Files that the copy was made from, the model first.
+    """
+
+    text: str
+    kind: str
+    files: tuple[Path, ...]
+
+
+_copies: dict[Path, tuple[list[tuple[int, int]], CheckedModel]] = {}
+
+
+def checked_model(model: Path, folders: Sequence[Path] | None = None) -> CheckedModel:
+    """Returns a checked copy of a model: as long as its files stay as they are, the same one.
 
     Args:
-        model: A URDF or SDF.
-        folders: What files may be in, or below, beside the packages that the model is in.
-
-    Returns:
-        The files that it names, whether they are there or not; sorted.
+        model: An SDF, a URDF or an MJCF.
+        folders: Folders that files may be in, or below, beside the packages that the model is in.
+            None: anywhere.
 
     Raises:
-        InvalidArgumentError: If a file is elsewhere, of another kind, or too large; the message
-            names it.
+        InvalidArgumentError: If the model is too large, or names a file that is elsewhere, is too
+            large, or can't be read as a mesh; the message names file, element and value.
     """
-    if model.suffix.lower() not in MODEL_SUFFIXES:
-        kinds = " or ".join(MODEL_SUFFIXES)
-        raise InvalidArgumentError(f"model: {model} is no model of a hand: it must be {kinds}")
-    packages = PackageMap()
-    try:
-        add_packages(packages, model)
-    except RuntimeError as error:
-        raise InvalidArgumentError(f"model: {model}: {error}") from error
-    roots = [Path(packages.GetPath(name)) for name in packages.GetPackageNames()]
-    allowed = [*folders, *roots]
-    check_inside(model, allowed)
-    text = read_bounded_text(model, MAX_MODEL_BYTES)
-    todo = [(model.parent, name) for name in _names_in_xml(model, text)]
-    seen: set[Path] = set()
-    while todo:
-        folder, name = todo.pop()
-        path = _located(model, name, folder, packages).resolve()
-        if path in seen:
-            continue
-        seen.add(path)
-        try:
-            check_inside(path, allowed)
-        except InvalidArgumentError as error:
-            raise InvalidArgumentError(f"model: {model} names {name}: {error}") from error
-        if path.suffix.lower() not in PART_SUFFIXES:
+    packages = find_packages(model)
+    allowed = None if folders is None else [*folders, *packages.values()]
+    if allowed is not None:
+        check_inside(model, allowed)
+    if model not in _copies or _copies[model][0] != _stamps(_copies[model][1].files):
+        copy = _Copier(model, packages, allowed).copy()
+        _copies[model] = _stamps(copy.files), copy
+    copy = _copies[model][1]
+    for file in copy.files if allowed is not None else ():
+        check_inside(file, allowed or ())
+    return copy
+
+
+def _stamps(files: Sequence[Path]) -> list[tuple[int, int]]:
+    found = [file.stat() for file in files if file.exists()]
+    return [(stat.st_mtime_ns, stat.st_size) for stat in found]
+
+
+def find_packages(model: Path) -> dict[str, Path]:
+    """Returns the folders of the packages that a model may name, by the packages' names.
+
+    Those are this package, packages that the model is in, and packages of the environment's
+    ROS_PACKAGE_PATH.
+
+    Raises:
+        InvalidArgumentError: If a `package.xml` above the model can't be read.
+    """
+    others = PackageMap.MakeEmpty()
+    others.PopulateFromRosPackagePath()
+    found = {name: Path(others.GetPath(name)) for name in others.GetPackageNames()}
+    for folder in reversed(model.parents):
+        file = folder / "package.xml"
+        if file.is_file():
+            found[(_parse(file).findtext("name") or "").strip()] = folder
+    return {**found, "drake_pregrasp": resource_folder("models")}
+
+
+class _BoundedTree(ElementTree.TreeBuilder):
+    """Builds a tree of bounded size, without comments, processing instructions and entities."""
+
+    _count = _depth = 0
+
+    def start(self, tag: str, attributes: dict[str, str], /) -> Element:
+        self._count += 1
+        self._depth += 1
+        if self._count > MAX_ELEMENTS or self._depth > MAX_DEPTH:
             raise InvalidArgumentError(
-                f"model: {model} names {name}, which must be one of: {', '.join(PART_SUFFIXES)}"
+                f"more than {MAX_ELEMENTS} elements, or {MAX_DEPTH} levels of them; leave some out"
             )
-        if path.exists():
-            todo += [(path.parent, inner) for inner in names_in_part(path)]
-    return sorted(seen)
+        return super().start(tag, attributes)
+
+    def end(self, tag: str, /) -> Element:
+        self._depth -= 1
+        return super().end(tag)
+
+    def doctype(self, name: str, *_: object) -> None:
+        raise InvalidArgumentError(f"it has a DOCTYPE, {name}; leave it out")
 
 
-def _names_in_xml(model: Path, text: str) -> Iterator[str]:
-    if "<!DOCTYPE" in text:
-        raise InvalidArgumentError(f"model: {model} has a DOCTYPE, which no model needs")
+def _parse(file: Path) -> Element:
+    text = read_bounded_text(file, MAX_MODEL_BYTES)
     try:
-        root = ET.fromstring(text)
-    except (ET.ParseError, ValueError) as error:
-        raise InvalidArgumentError(f"model: {model} is no model of a hand: {error}") from error
-    for element in root.iter():
-        tag = _local(str(element.tag))
-        if tag == "include":
-            raise InvalidArgumentError(f"model: {model} includes others; write them into one file")
-        if (tag == "uri" or tag.endswith("_map")) and (element.text or "").strip():
-            yield str(element.text).strip()
-        for name, value in element.attrib.items():
-            if _local(name) in _ATTRIBUTES and tag != "plugin":
-                yield value.strip()
+        return ElementTree.fromstring(text, ElementTree.XMLParser(target=_BoundedTree()))
+    except (ElementTree.ParseError, ValueError) as error:
+        raise InvalidArgumentError(f"{file} is no model of a hand: {first_line(error)}") from error
 
 
-def names_in_part(path: Path) -> list[str]:
-    """Returns what a mesh names: buffers, materials and textures.
+class _Copier:
+    """Copies a model once.
 
-    Raises:
-        InvalidArgumentError: If it can't be read.
+    Args:
+        model: The model.
+        packages: Folders of the packages that it may name, by their names.
+        allowed: Folders that files may be in, or None for anywhere.
     """
-    data = read_bounded(path, MAX_PART_BYTES)
-    kind = path.suffix.lower()
-    text = data.decode("utf-8", errors="replace")
-    if kind == ".obj":
-        return _MATERIAL_FILE.findall(text)
-    if kind == ".mtl":
-        return _TEXTURE_FILE.findall(text)
-    if kind != ".gltf":
-        return []
-    try:
-        tree = json.loads(text)
-        parts = [*tree.get("buffers", []), *tree.get("images", [])]
-        uris = [str(part["uri"]) for part in parts if "uri" in part]
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise InvalidArgumentError(f"{path} can't be read as glTF: {error}") from error
-    return [uri for uri in uris if not uri.startswith("data:")]
+
+    def __init__(
+        self, model: Path, packages: Mapping[str, Path], allowed: Sequence[Path] | None
+    ) -> None:
+        self._model, self._packages, self._allowed = model, packages, allowed
+        self._folder, self._strips_path = model.parent, False  # Of the names of meshes.
+        self._counts: Counter[str] = Counter()
+        self._cells = 0.0
+        self._meshes: dict[Path, Path] = {}
+        self._files = [model]
+        self._left_out: set[str] = set()
+
+    def copy(self) -> CheckedModel:
+        """Returns the copy."""
+        try:
+            root = _parse(self._model)
+        except InvalidArgumentError as error:
+            raise InvalidArgumentError(f"model: {error}") from error
+        if root.tag not in _KINDS:
+            raise self._error(
+                f"is no model of a hand: its root is <{root.tag}>; it must be <sdf>, <robot> (URDF)"
+                " or <mujoco> (MJCF)"
+            )
+        self._kind = _KINDS[root.tag]
+        for compiler in root.iter("compiler"):
+            self._folder /= compiler.get("meshdir", compiler.get("assetdir", ""))
+            self._strips_path |= compiler.get("strippath") == "true"
+        copied = Element(root.tag, {"xmlns:drake": DRAKE})
+        self._fill(copied, root)
+        if self._left_out:
+            logging.getLogger(__name__).warning(
+                "%s: a hand needs none of these elements, they are left out: %s",
+                self._model,
+                printable(", ".join(sorted(self._left_out)), MAX_VALUE),
+            )
+        text = ElementTree.tostring(copied, encoding="unicode")
+        return CheckedModel(text, self._kind, tuple(self._files))
+
+    def _error(self, problem: str) -> InvalidArgumentError:
+        return InvalidArgumentError(f"model: {self._model} {problem}")
+
+    def _fill(self, copied: Element, element: Element) -> None:
+        """Copies what is allowed of an element's attributes, text and children."""
+        for name, value in element.attrib.items():
+            if _plain(name) in _ATTRIBUTES:
+                copied.set(_plain(name), self._value(copied, value))
+        copied.text = self._value(copied, element.text or "")
+        for child in element:
+            tag = _plain(child.tag)
+            if tag in _REFUSED:
+                raise self._error(f"has <{tag}>; write out what it stands for, in the same file")
+            if tag not in _TAGS[self._kind]:
+                self._left_out.update({tag} - {"uri"})  # Of meshes, which get another one.
+                continue
+            what, most = _COUNTED.get(tag, ("", MAX_ELEMENTS))
+            self._counts[what] += 1
+            if self._counts[what] > most:
+                raise self._error(f"has more than {most} {what}; leave some out")
+            self._fill(ElementTree.SubElement(copied, tag), child)
+        if copied.tag == "mesh":
+            self._copy_mesh(copied, element)
+        if copied.tag == "collision":
+            self._check_resolution(copied)
+
+    def _value(self, element: Element, value: str) -> str:
+        value = value.strip()
+        if len(value) > MAX_VALUE:
+            size = f"{len(value)} characters; at most {MAX_VALUE}"
+            raise self._error(f"has <{element.tag}> with a value of {size}")
+        return value
+
+    def _copy_mesh(self, copied: Element, element: Element) -> None:
+        """Names a new mesh file in place of the one that an element names."""
+        key = _MESH_NAMES.get(self._kind)
+        name = (element.get(key) if key else element.findtext("uri")) or ""
+        name = self._value(copied, name)
+        if not name:  # As among the defaults of MJCF.
+            return
+        path = self._located(name).resolve()
+        if path not in self._meshes:
+            self._meshes[path] = self._write_mesh(name, path)
+        written = self._meshes[path]
+        if key:
+            copied.set(key, str(written) if self._kind == "xml" else written.as_uri())
+        else:
+            ElementTree.SubElement(copied, "uri").text = written.as_uri()
+        if self._kind == "xml":
+            copied.set("name", element.get("name", Path(name).stem))
+
+    def _located(self, name: str) -> Path:
+        scheme, separator, rest = name.partition("://")
+        if separator and scheme in ("package", "model"):
+            package, _, rest = rest.partition("/")
+            if package not in self._packages:
+                raise self._error(f"names {name}: no such package is here")
+            return self._packages[package] / rest
+        path = name.removeprefix("file://")
+        if "://" in path or "\0" in path:
+            raise self._error(f"names {name}: only files and packages are read")
+        return self._folder / (Path(path).name if self._strips_path else path)
+
+    def _write_mesh(self, name: str, path: Path) -> Path:
+        try:
+            if self._allowed is not None:
+                check_inside(path, self._allowed)
+            if path.suffix.lower() not in MESH_SUFFIXES:
+                raise InvalidArgumentError(f"it must be one of: {', '.join(MESH_SUFFIXES)}")
+            files = [path, *companions(path)]
+            self._files += files
+            self._counts["bytes"] += sum(file.stat().st_size for file in files if file.is_file())
+            if self._counts["bytes"] > MAX_PART_BYTES:
+                raise InvalidArgumentError(f"all meshes have more than {MAX_PART_BYTES} bytes")
+            pieces = read_pieces(path, colors=True)
+            self._counts["faces"] += sum(len(piece.mesh.faces) for piece in pieces)
+            if self._counts["faces"] > MAX_FACES:
+                raise InvalidArgumentError(f"all meshes have more than {MAX_FACES} triangles")
+        except (InvalidArgumentError, OSError) as error:
+            raise self._error(f"names {name}: {error}") from error
+        return write_obj(pieces, Path(tempfile.mkdtemp(dir=_folder())) / "mesh.obj")
+
+    def _check_resolution(self, collision: Element) -> None:
+        parts = [part for shape in collision.iter("geometry") for part in shape.iter()]
+        size = max((abs(n) for part in parts for n in _numbers(part)), default=0.0)
+        for hint in collision.iter("drake:mesh_resolution_hint"):
+            for number in _numbers(hint):
+                self._cells += (size / max(number, 1e-9)) ** 2
+                if not self._cells <= MAX_CELLS:
+                    raise self._error(
+                        f"has <drake:mesh_resolution_hint> of {number:g} m for a geometry of"
+                        f" {size:g} m; the sum of (size / hint)² must be at most {MAX_CELLS}"
+                    )
 
 
-def _located(model: Path, name: str, folder: Path, packages: PackageMap) -> Path:
-    for scheme in _PACKAGES:
-        if name.startswith(scheme):
-            package, _, rest = name.removeprefix(scheme).partition("/")
-            if packages.Contains(package):
-                return Path(packages.GetPath(package)) / rest
-            raise InvalidArgumentError(f"model: {model} names {name}: no such package is here")
-    path = name.removeprefix("file://")
-    if "://" in path or "\0" in path:
-        raise InvalidArgumentError(f"model: {model} names {name}: only files and packages are read")
-    return folder / path
+def _plain(name: str) -> str:
+    """Returns a name with the prefix `drake:` for Drake's namespace; others stay as they are."""
+    space, _, local = name.rpartition("}")
+    return f"drake:{local}" if space.endswith("drake.mit.edu") else name
 
 
-def _local(name: str) -> str:
-    return name.rpartition("}")[2]
+def _numbers(element: Element) -> Iterator[float]:
+    for word in " ".join([element.text or "", *element.attrib.values()]).split():
+        try:
+            yield float(word)
+        except ValueError:
+            continue
+
+
+@functools.cache
+def _folder() -> str:
+    """Returns a folder for meshes that is removed when this process ends."""
+    _kept.append(tempfile.TemporaryDirectory(prefix="drake_pregrasp-"))
+    return _kept[0].name
+
+
+_kept: list[tempfile.TemporaryDirectory[str]] = []

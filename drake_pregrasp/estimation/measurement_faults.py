@@ -1,10 +1,10 @@
-"""When measurements are taken, lost, frozen, and when they arrive.
+"""Faults of a simulated pose sensor: wrong, lost, frozen and delayed measurements.
 
-Each is a function of the seed and the tick. While faults don't act, a measurement is taken at each
-tick, and arrives at once.
+Each fault is a function of the seed and the tick. While faults do not act, a measurement is taken
+at each tick, and arrives at once.
 """
 
-from typing import NamedTuple
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,31 +20,6 @@ from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.ticks import first_tick
 
 
-class Disturbance(NamedTuple):
-    """The measured pose M of the object O is p_WM = p_WO + offset, R_WM = turn R_WO.
-
-    Attributes:
-        offset: In W, shape (3,), in metres.
-        turn: In W, shape (3, 3).
-    """
-
-    offset: FloatArray
-    turn: FloatArray
-
-
-def white_disturbance(
-    noise: FloatArray, position_std: float, orientation_std: float
-) -> Disturbance:
-    """Returns what noise does to a pose: offset = position_std n, turn = Exp(orientation_std n).
-
-    Args:
-        noise: Numbers n without unit, three for the position and three for the orientation.
-        position_std: Their scale for the position, in metres.
-        orientation_std: Their scale for the orientation, in radians.
-    """
-    return Disturbance(position_std * noise[:3], rotation_matrix(orientation_std * noise[3:]))
-
-
 def faulty_disturbance(
     noise: FloatArray,
     position_std: float,
@@ -53,53 +28,51 @@ def faulty_disturbance(
     *,
     tick: int,
     seed: int,
-) -> Disturbance:
-    """Returns what noise and faults do to a pose that is measured while faults act.
+) -> tuple[FloatArray, FloatArray]:
+    """Returns the offset, shape (3,), and the turn, shape (3, 3), of a measurement with faults.
 
-    With the noise n times its factor, bias b, an outlier o, and the same for the orientation,
+    The measured pose M of the object O is p_WM = p_WO + offset, R_WM = turn R_WO. With the scaled
+    noise n, bias b, an outlier o, and the same for the orientation,
 
         offset = position_std n + b + o,  turn = Exp(o_R) Exp(orientation_std n_R) Exp(b_R).
 
-    A quaternion of the other sign stands for the same rotation, so no rotation matrix can show a
-    sign flip; it is put on the quaternion of the turn, which negates that of the whole orientation.
-    A measurement that is not a number is so in all its numbers.
+    Both signs of a quaternion are the same rotation, so no rotation matrix can show a sign flip: it
+    acts on the quaternion of the turn, which negates that of the whole orientation. An invalid
+    measurement is NaN in all its numbers.
 
     Args:
-        noise: Standard normal numbers, shape (6,).
+        noise: Standard normal numbers, shape (6,), three each for position and orientation.
         position_std: Standard deviation per axis, or the scale of Student's t, in metres.
         orientation_std: The same for the orientation's rotation vector, in radians.
-        faults: What goes wrong. Those that concern time are `SensorMemory`'s.
+        faults: Faults that act; `next_memory` applies those that concern time.
         tick: Index of the planning tick.
-        seed: Of the random numbers.
+        seed: Seed of the random numbers.
     """
+    if fault_generator(seed, tick, FaultChannel.NAN).random() < faults.nan_probability:
+        return np.full(3, np.nan), np.full((3, 3), np.nan)
     if faults.degrees_of_freedom:
-        noise = _heavy_tailed(noise, faults.degrees_of_freedom, tick, seed)
-    offset, turn = white_disturbance(faults.noise_factor * noise, position_std, orientation_std)
-    offset = offset + np.asarray(faults.position_bias)
+        # A normal vector over the root of a chi-square number by its degrees of freedom is a vector
+        # of the multivariate t (Lange, Little & Taylor, "Robust statistical modeling using the t
+        # distribution", 1989). Position and orientation have a chi-square number each.
+        tails = fault_generator(seed, tick, FaultChannel.TAILS)
+        squares = tails.chisquare(faults.degrees_of_freedom, size=2)
+        noise = noise / np.repeat(np.sqrt(squares / faults.degrees_of_freedom), 3)
+    noise = faults.noise_factor * noise
+    offset = position_std * noise[:3] + np.asarray(faults.position_bias)
+    turn = rotation_matrix(orientation_std * noise[3:])
     turn = turn @ rotation_matrix(np.asarray(faults.orientation_bias, dtype=float))
     outliers = fault_generator(seed, tick, FaultChannel.OUTLIERS)
     if outliers.random() < faults.outlier_probability:
         offset = offset + faults.outlier_position * _direction(outliers)
         turn = rotation_matrix(faults.outlier_orientation * _direction(outliers)) @ turn
     if faults.sign_flip_probability:
-        draw = fault_generator(seed, tick, FaultChannel.SIGN_FLIPS).random()
-        turn = _by_quaternion(turn, flipped=draw < faults.sign_flip_probability)
-    if fault_generator(seed, tick, FaultChannel.NAN).random() < faults.nan_probability:
-        return Disturbance(np.full(3, np.nan), np.full((3, 3), np.nan))
-    return Disturbance(offset, turn)
-
-
-def _heavy_tailed(noise: FloatArray, degrees_of_freedom: float, tick: int, seed: int) -> FloatArray:
-    """Returns numbers of Student's t in place of standard normal ones, shape (6,).
-
-    A normal vector over the root of a chi-square number by its degrees of freedom is a vector of
-    the multivariate t (Lange, Little & Taylor, "Robust statistical modeling using the t
-    distribution", 1989): each number has Student's t, and no direction is preferred. Position and
-    orientation have a chi-square number each.
-    """
-    generator = fault_generator(seed, tick, FaultChannel.TAILS)
-    scales = np.sqrt(generator.chisquare(degrees_of_freedom, size=2) / degrees_of_freedom)
-    return np.asarray(noise / np.repeat(scales, 3))
+        is_flipped = (
+            fault_generator(seed, tick, FaultChannel.SIGN_FLIPS).random()
+            < faults.sign_flip_probability
+        )
+        quaternion = Rotation.from_matrix(turn).as_quat()
+        turn = Rotation.from_quat(-quaternion if is_flipped else quaternion).as_matrix()
+    return offset, turn
 
 
 def _direction(generator: np.random.Generator) -> FloatArray:
@@ -108,37 +81,31 @@ def _direction(generator: np.random.Generator) -> FloatArray:
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _by_quaternion(turn: FloatArray, *, flipped: bool) -> FloatArray:
-    """Returns a rotation by way of its quaternion, whose sign is flipped before it comes back."""
-    quaternion = Rotation.from_matrix(turn).as_quat()
-    return np.asarray(Rotation.from_quat(-quaternion if flipped else quaternion).as_matrix())
-
-
 def is_taken(tick: int, faults: MeasurementFaults, period: float) -> bool:
     """Returns whether a measurement is taken at a tick.
 
-    Turn n is at n * sample_period, and its measurement is taken at the first tick that isn't
-    earlier.
+    Measurement n is due at n * sample_period, and is taken at the first tick from then on.
 
     Args:
-        tick: Its index.
-        faults: Of which the sample period counts, at least `period`; with 0 each tick has one.
+        tick: Index of the tick.
+        faults: Faults of the sensor, with the sample period; each tick has a measurement if it
+            is 0.
         period: Seconds between ticks.
     """
     if not faults.sample_period or not faults.act_at(tick, period):
         return True
-    turn = first_tick(tick * period, faults.sample_period)
-    return tick in (first_tick(n * faults.sample_period, period) for n in (turn - 1, turn))
+    n = first_tick(tick * period, faults.sample_period)
+    return tick in (first_tick(k * faults.sample_period, period) for k in (n - 1, n))
 
 
 def arrival_tick(tick: int, faults: MeasurementFaults, period: float, seed: int) -> int:
-    """Returns at which tick a measurement arrives: the first one after delay and jitter.
+    """Returns the tick at which a measurement arrives: the first one after delay and jitter.
 
     Args:
-        tick: Index of the tick at which it is taken.
-        faults: Of which delay and jitter count.
+        tick: Index of the tick at which the measurement is taken.
+        faults: Faults of the sensor, with delay and jitter.
         period: Seconds between ticks.
-        seed: Of the random numbers.
+        seed: Seed of the random numbers.
     """
     if not faults.act_at(tick, period):
         return tick
@@ -147,18 +114,12 @@ def arrival_tick(tick: int, faults: MeasurementFaults, period: float, seed: int)
 
 
 def is_frozen(tick: int, faults: MeasurementFaults, period: float, seed: int) -> bool:
-    """Returns whether the value is frozen at a tick.
-
-    Args:
-        tick: Its index.
-        faults: Of which `freeze_rate` and `freeze_duration` count.
-        period: Seconds between ticks.
-        seed: Of the random numbers.
-    """
+    """Returns whether the sensor repeats an old value at a tick; arguments as in `arrival_tick`."""
+    rate, duration = faults.freeze_rate, faults.freeze_duration
     return faults.act_at(tick, period) and in_burst(
         tick,
-        rate=faults.freeze_rate,
-        duration=faults.freeze_duration,
+        rate=rate,
+        duration=duration,
         period=period,
         seed=seed,
         channel=FaultChannel.FREEZING,
@@ -166,19 +127,114 @@ def is_frozen(tick: int, faults: MeasurementFaults, period: float, seed: int) ->
 
 
 def is_occluded(tick: int, faults: MeasurementFaults, period: float, seed: int) -> bool:
-    """Returns whether a measurement of a tick is lost.
-
-    Args:
-        tick: Its index.
-        faults: Of which `dropout_rate` and `dropout_duration` count.
-        period: Seconds between ticks.
-        seed: Of the random numbers.
-    """
+    """Returns whether a measurement at a tick is lost; arguments as in `arrival_tick`."""
+    rate, duration = faults.dropout_rate, faults.dropout_duration
     return faults.act_at(tick, period) and in_burst(
         tick,
-        rate=faults.dropout_rate,
-        duration=faults.dropout_duration,
+        rate=rate,
+        duration=duration,
         period=period,
         seed=seed,
         channel=FaultChannel.DROPOUTS,
+    )
+
+
+POSE_SIZE = 12
+"""Numbers of a pose: its rotation matrix and its position side by side, by rows."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorMemory:
+    """State of the sensor after a tick.
+
+    Attributes:
+        tick: Index of the tick; -inf before the first.
+        stamp: Time of the measurement that arrived last, in seconds; -inf if none has.
+        pose: Pose of the measurement that arrived last, shape (12,); NaN if there is none.
+        is_frozen: Whether a value is repeated.
+        frozen: The value that is repeated, shape (12,).
+        under_way: Measurements that have not arrived, shape (capacity, 14): time of each, in
+            seconds, index of the tick at which it arrives, and pose; infinite where there is none.
+    """
+
+    tick: float
+    stamp: float
+    pose: FloatArray
+    is_frozen: bool
+    frozen: FloatArray
+    under_way: FloatArray
+
+    @staticmethod
+    def empty(faults: MeasurementFaults, period: float) -> "SensorMemory":
+        """Returns the state before the first tick.
+
+        Args:
+            faults: Faults of the sensor; delay and jitter bound the number of measurements under
+                way.
+            period: Seconds between ticks.
+        """
+        capacity = first_tick(faults.delay + faults.jitter, period)
+        no_pose = np.full(POSE_SIZE, np.nan)
+        under_way = np.full((capacity, 2 + POSE_SIZE), np.inf)
+        return SensorMemory(-np.inf, -np.inf, no_pose, False, no_pose, under_way)
+
+
+def next_memory(
+    memory: SensorMemory,
+    pose: FloatArray,
+    *,
+    time: float,
+    tick: int,
+    faults: MeasurementFaults,
+    period: float,
+    seed: int,
+) -> SensorMemory:
+    """Returns the state of the sensor after a tick.
+
+    1. A measurement is taken at this tick, or not.
+    2. While the value is frozen, it is that of the burst's first measurement, with a new time.
+    3. While the object is occluded, the measurement is lost.
+    4. The measurement arrives at the first tick after delay and jitter. If several arrive at one
+       tick, the one that was taken last counts. One that was overtaken, as a later one has arrived
+       at an earlier tick, counts only if `out_of_order`.
+
+    If the memory is of this tick or a later one, the sensor starts anew. Nothing is measured at
+    ticks that were skipped, and no value stays frozen over them.
+
+    Args:
+        memory: State after the tick before.
+        pose: Measured pose at this tick, shape (12,).
+        time: Time of the tick, in seconds.
+        tick: Index of the tick.
+        faults: Faults of the sensor.
+        period: Seconds between ticks.
+        seed: Seed of the random numbers.
+    """
+    if memory.tick >= tick:
+        memory = SensorMemory.empty(faults, period)
+    taken = is_taken(tick, faults, period)
+    frozen = memory.frozen if memory.is_frozen and memory.tick == tick - 1 else None
+    if not is_frozen(tick, faults, period, seed):
+        frozen = None
+    elif frozen is None and taken:
+        frozen = pose
+    sent = memory.under_way
+    if taken and not is_occluded(tick, faults, period, seed):
+        arrival = arrival_tick(tick, faults, period, seed)
+        sent = np.vstack([sent, np.r_[time, arrival, pose if frozen is None else frozen]])
+    has_arrived = sent[:, 1] <= tick
+    arrived = sent[has_arrived]
+    if len(arrived):
+        last = arrived[np.argmax(arrived[:, 0])]
+        if faults.out_of_order or last[0] > memory.stamp:
+            memory = replace(memory, stamp=float(last[0]), pose=last[2:])
+    waiting = sent[~has_arrived & np.isfinite(sent[:, 1])]
+    under_way = np.full_like(memory.under_way, np.inf)
+    under_way[: len(waiting)] = waiting
+    return replace(
+        memory,
+        tick=float(tick),
+        is_frozen=frozen is not None,
+        frozen=np.full(POSE_SIZE, np.nan) if frozen is None else frozen,
+        under_way=under_way,
     )

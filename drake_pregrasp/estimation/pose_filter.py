@@ -1,29 +1,22 @@
 """Kalman filter on the centre of mass and error-state filter on the orientation of a moving object.
 
-Both assume a constant velocity disturbed by white acceleration noise, and the first one gravity, if
-there is any. W is the world with z up, O the object, CoM its centre of mass; all vectors are
+Both assume a constant velocity disturbed by white acceleration noise; the filter of the position
+also knows gravity. W is the world with z up, O the object, CoM its centre of mass; all vectors are
 expressed in W.
-
-W is the world with z up, O the object, CoM its centre of mass; all vectors are expressed in W.
 """
 
 import math
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import ClassVar
 
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray, number_or_nan
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.rotations import (
-    left_jacobian,
-    rotation_matrix,
-    rotation_vector,
-)
+from drake_pregrasp.geometry.rotations import left_jacobian, rotation_matrix, rotation_vector
 
-# The least value of an assumption, and what it has to be in words.
+# Least value of each assumption, and its range in words.
 _POSITIVE = (math.ulp(0.0), "finite and above 0")
 _NOT_NEGATIVE = (0.0, "finite and at least 0")
 _FINITE = (-sys.float_info.max, "finite")
@@ -32,21 +25,24 @@ _LIMITS = {"position": _POSITIVE, "orientation": _POSITIVE, "gravity": _FINITE}
 
 @dataclass(frozen=True)
 class PoseFilterNoise:
-    """What the filter assumes of measurements and motion; standard deviations are per axis.
+    """Noise and motion that the filter assumes; standard deviations are per axis.
 
     Attributes:
-        position: Of a measured position, in metres, above 0.
-        orientation: Of a measured orientation, as a rotation vector, in radians, above 0.
+        position: Standard deviation of a measured position, in metres, above 0.
+        orientation: Standard deviation of a measured orientation, as a rotation vector, in radians,
+            above 0.
         acceleration: Square root of the white linear acceleration's density, in m/s²/sqrt(Hz).
-        angular_acceleration: The same for the angular acceleration, in rad/s²/sqrt(Hz).
-        initial_velocity: Of the object's velocity before the first measurement, in m/s.
-        initial_angular_velocity: The same for its angular velocity, in rad/s.
+        angular_acceleration: Square root of the white angular acceleration's density, in
+            rad/s²/sqrt(Hz).
+        initial_velocity: Standard deviation of the velocity before the first measurement, in m/s.
+        initial_angular_velocity: Standard deviation of the angular velocity before the first
+            measurement, in rad/s.
         gravity: Mean acceleration of the object, along -z of W, in m/s²: 0 for an object that
             something carries, about 9.81 for one in free flight, negative for one that rises.
 
     Raises:
-        InvalidArgumentError: If one isn't finite, or `position` or `orientation` not above 0, or
-            another one but `gravity` below 0.
+        InvalidArgumentError: If a value is not finite, if `position` or `orientation` is not above
+            0, or if another value but `gravity` is below 0.
     """
 
     position: float
@@ -65,16 +61,32 @@ class PoseFilterNoise:
 
 
 @dataclass(frozen=True, eq=False)
-class PoseBelief:
-    """What is believed of the object's pose and twist at one time.
+class PoseMeasurement:
+    """A measured pose.
 
     Attributes:
-        time: Time the belief is for, in seconds; -inf before the first measurement.
+        time: When the pose was measured, in seconds; -inf if there is no measurement.
+        p_WCoM: Centre of mass that the measured pose implies, shape (3,), in metres.
+        R_WO: Measured orientation, shape (3, 3).
+    """
+
+    time: float
+    p_WCoM: FloatArray
+    R_WO: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PoseBelief:
+    """Estimate of the object's pose and twist at one time.
+
+    Attributes:
+        time: Time of the estimate, in seconds; -inf before the first measurement.
         p_WCoM: Mean of the centre of mass, shape (3,), in metres.
         v_WCoM: Mean of its velocity, shape (3,), in m/s.
         R_WO: Mean orientation, shape (3, 3).
         w_WO: Mean angular velocity, shape (3,), in rad/s.
-        P_position: Covariance of (p_WCoM, v_WCoM), shape (6, 6).
+        P_position: Covariance of (p_WCoM, v_WCoM), shape (6, 6); its upper left block is Sigma of
+            Eq. 3.
         P_orientation: Covariance of the errors (theta, w_WO), shape (6, 6), where the true
             orientation is Exp(theta) R_WO with theta expressed in W.
     """
@@ -87,101 +99,55 @@ class PoseBelief:
     P_position: FloatArray
     P_orientation: FloatArray
 
-    SIZE: ClassVar[int] = 91
-    """How many numbers its vector form has."""
-
-    @property
-    def p_WCoM_covariance(self) -> FloatArray:
-        """Covariance Sigma of the centre of mass, shape (3, 3), in m² (Eq. 3)."""
-        return self.P_position[:3, :3]
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether no measurement has been taken yet."""
-        return bool(self.time == -np.inf)
-
-    @staticmethod
-    def empty() -> "PoseBelief":
-        """Returns the belief before the first measurement."""
-        zero, covariance = np.zeros(3), np.zeros((6, 6))
-        return PoseBelief(-np.inf, zero, zero, np.eye(3), zero, covariance, covariance)
-
-    @property
-    def parts(self) -> list[FloatArray]:
-        """What its vector form has, one after another; `SIZE` numbers in all."""
-        return [
-            np.array([self.time]),
-            self.p_WCoM,
-            self.v_WCoM,
-            self.R_WO.ravel(),
-            self.w_WO,
-            self.P_position.ravel(),
-            self.P_orientation.ravel(),
-        ]
-
-    def to_vector(self) -> FloatArray:
-        """Returns the belief as one vector."""
-        return np.concatenate(self.parts)
-
-    @staticmethod
-    def from_vector(vector: FloatArray) -> "PoseBelief":
-        """Inverse of `to_vector`."""
-        return PoseBelief(
-            time=float(vector[0]),
-            p_WCoM=vector[1:4],
-            v_WCoM=vector[4:7],
-            R_WO=vector[7:16].reshape(3, 3),
-            w_WO=vector[16:19],
-            P_position=vector[19:55].reshape(6, 6),
-            P_orientation=vector[55:91].reshape(6, 6),
-        )
-
 
 _I, _I6 = np.eye(3), np.eye(6)
 _DRIFT, _MIXED, _RATE = (
     np.kron(np.array(block), _I) for block in ([[1, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]])
-)  # Where dt³/3, dt²/2 and dt stand in the process noise.
-_UPPER = np.kron(np.array([[0, 1], [0, 0]]), _I)  # Where dt stands in a transition.
-_TWO_I6 = np.array([_I6, _I6])
+)  # Places of dt³/3, dt²/2 and dt in the process noise.
+_UPPER = np.kron(np.array([[0, 1], [0, 0]]), _I)  # Place of dt in a transition.
+
+NO_MEASUREMENT = PoseMeasurement(-math.inf, np.zeros(3), _I)
+"""Stands for a measurement that is not there."""
+
+NO_BELIEF = PoseBelief(
+    -math.inf, np.zeros(3), np.zeros(3), _I, np.zeros(3), np.zeros((6, 6)), np.zeros((6, 6))
+)
+"""Stands for the belief before the first measurement."""
 
 
 def first_belief(
-    time: float,
-    p_WCoM: FloatArray,
-    R_WO: FloatArray,
-    noise: PoseFilterNoise,
-    p_OCoM: FloatArray | None = None,
+    measurement: PoseMeasurement, noise: PoseFilterNoise, p_OCoM: FloatArray | None = None
 ) -> PoseBelief:
-    """Returns the belief after the first measurement: at rest, with the stated uncertainty.
+    """Returns the belief after the first measurement: at rest, with the initial uncertainty.
 
     Args:
-        time: When it was measured, in seconds.
-        p_WCoM: Where the measured pose puts the centre of mass, shape (3,), in metres.
-        R_WO: The measured orientation, shape (3, 3).
-        noise: What the filter assumes.
-        p_OCoM: See `measurement_covariance`.
+        measurement: The first measured pose.
+        noise: Noise and motion that the filter assumes.
+        p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
     """
-    P_position = _diagonal(0.0, noise.initial_velocity)
-    P_position[:3, :3] = measurement_covariance(R_WO, noise, p_OCoM)
+    P_position = np.diag(np.repeat([0.0, noise.initial_velocity**2], 3))
+    P_position[:3, :3] = position_covariance(measurement.R_WO, noise, p_OCoM)
     return PoseBelief(
-        time=time,
-        p_WCoM=p_WCoM,
+        time=measurement.time,
+        p_WCoM=measurement.p_WCoM,
         v_WCoM=np.zeros(3),
-        R_WO=R_WO,
+        R_WO=measurement.R_WO,
         w_WO=np.zeros(3),
         P_position=P_position,
-        P_orientation=_diagonal(noise.orientation, noise.initial_angular_velocity),
+        P_orientation=np.diag(
+            np.repeat([noise.orientation**2, noise.initial_angular_velocity**2], 3)
+        ),
     )
 
 
 def predict(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief:
-    """Carries a belief `dt` seconds forward; its covariance grows accordingly.
+    """Returns the belief `dt` seconds later, without a measurement: its covariance grows.
 
     Raises:
-        InvalidArgumentError: If `dt` is negative: knowledge can't be taken back.
+        InvalidArgumentError: If `dt` is negative.
     """
     if dt < 0:
-        raise InvalidArgumentError(f"a belief can't be carried {dt} s back in time")
+        raise InvalidArgumentError(f"a belief can't be predicted {dt} s back in time")
     if dt == 0:
         return belief
     F_position, F_orientation = transitions(belief, dt)
@@ -189,13 +155,12 @@ def predict(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief
     if noise.gravity:
         fall = np.array([0.0, 0.0, -noise.gravity])
         p_WCoM, v_WCoM = p_WCoM + fall * (dt**2 / 2), v_WCoM + fall * dt
-    turned = F_orientation[:3, :3]
     Q_position, Q_orientation = _process_noise(dt, noise)
     return PoseBelief(
         time=belief.time + dt,
         p_WCoM=p_WCoM,
         v_WCoM=v_WCoM,
-        R_WO=turned @ belief.R_WO,
+        R_WO=F_orientation[:3, :3] @ belief.R_WO,
         w_WO=belief.w_WO,
         P_position=F_position @ belief.P_position @ F_position.T + Q_position,
         P_orientation=F_orientation @ belief.P_orientation @ F_orientation.T + Q_orientation,
@@ -203,27 +168,30 @@ def predict(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief
 
 
 def transitions(belief: PoseBelief, dt: float) -> tuple[FloatArray, FloatArray]:
-    """Returns the matrices that carry the two covariances `dt` seconds forward, each (6, 6)."""
+    """Returns the transition matrices of (p, v) and (theta, w) over `dt` seconds, each (6, 6).
+
+    With Exp(turn) the rotation of the step, an error theta turns with it, and an error e of w_WO
+    adds J(turn) e dt to theta, with the left Jacobian J of Exp.
+    """
     F_position, F_orientation = _I6 + dt * _UPPER, _I6.copy()
-    # The error turns with the step, and an error of w_WO adds up to the step's left Jacobian.
     turn = belief.w_WO * dt
     F_orientation[:3, :3] = rotation_matrix(turn)
     F_orientation[:3, 3:] = dt * left_jacobian(turn)
     return F_position, F_orientation
 
 
-def measurement_covariance(
+def position_covariance(
     R_WO: FloatArray, noise: PoseFilterNoise, p_OCoM: FloatArray | None = None
 ) -> FloatArray:
-    """Covariance of where a measured pose puts the centre of mass, shape (3, 3), in m².
+    """Returns the covariance of a measured pose's centre of mass, shape (3, 3), in m².
 
-    With a = R_WO p_OCoM, to first order in the orientation's error, which moves the centre of mass
-    across a, it is σ² I + σ_R² (|a|² I - a aᵀ).
+    With a = R_WO p_OCoM it is σ² I + σ_R² (|a|² I - a aᵀ), to first order in the orientation's
+    error, which moves the centre of mass across a.
 
     Args:
-        R_WO: The orientation, as well as it is known, shape (3, 3).
-        noise: σ is its `position`, σ_R its `orientation`.
-        p_OCoM: The centre of mass in O, shape (3,), in metres; at O's origin if left out.
+        R_WO: Estimated orientation, shape (3, 3).
+        noise: Assumed noise: σ is its `position`, σ_R its `orientation`.
+        p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
     """
     covariance: FloatArray = noise.position**2 * _I
     if p_OCoM is not None:
@@ -234,102 +202,91 @@ def measurement_covariance(
 
 @dataclass(frozen=True, eq=False)
 class Innovation:
-    """How far a measured pose is from the prior, and how far it was to be expected.
+    """Difference of a measured pose from the prior, and its covariance.
 
-    Position and orientation come one after the other in one array, so that one call solves both.
+    Position and orientation are stacked in one array, so that one call solves both.
 
     Attributes:
-        nu: How far the centre of mass is off, in metres, and the rotation vector from the prior
-            orientation to the measured one, in radians, shape (2, 3).
-        P: The prior's covariances, shape (2, 6, 6).
+        nu: Difference of the centre of mass, in metres, and rotation vector from the prior to the
+            measured orientation, in radians, shape (2, 3).
+        P: Covariances of the prior, shape (2, 6, 6).
         R: Covariances of the measured position and orientation, shape (2, 3, 3), in m² and rad².
-        S: Covariances of `nu`, the prior's and the measurement's, shape (2, 3, 3).
+        S: Covariances of `nu`, of prior and measurement together, shape (2, 3, 3).
+        squared: νᵀ S⁻¹ ν of position and orientation, shape (2,): each chi-square of 3 degrees.
     """
 
     nu: FloatArray
     P: FloatArray
     R: FloatArray
     S: FloatArray
-
-    @property
-    def squared(self) -> FloatArray:
-        """νᵀ S⁻¹ ν of position and orientation, shape (2,): each chi-square of 3 degrees."""
-        solved = np.linalg.solve(self.S, self.nu[:, :, np.newaxis])[:, :, 0]
-        return np.array([self.nu[0] @ solved[0], self.nu[1] @ solved[1]])
+    squared: FloatArray
 
 
 def innovation(
-    belief: PoseBelief,
-    p_WCoM_measured: FloatArray,
-    R_WO_measured: FloatArray,
+    prior: PoseBelief,
+    measurement: PoseMeasurement,
     noise: PoseFilterNoise,
     p_OCoM: FloatArray | None = None,
+    noise_factor: float = 1.0,
 ) -> Innovation:
-    """Returns what a measured pose at the belief's own time has that is new; see `update`."""
-    off, turn = p_WCoM_measured - belief.p_WCoM, rotation_vector(R_WO_measured @ belief.R_WO.T)
-    P = np.array([belief.P_position, belief.P_orientation])
-    R = _central_noise(noise)
+    """Returns the innovation of a measured pose at the prior's own time.
+
+    Args:
+        prior: The belief before the measurement.
+        measurement: The measured pose.
+        noise: Noise that the filter assumes.
+        p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
+        noise_factor: Variance of the measurement's noise over the assumed one.
+    """
+    if noise_factor != 1:
+        std = math.sqrt(noise_factor)
+        noise = replace(noise, position=std * noise.position, orientation=std * noise.orientation)
+    off = measurement.p_WCoM - prior.p_WCoM
+    nu = np.array([off, rotation_vector(measurement.R_WO @ prior.R_WO.T)])
+    P = np.array([prior.P_position, prior.P_orientation])
+    R = np.array([noise.position**2 * _I, noise.orientation**2 * _I])
     if p_OCoM is not None:
-        R = np.array([measurement_covariance(belief.R_WO, noise, p_OCoM), R[1]])
-    return Innovation(nu=np.array([off, turn]), P=P, R=R, S=P[:, :3, :3] + R)
+        R[0] = position_covariance(prior.R_WO, noise, p_OCoM)
+    S = P[:, :3, :3] + R
+    solved = np.linalg.solve(S, nu[:, :, np.newaxis])[:, :, 0]
+    squared = np.array([nu[0] @ solved[0], nu[1] @ solved[1]])
+    return Innovation(nu, P, R, S, squared)
 
 
 def update(
-    belief: PoseBelief,
-    p_WCoM_measured: FloatArray,
-    R_WO_measured: FloatArray,
+    prior: PoseBelief,
+    measurement: PoseMeasurement,
     noise: PoseFilterNoise,
     p_OCoM: FloatArray | None = None,
 ) -> PoseBelief:
-    """Returns the posterior after a measured pose at the belief's own time.
-
-    Args:
-        belief: The prior.
-        p_WCoM_measured: Where the measured pose puts the centre of mass, shape (3,), in metres.
-        R_WO_measured: The measured orientation, shape (3, 3).
-        noise: What the filter assumes.
-        p_OCoM: See `measurement_covariance`.
-    """
-    return corrected(belief, innovation(belief, p_WCoM_measured, R_WO_measured, noise, p_OCoM))
+    """Returns the posterior after a measured pose at the prior's own time; see `innovation`."""
+    return corrected(prior, innovation(prior, measurement, noise, p_OCoM))
 
 
-def corrected(belief: PoseBelief, new: Innovation) -> PoseBelief:
-    """Returns the posterior after what is new in a measurement, with Joseph's covariance."""
+def corrected(prior: PoseBelief, new: Innovation) -> PoseBelief:
+    """Returns the posterior for an innovation, with Joseph's form of the covariance."""
     K_T = np.linalg.solve(new.S, new.P[:, :3])
     K = K_T.transpose(0, 2, 1)
-    A = _TWO_I6.copy()
+    A = np.array([_I6, _I6])
     A[:, :, :3] -= K
     dx, de = K[0] @ new.nu[0], K[1] @ new.nu[1]
     P_position, P_orientation = A @ new.P @ A.transpose(0, 2, 1) + K @ new.R @ K_T
     return PoseBelief(
-        time=belief.time,
-        p_WCoM=belief.p_WCoM + dx[:3],
-        v_WCoM=belief.v_WCoM + dx[3:],
-        R_WO=rotation_matrix(de[:3]) @ belief.R_WO,
-        w_WO=belief.w_WO + de[3:],
+        time=prior.time,
+        p_WCoM=prior.p_WCoM + dx[:3],
+        v_WCoM=prior.v_WCoM + dx[3:],
+        R_WO=rotation_matrix(de[:3]) @ prior.R_WO,
+        w_WO=prior.w_WO + de[3:],
         P_position=P_position,
         P_orientation=P_orientation,
     )
 
 
-@lru_cache
-def _central_noise(noise: PoseFilterNoise) -> FloatArray:
-    """Covariances of a measured pose with the centre of mass at O's origin, shape (2, 3, 3).
-
-    They are kept for the next tick: not to be written to.
-    """
-    return np.array([noise.position**2 * _I, noise.orientation**2 * _I])
-
-
 @lru_cache(maxsize=256)  # As many differences as rounding makes between times a period apart.
 def _process_noise(dt: float, noise: PoseFilterNoise) -> tuple[FloatArray, FloatArray]:
-    """Covariances that white accelerations add to (position, velocity) in dt, linear and angular.
+    """Returns the covariances that white accelerations add in dt, linear and angular, each (6, 6).
 
-    They are kept for the next tick: not to be written to.
+    They are kept for the next tick, and must not be written to.
     """
     spread: FloatArray = dt**3 / 3 * _DRIFT + dt**2 / 2 * _MIXED + dt * _RATE
     return noise.acceleration**2 * spread, noise.angular_acceleration**2 * spread
-
-
-def _diagonal(first: float, second: float) -> FloatArray:
-    return np.diag(np.repeat([first**2, second**2], 3))

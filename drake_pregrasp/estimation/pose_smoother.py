@@ -1,4 +1,4 @@
-"""Look-back: past poses and twists in the light of all measurements, also the later ones."""
+"""Smoothing: past poses and twists estimated from all measurements, also the later ones."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -10,6 +10,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.pose_filter import (
     PoseBelief,
     PoseFilterNoise,
+    PoseMeasurement,
     first_belief,
     predict,
     transitions,
@@ -28,39 +29,39 @@ def filter_poses(
     """Runs the filter over measured poses and returns its belief after each.
 
     Args:
-        times: When they were measured, increasing, shape (k,), in seconds.
-        p_WCoM: Where they put the centre of mass, shape (k, 3), in metres.
+        times: Times of the measurements, increasing, shape (k,), in seconds.
+        p_WCoM: Centres of mass that the measured poses imply, shape (k, 3), in metres.
         R_WO: Measured orientations, shape (k, 3, 3).
-        noise: What the filter assumes.
-        p_OCoM: See `measurement_covariance`.
+        noise: Noise and motion that the filter assumes.
+        p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
     """
     beliefs: list[PoseBelief] = []
-    for time, p, R in zip(times, p_WCoM, R_WO, strict=True):
+    for measurement in map(PoseMeasurement, times.tolist(), p_WCoM, R_WO):
         if beliefs:
-            prior = predict(beliefs[-1], float(time) - beliefs[-1].time, noise)
-            beliefs.append(update(prior, p, R, noise, p_OCoM))
+            prior = predict(beliefs[-1], measurement.time - beliefs[-1].time, noise)
+            beliefs.append(update(prior, measurement, noise, p_OCoM))
         else:
-            beliefs.append(first_belief(float(time), p, R, noise, p_OCoM))
+            beliefs.append(first_belief(measurement, noise, p_OCoM))
     return beliefs
 
 
 def smooth(beliefs: Sequence[PoseBelief], noise: PoseFilterNoise) -> list[PoseBelief]:
-    """Returns what is believed of each time once all measurements are known.
+    """Returns the belief at each time given all measurements.
 
-    The smoother of Rauch, Tung and Striebel (1965): backwards in time, with P⁻ the covariance that
-    `predict` gives from one belief to the time of the next and C = P Fᵀ (P⁻)⁻¹,
+    This is the smoother of Rauch, Tung and Striebel (1965). Backwards in time, with P⁻ the
+    covariance that `predict` gives from one belief to the time of the next and C = P Fᵀ (P⁻)⁻¹,
 
         x_s = x + C (x_s⁺ - x⁻),    P_s = P + C (P_s⁺ - P⁻) Cᵀ.
 
     For the orientation x_s⁺ - x⁻ is the rotation vector from the predicted to the smoothed one.
-    The newest belief stays as it is: later measurements are what smoothing takes its gain from.
+    The newest belief stays as it is, because no later measurement can improve it.
 
     Args:
         beliefs: The filter's beliefs after each measurement, times increasing.
-        noise: What the filter assumed.
+        noise: Noise and motion that the filter assumed.
 
     Raises:
-        InvalidArgumentError: If the times don't increase.
+        InvalidArgumentError: If the times do not increase.
     """
     smoothed = list(beliefs[-1:])
     for belief, following in zip(beliefs[-2::-1], beliefs[:0:-1], strict=True):
@@ -77,22 +78,21 @@ def _step_back(
     belief: PoseBelief, later: PoseBelief, dt: float, noise: PoseFilterNoise
 ) -> PoseBelief:
     predicted = predict(belief, dt, noise)
-    F_position, F_orientation = transitions(belief, dt)
-    dx, P_position = _correct_back(
-        belief.P_position,
-        predicted.P_position,
-        later.P_position,
-        F_position,
-        np.concatenate([later.p_WCoM - predicted.p_WCoM, later.v_WCoM - predicted.v_WCoM]),
+    # Position and orientation are stacked, as in `Innovation`.
+    P, P_predicted, P_later = (
+        np.array([b.P_position, b.P_orientation]) for b in (belief, predicted, later)
     )
     theta = rotation_vector(later.R_WO @ predicted.R_WO.T)
-    de, P_orientation = _correct_back(
-        belief.P_orientation,
-        predicted.P_orientation,
-        later.P_orientation,
-        F_orientation,
-        np.concatenate([theta, later.w_WO - predicted.w_WO]),
-    )
+    difference = np.array(
+        [
+            [later.p_WCoM - predicted.p_WCoM, later.v_WCoM - predicted.v_WCoM],
+            [theta, later.w_WO - predicted.w_WO],
+        ]
+    ).reshape(2, 6, 1)
+    F = np.array(transitions(belief, dt))
+    C = np.linalg.solve(P_predicted, F @ P).transpose(0, 2, 1)
+    dx, de = (C @ difference)[:, :, 0]
+    P_position, P_orientation = P + C @ (P_later - P_predicted) @ C.transpose(0, 2, 1)
     return replace(
         belief,
         p_WCoM=belief.p_WCoM + dx[:3],
@@ -102,10 +102,3 @@ def _step_back(
         P_position=P_position,
         P_orientation=P_orientation,
     )
-
-
-def _correct_back(
-    P: FloatArray, P_predicted: FloatArray, P_later: FloatArray, F: FloatArray, dx: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    C = np.linalg.solve(P_predicted, F @ P).T
-    return C @ dx, P + C @ (P_later - P_predicted) @ C.T

@@ -1,15 +1,17 @@
 """Mesh files of unknown origin, and the closed surfaces that a mesh consists of.
 
-Only formats that are triangles and little else are read. Materials and textures are not, so that no
-image is decoded, and the only other files that are opened are buffers of a glTF file, beside it.
+Only formats that are triangles and little else are read. Textures are not, so that no image is
+decoded, and the only other files that are opened are buffers of a glTF file and materials of an OBJ
+file, beside it.
 """
 
 import json
+import re
 import struct
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import trimesh
@@ -27,8 +29,17 @@ MAX_MESH_BYTES = 50_000_000
 MAX_FACES = 200_000
 """Triangles of a mesh: with more a simulation would crawl."""
 
+MAX_VERTICES = 3 * MAX_FACES
+"""Vertices of a mesh: those of triangles that share none."""
+
 MAX_PIECES = 1000
 """Parts of a mesh file, each as often as it is placed."""
+
+MAX_NAME = 200
+"""Characters of a part's name, and of a vertex; further ones are left out."""
+
+MAX_MATERIAL_BYTES = 1_000_000
+"""Bytes of a material library of an OBJ file."""
 
 _MAX_NUMBERS = 20_000_000  # In the arrays of a glTF file, which may claim any count.
 
@@ -37,21 +48,39 @@ _OPTIONS: Mapping[str, Mapping[str, Any]] = {
     ".stl": {},
     ".ply": {"skip_materials": True},
     ".off": {},
-    ".gltf": {"skip_materials": True},
-    ".glb": {"skip_materials": True},
+    ".gltf": {},
+    ".glb": {},
 }
 
 MESH_SUFFIXES = tuple(_OPTIONS)
-"""What names of mesh files end with."""
+"""Endings of the names of mesh files."""
 
 _GLB_HEADER = struct.Struct("<4sIIII")  # Magic, version, length; the first chunk's length and kind.
 
+Color = tuple[float, ...]
 
-def read_pieces(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
+
+class Piece(NamedTuple):
+    """A named part of a mesh file.
+
+    Attributes:
+        name: Name of the part, or of its material if parts are told apart by materials.
+        mesh: Triangles of the part, in the frame of the file.
+        color: Red, green, blue and opacity, from 0 to 1, or None if the file does not say.
+    """
+
+    name: str
+    mesh: trimesh.Trimesh
+    color: Color | None = None
+
+
+def read_pieces(path: Path, *, colors: bool = False) -> list[Piece]:
     """Returns the named parts of a mesh file, each in the frame of the file.
 
     Args:
         path: The file.
+        colors: Whether parts have their plain colours; parts of an OBJ file are then those of one
+            material each, instead of its named objects.
 
     Raises:
         InvalidArgumentError: If it can't be read, or is too much.
@@ -63,9 +92,14 @@ def read_pieces(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
         )
     data = read_bounded(path, MAX_MESH_BYTES)
     try:
+        materials: Mapping[str, Color] = {}
         if kind in (".gltf", ".glb"):
-            _check_gltf(kind, data)
-        elif kind in (".obj", ".off"):
+            data = _plain_gltf(kind, data)
+        elif kind == ".obj":
+            data, library = _plain_obj(data, by_material=colors)
+            if colors and library:
+                materials = _read_materials(path.parent, library)
+        elif kind == ".off":
             data = data.decode(errors="replace").encode()  # Else trimesh guesses the encoding.
         # Unprocessed: trimesh would leave out vertices that are not finite.
         scene = trimesh.load_scene(
@@ -75,7 +109,8 @@ def read_pieces(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
             process=False,
             **_OPTIONS[kind],
         )
-        return _placed_pieces(scene)
+        pieces = _placed_pieces(scene)
+        return [piece._replace(color=materials.get(piece.name, piece.color)) for piece in pieces]
     except Exception as error:  # trimesh's readers raise whatever their parsers do.
         problem = " ".join(str(error).split()) or type(error).__name__
         if isinstance(error, ImportError):  # Of what guesses an encoding, once all else failed.
@@ -83,8 +118,30 @@ def read_pieces(path: Path) -> list[tuple[str, trimesh.Trimesh]]:
         raise InvalidArgumentError(f"{path} can't be read as a mesh: {problem}") from error
 
 
-def _placed_pieces(scene: trimesh.Scene) -> list[tuple[str, trimesh.Trimesh]]:
-    pieces: list[tuple[str, trimesh.Trimesh]] = []
+def companions(path: Path) -> list[Path]:
+    """Returns the other files that a mesh file consists of, whether they are there or not.
+
+    Those are the buffers of a glTF file, and the first material library of an OBJ file.
+
+    Raises:
+        InvalidArgumentError: If the file can't be read.
+    """
+    kind = path.suffix.lower()
+    if kind not in (".obj", ".gltf"):
+        return []
+    data = read_bounded(path, MAX_MESH_BYTES)
+    try:
+        if kind == ".obj":
+            _, library = _plain_obj(data)
+            return [path.parent / library] if library else []
+        uris = [str(buffer.get("uri", "data:")) for buffer in json.loads(data).get("buffers", [])]
+    except (ValueError, TypeError, AttributeError, RecursionError) as error:
+        raise InvalidArgumentError(f"{path} can't be read as a mesh: {error}") from error
+    return [path.parent / uri for uri in uris if not uri.startswith("data:")]
+
+
+def _placed_pieces(scene: trimesh.Scene) -> list[Piece]:
+    pieces: list[Piece] = []
     faces = 0
     nodes = scene.graph.nodes_geometry
     if len(nodes) > MAX_PIECES:
@@ -99,25 +156,111 @@ def _placed_pieces(scene: trimesh.Scene) -> list[tuple[str, trimesh.Trimesh]]:
         if count:
             if geometry.vertices.shape[1:] != (3,):  # Some readers take the width of any row.
                 raise InvalidArgumentError("it has a vertex without three coordinates")
-            pieces.append((str(name), geometry.copy().apply_transform(transform)))
+            if not 0 <= np.min(geometry.faces) <= np.max(geometry.faces) < len(geometry.vertices):
+                raise InvalidArgumentError("it has a triangle with a vertex that isn't there")
+            material = getattr(geometry.visual, "material", None)
+            color = None if material is None else tuple((material.main_color / 255).tolist())
+            mesh = trimesh.Trimesh(geometry.vertices, geometry.faces, process=False)
+            pieces.append(Piece(str(name)[:MAX_NAME], mesh.apply_transform(transform), color))
     return pieces
 
 
-def _check_gltf(kind: str, data: bytes) -> None:
-    """Raises an error if a glTF file claims more than it can hold, or its nodes go in a circle."""
+_SPACES = bytes.maketrans(b"\r\t\v\f", b"\n   ")
+_OBJ_LINE = re.compile(rb"^(v|f|[og]|usemtl|mtllib) ([^\n]*)", re.MULTILINE)
+
+
+def _plain_obj(data: bytes, *, by_material: bool = False) -> tuple[bytes, str]:
+    """Returns an OBJ file with no more than vertices, faces and names, and its material library.
+
+    Args:
+        data: The file.
+        by_material: Whether parts have the names of their materials, instead of their own.
+
+    Raises:
+        InvalidArgumentError: If it has too many vertices, triangles or parts.
+    """
+    data = b"\n" + data.translate(_SPACES).replace(b"\\\n", b" ")
+    for pair in (b"  ", b"\n "):
+        while pair in data:
+            data = data.replace(pair, pair[:1])
+    name = b"usemtl" if by_material else b"o"
+    for key, most in ((b"v", MAX_VERTICES), (b"f", MAX_FACES), (name, MAX_PIECES)):
+        count = data.count(b"\n" + key + b" ")
+        if count > most:
+            what = f"it has {count} lines {key.decode()}; at most {most}"
+            raise InvalidArgumentError(f"{what}, simplify it")
+    lines, library, triangles = [], "", 0
+    for match in _OBJ_LINE.finditer(data):
+        key, rest = match[1], match[2].strip()
+        if key == b"f":
+            triangles += rest.count(b" ") - 1
+            if triangles > MAX_FACES:
+                raise InvalidArgumentError(f"it has more than {MAX_FACES} triangles; simplify it")
+            lines.append(b"f " + re.sub(rb"/[^ ]*", b"", rest))
+        elif key == b"v":
+            lines.append(b"v " + rest[:MAX_NAME])
+        elif key == name:
+            lines.append(b"o " + rest[:MAX_NAME])
+        elif key == b"mtllib":
+            library = library or rest[:MAX_NAME].decode(errors="replace")
+    return b"\n".join(lines).decode(errors="replace").encode(), library
+
+
+def _read_materials(folder: Path, library: str) -> dict[str, Color]:
+    """Returns the plain colours of a material library by name; none if there is no such file."""
+    path = folder / library
+    check_inside(path, [folder])
+    if not path.is_file():
+        return {}
+    colors: dict[str, Color] = {}
+    name = ""
+    for line in read_bounded(path, MAX_MATERIAL_BYTES).decode(errors="replace").splitlines():
+        key, _, value = line.strip().partition(" ")
+        if key == "newmtl":
+            name = value.strip()[:MAX_NAME]
+        elif key in ("Kd", "d"):
+            numbers = tuple(
+                np.clip(np.nan_to_num([float(n) for n in value.split()]), 0, 1).tolist()
+            )
+            color = colors.get(name, (0.8, 0.8, 0.8, 1.0))
+            colors[name] = (*numbers[:3], color[3]) if key == "Kd" else (*color[:3], numbers[0])
+    return colors
+
+
+def _plain_gltf(kind: str, data: bytes) -> bytes:
+    """Returns a glTF file with no more than triangles and plain colours.
+
+    Raises:
+        InvalidArgumentError: If it claims more than it can hold, or its nodes go in a circle.
+    """
+    rest = b""
     if kind == ".glb":
         _, _, _, length, _ = _GLB_HEADER.unpack_from(data)
+        rest = data[_GLB_HEADER.size + length :]
         data = data[_GLB_HEADER.size : _GLB_HEADER.size + length]
     tree = json.loads(data)
+    counts = [int(array["count"]) for array in tree.get("accessors", [])]
     # No array has more than 16 numbers in an element.
-    if sum(abs(int(array["count"])) for array in tree.get("accessors", [])) > _MAX_NUMBERS // 16:
-        raise InvalidArgumentError("its arrays claim too many elements")
+    if min(counts, default=0) < 0 or sum(counts) > _MAX_NUMBERS // 16:
+        raise InvalidArgumentError("its arrays claim too many elements, or fewer than none")
     nodes = tree.get("nodes", [])
     if len(nodes) > MAX_PIECES:
         raise InvalidArgumentError(f"it has {len(nodes)} nodes; at most {MAX_PIECES}")
     children = [child for node in nodes for child in node.get("children", [])]
     if len(set(children)) != len(children):
         raise InvalidArgumentError("a node is the child of two; nodes must be a tree")
+    for key in ("images", "textures", "samplers", "animations", "skins", "cameras"):
+        tree.pop(key, None)
+    for material in tree.get("materials", []):
+        color = material.get("pbrMetallicRoughness", {}).get("baseColorFactor")
+        material.clear()
+        material["pbrMetallicRoughness"] = {"baseColorFactor": color} if color else {}
+    data = json.dumps(tree).encode()
+    if kind == ".gltf":
+        return data
+    data += b" " * (-len(data) % 4)
+    size = _GLB_HEADER.size + len(data) + len(rest)
+    return _GLB_HEADER.pack(b"glTF", 2, size, len(data), 0x4E4F534A) + data + rest
 
 
 class _Beside(Resolver):

@@ -1,4 +1,4 @@
-"""Rotation vectors and the rotations they stand for, one at a time.
+"""Exponential map of rotations, its inverse and its left Jacobian, one rotation at a time.
 
 `scipy.spatial.transform.Rotation` does the same for many at once; for a single one its call takes
 ten to forty times as long, which a filter at a kilohertz can't afford.
@@ -19,15 +19,14 @@ def rotation_matrix(theta: FloatArray) -> FloatArray:
     Args:
         theta: Rotation vector, shape (3,), in radians.
     """
-    a, b, _ = _coefficients(theta)
-    return _polynomial(theta, a, b)
+    return _series(theta, 0)
 
 
 def rotation_vector(R: FloatArray) -> FloatArray:
-    """Returns the theta of least length with Exp(theta) = R, shape (3,), in radians.
+    """Returns the shortest theta with Exp(theta) = R, shape (3,), in radians.
 
-    It is taken by way of the unit quaternion, from its largest component (Shepperd, "Quaternion
-    from rotation matrix", 1978), so that it is exact at half a turn as well.
+    It is computed from the largest component of the unit quaternion (Shepperd, "Quaternion from
+    rotation matrix", 1978), so that it is exact at half a turn as well.
 
     Args:
         R: Rotation matrix, shape (3, 3).
@@ -44,7 +43,7 @@ def rotation_vector(R: FloatArray) -> FloatArray:
         w, x, y, z = d - b, c + g, f + h, 1 + i - a - e
     if w < 0:
         w, x, y, z = -w, -x, -y, -z
-    sine = math.sqrt(x * x + y * y + z * z)  # Both times the same factor, and so is the cosine.
+    sine = math.sqrt(x * x + y * y + z * z)  # Sine and cosine times the same factor.
     half = math.atan2(sine, w)
     scale = 2 * half / sine if sine > 0 else 0.0
     return np.array([scale * x, scale * y, scale * z])
@@ -56,37 +55,36 @@ def left_jacobian(theta: FloatArray) -> FloatArray:
     Args:
         theta: Rotation vector, shape (3,), in radians.
     """
-    _, b, c = _coefficients(theta)
-    return _polynomial(theta, b, c)
+    return _series(theta, 1)
 
 
-def _polynomial(theta: FloatArray, first: float, second: float) -> FloatArray:
-    """Returns I + first [theta]x + second [theta]x², shape (3, 3)."""
+def _series(theta: FloatArray, order: int) -> FloatArray:
+    """Returns sum_k [theta]x^k / (k + order)!, shape (3, 3), the exponential for order 0.
+
+    In closed form it is I + a [theta]x + b [theta]x², with s = |theta| and a, b two neighbours of
+    sin(s)/s, (1 - cos(s))/s² and (s - sin(s))/s³.
+    """
     x, y, z = theta.tolist()
-    a, b = first, second
+    square = x * x + y * y + z * z
+    if square < _SMALL**2:
+        coefficients = (
+            1 - square / 6 * (1 - square / 20 * (1 - square / 42)),
+            (1 - square / 12 * (1 - square / 30 * (1 - square / 56))) / 2,
+            (1 - square / 20 * (1 - square / 42 * (1 - square / 72))) / 6,
+        )
+    else:
+        angle = math.sqrt(square)
+        sine = math.sin(angle)
+        coefficients = (
+            sine / angle,
+            2 * math.sin(angle / 2) ** 2 / square,
+            (angle - sine) / (square * angle),
+        )
+    a, b = coefficients[order : order + 2]
     return np.array(
         [
             [1 - b * (y * y + z * z), b * x * y - a * z, b * x * z + a * y],
             [b * x * y + a * z, 1 - b * (x * x + z * z), b * y * z - a * x],
             [b * x * z - a * y, b * y * z + a * x, 1 - b * (x * x + y * y)],
         ]
-    )
-
-
-def _coefficients(theta: FloatArray) -> tuple[float, float, float]:
-    """Returns sin(s)/s, (1 - cos(s))/s² and (s - sin(s))/s³, with s = |theta|."""
-    x, y, z = theta.tolist()
-    square = x * x + y * y + z * z
-    if square < _SMALL**2:
-        return (
-            1 - square / 6 * (1 - square / 20 * (1 - square / 42)),
-            (1 - square / 12 * (1 - square / 30 * (1 - square / 56))) / 2,
-            (1 - square / 20 * (1 - square / 42 * (1 - square / 72))) / 6,
-        )
-    angle = math.sqrt(square)
-    sine = math.sin(angle)
-    return (
-        sine / angle,
-        2 * math.sin(angle / 2) ** 2 / square,
-        (angle - sine) / (square * angle),
     )

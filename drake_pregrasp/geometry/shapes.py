@@ -128,22 +128,20 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
     pieces = read_pieces(path)
     if not pieces:
         raise InvalidArgumentError(f"{path} holds no triangles")
-    part_names = tuple(dict.fromkeys(name for name, _ in pieces))
+    part_names = tuple(dict.fromkeys(piece.name for piece in pieces))
     face_parts = np.concatenate(
-        [np.full(len(piece.faces), part_names.index(name)) for name, piece in pieces]
+        [np.full(len(piece.mesh.faces), part_names.index(piece.name)) for piece in pieces]
     )
     with np.errstate(over="ignore"):
-        vertices = scale * np.concatenate([piece.vertices for _, piece in pieces])
+        vertices = scale * np.concatenate([piece.mesh.vertices for piece in pieces])
     if not np.all(np.isfinite(vertices)):
         raise InvalidArgumentError(f"{path} has a vertex that is not finite")
     _check_size(vertices, str(path))
     # Pieces of one closed surface share their seams only once equal vertices are merged.
-    first_vertices = np.cumsum([0, *(len(piece.vertices) for _, piece in pieces[:-1])])
+    first_vertices = np.cumsum([0, *(len(piece.mesh.vertices) for piece in pieces[:-1])])
     faces = np.concatenate(
-        [piece.faces + n for (_, piece), n in zip(pieces, first_vertices, strict=True)]
+        [piece.mesh.faces + n for piece, n in zip(pieces, first_vertices, strict=True)]
     )
-    if not (np.all(faces >= 0) and np.all(faces < len(vertices))):
-        raise InvalidArgumentError(f"{path} has a triangle with a vertex that isn't there")
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     mesh.merge_vertices()
     return Shape(_checked(mesh, str(path)), part_names, face_parts)

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FARTHEST, FloatArray, are_valid_points
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.input_validation import FARTHEST, are_usable_points
 from drake_pregrasp.geometry.solids import BallSolid, Solid
 from drake_pregrasp.geometry.surface import ForbiddenPoints
 from drake_pregrasp.regions.constraints import Obstacles
@@ -57,7 +56,7 @@ def _placed_points(points: ForbiddenPoints, R_GF: FloatArray, p_GF: FloatArray) 
     places = points.points @ R_GF.T + p_GF
     radii, normals = points.radii, points.normals @ R_GF.T
     known = (radii >= 0) & (radii <= FARTHEST) & np.all(np.isfinite(normals), axis=1)
-    unknown = ~(known & are_usable_points(places))
+    unknown = ~(known & are_valid_points(places))
     if np.any(unknown):
         places, radii, normals = places.copy(), radii.copy(), normals.copy()
         places[unknown], radii[unknown], normals[unknown] = 0.0, FARTHEST, 0.0

@@ -3,7 +3,7 @@
 import copy
 import os
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ import numpy as np
 import trimesh
 
 from drake_pregrasp.errors import InvalidArgumentError, first_line
+from drake_pregrasp.geometry.meshes import Piece
 from drake_pregrasp.robots.urdf_mending import DRAKE
 
 _DIGITS = 5  # Of coordinates in metres.
@@ -73,14 +74,16 @@ def _color(mesh: Any) -> tuple[float, ...] | None:
     return tuple(np.round(np.array(material.main_color) / 255, 3).tolist())
 
 
+def _shaded(mesh: Any) -> Any:
+    """Returns a mesh with smooth normals, except at its creases."""
+    bare = trimesh.Trimesh(vertices=mesh.vertices, faces=mesh.faces)  # Without its old normals.
+    bare.merge_vertices()
+    return trimesh.graph.smooth_shade(bare, angle=_CREASE)
+
+
 def _obj_text(meshes: list[Any]) -> str:
-    shaded = []
-    for mesh in meshes:
-        bare = trimesh.Trimesh(vertices=mesh.vertices, faces=mesh.faces)  # Without its old normals.
-        bare.merge_vertices()
-        shaded.append(trimesh.graph.smooth_shade(bare, angle=_CREASE))
     text: str = trimesh.exchange.obj.export_obj(
-        trimesh.util.concatenate(shaded),
+        trimesh.util.concatenate([_shaded(mesh) for mesh in meshes]),
         include_normals=True,
         include_color=False,
         include_texture=False,
@@ -88,6 +91,33 @@ def _obj_text(meshes: list[Any]) -> str:
         header=None,
     )
     return text
+
+
+def write_obj(pieces: Sequence[Piece], path: Path) -> Path:
+    """Writes parts of a mesh, with their colours, as an OBJ file and returns its path.
+
+    Coordinates keep all their digits. The file names no other one than a material library of plain
+    colours, which is written beside it if any part has a colour.
+    """
+    lines, materials, count = [], [], 1
+    if any(piece.color for piece in pieces):
+        lines.append(f"mtllib {path.with_suffix('.mtl').name}\n")
+    for index, piece in enumerate(pieces):
+        red, green, blue, opacity = piece.color or (0.9, 0.9, 0.9, 1.0)
+        materials.append(f"newmtl m{index}\nKd {red:.4g} {green:.4g} {blue:.4g}\nd {opacity:.4g}\n")
+        lines.append(f"usemtl m{index}\n" if piece.color else "")
+        shaded = _shaded(piece.mesh)
+        for row, values in (
+            ("v %.17g %.17g %.17g\n", shaded.vertices),
+            ("vn %.6g %.6g %.6g\n", shaded.vertex_normals),
+            ("f %d//%d %d//%d %d//%d\n", np.repeat(shaded.faces + count, 2, axis=1)),
+        ):
+            lines.append(row * len(values) % tuple(np.ravel(values).tolist()))
+        count += len(shaded.vertices)
+    path.write_text("".join(lines), encoding="ascii")
+    if any(piece.color for piece in pieces):
+        path.with_suffix(".mtl").write_text("".join(materials), encoding="ascii")
+    return path
 
 
 _HULL, _SHOWN = "collision", "visual"  # Folders of what is made.

@@ -13,7 +13,7 @@ from drake_pregrasp.config.object_config import zeros
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors, model_path
-from drake_pregrasp.diagrams.model_files import check_model_files
+from drake_pregrasp.diagrams.model_files import checked_model
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, first_line
 from drake_pregrasp.resources import (
     MODELS_URL,
@@ -87,7 +87,7 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
     make_paths_absolute(description, path.parent, allowed=allowed, source=str(path))
     if allowed is not None and not description.model.startswith(_OWN):
         try:
-            check_model_files(model_path(description.model), allowed)
+            checked_model(model_path(description.model), allowed)
         except InvalidArgumentError as error:
             raise ScenarioError(str(path), "", str(error)) from error
     return description

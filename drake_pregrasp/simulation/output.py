@@ -1,22 +1,37 @@
-"""Output: files with errors that name them, and solver messages kept off the terminal."""
+"""Output files whose errors name them, interruptions, and solver messages kept off the terminal."""
 
 import contextlib
 import ctypes
+import fcntl
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 from drake_pregrasp.errors import OutputError
 
+INTERRUPTED_STATUS = 130
+"""Exit status of an interrupted command."""
+
+
+@contextlib.contextmanager
+def interruptible() -> Iterator[None]:
+    """Turns SIGTERM into a `KeyboardInterrupt`, as SIGINT is."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
 
 def writing(path: Path) -> contextlib.AbstractContextManager[None]:
-    """Turns the system's errors inside into an `OutputError`: what file can't be written."""
+    """Turns the operating system's errors into an `OutputError` that names the written file."""
     return _naming(path, "written")
 
 
 def reading_back(path: Path) -> contextlib.AbstractContextManager[None]:
-    """Turns the system's errors inside into an `OutputError`: what file can't be read."""
+    """Turns the operating system's errors into an `OutputError` that names the read file."""
     return _naming(path, "read back")
 
 
@@ -31,14 +46,60 @@ def _naming(path: Path, what: str) -> Iterator[None]:
         raise OutputError(f"{path}: can't be {what}: is no text in UTF-8") from error
 
 
+@contextlib.contextmanager
+def replacing(path: Path) -> Iterator[Path]:
+    """Yields the path of a temporary file that replaces `path` if nothing fails.
+
+    If something fails, the temporary file is deleted, and `path` stays as it is. A device or a pipe
+    is written directly.
+    """
+    target = path.resolve()
+    if target.exists() and not target.is_file():
+        yield path
+        return
+    partial = target.with_name(f".{os.getpid()}_{target.name}")
+    try:
+        yield partial
+        partial.replace(target)
+    except OSError as error:
+        if error.filename is not None and Path(error.filename) == partial:
+            error.filename = str(path)
+        raise
+    finally:
+        with contextlib.suppress(OSError):
+            partial.unlink()
+
+
+@contextlib.contextmanager
+def claimed(folder: Path) -> Iterator[None]:
+    """Keeps other processes from writing into a folder. The lock ends with the process.
+
+    Raises:
+        OutputError: If another process has claimed the folder, or it can't be written.
+    """
+    path = folder / ".lock"
+    with writing(path), path.open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            is_free = os.fstat(file.fileno()).st_nlink > 0  # Not just deleted by its last owner.
+        except BlockingIOError:
+            is_free = False
+        if not is_free:
+            raise OutputError(f"{folder}: another run is writing into it; choose another folder")
+        try:
+            yield
+        finally:
+            path.unlink(missing_ok=True)
+
+
 def write_text(path: Path, text: str) -> None:
-    """Writes a text file.
+    """Writes a text file as a whole, or not at all.
 
     Raises:
         OutputError: If that fails.
     """
-    with writing(path):
-        path.write_text(text, encoding="utf-8")
+    with writing(path), replacing(path) as partial:
+        partial.write_text(text, encoding="utf-8", newline="\n")
 
 
 _STDOUT = 1
@@ -46,7 +107,7 @@ _STDOUT = 1
 
 @contextlib.contextmanager
 def without_solver_chatter() -> Iterator[None]:
-    """Drops what compiled code writes to the standard output; Python's own goes on.
+    """Discards what compiled code prints to the standard output; Python's own output is kept.
 
     OSQP 1.0 prints a line at every solution (github.com/osqp/osqp/issues/785), and
     `DifferentialInverseKinematicsSystem` solves with it fifty times a second.
@@ -61,7 +122,7 @@ def without_solver_chatter() -> Iterator[None]:
             sys.stdout = os.fdopen(os.dup(kept), "w", encoding=before.encoding)
         yield
     finally:
-        ctypes.CDLL(None).fflush(None)  # What is still in the buffer of compiled code.
+        ctypes.CDLL(None).fflush(None)  # Flushes the buffer of compiled code.
         if sys.stdout is not before:
             sys.stdout.close()
             sys.stdout = before

@@ -1,15 +1,10 @@
 """The Meshcat recording of a run."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable
 
 import numpy as np
-from pydrake.geometry import (
-    Meshcat,
-    MeshcatParams,
-    MeshcatVisualizer,
-    MeshcatVisualizerParams,
-)
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.geometry import Meshcat, MeshcatParams, MeshcatVisualizer, MeshcatVisualizerParams
+from pydrake.systems.framework import DiagramBuilder, System
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Arm
@@ -32,18 +27,17 @@ _LIGHTS = {
     "PointLightPositiveX": 8.0,
 }
 
-# From where the camera looks, for an object of unit size, and what share of a longer path counts as
-# the object: then all of it is in the picture.
+# Position of the camera relative to its target, for an object of unit size.
 _CAMERA = np.array([1.9, 1.65, 1.1])
 _ARM_CAMERA = np.array([0.9, -2.1, 1.1])  # Beside the arm, which stands behind along x.
-_ARM_RAISED = np.array([0.0, 0.0, 0.15])  # As much of an arm over its palm is shown, in metres.
-_VIEW = 0.5
+_ARM_RAISED = np.array([0.0, 0.0, 0.15])  # Part of an arm over its palm that is shown, in metres.
+_VIEW = 0.5  # Share of a long path that counts as the object's size, so that all of it is shown.
 
 _LABEL_HOVER = 0.065  # Height of the labels over the object, in metres.
 
 
 def start_meshcat() -> Meshcat:
-    """Starts a viewer on this machine only, at any free port, with its stage set.
+    """Starts a viewer for this machine only, at any free port, with lights and background.
 
     Raises:
         OutputError: If Drake may not open a port.
@@ -61,77 +55,84 @@ def start_meshcat() -> Meshcat:
     return meshcat
 
 
-def add_recording(
+def connect_named(
+    builder: DiagramBuilder, source: System, target: System, ports: Iterable[str]
+) -> None:
+    """Connects output ports of a system to the input ports of another with the same names."""
+    for port in ports:
+        builder.Connect(source.GetOutputPort(port), target.GetInputPort(port))
+
+
+def add_visualizers(
     builder: DiagramBuilder,
     meshcat: Meshcat,
-    *,
+    scenario: Scenario,
+    surface: ObjectSurface,
     object_plant: ObjectPlant | HandStation,
     planner: PregraspPlanner,
-    surface: ObjectSurface,
-    tile_surface: ObjectSurface,
-    num_contacts: int,
-    path: FloatArray,
-    direction: FloatArray,
-    publish_period: float,
-    live: bool,
-    obstacle_names: Mapping[int, str],
+    *,
+    record: bool,
 ) -> None:
-    """Adds visualizers of the plant and the planner, looks at the object's path, and records.
+    """Adds visualizers of the plant and the planner, sets the camera, and may start a recording.
 
-    The path holds positions of O in W, shape (k, 3), in metres; the camera is in that direction. A
-    viewer sees the run as it goes
-    only if it is `live`: that takes as long again as recording it.
-    Obstacles have their names by their indices, where they have one.
+    Args:
+        builder: Builder of the diagram.
+        meshcat: Viewer.
+        scenario: Scenario to simulate.
+        surface: Surface of the object.
+        object_plant: Plant, in the builder.
+        planner: Planner, in the builder.
+        record: Whether to record. The viewer then shows the simulation live only if it runs at a
+            real-time rate: that takes as much time again as the recording.
     """
+    num_contacts, period = scenario.num_contacts, scenario.recording.publish_period
+    path, direction = shown_path(scenario)
     MeshcatVisualizer.AddToBuilder(
         builder,
         object_plant.GetOutputPort("query_object"),
         meshcat,
-        MeshcatVisualizerParams(publish_period=publish_period),
+        MeshcatVisualizerParams(publish_period=period),
     )
     visualizer = builder.AddNamedSystem(
         "pregrasp_visualizer",
         PregraspVisualizer(
             meshcat=meshcat,
             surface=surface,
-            tile_surface=tile_surface,
+            tile_surface=scenario.make_surface(scenario.recording.tile_size),
             num_contacts=num_contacts,
-            publish_period=publish_period,
+            publish_period=period,
+            record=record,
         ),
     )
-    for name in (
-        "X_WO_estimated",
-        "p_WC",
-        "contact_status",
-        "safe_regions",
-        "p_WO_covariance",
-    ):
-        builder.Connect(planner.GetOutputPort(name), visualizer.GetInputPort(name))
+    drawn = ["X_WO_estimated", "p_WC", "contact_status", "safe_regions", "p_WO_covariance"]
+    connect_named(builder, planner, visualizer, drawn)
     labels = builder.AddNamedSystem(
         "status_labels",
         StatusLabels(
             meshcat=meshcat,
             num_contacts=num_contacts,
-            publish_period=publish_period,
+            publish_period=period,
             hover=_LABEL_HOVER + float(np.max(surface.mesh.vertices[:, 2])),
             yaw=float(np.arctan2(direction[1], direction[0]) + np.pi / 2),
-            obstacle_names=obstacle_names,
+            obstacle_names=scenario.obstacle_names,
         ),
     )
-    for name in ("X_WO_estimated", "contact_status", "contact_causes", "tracking_status"):
-        builder.Connect(planner.GetOutputPort(name), labels.GetInputPort(name))
+    labelled = ["X_WO_estimated", "contact_status", "contact_causes", "tracking_status"]
+    connect_named(builder, planner, labels, labelled)
     extent = max(0.1, float(surface.mesh.extents.max()))
     meshcat.SetCameraPose(*camera_pose(path, extent, direction))
-    meshcat.StartRecording(
-        frames_per_second=1 / publish_period, set_visualizations_while_recording=live
-    )
+    if record:
+        live = scenario.simulator_config.target_realtime_rate > 0
+        meshcat.StartRecording(
+            frames_per_second=1 / period, set_visualizations_while_recording=live
+        )
 
 
 def shown_path(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
-    """Returns positions in W that the camera has to see, shape (k, 3), in metres, and from where.
+    """Returns the positions in W that the camera must show, and the camera's direction.
 
-    They are those of the object; with a hand also those of its palm, and no longer than until it
-    stands still.
+    The positions, shape (k, 3), in metres, are those of the object. With a hand they include its
+    palm, and end when it rests. The direction is for `camera_pose`.
     """
     grasp = scenario.grasp
     duration = scenario.simulation_duration + scenario.planner.estimator.lookahead
@@ -142,21 +143,20 @@ def shown_path(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
     path = expected_path(scenario.motion, duration, scenario.object)
     above = hand.palm_height + max(settings.lift_height, settings.approach_height)
     raised: FloatArray = path + np.array([0.0, 0.0, above])
-    has_arm = isinstance(hand.base, Arm)
-    if has_arm:
-        raised += _ARM_RAISED
-    return np.concatenate([path, raised[[0, -1]]]), _ARM_CAMERA if has_arm else _CAMERA
+    if not isinstance(hand.base, Arm):
+        return np.concatenate([path, raised[[0, -1]]]), _CAMERA
+    return np.concatenate([path, raised[[0, -1]] + _ARM_RAISED]), _ARM_CAMERA
 
 
 def camera_pose(
     path: FloatArray, extent: float, direction: FloatArray = _CAMERA
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns where the camera is and what it looks at, so that a whole path is in the picture.
+    """Returns the position of the camera and its target, so that a whole path is in the picture.
 
     Args:
-        path: Positions of the object, shape (k, 3), in metres.
+        path: Positions of the object in W, shape (k, 3), in metres.
         extent: Size of the object, in metres.
-        direction: From where it looks, for an object of unit size, shape (3,).
+        direction: Position relative to the target, for an object of unit size, shape (3,).
     """
     low, high = path.min(axis=0), path.max(axis=0)
     target: FloatArray = (low + high) / 2

@@ -1,26 +1,36 @@
-"""A scenario in, a run folder out."""
+"""Simulates a scenario and writes its run folder."""
 
+import contextlib
 import json
 import re
 import shutil
 import subprocess
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydrake.systems.framework import Diagram
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import Context, Diagram, EventStatus
 
-from drake_pregrasp.errors import ScenarioError
-from drake_pregrasp.simulation.logged_run import LoggedRun
-from drake_pregrasp.simulation.metrics_plot import plot_metrics
-from drake_pregrasp.simulation.output import write_text, writing
+from drake_pregrasp.errors import OutputError, ScenarioError
+from drake_pregrasp.simulation.output import (
+    claimed,
+    replacing,
+    without_solver_chatter,
+    write_text,
+    writing,
+)
 from drake_pregrasp.simulation.recording import recording_html, start_meshcat
+from drake_pregrasp.simulation.run_log import GraspLog, RunLog, static_end
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import check_recording
 from drake_pregrasp.simulation.scenario_file import check_scenario, dump_scenario
-from drake_pregrasp.simulation.summary import summarize, summarize_grasp
-from drake_pregrasp.systems.loggers import TickRecord
+from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.simulation.summary import plot_metrics, summarize, summarize_grasp
+from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 
 RUN_FILES = (
     "recording.html",
@@ -32,24 +42,26 @@ RUN_FILES = (
     "diagram.svg",
     "scenario.yaml",
 )
-"""What a run folder may hold; a new run into it replaces these and touches nothing else."""
+"""Names of the files of a run folder. A new run replaces these and leaves other files alone."""
 
 
 @dataclass(frozen=True)
 class RunResult:
-    """What a run has left.
+    """Result of a run.
 
     Attributes:
-        folder: The run folder.
-        summary: The content of its `summary.json`.
+        folder: Run folder.
+        summary: Content of its `summary.json`.
+        replaced: Whether the folder held an earlier run, which was replaced.
     """
 
     folder: Path
     summary: dict[str, Any]
+    replaced: bool = False
 
     @property
     def completed(self) -> bool:
-        """Whether the run went on to its end."""
+        """Whether the run reached its end."""
         return bool(self.summary["completed"])
 
 
@@ -59,49 +71,184 @@ def run(
     name: str,
     out: str | Path = "runs",
     recording: bool = True,
+    overwrite: bool = False,
     on_tick: Callable[[TickRecord], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
 ) -> RunResult:
     """Simulates a scenario and writes the run folder `out/name`.
 
+    An earlier run of the same scenario in that folder is replaced.
+
     Args:
-        scenario: What to simulate.
+        scenario: Scenario to simulate.
         name: Name of the run folder: letters, digits, `_`, `-` and `.`.
-        out: Folder for run folders; made if it isn't there.
+        out: Folder for run folders; created if it does not exist.
         recording: Whether to record `recording.html`.
-        on_tick: Called at each planning tick.
-        should_stop: Asked after each step; the run ends early once it returns true.
+        overwrite: Whether to replace a run of another scenario, too.
+        on_tick: Function that is called with each planning tick.
+        should_stop: Function that is called after each step; if it returns true, the run ends
+            early.
 
     Raises:
         ScenarioError: If the scenario or its name can't be used.
-        OutputError: If the run folder can't be written.
+        OutputError: If the run folder can't be written, holds a run of another scenario, or is in
+            use by another run.
     """
+    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", name):
+        raise ScenarioError("", name, "a run's name is made of letters, digits, '_', '-' and '.'")
     check_scenario(scenario)
     if recording:
         check_recording("scenario", scenario, scenario.make_surface())
-    meshcat = start_meshcat() if recording else None
-    logged = LoggedRun(scenario, meshcat=meshcat, on_tick=on_tick)
-    folder = _prepare_folder(Path(out), name)  # Not before all else is known to be in order.
-    write_text(folder / "scenario.yaml", dump_scenario(name, scenario))
-    write_graphviz(logged.diagram, folder / "diagram.dot")
-    _draw_graphviz(folder / "diagram.dot")
-    logged.simulate(folder, should_stop)
-    if meshcat is not None:
-        write_text(folder / "recording.html", recording_html(meshcat))
-    summary = summarize(
-        name,
-        scenario,
-        logged.surface,
-        logged.log,
-        wall_seconds=logged.wall_seconds,
-        completed=logged.completed,
-    )
-    if logged.grasp_log is not None:
-        summary["grasp"] = summarize_grasp(scenario, logged.grasp_log)
-    write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+    folder, text = Path(out) / name, dump_scenario(name, scenario)
     with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    with claimed(folder):
+        earlier = [folder / file for file in RUN_FILES if (folder / file).exists()]
+        if earlier and not overwrite and not _holds(folder / "scenario.yaml", text):
+            raise OutputError(
+                f"{folder}: holds a run of another scenario or with other settings; choose another"
+                " folder with --out, or replace it with --overwrite (in Python: out, overwrite)"
+            )
+        meshcat = start_meshcat() if recording else None
+        logged = LoggedRun(scenario, meshcat=meshcat, on_tick=on_tick)
+        with writing(folder):  # Not before everything else is known to be valid.
+            for file in earlier:
+                file.unlink()
+        write_text(folder / "scenario.yaml", text)
+        write_graphviz(logged.diagram, folder / "diagram.dot")
+        _draw_graphviz(folder / "diagram.dot")
+        logged.simulate(folder, should_stop)
+        if meshcat is not None:
+            write_text(folder / "recording.html", recording_html(meshcat))
+        summary = summarize(
+            name,
+            scenario,
+            logged.surface,
+            logged.log,
+            wall_seconds=logged.wall_seconds,
+            completed=logged.completed,
+        )
+        if logged.grasp_log is not None:
+            summary["grasp"] = summarize_grasp(scenario, logged.grasp_log)
+        write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
         plot_metrics(folder / "metrics.png", name, scenario, logged.log, summary)
-    return RunResult(folder=folder, summary=summary)
+    return RunResult(folder=folder, summary=summary, replaced=bool(earlier))
+
+
+def _holds(file: Path, text: str) -> bool:
+    try:
+        return file.read_text(encoding="utf-8") == text
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+class LoggedRun:
+    """A scenario's diagram with the logs of its simulation.
+
+    Args:
+        scenario: Scenario to simulate, which has been checked.
+        meshcat: Viewer that records the simulation; None for no recording.
+        on_tick: Function that is called with each planning tick.
+
+    Attributes:
+        surface: Surface of the object.
+        diagram: Diagram of the simulation.
+        completed: Whether the simulation reached its end.
+        wall_seconds: Computing time of the simulation, in seconds.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        *,
+        meshcat: Meshcat | None = None,
+        on_tick: Callable[[TickRecord], None] | None = None,
+    ) -> None:
+        self._scenario = scenario
+        self._sinks = _Sinks(on_tick)
+        self.surface = scenario.make_surface()
+        self.completed = False
+        self.wall_seconds = 0.0
+        self.diagram = make_diagram(
+            scenario,
+            self.surface,
+            sink=self._sinks.add_tick,
+            grasp_sink=self._sinks.add_grasp,
+            meshcat=meshcat,
+            record=True,
+        )
+
+    @property
+    def log(self) -> RunLog:
+        """Log of the planning ticks, after `simulate`."""
+        return self._sinks.log
+
+    @property
+    def grasp_log(self) -> GraspLog | None:
+        """Log of the control ticks, after `simulate`; None without a hand."""
+        return self._sinks.grasp_log
+
+    def simulate(self, folder: Path, should_stop: Callable[[], bool] | None = None) -> None:
+        """Simulates the scenario, once.
+
+        Args:
+            folder: Folder for `log.csv` and, with a hand, `grasp.csv`.
+            should_stop: Function that is called after each step; if it returns true, the
+                simulation ends early.
+
+        Raises:
+            OutputError: If a log can't be written.
+        """
+        scenario, count = self._scenario, self._scenario.num_contacts
+        with contextlib.ExitStack() as logs:
+            log = RunLog(
+                folder / "log.csv",
+                count,
+                static_end=static_end(scenario),
+                lookahead=scenario.planner.estimator.lookahead,
+            )
+            self._sinks.log = logs.enter_context(log)
+            if scenario.grasp.has_hand:
+                self._sinks.grasp_log = logs.enter_context(GraspLog(folder / "grasp.csv", count))
+                logs.enter_context(without_solver_chatter())
+            self._advance(should_stop)
+
+    def _advance(self, should_stop: Callable[[], bool] | None) -> None:
+        simulator = Simulator(self.diagram)
+        ApplySimulatorConfig(self._scenario.simulator_config, simulator)
+        stopped = False
+
+        def monitor(context: Context) -> EventStatus:
+            nonlocal stopped
+            stopped = should_stop is not None and should_stop()
+            if stopped:
+                return EventStatus.ReachedTermination(self.diagram, "stopped on request")
+            return EventStatus.DidNothing()
+
+        simulator.set_monitor(monitor)
+        start = time.perf_counter()
+        simulator.Initialize()
+        simulator.AdvanceTo(self._scenario.simulation_duration)
+        self.completed = not stopped
+        self.wall_seconds = time.perf_counter() - start
+
+
+class _Sinks:
+    """Destination of the records; holds no diagram, since a reference cycle would keep both."""
+
+    def __init__(self, on_tick: Callable[[TickRecord], None] | None) -> None:
+        self._on_tick = on_tick
+        self.log: RunLog
+        self.grasp_log: GraspLog | None = None
+
+    def add_tick(self, record: TickRecord) -> None:
+        self.log.append(record)
+        if self._on_tick is not None:
+            self._on_tick(record)
+
+    def add_grasp(self, record: GraspRecord) -> None:
+        if self.grasp_log is not None:
+            self.grasp_log.append(record)
 
 
 def write_graphviz(diagram: Diagram, path: Path) -> None:
@@ -114,19 +261,12 @@ def write_graphviz(diagram: Diagram, path: Path) -> None:
 
 
 def _draw_graphviz(path: Path) -> None:
-    """Draws a Graphviz file as SVG beside it, where Graphviz is installed."""
-    dot = shutil.which("dot")
-    if dot is not None:
-        command = [dot, "-Tsvg", "-o", str(path.with_suffix(".svg")), str(path)]
-        subprocess.run(command, check=False, capture_output=True)
-
-
-def _prepare_folder(out: Path, name: str) -> Path:
-    if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", name):
-        raise ScenarioError("", name, "a run's name is made of letters, digits, '_', '-' and '.'")
-    folder = out / name
-    with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        for file in RUN_FILES:
-            (folder / file).unlink(missing_ok=True)
-    return folder
+    """Draws a Graphviz file as SVG beside it, if Graphviz is installed."""
+    if dot := shutil.which("dot"):
+        with (
+            contextlib.suppress(subprocess.CalledProcessError),
+            replacing(path.with_suffix(".svg")) as svg,
+        ):
+            subprocess.run(
+                [dot, "-Tsvg", "-o", str(svg), str(path)], check=True, capture_output=True
+            )

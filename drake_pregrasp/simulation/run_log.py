@@ -1,6 +1,12 @@
-"""The logs of a run: one row of `log.csv` a planning tick, one of `grasp.csv` a control tick."""
+"""The logs of a run, and the phases of its ticks.
 
+`log.csv` has one row for each planning tick, `grasp.csv` one for each control tick of a hand.
+"""
+
+import csv
 import time
+from array import array
+from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Self
@@ -12,23 +18,25 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.quality.grasp_quality import GraspQuality
 from drake_pregrasp.simulation.output import reading_back, writing
+from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
+from drake_pregrasp.ticks import SLACK
 
-_FLUSH_PERIOD = 1.0  # Seconds that an interrupted run may lose.
+_FLUSH_PERIOD = 1.0  # Largest amount of data that a killed run loses, in seconds.
 
 
 class CsvLog:
-    """Writes rows as they come, so that an interrupted run keeps what it has.
+    """Writes rows to a CSV file as they come, so that an interrupted run keeps them.
 
-    Numbers are written with all their digits: reading them gives the same floats.
+    Numbers are written with all digits: reading them back gives the same floats.
 
     Args:
-        path: The file to write; what was there is replaced.
+        path: File to write; an existing one is replaced.
         columns: Names of the columns.
 
     Attributes:
-        columns: The names.
-        num_rows: How many there are.
+        columns: Names of the columns.
+        num_rows: Number of rows written.
 
     Raises:
         OutputError: If the file can't be written.
@@ -40,27 +48,29 @@ class CsvLog:
         self._flushed = time.monotonic()
         self._path = path
         with writing(path):
-            self._file = path.open("w", encoding="utf-8", newline="\n")
-            self._file.write(",".join(self.columns) + "\n")
+            self._file = path.open("w", encoding="utf-8", newline="")
+            self._writer = csv.writer(self._file, lineterminator="\n")
+            self._writer.writerow(self.columns)
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *raised: object) -> None:
-        self._file.close()
+        with writing(self._path):
+            self._file.close()
 
     def write(self, row: FloatArray) -> None:
         """Adds a row."""
         self.num_rows += 1
         now = time.monotonic()
         with writing(self._path):
-            self._file.write(",".join(map(repr, row.tolist())) + "\n")
+            self._writer.writerow(row.tolist())
             if now - self._flushed > _FLUSH_PERIOD:
                 self._file.flush()
                 self._flushed = now
 
     def read(self, *names: str) -> list[FloatArray]:
-        """Reads columns back from the file, once it is closed.
+        """Returns columns of the closed file.
 
         Raises:
             OutputError: If the file can't be read.
@@ -73,83 +83,71 @@ class CsvLog:
         return list(table.T)
 
 
-_SHORTEST = 1e-6
-_STEPS = 100  # To a factor of e: percentiles are good to half a percent.
-_DECADES = 9
-
-
-class TickTimes:
-    """A histogram of durations, on a logarithmic scale.
-
-    Args:
-        deadline: What a tick may take, in seconds.
-
-    Attributes:
-        overruns: How many took longer than that.
-    """
-
-    def __init__(self, deadline: float = np.inf) -> None:
-        self.overruns = 0
-        self._deadline = deadline
-        self._counts = np.zeros(int(_STEPS * _DECADES * np.log(10)), dtype=np.int64)
-
-    def add(self, seconds: float) -> None:
-        """Counts a tick."""
-        self.overruns += seconds > self._deadline
-        bin_ = int(_STEPS * np.log(max(seconds, _SHORTEST) / _SHORTEST))
-        self._counts[min(bin_, len(self._counts) - 1)] += 1
-
-    def percentile_ms(self, percent: float) -> float | None:
-        """Returns a percentile in milliseconds, to half a percent; None if there is no tick."""
-        ends = np.cumsum(self._counts)
-        if ends[-1] == 0:
-            return None
-        bin_ = np.searchsorted(ends, percent / 100 * ends[-1])
-        return float(1e3 * _SHORTEST * np.exp((bin_ + 0.5) / _STEPS))
-
-
 class RunLog(CsvLog):
-    """Writes ticks to `log.csv` as they come; no more than two of them are kept in memory.
+    """Writes planning ticks to `log.csv`; only the durations of all ticks stay in memory.
 
     Args:
-        path: The file to write; what was there is replaced.
-        num_contacts: n.
-        static_end: When the static phase ends, in seconds.
-        deadline: What a tick may take, in seconds.
+        path: File to write; an existing one is replaced.
+        num_contacts: Number of contacts n.
+        static_end: End of the static phase, in seconds.
+        lookahead: Time by which the logged estimates are predicted ahead, in seconds.
 
     Attributes:
-        num_ticks: How many there are.
-        last_static: The last tick of the static phase, if there is one.
-        last: The last of all, if there is one.
-        tick_times: How long they took.
+        last_static: Last tick of the static phase, or None.
+        last: Last tick of all, or None.
+        tick_seconds: Computing time of each tick, in seconds.
 
     Raises:
         OutputError: If the file can't be written.
     """
 
     def __init__(
-        self, path: Path, num_contacts: int, *, static_end: float = 0.0, deadline: float = np.inf
+        self, path: Path, num_contacts: int, *, static_end: float = 0.0, lookahead: float = 0.0
     ) -> None:
         super().__init__(path, log_columns(num_contacts))
-        self.num_ticks = 0
         self.last_static: TickRecord | None = None
         self.last: TickRecord | None = None
-        self.tick_times = TickTimes(deadline)
+        self.tick_seconds = array("d")
         self._static_end = static_end
+        self._lookahead = lookahead
+        self._predictions: deque[tuple[float, FloatArray]] = deque()
 
     def append(self, record: TickRecord) -> None:
         """Adds a tick."""
-        row = _row(record, self.last or record)
-        self.num_ticks += 1
+        p_WO = self._estimate_for(record)
+        row = _row(record, self.last or record, p_WO - record.X_WO.translation())
         self.last = record
         if record.time < self._static_end:
             self.last_static = record
-        self.tick_times.add(record.wall_seconds)
+        self.tick_seconds.append(record.wall_seconds)
         self.write(row)
+
+    def _estimate_for(self, record: TickRecord) -> FloatArray:
+        """Returns the position of O in W that was estimated for a tick's own time.
+
+        With look-ahead, that is interpolated between earlier predictions, or NaN if there are none.
+        """
+        p_WO: FloatArray = record.X_WO_estimated.translation()
+        if not self._lookahead:
+            return p_WO
+        now = record.time + SLACK * self._lookahead
+        self._predictions.append((record.time + self._lookahead, p_WO))
+        while len(self._predictions) > 1 and self._predictions[1][0] <= now:
+            self._predictions.popleft()
+        if self._predictions[0][0] > now:
+            return np.full(3, np.nan)
+        (t0, p0), (t1, p1) = self._predictions[0], self._predictions[1]
+        share = (record.time - t0) / (t1 - t0)
+        return p0 + share * (p1 - p0)
 
 
 def log_columns(num_contacts: int) -> list[str]:
-    """Returns the names of the columns of `log.csv`, in their order."""
+    """Returns the names of the columns of `log.csv`, in their order.
+
+    `position_error` is the distance between the true position of O and the position that was
+    estimated for the same time. With look-ahead, that is the prediction made earlier by the
+    look-ahead, and NaN until there is one.
+    """
     contacts = range(num_contacts)
     return [
         "time",
@@ -171,17 +169,16 @@ def log_columns(num_contacts: int) -> list[str]:
 
 
 def pose_columns(frames: str) -> list[str]:
-    """Returns the names of the columns that hold a pose, as `wo` for X_WO."""
+    """Returns the names of the columns of a pose; `frames` is `wo` for X_WO."""
     return [f"{coordinate}_{frames}" for coordinate in ("x", "y", "z", "qw", "qx", "qy", "qz")]
 
 
-def _row(record: TickRecord, previous: TickRecord) -> FloatArray:
+def _row(record: TickRecord, previous: TickRecord, error: FloatArray) -> FloatArray:
     active = is_active(record.contact_status)
     dt = record.time - previous.time
     moved = active & is_active(previous.contact_status)
     squares = np.sum((record.p_WC - previous.p_WC)[moved] ** 2, axis=1)
     energy = squares.sum() / (2 * dt**2) if dt > 0 else 0.0
-    error = record.X_WO_estimated.translation() - record.X_WO.translation()
     return np.concatenate(
         [
             [record.time],
@@ -202,16 +199,16 @@ def _row(record: TickRecord, previous: TickRecord) -> FloatArray:
 
 
 def pose_values(X: RigidTransform) -> tuple[FloatArray, FloatArray]:
-    """Returns what goes into those columns: position, and quaternion w, x, y, z."""
+    """Returns the values of those columns: position in metres, and quaternion w, x, y, z."""
     return X.translation(), X.rotation().ToQuaternion().wxyz()
 
 
 class GraspLog(CsvLog):
-    """Writes what a hand does to `grasp.csv`.
+    """Writes control ticks of a hand to `grasp.csv`.
 
     Args:
-        path: The file to write; what was there is replaced.
-        num_fingers: n.
+        path: File to write; an existing one is replaced.
+        num_fingers: Number of fingers n.
 
     Raises:
         OutputError: If the file can't be written.
@@ -239,12 +236,12 @@ class GraspLog(CsvLog):
         )
 
     def read_points(self, kind: str) -> FloatArray:
-        """Reads the tips' `tip` in W, `goal` in G or `force` in W back, shape (ticks, n, 3)."""
+        """Returns the tips' `tip` in W, `goal` in G or `force` in W, shape (ticks, n, 3)."""
         names = _point_columns(kind, self._num_fingers)
         return np.stack(self.read(*names), axis=-1).reshape(-1, self._num_fingers, 3)
 
     def read_pose(self, frames: str) -> FloatArray:
-        """Reads poses back, as `wo`, shape (ticks, 7)."""
+        """Returns the poses of a pair of frames such as `wo`, shape (ticks, 7)."""
         return np.stack(self.read(*pose_columns(frames)), axis=-1)
 
 
@@ -267,3 +264,38 @@ def grasp_columns(num_fingers: int) -> list[str]:
 
 def _point_columns(kind: str, num_fingers: int) -> list[str]:
     return [f"{kind}{i}_{axis}" for i in range(num_fingers) for axis in "xyz"]
+
+
+def ticks_from(scenario: Scenario, times: FloatArray, start: float) -> int:
+    """Returns the index of the first tick at or after the time `start`."""
+    return int(np.searchsorted(times, start - SLACK * scenario.planner.period))
+
+
+def static_end(scenario: Scenario) -> float:
+    """Returns the time at which the static phase ends, in seconds.
+
+    Initial contacts are then released, or the first one is lost. The time is reduced by a small
+    slack, so that no tick at that very time is before it by rounding.
+    """
+    first_loss = min((event.at for event in scenario.damage), default=np.inf)
+    end = min(scenario.planner.static_duration, first_loss)
+    return float(end - SLACK * scenario.planner.period)
+
+
+def static_phase(scenario: Scenario, times: FloatArray) -> slice:
+    """Returns the ticks at which all initial contacts are held."""
+    return slice(0, ticks_from(scenario, times, static_end(scenario)))
+
+
+def adapting_phase(scenario: Scenario, times: FloatArray) -> slice:
+    """Returns the ticks at which all initial contacts adapt."""
+    start = ticks_from(scenario, times, scenario.planner.static_duration)
+    first_loss = min((event.at for event in scenario.damage), default=np.inf)
+    return slice(start, max(start, ticks_from(scenario, times, first_loss)))
+
+
+def last_phase(scenario: Scenario, times: FloatArray) -> slice:
+    """Returns the ticks at which contacts adapt after the last damage, as in the paper's tables."""
+    last_loss = max((event.at for event in scenario.damage), default=0.0)
+    start = max(scenario.planner.static_duration, last_loss)
+    return slice(ticks_from(scenario, times, start), None)

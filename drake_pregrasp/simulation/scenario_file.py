@@ -1,4 +1,4 @@
-"""Scenarios from YAML files in Drake's manner: named entries, overriding texts, `_` anchors."""
+"""Loads and dumps scenarios in Drake's format: YAML files with named entries and overrides."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -6,7 +6,7 @@ from typing import Any
 
 from pydrake.common.yaml import yaml_dump_typed
 
-from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, printable
+from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, nearest, printable
 from drake_pregrasp.resources import make_paths_absolute, read_bounded_text, resource_folder
 from drake_pregrasp.simulation.hand_file import check_hand_files
 from drake_pregrasp.simulation.scenario import Scenario
@@ -15,28 +15,28 @@ from drake_pregrasp.simulation.schema_check import add_tags, check_mapping
 from drake_pregrasp.simulation.yaml_text import MAX_BYTES, load_typed, parse_yaml, without_private
 
 SCENARIO_TEXT = "scenario text"
-"""What error messages call the text that overrides a scenario."""
+"""Name of the text that overrides a scenario, for error messages."""
 
 
 def shipped_scenarios() -> dict[str, tuple[Path, str]]:
-    """Returns, for each shipped scenario's name, its file and description, the paper's first."""
-    shipped = {}
+    """Returns the file and the description of each shipped scenario, the paper's first."""
     files = resource_folder("scenarios").glob("*.yaml")
-    for file in sorted(files, key=lambda file: (file.stem != "paper", file.stem)):
-        for name, entry in read_mapping(file).items():
-            shipped[name] = (file, str(entry.get("description", "")))
-    return shipped
+    return {
+        name: (file, str(entry.get("description", "")))
+        for file in sorted(files, key=lambda file: (file.stem != "paper", file.stem))
+        for name, entry in read_mapping(file).items()
+    }
 
 
 def find_scenario(name: str) -> Path:
     """Returns the file that holds the shipped scenario of that name.
 
     Raises:
-        ScenarioError: If there is none; the message lists the names there are.
+        ScenarioError: If there is none; the message suggests the nearest name, or lists all names.
     """
     shipped = shipped_scenarios()
     if name not in shipped:
-        raise ScenarioError("", name, f"no such scenario; there are: {', '.join(shipped)}")
+        raise ScenarioError("", name, f"no such scenario; {nearest(name, shipped)}")
     return shipped[name][0]
 
 
@@ -49,18 +49,18 @@ def load_scenario(
 ) -> Scenario:
     """Loads a scenario.
 
-    Args:
-        name: Its name: an entry of `file`, or of the shipped files if no file is given.
-        file: A YAML file. With one entry only, `name` can be left out.
-        text: YAML that overrides single keys, for example `{planner: {period: 0.1}}`.
-        folders: Where files that it names may be, beside its file's own folder and, for those
-            that `text` names, the working directory; or anywhere below.
+    Relative paths start at the file's folder, those in `text` at the working directory. The
+    scenario holds absolute paths.
 
-    Relative paths start at the file's folder, those in `text` at the working directory; they come
-    back absolute.
+    Args:
+        name: Name of an entry of `file`, or of a shipped scenario if no file is given.
+        file: YAML file. If it has a single entry, `name` can be left out.
+        text: YAML that overrides single keys, for example `{planner: {period: 0.1}}`.
+        folders: Folders that may hold files which the scenario names, at any depth, beside the
+            file's own folder and, for files that `text` names, the working directory.
 
     Raises:
-        ScenarioError: If anything is wrong with it; the message names file, key and value.
+        ScenarioError: If the scenario can't be used; the message names file, key and value.
     """
     if file is None:
         if name is None:
@@ -70,22 +70,20 @@ def load_scenario(
     entries = read_mapping(file)
     name = name or only_name(file)
     if name not in entries:
-        raise ScenarioError(str(file), name, f"no such entry; there are: {', '.join(entries)}")
+        raise ScenarioError(str(file), name, f"no such entry; {nearest(name, entries)}")
     check_mapping(str(file), name, entries[name], Scenario)
     scenario: Scenario = load_typed(Scenario, entries[name], Scenario())
-    source = str(file)
-    allowed = [file.parent, *map(Path, folders)]
+    source, folder = str(file), file.parent
+    allowed = [folder, *map(Path, folders)]
     try:
-        make_paths_absolute(scenario, file.parent, allowed=allowed, source=source)
         if text is not None:
+            make_paths_absolute(scenario, folder, allowed=allowed, source=source)
             overrides = parse_mapping(SCENARIO_TEXT, text)
             check_mapping(SCENARIO_TEXT, "", overrides, Scenario)
             scenario = load_typed(Scenario, overrides, scenario)
-            source = f"{file} with {SCENARIO_TEXT}"
-            allowed.append(Path.cwd())
-            make_paths_absolute(scenario, Path.cwd(), allowed=allowed, source=source)
-        check_hand_files(scenario.grasp.hand, allowed, source)
-        validate(scenario, source)
+            source, folder = f"{file} with {SCENARIO_TEXT}", Path.cwd()
+            allowed.append(folder)
+        _check_loaded(scenario, source, folder, allowed)
     except ScenarioError as error:
         if error.source != printable(source):
             raise
@@ -97,7 +95,7 @@ def only_name(file: str | Path) -> str:
     """Returns the name of a file's only entry.
 
     Raises:
-        ScenarioError: If there are several, or none.
+        ScenarioError: If the file has several entries, or none.
     """
     entries = read_mapping(Path(file))
     if len(entries) != 1:
@@ -108,10 +106,10 @@ def only_name(file: str | Path) -> str:
 
 
 def scenario_data(scenario: Scenario) -> dict[str, Any]:
-    """Returns a scenario as YAML has it, with every key; `scenario_from_data` is its inverse.
+    """Returns a scenario as plain data with every key, the inverse of `scenario_from_data`.
 
-    A mapping that may be of several kinds has its tag under the key `_tag`, also if it is of the
-    first kind.
+    A mapping of a type that is one of several has its tag under the key `_tag`, even if the type is
+    the first one.
     """
     entries = parse_mapping("scenario", dump_scenario("scenario", scenario))
     data: dict[str, Any] = entries["scenario"]
@@ -122,33 +120,36 @@ def scenario_data(scenario: Scenario) -> dict[str, Any]:
 def scenario_from_data(
     data: Mapping[str, Any], *, source: str, folder: Path, folders: Sequence[str | Path] = ()
 ) -> Scenario:
-    """Returns the scenario of what YAML has made of its entry.
+    """Returns the scenario that plain data describes.
 
     Args:
-        data: The entry; keys that are not there have their defaults.
-        source: Where it is from, for messages.
-        folder: Where relative paths start.
-        folders: Where files may be, beside `folder` and below these.
+        data: Entry of a scenario file, as `parse_yaml` returns it; missing keys have defaults.
+        source: Name of the data's origin, for error messages.
+        folder: Folder at which relative paths start.
+        folders: Folders that may hold files which the scenario names, beside `folder`.
 
     Raises:
-        ScenarioError: If anything is wrong with it; the message names source, key and value.
+        ScenarioError: If the scenario can't be used; the message names source, key and value.
     """
     check_mapping(source, "", data, Scenario)
     scenario: Scenario = load_typed(Scenario, data, Scenario())
-    allowed = [folder, *map(Path, folders)]
-    make_paths_absolute(scenario, folder, allowed=allowed, source=source)
-    check_hand_files(scenario.grasp.hand, allowed, source)
-    validate(scenario, source)
+    _check_loaded(scenario, source, folder, [folder, *map(Path, folders)])
     return scenario
 
 
-def check_scenario(scenario: Scenario) -> None:
-    """Checks a scenario that was made or changed in Python as thoroughly as one from a file.
+def _check_loaded(scenario: Scenario, source: str, folder: Path, allowed: list[Path]) -> None:
+    make_paths_absolute(scenario, folder, allowed=allowed, source=source)
+    check_hand_files(scenario.grasp.hand, allowed, source)
+    validate(scenario, source)
 
-    Its relative paths, which start at the working directory, are made absolute.
+
+def check_scenario(scenario: Scenario) -> None:
+    """Checks a scenario made or changed in Python as thoroughly as one from a file.
+
+    Relative paths, which start at the working directory, are made absolute.
 
     Raises:
-        ScenarioError: If it can't be simulated.
+        ScenarioError: If the scenario can't be simulated.
     """
     make_paths_absolute(scenario, Path.cwd())
     check_mapping("scenario", "", scenario_data(scenario), Scenario)

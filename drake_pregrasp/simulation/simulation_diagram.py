@@ -1,23 +1,39 @@
-"""A scenario's diagram: plant, sensor, planner, and those who watch."""
+"""The diagram of a scenario: plant, sensor, planner, hand, loggers and visualizers."""
 
 from collections.abc import Callable
+from dataclasses import replace
+from typing import cast
 
 import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
-from drake_pregrasp.diagrams.hand_station import TABLE, DrivenHand, HandStation
+from drake_pregrasp.config.grasp_config import hand_limits
+from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.config.object_config import Box, Conveyor
+from drake_pregrasp.diagrams.hand_station import (
+    TABLE,
+    DrivenHand,
+    HandStation,
+    add_driven_hand,
+)
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
-from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
+from drake_pregrasp.diagrams.pregrasp_planner import (
+    AddPregraspPlanner,
+    PlannerConfig,
+    PregraspPlanner,
+)
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import GraspQuality
-from drake_pregrasp.simulation.hand_wiring import add_hand, connect_hand, hand_planner
+from drake_pregrasp.simulation.hand_file import load_hand, load_hand_model
 from drake_pregrasp.simulation.obstacle_config import moving_solid
-from drake_pregrasp.simulation.recording import add_recording, shown_path
+from drake_pregrasp.simulation.recording import add_visualizers, connect_named
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
-from drake_pregrasp.systems.loggers import GraspRecord, TickLogger, TickRecord
+from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord, TickLogger, TickRecord
 from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer
 from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
@@ -31,15 +47,18 @@ def make_diagram(
     sink: Callable[[TickRecord], None] | None = None,
     grasp_sink: Callable[[GraspRecord], None] | None = None,
     meshcat: Meshcat | None = None,
+    record: bool = False,
 ) -> Diagram:
-    """Wires a scenario's diagram.
+    """Returns the diagram of a scenario.
 
     Args:
-        scenario: What to simulate.
-        surface: The object's surface, from `scenario.make_surface()`.
-        sink: Gets a record of each planning tick.
-        grasp_sink: Gets a record of each control tick, if there is a hand.
-        meshcat: Where to draw and record, if at all.
+        scenario: Scenario to simulate.
+        surface: Surface of the object, from `scenario.make_surface()`.
+        sink: Function that is called with a record of each planning tick.
+        grasp_sink: Function that is called with a record of each control tick of a hand.
+        meshcat: Viewer in which to draw; None for no drawing.
+        record: Whether the viewer records the simulation instead of showing it live. A run at a
+            real-time rate is shown live, too.
     """
     config = hand_planner(scenario)
     n = scenario.num_contacts
@@ -47,7 +66,17 @@ def make_diagram(
     p_OC = scenario.initial_p_OC(surface)
     hand = None
     if scenario.grasp.has_hand:
-        hand = add_hand(builder, scenario, surface, p_OC)
+        hand = add_driven_hand(
+            builder,
+            cast(Box, scenario.object),
+            cast(Conveyor, scenario.motion),
+            scenario.plant_config,
+            scenario.grasp,
+            load_hand_model(scenario.grasp.hand, scenario.grasp.yaw_range),
+            p_OCoM=surface.p_OCoM,
+            p_OC=p_OC,
+            target_period=scenario.planner.period,
+        )
         object_plant: ObjectPlant | HandStation = hand.station
     else:
         object_plant = builder.AddNamedSystem(
@@ -96,16 +125,13 @@ def make_diagram(
     if config.limits.reach:
         _connect_hand_frame(builder, scenario, planner, hand)
     if hand is not None:
-        connect_hand(builder, scenario, hand, planner, grasp_sink)
-    X_WO = object_plant.GetOutputPort("X_WO")
-    builder.Connect(X_WO, sensor.GetInputPort("X_WO"))
+        _connect_hand(builder, scenario, hand, planner, grasp_sink)
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
-    for port in ("X_WO_measured", "measurement_time"):
-        builder.Connect(sensor.GetOutputPort(port), planner.GetInputPort(port))
     builder.Connect(weights.get_output_port(), planner.GetInputPort("contact_weights"))
-    builder.Connect(X_WO, monitor.GetInputPort("X_WO"))
-    for port in ("p_WC", "contact_status"):
-        builder.Connect(planner.GetOutputPort(port), monitor.GetInputPort(port))
+    connect_named(builder, object_plant, sensor, ["X_WO"])
+    connect_named(builder, sensor, planner, ["X_WO_measured", "measurement_time"])
+    connect_named(builder, object_plant, monitor, ["X_WO"])
+    connect_named(builder, planner, monitor, ["p_WC", "contact_status"])
     if sink is not None:
         logger = builder.AddNamedSystem(
             "tick_logger",
@@ -116,37 +142,47 @@ def make_diagram(
                 sink=sink,
             ),
         )
-        builder.Connect(X_WO, logger.GetInputPort("X_WO"))
-        builder.Connect(monitor.get_output_port(), logger.GetInputPort("grasp_quality"))
-        for port in (
-            "p_WC",
-            "contact_status",
-            "contact_causes",
-            "safe_regions",
-            "X_WO_estimated",
-            "tracking_status",
-            "time_since_measurement",
-        ):
-            builder.Connect(planner.GetOutputPort(port), logger.GetInputPort(port))
-    if meshcat is not None:
-        path, direction = shown_path(scenario)
-        add_recording(
+        connect_named(builder, object_plant, logger, ["X_WO"])
+        connect_named(builder, monitor, logger, ["grasp_quality"])
+        connect_named(
             builder,
-            meshcat,
-            object_plant=object_plant,
-            planner=planner,
-            surface=surface,
-            tile_surface=scenario.make_surface(scenario.recording.tile_size),
-            num_contacts=n,
-            path=path,
-            direction=direction,
-            publish_period=scenario.recording.publish_period,
-            obstacle_names=scenario.obstacle_names,
-            live=scenario.simulator_config.target_realtime_rate > 0,
+            planner,
+            logger,
+            [
+                "p_WC",
+                "contact_status",
+                "contact_causes",
+                "safe_regions",
+                "X_WO_estimated",
+                "tracking_status",
+                "time_since_measurement",
+            ],
         )
+    if meshcat is not None:
+        add_visualizers(builder, meshcat, scenario, surface, object_plant, planner, record=record)
     diagram = builder.Build()
     diagram.set_name("pregrasp_simulation")
     return diagram
+
+
+def hand_planner(scenario: Scenario) -> PlannerConfig:
+    """Returns the planner's configuration, with the limits of the scenario's hand if it has one.
+
+    Limits that the scenario sets take precedence over those of the hand. Faces that are forbidden
+    to a finger are those of the scenario and those of the hand.
+    """
+    config = scenario.planner
+    if not scenario.grasp.has_hand:
+        return config
+    own, default = config.limits, LimitsConfig()
+    limits = hand_limits(
+        load_hand(scenario.grasp.hand), scenario.grasp, reach=scenario.grasp.use_reach
+    )
+    given = {name: value for name, value in vars(own).items() if value != getattr(default, name)}
+    if len(own.forbidden_faces) == len(limits.forbidden_faces):
+        both = zip(own.forbidden_faces, limits.forbidden_faces, strict=True)
+        given["forbidden_faces"] = [list(dict.fromkeys([*a, *b])) for a, b in both]
+    return replace(config, limits=replace(limits, **given))
 
 
 def _add_obstacles(
@@ -157,41 +193,80 @@ def _add_obstacles(
     meshcat: Meshcat | None,
 ) -> None:
     solids = [moving_solid(o) for o in scenario.obstacles]
-    shown = MovingObstacles(solids, lookahead=scenario.planner.estimator.lookahead)
     if hand is not None:
         # The table comes last: obstacles keep the indices that they have in the scenario.
-        obstacles = builder.AddNamedSystem("heeded_obstacles", MovingObstacles([*solids, TABLE]))
-        builder.Connect(obstacles.get_output_port(), planner.GetInputPort("obstacles"))
+        applied = builder.AddNamedSystem("applied_obstacles", MovingObstacles([*solids, TABLE]))
+        connect_named(builder, applied, planner, ["obstacles"])
     if not solids:
         return
-    builder.AddNamedSystem("moving_obstacles", shown)
-    if hand is not None:
-        builder.Connect(shown.get_output_port(), hand.controller.GetInputPort("obstacles"))
-    else:
-        builder.Connect(shown.get_output_port(), planner.GetInputPort("obstacles"))
+    moving = builder.AddNamedSystem(
+        "moving_obstacles",
+        MovingObstacles(solids, lookahead=scenario.planner.estimator.lookahead),
+    )
+    user = planner if hand is None else hand.controller
+    connect_named(builder, moving, user, ["obstacles"])
     if meshcat is not None:
-        visualizer = builder.AddNamedSystem(
-            "obstacle_visualizer",
-            ObstacleVisualizer(
-                meshcat=meshcat,
-                solids=[moving.solid for moving in solids],
-                publish_period=scenario.recording.publish_period,
-            ),
+        visualizer = ObstacleVisualizer(
+            meshcat=meshcat,
+            solids=[moving.solid for moving in solids],
+            publish_period=scenario.recording.publish_period,
         )
-        builder.Connect(shown.get_output_port(), visualizer.get_input_port())
+        builder.AddNamedSystem("obstacle_visualizer", visualizer)
+        connect_named(builder, moving, visualizer, ["obstacles"])
 
 
 def _connect_hand_frame(
     builder: DiagramBuilder, scenario: Scenario, planner: PregraspPlanner, hand: DrivenHand | None
 ) -> None:
-    """Tells the planner where the hand is, in whose frame fingers have their reach."""
+    """Connects the pose of the hand's frame H, in which fingers have their reach."""
     if hand is not None:
-        X_WH = hand.controller.GetOutputPort("X_WH")
-    else:
-        pose = builder.AddNamedSystem(
-            "hand_pose",
-            HandPose(scenario.hand.initial_X_WH(RigidTransform()), follow=scenario.hand.follow),
-        )
-        builder.Connect(planner.GetOutputPort("X_WO_estimated"), pose.get_input_port())
-        X_WH = pose.get_output_port()
-    builder.Connect(X_WH, planner.GetInputPort("X_WH"))
+        connect_named(builder, hand.controller, planner, ["X_WH"])
+        return
+    pose = builder.AddNamedSystem(
+        "hand_pose",
+        HandPose(scenario.hand.initial_X_WH(RigidTransform()), follow=scenario.hand.follow),
+    )
+    builder.Connect(planner.GetOutputPort("X_WO_estimated"), pose.get_input_port())
+    builder.Connect(pose.get_output_port(), planner.GetInputPort("X_WH"))
+
+
+def _connect_hand(
+    builder: DiagramBuilder,
+    scenario: Scenario,
+    hand: DrivenHand,
+    planner: PregraspPlanner,
+    sink: Callable[[GraspRecord], None] | None,
+) -> None:
+    """Connects a hand to the planner, to the command to close, and to its logger."""
+    controller = hand.controller
+    connect_named(
+        builder,
+        planner,
+        controller,
+        [
+            "fingertip_targets",
+            "contact_status",
+            "X_WO_estimated",
+            "V_WO_estimated",
+            "tracking_status",
+        ],
+    )
+    connect_named(builder, controller, planner, ["hold_contacts"])
+    command = builder.AddNamedSystem("close_command", _step_at(scenario.grasp.close_at))
+    builder.Connect(command.get_output_port(), controller.GetInputPort("close"))
+    if sink is None:
+        return
+    logger = builder.AddNamedSystem(
+        "grasp_logger",
+        GraspLogger(num_fingers=len(hand.tip_frames), period=scenario.grasp.period, sink=sink),
+    )
+    connect_named(builder, controller, logger, ["grasp_report", "p_GT", "p_WT", "f_T_W", "X_WG"])
+    connect_named(builder, hand.station, logger, ["X_WO", "X_WD"])
+
+
+def _step_at(time: float) -> TrajectorySource:
+    """Returns a source of 0 that becomes 1 at a time."""
+    if time <= 0:
+        return TrajectorySource(PiecewisePolynomial(np.ones((1, 1))))
+    breaks = [0.0, time, 2 * time]
+    return TrajectorySource(PiecewisePolynomial.ZeroOrderHold(breaks, [[0.0, 1.0, 1.0]]))

@@ -1,27 +1,42 @@
-"""`summary.json`: what a run comes to."""
+"""The results of a run: `summary.json` and `metrics.png`."""
 
 import importlib.metadata
 import platform
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.arrays import BoolArray, FloatArray
-from drake_pregrasp.contacts.selection_input import ContactStatus, describe_status, is_active
-from drake_pregrasp.estimation.tracking_status import TrackingStatus
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.config.object_config import PoseStream
+from drake_pregrasp.contacts.goal_limits import hold_contacts
+from drake_pregrasp.contacts.selection_input import (
+    ContactStatus,
+    SelectionInput,
+    describe_status,
+    is_active,
+)
+from drake_pregrasp.errors import printable
+from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
 from drake_pregrasp.kernels import numba_is_installed
 from drake_pregrasp.quality.force_closure import ferrari_canny, min_weight_margin
+from drake_pregrasp.quality.grasp_quality import GraspQuality, grasp_quality
 from drake_pregrasp.regions.independent_regions import force_closed_share
-from drake_pregrasp.simulation.phases import (
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
+from drake_pregrasp.simulation.output import replacing, writing
+from drake_pregrasp.simulation.run_log import (
+    GraspLog,
+    RunLog,
     adapting_phase,
     last_phase,
-    remaining_static_quality,
+    pose_columns,
     static_phase,
+    ticks_from,
 )
-from drake_pregrasp.simulation.run_log import GraspLog, RunLog
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.loggers import TickRecord
 from drake_pregrasp.version import __version__
@@ -36,17 +51,17 @@ def force_closure_summary(
     static: TickRecord | None,
     final: TickRecord | None,
 ) -> dict[str, dict[str, Any]]:
-    """Returns three measures of the active contacts, with what they assume, by their names.
+    """Returns three measures of the active contacts, with their assumptions, by their names.
 
     `force_closure_margin` is the min-weight margin, `ferrari_canny` the radius in newtons, and
-    `independent_region_share` says how many choices of one point a safe region of these contacts
-    are force-closed.
+    `independent_region_share` the share of choices of one point in each safe region that are
+    force-closed.
 
     Args:
-        scenario: What was simulated; `measures` says how to measure.
-        surface: The object's surface.
-        static: The tick to measure as `static`; if None, its values are null.
-        final: The same as `final`.
+        scenario: Scenario that was simulated; `measures` configures the measures.
+        surface: Surface of the object.
+        static: Tick to measure as `static`; None for null values.
+        final: Tick to measure as `final`; None for null values.
     """
     measures = scenario.measures
     model = "hard_finger" if measures.contact_model == "complete" else measures.contact_model
@@ -67,47 +82,39 @@ def _measure(
 ) -> tuple[float | None, ...]:
     if record is None:
         return (None,) * len(_MEASURES)
-    measures = scenario.measures
+    measures, friction = scenario.measures, scenario.measures.friction
+    cone: dict[str, Any] = {"model": model, "torsional_friction": measures.torsional_friction}
     p_OC: FloatArray = (record.X_WO_estimated.inverse() @ record.p_WC.T).T
     p_OC = p_OC[is_active(record.contact_status)]
     _, nhat = surface.project(p_OC)
-    cone: dict[str, Any] = {"model": model, "torsional_friction": measures.torsional_friction}
+    r = p_OC - surface.p_OCoM
+    length = measures.length or surface.longest_lever_arm
+    generator = np.random.default_rng(scenario.random_seed)
     return (
-        min_weight_margin(p_OC - surface.p_OCoM, nhat, measures.friction, **cone),
-        ferrari_canny(
-            p_OC - surface.p_OCoM,
-            nhat,
-            measures.friction,
-            length=measures.length or surface.longest_lever_arm,
-            **cone,
-        ),
-        force_closed_share(
-            surface,
-            record.regions,
-            measures.friction,
-            generator=np.random.default_rng(scenario.random_seed),
-            **cone,
-        ),
+        min_weight_margin(r, nhat, friction, **cone),
+        ferrari_canny(r, nhat, friction, length=length, **cone),
+        force_closed_share(surface, record.regions, friction, generator=generator, **cone),
     )
 
 
 SETTLED = 1.0
-"""From when on tracking errors count, in seconds: before that tips go to their first contacts."""
+"""Time from which tracking errors count, in seconds: before it, tips go to their first contacts."""
 
 
 def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
-    """Returns how the hand fared; null for a phase that it didn't come to.
+    """Returns the results of a grasp; null for phases that the hand did not reach.
 
-    - `tracking_error_mean_mm`, `tracking_error_max_mm`: of the fingertips' centres from their goals
-      over the object as it is estimated at the same time, while the hand approaches and tracks,
-      after `SETTLED`. A goal that moves over the object is followed the controller's lead later.
-    - `closing_motion_mm`, `squeeze_motion_mm`: how far the object's origin moved on the turntable
-      while fingers closed until touch, and then while forces came up.
-    - `lift_height_mm`: how far the object is above where it was before the lift, at the end.
-    - `slip_lift_mm`, `slip_hold_mm`: how far a fingertip that pressed when the lift began moved
-      over the object, at most.
-    - `tip_forces`: what each finger presses with at the end, in newtons.
-    - `gave_up`: why the hand opened again, or null.
+    - `tracking_error_mean_mm`, `tracking_error_max_mm`: distance of the fingertips' centres from
+      their goals, relative to the object as estimated at the same time, while the hand approaches
+      and tracks, after `SETTLED`. A goal that moves over the object is reached later, by the
+      controller's lead.
+    - `closing_motion_mm`, `squeeze_motion_mm`: largest motion of the object's origin on the
+      turntable while fingers close until touch, and while forces increase.
+    - `lift_height_mm`: height of the object at the end above its height before the lift.
+    - `slip_lift_mm`, `slip_hold_mm`: largest motion over the object of a fingertip that pressed
+      when the lift began.
+    - `tip_forces`: contact force of each finger at the end, in newtons.
+    - `gave_up`: reason why the hand opened again, or null.
     """
     time, phase, reason, detail = log.read("time", "phase", "gave_up", "gave_up_detail")
     if not len(time):
@@ -127,13 +134,13 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
     return {
         "phase": GraspPhase(int(phase[-1])).name.lower(),
         "gave_up": describe_give_up(int(reason[-1]), detail[-1]),
-        "tracking_error_mean_mm": float(np.mean(errors[tracking])) if tracking.any() else None,
-        "tracking_error_max_mm": float(np.max(errors[tracking])) if tracking.any() else None,
+        "tracking_error_mean_mm": _reduced(np.mean, errors[tracking]),
+        "tracking_error_max_mm": _reduced(np.max, errors[tracking]),
         "closing_motion_mm": _largest_motion(on_table, phase == GraspPhase.CLOSE),
         "squeeze_motion_mm": _largest_motion(on_table, phase == GraspPhase.SQUEEZE),
-        "lift_height_mm": float(1e3 * (object_poses[-1, 2] - object_poses[lifted[0], 2]))
-        if len(lifted)
-        else None,
+        "lift_height_mm": _reduced(
+            lambda first: 1e3 * (object_poses[-1, 2] - object_poses[first[0], 2]), lifted
+        ),
         "slip_lift_mm": _largest_motion(on_object, phase == GraspPhase.LIFT),
         "slip_hold_mm": _largest_motion(on_object, phase == GraspPhase.HOLD),
         "tip_forces": np.linalg.norm(forces[-1], axis=1).tolist(),
@@ -141,7 +148,7 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
 
 
 def _shifted(time: FloatArray, points: FloatArray, lead: float) -> FloatArray:
-    """Returns points that are given ahead of time, at the time itself."""
+    """Returns points that are given ahead of time by `lead`, at the times themselves."""
     flat = points.reshape(len(time), -1)
     columns = [np.interp(time, time + lead, column) for column in flat.T]
     return np.stack(columns, axis=-1).reshape(points.shape)
@@ -154,30 +161,38 @@ def _seen_from(poses: FloatArray, p_WP: FloatArray) -> FloatArray:
     return seen
 
 
+def _points_in_world(poses: FloatArray, p_OP: FloatArray) -> FloatArray:
+    """Returns points of O, shape (k, 3), in W at poses, shape (ticks, 7): shape (ticks, k, 3)."""
+    R = Rotation.from_quat(poses[:, [4, 5, 6, 3]]).as_matrix()
+    points: FloatArray = np.einsum("tij,kj->tki", R, p_OP) + poses[:, None, :3]
+    return points
+
+
 def _largest_motion(points: FloatArray, during: BoolArray) -> float | None:
-    """Returns how far any point got from where it was at first, shape (ticks, k, 3)."""
-    chosen = points[during]
-    return float(np.max(np.linalg.norm(chosen - chosen[0], axis=2))) if len(chosen) else None
+    """Returns the largest distance of points, shape (ticks, k, 3), from their first positions."""
+    return _reduced(lambda p: np.max(np.linalg.norm(p - p[0], axis=2)), points[during])
+
+
+def _reduced(reduce: Callable[[Any], Any], values: FloatArray | IntArray) -> float | None:
+    """Returns a statistic of values, or None if there are none."""
+    return float(reduce(values)) if len(values) else None
 
 
 def tracking_summary(status: FloatArray, time_since_measurement: FloatArray) -> dict[str, Any]:
-    """Returns how well the object was tracked; null where there is no tick.
+    """Returns the quality of the tracking; null if there is no tick.
 
-    - `share`: of the ticks, for each `TrackingStatus` by its name.
-    - `longest_without_measurement`: age of the newest measurement in an estimate, at most, in
+    - `share`: share of the ticks with each `TrackingStatus`, by its name.
+    - `longest_without_measurement`: largest age of the newest measurement in an estimate, in
       seconds.
 
     Args:
-        status: A `TrackingStatus` a tick, shape (k,).
-        time_since_measurement: Shape (k,), in seconds.
+        status: `TrackingStatus` at each tick, shape (k,).
+        time_since_measurement: Age of the newest measurement at each tick, shape (k,), in seconds.
     """
-    there = len(status) > 0
+    shares = {kind.name.lower(): _reduced(np.mean, status == kind) for kind in TrackingStatus}
     return {
-        "share": {
-            kind.name.lower(): float(np.mean(status == kind)) if there else None
-            for kind in TrackingStatus
-        },
-        "longest_without_measurement": float(np.max(time_since_measurement)) if there else None,
+        "share": shares,
+        "longest_without_measurement": _reduced(np.max, time_since_measurement),
     }
 
 
@@ -198,12 +213,20 @@ def summarize(
 
     `static` holds means over the phase in which the initial contacts are held, `max` and `mean` are
     over the phase in which they adapt, and `final` is the last tick; null where there is no tick.
-    `inactive_contacts` says which have no place at the last tick, and why. `tracking` is of all
-    ticks, and `deadline_overruns` are those that took longer to compute than the planning period.
+    `inactive_contacts` gives the reasons why contacts have no goal at the last tick. `tracking` is
+    over all ticks, and `deadline_overruns` counts ticks that took longer than the planning period.
     With damage, `max` and `mean` end before the first loss, and `after_damage` follows the last.
+    Once the object has left the table or is lost for good (`object_fate`), ticks count no more, but
+    for `final`.
     """
     time, *values = log.read("time", *MEASURES)
     measured = dict(zip(MEASURES, values, strict=True))
+    seconds = np.array(log.tick_seconds)
+    fate = object_fate(scenario, surface, log)
+    gone = min((at for at in fate.values() if at is not None), default=np.inf)
+    measured = {
+        name: column[: ticks_from(scenario, time, gone)] for name, column in measured.items()
+    }
     static, adapting = static_phase(scenario, time), adapting_phase(scenario, time)
     return {
         "scenario": name,
@@ -213,23 +236,45 @@ def summarize(
         "static": _measures(measured, static, np.mean),
         "max": _measures(measured, adapting, np.max),
         "mean": _measures(measured, adapting, np.mean),
-        "final": _measures(measured, slice(-1, None), np.mean),
+        "final": {
+            name: float(column[-1]) if len(column) else None
+            for name, column in zip(MEASURES, values, strict=True)
+        },
+        **fate,
         "contact_model": scenario.measures.contact_model,
         **force_closure_summary(scenario, surface, static=log.last_static, final=log.last),
         **_after_damage(scenario, surface, measured, time),
         "inactive_contacts": inactive_contacts(scenario, log),
         "tracking": tracking_summary(*log.read("tracking_status", "time_since_measurement")),
-        "ticks": log.num_ticks,
+        "ticks": log.num_rows,
         "simulated_seconds": float(time[-1]) if len(time) else 0.0,
-        "tick_time_p50_ms": log.tick_times.percentile_ms(50),
-        "tick_time_p99_ms": log.tick_times.percentile_ms(99),
-        "deadline_overruns": log.tick_times.overruns,
+        "tick_time_p50_ms": _reduced(lambda t: 1e3 * np.percentile(t, 50), seconds),
+        "tick_time_p99_ms": _reduced(lambda t: 1e3 * np.percentile(t, 99), seconds),
+        "deadline_overruns": int(np.sum(seconds > scenario.planner.period)),
         "real_time_factor": float(time[-1]) / wall_seconds if len(time) else 0.0,
     }
 
 
+def object_fate(scenario: Scenario, surface: ObjectSurface, log: RunLog) -> dict[str, float | None]:
+    """Returns the times at which the object was gone for good, in seconds; null if it never was.
+
+    - `object_left_at`: time at which its centre of mass was below the top of the table.
+    - `object_lost_at`: time from which it was lost by the estimator up to the end.
+    """
+    time, status, *pose = log.read("time", "tracking_status", *pose_columns("wo"))
+    has_table = getattr(scenario.motion, "table", not isinstance(scenario.motion, PoseStream))
+    p_WCoM = _points_in_world(np.stack(pose, axis=-1), surface.p_OCoM[None])
+    left = time[(p_WCoM[:, 0, 2] < 0) & has_table]
+    found = np.flatnonzero(status != TrackingStatus.LOST)
+    lost = time[found[-1] + 1 if len(found) else 0 :]
+    return {
+        "object_left_at": _reduced(np.min, left),
+        "object_lost_at": _reduced(np.min, lost),
+    }
+
+
 def inactive_contacts(scenario: Scenario, log: RunLog) -> dict[str, str]:
-    """Returns the contacts that are there at the last tick, but have nowhere to be, and why."""
+    """Returns the reasons why contacts that are not lost are inactive at the last tick."""
     record = log.last
     if record is None:
         return {}
@@ -250,7 +295,7 @@ def _after_damage(
     measured: dict[str, FloatArray],
     time: FloatArray,
 ) -> dict[str, dict[str, dict[str, float | None]]]:
-    """Returns the measures after the last loss: of the static contacts left, and the best."""
+    """Returns the measures after the last loss: of the remaining static contacts, and the best."""
     if not scenario.damage:
         return {}
     static = remaining_static_quality(scenario, surface)
@@ -262,18 +307,78 @@ def _after_damage(
     }
 
 
+def remaining_static_quality(scenario: Scenario, surface: ObjectSurface) -> GraspQuality:
+    """Returns the measures of the active ones of the initial contacts that no damage removes."""
+    p_OC = scenario.initial_p_OC(surface)
+    weights = np.full(len(p_OC), -np.inf)
+    weights[scenario.remaining_contacts()] = 0.0
+    regions = compute_safe_regions(surface.p_OQ, p_OC, weights, surface.forbidden)
+    held = hold_contacts(SelectionInput(surface, p_OC, regions, np.eye(3)))
+    return grasp_quality(p_OC[held.active] - surface.p_OCoM)
+
+
 def _measures(
     measured: dict[str, FloatArray], ticks: slice, reduce: Any
 ) -> dict[str, float | None]:
-    chosen = {name: values[ticks] for name, values in measured.items()}
-    return {name: float(reduce(v)) if len(v) else None for name, v in chosen.items()}
+    return {name: _reduced(reduce, values[ticks]) for name, values in measured.items()}
 
 
 def _versions() -> dict[str, str]:
-    # Kernels differ in last digits, so that a log is the same with the same kernel only.
+    # With numba, the last digits of a log differ from those without it.
     packages = ("drake", "numpy", "scipy", "trimesh", *(["numba"] if numba_is_installed() else []))
     return {
         "drake_pregrasp": __version__,
         "python": platform.python_version(),
         **{package: importlib.metadata.version(package) for package in packages},
     }
+
+
+# Colours of Okabe and Ito's colour-blind-safe set.
+_PANELS = (
+    ("q_msv", "$Q_{MSV}$", "#0072B2"),
+    ("q_gii", "$Q_{GII}$", "#D55E00"),
+    ("q_vew", "$Q_{VEW}$", "#009E73"),
+)
+
+
+def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary: Any) -> None:
+    """Plots the three measures and the contacts' displacement over time.
+
+    Raises:
+        OutputError: If the file can't be written.
+    """
+    # Imported here because it takes a fifth of a second.
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 7.5), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(4, 1, sharex=True)
+    time, displacement, *measured = log.read("time", "displacement", *(p[0] for p in _PANELS))
+    for axis, (measure, label, color), values in zip(axes, _PANELS, measured, strict=False):
+        axis.plot(time, values, color=color, linewidth=1.2)
+        static = summary["static"][measure]
+        if static is not None:
+            axis.axhline(static, color="0.35", linestyle="--", linewidth=1, label="static mean")
+        axis.set_ylabel(label)
+        axis.ticklabel_format(axis="y", useOffset=False)
+    axes[3].plot(time, 1e3 * displacement, color="#56B4E9", linewidth=1.0)
+    axes[3].set_ylabel("displacement\n[mm per tick]")
+    axes[3].set_xlabel("time [s]")
+    for axis in axes:
+        if scenario.planner.static_duration > 0:
+            axis.axvspan(0, scenario.planner.static_duration, color="0.92", label="static phase")
+        for index, event in enumerate(scenario.damage):
+            name_once = None if index else "fingers lost"
+            axis.axvline(event.at, color="#CC79A7", linestyle=":", linewidth=1.5, label=name_once)
+        axis.set_xlim(0, max(time[-1], scenario.planner.period))
+        axis.grid(True, color="0.9", linewidth=0.6)
+        axis.set_axisbelow(True)
+        axis.spines[["top", "right"]].set_visible(False)
+    if axes[0].get_legend_handles_labels()[1]:
+        axes[0].legend(loc="lower right", frameon=False)
+    figure.align_ylabels(axes)
+    title = f"{name}: {scenario.description}" if scenario.description else name
+    figure.suptitle(printable(title), parse_math=False)
+    with writing(path.parent), replacing(path) as partial:
+        figure.savefig(partial, dpi=130)

@@ -1,75 +1,44 @@
-"""What look-ahead gains on fast objects: a study with a table, a plot and a verdict."""
+"""The study of look-ahead on fast objects: a table, a plot, and the errors of past poses."""
 
-import csv
-import io
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
 
-from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.simulation.output import write_text, writing
-from drake_pregrasp.studies.lookahead_plot import Curves, plot_lookahead
+from drake_pregrasp.simulation.output import writing
 from drake_pregrasp.studies.lookahead_runs import (
     CASES,
     PERIOD,
-    LookaheadJob,
-    LookaheadRun,
-    run_lookahead,
+    SETTLED,
+    LookaheadErrors,
+    lookback_errors,
 )
-from drake_pregrasp.studies.lookback import LookbackErrors, lookback_errors
-from drake_pregrasp.studies.processes import in_processes
+from drake_pregrasp.studies.report_page import Heading, Part, Picture, Table, write_report
+from drake_pregrasp.studies.runner import OnProgress, run_jobs
 
 SEEDS = tuple(range(5))
-"""Seeds each run is made with."""
+"""Seeds of each case."""
 
 DELAYS = (0, 2, 4, 8, 16)
 """Delays of the hand, in ticks: 0 to 200 ms."""
 
-SHARES = (0.0, 1.0, 0.75, 1.25)
-"""How far goals look ahead, in delays: not at all, right, and wrong by a quarter either way."""
-
-SETTLED = 8
-"""Tick from which on goals count: after 0.1 s the velocity is known well enough."""
+SHARES = {"no look-ahead": 0.0, "look-ahead = delay": 1.0, "25 % too short": 0.75}
+SHARES |= {"25 % too long": 1.25}
+"""Look-aheads as shares of the delay."""
 
 WANTED_SHARE = 1 / 3
 """Largest share of the error without look-ahead that may be left with it."""
 
-CHI_SQUARE_95 = 7.815
-"""Value below which 95 % of chi-square numbers of three degrees of freedom are."""
 
-_HEAD = (
-    "object",
-    "delay [ms]",
-    "look-ahead [ms]",
-    "median [mm]",
-    "95 % [mm]",
-    "e'Σ⁻¹e / 3",
-    "in 95 %",
+# Colours of Okabe and Ito's colour-blind-safe set, with markers that differ as well.
+_STYLES = (
+    ("#000000", "o", "-"),
+    ("#009E73", "s", "-"),
+    ("#E69F00", "v", "--"),
+    ("#0072B2", "^", "--"),
 )
-
-
-class Row(NamedTuple):
-    """One line of the table.
-
-    Attributes:
-        case: Key of `CASES`.
-        delay: Of the hand, in seconds.
-        lookahead: In seconds.
-        median: Of the goal errors at the moment of contact, in metres.
-        p95: Their 95th percentile, in metres.
-        normalised: Mean of the normalised squared position errors, divided by their expectation 3.
-        inside: Share of them within the 95 % ellipsoid of the covariance.
-    """
-
-    case: str
-    delay: float
-    lookahead: float
-    median: float
-    p95: float
-    normalised: float
-    inside: float
 
 
 def study_lookahead(
@@ -78,164 +47,125 @@ def study_lookahead(
     seeds: Sequence[int] = SEEDS,
     cases: Sequence[str] = tuple(CASES),
     delays: Sequence[int] = DELAYS,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
+    on_progress: OnProgress = lambda done, total: None,
 ) -> Path:
-    """Runs the study and writes `lookahead.csv`, `lookahead.png` and `lookahead.md`.
+    """Runs the study, writes its rows, `lookahead.png` and `lookahead.md`, and returns that path.
 
     Args:
-        out: Their folder; made if it isn't there.
-        seeds: Of the measurement noise.
+        out: Folder of the study, made if it isn't there.
+        seeds: Seeds of the measurement noise.
         cases: Keys of `CASES`.
-        delays: Of the hand, in ticks.
-        on_progress: Called with the number of runs done and of all.
-
-    Returns:
-        The path of `lookahead.md`.
+        delays: Delays of the hand, in ticks.
+        on_progress: Called with the number of jobs done and of those that were missing.
 
     Raises:
-        OutputError: If the folder can't be written.
+        OutputError: If the folder can't be used, or a run fails.
     """
     out = Path(out)
+    delays_of: dict[float, list[int]] = {}
+    for delay in delays:
+        for share in SHARES.values() if delay else (0.0,):
+            delays_of.setdefault(share * delay * PERIOD, []).append(delay)
+    jobs = [{"case": case, "lookahead": ahead} for case in cases for ahead in sorted(delays_of)]
+    rows = run_jobs(
+        LookaheadErrors(tuple(seeds), delays_of),
+        jobs,
+        folder=out,
+        settings={"seeds": list(seeds), "cases": list(cases), "delays": list(delays)},
+        on_progress=on_progress,
+    ).rows.sort_values(["case", "delay", "lookahead"])
+    past = run_jobs(
+        lookback_errors,
+        [{"case": case, "seed": seed} for case in cases for seed in seeds],
+        folder=out / "lookback",
+    ).rows
     with writing(out):
-        out.mkdir(parents=True, exist_ok=True)
-    lookaheads = sorted({share * delay * PERIOD for delay in delays for share in SHARES})
-    jobs = [LookaheadJob(*job) for job in _product(cases, lookaheads, seeds)]
-    done = 0
-
-    def advance() -> None:
-        nonlocal done
-        done += 1
-        on_progress(done, len(jobs))
-
-    runs = dict(zip(jobs, in_processes(run_lookahead, jobs, on_done=advance), strict=True))
-    rows = [
-        _row(runs, case, delay, share * delay * PERIOD, seeds)
-        for case in cases
-        for delay in delays
-        for share in (SHARES if delay else SHARES[:1])
-    ]
-    write_text(out / "lookahead.csv", _csv(rows))
-    with writing(out):
-        plot_lookahead(out / "lookahead.png", _curves(rows))
-    write_text(out / "lookahead.md", _report(rows, _lookback(runs, cases, seeds), seeds))
-    return out / "lookahead.md"
-
-
-def remaining_share(rows: Sequence[Row], case: str, delay: float) -> tuple[float, float]:
-    """Returns the shares of median and 95th percentile that the right look-ahead leaves."""
-    without, right = (
-        next(r for r in rows if (r.case, r.delay, r.lookahead) == (case, delay, ahead))
-        for ahead in (0.0, delay)
-    )
-    return right.median / without.median, right.p95 / without.p95
-
-
-def _product(
-    cases: Sequence[str], lookaheads: Sequence[float], seeds: Sequence[int]
-) -> list[tuple[str, float, int]]:
-    return [(case, ahead, seed) for case in cases for ahead in lookaheads for seed in seeds]
-
-
-def _row(
-    runs: dict[LookaheadJob, LookaheadRun],
-    case: str,
-    delay: int,
-    lookahead: float,
-    seeds: Sequence[int],
-) -> Row:
-    chosen = [runs[LookaheadJob(case, lookahead, seed)] for seed in seeds]
-    errors = np.concatenate([run.goal_errors(delay, SETTLED) for run in chosen])
-    squares = np.concatenate([run.normalised_errors(delay, SETTLED) for run in chosen])
-    return Row(
-        case,
-        delay * PERIOD,
-        lookahead,
-        float(np.median(errors)),
-        float(np.percentile(errors, 95)),
-        float(np.mean(squares)) / 3,
-        float(np.mean(squares < CHI_SQUARE_95)),
-    )
-
-
-def _lookback(
-    runs: dict[LookaheadJob, LookaheadRun], cases: Sequence[str], seeds: Sequence[int]
-) -> list[tuple[str, FloatArray, bool]]:
-    """Returns for each case the errors, filtered above smoothed, and whether the newest agree."""
-    found = []
-    for case in cases:
-        jobs = [LookaheadJob(case, 0.0, seed) for seed in seeds]
-        errors = [lookback_errors(job, runs[job]) for job in jobs]
-        squares = [[np.square(filtered), np.square(smoothed)] for filtered, smoothed, _ in errors]
-        found.append((case, np.sqrt(np.mean(squares, axis=0)), all(same for *_, same in errors)))
-    return found
-
-
-def _curves(rows: Sequence[Row]) -> Curves:
-    names = ("no look-ahead", "look-ahead = delay", "25 % too short", "25 % too long")
-    return {
-        case: {
-            name: np.array(
-                [
-                    (r.delay, r.median, r.p95)
-                    for r in rows
-                    if r.case == case and r.lookahead == share * r.delay
-                ]
-            )
-            for name, share in zip(names, SHARES, strict=True)
-        }
-        for case in dict.fromkeys(r.case for r in rows)
-    }
-
-
-def _csv(rows: Sequence[Row]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    names = ("case", "delay_s", "lookahead_s", "median_m", "p95_m", "normalised", "inside_95")
-    writer.writerows([names, *rows])
-    return text.getvalue()
-
-
-def _report(
-    rows: Sequence[Row], lookback: Sequence[tuple[str, FloatArray, bool]], seeds: Sequence[int]
-) -> str:
-    lines = [
-        "# Look-ahead and look-back",
-        "",
+        plot_lookahead(rows).savefig(out / "lookahead.png", dpi=140)
+    parts: list[Part] = [
         f"{len(seeds)} seeds a run. A goal issued at time t is reached by the hand at t + delay;"
         " its error is the distance to the same point of the object at the true pose of that"
         f" moment. Goals of the first {SETTLED * PERIOD:g} s don't count.",
-        "",
-        "![Goal error at the moment of contact over the hand's delay](lookahead.png)",
-        "",
-        "| " + " | ".join(_HEAD) + " |",
-        "|" + "---|" * len(_HEAD),
+        Picture(out / "lookahead.png", "Goal error at the moment of contact over the hand's delay"),
+        Table(goal_table(rows)),
+        Heading("Is at most a third of the error left?"),
+        Table(remaining_table(rows)),
+        Heading("Look-back: errors of past poses, root mean square"),
+        Table(lookback_table(past)),
     ]
-    lines += [
-        f"| {r.case} | {1e3 * r.delay:g} | {1e3 * r.lookahead:g} | {1e3 * r.median:.1f} |"
-        f" {1e3 * r.p95:.1f} | {r.normalised:.2f} | {100 * r.inside:.0f} % |"
-        for r in rows
-    ]
-    lines += ["", "## Is at most a third of the error left?", ""]
-    for case, delay in dict.fromkeys((r.case, r.delay) for r in rows if r.delay > 0):
-        median, p95 = remaining_share(rows, case, delay)
-        verdict = "yes" if max(median, p95) <= WANTED_SHARE else "no"
-        lines.append(
-            f"- {case}, {1e3 * delay:g} ms: **{verdict}**, {100 * median:.1f} % of the median and"
-            f" {100 * p95:.1f} % of the 95th percentile are left."
-        )
-    lines += [
-        "",
-        "## Look-back: errors of past poses, root mean square",
-        "",
-        "| object | | position [mm] | orientation [mrad] | velocity [mm/s] |",
-        "|---|---|---|---|---|",
-    ]
-    for case, (filtered, smoothed), same in lookback:
-        for name, values in (("filtered", filtered), ("smoothed", smoothed)):
-            errors = LookbackErrors(*(1e3 * values))
-            lines.append(
-                f"| {case} | {name} | {errors.position:.2f} | {errors.orientation:.2f} |"
-                f" {errors.velocity:.1f} |"
-            )
-        lines.append(f"| {case} | newest equal | {'yes' if same else 'no'} | | |")
-    return "\n".join(lines) + "\n"
+    return write_report(out, "Look-ahead and look-back", parts, name="lookahead", formats=("md",))
+
+
+def goal_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Returns the errors of goals for each case, delay and look-ahead."""
+    return pd.DataFrame(
+        {
+            "object": rows["case"],
+            "delay [ms]": rows["delay"].map(lambda t: f"{1e3 * t:g}"),
+            "look-ahead [ms]": rows["lookahead"].map(lambda t: f"{1e3 * t:g}"),
+            "median [mm]": rows["median"].map(lambda e: f"{1e3 * e:.1f}"),
+            "95 % [mm]": rows["p95"].map(lambda e: f"{1e3 * e:.1f}"),
+            "e'Σ⁻¹e / 3": rows["normalised"].map("{:.2f}".format),
+            "in 95 %": rows["inside"].map(lambda share: f"{100 * share:.0f} %"),
+        }
+    )
+
+
+def remaining_shares(rows: pd.DataFrame) -> pd.DataFrame:
+    """Returns the shares of median and 95th percentile that the right look-ahead leaves."""
+    keys, errors = ["case", "delay"], ["median", "p95"]
+    without = rows[rows.lookahead == 0].set_index(keys)[errors]
+    right = rows[np.isclose(rows.lookahead, rows.delay) & (rows.delay > 0)].set_index(keys)[errors]
+    return right / without.loc[right.index]
+
+
+def remaining_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Returns the same in words, and whether they are small enough."""
+    shares = remaining_shares(rows)
+    return pd.DataFrame(
+        {
+            "object": shares.index.get_level_values("case"),
+            "delay [ms]": [f"{1e3 * t:g}" for t in shares.index.get_level_values("delay")],
+            "median left": [f"{100 * share:.1f} %" for share in shares["median"]],
+            "95th percentile left": [f"{100 * share:.1f} %" for share in shares["p95"]],
+            "at most a third": np.where(shares.max(axis=1) <= WANTED_SHARE, "yes", "no"),
+        }
+    )
+
+
+def lookback_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Returns root mean squares over seeds of the errors of past poses."""
+    groups = rows.groupby(["case", "poses"])
+    errors = groups[["position", "orientation", "velocity"]].agg(
+        lambda e: 1e3 * np.sqrt(np.mean(np.square(e)))
+    )
+    return pd.DataFrame(
+        {
+            "position [mm]": errors["position"].map("{:.2f}".format),
+            "orientation [mrad]": errors["orientation"].map("{:.2f}".format),
+            "velocity [mm/s]": errors["velocity"].map("{:.1f}".format),
+            "newest equal": np.where(groups["newest_equal"].all(), "yes", "no"),
+        }
+    ).reset_index(names=["object", "poses"])
+
+
+def plot_lookahead(rows: pd.DataFrame) -> Figure:
+    """Returns a figure of goal errors over the hand's delay, a panel for each case."""
+    cases = list(dict.fromkeys(rows["case"]))
+    figure = Figure(figsize=(4.6 * len(cases), 4.2), layout="constrained")
+    panels = np.atleast_1d(figure.subplots(1, len(cases), sharey=True))
+    for panel, case in zip(panels, cases, strict=True):
+        of_case = rows[rows["case"] == case]
+        for (label, share), style in zip(SHARES.items(), _STYLES, strict=True):
+            color, marker, line = style
+            part = of_case[np.isclose(of_case.lookahead, share * of_case.delay)]
+            delay, median, p95 = (1e3 * part[name] for name in ("delay", "median", "p95"))
+            panel.plot(delay, median, color=color, marker=marker, linestyle=line, label=label)
+            panel.fill_between(delay, median, p95, color=color, alpha=0.12, linewidth=0)
+        panel.set_yscale("log")
+        panel.set_title(case)
+        panel.set_xlabel("delay of the hand [ms]")
+        panel.grid(True, which="both", color="0.92", linewidth=0.6)
+        panel.spines[["top", "right"]].set_visible(False)
+    panels[0].set_ylabel("goal error at contact [mm]\nmedian, shaded up to 95 %")
+    panels[0].legend(frameon=False, loc="upper left", fontsize=9)
+    return figure

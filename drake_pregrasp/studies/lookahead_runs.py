@@ -1,14 +1,20 @@
-"""Runs of fast objects, and how far off the goals are when a hand gets there."""
+"""Runs of fast objects: errors of goals when a hand reaches them, and of smoothed past poses."""
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
-from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, pack
 from drake_pregrasp.contacts.selection_input import is_active
+from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
+from drake_pregrasp.estimation.pose_filter import PoseBelief
+from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
@@ -16,6 +22,9 @@ from drake_pregrasp.ticks import tick_index
 
 PERIOD = 0.0125
 """Seconds between planning ticks; the hand's delays are multiples of it."""
+
+SETTLED = 8
+"""Tick from which on goals count: after 0.1 s the velocity is known well enough."""
 
 _NOISE = "position_std: 0.001, orientation_std: 0.01"
 CASES = {
@@ -56,25 +65,17 @@ CASES = {
 """For each case the shipped scenario, and what differs in it."""
 
 
-class LookaheadJob(NamedTuple):
-    """A run to make: a key of `CASES`, how far goals look ahead in seconds, and a seed."""
-
-    case: str
-    lookahead: float
-    seed: int
-
-
 class LookaheadRun(NamedTuple):
-    """What a run's K ticks have shown; all positions in metres.
+    """What K ticks of a run have shown; all positions are in the world frame, in metres.
 
     Attributes:
         p_WC: Goals of the n contacts, shape (K, n, 3).
-        active: Which of them count, shape (K, n).
+        active: Whether contacts are active, shape (K, n).
         p_WO: True positions, shape (K, 3).
         R_WO: True orientations as quaternions x, y, z, w, shape (K, 4).
         p_WO_estimated: Positions of the estimate that the goals belong to, shape (K, 3).
         R_WO_estimated: Its orientations, shape (K, 4).
-        p_WO_covariance: Covariance that it comes with, shape (K, 3, 3), in m².
+        p_WO_covariance: Its covariance, shape (K, 3, 3), in m².
     """
 
     p_WC: FloatArray
@@ -86,17 +87,17 @@ class LookaheadRun(NamedTuple):
     p_WO_covariance: FloatArray
 
     def goal_errors(self, delay: int, start: int) -> FloatArray:
-        """Distances at the moment of contact between goals and where they should be, in metres.
+        """Returns distances of goals, when a hand reaches them, from where they should be.
 
         A goal issued at tick k is reached at tick k + delay. It should then be at the same point of
         the object: the goal in O as estimated, at the pose that the object truly has by then.
 
         Args:
-            delay: Of the hand, in ticks.
+            delay: Delay of the hand, in ticks.
             start: First tick whose goals count.
 
         Returns:
-            One distance for each tick and active contact.
+            One distance in metres for each tick and active contact.
         """
         errors = []
         for k in range(start, len(self.p_WC) - delay):
@@ -108,7 +109,7 @@ class LookaheadRun(NamedTuple):
         return np.concatenate(errors)
 
     def normalised_errors(self, delay: int, start: int) -> FloatArray:
-        """Squared errors of the predicted positions, measured by their covariance, e' Σ⁻¹ e.
+        """Returns squared errors of the predicted positions by their covariance, e' Σ⁻¹ e.
 
         If the covariance is right they are chi-square distributed: 3 on average.
         """
@@ -119,18 +120,17 @@ class LookaheadRun(NamedTuple):
         return squares
 
 
-def lookahead_scenario(job: LookaheadJob) -> Scenario:
-    """Returns the scenario of a job."""
-    name, text = CASES[job.case]
+def lookahead_scenario(case: str, lookahead: float, seed: int) -> Scenario:
+    """Returns the scenario of a key of `CASES`, a look-ahead in seconds, and a seed."""
+    name, text = CASES[case]
     scenario = load_scenario(name, text=text)
-    scenario.planner.estimator.lookahead = job.lookahead
-    scenario.random_seed = job.seed
+    scenario.planner.estimator.lookahead = lookahead
+    scenario.random_seed = seed
     return scenario
 
 
-def run_lookahead(job: LookaheadJob) -> LookaheadRun:
-    """Simulates a job."""
-    scenario = lookahead_scenario(job)
+def run_lookahead(scenario: Scenario) -> LookaheadRun:
+    """Simulates a scenario of `lookahead_scenario`."""
     diagram = make_diagram(scenario, scenario.make_surface())
     planner = diagram.GetSubsystemByName("pregrasp_planner")
     plant = diagram.GetSubsystemByName("object_plant")
@@ -159,3 +159,74 @@ def run_lookahead(job: LookaheadJob) -> LookaheadRun:
     simulator.Initialize()
     simulator.AdvanceTo(scenario.simulation_duration)
     return LookaheadRun(*(np.array(values) for values in zip(*ticks.values(), strict=True)))
+
+
+@dataclass(frozen=True)
+class LookaheadErrors:
+    """Computes the rows of a case and a look-ahead, one for each delay of the hand.
+
+    Attributes:
+        seeds: Seeds of the measurement noise; a row is about all of them.
+        delays: For each look-ahead in seconds, the delays of the hand in ticks.
+    """
+
+    seeds: Sequence[int]
+    delays: dict[float, list[int]]
+
+    def __call__(self, job: dict[str, Any]) -> list[dict[str, Any]]:
+        """Returns the rows of a `case` and a `lookahead`, in seconds and metres."""
+        runs = [run_lookahead(lookahead_scenario(**job, seed=seed)) for seed in self.seeds]
+        rows = []
+        for delay in self.delays[job["lookahead"]]:
+            errors = np.concatenate([run.goal_errors(delay, SETTLED) for run in runs])
+            squares = np.concatenate([run.normalised_errors(delay, SETTLED) for run in runs])
+            rows.append(
+                {
+                    "delay": PERIOD * delay,
+                    "median": float(np.median(errors)),
+                    "p95": float(np.percentile(errors, 95)),
+                    "normalised": float(np.mean(squares)) / 3,
+                    "inside": float(np.mean(squares < chi2.ppf(0.95, 3))),
+                }
+            )
+        return rows
+
+
+def lookback_errors(job: dict[str, Any]) -> list[dict[str, Any]]:
+    """Returns root mean square errors of past poses of a `case` and a `seed`, in SI units.
+
+    The run's true poses are measured with noise and filtered; the second row is of the smoother.
+    """
+    scenario = lookahead_scenario(job["case"], 0.0, job["seed"])
+    run = run_lookahead(scenario)
+    noise = filter_noise(scenario.planner.estimator)
+    n_p, n_R = np.random.default_rng(job["seed"]).standard_normal((2, len(run.p_WO), 3))
+    R_WO = Rotation.from_quat(run.R_WO)
+    beliefs = filter_poses(
+        PERIOD * np.arange(len(run.p_WO), dtype=float),
+        run.p_WO + scenario.sensor.position_std * n_p,
+        (Rotation.from_rotvec(scenario.sensor.orientation_std * n_R) * R_WO).as_matrix(),
+        noise,
+    )
+    smoothed = smooth(beliefs, noise)
+    same = bool(np.array_equal(pack(beliefs[-1]), pack(smoothed[-1])))
+    return [
+        {"poses": name, **_past_errors(found, run, R_WO), "newest_equal": same}
+        for name, found in (("filtered", beliefs), ("smoothed", smoothed))
+    ]
+
+
+def _past_errors(
+    beliefs: Sequence[PoseBelief], run: LookaheadRun, R_WO: Rotation
+) -> dict[str, float]:
+    v_WO = np.gradient(run.p_WO, PERIOD, axis=0)
+    R = Rotation.from_matrix([belief.R_WO for belief in beliefs])
+    errors = {
+        "position": np.array([belief.p_WCoM for belief in beliefs]) - run.p_WO,
+        "orientation": (R * R_WO.inv()).as_rotvec(),
+        "velocity": np.array([belief.v_WCoM for belief in beliefs]) - v_WO,
+    }
+    past = slice(1, -1)  # Where the true velocity is a central difference.
+    return {
+        name: float(np.sqrt(np.mean(np.sum(e[past] ** 2, axis=1)))) for name, e in errors.items()
+    }

@@ -142,7 +142,7 @@ def _content(part: Part, place: int) -> str:
                 return base64.b64encode(path.read_bytes()).decode()
         case Picture(image=matplotlib.figure.Figure() as figure):
             png = io.BytesIO()
-            figure.savefig(png, format="png", dpi=130)
+            figure.savefig(png, format="png", dpi=130, bbox_inches="tight")
             return base64.b64encode(png.getvalue()).decode()
     return ""
 

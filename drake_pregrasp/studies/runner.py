@@ -2,7 +2,6 @@
 
 import contextlib
 import dataclasses
-import fcntl
 import functools
 import json
 import os
@@ -13,7 +12,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from drake_pregrasp.errors import OutputError
-from drake_pregrasp.simulation.output import reading_back, writing
+from drake_pregrasp.simulation.output import claimed, reading_back, write_text, writing
 from drake_pregrasp.studies.package_digest import package_digest
 from drake_pregrasp.studies.workers import Failure, call_for_all
 
@@ -92,7 +91,10 @@ def run_jobs(
     package = package_digest(*modules)
     with contextlib.ExitStack() as stack:
         if folder is not None:
-            stack.enter_context(_claim(folder, {"study": settings or {}, "package": package}))
+            with writing(folder):
+                folder.mkdir(parents=True, exist_ok=True)
+            stack.enter_context(claimed(folder))
+            _check_settings(folder / SETTINGS, {"study": settings or {}, "package": package})
         journal = stack.enter_context(_journal(folder, jobs))
         missing = [job for job in jobs if "rows" not in journal.get(_key(job), {})]
         done = 0
@@ -168,11 +170,11 @@ class _Journal(dict[str, dict[str, Any]]):
         """Writes all files of what is known, each in one step."""
         if self._path is None:
             return
-        replace_file(self._path, "".join(map(_line, self._sorted())))
+        write_text(self._path, "".join(map(_line, self._sorted())))
         rows, failed = self.tables()
-        replace_file(self._path.with_name(ROWS), to_csv(rows))
+        write_text(self._path.with_name(ROWS), to_csv(rows))
         if len(failed):
-            replace_file(self._path.with_name(FAILED), to_csv(failed))
+            write_text(self._path.with_name(FAILED), to_csv(failed))
         else:
             with writing(self._path):
                 self._path.with_name(FAILED).unlink(missing_ok=True)
@@ -197,44 +199,20 @@ def to_csv(table: pd.DataFrame) -> str:
     return str(table.to_csv(index=False, na_rep="nan", lineterminator="\n"))
 
 
-def replace_file(path: Path, text: str) -> None:
-    """Writes a file in one step: whoever reads it, or ends the process, finds no part of it."""
-    new = path.with_name(f"{path.name}.new")
-    with writing(path):
-        new.write_text(text, encoding="utf-8", newline="\n")
-        os.replace(new, path)
-
-
-@contextlib.contextmanager
-def _claim(folder: Path, settings: Mapping[str, Any]) -> Iterator[None]:
-    """Makes the folder and its file of settings, or checks and locks those that are there."""
-    path = folder / SETTINGS
-    with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
-        file = path.open("a+", encoding="utf-8")
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            problem = f"another process works on this study; {_ANOTHER}"
-            raise OutputError(f"{path}: {problem}") from error
-        file.seek(0)
-        ours = json.loads(json.dumps(settings))
-        with reading_back(path):
-            text = file.read()
-        try:
-            theirs = json.loads(text) if text else ours
-            different = ", ".join(_differences(theirs, ours))
-        except (ValueError, AttributeError) as error:
-            raise OutputError(f"{path}: holds no settings of a study; {_ANOTHER}") from error
-        if different:
-            raise OutputError(
-                f"{path}: is of a study with other settings ({different}); {_ANOTHER}"
-            )
-        if not text:
-            file.write(json.dumps(ours, indent=1, sort_keys=True) + "\n")
-            file.flush()
-        yield
+def _check_settings(path: Path, settings: Mapping[str, Any]) -> None:
+    """Writes the file of a study's settings, or compares them with those that are there."""
+    ours = json.loads(json.dumps(settings))
+    if not path.exists():
+        write_text(path, json.dumps(ours, indent=1, sort_keys=True) + "\n")
+        return
+    with reading_back(path):
+        text = path.read_text(encoding="utf-8")
+    try:
+        different = ", ".join(_differences(dict(json.loads(text)), ours))
+    except (ValueError, TypeError) as error:
+        raise OutputError(f"{path}: holds no settings of a study; {_ANOTHER}") from error
+    if different:
+        raise OutputError(f"{path}: is of a study with other settings ({different}); {_ANOTHER}")
 
 
 def _differences(theirs: dict[str, Any], ours: dict[str, Any]) -> list[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from drake_pregrasp.studies.interruptible import INTERRUPTED_STATUS, interruptible
+from drake_pregrasp.simulation.output import INTERRUPTED_STATUS, interruptible
 from drake_pregrasp.studies.runner import FAILED, ROWS, OnProgress, StudyRows
 
 MOST_SEEDS = 10_000

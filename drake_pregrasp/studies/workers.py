@@ -7,15 +7,14 @@ import os
 import queue
 import signal
 import threading
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from drake_pregrasp.errors import InvalidArgumentError, OutputError, first_line
-from drake_pregrasp.studies.error_words import in_words
+from drake_pregrasp.errors import InvalidArgumentError, OutputError, first_line, one_line
 from drake_pregrasp.studies.package_digest import differences, package_digest
 
 ATTEMPTS = 3
@@ -29,6 +28,8 @@ TIMEOUT = 10.0
 
 _POLL_PERIOD = 0.2  # Seconds between looks for an interrupt while no job ends.
 _MOST_ON_CLUSTER = 1000  # Jobs that a scheduler has at a time.
+
+_OnEnd = Callable[[int, "Future[Any]"], None]
 
 # A run with a hand redirects the output of its process, and a Dask worker may have threads.
 _ONE_AT_A_TIME = threading.Lock()
@@ -55,7 +56,7 @@ class _Call:
                     raise InvalidArgumentError(f"this worker has another package: {differing}")
                 return self.function(job)
         except Exception as error:
-            return Failure(in_words(error))
+            return Failure(one_line(error))
 
 
 def call_for_all(
@@ -85,7 +86,8 @@ def call_for_all(
     call = _Call(function, tuple(modules), package_digest(*modules))
     with _noted_interrupts() as interrupted:
         if scheduler is None:
-            _call_locally(call, jobs, on_result, interrupted, processes or os.cpu_count() or 1)
+            workers = processes or os.cpu_count() or 1
+            _call_locally(call, jobs, on_result, interrupted, workers)
         else:
             _call_on_cluster(call, jobs, on_result, interrupted, scheduler)
 
@@ -98,66 +100,37 @@ def _call_locally(
     workers: int,
 ) -> None:
     waiting = deque(range(len(jobs)))
+    kills: Counter[int] = Counter()
+    again: list[int] = []
+
+    def on_end(index: int, future: "Future[Any]") -> None:
+        kills[index] += _is_broken(future)
+        if _is_broken(future) and kills[index] < ATTEMPTS:
+            again.append(index)
+        else:
+            on_result(index, _result(future))
+
+    def submit(index: int) -> "Future[Any]":
+        with _sigint_blocked():  # Processes inherit this while they import.
+            return pool.submit(call, jobs[index])
+
     while waiting:
-        batch = deque(waiting.popleft() for _ in range(min(len(waiting), JOBS_A_WORKER * workers)))
-        suspects: list[int] = []
-
-        def on_end(index: int, future: "Future[Any]", suspects: list[int] = suspects) -> None:
-            if isinstance(future.exception(), BrokenProcessPool):
-                suspects.append(index)
-            else:
-                on_result(index, _result(future))
-
-        _use_pool(call, jobs, batch, on_end, interrupted, workers)
-        waiting.extendleft(reversed(batch))
-        # Which of them the killed process had is not known. Alone, none is blamed for another.
-        for index in suspects:
-            on_result(index, _alone(call, jobs, index, interrupted))
-
-
-def _alone(call: _Call, jobs: Sequence[Any], index: int, interrupted: threading.Event) -> Any:
-    attempts: list[Future[Any]] = []
-    while len(attempts) < ATTEMPTS - 1:
-        _use_pool(call, jobs, deque([index]), lambda _, f: attempts.append(f), interrupted, 1)
-        if not isinstance(attempts[-1].exception(), BrokenProcessPool):
-            break
-    return _result(attempts[-1])
-
-
-def _use_pool(
-    call: _Call,
-    jobs: Sequence[Any],
-    indices: deque[int],
-    on_end: Callable[[int, "Future[Any]"], None],
-    interrupted: threading.Event,
-    workers: int,
-) -> None:
-    """Calls for jobs in new processes; if one is killed, those not begun are left in `indices`."""
-    # Threads don't survive a fork, so processes are spawned.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, context, initializer=_prepare_worker) as pool:
-        try:
-            broken = False
-            ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-            index_of: dict[Future[Any], int] = {}
-            while index_of or (indices and not broken):
+        # A job whose process was killed, or one beside it, is next tried alone: no other is blamed.
+        alone = kills[waiting[0]] > 0
+        most = 1 if alone else min(len(waiting), JOBS_A_WORKER * workers)
+        batch = deque(waiting.popleft() for _ in range(most))
+        # Threads don't survive a fork, so processes are spawned.
+        context = multiprocessing.get_context("spawn")
+        processes = min(workers, most)
+        with ProcessPoolExecutor(processes, context, initializer=_prepare_worker) as pool:
+            try:
                 # One more for each process, so that none waits for the next.
-                while indices and len(index_of) < 2 * workers and not broken:
-                    try:
-                        with _sigint_blocked():  # Processes inherit this while they import.
-                            future = pool.submit(call, jobs[indices[0]])
-                    except BrokenProcessPool:
-                        broken = True
-                    else:
-                        index_of[future] = indices.popleft()
-                        future.add_done_callback(ended.put)
-                if index_of:
-                    future = _next(ended, interrupted)
-                    broken = broken or isinstance(future.exception(), BrokenProcessPool)
-                    on_end(index_of.pop(future), future)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+                _drain(submit, batch, 2 * processes, on_end, interrupted)
+            except BaseException:
+                pool.shutdown(wait=False, cancel_futures=True)
+                raise
+        waiting.extendleft(reversed([*again, *batch]))
+        again.clear()
 
 
 def _call_on_cluster(
@@ -167,26 +140,66 @@ def _call_on_cluster(
     interrupted: threading.Event,
     address: str,
 ) -> None:
+    lost = (
+        f"{address}: the scheduler is gone; results so far are kept, and the same command goes on"
+    )
     with _connected(address, call) as client:
-        lost = OutputError(
-            f"{address}: the scheduler is gone; results so far are kept, and the same command"
-            " goes on"
-        )
+
+        def on_end(index: int, future: "Future[Any]") -> None:
+            if future.cancelled():
+                raise OutputError(lost)
+            on_result(index, _result(future))
+
+        def on_idle() -> None:
+            if client.status != "running":
+                raise OutputError(lost)
+
         # The scheduler gives the jobs of a killed worker to others by itself.
         executor = client.get_executor(pure=False)
-        waiting = deque(enumerate(jobs))
-        ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-        index_of: dict[Future[Any], int] = {}
-        while waiting or index_of:
-            while waiting and len(index_of) < _MOST_ON_CLUSTER:
-                index, job = waiting.popleft()
-                future = executor.submit(call, job)
-                index_of[future] = index
+        _drain(
+            lambda index: executor.submit(call, jobs[index]),
+            deque(range(len(jobs))),
+            _MOST_ON_CLUSTER,
+            on_end,
+            interrupted,
+            on_idle,
+        )
+
+
+def _drain(
+    submit: Callable[[int], "Future[Any]"],
+    indices: deque[int],
+    most: int,
+    on_end: _OnEnd,
+    interrupted: threading.Event,
+    on_idle: Callable[[], None] = lambda: None,
+) -> None:
+    """Submits jobs, `most` at a time, until none is left or a process is killed."""
+    ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
+    index_of: dict[Future[Any], int] = {}
+    broken = False
+    while index_of or (indices and not broken):
+        while indices and len(index_of) < most and not broken:
+            try:
+                future = submit(indices[0])
+            except BrokenProcessPool:
+                broken = True
+            else:
+                index_of[future] = indices.popleft()
                 future.add_done_callback(ended.put)
-            future = _next(ended, interrupted, lambda: client.status == "running", lost)
-            if future.cancelled():
-                raise lost
-            on_result(index_of.pop(future), _result(future))
+        if interrupted.is_set():
+            raise KeyboardInterrupt
+        try:
+            future = ended.get(timeout=_POLL_PERIOD if index_of else 0)
+        except queue.Empty:
+            on_idle()
+            continue
+        broken = broken or _is_broken(future)
+        on_end(index_of.pop(future), future)
+
+
+def _is_broken(future: "Future[Any]") -> bool:
+    return not future.cancelled() and isinstance(future.exception(), BrokenProcessPool)
 
 
 @contextlib.contextmanager
@@ -236,22 +249,7 @@ def _result(future: "Future[Any]") -> Any:
     except BrokenProcessPool:
         return Failure(f"its process was killed, {ATTEMPTS} times")
     except Exception as error:  # A result that can't be pickled, or Dask's own.
-        return Failure(in_words(error))
-
-
-def _next(
-    ended: "queue.SimpleQueue[Future[Any]]",
-    interrupted: threading.Event,
-    is_connected: Callable[[], bool] = lambda: True,
-    lost: Exception | None = None,
-) -> "Future[Any]":
-    while True:
-        if interrupted.is_set():
-            raise KeyboardInterrupt
-        with contextlib.suppress(queue.Empty):
-            return ended.get(timeout=_POLL_PERIOD)
-        if not is_connected() and lost is not None:
-            raise lost
+        return Failure(one_line(error))
 
 
 @contextlib.contextmanager

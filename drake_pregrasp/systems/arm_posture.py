@@ -21,7 +21,7 @@ from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.systems.carrier_posture import reach_frame, upright_frame
-from drake_pregrasp.systems.pose_ports import LastPose, usable_poses, usable_velocity
+from drake_pregrasp.systems.pose_ports import LastPose, validated_poses, validated_velocity
 
 _DAMPING = 1e-4  # Of joints' ways, in metres (and radians) of the palm, squared.
 _LARGEST_STEP = 0.2  # Of any joint, in radians.
@@ -215,7 +215,7 @@ class ArmPosture(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._advance)
 
     def _rates(self, context: Context) -> FloatArray:
-        V_WG = usable_velocity(self._V_WG.Eval(context))
+        V_WG = validated_velocity(self._V_WG.Eval(context))
         return np.append(V_WG.translational(), V_WG.rotational()[2])
 
     def _calc_now(self, context: Context) -> FloatArray:
@@ -233,7 +233,7 @@ class ArmPosture(LeafSystem):
 
     def _poses(self, context: Context) -> list[RigidTransform | None]:
         port = f"tip_goals of {self.get_name()}"
-        return usable_poses(self._tip_goals.Eval(context), self._tip_frames, port)
+        return validated_poses(self._tip_goals.Eval(context), self._tip_frames, port)
 
     def _within(self, place: FloatArray) -> FloatArray:
         return np.append(place[:3], np.clip(place[3], *self._yaw_range))

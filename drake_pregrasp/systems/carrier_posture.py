@@ -18,7 +18,7 @@ from pydrake.systems.framework import (
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.systems.pose_ports import LastPose, usable_poses, usable_velocity
+from drake_pregrasp.systems.pose_ports import LastPose, validated_poses, validated_velocity
 
 
 class CarrierPosture(LeafSystem):
@@ -125,7 +125,7 @@ class CarrierPosture(LeafSystem):
     def _calc_yaw(self, context: Context) -> float:
         before = float(context.get_discrete_state(self._yaw)[0])
         port = f"tip_goals of {self.get_name()}"
-        poses = usable_poses(self._goals.Eval(context), self._tip_frames, port)
+        poses = validated_poses(self._goals.Eval(context), self._tip_frames, port)
         p_WT = [X.translation() for X in poses if X is not None]
         if len(p_WT) < len(poses):
             return before
@@ -138,7 +138,7 @@ class CarrierPosture(LeafSystem):
         self._object.store(context, discrete_state)
 
     def _calc_posture(self, context: Context, output: BasicVector) -> None:
-        V_WG = usable_velocity(self._V_WG.Eval(context))
+        V_WG = validated_velocity(self._V_WG.Eval(context))
         posture = self._home.copy()
         posture[self._slides] += self._carrier.eval(context).translation()
         posture[self._slides] += V_WG.translational() * self._lead

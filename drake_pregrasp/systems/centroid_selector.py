@@ -14,14 +14,13 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray, validated_covariance
 from drake_pregrasp.contacts.centroids import select_contacts, verify_contacts
 from drake_pregrasp.contacts.goal_limits import ContactLimits, hold_contacts
 from drake_pregrasp.contacts.selection_input import ContactGoals, ContactStatus, SelectionInput
 from drake_pregrasp.contacts.strategies import BLEND, make_blend, make_strategy
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.tracking_status import usable_status
-from drake_pregrasp.geometry.input_validation import usable_covariance
+from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.quality.force_closure import FRICTION
 from drake_pregrasp.regions.constraints import NO_CAUSE
@@ -246,7 +245,7 @@ class CentroidSelector(LeafSystem):
             surface=self._surface,
             p_OC=p_OC,
             regions=self._regions(context),
-            covariance_O=usable_covariance(covariance_W, R_WO, self._spread),
+            covariance_O=validated_covariance(covariance_W, R_WO, self._spread),
         )
         if time < self._static_duration - SLACK * self._period:
             goals = hold_contacts(selection)
@@ -264,10 +263,10 @@ class CentroidSelector(LeafSystem):
 
     def _is_tracked(self, context: Context) -> bool:
         if self._tracking_status.HasValue(context):
-            status = usable_status(self._tracking_status.Eval(context)[0])
+            status = TrackingStatus(self._tracking_status.Eval(context)[0])
             if not status.is_followed:
                 return False
-        return self._pose.is_usable(context)
+        return self._pose.is_valid(context)
 
     def _regions(self, context: Context) -> SafeRegions:
         regions = self._safe_regions.Eval(context)

@@ -13,11 +13,10 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray, validated_numbers
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.tracking_status import usable_status
-from drake_pregrasp.geometry.input_validation import known_numbers
+from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.grasping.fingertip_paths import MOVING_CLEARANCE, TipPlaces, shape_goals
@@ -25,9 +24,9 @@ from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.regions.obstacles import all_are_known, place_obstacles
 from drake_pregrasp.systems.pose_ports import (
     LastPose,
-    is_usable,
-    usable_poses,
-    usable_velocity,
+    is_valid,
+    validated_poses,
+    validated_velocity,
 )
 
 
@@ -214,7 +213,7 @@ class FingertipGoalShaper(LeafSystem):
             active = is_active(np.asarray(self._status.Eval(context)))
         standoffs = np.full(len(active), self._standoff)
         if self._standoffs.HasValue(context):
-            asked = known_numbers(self._standoffs.Eval(context))
+            asked = validated_numbers(self._standoffs.Eval(context))
             standoffs = np.where(np.isnan(asked), standoffs, asked)
         kept = self._contacts if held else self._asked
         p_OC, nhat = context.get_discrete_state(kept).value().reshape(2, -1, 3)
@@ -257,18 +256,18 @@ class FingertipGoalShaper(LeafSystem):
     def _is_tracked(self, context: Context) -> bool:
         if not self._tracking_status.HasValue(context):
             return True
-        status = usable_status(self._tracking_status.Eval(context)[0])
+        status = TrackingStatus(self._tracking_status.Eval(context)[0])
         return status.is_followed
 
     def _sample_targets(self, context: Context, discrete_state: DiscreteValues) -> None:
         X_WO: RigidTransform = self._X_WO.Eval(context)
-        if self._is_held(context) or not self._is_tracked(context) or not is_usable(X_WO):
+        if self._is_held(context) or not self._is_tracked(context) or not is_valid(X_WO):
             return
         asked: FloatArray = context.get_discrete_state(self._asked).value().copy()
         p_OC, nhat = asked.reshape(2, -1, 3)
         port = f"fingertip_targets of {self.get_name()}"
         X_OW = X_WO.inverse()
-        targets = usable_poses(self._targets.Eval(context), self._tip_frames, port)
+        targets = validated_poses(self._targets.Eval(context), self._tip_frames, port)
         for finger, X_WC in enumerate(targets):
             if X_WC is not None:
                 X_OC: RigidTransform = X_OW @ X_WC
@@ -278,7 +277,7 @@ class FingertipGoalShaper(LeafSystem):
 
     def _palm_turn(self, context: Context) -> FloatArray | None:
         """Returns R_GU; None without a pose of the palm that can be used."""
-        if not self._X_WU.HasValue(context) or not is_usable(self._X_WU.Eval(context)):
+        if not self._X_WU.HasValue(context) or not is_valid(self._X_WU.Eval(context)):
             return None
         R_GW = self._pose.eval(context).rotation().inverse()
         R_GU: FloatArray = (R_GW @ self._X_WU.Eval(context).rotation()).matrix()
@@ -300,7 +299,7 @@ class FingertipGoalShaper(LeafSystem):
 
     def _calc_tip_goals(self, context: Context, output: AbstractValue) -> None:
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
-        X_WG, V_WG = self._pose.eval(context), usable_velocity(self._V_WG.Eval(context))
+        X_WG, V_WG = self._pose.eval(context), validated_velocity(self._V_WG.Eval(context))
         R_WG = rotation_matrix(V_WG.rotational() * self._lead) @ X_WG.rotation().matrix()
         p_WT = p_GT @ R_WG.T + X_WG.translation() + V_WG.translational() * self._lead
         goals = BusValue()

@@ -8,9 +8,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable, ModelInstanceIndex
 from pydrake.systems.framework import BasicVector, Context, LeafSystem, ValueProducer
 
-from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.arrays import FloatArray, IntArray, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.input_validation import known_numbers
 
 _FORCE_DIRECTIONS = 3
 _DAMPING = 1e-10  # In m², beside squares of a finger's length: it can be stretched out straight.
@@ -200,7 +199,7 @@ class FingertipSensor(LeafSystem):
         )
 
     def _positions(self, context: Context) -> FloatArray:
-        return known_numbers(self._state.Eval(context)[: self._hand.num_positions])
+        return validated_numbers(self._state.Eval(context)[: self._hand.num_positions])
 
     def _calc_posed(self, context: Context, output: AbstractValue) -> None:
         q = self._positions(context)
@@ -213,7 +212,7 @@ class FingertipSensor(LeafSystem):
         output.SetFromVector(self._hand.tip_positions(self._posed.Eval(context)).ravel())
 
     def _calc_forces(self, context: Context, output: BasicVector) -> None:
-        actuation = known_numbers(self._actuation.Eval(context))
+        actuation = validated_numbers(self._actuation.Eval(context))
         if np.any(np.isnan(actuation)) or np.any(np.isnan(self._positions(context))):
             output.SetFromVector(np.full(output.size(), np.nan))
             return

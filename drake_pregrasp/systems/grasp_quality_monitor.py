@@ -5,14 +5,13 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray, are_valid_points
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.input_validation import are_usable_points
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.contact_models import CONTACT_MODELS, NEED_NORMALS
 from drake_pregrasp.quality.grasp_quality import GraspQuality, grasp_quality
-from drake_pregrasp.systems.pose_ports import is_usable
+from drake_pregrasp.systems.pose_ports import is_valid
 
 GraspQualityView = namedview("GraspQualityView", GraspQuality.names())
 """Names the elements of the port `grasp_quality`: `GraspQualityView(port.Eval(context)).q_msv`."""
@@ -87,10 +86,10 @@ class GraspQualityMonitor(LeafSystem):
     def _calc_quality(self, context: Context, output: BasicVector) -> None:
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
         X_WO: RigidTransform = self._X_WO.Eval(context)
-        counts = are_usable_points(p_WC)
+        counts = are_valid_points(p_WC)
         if self._contact_status.HasValue(context):
             counts &= is_active(self._contact_status.Eval(context))
-        if not is_usable(X_WO):
+        if not is_valid(X_WO):
             counts[:] = False
             X_WO = RigidTransform()
         p_WC = p_WC[counts]

@@ -12,15 +12,14 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, validated_numbers
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.tracking_status import usable_status
-from drake_pregrasp.geometry.input_validation import known_numbers
+from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.grasping.grasp_phases import next_state
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspSettings, GraspState, GraspView
 from drake_pregrasp.grasping.squeeze import Coasting, Squeeze, safest_squeeze
-from drake_pregrasp.systems.pose_ports import LastPose, usable_velocity
+from drake_pregrasp.systems.pose_ports import LastPose, validated_velocity
 
 GRAVITY = 9.81
 """Along -z of W, in m/s²."""
@@ -190,7 +189,7 @@ class GraspSequencer(LeafSystem):
         state: GraspState = self._remembered.Eval(context)
         time = context.get_time()
         if np.isinf(state.gripped):
-            X, V = self._pose.eval(context), usable_velocity(self._V_WO.Eval(context))
+            X, V = self._pose.eval(context), validated_velocity(self._V_WO.Eval(context))
             R, p, w, v = X.rotation(), X.translation(), V.rotational(), V.translational()
         else:
             first = Coasting.from_vector(context.get_discrete_state(self._gripped).value())
@@ -204,15 +203,15 @@ class GraspSequencer(LeafSystem):
         return X_WG, SpatialVelocity(w=w, v=v + state.height.rate(time) * up)
 
     def _contacts(self, context: Context) -> tuple[FloatArray, FloatArray]:
-        p_OC, nhat = known_numbers(self._frames.Eval(context)).reshape(2, -1, 3)
+        p_OC, nhat = validated_numbers(self._frames.Eval(context)).reshape(2, -1, 3)
         return p_OC, nhat
 
     def _sees(self, context: Context) -> bool:
         if self._tracking_status.HasValue(context):
-            status = usable_status(self._tracking_status.Eval(context)[0])
+            status = TrackingStatus(self._tracking_status.Eval(context)[0])
             if not status.is_followed:
                 return False
-        return self._pose.is_usable(context)
+        return self._pose.is_valid(context)
 
     def _is_to_close(self, context: Context, state: GraspState) -> bool:
         close = float(self._close.Eval(context)[0])
@@ -222,11 +221,11 @@ class GraspSequencer(LeafSystem):
         state: GraspState = self._remembered.Eval(context)
         X_WG, V_WG = self._motion.Eval(context)
         p_OC, nhat = self._contacts(context)
-        p_WT = known_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
+        p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
         p_GT = (X_WG.inverse() @ p_WT.T).T
         presses = np.zeros(len(p_OC))
         if state.phase >= GraspPhase.CLOSE:  # Before that nobody asks, and forces cost some time.
-            f_T_W = known_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
+            f_T_W = validated_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
             f_T_G = f_T_W @ X_WG.rotation().matrix()
             presses = -np.sum(f_T_G * nhat, axis=1)
         p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat

@@ -10,9 +10,8 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.input_validation import known_numbers
 from drake_pregrasp.systems.fingertip_sensor import HandKinematics
 
 LARGEST_RATE = 10.0
@@ -100,7 +99,7 @@ class JointReference(LeafSystem):
         return at_limit
 
     def _sample(self, context: Context, discrete_state: DiscreteValues) -> None:
-        v = known_numbers(self._commanded.Eval(context))
+        v = validated_numbers(self._commanded.Eval(context))
         if np.any(np.isnan(v)):
             v = np.zeros_like(v)
         discrete_state.set_value(self._start, [context.get_time()])
@@ -116,7 +115,7 @@ class JointReference(LeafSystem):
     def _calc_desired(self, context: Context, output: BasicVector) -> None:
         q = self._reference(context)
         if self._forces.HasValue(context):
-            f_T_W = known_numbers(self._forces.Eval(context)).reshape(-1, 3)
+            f_T_W = validated_numbers(self._forces.Eval(context)).reshape(-1, 3)
             f_T_W[np.any(np.isnan(f_T_W), axis=1)] = 0.0
             if np.any(f_T_W):
                 jacobians = self._hand.tip_jacobians(self._posed.Eval(context))

@@ -10,7 +10,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.estimation.tracking_status import TrackingStatus, usable_status
+from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.regions.safe_regions import SafeRegions
 
 
@@ -110,7 +110,7 @@ class TickLogger(LeafSystem):
         regions: SafeRegions = self._safe_regions.Eval(context)
         status, age = TrackingStatus.TRACKING, 0.0
         if self._tracking_status.HasValue(context):
-            status = usable_status(self._tracking_status.Eval(context)[0])
+            status = TrackingStatus(self._tracking_status.Eval(context)[0])
         if self._age.HasValue(context):
             age = float(self._age.Eval(context)[0])
         # Evaluating an abstract port gives the cached object itself, which later ticks overwrite.

@@ -16,9 +16,8 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray, is_valid_pose, validated_rates
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.input_validation import is_usable_pose, usable_rates
 
 
 class LastPose:
@@ -44,13 +43,13 @@ class LastPose:
 
     def _calc_used(self, context: Context, output: AbstractValue) -> None:
         X: RigidTransform = self._port.Eval(context)
-        if is_usable(X):
+        if is_valid(X):
             output.set_value((RigidTransform(X), True))  # What is evaluated is overwritten later.
             return
         stored = context.get_discrete_state(self._index).value()
         output.set_value((RigidTransform(stored.reshape(3, 4)), False))
 
-    def is_usable(self, context: Context) -> bool:
+    def is_valid(self, context: Context) -> bool:
         """Returns whether the pose at the port can be used."""
         usable: bool = self._used.Eval(context)[1]
         return usable
@@ -66,7 +65,7 @@ class LastPose:
             discrete_state.set_value(self._index, _to_vector(self.eval(context)))
 
 
-def usable_poses(bus: BusValue, names: Sequence[str], port: str) -> list[RigidTransform | None]:
+def validated_poses(bus: BusValue, names: Sequence[str], port: str) -> list[RigidTransform | None]:
     """Returns the poses of a bus by names, and None for each that isn't there or can't be used.
 
     Args:
@@ -84,21 +83,21 @@ def usable_poses(bus: BusValue, names: Sequence[str], port: str) -> list[RigidTr
             raise InvalidArgumentError(
                 f"port {port} accepts a RigidTransform for {name}, not a {type(X).__name__}"
             )
-        poses.append(X if X is not None and is_usable(X) else None)
+        poses.append(X if X is not None and is_valid(X) else None)
     return poses
 
 
-def usable_velocity(V: SpatialVelocity) -> SpatialVelocity:
+def validated_velocity(V: SpatialVelocity) -> SpatialVelocity:
     """Returns a velocity as it is if it is finite and not too large, or else zero."""
     rates = V.get_coeffs()
-    usable = usable_rates(rates)
+    usable = validated_rates(rates)
     return V if usable is rates else SpatialVelocity.Zero()
 
 
-def is_usable(X: RigidTransform) -> bool:
+def is_valid(X: RigidTransform) -> bool:
     """Returns whether a pose is one: finite, not too far, and with a rotation."""
     Rp = X.GetAsMatrix34()
-    return is_usable_pose(Rp[:, :3], Rp[:, 3])
+    return is_valid_pose(Rp[:, :3], Rp[:, 3])
 
 
 def _to_vector(X: RigidTransform) -> FloatArray:

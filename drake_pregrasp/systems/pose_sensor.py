@@ -15,17 +15,21 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray, pack, unpack
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.fault_settings import MeasurementFaults, find_flaw
-from drake_pregrasp.estimation.measurement_faults import faulty_disturbance, white_disturbance
-from drake_pregrasp.estimation.sensor_memory import SensorMemory, memory_capacity, next_memory
+from drake_pregrasp.estimation.measurement_faults import (
+    SensorMemory,
+    faulty_disturbance,
+    next_memory,
+)
+from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.systems.noise_source import MAX_SEED
 from drake_pregrasp.ticks import tick_index
 
 
 class NoisyPoseSensor(LeafSystem):
-    """Measures a pose with white noise, and with faults if there are to be any.
+    """Measures a pose with white noise and, optionally, faults.
 
     .. pydrake_system::
 
@@ -40,32 +44,33 @@ class NoisyPoseSensor(LeafSystem):
     Port `X_WO` accepts a `RigidTransform`: the true pose of the object O in the world W.
 
     Port `noise` accepts a vector of 6 standard normal numbers, three for the position and three
-    for the orientation. It is a random input in Drake's sense; `NoiseSource` says why that system
-    is the better source for it.
+    for the orientation. It is a random input in Drake's sense; `NoiseSource` explains why that
+    system is the better source for it.
 
     Port `X_WO_measured` emits a `RigidTransform` M with p_WM = p_WO + position_std * noise[:3] and
-    R_WM = Exp(orientation_std * noise[3:]) R_WO; `faulty_disturbance` says what faults change. It
-    is the measurement that arrived last, and NaN while none has.
+    R_WM = Exp(orientation_std * noise[3:]) R_WO; for the effect of faults see `faulty_disturbance`.
+    M is the measurement that arrived last, and NaN while none has.
 
-    Port `measurement_time` emits a vector of 1: when the pose at `X_WO_measured` was taken, in
-    seconds, and -inf while none has arrived. At a tick at which nothing arrives it stays as it is;
-    an unchanged time means that there is nothing new.
+    Port `measurement_time` emits a vector of 1: the time at which the pose at `X_WO_measured` was
+    taken, in seconds, and -inf while none has arrived. At a tick without an arrival it does not
+    change; an unchanged time means that there is no new measurement.
 
     Faults are a function of the seed and the tick, so a Context that is set back, or copied,
     repeats them. The seed is the numeric parameter 0 of the Context. With faults that concern time
     (dropouts, delay, jitter, freezing, a sample period) the sensor has discrete state, measures at
     ticks only, and holds the measurement between them. There is no lag: at a tick the outputs are
-    the same before the discrete update and after it. Other faults need no state; then, as without
-    any, the measured pose follows the true one, and its time is the Context's. `SensorMemory` has
-    the rules of what arrives when.
+    the same before the discrete update and after it. `next_memory` defines which measurement
+    arrives when. Other faults need no state; the measured pose then follows the true one, and its
+    time is the Context's, as without faults.
 
     Args:
-        position_std: Standard deviation per axis, in metres; with faults that have heavy tails the
-            scale of Student's t.
-        orientation_std: The same for the rotation vector, in radians.
+        position_std: Standard deviation per axis, in metres; with heavy-tailed faults the scale of
+            Student's t.
+        orientation_std: Standard deviation per axis of the rotation vector, in radians; with
+            heavy-tailed faults the scale of Student's t.
         period: Seconds between ticks; needed for faults only.
         seed: Default of the faults' seed, an integer from 0 to 2**53.
-        faults: What else goes wrong; nothing by default. Without faults there is neither state nor
+        faults: Faults of the sensor; none by default. Without faults there is neither state nor
             parameter.
 
     Raises:
@@ -118,14 +123,12 @@ class NoisyPoseSensor(LeafSystem):
     def _declare_memory(
         self, faults: MeasurementFaults, sources: set[DependencyTicket]
     ) -> CacheEntry:
-        self._capacity = memory_capacity(faults, self._period)
-        self._state_index = self.DeclareDiscreteState(
-            SensorMemory.empty().to_vector(self._capacity)
-        )
+        self._empty = SensorMemory.empty(faults, self._period)
+        self._state_index = self.DeclareDiscreteState(pack(self._empty))
         self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._store_memory)
         return self.DeclareCacheEntry(
             "memory at the Context's time",
-            ValueProducer(lambda: AbstractValue.Make(SensorMemory.empty()), self._calc_memory),
+            ValueProducer(lambda: AbstractValue.Make(self._empty), self._calc_memory),
             sources | {self.discrete_state_ticket(self._state_index)},
         )
 
@@ -135,7 +138,7 @@ class NoisyPoseSensor(LeafSystem):
         else:
             memory: SensorMemory = self._memory.Eval(context)
             X_WM = memory.pose.reshape(3, 4)
-            # What is not a number makes no rotation matrix that would pass a check.
+            # NaN would not pass the check of a rotation matrix.
             R_WM = RotationMatrix.MakeUnchecked(X_WM[:, :3])
             output.set_value(RigidTransform(R_WM, X_WM[:, 3]))
 
@@ -147,16 +150,21 @@ class NoisyPoseSensor(LeafSystem):
             output.SetFromVector([memory.stamp])
 
     def _measure(self, context: Context) -> RigidTransform:
-        """Returns the pose that is measured now, whenever it may arrive."""
+        """Returns the pose that is measured now, at whatever time it arrives."""
         X_WO: RigidTransform = self._X_WO.Eval(context)
         noise: FloatArray = self._noise.Eval(context)
-        scales = self._position_std, self._orientation_std
-        offset, turn = white_disturbance(noise, *scales)
+        offset = self._position_std * noise[:3]
+        turn = rotation_matrix(self._orientation_std * noise[3:])
         if self._faults is not None:
             tick = tick_index(context.get_time(), self._period)
             if self._faults.act_at(tick, self._period):
                 offset, turn = faulty_disturbance(
-                    noise, *scales, self._faults, tick=tick, seed=self._seed(context)
+                    noise,
+                    self._position_std,
+                    self._orientation_std,
+                    self._faults,
+                    tick=tick,
+                    seed=self._seed(context),
                 )
         R_WM = RotationMatrix.MakeUnchecked(turn) @ X_WO.rotation()
         return RigidTransform(R_WM, X_WO.translation() + offset)
@@ -166,7 +174,7 @@ class NoisyPoseSensor(LeafSystem):
 
     def _calc_memory(self, context: Context, output: AbstractValue) -> None:
         assert self._faults is not None
-        memory = SensorMemory.from_vector(context.get_discrete_state(self._state_index).value())
+        memory = unpack(self._empty, context.get_discrete_state(self._state_index).value())
         time = context.get_time()
         tick = tick_index(time, self._period)
         if tick != memory.tick:
@@ -184,7 +192,7 @@ class NoisyPoseSensor(LeafSystem):
     def _store_memory(self, context: Context, discrete_state: DiscreteValues) -> None:
         assert self._memory is not None
         memory: SensorMemory = self._memory.Eval(context)
-        discrete_state.set_value(self._state_index, memory.to_vector(self._capacity))
+        discrete_state.set_value(self._state_index, pack(memory))
 
 
 def _checked_period(faults: MeasurementFaults, period: float | None) -> float:

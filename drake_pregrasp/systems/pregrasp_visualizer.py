@@ -157,7 +157,9 @@ class PregraspVisualizer(LeafSystem):
             strict=True,
         ):
             color = self._colors[label]
-            self._meshcat.SetProperty(_tile_path(tile), "color", list(_rgba(color)))
+            # Like an animated colour, this one is linear; that of `SetObject` is sRGB.
+            live = [*linear_rgb(color), color.a()]
+            self._meshcat.SetProperty(_tile_path(tile), "color", live)
             if self._record:
                 # A recording interpolates: the old colour is held till one frame before.
                 target = f"{_tile_path(tile)}/<object>", "material.color"
@@ -211,10 +213,6 @@ def _goal_path(contact: int) -> str:
 
 def _trail_path(contact: int, slot: int) -> str:
     return f"{ROOT}/object/trails/{contact}/{slot}"
-
-
-def _rgba(color: Rgba) -> tuple[float, float, float, float]:
-    return color.r(), color.g(), color.b(), color.a()
 
 
 def _nearest_candidates(surface: ObjectSurface, tiles: ObjectSurface) -> IntArray:

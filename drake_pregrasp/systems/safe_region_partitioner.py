@@ -8,13 +8,13 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import Context, LeafSystem
 
-from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.input_validation import (
+from drake_pregrasp.arrays import (
     FARTHEST,
-    are_usable_points,
-    usable_weights,
+    FloatArray,
+    are_valid_points,
+    validated_weights,
 )
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.no_touch import AxisArea
 from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.geometry.sampling import lifted
@@ -29,7 +29,7 @@ from drake_pregrasp.regions.constraints import (
 from drake_pregrasp.regions.obstacles import place_obstacles
 from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
 from drake_pregrasp.regions.walls import WALL_TESTS, SurfaceGraph, normals_agree
-from drake_pregrasp.systems.pose_ports import is_usable, usable_velocity
+from drake_pregrasp.systems.pose_ports import is_valid, validated_velocity
 
 _NO_OBSTACLES = Obstacles()
 _NOWHERE = FingerReach(BallSolid(np.array([FARTHEST, 0.0, 0.0]), 0.0))
@@ -177,16 +177,16 @@ class SafeRegionPartitioner(LeafSystem):
 
     def _calc_regions(self, context: Context, output: AbstractValue) -> None:
         X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
-        if not is_usable(X_WO):
+        if not is_valid(X_WO):
             output.set_value(self._no_regions())
             return
         X_OW = X_WO.inverse()
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
         weights = np.zeros(self._num_contacts)
         if self._contact_weights.HasValue(context):
-            weights = usable_weights(self._contact_weights.Eval(context))
+            weights = validated_weights(self._contact_weights.Eval(context))
         p_OC = (X_OW @ p_WC.T).T
-        placed = are_usable_points(p_OC)
+        placed = are_valid_points(p_OC)
         if not placed.all():
             p_OC[~placed], weights[~placed] = 0.0, -np.inf
         constraints = self._constraints(context, X_OW, p_OC)
@@ -247,7 +247,7 @@ class SafeRegionPartitioner(LeafSystem):
         X_OH = X_OW
         if self._X_WH.HasValue(context):
             X_WH: RigidTransform = self._X_WH.Eval(context)
-            if not is_usable(X_WH):
+            if not is_valid(X_WH):
                 return [reach and _NOWHERE for reach in self._reach]
             X_OH = X_OW @ X_WH
         R_OH, p_OH = X_OH.rotation().matrix(), X_OH.translation()
@@ -258,7 +258,7 @@ class SafeRegionPartitioner(LeafSystem):
         X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
         R_WO, p_WO = X_WO.rotation().matrix(), X_WO.translation()
         if self._V_WO.HasValue(context):
-            V_WO = usable_velocity(self._V_WO.Eval(context))
+            V_WO = validated_velocity(self._V_WO.Eval(context))
             R_WO = rotation_matrix(V_WO.rotational() * seconds) @ R_WO
             p_WO = p_WO + V_WO.translational() * seconds
         return place_obstacles(in_world, R_WO.T, -R_WO.T @ p_WO, seconds=seconds)

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import ContactStatus, describe_status
-from drake_pregrasp.estimation.tracking_status import TrackingStatus, usable_status
+from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.systems.drawing import NO_REGION_COLOR, contact_color, text_board
 
 ROOT = "/drake/contact_status"
@@ -109,7 +109,7 @@ class StatusLabels(LeafSystem):
         path = None
         tracking = TrackingStatus.TRACKING
         if self._tracking_status.HasValue(context):
-            tracking = usable_status(self._tracking_status.Eval(context)[0])
+            tracking = TrackingStatus(self._tracking_status.Eval(context)[0])
         if tracking != TrackingStatus.TRACKING:
             path = f"{ROOT}/object/{tracking.name.lower()}"
             words = f"object: {tracking.name.lower()}"

@@ -10,7 +10,7 @@ from pydrake.systems.framework import BusValue
 
 from drake_pregrasp import BoxSolid, GraspConfig, HandController, HandModel, load_hand
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.tracking_status import TrackingStatus
+from drake_pregrasp.estimation.pose_track import TrackingStatus
 
 MODEL = HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
 AROUND = 2 * np.pi * np.arange(5) / 5

@@ -6,8 +6,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import binomtest, kstest, norm, t
 
 from drake_pregrasp import MeasurementFaults
-from drake_pregrasp.estimation.measurement_faults import faulty_disturbance, white_disturbance
-from drake_pregrasp.geometry.rotations import rotation_vector
+from drake_pregrasp.estimation.measurement_faults import faulty_disturbance
+from drake_pregrasp.geometry.rotations import rotation_matrix, rotation_vector
 
 TICKS = 2000
 STD = (0.01, 0.02)
@@ -19,15 +19,14 @@ SURE = 1e-4  # Of a test that a right model fails: seeds are fixed, so it never 
 def disturbances(faults, noise=NORMAL, seed=0, std=STD):
     """Returns offsets and rotation vectors, shapes (k, 3)."""
     found = [faulty_disturbance(n, *std, faults, tick=k, seed=seed) for k, n in enumerate(noise)]
-    return np.array([d.offset for d in found]), np.array([rotation_vector(d.turn) for d in found])
+    return np.array([p for p, _ in found]), np.array([rotation_vector(turn) for _, turn in found])
 
 
 def test_without_faults_it_is_the_noise():
     for tick, noise in enumerate(NORMAL[:50]):
         found = faulty_disturbance(noise, *STD, MeasurementFaults(), tick=tick, seed=0)
-        white = white_disturbance(noise, *STD)
-        np.testing.assert_array_equal(found.offset, white.offset)
-        np.testing.assert_allclose(found.turn, white.turn, atol=1e-15)
+        np.testing.assert_array_equal(found[0], STD[0] * noise[:3])
+        np.testing.assert_allclose(found[1], rotation_matrix(STD[1] * noise[3:]), atol=1e-15)
 
 
 def test_a_factor_on_the_noise_is_one_on_its_standard_deviations():
@@ -109,7 +108,7 @@ def test_a_measurement_that_is_not_a_number_is_none_throughout_and_so_are_as_man
         faulty_disturbance(n, *STD, MeasurementFaults(nan_probability=0.2), tick=k, seed=0)
         for k, n in enumerate(NORMAL)
     ]
-    bad = np.array([np.concatenate([d.offset, d.turn.ravel()]) for d in found])
+    bad = np.array([np.append(offset, turn) for offset, turn in found])
     np.testing.assert_array_equal(np.any(np.isnan(bad), axis=1), np.all(np.isnan(bad), axis=1))
     assert binomtest(int(np.sum(np.isnan(bad[:, 0]))), TICKS, 0.2).pvalue > SURE
 

@@ -6,17 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drake_pregrasp import MeasurementFaults
+from drake_pregrasp.arrays import pack, unpack
 from drake_pregrasp.estimation.fault_settings import find_flaw
 from drake_pregrasp.estimation.measurement_faults import (
+    POSE_SIZE,
+    SensorMemory,
     arrival_tick,
     is_frozen,
     is_occluded,
     is_taken,
-)
-from drake_pregrasp.estimation.sensor_memory import (
-    POSE_SIZE,
-    SensorMemory,
-    memory_capacity,
     next_memory,
 )
 
@@ -31,7 +29,8 @@ def value(tick):
 
 def played(faults, seed=0, ticks=range(TICKS), memory=None, period=T):
     """Returns the memories after the ticks, each by way of the vector that is stored."""
-    memory = memory or SensorMemory.empty()
+    empty = SensorMemory.empty(faults, period)
+    memory = memory or empty
     found = []
     for tick in ticks:
         memory = next_memory(
@@ -43,7 +42,7 @@ def played(faults, seed=0, ticks=range(TICKS), memory=None, period=T):
             period=period,
             seed=seed,
         )
-        memory = SensorMemory.from_vector(memory.to_vector(memory_capacity(faults, period)))
+        memory = unpack(empty, pack(memory))
         found.append(memory)
     return found
 
@@ -181,15 +180,14 @@ def test_a_memory_of_the_future_is_none():
     faults = MeasurementFaults(delay=0.1, freeze_rate=2.0, dropout_rate=1.0)
     future = played(faults)[-1]
     anew, other = played(faults, ticks=range(20)), played(faults, ticks=range(20), memory=future)
-    np.testing.assert_array_equal([m.to_vector(2) for m in other], [m.to_vector(2) for m in anew])
+    np.testing.assert_array_equal([pack(m) for m in other], [pack(m) for m in anew])
 
 
 def test_the_vector_form_loses_nothing():
     faults = MeasurementFaults(delay=0.2, jitter=0.1, freeze_rate=4.0)
-    for memory in [SensorMemory.empty(), *played(faults)]:
-        vector = memory.to_vector(6)
-        np.testing.assert_array_equal(SensorMemory.from_vector(vector).to_vector(6), vector)
-        assert vector.shape == SensorMemory.empty().to_vector(6).shape
+    empty = SensorMemory.empty(faults, T)
+    for memory in [empty, *played(faults)]:
+        np.testing.assert_array_equal(pack(unpack(empty, pack(memory))), pack(memory))
 
 
 USABLE = {"outlier_probability": 0.1, "dropout_rate": 1.0, "freeze_rate": 1.0}
@@ -231,5 +229,5 @@ def test_what_is_unusable_is_named(name, changed):
 def test_the_longest_delay_and_burst_that_are_allowed_can_be_used():
     faults = MeasurementFaults(delay=30.0, jitter=20.0, dropout_rate=1.0, dropout_duration=100.0)
     assert find_flaw(faults, T) is None
-    assert memory_capacity(faults, T) == 1000
+    assert len(SensorMemory.empty(faults, T).under_way) == 1000
     assert len(played(faults, ticks=range(3))) == 3

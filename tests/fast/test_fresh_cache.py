@@ -8,9 +8,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-import drake_pregrasp
 import pytest
 
+import drake_pregrasp
 from drake_pregrasp.kernels import numba_is_installed
 from drake_pregrasp.kernels.compiled import fresh_cache
 

@@ -27,11 +27,11 @@ from pydrake.systems.framework import BusValue, Context
 
 from drake_pregrasp.contacts.goal_limits import tip_gaps
 from drake_pregrasp.contacts.selection_input import ContactStatus, is_active
-from drake_pregrasp.estimation.tracking_status import TrackingStatus
+from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE
 from drake_pregrasp.regions.constraints import Limit
 from drake_pregrasp.regions.safe_regions import SafeRegions
-from drake_pregrasp.systems.pose_ports import is_usable
+from drake_pregrasp.systems.pose_ports import is_valid
 
 BETWEEN = 0.4
 """Share of a period after a tick at which outputs are looked at again."""
@@ -95,7 +95,7 @@ def _is_held(variant: Variant, context: Context) -> bool:
         number = status.Eval(own)[0]
         if number not in (TrackingStatus.TRACKING, TrackingStatus.COASTING):
             return True
-    return not is_usable(variant.selector.GetInputPort("X_WO_estimated").Eval(own))
+    return not is_valid(variant.selector.GetInputPort("X_WO_estimated").Eval(own))
 
 
 def _is_lost(variant: Variant, context: Context) -> np.ndarray:
@@ -112,7 +112,7 @@ def _check_outputs(variant: Variant, context: Context) -> None:
         if isinstance(value, np.ndarray):
             _require(bool(np.all(np.isfinite(value))), f"{port.get_name()} isn't finite")
         elif isinstance(value, RigidTransform):
-            _require(is_usable(value), f"{port.get_name()} isn't a pose")
+            _require(is_valid(value), f"{port.get_name()} isn't a pose")
     status = diagram.GetOutputPort("contact_status").Eval(context)
     _require(set(status.tolist()) <= _STATUSES, "a status is none")
     _require(np.min(diagram.GetOutputPort("contact_causes").Eval(context)) >= -1, "no such cause")
@@ -120,7 +120,7 @@ def _check_outputs(variant: Variant, context: Context) -> None:
     for finger, kind in enumerate(status):
         X_WC = targets.Find(f"fingertip_{finger}")
         _require((X_WC is None) == (kind == ContactStatus.LOST), "targets and losses differ")
-        _require(X_WC is None or is_usable(X_WC), "a target isn't a pose")
+        _require(X_WC is None or is_valid(X_WC), "a target isn't a pose")
 
 
 def _check_step(

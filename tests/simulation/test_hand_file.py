@@ -21,7 +21,7 @@ from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams import hand_parsing
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.hand_file import load_hand_model
-from drake_pregrasp.simulation.hand_wiring import hand_planner
+from drake_pregrasp.simulation.simulation_diagram import hand_planner
 
 MODELS = resource_folder("models")
 FORBIDDEN = "forbidden_faces: ['+x', '-y', '+y'], radius: 0.009"
@@ -201,22 +201,21 @@ def test_a_mesh_is_found_in_the_package_of_its_model(tmp_path):
 def test_a_mesh_is_found_in_a_package_of_ros(tmp_path, monkeypatch):
     write_package(tmp_path / "ros" / "elsewhere", "elsewhere")
     path = write_model(tmp_path / "own", "elsewhere")
-    with pytest.raises(PregraspError, match=r"is no model of a hand: .*elsewhere") as error:
+    with pytest.raises(
+        PregraspError, match=r"own.sdf names .*elsewhere/.*no such package"
+    ) as error:
         HandModel(load_hand(path))
     assert "\n" not in str(error.value)
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ros"))
     HandModel(load_hand(path))
 
 
-ADD = "- add_model: {{name: {}, file: package://drake_pregrasp/five_finger_hand.sdf}}\n"
-
-
 @pytest.mark.parametrize("count", [0, 2])
 def test_a_file_has_to_hold_one_model(tmp_path, count):
-    models = "".join(ADD.format(f"hand_{i}") for i in range(count))
-    (tmp_path / "some.dmd.yaml").write_text(f"directives:\n{models}" if count else "directives: []")
-    text = shipped().replace("package://drake_pregrasp/five_finger_hand.sdf", "some.dmd.yaml")
-    with pytest.raises(PregraspError, match=f"must hold one model, the hand .* not {count}"):
+    models = "".join(f'<model name="m{i}"><link name="a"/></model>' for i in range(count))
+    (tmp_path / "own.sdf").write_text(f'<sdf version="1.9">{models}</sdf>')
+    text = shipped().replace("package://drake_pregrasp/five_finger_hand", "own")
+    with pytest.raises(PregraspError, match=r"own\.sdf (must hold one|is no model)"):
         HandModel(load_hand(write(tmp_path, text)))
 
 
@@ -293,7 +292,7 @@ def test_an_error_without_text_is_a_line_all_the_same(monkeypatch):
     def fail(*arguments):
         raise RuntimeError
 
-    monkeypatch.setattr(hand_parsing, "add_packages", fail)
+    monkeypatch.setattr(hand_parsing.Parser, "AddModels", fail)
     with pytest.raises(PregraspError, match=r"five_finger_hand.sdf is no model .*: RuntimeError$"):
         HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
 

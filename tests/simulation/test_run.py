@@ -17,7 +17,7 @@ from drake_pregrasp import (
     shipped_scenarios,
 )
 from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
-from drake_pregrasp.estimation.pose_filter import first_belief, predict, update
+from drake_pregrasp.estimation.pose_filter import PoseMeasurement, first_belief, predict, update
 from drake_pregrasp.quality.force_closure import ferrari_canny, min_weight_margin
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.independent_regions import force_closed_share
@@ -112,9 +112,13 @@ def test_the_logged_estimate_is_the_filter_on_each_ticks_own_measurement(scenari
         turn = Rotation.from_rotvec(scenario.sensor.orientation_std * n[3:])
         R = turn * Rotation.from_matrix(X_WO.rotation().matrix())
         if belief is None:
-            belief = first_belief(time, p, R.as_matrix(), noise)
+            belief = first_belief(PoseMeasurement(time, p, R.as_matrix()), noise)
         else:
-            belief = update(predict(belief, time - belief.time, noise), p, R.as_matrix(), noise)
+            belief = update(
+                predict(belief, time - belief.time, noise),
+                PoseMeasurement(time, p, R.as_matrix()),
+                noise,
+            )
         estimate = pose(base_log, row, "wo_estimated")
         np.testing.assert_allclose(estimate.translation(), belief.p_WCoM, atol=1e-12)
         np.testing.assert_allclose(estimate.rotation().matrix(), belief.R_WO, atol=1e-10)

@@ -1,25 +1,38 @@
-import csv
+"""The study of measurement faults, and the filter's consistency."""
+
 import math
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
+import pandas as pd
 import pytest
 from pydrake.math import RigidTransform, RotationMatrix
 
 from drake_pregrasp import TrackingStatus, load_scenario
 from drake_pregrasp.cli import main
 from drake_pregrasp.contacts.selection_input import ContactStatus
-from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
-from drake_pregrasp.studies.faults import command
-from drake_pregrasp.studies.faults.consistency import (
-    consistency,
-    conveyor_motion,
-    even_noise,
-    random_motion,
+from drake_pregrasp.studies.faults import (
+    FaultJob,
+    fault_scenarios,
+    fault_table,
+    percent,
+    run_faults,
+    study_faults,
+    summarize_faults,
 )
-from drake_pregrasp.studies.faults.fault_run import FaultJob, run_faults, summarize_faults
-from drake_pregrasp.studies.faults.study import fault_lines, fault_scenarios, study_faults
+from drake_pregrasp.studies.filter_consistency import (
+    DEFAULT_NOISE,
+    EVEN_NOISE,
+    FILTERS,
+    TICKS,
+    band,
+    consistency_table,
+    conveyor_motion,
+    filter_errors,
+    random_motion,
+    run_filter,
+)
 
 SCENARIO = load_scenario("fault_outliers")
 SURFACE = SCENARIO.make_surface()
@@ -55,9 +68,8 @@ def found(**errors):
 
 def test_a_perfect_run_is_valid_and_has_nothing_to_recover_from():
     run = found()
-    assert run.valid == 1
+    assert (run.valid, run.recovery) == (1, 0)
     assert run.position_error == pytest.approx(0, abs=1e-12)
-    assert run.recovery == 0
     assert run.lost == pytest.approx(20 / 120, abs=1e-9)
     assert run.tracked == pytest.approx(100 / 120, abs=1e-9)
 
@@ -78,36 +90,26 @@ def test_contacts_off_the_estimated_object_are_not_valid():
     assert found(off_surface=lambda t: np.nan if t > 15 else 0).valid == pytest.approx(301 / 401)
 
 
-def test_a_real_run_stays_valid_and_recovers():
-    run = run_faults(FaultJob("fault_outliers", 3))
-    assert run.valid == 1
-    assert run.position_error < 2e-3
-    assert run.recovery <= 0.5
-
-
-def test_without_a_gate_outliers_do_harm():
-    gated = run_faults(FaultJob("fault_outliers", 3))
-    assert gated.position_error < 2e-3
-    text = "{random_seed: 3, planner: {estimator: {gate: 0.0}}}"
-    naive = load_scenario("fault_outliers", text=text)
-    assert naive.planner.estimator.gate == 0
-    assert run_faults(FaultJob("fault_outliers", 3), text).position_error > 1e-2
+def test_a_real_run_stays_valid_and_recovers_and_without_a_gate_outliers_do_harm():
+    job = FaultJob("fault_outliers", 3)
+    gated = run_faults(job)
+    assert gated["valid"] == 1
+    assert gated["position_error"] < 2e-3
+    assert gated["recovery"] <= 0.5
+    assert run_faults(job, "{planner: {estimator: {gate: 0.0}}}")["position_error"] > 1e-2
 
 
 def test_each_fault_has_a_row_in_the_report(tmp_path):
     faults = list(fault_scenarios())[-2:]
-    steps = []
-    report = study_faults(
-        tmp_path, faults=faults, seeds=2, filter_seeds=2, on_progress=lambda *s: steps.append(s)
-    )
-    assert steps == [(done, 7) for done in range(1, 8)]
-    text = report.read_text(encoding="utf-8")
+    rows, report = study_faults(tmp_path, faults=faults, seeds=2, filter_seeds=2)
+    text = " ".join(report.read_text(encoding="utf-8").split())
     assert [f"| `{name}` |" in text for name in fault_scenarios()][-3:] == [False, True, True]
-    rows = list(csv.DictReader((tmp_path / "faults.csv").read_text().splitlines()))
-    assert {(row["scenario"], row["seed"]) for row in rows} == {
-        (f, s) for f in faults for s in "01"
+    assert all(f"| {name} |" in text for name in FILTERS)
+    assert set(zip(rows.rows.scenario, rows.rows.seed, strict=True)) == {
+        (fault, seed) for fault in faults for seed in range(2)
     }
-    assert all(float(row["valid"]) == 1 for row in rows)
+    assert (rows.rows.valid == 1).all()
+    assert "Valid contacts at all ticks: in 4 of 4 runs." in text
 
 
 @pytest.mark.parametrize(
@@ -119,60 +121,72 @@ def test_each_fault_has_a_row_in_the_report(tmp_path):
         ),
         (["--seeds", "0"], "--seeds: 0 must be 1 or more"),
         (["--seeds", "1000000000"], "--seeds: 1000000000 must be 10000 or less"),
+        (["--seeds", "many"], "--seeds: invalid whole number value: 'many'"),
         (["--processes", "-1"], "--processes: -1 must be 1 or more"),
     ],
 )
 def test_options_that_cannot_be_used_are_said_in_one_line(option, problem, tmp_path, capsys):
-    assert main(["study", "faults", "--out", str(tmp_path / "out"), *option]) == 2
+    try:
+        status = main(["study", "faults", "--out", str(tmp_path / "out"), *option])
+    except SystemExit as error:
+        status = error.code
     said = capsys.readouterr().err
+    assert status == 2
     assert problem in said
     assert said.count("\n") == 1
     assert not (tmp_path / "out").exists()
 
 
-def test_the_command_studies_what_it_is_asked_for(monkeypatch, capsys):
-    asked = {}
-
-    def study(out, *, on_progress, **options):
-        asked.update(options, out=out)
-        return out
-
-    monkeypatch.setattr(command, "study_faults", study)
-    flags = ["--faults", "fault_nan, fault_bias", "--seeds", "3", "--processes", "1"]
-    assert main(["study", "faults", "--out", "here", *flags]) == 0
-    faults = ["fault_nan", "fault_bias"]
-    options = {"faults": faults, "seeds": 3, "filter_seeds": 0, "processes": 1}
-    assert asked == {"out": "here", **options}
-    assert capsys.readouterr().out == "report in here\n"
+def test_the_command_studies_what_it_is_asked_for(tmp_path, capsys):
+    flags = ["--faults", "fault_nan, fault_bias", "--seeds", "1", "--processes", "1"]
+    assert main(["study", "faults", "--out", str(tmp_path), *flags]) == 0
+    rows = pd.read_csv(tmp_path / "rows.csv")
+    assert rows["scenario"].tolist() == ["fault_bias", "fault_nan"]
+    report = tmp_path / "faults.md"
+    assert capsys.readouterr().out == f"2 of 2 runs are there\nreport in {report}\n"
+    assert "NEES" not in report.read_text(encoding="utf-8")
 
 
-def test_shares_are_not_rounded_up_to_all():
-    run = found()
-    runs = {name: [run] * 3 for name in fault_scenarios()}
-    assert "| 100 % |" in "\n".join(fault_lines(runs))
-    runs = {name: [run._replace(valid=0.99999)] * 3 for name in fault_scenarios()}
-    assert "| 100 % |" not in "\n".join(fault_lines(runs))
+def test_a_table_has_medians_and_the_largest_and_shares_are_not_rounded_up_to_all():
+    run = found()._asdict()
+    errors = [1e-3, 2e-3, 9e-3]
+    rows = pd.DataFrame(
+        [
+            {"scenario": "fault_nan", "seed": k, **run, "position_error": e}
+            for k, e in enumerate(errors)
+        ]
+    )
+    (line,) = fault_table(rows).to_dict("records")
+    assert line["worst position error [mm]"] == "2.0 (9.0)"
+    assert (line["runs"], line["contacts valid"]) == (3, "100 %")
+    assert percent(0.99999) == "99.999 %"
+    assert (percent(0), percent(0.00001), percent(0.5)) == ("0 %", "0.001 %", "50.0 %")
 
 
-@pytest.mark.parametrize("kind", ["assumed", "conveyor"])
-def test_the_filter_is_consistent_over_two_hundred_runs(kind):
+@pytest.mark.parametrize("name", list(FILTERS)[:2])
+def test_the_filter_is_consistent_over_two_hundred_runs(name):
     """Also under the conveyor's real motion, if even motion is assumed."""
-    if kind == "assumed":
-        noise = filter_noise(EstimatorConfig())
-        result = consistency(noise, lambda rng: random_motion(noise, rng), 200)
-    else:
-        motion = conveyor_motion()
-        result = consistency(even_noise(), lambda rng: motion, 200)
-    for value, (low, high) in ((result.nees, result.nees_band), (result.nis, result.nis_band)):
-        assert np.all((low < value) & (value < high))
+    rows = pd.DataFrame(
+        [
+            {"filter": name, "seed": seed} | run_filter({"filter": name, "seed": seed})
+            for seed in range(200)
+        ]
+    )
+    for kind, freedom, samples in (("nees", 6, 200), ("nis", 3, 200 * TICKS // 2)):
+        low, high = band(freedom, samples)
+        means = rows[[f"{kind}_position", f"{kind}_orientation"]].mean()
+        assert ((low < means) & (means < high)).all()
+    table = consistency_table(rows)
+    assert table["95 % band of NEES"].tolist() == ["5.53 to 6.49"]
+    assert table["95 % band of NIS"].tolist() == ["2.952 to 3.048"]
 
 
 def test_a_filter_that_assumes_too_little_noise_is_not_consistent():
-    noise = filter_noise(EstimatorConfig())
-    motion = conveyor_motion()
-    wrong = replace(noise, acceleration=1e-6, angular_acceleration=1e-6)
-    shaken = random_motion(replace(noise, acceleration=0.1), np.random.default_rng(0))
-    result = consistency(wrong, lambda rng: shaken, 10)
-    assert result.nees[0] > result.nees_band[1]
-    careful = consistency(noise, lambda rng: motion, 40)
-    assert np.all(careful.nees < careful.nees_band[1])  # More noise than there is does no harm.
+    shaken = random_motion(replace(DEFAULT_NOISE, acceleration=0.1), np.random.default_rng(0))
+    for noise, motion, seeds, is_consistent in (
+        (EVEN_NOISE, shaken, 10, False),
+        (DEFAULT_NOISE, conveyor_motion(), 40, True),  # More noise than there is does no harm.
+    ):
+        errors = [filter_errors(noise, motion, np.random.default_rng(k)) for k in range(seeds)]
+        mean = np.mean([error["nees_position"] for error in errors])
+        assert (mean < band(6, seeds)[1]) == is_consistent

@@ -1,27 +1,25 @@
+"""The study of look-ahead."""
+
 import numpy as np
+import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.studies.lookahead import (
-    WANTED_SHARE,
-    Row,
-    remaining_share,
-    study_lookahead,
-)
+from drake_pregrasp.studies.lookahead import WANTED_SHARE, remaining_shares, study_lookahead
 from drake_pregrasp.studies.lookahead_runs import (
     CASES,
     PERIOD,
-    LookaheadJob,
     LookaheadRun,
+    lookahead_scenario,
+    lookback_errors,
     run_lookahead,
 )
-from drake_pregrasp.studies.lookback import lookback_errors
 
 
 @pytest.mark.parametrize("case", CASES)
 def test_look_ahead_leaves_at_most_a_third_of_the_error(case):
     delay, start = 8, 8
-    without, ahead = (run_lookahead(LookaheadJob(case, t, 3)) for t in (0.0, delay * PERIOD))
+    without, ahead = (run_lookahead(lookahead_scenario(case, t, 3)) for t in (0.0, delay * PERIOD))
     errors = [run.goal_errors(delay, start) for run in (without, ahead)]
     assert np.median(errors[1]) < WANTED_SHARE * np.median(errors[0])
     squares = ahead.normalised_errors(delay, start)
@@ -29,19 +27,15 @@ def test_look_ahead_leaves_at_most_a_third_of_the_error(case):
     assert np.mean(squares < 7.815) > 0.85
 
 
-def moving(p_goal):
-    """A run whose object moves by 1 m along x and turns by a right angle a tick."""
+def test_errors_are_those_of_the_same_point_of_the_object_later():
+    """The object moves by 1 m along x and turns by a right angle a tick."""
     K = 4
     p = np.column_stack([np.arange(K), np.zeros(K), np.zeros(K)]).astype(float)
     R = Rotation.from_rotvec(np.pi / 2 * np.outer(np.arange(K), [0, 0, 1]))
-    p_WC = (p + R.apply(p_goal))[:, None]
+    p_WC = (p + R.apply([0.1, 0, 0]))[:, None]
     covariance = np.tile(np.diag([4.0, 1, 1]), (K, 1, 1))
     active = np.ones((K, 1), dtype=bool)
-    return LookaheadRun(p_WC, active, p, R.as_quat(), p, R.as_quat(), covariance)
-
-
-def test_errors_are_those_of_the_same_point_of_the_object_later():
-    run = moving([0.1, 0, 0])
+    run = LookaheadRun(p_WC, active, p, R.as_quat(), p, R.as_quat(), covariance)
     np.testing.assert_allclose(run.goal_errors(0, 0), 0, atol=1e-15)
     late = run.goal_errors(1, 0)
     np.testing.assert_allclose(late[0], np.hypot(0.9, 0.1))  # (1, 0.1) instead of (0.1, 0).
@@ -52,11 +46,10 @@ def test_errors_are_those_of_the_same_point_of_the_object_later():
 
 
 def test_look_back_is_nearer_to_the_truth():
-    job = LookaheadJob("toss", 0.0, 0)
-    filtered, smoothed, same = lookback_errors(job, run_lookahead(job))
-    assert same
-    for before, after in zip(filtered, smoothed, strict=True):
-        assert after < 0.8 * before
+    filtered, smoothed = lookback_errors({"case": "toss", "seed": 0})
+    assert filtered["newest_equal"]
+    for name in ("position", "orientation", "velocity"):
+        assert smoothed[name] < 0.8 * filtered[name]
 
 
 def test_the_report_says_what_the_rows_say(tmp_path):
@@ -68,14 +61,15 @@ def test_the_report_says_what_the_rows_say(tmp_path):
         delays=(0, 4),
         on_progress=lambda *step: steps.append(step),
     )
-    text = report.read_text()
-    table = np.genfromtxt(
-        report.parent / "lookahead.csv", delimiter=",", names=True, dtype=None, encoding="utf-8"
-    )
-    rows = [Row(*row) for row in table.tolist()]
-    np.testing.assert_allclose([row.lookahead for row in rows], [0, 0, 0.05, 0.0375, 0.0625])
-    median, p95 = remaining_share(rows, "toss", 0.05)
-    assert f"**yes**, {100 * median:.1f} % of the median and {100 * p95:.1f} %" in text
-    assert max(median, p95) < WANTED_SHARE
+    text = report.read_text(encoding="utf-8")
+    rows = pd.read_csv(report.parent / "rows.csv")
+    np.testing.assert_allclose(rows["lookahead"], [0, 0, 0.0375, 0.05, 0.0625])
+    np.testing.assert_allclose(rows["delay"], [0, 0.05, 0.05, 0.05, 0.05])
+    (shares,) = remaining_shares(rows).to_numpy()
+    median, p95 = (f"{100 * share:.1f} %" for share in shares)
+    lines = [" ".join(line.split()) for line in text.splitlines()]
+    assert f"| toss | 50 | {median} | {p95} | yes |" in lines
+    assert max(shares) < WANTED_SHARE
+    assert "![Goal error" in text
     assert (report.parent / "lookahead.png").stat().st_size > 10_000
     assert steps[-1] == (4, 4)

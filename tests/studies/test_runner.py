@@ -1,74 +1,247 @@
 """Rows of a study are the same whoever makes them, and survive whatever ends it."""
 
+import functools
 import os
-from dataclasses import dataclass
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pandas as pd
 import pytest
+from made_up_jobs import JOBS, Deadly, constant_row, row, write_study
 
-from drake_pregrasp.studies.runner import JOURNAL, ROWS, SETTINGS, run_jobs
+from drake_pregrasp.cli import main
+from drake_pregrasp.errors import InvalidArgumentError, OutputError
+from drake_pregrasp.simulation.output import claimed
+from drake_pregrasp.studies import workers
+from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS, SETTINGS, run_jobs
 
-JOBS = [{"name": name, "seed": seed} for seed in range(4) for name in ("b", "a")]
-
-
-def row(job):
-    if os.environ.get("FAIL") == f"{job['name']}{job['seed']}":
-        raise ZeroDivisionError("no <b>luck")
-    return {"third": job["seed"] / 3, "nothing": float("nan"), "process": "one"}
-
-
-def two_rows(job):
-    return [{"time": time, "value": time * job["seed"]} for time in (1.0, 2.0)]
-
-
-def process_of(job):
-    return {"process": os.getpid()}
-
-
-@dataclass(frozen=True)
-class Deadly:
-    """Ends its process the first few times that it gets one of the jobs."""
-
-    folder: Path
-    seed: int
-    times: int
-
-    def __call__(self, job):
-        if job["seed"] == self.seed and job["name"] == "a":
-            before = len(list(self.folder.iterdir()))
-            (self.folder / str(before)).touch()
-            if before < self.times:
-                os._exit(9)
-        return row(job)
+distributed = pytest.importorskip("distributed")
+dask = pytest.importorskip("dask")
 
 
 def files(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    run_jobs(constant_row, JOBS, folder=folder, settings={"a": {"b": 1}}, processes=1)
+    return files(folder)
+
+
 @pytest.fixture
-def whole(tmp_path):
-    run_jobs(row, JOBS, folder=tmp_path / "whole", settings={"a": 1}, processes=1)
-    return files(tmp_path / "whole")
+def again(whole, tmp_path):
+    """Goes on in a folder, after its files were changed."""
+
+    def go_on(folder="study", *, cut=None, function=constant_row, **options):
+        folder = tmp_path / folder
+        folder.mkdir(exist_ok=True)
+        for name, content in whole.items():
+            (folder / name).write_bytes(content[:cut] if name == JOURNAL else content)
+        options = {"settings": {"a": {"b": 1}}, "processes": 2, **options}
+        return run_jobs(function, options.pop("jobs", JOBS), folder=folder, **options), folder
+
+    return go_on
 
 
-def test_a_file_cut_anywhere_is_completed_to_the_same_bytes(whole, tmp_path):
+def test_a_journal_cut_anywhere_is_completed_to_the_same_bytes(again, whole):
     assert set(whole) == {ROWS, JOURNAL, SETTINGS}
-    assert pd.read_csv(tmp_path / "whole" / ROWS)["name"].tolist() == ["a"] * 4 + ["b"] * 4
     journal = whole[JOURNAL]
-    for end in (0, 1, len(journal) // 2, journal.rindex(b"{", 0, -60), len(journal) - 1):
-        (tmp_path / "whole" / JOURNAL).write_bytes(journal[:end])
+    for cut in (0, len(journal) // 2, len(journal) - 1, len(journal)):
         steps = []
-        found = run_jobs(
-            row,
-            list(reversed(JOBS)),
-            folder=tmp_path / "whole",
-            settings={"a": 1},
-            processes=2,
-            on_progress=lambda *step, to=steps: to.append(step),
+        found, folder = again(
+            cut=cut, jobs=JOBS[::-1], on_progress=lambda *step, to=steps: to.append(step)
         )
-        assert files(tmp_path / "whole") == whole
-        missing = 8 - journal[:end].count(b"\n")
+        assert files(folder) == whole
+        missing = 8 - journal[:cut].count(b"\n")
         assert steps == [(done, missing) for done in range(missing + 1)]
         assert (found.wanted, found.made, len(found.failed)) == (8, 8, 0)
+    pd.testing.assert_frame_equal(found.rows, pd.read_csv(folder / ROWS), check_dtype=False)
+    assert list(zip(found.rows["name"], found.rows["seed"], strict=True)) == sorted(
+        (job["name"], job["seed"]) for job in JOBS
+    )
+
+
+def test_a_failed_job_is_noted_stops_no_other_and_runs_again(again, whole, monkeypatch):
+    monkeypatch.setenv("FAIL", "a2")
+    found, folder = again(cut=0)
+    (failed,) = found.failed.to_dict("records")
+    assert (failed["name"], failed["seed"], found.made) == ("a", 2, 7)
+    assert "ZeroDivisionError: no <b>luck, none at all (made_up_jobs.py:" in failed["error"]
+    assert pd.read_csv(folder / FAILED).to_dict("records") == [failed]
+    # It is known until it has a row, also if others are asked for.
+    options = {"folder": folder, "settings": {"a": {"b": 1}}}
+    assert len(run_jobs(constant_row, JOBS[:1], **options).failed) == 1
+    monkeypatch.delenv("FAIL")
+    run_jobs(constant_row, JOBS, **options)
+    assert files(folder) == whole
+
+
+def test_without_a_folder_a_failed_job_is_an_error(monkeypatch):
+    monkeypatch.setenv("FAIL", "b0")
+    with pytest.raises(OutputError, match="no <b>luck"):
+        run_jobs(row, JOBS[:1])
+
+
+def test_a_job_may_have_several_rows_or_one_that_cannot_be_sent():
+    found = run_jobs(functools.partial(rows_of, count=2), JOBS[:2], processes=1)
+    assert found.rows["value"].tolist() == [0, 1, 0, 1]
+    with pytest.raises(OutputError, match="pickle"):
+        run_jobs(unpicklable, JOBS[:1])
+
+
+def rows_of(job, count):
+    return [{"value": value} for value in range(count)]
+
+
+def unpicklable(job):
+    return {"value": lambda: job}
+
+
+def test_processes_are_renewed(monkeypatch):
+    monkeypatch.setattr(workers, "JOBS_A_WORKER", 2)
+    rows = run_jobs(row, JOBS[:5:2], processes=1).rows.sort_values("seed")
+    one, two, three = rows["process"]
+    assert one == two != three
+
+
+def test_a_killed_process_costs_no_row_and_a_job_that_always_kills_is_given_up(again, tmp_path):
+    found, _ = again(cut=0, jobs=JOBS[:4], function=Deadly(tmp_path, {0: 1, 1: 99}))
+    assert found.made == 3
+    (failed,) = found.failed.to_dict("records")
+    assert (failed["name"], failed["seed"]) == ("a", 1)
+    assert failed["error"] == "its process was killed, 3 times"
+    assert len(list(tmp_path.glob("1_*"))) == 3
+
+
+def test_rows_of_other_settings_are_never_mixed(again, whole):
+    with pytest.raises(OutputError, match=r"other settings \(study\.a\.b, study\.c\); choose"):
+        again(settings={"a": {"b": 2}, "c": 1})
+    _, folder = again()
+    (folder / SETTINGS).write_bytes(whole[SETTINGS].replace(b'"source": "', b'"source": "0'))
+    with pytest.raises(OutputError, match=r"\(package\.source\)"):
+        run_jobs(constant_row, JOBS, folder=folder, settings={"a": {"b": 1}})
+    for name in (SETTINGS, JOURNAL):
+        for content in (b"nonsense\n", b"[1]\n", b'{"job": 1}\n', b"\xff\xfe\n"):
+            again()
+            (folder / name).write_bytes(content)
+            with pytest.raises(OutputError, match=name):
+                run_jobs(constant_row, JOBS, folder=folder, settings={"a": {"b": 1}})
+            assert (folder / name).read_bytes() == content
+
+
+def test_a_folder_in_use_is_refused(again):
+    _, folder = again()
+    with claimed(folder), pytest.raises(OutputError, match="another run is writing into it"):
+        run_jobs(constant_row, JOBS, folder=folder, settings={"a": {"b": 1}})
+
+
+@pytest.mark.parametrize(
+    ("number", "rows", "delay"),
+    [
+        (signal.SIGINT, 0, 0.0),
+        (signal.SIGINT, 0, 0.8),
+        (signal.SIGTERM, 3, 0.0),
+        (signal.SIGKILL, 3, 0.0),
+    ],
+)
+def test_a_study_that_is_ended_keeps_its_rows_and_goes_on(tmp_path, number, rows, delay):
+    """A terminal interrupts all processes, those too that have only just begun."""
+    file = write_study(tmp_path, seeds=10)
+    command = [sys.executable, "-m", "drake_pregrasp", "sweep", file, "--processes", "2", "--out"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    folder = tmp_path / "out" / "mine"
+    with subprocess.Popen(
+        [*command, str(tmp_path / "out")],
+        env=environment,
+        # Whoever runs the tests in the background may have had interrupts ignored.
+        preexec_fn=functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
+        start_new_session=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        deadline = time.monotonic() + 100
+        journal = folder / JOURNAL
+        while time.monotonic() < deadline and not (
+            journal.exists() and journal.read_text().count("\n") >= rows
+        ):
+            time.sleep(0.02)
+        time.sleep(delay)
+        (os.killpg if number == signal.SIGINT else os.kill)(process.pid, number)
+        output, errors = process.communicate(timeout=100)
+    assert output == ""
+    if number != signal.SIGKILL:
+        assert process.returncode == 130
+        assert errors == (
+            f"drake-pregrasp: interrupted: the runs so far are in {folder / ROWS};"
+            " the same command goes on from there\n"
+        )
+    kept = [line for line in journal.read_text().splitlines(keepends=True) if line[-1] == "\n"]
+    assert rows <= len(kept) < 40
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    few = dask.config.set({"distributed.scheduler.allowed-failures": 1})
+    with (
+        few,
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+        ) as running,
+    ):
+        yield running
+
+
+# What the cluster itself warns of is not ours.
+on_dask = pytest.mark.filterwarnings("ignore")
+
+
+@on_dask
+def test_a_cluster_makes_the_same_bytes_and_goes_on(again, whole, cluster):
+    _, folder = again(cut=len(whole[JOURNAL]) // 2, scheduler=cluster.scheduler_address)
+    assert files(folder) == whole
+
+
+@on_dask
+def test_a_killed_worker_costs_no_row_and_a_job_that_always_kills_is_given_up(
+    again, cluster, tmp_path
+):
+    function = Deadly(tmp_path, {0: 1, 2: 99})
+    found, _ = again(cut=0, function=function, scheduler=cluster.scheduler_address)
+    assert found.failed["error"].str.contains("KilledWorker").tolist() == [True]
+    assert (found.made, found.failed["seed"].tolist()) == (7, [2])
+
+
+@on_dask
+def test_workers_with_another_package_are_refused(again, cluster, monkeypatch):
+    monkeypatch.setattr(workers, "differences", lambda theirs, ours: f"source {theirs['source']}")
+    with pytest.raises(InvalidArgumentError, match=r"has another package: source [0-9a-f]{16}$"):
+        again(scheduler=cluster.scheduler_address)
+
+
+@on_dask
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "tcp://no.such.host:1"])
+def test_a_scheduler_that_does_not_answer_is_one_line(address, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(workers, "TIMEOUT", 0.5)
+    command = ["sweep", write_study(tmp_path), "--scheduler", address, "--out", str(tmp_path)]
+    assert main(command) == 2
+    captured = capsys.readouterr()
+    assert f"--scheduler: {address}: no scheduler answers within 0.5 s" in captured.err
+    assert captured.err.count("\n") == 1
+
+
+@on_dask
+def test_a_scheduler_without_workers_is_said_to_have_none(again, monkeypatch):
+    monkeypatch.setattr(workers, "TIMEOUT", 0.5)
+    with (
+        distributed.LocalCluster(
+            n_workers=0, processes=False, dashboard_address=None, silence_logs=50
+        ) as empty,
+        pytest.raises(InvalidArgumentError, match="has no workers; start some: dask worker"),
+    ):
+        again(scheduler=empty.scheduler_address)

@@ -7,18 +7,15 @@ import re
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up_sweeps import STUDY, write_study
+from made_up_jobs import STUDY, write_study
 
 from drake_pregrasp import ScenarioError, load_scenario
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.scenario_file import scenario_data, scenario_from_data
 from drake_pregrasp.simulation.yaml_text import dump_yaml
 from drake_pregrasp.studies.sweep.field_path import overlap, read_field, set_field
-from drake_pregrasp.studies.sweep.grid_axis import GridAxis
-from drake_pregrasp.studies.sweep.named_files import named_files
-from drake_pregrasp.studies.sweep.plan import SweepPlan
-from drake_pregrasp.studies.sweep.random_axis import RandomAxis, random_axis
-from drake_pregrasp.studies.sweep.study_file import load_study, shipped_studies
+from drake_pregrasp.studies.sweep.study_file import load_study, named_files, shipped_studies
+from drake_pregrasp.studies.sweep.sweep_plan import GridAxis, RandomAxis, SweepPlan, random_axis
 
 SPREAD = RandomAxis("spread", ("planner.position_spread",), "log_uniform", (0.01, 0.1))
 TURN = RandomAxis("turn", ("motion.angular_velocity",), "uniform", (-1.0, 1.0))
@@ -32,12 +29,12 @@ def axis(name, count):
 def test_a_plan_is_the_whole_product_and_each_run_is_there_once(counts, samples, seeds):
     grid = tuple(axis(f"a{k}", count) for k, count in enumerate(counts))
     plan = SweepPlan(grid, (SPREAD,), samples, 5, range(7, 7 + seeds))
-    runs = [plan.run(index) for index in range(len(plan))]
+    runs = [(plan.changes(index), plan.job(index)) for index in range(len(plan))]
     draws = {SPREAD.draw(5, sample) for sample in range(samples)}
     product = itertools.product(*(range(count) for count in counts), draws, range(7, 7 + seeds))
     made = {
-        (*(r.changes[a.name] for a in grid), r.changes["planner.position_spread"], r.seed)
-        for r in runs
+        (*(changes[a.name] for a in grid), changes["planner.position_spread"], job["seed"])
+        for changes, job in runs
     }
     assert made == set(product)
     assert len(made) == len(plan) == len(runs)
@@ -49,9 +46,9 @@ def test_a_sample_depends_on_its_seed_name_and_number_alone(seed, sample):
         SweepPlan((), axes, count, seed, range(1))
         for axes, count in (((TURN,), sample + 1), ((SPREAD, TURN), 2000))
     )
-    turn = few.run(sample).changes["motion.angular_velocity"]
-    assert turn == many.run(sample).changes["motion.angular_velocity"]
-    assert turn != few.run(0).changes["motion.angular_velocity"] or sample == 0
+    turn = few.changes(sample)["motion.angular_velocity"]
+    assert turn == many.changes(sample)["motion.angular_velocity"]
+    assert turn != few.changes(0)["motion.angular_velocity"] or sample == 0
     assert turn != TURN.draw(seed + 1, sample)
     assert -1 <= turn <= 1
     assert 0.01 <= SPREAD.draw(seed, sample) <= 0.1
@@ -73,21 +70,19 @@ def test_samples_fill_their_range():
 def test_fields_that_are_linked_change_together(tmp_path):
     noise = {"uniform": [0.0001, 0.001], "fields": ["sensor.position_std", "planner.power"]}
     plan = load_study(write_study(tmp_path, random={"noise [m]": noise}, samples=3)).plan
-    assert plan.columns[:3] == ["motion.linear_velocity", "rate [Hz]", "noise [m]"]
     for index in range(len(plan)):
-        run = plan.run(index)
-        said = dict(zip(plan.columns, run.labels, strict=True))
-        assert said["rate [Hz]"] * said["planner.period"] == 1
-        assert said["plant_config.time_step"] == said["planner.period"] / 2
-        assert said["noise [m]"] == said["planner.power"] == run.changes["sensor.position_std"]
-        assert {run.changes[name] for name in ("planner.period",)} == {said["planner.period"]}
+        job, changes = plan.job(index), plan.changes(index)
+        assert list(job)[:4] == ["index", "motion.linear_velocity", "rate [Hz]", "noise [m]"]
+        assert job["rate [Hz]"] * job["planner.period"] == 1
+        assert job["plant_config.time_step"] == job["planner.period"] / 2
+        assert job["noise [m]"] == job["planner.power"] == changes["sensor.position_std"]
+        assert changes["planner.period"] == job["planner.period"]
 
 
 def test_all_points_have_the_same_seeds_and_samples(tmp_path):
     study = write_study(tmp_path, random={"planner.power": {"uniform": [1, 2]}}, samples=2)
     plan = load_study(study).plan
-    runs = [plan.run(index) for index in range(len(plan))]
-    pairs = [(run.changes["planner.power"], run.seed) for run in runs]
+    pairs = [(job["planner.power"], job["seed"]) for job in map(plan.job, range(len(plan)))]
     assert pairs == pairs[:4] * 4
     assert [seed for _, seed in pairs[:4]] == [0, 1, 0, 1]
 
@@ -140,6 +135,7 @@ def test_a_scenario_is_the_same_as_data(name, tmp_path):
         ),
         ({"grid": {}}, "sweeps nothing; give it a grid, or random fields"),
         ({"grid": [1]}, "grid: [1] must be a mapping"),
+        ({"grid": {"ticks": {1: {"planner.period": 1}}}}, "ticks: is a column of its own"),
         ({"samples": 3}, "samples: 3 samples would be all alike: nothing is random"),
         (
             {"random": {"planner.power": {"normal": [0, 1]}}},
@@ -212,9 +208,8 @@ def test_shipped_sweeps_load(name):
     study = load_study(name)
     assert study.config.description
     for index in range(0, len(study.plan), len(study.plan) // 7):
-        run = study.plan.run(index)
         data = scenario_data(load_scenario(study.config.scenario))
-        for path, value in run.changes.items():
+        for path, value in study.plan.changes(index).items():
             set_field(data, path, value, "x")
         scenario_from_data(data, source=name, folder=study.folder)
 
@@ -232,6 +227,19 @@ grid:
 random:
   motion: {choice: [!PoseStream {file: one.csv}, !PoseStream {file: sub/two.csv}]}
 """
+
+
+def test_the_order_of_labels_is_a_setting_and_labels_may_be_texts_and_numbers(tmp_path):
+    rates = {20: {"planner.period": 0.05}, "often": {"planner.period": 0.02}}
+    turned = {name: rates[name] for name in ("often", 20)}
+    one, other = (
+        load_study(write_study(tmp_path / str(k), grid={"rate": labels}))
+        for k, labels in enumerate((rates, turned))
+    )
+    assert [one.plan.job(index)["rate"] for index in range(4)] == [20, 20, "often", "often"]
+    assert one.settings["order"] != other.settings["order"]
+    (tmp_path / "again.yaml").write_text(dump_yaml(one.resolved))
+    assert load_study(str(tmp_path / "again.yaml")).settings == one.settings
 
 
 def test_the_content_of_each_file_that_is_named_is_a_setting(tmp_path):

@@ -23,7 +23,7 @@ from drake_pregrasp import (
     Obstacles,
     load_hand,
 )
-from drake_pregrasp.estimation.tracking_status import TrackingStatus
+from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspSettings
 
 HAND = HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))

@@ -13,7 +13,7 @@ from drake_pregrasp import (
     Obstacles,
 )
 from drake_pregrasp.contacts.goal_limits import ContactLimits
-from drake_pregrasp.estimation.tracking_status import TrackingStatus
+from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.regions.constraints import FingerReach
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.systems.centroid_selector import CentroidSelector

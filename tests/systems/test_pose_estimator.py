@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp import MeasurementVerdict as Verdict
 from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
-from drake_pregrasp.estimation.pose_filter import first_belief, predict, update
+from drake_pregrasp.estimation.pose_filter import PoseMeasurement, first_belief, predict, update
 from drake_pregrasp.systems.pose_estimator import MOST_LATE, PoseEstimator
 
 PERIOD = 0.05
@@ -39,12 +39,12 @@ def test_before_any_tick_the_first_measurement_is_the_estimate():
 @pytest.mark.parametrize("p_OCoM", [np.zeros(3), np.array([0.01, -0.02, 0.03])])
 def test_ticks_do_what_the_filter_does(p_OCoM):
     estimator, context = estimator_and_context(X_0, p_OCoM=p_OCoM)
-    belief = first_belief(0, X_0 @ p_OCoM, X_0.rotation().matrix(), NOISE, p_OCoM)
+    belief = first_belief(PoseMeasurement(0, X_0 @ p_OCoM, X_0.rotation().matrix()), NOISE, p_OCoM)
     tick(estimator, context)
     context.SetTime(PERIOD)
     estimator.GetInputPort("X_WO_measured").FixValue(context, X_1)
     prior = predict(belief, PERIOD, NOISE)
-    belief = update(prior, X_1 @ p_OCoM, X_1.rotation().matrix(), NOISE, p_OCoM)
+    belief = update(prior, PoseMeasurement(0, X_1 @ p_OCoM, X_1.rotation().matrix()), NOISE, p_OCoM)
     np.testing.assert_allclose(pose(estimator, context) @ p_OCoM, belief.p_WCoM, atol=1e-15)
     V_WO = estimator.GetOutputPort("V_WO_estimated").Eval(context)
     np.testing.assert_allclose(V_WO.rotational(), belief.w_WO, atol=1e-15)
@@ -52,7 +52,7 @@ def test_ticks_do_what_the_filter_does(p_OCoM):
     v_WCoM = V_WO.translational() + np.cross(belief.w_WO, p_OCoM_W)
     np.testing.assert_allclose(v_WCoM, belief.v_WCoM, atol=1e-15)
     covariance = estimator.GetOutputPort("p_WO_covariance").Eval(context).reshape(3, 3)
-    np.testing.assert_allclose(covariance, belief.p_WCoM_covariance, rtol=1e-12)
+    np.testing.assert_allclose(covariance, belief.P_position[:3, :3], rtol=1e-12)
 
 
 def rotation(X):

@@ -6,9 +6,9 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import MeasurementVerdict, PoseEstimator, TrackingStatus
+from drake_pregrasp.arrays import FARTHEST
 from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise, make_estimator
-from drake_pregrasp.estimation.tracking_status import tracking_status
-from drake_pregrasp.geometry.input_validation import FARTHEST
+from drake_pregrasp.estimation.pose_track import tracking_status
 
 PERIOD, COAST, LOST = 0.05, 0.1, 0.5
 NOISE = filter_noise(EstimatorConfig())

@@ -1,39 +1,39 @@
-"""The command `drake-pregrasp sweep`."""
+"""The command `drake-pregrasp sweep`: makes the runs that are missing, and a report of all."""
 
 import argparse
 from pathlib import Path
 
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.studies.many_runs import carry_out, check_bounds
-from drake_pregrasp.studies.sweep.dask_engine import dask_engine
-from drake_pregrasp.studies.sweep.engines import Engine, local_engine
-from drake_pregrasp.studies.sweep.rows_file import ROWS
-from drake_pregrasp.studies.sweep.study_file import load_study
-from drake_pregrasp.studies.sweep.sweep import sweep
+from drake_pregrasp.simulation.output import write_text
+from drake_pregrasp.simulation.yaml_text import dump_yaml
+from drake_pregrasp.studies.runner import OnProgress, StudyRows, run_jobs
+from drake_pregrasp.studies.study_options import (
+    add_out_option,
+    add_processes_option,
+    make_rows_and_report,
+)
+from drake_pregrasp.studies.sweep.measures import SweepRun
+from drake_pregrasp.studies.sweep.study_file import Study, load_study, named_files
+from drake_pregrasp.studies.sweep.sweep_report import write_sweep_report
+
+STUDY = "study.yaml"
+"""The file of the study with every key."""
+
+_MODULES = tuple(f"{__package__}.{name}" for name in ("field_path", "sweep_plan"))
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
-    parser.set_defaults(command=_run)
+    parser.set_defaults(command=_command)
     parser.add_argument("study", metavar="STUDY", help="YAML file, or name of a shipped sweep")
-    parser.add_argument(
-        "--out",
-        default="sweeps",
-        metavar="FOLDER",
-        help="its folder with the study's name gets the results; %(default)s if not set",
-    )
-    parser.add_argument(
-        "--processes",
-        type=int,
-        metavar="N",
-        help="runs at a time; as many as there are processors if not set",
-    )
+    add_out_option(parser, "sweeps", "a folder with the study's name")
+    add_processes_option(parser)
     parser.add_argument(
         "--allow",
         action="append",
         default=[],
         metavar="FOLDER",
-        help="where files that the study names may be, beside its own folder; repeatable",
+        help="where files that the study names may be, besides its own folder; repeatable",
     )
     parser.add_argument(
         "--scheduler",
@@ -42,20 +42,56 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _run(options: argparse.Namespace) -> int:
-    study = load_study(options.study, options.allow)
-    engine = _engine(options)
-    return carry_out(
-        lambda on_progress: sweep(study, options.out, engine, on_progress=on_progress),
-        noun="run",
-        results=Path(options.out) / study.name / ROWS,
+def sweep(
+    study: Study,
+    out: str | Path,
+    *,
+    processes: int | None = None,
+    scheduler: str | None = None,
+    on_progress: OnProgress = lambda done, total: None,
+) -> tuple[StudyRows, Path]:
+    """Makes the runs of a study that are not there yet, and returns all rows and the report's path.
+
+    Args:
+        study: What to sweep.
+        out: Its folder with the study's name gets the results.
+        processes: Number of local processes; that of the processors if not set.
+        scheduler: Address of a Dask scheduler whose workers are used instead.
+        on_progress: Called with the number of runs made and of those that were missing.
+
+    Raises:
+        OutputError: If the folder can't be used, or is of a study with other settings.
+        InvalidArgumentError: If the scheduler can't be used.
+    """
+    folder = Path(out) / study.name
+    plan, measures = study.plan, tuple(study.config.measures)
+    # All points get one seed before any gets the next: half a study shows them all.
+    order = sorted(range(len(plan)), key=lambda index: (index % len(plan.seeds), index))
+    found = run_jobs(
+        SweepRun(plan, study.scenario, study.source, study.folder, study.folders, measures),
+        [plan.job(index) for index in order],
+        folder=folder,
+        settings={**study.settings, "files": named_files(study)},
+        modules=_MODULES,
+        processes=processes,
+        scheduler=scheduler,
+        on_progress=on_progress,
     )
+    write_text(folder / STUDY, dump_yaml(study.resolved))
+    return found, write_sweep_report(folder, study, found)
 
 
-def _engine(options: argparse.Namespace) -> Engine:
-    if options.scheduler is None:
-        check_bounds(options, processes=(1, None))
-        return local_engine(options.processes)
-    if options.processes is not None:
+def _command(options: argparse.Namespace) -> int:
+    if options.scheduler is not None and options.processes is not None:
         raise InvalidArgumentError("--processes: a cluster has its own; leave it out")
-    return dask_engine(options.scheduler)
+    study = load_study(options.study, options.allow)
+    return make_rows_and_report(
+        lambda on_progress: sweep(
+            study,
+            options.out,
+            processes=options.processes,
+            scheduler=options.scheduler,
+            on_progress=on_progress,
+        ),
+        folder=Path(options.out) / study.name,
+    )

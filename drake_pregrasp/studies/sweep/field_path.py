@@ -12,7 +12,9 @@ from typing import Any
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.simulation.yaml_text import TAG_KEY
 
-_STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d+)\]")
+_NAME = r"[A-Za-z_]\w*"
+_PATH = re.compile(rf"{_NAME}(?:\.{_NAME}|\[\d+\])*")
+_STEP = re.compile(rf"({_NAME})|\[(\d+)\]")
 
 
 def read_field(data: Mapping[str, Any], path: str, source: str) -> Any:
@@ -21,32 +23,28 @@ def read_field(data: Mapping[str, Any], path: str, source: str) -> Any:
     Raises:
         ScenarioError: If there is no such field; the message has the nearest name.
     """
-    value: Any = data
-    for step in _steps(data, path, source):
-        value = _step_into(data, value, step, path, source)
-    return value
+    holder, step = _find(data, path, source)
+    return holder[step]
 
 
-def set_field(data: dict[str, Any], path: str, value: Any, source: str) -> None:
+def set_field(data: Mapping[str, Any], path: str, value: Any, source: str) -> None:
     """Sets a field, in place.
 
-    A mapping changes only the keys that it has, as an overriding text does; but with another tag
-    than the one that is there, or where none is, it takes its place.
+    A mapping changes only the keys that it has, as an overriding text does; but if its tag is
+    another one, or there was no mapping, it replaces the value.
 
     Raises:
         ScenarioError: If there is no such field; the message has the nearest name.
     """
-    *first, last = _steps(data, path, source)
-    holder: Any = data
-    for step in first:
-        holder = _step_into(data, holder, step, path, source)
-    before = _step_into(data, holder, last, path, source)
-    if _merges(before, value):
+    holder, step = _find(data, path, source)
+    before = holder[step]
+    both = isinstance(before, Mapping) and isinstance(value, Mapping)
+    if both and value.get(TAG_KEY, before.get(TAG_KEY)) == before.get(TAG_KEY):
         for key, element in value.items():
             if key != TAG_KEY:
                 set_field(data, f"{path}.{key}", element, source)
     else:
-        holder[last] = value
+        holder[step] = value
 
 
 def overlap(one: str, other: str) -> bool:
@@ -55,36 +53,21 @@ def overlap(one: str, other: str) -> bool:
     return long.startswith(short) and long[len(short) : len(short) + 1] in ("", ".", "[")
 
 
-def _merges(before: Any, value: Any) -> bool:
-    if not (isinstance(before, Mapping) and isinstance(value, Mapping)):
-        return False
-    return TAG_KEY not in value or value[TAG_KEY] == before.get(TAG_KEY)
-
-
-def _steps(data: Mapping[str, Any], path: str, source: str) -> list[str | int]:
-    steps: list[str | int] = []
-    end = 0
-    while end < len(path):
-        found = _STEP.match(path, end)
-        if found is None or (end == 0) == path[end : end + 1].startswith((".", "[")):
+def _find(data: Mapping[str, Any], path: str, source: str) -> tuple[Any, str | int]:
+    """Returns the mapping or list that holds a field, and its key or index there."""
+    holder: Any = None
+    step: str | int = path
+    value: Any = data
+    for name, digits in _STEP.findall(path) if _PATH.fullmatch(path) else [(path, "")]:
+        holder, step = value, int(digits) if digits else name
+        if isinstance(step, int) and isinstance(holder, list):
+            if step >= len(holder):
+                problem = f"no element [{step}]: the list has {len(holder)} in the scenario"
+                raise ScenarioError(source, path, problem)
+        elif not isinstance(holder, Mapping) or step not in holder or step == TAG_KEY:
             raise _unknown(data, path, source)
-        name, index = found.groups()
-        steps.append(name if index is None else int(index))
-        end = found.end()
-    if not steps:
-        raise _unknown(data, path, source)
-    return steps
-
-
-def _step_into(data: Mapping[str, Any], value: Any, step: str | int, path: str, source: str) -> Any:
-    if isinstance(step, int) and isinstance(value, list):
-        if step >= len(value):
-            problem = f"no element [{step}]: the list has {len(value)} in the scenario"
-            raise ScenarioError(source, path, problem)
-        return value[step]
-    if isinstance(value, Mapping) and step in value and step != TAG_KEY:
-        return value[step]
-    raise _unknown(data, path, source)
+        value = holder[step]
+    return holder, step
 
 
 def _unknown(data: Mapping[str, Any], path: str, source: str) -> ScenarioError:

@@ -1,13 +1,26 @@
-"""Sweeps from YAML files."""
+"""Sweeps from YAML files, and the files that rows depend on."""
 
+import copy
+import dataclasses
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from drake_pregrasp.diagrams.hand_parsing import model_path
+from drake_pregrasp.diagrams.model_files import checked_model
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
-from drake_pregrasp.resources import check_inside, resolve_path, resource_folder
+from drake_pregrasp.estimation.recorded_poses import MAX_BYTES
+from drake_pregrasp.geometry.meshes import companions
+from drake_pregrasp.resources import (
+    check_inside,
+    make_paths_absolute,
+    resolve_path,
+    resource_folder,
+)
+from drake_pregrasp.simulation.hand_file import load_hand
+from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import (
     load_scenario,
     only_name,
@@ -16,14 +29,55 @@ from drake_pregrasp.simulation.scenario_file import (
     scenario_from_data,
 )
 from drake_pregrasp.simulation.schema_check import check_mapping
+from drake_pregrasp.simulation.yaml_text import load_typed
+from drake_pregrasp.studies.package_digest import digest_files
 from drake_pregrasp.studies.sweep.field_path import set_field
-from drake_pregrasp.studies.sweep.grid_axis import grid_axis, label_text
-from drake_pregrasp.studies.sweep.plan import SweepPlan
-from drake_pregrasp.studies.sweep.random_axis import random_axis
-from drake_pregrasp.studies.sweep.study_config import StudyConfig
+from drake_pregrasp.studies.sweep.measures import DEFAULT_MEASURES, MEASURES
+from drake_pregrasp.studies.sweep.sweep_plan import SweepPlan, grid_axis, random_axis
+from drake_pregrasp.systems.noise_source import MAX_SEED
 
-_ENDINGS = (".yaml", ".yml")
-_ANY = "a_base"
+
+@dataclass
+class StudyConfig:
+    """The keys of a sweep's file. docs/sweeps.md shows how the parts are used together."""
+
+    # One line for the report.
+    description: str = ""
+
+    # The scenario that all runs start from: a shipped one, or an entry of `file`.
+    scenario: str = ""
+
+    # Its YAML file; a relative path starts at this file's folder.
+    file: str = field(default="", metadata={"path": True})
+
+    # Keys of the scenario that all runs have in common, as in an overriding text, or by paths.
+    overrides: dict[str, Any] = field(default_factory=dict)
+
+    # All combinations of these are run: from a field's path to a list of values; or from a name to
+    # a mapping from labels to mappings from paths to values, which change together.
+    grid: dict[str, Any] = field(default_factory=dict)
+
+    # Each sample draws these anew: from a field's path to `uniform: [a, b]`, `log_uniform: [a, b]`,
+    # `integer: [a, b]` or `choice: [...]`; with `fields: [...]` from a name to several fields.
+    random: dict[str, Any] = field(default_factory=dict)
+
+    # Number of samples for each combination of the grid, the same samples for all.
+    samples: int = field(default=1, metadata={"at_least": 1, "at_most": 1_000_000})
+
+    # Seed of the samples.
+    sampling_seed: int = field(default=0, metadata={"at_least": 0, "at_most": MAX_SEED})
+
+    # Number of values of `random_seed` that each point is run with, the same for all points.
+    seeds: int = field(default=1, metadata={"at_least": 1, "at_most": 1_000_000})
+
+    # The first of them.
+    first_seed: int = field(default=0, metadata={"at_least": 0, "at_most": MAX_SEED})
+
+    # The numbers that a row has, by their names in measures.py.
+    measures: list[str] = field(
+        default_factory=lambda: list(DEFAULT_MEASURES),
+        metadata={"min_length": 1, "one_of": tuple(MEASURES)},
+    )
 
 
 @dataclass(frozen=True)
@@ -31,11 +85,11 @@ class Study:
     """A sweep, ready to be run.
 
     Attributes:
-        name: Of its folder and its report.
-        source: Where it is from, for messages.
+        name: Name of its folder and its report.
+        source: The file, for messages.
         folder: Where relative paths in swept values start.
-        folders: Where files may be, beside that.
-        config: Its file, with defaults.
+        folders: Where files may be, besides that folder.
+        config: The keys of the file, with defaults.
         scenario: What all runs start from, as `scenario_data` has it.
         plan: The runs.
     """
@@ -50,19 +104,17 @@ class Study:
 
     @property
     def resolved(self) -> dict[str, Any]:
-        """The file with every key, those of the scenario in `overrides`: a study of its own.
-
-        As they are all there it needs no other file, whichever scenario they override.
-        """
+        """The file with every key, those of the scenario in `overrides`: a study of its own."""
         keys = {**vars(self.config), "file": "", "overrides": self.scenario}
-        return {**keys, "scenario": _ANY} if self.config.file else keys
+        # With all keys overridden, any scenario will do, and no other file is needed.
+        return {**keys, "scenario": "a_base"} if self.config.file else keys
 
     @property
     def settings(self) -> dict[str, Any]:
-        """All of it that rows depend on, the order of what is swept included."""
+        """All of the file that rows depend on, the order of axes and labels included."""
         beside = ("description", "scenario", "file")
         settings = {key: value for key, value in self.resolved.items() if key not in beside}
-        grid = [[axis.name, *map(label_text, axis.labels)] for axis in self.plan.grid]
+        grid = [[axis.name, *map(str, axis.labels)] for axis in self.plan.grid]
         return {**settings, "order": [*grid, *(axis.name for axis in self.plan.random)]}
 
 
@@ -77,7 +129,7 @@ def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
 
     Args:
         name_or_file: Name of a shipped one, or a YAML file.
-        folders: Where files that it names may be, beside its own folder.
+        folders: Where files that it names may be, besides its own folder.
 
     Raises:
         ScenarioError: If anything is wrong with it; the message names file, key and value.
@@ -103,15 +155,14 @@ def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
     base = scenario_data(
         scenario_from_data(base, source=source, folder=file.parent, folders=folders)
     )
-    seeds = range(config.first_seed, config.first_seed + config.seeds)
     plan = SweepPlan(
         tuple(grid_axis(str(name), v, base, source) for name, v in config.grid.items()),
         tuple(random_axis(str(name), v, base, source) for name, v in config.random.items()),
         config.samples,
         config.sampling_seed,
-        seeds,
+        range(config.first_seed, config.first_seed + config.seeds),
     )
-    plan.check(source)
+    plan.check(source, ["index", "seed", "error", *MEASURES])
     absolute = tuple(str(Path(folder).resolve()) for folder in folders)
     return Study(file.stem, source, file.parent.resolve(), absolute, config, base, plan)
 
@@ -132,7 +183,7 @@ def _check_plain(source: str, key: str, value: Any) -> None:
 
 def _find(name_or_file: str) -> Path:
     file = Path(name_or_file)
-    if file.suffix in _ENDINGS:
+    if file.suffix in (".yaml", ".yml"):
         return file
     shipped = shipped_studies()
     if name_or_file not in shipped:
@@ -151,3 +202,81 @@ def _resolve_file(config: StudyConfig, file: Path, folders: Sequence[str]) -> No
         config.scenario = config.scenario or only_name(config.file)
     elif not config.scenario:
         raise ScenarioError(str(file), "scenario", "is not there; name the scenario to start from")
+
+
+def named_files(study: Study) -> dict[str, str]:
+    """Returns digests of all files that rows depend on, by their absolute paths.
+
+    Those are the files that the scenario and the swept values name, those that a hand's
+    description and its model name, and the buffers of a mesh. Shipped ones are left out, as the
+    package's digest has them, and those that can't be read, as a run that needs one has no row.
+    """
+    allowed = [study.folder, *map(Path, study.folders)]
+    found: set[Path] = set()
+    for changes in [{}, *_changes(study.plan)]:
+        data = copy.deepcopy(study.scenario)
+        try:
+            for path, value in changes.items():
+                set_field(data, path, value, study.source)
+            check_mapping(study.source, "", data, Scenario)
+            scenario: Scenario = load_typed(Scenario, data, Scenario())
+            make_paths_absolute(scenario, study.folder, allowed=allowed, source=study.source)
+        except ScenarioError:
+            continue  # Its runs will fail with this error.
+        found.update(map(Path, _paths(scenario)))
+        found.update(_hand_files(scenario.grasp.hand, allowed))
+    for mesh in [path for path in found if path.suffix.lower() == ".gltf"]:
+        found.update(_buffers(mesh))
+    return {str(path): digest for path in sorted(found) if (digest := _digest(path))}
+
+
+def _changes(plan: SweepPlan) -> Iterator[Mapping[str, Any]]:
+    """Yields what the axes set, where that can name a file."""
+    every: list[Mapping[str, Any]] = [change for axis in plan.grid for change in axis.changes]
+    for axis in plan.random:
+        every += [dict.fromkeys(axis.fields, value) for value in axis.arguments]
+    for change in every:
+        if any(isinstance(value, str | list | Mapping) for value in change.values()):
+            yield change
+
+
+def _paths(config: object) -> Iterator[str]:
+    for f in dataclasses.fields(config) if dataclasses.is_dataclass(config) else ():
+        value = getattr(config, f.name)
+        if f.metadata.get("path"):
+            if _is_file(value):
+                yield value
+        else:
+            for part in value if isinstance(value, list) else [value]:
+                yield from _paths(part)
+
+
+def _is_file(text: str) -> bool:
+    return bool(text) and "://" not in text
+
+
+def _hand_files(hand: str, allowed: Sequence[Path]) -> list[Path]:
+    try:
+        model = load_hand(hand, folders=allowed).model if _is_file(hand) else ""
+        if not _is_file(model):
+            return []
+        return list(checked_model(model_path(model), [Path(hand).parent, *allowed]).files)
+    except (ScenarioError, InvalidArgumentError):
+        return []
+
+
+def _buffers(mesh: Path) -> list[Path]:
+    try:
+        return companions(mesh)
+    except InvalidArgumentError:
+        return []
+
+
+def _digest(path: Path) -> str:
+    """Returns a file's digest; nothing if it is no regular one, or larger than any may be."""
+    try:
+        if path.is_file() and path.stat().st_size <= MAX_BYTES:
+            return digest_files([path])
+    except OSError:
+        pass
+    return ""

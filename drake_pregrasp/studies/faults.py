@@ -1,0 +1,271 @@
+"""The study of measurement faults: each over many seeds, and how consistent the filter is."""
+
+import argparse
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+
+from drake_pregrasp.contacts.selection_input import is_active
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.estimation.pose_track import TrackingStatus
+from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
+from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.studies.filter_consistency import FILTERS, consistency_table, run_filter
+from drake_pregrasp.studies.report_page import Part, Table, write_report
+from drake_pregrasp.studies.runner import OnProgress, StudyRows, run_jobs
+from drake_pregrasp.studies.study_options import (
+    MOST_SEEDS,
+    add_out_option,
+    add_processes_option,
+    make_rows_and_report,
+    names,
+    whole_number,
+)
+from drake_pregrasp.systems.loggers import TickRecord
+
+SEEDS = 50
+"""Seeds of each fault, if nothing else is asked for."""
+
+FILTER_SEEDS = 200
+"""Seeds of the filter's consistency."""
+
+GOAL_RECOVERY = 0.5
+"""Seconds after a fault within which the estimate should have recovered."""
+
+RECOVERED = 4.0
+"""Standard deviations of the sensor within which an estimate has recovered."""
+
+PREFIX = "fault_"
+"""What the names of the scenarios begin with."""
+
+
+class FaultJob(NamedTuple):
+    """A shipped scenario and a seed."""
+
+    scenario: str
+    seed: int
+
+
+class FaultRun(NamedTuple):
+    """What a run has shown.
+
+    Attributes:
+        valid: Share of all ticks at which each active contact was on the allowed surface of the
+            estimated object, all outputs were finite, and at least one contact was active.
+        position_error: Largest error of the estimated position during the faults, in metres.
+        orientation_error: Largest error of its orientation then, in radians.
+        recovery: Seconds from the end of the faults until the errors stayed within `RECOVERED`
+            standard deviations of the sensor; inf if they never did.
+        tracked: Share of the ticks during the faults at which the object was tracked.
+        lost: Share of them at which it was lost.
+    """
+
+    valid: float
+    position_error: float
+    orientation_error: float
+    recovery: float
+    tracked: float
+    lost: float
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options of `drake-pregrasp study faults`."""
+    parser.set_defaults(command=_command)
+    add_out_option(parser, "study_faults")
+    parser.add_argument(
+        "--faults",
+        type=names,
+        metavar="a,b,...",
+        help=f"which of the shipped {PREFIX}..., without the filter's consistency; all, and"
+        " that too, if not set",
+    )
+    parser.add_argument(
+        "--seeds",
+        type=whole_number(1, MOST_SEEDS),
+        default=SEEDS,
+        metavar="N",
+        help="of each; %(default)s if not set",
+    )
+    add_processes_option(parser)
+
+
+def _command(options: argparse.Namespace) -> int:
+    return make_rows_and_report(
+        lambda on_progress: study_faults(
+            options.out,
+            faults=options.faults,
+            seeds=options.seeds,
+            filter_seeds=0 if options.faults else FILTER_SEEDS,
+            processes=options.processes,
+            on_progress=on_progress,
+        ),
+        folder=Path(options.out),
+    )
+
+
+def fault_scenarios() -> dict[str, str]:
+    """Returns the names of the shipped scenarios with faults, and their descriptions."""
+    return {n: text for n, (_, text) in shipped_scenarios().items() if n.startswith(PREFIX)}
+
+
+def study_faults(
+    out: str | Path,
+    *,
+    faults: Sequence[str] | None = None,
+    seeds: int = SEEDS,
+    filter_seeds: int = FILTER_SEEDS,
+    processes: int | None = None,
+    on_progress: OnProgress = lambda done, total: None,
+) -> tuple[StudyRows, Path]:
+    """Runs each fault with each seed, and returns the rows and the path of `faults.md`.
+
+    Args:
+        out: Folder of the rows and the report.
+        faults: Names of the scenarios; all if not set.
+        seeds: Number of seeds for each fault.
+        filter_seeds: Number of seeds for the filter's consistency; 0 to leave it out.
+        processes: Number of runs at a time.
+        on_progress: Called with the number of runs made and of those that were missing.
+
+    Raises:
+        InvalidArgumentError: If there is no such fault.
+        OutputError: If the folder can't be used.
+    """
+    known = fault_scenarios()
+    chosen = list(known) if faults is None else list(dict.fromkeys(faults))
+    for name in chosen:
+        if name not in known:
+            problem = f"faults: {name!r} is no scenario with faults; there are: {', '.join(known)}"
+            raise InvalidArgumentError(problem)
+    folder = Path(out)
+    jobs = [FaultJob(name, seed) for seed in range(seeds) for name in chosen]
+    found = run_jobs(run_faults, jobs, folder=folder, processes=processes, on_progress=on_progress)
+    parts: list[Part] = [
+        "Medians over seeds, and the largest value in brackets. Shares are of ticks: of all for"
+        " contacts, of those with the fault for the status. An estimate has recovered when its"
+        f" errors stay within {RECOVERED:g} standard deviations of the sensor.",
+        Table(fault_table(found.rows)),
+        f"Valid contacts at all ticks: in {(found.rows.valid == 1).sum()} of {len(found.rows)}"
+        f" runs. Recovered within {GOAL_RECOVERY:g} s: in"
+        f" {(found.rows.recovery <= GOAL_RECOVERY).sum()} of {len(found.rows)}.",
+    ]
+    if filter_seeds:
+        filters = run_jobs(
+            run_filter,
+            [{"filter": name, "seed": seed} for name in FILTERS for seed in range(filter_seeds)],
+            folder=folder / "filter",
+            processes=processes,
+            on_progress=on_progress,
+        )
+        parts += [
+            f"{filter_seeds} runs each; position, orientation. 6 and 3 are expected.",
+            Table(consistency_table(filters.rows)),
+        ]
+    return found, write_report(folder, "", parts, name="faults", formats=("md",))
+
+
+def run_faults(job: FaultJob, text: str | None = None) -> dict[str, float]:
+    """Simulates a job, and returns the fields of `FaultRun`.
+
+    Args:
+        job: The scenario and the seed.
+        text: YAML that overrides single keys of the scenario.
+    """
+    scenario = load_scenario(job.scenario, text=text)
+    scenario.random_seed = job.seed
+    surface = scenario.make_surface()
+    records: list[TickRecord] = []
+    simulator = Simulator(make_diagram(scenario, surface, sink=records.append))
+    ApplySimulatorConfig(scenario.simulator_config, simulator)
+    simulator.Initialize()
+    simulator.AdvanceTo(scenario.simulation_duration)
+    return summarize_faults(scenario, surface, records)._asdict()
+
+
+def summarize_faults(
+    scenario: Scenario, surface: ObjectSurface, records: list[TickRecord]
+) -> FaultRun:
+    """Returns what a run has shown, from the records of its ticks."""
+    faults, sensor = scenario.sensor.faults, scenario.sensor
+    time = np.array([record.time for record in records])
+    slack = scenario.planner.period / 2  # Times of ticks are rounded.
+    acting = (time > faults.start - slack) & (time < faults.end - slack)
+    after = np.flatnonzero(time > faults.end - slack)
+    position, orientation = np.array([_errors(record) for record in records]).T
+    is_off = (position > RECOVERED * sensor.position_std) | (
+        orientation > RECOVERED * sensor.orientation_std
+    )
+    recovery = 0.0
+    if len(off := after[is_off[after]]):
+        is_over = off[-1] + 1 < len(time)
+        recovery = float(time[off[-1] + 1] - faults.end) if is_over else math.inf
+    status = np.array([record.tracking_status for record in records])[acting]
+    return FaultRun(
+        valid=float(np.mean([_is_valid(record, surface) for record in records])),
+        position_error=float(np.max(position[acting])),
+        orientation_error=float(np.max(orientation[acting])),
+        recovery=recovery,
+        tracked=float(np.mean(status == TrackingStatus.TRACKING)),
+        lost=float(np.mean(status == TrackingStatus.LOST)),
+    )
+
+
+def _errors(record: TickRecord) -> tuple[float, float]:
+    """Returns the errors of the estimated position and orientation, in metres and radians."""
+    offset = record.X_WO_estimated.translation() - record.X_WO.translation()
+    turn = record.X_WO.rotation().InvertAndCompose(record.X_WO_estimated.rotation())
+    return float(np.linalg.norm(offset)), abs(turn.ToAngleAxis().angle())
+
+
+def _is_valid(record: TickRecord, surface: ObjectSurface) -> bool:
+    active = is_active(record.contact_status)
+    if not (np.all(np.isfinite(record.p_WC)) and np.any(active)):
+        return False
+    p_OC = (record.X_WO_estimated.inverse() @ record.p_WC[active].T).T
+    nearest, _ = surface.project(p_OC)
+    return bool(np.all(np.linalg.norm(nearest - p_OC, axis=1) <= CONTACT_TOLERANCE))
+
+
+def fault_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Returns a line for each fault.
+
+    Args:
+        rows: Of `run_faults`, with their jobs.
+    """
+    texts = fault_scenarios()
+    groups = rows.groupby(pd.Categorical(rows["scenario"], list(texts)), observed=True)
+    median, largest, mean = (getattr(groups, name)(numeric_only=True) for name in _REDUCED)
+    table = pd.DataFrame(
+        {
+            "scenario": [f"`{name}`" for name in mean.index],
+            "for six seconds": [texts[n].removeprefix("for six seconds, ") for n in mean.index],
+            "runs": groups.size().to_numpy(),
+            "contacts valid": mean["valid"].map(percent).to_numpy(),
+        }
+    )
+    for column, label, scale, digits in (
+        ("position_error", "worst position error [mm]", 1e3, 1),
+        ("orientation_error", "worst orientation error [°]", 180 / math.pi, 2),
+        ("recovery", "recovered after [s]", 1.0, 2),
+    ):
+        pairs = zip(scale * median[column], scale * largest[column], strict=True)
+        table[label] = [f"{m:.{digits}f} ({most:.{digits}f})" for m, most in pairs]
+    for column in ("tracked", "lost"):
+        table[column] = mean[column].map(percent).to_numpy()
+    return table
+
+
+_REDUCED = ("median", "max", "mean")
+
+
+def percent(share: float) -> str:
+    """Returns a share in percent, never rounded up to all or down to none."""
+    digits = 0 if share in (0, 1) else 1 if 1e-3 <= share <= 1 - 1e-3 else 3
+    return f"{100 * share:.{digits}f} %"

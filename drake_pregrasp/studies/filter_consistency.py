@@ -1,0 +1,182 @@
+"""Runs of the pose filter that show whether its errors are as large as it says.
+
+The normalised estimation error squared (NEES), eᵀ P⁻¹ e of position and velocity, or of orientation
+and angular velocity, is chi-square distributed with 6 degrees of freedom if the filter's
+assumptions hold; the normalised innovation squared (NIS), νᵀ S⁻¹ ν, with 3 (Bar-Shalom, Li and
+Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, section 5.4).
+"""
+
+import functools
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.diagrams.object_plant import ObjectPlant
+from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
+from drake_pregrasp.estimation.pose_filter import PoseFilterNoise, PoseMeasurement
+from drake_pregrasp.estimation.pose_track import PoseTrack
+from drake_pregrasp.estimation.pose_tracker import TrackerSettings, update_track
+from drake_pregrasp.simulation.scenario_file import load_scenario
+
+PERIOD = 0.05
+"""Seconds between measurements."""
+
+TICKS = 100
+"""Measurements of a run; errors are those after the last, innovations those of the second half."""
+
+CONFIDENCE = 0.95
+"""Probability of the bands."""
+
+DEFAULT_NOISE = filter_noise(EstimatorConfig())
+"""The default assumptions of the filter."""
+
+EVEN_NOISE = filter_noise(EstimatorConfig(acceleration=1e-6, angular_acceleration=1e-6))
+"""The assumptions for an object that moves evenly, as on the conveyor."""
+
+
+class Motion(NamedTuple):
+    """A true motion of K ticks.
+
+    Attributes:
+        p_WO: Positions, shape (K, 3), in metres.
+        v_WO: Velocities, shape (K, 3), in m/s.
+        R_WO: K orientations.
+        w_WO: Angular velocities, shape (K, 3), in rad/s.
+    """
+
+    p_WO: FloatArray
+    v_WO: FloatArray
+    R_WO: Rotation
+    w_WO: FloatArray
+
+
+FILTERS: Mapping[str, tuple[PoseFilterNoise, bool]] = {
+    "default assumptions, motion drawn from them": (DEFAULT_NOISE, False),
+    "even motion assumed, conveyor": (EVEN_NOISE, True),
+    "default assumptions, conveyor": (DEFAULT_NOISE, True),
+}
+"""Assumptions of the filter, and whether the object is on the conveyor."""
+
+
+def run_filter(job: Mapping[str, object]) -> dict[str, float]:
+    """Returns the normalised errors of a run of a job with a `filter` of `FILTERS` and a `seed`."""
+    noise, is_carried = FILTERS[str(job["filter"])]
+    rng = np.random.default_rng(int(str(job["seed"])))
+    motion = conveyor_motion() if is_carried else random_motion(noise, rng)
+    return filter_errors(noise, motion, rng)
+
+
+def consistency_table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Returns means of normalised errors over runs, and the bands of a consistent filter.
+
+    Args:
+        rows: Of `run_filter`, with their jobs.
+    """
+    groups = rows.groupby("filter", sort=False)
+    means, seeds = groups.mean(), groups.size()
+    table = {"filter and motion": means.index}
+    for name, freedom, samples, digits in (
+        ("nees", 6, seeds, 2),
+        ("nis", 3, seeds * (TICKS - TICKS // 2), 3),
+    ):
+        table[name.upper()] = [
+            f"{position:.{digits}f}, {orientation:.{digits}f}"
+            for position, orientation in means[[f"{name}_position", f"{name}_orientation"]].values
+        ]
+        table[f"{100 * CONFIDENCE:g} % band of {name.upper()}"] = [
+            "{:.{d}f} to {:.{d}f}".format(*band(freedom, n), d=digits) for n in samples
+        ]
+    return pd.DataFrame(table)
+
+
+def band(freedom: int, samples: int) -> tuple[float, float]:
+    """Returns the band of the mean of chi-square samples.
+
+    Args:
+        freedom: Degrees of freedom.
+        samples: Number of samples.
+    """
+    low, high = chi2.interval(CONFIDENCE, freedom * samples)
+    return low / samples, high / samples
+
+
+@functools.cache
+def conveyor_motion(scenario: str = "a_base") -> Motion:
+    """Returns the motion of a scenario's object on the simulated conveyor, by friction."""
+    config = load_scenario(scenario)
+    plant = ObjectPlant(config.object, config.motion, config.plant_config)
+    simulator = Simulator(plant)
+    ApplySimulatorConfig(config.simulator_config, simulator)
+    simulator.Initialize()
+    poses = []
+    for k in range(TICKS + 1):
+        simulator.AdvanceTo(k * PERIOD)
+        poses.append(
+            plant.GetOutputPort("X_WO").Eval(simulator.get_context()).GetAsMatrix34().copy()
+        )
+    X = np.array(poses)
+    p_WO, R_WO = X[:, :, 3], Rotation.from_matrix(X[:, :, :3])
+    turns: FloatArray = (R_WO[1:] * R_WO[:-1].inv()).as_rotvec()
+    return Motion(p_WO[1:], np.diff(p_WO, axis=0) / PERIOD, R_WO[1:], turns / PERIOD)
+
+
+def random_motion(noise: PoseFilterNoise, rng: np.random.Generator) -> Motion:
+    """Returns a motion that is drawn from what the filter assumes."""
+    p, v = np.zeros(3), rng.normal(scale=noise.initial_velocity, size=3)
+    R, w = Rotation.random(rng=rng), rng.normal(scale=noise.initial_angular_velocity, size=3)
+    steps = []
+    for _ in range(TICKS):
+        steps.append((p, v, R, w))
+        dp, dv = _accelerated(noise.acceleration, rng)
+        turn, dw = _accelerated(noise.angular_acceleration, rng)
+        p, v = p + v * PERIOD + dp, v + dv
+        R, w = Rotation.from_rotvec(w * PERIOD + turn) * R, w + dw
+    p_WO, v_WO, R_WO, w_WO = zip(*steps, strict=True)
+    return Motion(np.array(p_WO), np.array(v_WO), Rotation.concatenate(R_WO), np.array(w_WO))
+
+
+def filter_errors(
+    noise: PoseFilterNoise, motion: Motion, rng: np.random.Generator
+) -> dict[str, float]:
+    """Returns the NEES after the last tick, and the mean NIS of the second half of them.
+
+    Args:
+        noise: The filter's assumptions; measurements have the noise that it assumes.
+        motion: The true motion.
+        rng: Draws the noise.
+    """
+    settings = TrackerSettings(noise)
+    track = PoseTrack.empty(memory=1)
+    nis = []
+    for k in range(TICKS):
+        p = motion.p_WO[k] + rng.normal(scale=noise.position, size=3)
+        R = Rotation.from_rotvec(rng.normal(scale=noise.orientation, size=3)) * motion.R_WO[k]
+        track = update_track(
+            track, PoseMeasurement(k * PERIOD, p, R.as_matrix()), k * PERIOD, settings
+        )
+        if k >= TICKS // 2:
+            nis.append(track.innovation_squared)
+    belief, last = track.newest, TICKS - 1
+    e = np.concatenate([motion.p_WO[last] - belief.p_WCoM, motion.v_WO[last] - belief.v_WCoM])
+    theta = (motion.R_WO[last] * Rotation.from_matrix(belief.R_WO).inv()).as_rotvec()
+    e_R = np.concatenate([theta, motion.w_WO[last] - belief.w_WO])
+    nis_position, nis_orientation = np.mean(nis, axis=0).tolist()
+    return {
+        "nees_position": float(e @ np.linalg.solve(belief.P_position, e)),
+        "nees_orientation": float(e_R @ np.linalg.solve(belief.P_orientation, e_R)),
+        "nis_position": nis_position,
+        "nis_orientation": nis_orientation,
+    }
+
+
+def _accelerated(density: float, rng: np.random.Generator) -> FloatArray:
+    """Returns what white acceleration of that density adds to place and velocity, shape (2, 3)."""
+    covariance = density**2 * np.array([[PERIOD**3 / 3, PERIOD**2 / 2], [PERIOD**2 / 2, PERIOD]])
+    added: FloatArray = np.linalg.cholesky(covariance) @ rng.normal(size=(2, 3))
+    return added

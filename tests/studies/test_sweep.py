@@ -1,0 +1,227 @@
+"""The command `sweep`: its rows are what runs come to, and its report what the rows say."""
+
+import itertools
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+from drake_pregrasp.studies.case_runs import CaseLog, CaseRun
+from made_up_jobs import write_study
+
+from drake_pregrasp import ScenarioError, load_scenario, run
+from drake_pregrasp.cli import main
+from drake_pregrasp.simulation.phases import adapting_phase
+from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS, SETTINGS, StudyRows
+from drake_pregrasp.studies.sweep.command import STUDY, SweepRun, sweep
+from drake_pregrasp.studies.sweep.measures import MEASURES
+from drake_pregrasp.studies.sweep.study_file import load_study
+from drake_pregrasp.studies.sweep.sweep_report import (
+    axis_label,
+    axis_table,
+    color_axis,
+    is_scattered,
+    plot_axis,
+    with_categories,
+    write_sweep_report,
+)
+
+
+def sweep_run(study):
+    measures = tuple(study.config.measures)
+    return SweepRun(study.plan, study.scenario, study.source, study.folder, (), measures)
+
+
+def test_measures_are_those_of_a_run_folder(tmp_path):
+    measures = ["q_msv_mean", "q_gii_mean", "q_vew_final", "position_error_max", "displacement"]
+    measures += ["active_share", "ticks", "force_closure_margin", "motion_on_object"]
+    file = write_study(
+        tmp_path,
+        measures=[*measures, "grasp_lift_height"],
+        overrides={"simulation_duration": 0.4, "planner.static_duration": 0.2},
+    )
+    study = load_study(file)
+    values = sweep_run(study)(study.plan.job(7))
+    text = (
+        "{simulation_duration: 0.4, planner: {static_duration: 0.2, period: 0.05}, random_seed: 1"
+        ", motion: {linear_velocity: 0.02}, plant_config: {time_step: 0.025}}"
+    )
+    result = run(load_scenario("a_base", text=text), name="one", out=tmp_path, recording=False)
+    summary = result.summary
+    assert values["q_msv_mean"] == summary["mean"]["q_msv"]
+    assert values["q_gii_mean"] == summary["mean"]["q_gii"]
+    assert values["q_vew_final"] == summary["final"]["q_vew"]
+    assert values["ticks"] == summary["ticks"] == 9
+    assert values["force_closure_margin"] == summary["force_closure_margin"]["final"]
+    log = CaseLog(CaseRun("one", 1, result.folder))
+    phase = adapting_phase(log.scenario, log.time)
+    assert values["position_error_max"] == 1e3 * log.columns["position_error"][phase].max()
+    moved = 1e3 * log.columns["displacement"][phase].sum()
+    assert values["displacement"] == pytest.approx(moved / 0.25)
+    assert values["active_share"] == 1
+    steps = [abs(log.p_OC(k) - log.p_OC(k - 1)) for k in range(phase.start, 9)]
+    over_object = sum(((step**2).sum(axis=1) ** 0.5).sum() for step in steps)
+    assert values["motion_on_object"] == pytest.approx(1e3 * over_object / 0.25)
+    assert np.isnan(values["grasp_lift_height"])
+
+
+def test_a_run_whose_contacts_are_still_held_has_numbers_too(tmp_path):
+    study = load_study(
+        write_study(tmp_path, overrides={"simulation_duration": 0.1}, measures=list(MEASURES))
+    )
+    values = sweep_run(study)(study.plan.job(0))
+    assert list(values) == list(MEASURES)
+    assert values["ticks"] == 2
+    assert values["q_msv_final"] > 2
+    assert np.isnan([values[name] for name in ("q_msv_mean", "active_share", "displacement")]).all()
+
+
+def test_one_seed_of_all_points_comes_before_the_next(tmp_path, monkeypatch):
+    asked = []
+
+    def noted(function, jobs, **options):
+        asked.extend(jobs)
+        raise ScenarioError("", "", "enough")
+
+    monkeypatch.setattr("drake_pregrasp.studies.sweep.command.run_jobs", noted)
+    with pytest.raises(ScenarioError, match="enough"):
+        sweep(load_study(write_study(tmp_path)), tmp_path)
+    assert [job["seed"] for job in asked] == [0] * 4 + [1] * 4
+    assert sorted(job["index"] for job in asked) == list(range(8))
+
+
+def test_the_command_sweeps_and_goes_on(tmp_path, capsys):
+    grid = {"planner.period": [0.1, -1.0], "motion.linear_velocity": [0.0, 0.02]}
+    file = write_study(tmp_path, grid=grid, seeds=1, overrides={"simulation_duration": 0.2})
+    arguments = ["sweep", file, "--out", str(tmp_path), "--processes", "1"]
+    assert main(arguments) == 1
+    captured = capsys.readouterr()
+    folder = tmp_path / "mine"
+    assert "2 of 4 runs are there" in captured.out
+    assert f"2 runs failed: {folder / FAILED} says why" in captured.err
+    failed = pd.read_csv(folder / FAILED)
+    assert failed["index"].tolist() == [2, 3]
+    said = f"{file}: planner.period: -1.0 must be a number at least"
+    assert failed["error"].str.startswith(said).all()
+    files = {ROWS, JOURNAL, FAILED, SETTINGS, STUDY, "report.html"}
+    assert {path.name for path in folder.iterdir()} == files
+    before = (folder / ROWS).read_bytes()
+    assert main(arguments) == 1
+    assert (folder / ROWS).read_bytes() == before
+    assert load_study(str(folder / STUDY)).plan == load_study(file).plan
+    write_study(tmp_path, grid={**grid, "motion.linear_velocity": [0.1]}, seeds=1)
+    capsys.readouterr()
+    assert main(arguments) == 2
+    assert "is of a study with other settings (study.grid.motion" in capsys.readouterr().err
+    assert (folder / ROWS).read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (["none.yaml"], "none.yaml: can't be read"),
+        (["trakking"], "trakking: no such sweep"),
+        (["{study}", "--processes", "0"], "--processes: 0 must be 1 or more"),
+        (["{study}", "--processes", "2", "--scheduler", "x"], "--processes: a cluster has its own"),
+        (["{study}", "--out", "/dev/null/x"], "/dev/null/x/mine: can't be written"),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(arguments, problem, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    file = write_study(tmp_path)
+    try:
+        status = main(["sweep", *(argument.format(study=file) for argument in arguments)])
+    except SystemExit as error:
+        status = error.code
+    captured = capsys.readouterr()
+    assert (status, captured.out) == (2, "")
+    assert problem in captured.err
+    assert captured.err.count("\n") == 1
+
+
+EVIL = "rate <script>alert(1)</script> $x^{$ [Hz]"
+GRID = {
+    "motion.linear_velocity": [0.0, 0.001, 0.1],
+    EVIL: {"slow <b>": {"planner.period": 0.1}, "$fast": {"planner.period": 0.05}},
+}
+RANDOM = {
+    "planner.power": {"uniform": [1, 2]},
+    "planner.strategy": {"choice": ["position", "msv"]},
+}
+MADE_UP = ["q_gii_mean", "displacement", "position_error_mean", "ticks"]
+
+
+@pytest.fixture
+def study(tmp_path):
+    changes = {"grid": GRID, "random": RANDOM, "samples": 10, "measures": MADE_UP}
+    return load_study(write_study(tmp_path, description="<script>", **changes))
+
+
+@pytest.fixture
+def rows(study):
+    jobs = [study.plan.job(index) for index in range(len(study.plan))]
+    made = [
+        (0.9 + job["motion.linear_velocity"], np.nan, 10.0 ** job["index"] % 50, job["index"])
+        for job in jobs
+    ]
+    values = (dict(zip(MADE_UP, numbers, strict=True)) for numbers in made)
+    return pd.DataFrame([job | of_job for job, of_job in zip(jobs, values, strict=True)])
+
+
+def test_all_that_a_study_names_is_escaped(study, rows, tmp_path):
+    failed = rows[["index"]].head(1).assign(error="ScenarioError: <script>alert(2)</script>")
+    write_sweep_report(tmp_path, study, StudyRows(rows, failed, 120, 120))
+    page = (tmp_path / "report.html").read_text()
+    assert "<script" not in page
+    assert "<b>" not in page
+    for text in ("rate &lt;script&gt;", "slow &lt;b&gt;", "alert(2)", "<p>&lt;script&gt;</p>"):
+        assert text in page
+    assert page.count("data:image/png;base64,") == 4
+    assert not re.search(r'(?:src|href)="(?!data:)', page)
+
+
+def test_a_report_without_rows_says_so(study, rows, tmp_path):
+    write_sweep_report(tmp_path, study, StudyRows(rows[:0], rows[:0], 120, 0))
+    assert "There are no rows yet." in (tmp_path / "report.html").read_text()
+
+
+def test_a_table_has_medians_and_ranges_by_value_and_leaves_out_what_is_no_number(study, rows):
+    axes = study.plan.axes
+    rows = with_categories(rows, axes)
+    by_speed = axis_table(rows, axes[0], MADE_UP)
+    assert by_speed.columns[:2].tolist() == ["motion.linear_velocity [m/s]", "runs"]
+    assert by_speed.iloc[:, 0].tolist() == ["0", "0.001", "0.1"]
+    assert by_speed["Q_GII, mean"].tolist() == [
+        f"{v:.5g} ({v:.4g} to {v:.4g})" for v in (0.9, 0.901, 1.0)
+    ]
+    assert set(by_speed[MEASURES["displacement"]]) == {"–"}
+    ticks = rows.loc[rows["motion.linear_velocity"] == 0.1, "ticks"]
+    said = f"{ticks.median():.5g} ({ticks.min():.4g} to {ticks.max():.4g})"
+    assert by_speed[MEASURES["ticks"]].iloc[2] == said
+    assert axis_table(rows, axes[1], MADE_UP).iloc[:, 0].tolist() == ["slow <b>", "$fast"]
+    quarters = axis_table(rows, axes[2], MADE_UP)
+    assert len(quarters) == 4
+    assert quarters["runs"].sum() == len(rows)
+
+
+def test_random_numbers_are_shown_run_by_run_and_never_joined_or_used_for_colours(study, rows):
+    axes = study.plan.axes
+    rows = with_categories(rows, axes)
+    assert [is_scattered(rows, axis) for axis in axes] == [False, False, True, False]
+    colors = [color_axis(rows, axes, axis).name for axis in axes]
+    assert colors == [EVIL, "planner.strategy", "planner.strategy", "motion.linear_velocity"]
+    # Few samples are no values of an axis either: they differ in all other random fields.
+    few = rows[rows["planner.power"].isin(rows["planner.power"].unique()[:3])]
+    assert is_scattered(few, axes[2])
+    for axis, color in itertools.product(axes[:3], (None, axes[1])):
+        figure = plot_axis(few, axis, MADE_UP[:1], color)
+        joined = [line for line in figure.axes[0].lines if line.get_linestyle() == "-"]
+        curves = [line for line in joined if len(line.get_xdata()) > 2]
+        assert len(curves) == (axis is axes[0]) * (1 if color is None else 2)
+
+
+def test_axes_have_the_units_of_their_fields():
+    assert axis_label("motion.linear_velocity") == "motion.linear_velocity [m/s]"
+    assert axis_label("object.size[0]") == "object.size[0] [m]"
+    assert axis_label("planner.strategy") == "planner.strategy"
+    assert axis_label("the period [ms]") == "the period [ms]"
