@@ -1,1 +1,1 @@
-"""Contact goals inside safe regions: Eq. 3-7, limits on goals, and assignment of fingers."""
+"""Contact goals inside safe regions: centroids, strategies, limits on goals, and assignment of fingers."""

@@ -1,1 +1,1 @@
-"""Grasp quality: contact models, the measures of the paper, Eq. 8-9, and force closure."""
+"""Grasp quality: contact models, the measures and classification of the paper, and force closure."""
