@@ -155,15 +155,15 @@ class PlannerConfig:
     best_point: bool = False
 
     # Standard deviation added to the filter's covariance in the Gaussian weights, in metres. The
-    # filter's own is a few millimetres, which would always select the candidate closest to the centre.
+    # filter's own is a few millimetres, which always selects the candidate closest to the centre.
     position_spread: float = field(default=0.04, metadata={"at_least": 1e-6, "at_most": 1000})
 
     # What keeps a region from extending through a thin wall: nothing, the angle between outward
     # normals, or the distance over the surface.
     wall_test: str = field(default="none", metadata={"one_of": WALL_TESTS})
 
-    # If above zero, regions are evaluated in six coordinates: points, and outward normals times this
-    # length in metres. Regions then prefer surface that faces the same way as their contact.
+    # If above zero, regions are evaluated in six coordinates: points, and outward normals times
+    # this length in metres. Regions then prefer surface that faces the same way as their contact.
     normal_length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
 
     limits: LimitsConfig = field(default_factory=LimitsConfig)

@@ -1,1 +1,1 @@
-"""Grasp quality: contact models, the measures and classification of the paper, and force closure."""
+"""Grasp quality: contact models, measures, classification, and force closure."""

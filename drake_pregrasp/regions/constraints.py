@@ -1,4 +1,4 @@
-"""Constraints of safe regions beside forbidden points: fingertips, obstacles, reach, and thin walls."""
+"""Constraints of safe regions: fingertips, obstacles, reach, and thin walls."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
