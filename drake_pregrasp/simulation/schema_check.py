@@ -158,4 +158,8 @@ def _short(value: object) -> str:
 
 
 def _reject(source: str, key: str, value: object, expected: str) -> typing.NoReturn:
-    raise ScenarioError(source, key, f"{_short(value)} must be {expected}")
+    _, has_choices, choices = expected.rpartition("one of: ")
+    names = choices.split(", ") if has_choices else []
+    close = difflib.get_close_matches(str(value), names, n=1)
+    hint = f"; did you mean {close[0]}?" if close else ""
+    raise ScenarioError(source, key, f"{_short(value)} must be {expected}{hint}")

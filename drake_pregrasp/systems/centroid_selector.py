@@ -25,6 +25,7 @@ from drake_pregrasp.contacts.goal_limits import hold_contacts
 from drake_pregrasp.contacts.selection_input import ContactGoals, ContactStatus, SelectionInput
 from drake_pregrasp.contacts.strategies import BLEND, make_blend, make_strategy
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.fast import fast_goals
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.regions.constraints import NO_CAUSE
 from drake_pregrasp.regions.safe_regions import SafeRegions
@@ -136,6 +137,13 @@ class CentroidSelector(LeafSystem):
             self._strategy = make_blend(asdict(config.blend), **options)
         else:
             self._strategy = make_strategy(config.strategy, **options)
+        self._fast_goals = fast_goals(
+            surface,
+            config.strategy,
+            reading=config.reading,
+            stretch=config.stretch,
+            power=config.power,
+        )
         self._config, self._surface = config, surface
         self._limits = limits or config.limits.make_limits(config.period, config.friction)
 
@@ -213,6 +221,7 @@ class CentroidSelector(LeafSystem):
                 best_point=config.best_point,
                 in_turns=config.in_turns,
                 limits=self._limits,
+                choose=self._fast_goals,
             )
         if config.verify_contacts:
             verify_contacts(self._surface, goals)

@@ -18,6 +18,7 @@ from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.config.validation import check_fields
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.fast import fast_labels
 from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.solids import BallSolid
@@ -131,7 +132,7 @@ class SafeRegionPartitioner(LeafSystem):
         self._points = surface.p_OQ
         if config.normal_length > 0:
             self._points = lifted(surface.p_OQ, surface.nhat_OQ, config.normal_length)
-        self._kernel = surface.kernel if config.normal_length == 0 else None
+        self._label = fast_labels(surface) if config.normal_length == 0 else None
         self._moments = np.linspace(0.0, limits.horizon, _MOMENTS)[1:] if limits.horizon else ()
         self._is_unlimited = (
             config.wall_test == "none"
@@ -185,7 +186,7 @@ class SafeRegionPartitioner(LeafSystem):
                 weights,
                 self._surface.forbidden,
                 constraints,
-                kernel=self._kernel,
+                label=self._label,
             )
         )
 
