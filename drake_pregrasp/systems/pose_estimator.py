@@ -263,7 +263,7 @@ class PoseEstimator(LeafSystem):
             covariance = WAITING_STD**2 * np.eye(3)
         elif status == TrackingStatus.LOST:  # The pose stands still, but its uncertainty grows.
             newest = self._track.Eval(context).newest
-            since = min(context.get_time() - newest.time, OLDEST)
+            since = min(max(0.0, context.get_time() - newest.time), OLDEST)
             later = predict(predict(newest, since, self._noise), self._lookahead, self._noise)
             covariance = later.P_position[:3, :3]
         output.SetFromVector(covariance.ravel())
