@@ -10,7 +10,7 @@ from drake_pregrasp.contacts.goal_limits import ContactLimits, CoupledPair
 from drake_pregrasp.contacts.quality_guard import GUARDS, guard_measure
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.box_surface import BOX_FACES
-from drake_pregrasp.geometry.no_touch import AxisArea
+from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, Solid
 from drake_pregrasp.regions.constraints import FingerReach
 

@@ -11,8 +11,13 @@ from pydrake.math import RollPitchYaw
 from drake_pregrasp.config.object_config import Box, Mesh, ObjectConfig, zeros
 from drake_pregrasp.errors import InvalidArgumentError, NoGroundError, ScenarioError
 from drake_pregrasp.geometry.box_surface import BOX_FACES, box_surface
-from drake_pregrasp.geometry.mesh_surface import mesh_surface
-from drake_pregrasp.geometry.no_touch import AxisArea, FacingArea, NoTouchArea, PartArea
+from drake_pregrasp.geometry.mesh_surface import (
+    AxisArea,
+    FacingArea,
+    NoTouchArea,
+    PartArea,
+    mesh_surface,
+)
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.geometry.surface import ObjectSurface

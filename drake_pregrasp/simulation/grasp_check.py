@@ -12,8 +12,8 @@ from drake_pregrasp.contacts.assignment import palm_turn
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import PregraspError, ScenarioError
+from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
-from drake_pregrasp.geometry.no_touch import AxisArea
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand, load_hand_model
 from drake_pregrasp.simulation.scenario import Scenario
