@@ -11,7 +11,6 @@ from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.shapes import ball_shape, box_shape
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
-from drake_pregrasp.kernels import make_kernel
 from drake_pregrasp.regions.constraints import (
     NO_CAUSE,
     FingerReach,
