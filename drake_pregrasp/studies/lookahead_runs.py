@@ -13,8 +13,8 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, pack
+from drake_pregrasp.config.planner_config import filter_noise
 from drake_pregrasp.contacts.selection_input import is_active
-from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
 from drake_pregrasp.estimation.pose_filter import PoseBelief
 from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
 from drake_pregrasp.simulation.scenario import Scenario

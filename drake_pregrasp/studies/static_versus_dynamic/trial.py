@@ -12,23 +12,24 @@ from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import ConstantValueSource, DiscreteTimeDelay
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.planner_config import PlannerConfig
+from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus, is_active
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_station import TABLE
-from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PlannerConfig
+from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.simulation.hand_file import load_hand_model
-from drake_pregrasp.simulation.hand_wiring import add_hand, hand_planner
 from drake_pregrasp.simulation.output import without_solver_chatter
+from drake_pregrasp.simulation.simulation_diagram import add_hand, hand_planner
 from drake_pregrasp.studies.static_versus_dynamic import conditions, grasp_outcome, methods
 from drake_pregrasp.studies.static_versus_dynamic.conditions import FINGERS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalSample, Outcome, TrialJob
-from drake_pregrasp.systems.carrier_posture import reach_frame
 from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord
-from drake_pregrasp.systems.noise_source import NoiseSource
-from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
-from drake_pregrasp.systems.scene_inputs import ContactWeights, MovingObstacles
+from drake_pregrasp.systems.palm_posture import reach_frame
+from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
+from drake_pregrasp.systems.sources import ContactWeights, MovingObstacles
 
 # Modules of this folder that the rows of the study depend on.
 MODULES = (__name__, conditions.__name__, grasp_outcome.__name__, methods.__name__)
@@ -262,7 +263,7 @@ class Trial:
         noise = builder.AddSystem(NoiseSource(size=size, period=self._period, seed=seed))
         given = self._scenario.sensor
         sensor = builder.AddSystem(
-            NoisyPoseSensor(position_std=given.position_std, orientation_std=given.orientation_std)
+            NoisyPoseSensor(SensorConfig(given.position_std, given.orientation_std))
         )
         builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
         _connect(builder, self.station, sensor, "X_WO")

@@ -35,7 +35,7 @@ from drake_pregrasp.studies.package_digest import digest_files
 from drake_pregrasp.studies.sweep.field_path import set_field
 from drake_pregrasp.studies.sweep.measures import DEFAULT_MEASURES, MEASURES
 from drake_pregrasp.studies.sweep.sweep_plan import SweepPlan, grid_axis, random_axis
-from drake_pregrasp.systems.noise_source import MAX_SEED
+from drake_pregrasp.systems.pose_sensor import MAX_SEED
 
 
 @dataclass
