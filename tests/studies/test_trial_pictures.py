@@ -6,7 +6,6 @@ import os
 import numpy as np
 import pandas as pd
 import pytest
-from drake_pregrasp.studies.drawn_mesh import camera_pose
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up_trials import made_up_trial
