@@ -1,4 +1,4 @@
-"""Constraints of safe regions beside Eq. 1: fingertips, obstacles, reach, and thin walls."""
+"""Constraints of safe regions: fingertips, obstacles, reach, and thin walls."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,7 +9,7 @@ import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.no_touch import AxisArea
+from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.geometry.surface import ForbiddenPoints
 
@@ -289,4 +289,4 @@ class RegionConstraints:
 
 
 UNCONSTRAINED = RegionConstraints()
-"""Nothing limits the regions beside Eq. 1."""
+"""Nothing limits the regions beside forbidden points."""

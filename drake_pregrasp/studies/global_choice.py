@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.strategies import hand_singular_values
-from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.studies.bench.tick_times import (

@@ -76,7 +76,7 @@ def time_run(job: RunJob) -> list[dict[str, Any]]:
             ObjectPlant(scenario.object, scenario.motion, scenario.plant_config),
             make_diagram(scenario, surface),
             make_diagram(scenario, surface, sink=log),
-            make_diagram(scenario, surface, sink=recorded, meshcat=start_meshcat()),
+            make_diagram(scenario, surface, sink=recorded, meshcat=start_meshcat(), record=True),
         )
         simulators = [Simulator(diagram) for diagram in diagrams]
         for simulator in simulators:

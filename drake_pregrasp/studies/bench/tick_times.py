@@ -14,10 +14,11 @@ from pydrake.math import RigidTransform
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.centroids import select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_strategy
-from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig, PregraspPlanner
+from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.fast import SWITCH, numba_is_installed
 from drake_pregrasp.geometry.box_surface import box_surface
 from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
@@ -131,7 +132,7 @@ def make_tick(
         planner.GetInputPort("obstacles").FixValue(context, AbstractValue.Make(obstacles))
     selector = planner.GetSubsystemByName("centroid_selector")
     own = selector.GetMyMutableContextFromRoot(context)
-    # Replaces the estimate's covariance, so that the spread of Eq. 3 is the planner's own.
+    # Replaces the estimate's covariance, so that the spread is the planner's own.
     selector.GetInputPort("p_WO_covariance").FixValue(own, np.zeros(9))
     p_WC, goals_index = planner.GetOutputPort("p_WC"), 1  # The second group of discrete state.
 

@@ -1,5 +1,6 @@
 """Sweeps from YAML files, and the files that rows depend on."""
 
+import contextlib
 import copy
 import dataclasses
 import re
@@ -34,7 +35,7 @@ from drake_pregrasp.studies.package_digest import digest_files
 from drake_pregrasp.studies.sweep.field_path import set_field
 from drake_pregrasp.studies.sweep.measures import DEFAULT_MEASURES, MEASURES
 from drake_pregrasp.studies.sweep.sweep_plan import SweepPlan, grid_axis, random_axis
-from drake_pregrasp.systems.noise_source import MAX_SEED
+from drake_pregrasp.systems.pose_sensor import MAX_SEED
 
 
 @dataclass
@@ -169,13 +170,12 @@ def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
 
 def _check_plain(source: str, key: str, value: Any) -> None:
     """Refuses what YAML has, and no field of a scenario: dates, bytes, sets."""
-    if isinstance(value, Mapping):
-        for name, part in value.items():
-            _check_plain(source, f"{key}.{name}", name)
-            _check_plain(source, f"{key}.{name}", part)
-    elif isinstance(value, list):
-        for index, part in enumerate(value):
-            _check_plain(source, f"{key}[{index}]", part)
+    if isinstance(value, Mapping | list):
+        items = value.items() if isinstance(value, Mapping) else enumerate(value)
+        for name, part in items:
+            where = f"{key}[{name}]" if isinstance(value, list) else f"{key}.{name}"
+            _check_plain(source, where, name)
+            _check_plain(source, where, part)
     elif not isinstance(value, str | int | float | None):
         problem = f"{value!r} must be a number, a text, true, false, a list or a mapping"
         raise ScenarioError(source, key, problem)
@@ -213,7 +213,10 @@ def named_files(study: Study) -> dict[str, str]:
     """
     allowed = [study.folder, *map(Path, study.folders)]
     found: set[Path] = set()
-    for changes in [{}, *_changes(study.plan)]:
+    every: list[Mapping[str, Any]] = [{}, *(c for axis in study.plan.grid for c in axis.changes)]
+    for axis in study.plan.random:
+        every += [dict.fromkeys(axis.fields, value) for value in axis.arguments]
+    for changes in every:
         data = copy.deepcopy(study.scenario)
         try:
             for path, value in changes.items():
@@ -228,16 +231,6 @@ def named_files(study: Study) -> dict[str, str]:
     for mesh in [path for path in found if path.suffix.lower() == ".gltf"]:
         found.update(_buffers(mesh))
     return {str(path): digest for path in sorted(found) if (digest := _digest(path))}
-
-
-def _changes(plan: SweepPlan) -> Iterator[Mapping[str, Any]]:
-    """Yields what the axes set, where that can name a file."""
-    every: list[Mapping[str, Any]] = [change for axis in plan.grid for change in axis.changes]
-    for axis in plan.random:
-        every += [dict.fromkeys(axis.fields, value) for value in axis.arguments]
-    for change in every:
-        if any(isinstance(value, str | list | Mapping) for value in change.values()):
-            yield change
 
 
 def _paths(config: object) -> Iterator[str]:
@@ -274,9 +267,7 @@ def _buffers(mesh: Path) -> list[Path]:
 
 def _digest(path: Path) -> str:
     """Returns a file's digest; nothing if it is no regular one, or larger than any may be."""
-    try:
+    with contextlib.suppress(OSError):
         if path.is_file() and path.stat().st_size <= MAX_BYTES:
             return digest_files([path])
-    except OSError:
-        pass
     return ""
