@@ -18,6 +18,7 @@ CHECKED = (
     "config/validation",
     "simulation/scenario_check",
     "geometry/meshes",
+    "geometry/closed_surfaces",
     "estimation/recorded_poses",
     "diagrams/model_files",
 )

@@ -24,6 +24,7 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 
 from drake_pregrasp.simulation.output import without_solver_chatter
+from drake_pregrasp.studies.pictures import camera_pose
 from drake_pregrasp.studies.report_page import Picture
 from drake_pregrasp.studies.runner import StudyRows, run_jobs
 from drake_pregrasp.studies.static_versus_dynamic import trial_pictures
