@@ -9,18 +9,14 @@ from pydrake.math import RigidTransform
 
 from drake_pregrasp import MeasurementVerdict, TrackingStatus, load_scenario, run
 from drake_pregrasp.cli import main
-from drake_pregrasp.studies.failed_file import FAILED
-from drake_pregrasp.studies.runner import JOURNAL, ROWS
+from drake_pregrasp.studies import runner
+from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS
 from drake_pregrasp.studies.runner import SETTINGS as SWEEP_SETTINGS
-from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
-from drake_pregrasp.studies.static_versus_dynamic.closings import CLOSINGS
-from drake_pregrasp.studies.static_versus_dynamic.command import SEEDS
+from drake_pregrasp.studies.static_versus_dynamic.comparison_command import SEEDS
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
-from drake_pregrasp.studies.static_versus_dynamic.figures import STRIPS
-from drake_pregrasp.studies.static_versus_dynamic.outcome import CLEAN_IN_WORDS
-from drake_pregrasp.studies.static_versus_dynamic.picture_figure import PICTURES
-from drake_pregrasp.studies.static_versus_dynamic.report import REPORT
-from drake_pregrasp.studies.static_versus_dynamic.store import OUTCOMES, SETTINGS
+from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import CLEAN_IN_WORDS
+from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
+from drake_pregrasp.studies.static_versus_dynamic.trial_pictures import PICTURES, STRIPS, TRACKING
 from drake_pregrasp.studies.sweep.command import STUDY
 from drake_pregrasp.studies.sweep.measures import MEASURES, SweepRun
 from drake_pregrasp.studies.sweep.study_file import StudyConfig, load_study
@@ -110,11 +106,11 @@ def test_links_lead_somewhere(page):
 def test_the_page_on_the_study_says_what_the_code_does():
     text = (DOCS / "static_versus_dynamic.md").read_text(encoding="utf-8")
     rows = {
-        f"| `{key}` | {condition.label} | {condition.text}"
+        f"| `{key}` | {condition.label} | {condition.scenario.description}"
         f" | {', '.join(f'{time:g}' for time in condition.closing_times)} |"
         for key, condition in CONDITIONS.items()
-    } | {f"| `{key}` | {arm.label} | {arm.text} |" for key, arm in ARMS.items()}
-    sections = [text.split(f"\n## {title}\n")[1] for title in ("The arms", "The conditions")]
+    } | {f"| `{key}` | {method.label} | {method.text} |" for key, method in METHODS.items()}
+    sections = [text.split(f"\n## {title}\n")[1] for title in ("The methods", "The conditions")]
     there = {
         line
         for section in sections
@@ -123,9 +119,11 @@ def test_the_page_on_the_study_says_what_the_code_does():
     }
     assert there == rows
     assert CLEAN_IN_WORDS in " ".join(text.split())
-    trials = len(CONDITIONS) * len(ARMS) * SEEDS
-    assert f"{len(CONDITIONS)} conditions x {len(ARMS)} arms x {SEEDS} seeds, {trials} " in text
-    files = (REPORT, OUTCOMES, SETTINGS, FAILED, PICTURES, STRIPS, CLOSINGS)
+    trials = len(CONDITIONS) * len(METHODS) * SEEDS
+    counted = f"{len(CONDITIONS)} conditions x {len(METHODS)} methods x {SEEDS} seeds, {trials} "
+    assert counted in text
+    files = ("report.html", f"{TRACKING}/", PICTURES, STRIPS)
+    files += (runner.ROWS, runner.JOURNAL, runner.FAILED, runner.SETTINGS)
     assert [file for file in files if f"`{file}`" not in text] == []
 
 
@@ -134,7 +132,7 @@ def test_the_page_on_the_study_names_its_options(capsys):
         main(["study", "static-versus-dynamic", "--help"])
     known = set(re.findall(r"--\w+", capsys.readouterr().out)) - {"--help"}
     text = (DOCS / "static_versus_dynamic.md").read_text(encoding="utf-8")
-    assert set(re.findall(r"^\| `(--\w+)", text, flags=re.MULTILINE)) == known
+    assert set(re.findall(r"`(--\w+)", text)) == known
 
 
 def test_the_study_in_the_guide_to_sweeps_makes_its_runs(tmp_path):

@@ -7,10 +7,9 @@ import numpy as np
 import pytest
 
 from drake_pregrasp import load_scenario, shipped_scenarios
-from drake_pregrasp.studies.case_runs import CaseLog, case_job, run_jobs
-from drake_pregrasp.studies.published import TABLE_2, TABLE_3
+from drake_pregrasp.simulation.summary import MEASURES
+from drake_pregrasp.studies.paper_cases import TABLE_2, TABLE_3, case_job, run_cases
 from drake_pregrasp.studies.reproduce import DURATION
-from drake_pregrasp.studies.tables import best_values, static_values
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -65,14 +64,15 @@ def test_the_scenario_in_yaml_loads(tmp_path):
 def test_tables_hold_what_is_published_and_what_runs_give(head, table, tmp_path):
     rows = {row[0].split()[0]: row for row in table_rows(head)}
     assert list(rows) == list(table)
-    for run_of in run_jobs([case_job(case, 0, DURATION) for case in table], tmp_path):
-        log = CaseLog(run_of)
-        _, static_published, static_ours, published, ours = rows[log.case]
-        assert numbers(static_published) == list(table[log.case].static)
-        assert numbers(published) == list(table[log.case].dynamic)
+    jobs = [case_job(case, 0, DURATION) for case in table]
+    for run in run_cases(jobs, tmp_path).to_dict("records"):
+        _, static_published, static_ours, published, ours = rows[run["case"]]
+        assert numbers(static_published) == list(table[run["case"]].static)
+        assert numbers(published) == list(table[run["case"]].dynamic)
         # The README has medians of ten seeds, this is one of them.
-        np.testing.assert_allclose(numbers(static_ours), static_values(log), atol=1e-3)
-        np.testing.assert_allclose(numbers(ours), best_values(log), atol=1e-3)
+        for cell, kind in ((static_ours, "static"), (ours, "best")):
+            values = [run[f"{kind} {measure}"] for measure in MEASURES]
+            np.testing.assert_allclose(numbers(cell), values, atol=1e-3)
 
 
 def test_links_lead_somewhere():

@@ -1,10 +1,11 @@
-"""The paper's Figures 2c, 4 and 6, from runs."""
+"""The paper's Figures 2c, 4, 5 and 6, from runs."""
 
 import textwrap
 from collections.abc import Mapping
 
 import numpy as np
 from matplotlib.artist import Artist
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from drake_pregrasp.arrays import FloatArray
@@ -12,31 +13,35 @@ from drake_pregrasp.contacts.centroids import select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_strategy
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.regions.safe_regions import compute_safe_regions
+from drake_pregrasp.regions.safe_regions import NO_REGION, compute_safe_regions
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.studies.case_runs import CaseLog
+from drake_pregrasp.studies.paper_cases import CaseLog
+from drake_pregrasp.studies.pictures import ByteArray, render_goals
 
-# Okabe and Ito's colour-blind-safe set.
+# Okabe and Ito's colour-blind-safe set. Dashes show lines that run on top of each other.
 _BLUE, _ORANGE, _GREEN, _PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
-_STRATEGY_COLORS = {"gii": _BLUE, "msv": _PURPLE, "vew": _GREEN, "position": "#E69F00"}
-# Dashes show lines that run on top of each other.
-_STRATEGY_LINES = {"gii": "-", "msv": (0, (4, 3)), "vew": "-", "position": (0, (4, 3))}
+_STRATEGY_LINES = {
+    "gii": (_BLUE, "-"),
+    "msv": (_PURPLE, (0, (4, 3))),
+    "vew": (_GREEN, "-"),
+    "position": ("#E69F00", (0, (4, 3))),
+}
 _STRATEGY_TITLES = {
-    "position": "position tracking (Eq. 3)",
-    "msv": "$b^{MSV}$ (Eq. 5)",
-    "gii": "$b^{GII}$ (Eq. 6)",
-    "vew": "$b^{VEW}$ (Eq. 7)",
+    "position": "position tracking",
+    "msv": "$b^{MSV}$",
+    "gii": "$b^{GII}$",
+    "vew": "$b^{VEW}$",
 }
 
 
 def figure_2c(scenario: Scenario, contact: int) -> Figure:
-    """Weight maps of the four strategies on one safe region, with the goals they lead to.
+    """Returns Figure 2c: weight maps of the four strategies on one region, with their goals.
 
-    The side faces are unrolled: along the horizontal axis one walks once around the object.
+    The side faces are unrolled: the horizontal axis goes once around the object.
 
     Args:
         scenario: Object, surface and initial contacts.
-        contact: Whose region is shown.
+        contact: Index of the contact whose region is shown.
     """
     surface = scenario.make_surface(0.0025)
     p_OC = scenario.initial_p_OC(surface)
@@ -44,28 +49,23 @@ def figure_2c(scenario: Scenario, contact: int) -> Figure:
     covariance = scenario.planner.position_spread**2 * np.eye(3)
     selection = SelectionInput(surface, p_OC, regions, covariance)
     q = regions.members(contact)
-    strip = unrolled(surface, surface.p_OQ, surface.nhat_OQ)
+    strip = unrolled(surface, surface.p_OQ[q], surface.nhat_OQ[q])
     figure = Figure(figsize=(9, 6.2), layout="constrained")
     axes = figure.subplots(2, 2, sharex=True, sharey=True)
     for axis, (name, title) in zip(axes.flat, _STRATEGY_TITLES.items(), strict=True):
         strategy = make_strategy(name)
-        b = np.exp(strategy(selection)[q])
-        goal, normal = surface.project(select_contacts(selection, strategy).p_OC[[contact]])
-        weight = np.full(len(strip), np.nan)
-        weight[q] = b / b.max()
-        shades = axis.pcolormesh(*_as_grid(strip, weight), cmap="cividis", vmin=0)
+        b = np.exp(strategy(selection, contact))
+        goal = select_contacts(selection, strategy).p_OC[[contact]]
+        shades = axis.pcolormesh(*_as_grid(strip, b / b.max()), cmap="cividis", vmin=0)
         axis.set_facecolor("0.93")
-        here = surface.project(p_OC[[contact]])
-        axis.plot(*unrolled(surface, *here).T, "wx", markersize=9, markeredgewidth=2)
-        axis.plot(*unrolled(surface, goal, normal).T, "o", color="black", markersize=8)
+        for p_OP, style in ((p_OC[[contact]], "wx"), (goal, "ko")):
+            axis.plot(*unrolled(surface, *surface.project(p_OP)).T, style, markersize=8, mew=2)
         axis.set_title(title)
-        low, high = strip[q].min(axis=0), strip[q].max(axis=0)
-        axis.set_xlim(low[0] - 12, high[0] + 12)
+        axis.use_sticky_edges = False
+        axis.margins(0.15)
         axis.set_aspect("equal")
-    for axis in axes[1]:
-        axis.set_xlabel("way around the object [mm]")
-    for axis in axes[:, 0]:
-        axis.set_ylabel("height over the centre [mm]")
+        axis.set(xlabel="distance around the object [mm]", ylabel="height over the centre [mm]")
+        axis.label_outer()
     figure.colorbar(shades, ax=axes, label="weight $b_n$, largest = 1", shrink=0.8)
     figure.suptitle("One safe region: its contact (cross), and where each strategy moves it (dot)")
     return figure
@@ -73,89 +73,125 @@ def figure_2c(scenario: Scenario, contact: int) -> Figure:
 
 def _as_grid(strip: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Returns the coordinates of an unrolled grid's columns and rows, and the values on it."""
-    way, column = np.unique(np.round(strip[:, 0], 6), return_inverse=True)
+    along, column = np.unique(np.round(strip[:, 0], 6), return_inverse=True)
     height, row = np.unique(np.round(strip[:, 1], 6), return_inverse=True)
-    grid = np.full((len(height), len(way)), np.nan)
+    grid = np.full((len(height), len(along)), np.nan)
     grid[row, column] = values
-    return way, height, grid
+    return along, height, grid
 
 
 def unrolled(surface: ObjectSurface, p_OQ: FloatArray, nhat_OQ: FloatArray) -> FloatArray:
-    """Returns points on a box's side faces as (way around, height) in mm, shape (k, 2)."""
+    """Returns (distance around, height) in mm of points on a box's side faces, shape (k, 2).
+
+    Args:
+        surface: Surface of the box.
+        p_OQ: Points on the side faces, shape (k, 3), in metres.
+        nhat_OQ: Outward unit normals there, shape (k, 3).
+    """
     x, y, _ = surface.mesh.extents
     # Counterclockwise from the middle of the face -x: face -y, +x, +y, and -x again.
     starts = {(0, -1): x / 2, (1, 0): x + y / 2, (0, 1): 3 * x / 2 + y, (-1, 0): 2 * x + 3 * y / 2}
-    way = np.empty(len(p_OQ))
-    for k, (p, n) in enumerate(zip(p_OQ, np.round(nhat_OQ).astype(int), strict=True)):
-        way[k] = starts[(n[0], n[1])] + (-n[1] * p[0] + n[0] * p[1])
-    return 1e3 * np.stack([way, p_OQ[:, 2]], axis=1)
+    n = np.round(nhat_OQ).astype(int)
+    start = np.array([starts[nx, ny] for nx, ny, _ in n.tolist()])
+    around = start - n[:, 1] * p_OQ[:, 0] + n[:, 0] * p_OQ[:, 1]
+    return 1e3 * np.stack([around, p_OQ[:, 2]], axis=1)
 
 
 def figure_4(logs: Mapping[str, CaseLog]) -> Figure:
-    """The measures of each case over time, as shares of their values for contacts at the centre."""
+    """Returns Figure 4: measures over time, divided by those of contacts at the centre of mass.
+
+    Args:
+        logs: One run of each case.
+    """
     rows = -(-len(logs) // 2)
     figure = Figure(figsize=(10, 2.1 * rows + 0.8), layout="constrained")
     axes = figure.subplots(rows, 2, sharex=True, sharey=True, squeeze=False)
     for axis, (case, log) in zip(axes.flat, logs.items(), strict=False):
-        count = sum(log.columns[f"c{i}_active"] for i in range(log.scenario.num_contacts))
+        n = log.table[[f"c{i}_active" for i in range(log.scenario.num_contacts)]].sum(axis=1)
         for name, label, color, scale in (
-            ("q_msv", r"$Q_{MSV}/\sqrt{n}$", "black", np.sqrt(count)),
+            ("q_msv", r"$Q_{MSV}/\sqrt{n}$", "black", n**0.5),
             ("q_gii", r"$Q_{GII}$", _BLUE, 1.0),
-            ("q_vew", r"$Q_{VEW}/n^3$", _ORANGE, count**3.0),
+            ("q_vew", r"$Q_{VEW}/n^3$", _ORANGE, n**3.0),
         ):
-            axis.plot(log.time, log.columns[name] / scale, color=color, linewidth=1, label=label)
-        held = log.scenario.planner.static_duration
-        axis.axvspan(0, held, color="0.9", label="static phase")
+            values = log.table[name] / scale
+            axis.plot(log.table["time"], values, color=color, linewidth=1, label=label)
         for event in log.scenario.damage:
             axis.axvline(event.at, color=_PURPLE, linestyle=":", label="fingers lost")
         title = textwrap.shorten(f"{case}) {log.scenario.description}", 62, placeholder=" ...")
         axis.set_title(title, fontsize=10, loc="left")
-        axis.grid(True, color="0.9", linewidth=0.5)
-        axis.set_xlim(0, log.time[-1])
-        axis.spines[["top", "right"]].set_visible(False)
+        _style(axis, log)
     for axis in axes[-1]:
         axis.set_xlabel("time [s]")
     for axis in axes.flat[len(logs) :]:
         axis.set_visible(False)
-    entries: dict[str, Artist] = {}
-    for axis in axes.flat:
-        for handle, label in zip(*axis.get_legend_handles_labels(), strict=True):
-            entries.setdefault(label, handle)
-    figure.legend(list(entries.values()), list(entries), loc="outside upper center", ncols=5)
+    _add_legend(figure)
     return figure
+
+
+def figure_5(a: CaseLog, f: CaseLog, j: CaseLog) -> Figure:
+    """Returns Figure 5: pictures of regions and goals from two sides.
+
+    Args:
+        a: Run of case a, whose first and last ticks are shown.
+        f: Run of case f, whose last tick is shown.
+        j: Run of case j, whose last tick is shown.
+    """
+    figure = Figure(figsize=(12, 6.2), layout="constrained")
+    columns = (
+        ("i) static contacts", a, 0),
+        ("ii) position tracking", a, -1),
+        ("iii) after the damage", f, -1),
+        ("iv) VEW", j, -1),
+    )
+    for pair, (title, log, tick) in zip(figure.subplots(2, 4).T, columns, strict=True):
+        pair[0].set_title(title)
+        for axis, yaw in zip(pair, (0.9, 0.9 + np.pi), strict=True):
+            axis.imshow(_picture(log, tick, yaw))
+            axis.set_axis_off()
+    return figure
+
+
+def _picture(log: CaseLog, tick: int, yaw: float) -> ByteArray:
+    surface, p_OC, contacts = log.scenario.make_surface(), log.p_OC(tick), log.active(tick)
+    regions = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(len(p_OC)), surface.forbidden)
+    # Regions number the active contacts, the picture numbers all contacts.
+    labels = np.append(contacts, NO_REGION)[regions.labels]
+    return render_goals(surface, labels, p_OC, contacts, yaw=yaw)
 
 
 def figure_6(logs: Mapping[str, CaseLog]) -> Figure:
-    """Displacement and energy of the goals over time.
+    """Returns Figure 6: displacement and energy of the goals over time.
 
     Args:
-        logs: For each strategy, one run.
+        logs: One run of each strategy.
     """
     figure = Figure(figsize=(9, 6), layout="constrained")
-    upper, lower = figure.subplots(2, 1, sharex=True)
-    for name, log in logs.items():
-        moving = slice(1, None)
-        for axis, values in (
-            (upper, 1e3 * log.columns["displacement"]),
-            (lower, log.columns["energy"]),
-        ):
-            axis.plot(
-                log.time[moving],
-                values[moving],
-                color=_STRATEGY_COLORS[name],
-                linestyle=_STRATEGY_LINES[name],
-                linewidth=1.2,
-                label=name if name == "position" else name.upper(),
-            )
-        held = log.scenario.planner.static_duration
-    for axis in (upper, lower):
-        axis.axvspan(0, held, color="0.92", label="static phase")
-        axis.set_yscale("log")
-        axis.set_xlim(0, log.time[-1])
-        axis.grid(True, color="0.9", linewidth=0.5)
-        axis.spines[["top", "right"]].set_visible(False)
-    upper.set_ylabel("displacement [mm per tick]")
-    lower.set_ylabel("energy [J/kg]")
-    lower.set_xlabel("time [s]")
-    figure.legend(*upper.get_legend_handles_labels(), loc="outside upper center", ncols=5)
+    axes = figure.subplots(2, 1, sharex=True)
+    columns = (("displacement", 1e3, "displacement [mm per tick]"), ("energy", 1, "energy [J/kg]"))
+    for axis, (column, scale, label) in zip(axes, columns, strict=True):
+        for name, log in logs.items():
+            color, style = _STRATEGY_LINES[name]
+            title = name if name == "position" else name.upper()
+            moving = log.table[1:]
+            values = scale * moving[column]
+            axis.plot(moving["time"], values, color=color, linestyle=style, label=title)
+        _style(axis, log)
+        axis.set(yscale="log", ylabel=label)
+    axes[1].set_xlabel("time [s]")
+    _add_legend(figure)
     return figure
+
+
+def _style(axis: Axes, log: CaseLog) -> None:
+    axis.axvspan(0, log.scenario.planner.static_duration, color="0.9", label="static phase")
+    axis.set_xlim(0, log.table["time"].iloc[-1])
+    axis.grid(True, color="0.9", linewidth=0.5)
+    axis.spines[["top", "right"]].set_visible(False)
+
+
+def _add_legend(figure: Figure) -> None:
+    entries: dict[str, Artist] = {}
+    for axis in figure.axes:
+        handles, labels = axis.get_legend_handles_labels()
+        entries = dict(zip(labels, handles, strict=True)) | entries
+    figure.legend(entries.values(), entries, loc="outside upper center", ncols=5)

@@ -1,6 +1,6 @@
-"""Prints the force-closure margin that each strategy settles at, from random contacts.
+"""Force-closure margins that strategies settle at, from random contacts and without noise.
 
-Run it as `python -m drake_pregrasp.studies.settled_margins`; it takes some five minutes.
+`python -m drake_pregrasp.studies.settled_margins` prints them; it takes some five minutes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -9,13 +9,11 @@ import numpy as np
 import pandas as pd
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.contacts.centroids import select_contacts
-from drake_pregrasp.contacts.selection_input import SelectionInput, WeightFunction
-from drake_pregrasp.contacts.strategies import make_blend, make_strategy
+from drake_pregrasp.config.planner_config import BlendConfig, PlannerConfig
 from drake_pregrasp.geometry.box_surface import box_surface
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import FRICTION, min_weight_margin
-from drake_pregrasp.regions.safe_regions import compute_safe_regions
+from drake_pregrasp.studies.bench.tick_times import Tick, implementations, make_tick
 
 CASES: Sequence[tuple[int, int, Sequence[float], float]] = (
     (5, 40, (0.1, 0.1, 0.1), 0.005),
@@ -23,64 +21,60 @@ CASES: Sequence[tuple[int, int, Sequence[float], float]] = (
     (3, 24, (0.1, 0.1, 0.1), 0.005),
     (3, 24, (0.05, 0.2, 0.1), 0.01),
 )
-"""Numbers of contacts and of starts, the box's size and the spacing of candidates, in metres."""
+"""Contacts, starts, size of the box and spacing of its candidates, both in metres."""
 
-STRATEGIES: Mapping[str, tuple[WeightFunction, bool]] = {
-    "position": (make_strategy("position"), False),
-    "msv": (make_strategy("msv"), False),
-    "msv, in turns": (make_strategy("msv"), True),
-    "margin": (make_strategy("margin"), False),
-    "margin, power 4": (make_strategy("margin", power=4.0), False),
-    "margin, in turns": (make_strategy("margin"), True),
-    "margin, in turns, power 4": (make_strategy("margin", power=4.0), True),
-    "blend, in turns": (make_blend({"position": 1.0, "margin": 1.0}), True),
+STRATEGIES: Mapping[str, PlannerConfig] = {
+    "position": PlannerConfig(),
+    "msv": PlannerConfig(strategy="msv"),
+    "msv, in turns": PlannerConfig(strategy="msv", in_turns=True),
+    "margin": PlannerConfig(strategy="margin"),
+    "margin, power 4": PlannerConfig(strategy="margin", power=4.0),
+    "margin, in turns": PlannerConfig(strategy="margin", in_turns=True),
+    "margin, in turns, power 4": PlannerConfig(strategy="margin", in_turns=True, power=4.0),
+    "blend, in turns": PlannerConfig(
+        strategy="blend", blend=BlendConfig(position=1.0, margin=1.0), in_turns=True
+    ),
 }
-"""What is compared: weights, and whether contacts move in turns."""
-
-SPREAD = 0.04
-"""Standard deviation of Eq. 3, in metres, as `planner.position_spread`."""
+"""Settings of the planner that are compared."""
 
 
 def random_starts(surface: ObjectSurface, contacts: int, count: int) -> list[FloatArray]:
-    """Returns contact sets drawn from the candidates, the same at every call."""
+    """Returns sets of contacts drawn from the candidates, the same at every call."""
     generator = np.random.default_rng(0)
     indices = range(len(surface.p_OQ))
     return [surface.p_OQ[generator.choice(indices, contacts, replace=False)] for _ in range(count)]
 
 
 def margin_of(surface: ObjectSurface, p_OC: FloatArray) -> float:
-    """Returns the exact margin of hard fingers on the surface, shape (n, 3)."""
+    """Returns the exact min-weight margin of hard fingers at p_OC, shape (n, 3), in metres."""
     return min_weight_margin(p_OC - surface.p_OCoM, surface.project(p_OC)[1], FRICTION)
 
 
-def settled_margin(
-    surface: ObjectSurface,
-    p_OC: FloatArray,
-    strategy: WeightFunction,
-    *,
-    in_turns: bool,
-    ticks: int = 60,
-    last: int = 8,
-) -> float:
-    """Returns the mean margin of the last ticks, of regions and selection without any noise.
+def settled_contacts(
+    tick: Tick, p_OC: FloatArray, *, ticks: int = 60, last: int = 8
+) -> list[FloatArray]:
+    """Returns the contacts of the last ticks of many.
 
     Args:
-        surface: The object's surface.
-        p_OC: Where the contacts start, shape (n, 3), in metres.
-        strategy: Weights of the candidates.
-        in_turns: As for `select_contacts`.
-        ticks: How many in all.
-        last: How many of them count.
+        tick: Maps contacts to the next ones.
+        p_OC: Contacts to start from, in O, shape (n, 3), in metres.
+        ticks: Number of ticks in all.
+        last: Number of ticks returned.
     """
-    no_weights, covariance = np.zeros(len(p_OC)), SPREAD**2 * np.eye(3)
-    margins = []
-    for tick in range(ticks):
-        regions = compute_safe_regions(surface.p_OQ, p_OC, no_weights, surface.forbidden)
-        selection = SelectionInput(surface, p_OC, regions, covariance)
-        p_OC = select_contacts(selection, strategy, in_turns=in_turns).p_OC
-        if tick >= ticks - last:
-            margins.append(margin_of(surface, p_OC))
-    return float(np.mean(margins))
+    found = []
+    for _ in range(ticks):
+        p_OC = tick(p_OC)
+        found.append(p_OC)
+    return found[-last:]
+
+
+def settled_margin(
+    surface: ObjectSurface, p_OC: FloatArray, config: PlannerConfig, *, ticks: int = 60
+) -> float:
+    """Returns the mean margin of the last 8 of `ticks` ticks that start from p_OC, shape (n, 3)."""
+    tick = make_tick(surface, implementations()[-1], p_OC, config)
+    settled = settled_contacts(tick, p_OC, ticks=ticks)
+    return float(np.mean([margin_of(surface, p_OC) for p_OC in settled]))
 
 
 def main() -> None:
@@ -91,8 +85,8 @@ def main() -> None:
         open_starts = sum(margin_of(surface, p_OC) == 0 for p_OC in starts)
         print(f"{contacts} contacts, box {size} m, {count} starts, {open_starts} not closed")
         margins = {
-            name: [settled_margin(surface, p, strategy, in_turns=in_turns) for p in starts]
-            for name, (strategy, in_turns) in STRATEGIES.items()
+            name: [settled_margin(surface, p_OC, config) for p_OC in starts]
+            for name, config in STRATEGIES.items()
         }
         print(pd.DataFrame(margins).agg(["median", "min"]).T.round(3).to_string())
 

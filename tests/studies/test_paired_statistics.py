@@ -1,172 +1,124 @@
 """Intervals, paired tests and rankings: laws, and what scipy says."""
 
-import itertools
 import math
 
 import numpy as np
+import pandas as pd
 import pytest
-from hypothesis import assume, given
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.stats import binom, binomtest, mannwhitneyu, multinomial
+from scipy.stats import binom, binomtest, multinomial
 
-from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.studies.static_versus_dynamic.holm import holm
-from drake_pregrasp.studies.static_versus_dynamic.paired_difference import paired_difference
-from drake_pregrasp.studies.static_versus_dynamic.paired_test import (
+from drake_pregrasp.studies.static_versus_dynamic.paired_statistics import (
     SIGNIFICANT,
-    PairedTest,
+    exact_interval,
     least_pairs,
-    paired_test,
+    paired_tests,
+    ranking,
 )
-from drake_pregrasp.studies.static_versus_dynamic.ranking import rank
-from drake_pregrasp.studies.static_versus_dynamic.share_interval import share_interval
-
-counts = st.integers(0, 60).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n)))
 
 
-@given(counts, st.sampled_from((0.5, 0.9, 0.95, 0.99)))
-def test_intervals_are_those_of_scipy(count, confidence):
-    k, n = count
-    assume(n > 0)
-    exact = binomtest(k, n).proportion_ci(confidence, method="exact")
-    np.testing.assert_allclose(
-        share_interval(k, n, confidence=confidence), (exact.low, exact.high), atol=1e-12
+def rows_of(pairs, condition="nominal", close_at=4.0, rival="fixed_plan"):
+    """Rows in which the tested method and a rival are clean or not, with one seed a pair."""
+    both = [("dynamic_reach", 0), (rival, 1)]
+    return pd.DataFrame(
+        [
+            {"condition": condition, "method": m, "seed": s, "close_at": close_at, "clean": pair[k]}
+            for s, pair in enumerate(pairs)
+            for m, k in both
+        ]
     )
+
+
+def counts_to_pairs(gained, lost, equal=0):
+    return [(True, False)] * gained + [(False, True)] * lost + [(True, True)] * equal
+
+
+def one_test(pairs):
+    (test,) = paired_tests(rows_of(pairs)).itertuples()
+    return test
 
 
 @pytest.mark.parametrize("n", [1, 5, 30])
 def test_intervals_cover_the_true_share_as_often_as_they_say(n):
-    intervals = [share_interval(k, n) for k in range(n + 1)]
-    for share in np.linspace(0, 1, 201):
-        covered = [low <= share <= high for low, high in intervals]
+    bounds = exact_interval(pd.Series(range(n + 1)), pd.Series([n] * (n + 1)))
+    assert bounds["low"][0] == 0
+    assert bounds["high"][n] == 1
+    for share in np.linspace(0, 1, 101):
+        covered = (bounds["low"] <= share) & (share <= bounds["high"])
         assert binom.pmf(np.arange(n + 1), n, share) @ covered >= 0.95 - 1e-12
 
 
-@given(counts)
-def test_intervals_move_with_the_successes_and_mirror(count):
-    k, n = count
-    low, high = share_interval(k, n)
-    assert 0 <= low <= high <= 1
-    if n:
-        assert low <= k / n <= high
-    np.testing.assert_allclose(share_interval(n - k, n), (1 - high, 1 - low), atol=1e-12)
-    if k < n:
-        more = share_interval(k + 1, n)
-        assert more.low > low or k == n
-        assert more.high > high or more.high == 1
-    wider = share_interval(k, n, confidence=0.99)
-    assert wider.low <= low
-    assert wider.high >= high
+pairs_of_grasps = st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=40)
 
 
-def test_of_no_trials_nothing_is_known():
-    assert share_interval(0, 0) == (0, 1)
-
-
-@pytest.mark.parametrize(("k", "n"), [(3, 2), (-1, 2)])
-def test_impossible_counts_are_refused(k, n):
-    with pytest.raises(InvalidArgumentError, match=f"successes: {k} must be from 0 to trials, {n}"):
-        share_interval(k, n)
-    with pytest.raises(InvalidArgumentError, match="confidence: 1 must be between"):
-        share_interval(1, 2, confidence=1)
-
-
-pairs = st.lists(st.tuples(st.booleans(), st.booleans()), max_size=40)
-
-
-@given(pairs)
+@settings(max_examples=20)
+@given(pairs_of_grasps)
 def test_the_paired_test_is_a_fair_coin_on_the_pairs_that_differ(pairs):
-    test = paired_test(pairs)
+    test, swapped = one_test(pairs), one_test([pair[::-1] for pair in pairs])
     differing = [first for first, second in pairs if first != second]
     assert test.pairs == len(pairs)
     assert (test.gained, test.lost) == (sum(differing), len(differing) - sum(differing))
-    if differing:
-        assert test.p == pytest.approx(binomtest(test.gained, len(differing)).pvalue, rel=1e-9)
-    else:
-        assert test.p == 1
+    expected = binomtest(test.gained, len(differing)).pvalue if differing else 1
+    assert test.p == pytest.approx(expected, rel=1e-9)
+    assert (swapped.gained, swapped.lost, swapped.p) == (test.lost, test.gained, test.p)
+    np.testing.assert_allclose([swapped.low, swapped.high], [-test.high, -test.low], atol=1e-12)
+    assert -1 <= test.low <= (test.gained - test.lost) / len(pairs) <= test.high <= 1
 
 
-@given(pairs, st.randoms(use_true_random=False))
-def test_exchanged_arms_exchange_the_result(pairs, random):
-    test = paired_test(pairs)
-    other_way = paired_test([(second, first) for first, second in pairs])
-    assert other_way == PairedTest(test.pairs, test.lost, test.gained, test.p)
-    np.testing.assert_allclose(
-        paired_difference(other_way), -np.flip(paired_difference(test)), atol=1e-12
-    )
-    random.shuffle(pairs)
-    assert paired_test(pairs) == test
-    assert paired_test([*pairs, (True, True), (False, False)])[1:] == test[1:]
-
-
-@given(st.integers(0, 30), st.integers(0, 30))
-def test_a_clearer_lead_is_less_likely_by_chance(gained, lost):
-    assume(gained > lost)
-    base = [(True, False)] * gained + [(False, True)] * lost
-    assert paired_test([*base, (True, False)]).p < paired_test(base).p
-
-
-@pytest.mark.parametrize("num_tests", [1, 2, 7, 120])
-def test_as_many_pairs_as_are_needed_are_enough_and_fewer_are_not(num_tests):
-    enough = least_pairs(num_tests)
-    others = [1.0] * (num_tests - 1)
-    assert holm([paired_test([(True, False)] * enough).p, *others])[0] < SIGNIFICANT
-    fewer = [paired_test([(True, False)] * (enough - 1)).p] * num_tests
-    assert min(holm(fewer)) >= SIGNIFICANT
-
-
-probabilities = st.lists(st.floats(0, 1), max_size=12)
-
-
-@given(probabilities, st.randoms(use_true_random=False))
-def test_holm_rejects_what_his_step_down_does(p_values, random):
-    corrected = holm(p_values)
-    remaining, shown = len(p_values), set()
-    for index in sorted(range(len(p_values)), key=p_values.__getitem__):
-        if p_values[index] * remaining >= SIGNIFICANT:
-            break
-        shown.add(index)
-        remaining -= 1
-    assert {k for k, p in enumerate(corrected) if p < SIGNIFICANT} == shown
-    assert all(
-        p <= q <= min(1, len(p_values) * p) for p, q in zip(p_values, corrected, strict=True)
-    )
-    order = random.sample(range(len(p_values)), len(p_values))
-    assert holm([p_values[k] for k in order]) == [corrected[k] for k in order]
-
-
-@given(probabilities, st.floats(0, 1))
-def test_one_test_more_shows_no_other_more(p_values, another):
-    with_it = holm([*p_values, another])
-    assert all(p <= q for p, q in zip(holm(p_values), with_it, strict=False))
-
-
-@pytest.mark.parametrize("pairs", [3, 12])
+@pytest.mark.parametrize("pairs", [3, 8])
 def test_intervals_of_differences_cover_the_true_one_as_often_as_they_say(pairs):
-    counts = [(b, c) for b in range(pairs + 1) for c in range(pairs + 1 - b)]
-    intervals = np.array([paired_difference(PairedTest(pairs, b, c, 1.0)) for b, c in counts])
-    outcomes = [(b, c, pairs - b - c) for b, c in counts]
-    for gained in np.linspace(0, 1, 21):
-        for lost in np.linspace(0, 1 - gained, 11):
-            shares = (gained, lost, max(0.0, 1 - gained - lost))
-            chances = multinomial.pmf(outcomes, pairs, shares)
-            inside = (intervals[:, 0] <= gained - lost + 1e-12) & (
-                gained - lost - 1e-12 <= intervals[:, 1]
-            )
+    counts = [(b, c, pairs - b - c) for b in range(pairs + 1) for c in range(pairs + 1 - b)]
+    rows = [rows_of(counts_to_pairs(*c), close_at=float(k)) for k, c in enumerate(counts)]
+    low, high = paired_tests(pd.concat(rows))[["low", "high"]].to_numpy().T
+    for gained in np.linspace(0, 1, 11):
+        for lost in np.linspace(0, 1 - gained, 6):
+            chances = multinomial.pmf(counts, pairs, (gained, lost, max(0.0, 1 - gained - lost)))
+            inside = (low <= gained - lost + 1e-12) & (gained - lost - 1e-12 <= high)
             assert chances @ inside >= 0.95 - 1e-9
 
 
-@given(pairs)
-def test_intervals_of_differences_hold_what_was_found_and_shrink_with_more(pairs):
-    test = paired_test(pairs)
-    low, high = paired_difference(test)
-    assert -1 <= low <= high <= 1
-    if pairs:
-        assert low <= (test.gained - test.lost) / len(pairs) <= high
-        twice = paired_difference(paired_test(pairs * 2))
-        assert twice.high - twice.low < high - low
-    wider = paired_difference(test, confidence=0.99)
-    assert wider.low <= low <= high <= wider.high
+@pytest.mark.parametrize("num_tests", [1, 2, 7])
+def test_as_many_pairs_as_are_needed_are_enough_and_fewer_are_not(num_tests):
+    enough = least_pairs(num_tests)
+    for pairs, verdict in ((enough, "ahead"), (enough - 1, "")):
+        others = [rows_of([(True, True)], close_at=5.0 + k) for k in range(num_tests - 1)]
+        tests = paired_tests(pd.concat([rows_of(counts_to_pairs(pairs, 0)), *others]))
+        assert len(tests) == num_tests
+        assert tests["verdict"].tolist() == [verdict] + [""] * (num_tests - 1)
+
+
+@settings(max_examples=20)
+@given(st.lists(st.tuples(st.integers(0, 12), st.integers(0, 12)), min_size=1, max_size=6))
+def test_verdicts_are_those_of_holms_step_down_over_all_tests(counts):
+    rows = [
+        rows_of(counts_to_pairs(*count, equal=1), close_at=float(k))
+        for k, count in enumerate(counts)
+    ]
+    tests = paired_tests(pd.concat(rows)).sort_values("p")
+    remaining, shown = len(tests), []
+    for p in tests["p"]:
+        if p * remaining >= SIGNIFICANT:
+            break
+        shown.append(p)
+        remaining -= 1
+    assert (tests["verdict"] != "").tolist() == [k < len(shown) for k in range(len(tests))]
+    leads = np.sign(tests["gained"] - tests["lost"])
+    assert all(
+        verdict in ("", {1: "ahead", -1: "behind", 0: ""}[lead])
+        for verdict, lead in zip(tests["verdict"], leads, strict=True)
+    )
+
+
+def test_only_common_seeds_and_only_the_tested_method_are_compared():
+    rows = rows_of(counts_to_pairs(20, 0))
+    kept = rows[(rows["method"] != "fixed_plan") | (rows["seed"] % 2 == 1)]
+    (test,) = paired_tests(kept).itertuples()
+    assert (test.pairs, test.gained, test.lost) == (10, 10, 0)
+    rivals = pd.concat([kept, rows_of(counts_to_pairs(20, 0), rival="carried")])
+    tests = paired_tests(rivals.drop_duplicates(["method", "seed"]))
+    assert set(tests["method"]) == {"fixed_plan", "carried"}
+    assert paired_tests(rows[rows["method"] == "fixed_plan"]).empty
 
 
 scored = st.lists(
@@ -175,30 +127,16 @@ scored = st.lists(
 
 
 @given(scored)
-def test_ranking_counts_all_pairs(scored):
-    ranking = rank([v for v, _ in scored], [s for _, s in scored])
-    good = [v for v, s in scored if s and not math.isnan(v)]
-    bad = [v for v, s in scored if not s and not math.isnan(v)]
-    assert ranking[1:] == (len(good), len(bad), len(scored) - len(good) - len(bad))
-    if not good or not bad:
-        assert math.isnan(ranking.auc)
+def test_ranking_counts_all_pairs_and_sees_the_order_alone(scored):
+    values = pd.Series([v for v, _ in scored], dtype=float)
+    succeeded = pd.Series([s for _, s in scored], dtype=bool)
+    auc, successes, failures = ranking(values, succeeded)
+    good, bad = (values[mask].dropna().to_numpy() for mask in (succeeded, ~succeeded))
+    assert (successes, failures) == (len(good), len(bad))
+    if not len(good) or not len(bad):
+        assert math.isnan(auc)
         return
-    wins = [(g > b) + 0.5 * (g == b) for g, b in itertools.product(good, bad)]
-    assert ranking.auc == pytest.approx(sum(wins) / len(wins))
-    u = mannwhitneyu(good, bad).statistic
-    assert ranking.auc == pytest.approx(u / (len(good) * len(bad)))
-
-
-@given(scored)
-def test_ranking_sees_the_order_alone(scored):
-    v = np.array([value for value, _ in scored])
-    s = np.array([success for _, success in scored], dtype=bool)
-    auc = rank(v, s).auc
-    np.testing.assert_allclose(rank(np.exp(v), s).auc, auc)
-    np.testing.assert_allclose(rank(-v, s).auc, 1 - auc)
-    np.testing.assert_allclose(rank(v, ~s).auc, 1 - auc)
-
-
-def test_ranking_refuses_lists_of_different_lengths():
-    with pytest.raises(InvalidArgumentError, match="lists of one length"):
-        rank([1.0, 2.0], [True])
+    wins = (good[:, None] > bad) + 0.5 * (good[:, None] == bad)
+    assert auc == pytest.approx(wins.mean())
+    assert ranking(np.exp(values), succeeded)[0] == pytest.approx(auc)
+    assert ranking(-values, succeeded)[0] == pytest.approx(1 - auc)

@@ -9,76 +9,78 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BusValue
 
+from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.assignment import wrapped
 from drake_pregrasp.contacts.selection_input import ContactStatus
-from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.geometry.box_surface import box_surface
 from drake_pregrasp.geometry.solids import BoxSolid, HalfSpace
-from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspSettings, GraspState
+from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
 from drake_pregrasp.quality.grasp_quality import grasp_quality
-from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
-from drake_pregrasp.simulation.hand_file import load_hand
-from drake_pregrasp.studies.static_versus_dynamic import outcome_csv
-from drake_pregrasp.studies.static_versus_dynamic.arms import ARMS
-from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
-from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalLook, grasp_outcome
-from drake_pregrasp.studies.static_versus_dynamic.outcome import TrialJob
-from drake_pregrasp.studies.static_versus_dynamic.planned_start import planned_start
-from drake_pregrasp.studies.static_versus_dynamic.reassignment import Reassignment
-from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, HAND, SCENES
-from drake_pregrasp.studies.static_versus_dynamic.simulated import EXPERIMENT
-from drake_pregrasp.studies.static_versus_dynamic.start import random_start
-from drake_pregrasp.studies.static_versus_dynamic.still_hand import StillHand
-from drake_pregrasp.studies.static_versus_dynamic.study import study_static_versus_dynamic
-from drake_pregrasp.studies.static_versus_dynamic.study_settings import study_settings
-from drake_pregrasp.studies.static_versus_dynamic.trial import Trial, run_trial
+from drake_pregrasp.regions.constraints import Obstacles
+from drake_pregrasp.simulation.hand_file import load_hand, load_hand_model
+from drake_pregrasp.simulation.output import without_solver_chatter
+from drake_pregrasp.studies.static_versus_dynamic.comparison_command import compare_methods
+from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS, random_start
+from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import (
+    CLEAN_BELOW,
+    GoalSample,
+    TrialJob,
+    grasp_outcome,
+)
+from drake_pregrasp.studies.static_versus_dynamic.methods import (
+    METHODS,
+    Reassignment,
+    StationaryHand,
+)
+from drake_pregrasp.studies.static_versus_dynamic.trial import Trial, run_trial, tracking_rows
 from drake_pregrasp.systems.loggers import GraspRecord
 
-MODEL = HandModel(load_hand(HAND))
+HAND = "package://drake_pregrasp/five_finger_hand.yaml"
+MODEL = load_hand_model(HAND)
 FRAMES = MODEL.kinematics.tip_frames
-SURFACE = box_surface(BOX.size, spacing=0.01, forbidden_faces=["+z", "-z"])
 AROUND = 2 * np.pi * np.arange(5) / 5
 CUBE = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
 
 
-def test_every_condition_has_a_scene_and_settings_are_plain():
-    assert list(SCENES) == list(CONDITIONS)
-    assert set(study_settings()["conditions"]) == set(SCENES)
-
-
-@pytest.mark.parametrize("condition", SCENES)
+@pytest.mark.parametrize("condition", CONDITIONS.values(), ids=CONDITIONS)
 def test_starts_are_those_of_the_seed_apart_and_in_reach(condition):
-    scene = SCENES[condition]
+    scenario, surface = condition.scenario, condition.scenario.make_surface()
+    low, high = scenario.grasp.yaw_range
     seen = []
     for seed in range(6):
-        start = random_start(scene, SURFACE, MODEL, seed)
-        again = random_start(scene, SURFACE, MODEL, seed)
+        start = random_start(condition, surface, MODEL, seed)
+        again = random_start(condition, surface, MODEL, seed)
         np.testing.assert_array_equal(start.p_OC, again.p_OC)
         distances = np.linalg.norm(start.p_OC[:, None] - start.p_OC, axis=2) + np.eye(5)
         assert np.min(distances) >= 0.024
         aside = wrapped(np.arctan2(start.p_OC[:, 1], start.p_OC[:, 0]) - AROUND - start.yaw)
         assert np.all(np.abs(aside) <= MODEL.largest_offsets + 1e-4)
-        assert scene.yaw_range[0] <= start.yaw <= scene.yaw_range[1]
-        assert len(set(start.lost)) == scene.lost_fingers
+        assert low <= start.yaw <= high
+        lost = [finger for _, fingers in start.losses for finger in fingers]
+        assert len(set(lost)) == {"one_lost": 1, "two_lost": 2}.get(condition.key, 0)
         seen.append(start.p_OC)
     assert not np.array_equal(seen[0], seen[1])
 
 
-def test_a_planned_start_is_a_better_grasp_within_reach():
-    scene = SCENES["turning"]
-    X_WO = RigidTransform([0, 0, 0.05])
-    for seed in range(4):
-        start = random_start(scene, SURFACE, MODEL, seed)
-        planned = planned_start(scene, SURFACE, start.p_OC, X_WO, hand=MODEL, yaw=start.yaw)
-        np.testing.assert_allclose(SURFACE.project(planned)[0], planned, atol=1e-9)
-        assert grasp_quality(planned).q_gii > grasp_quality(start.p_OC).q_gii
-        _, normals = SURFACE.project(planned)
-        tips = planned + 0.029 * normals
-        reach = [tip.reach.make_reach() for tip in load_hand(HAND).fingertips]
-        # The wrist is limited: H is as the world, but for its place.
-        for finger in range(5):
-            one = planned[[finger]], normals[[finger]], tips[[finger]]
-            assert reach[finger].permits(*one)[0]
+def initial_contacts(method, seed):
+    """Returns the contacts in O at the start of a trial under `turning`, and their normals."""
+    trial = Trial(TrialJob("turning", method, seed))
+    context = trial.planner.GetMyContextFromRoot(trial.context)
+    p_WC = trial.planner.GetOutputPort("p_WC").Eval(context).reshape(-1, 3)
+    X_WO = trial.planner.GetOutputPort("X_WO_estimated").Eval(context)
+    return trial.surface.project((X_WO.inverse() @ p_WC.T).T)
+
+
+def test_a_planned_start_is_a_better_grasp_within_reach(capfd):
+    reach = [tip.reach.make_reach() for tip in load_hand(HAND).fingertips]
+    for seed in range(2):
+        planned, normals = initial_contacts("fixed_plan", seed)
+        random, _ = initial_contacts("carried", seed)
+        assert grasp_quality(planned).q_gii > grasp_quality(random).q_gii
+        # The wrist's range is limited: H is as the world, but for its place.
+        for finger, (p, n) in enumerate(zip(planned, normals, strict=True)):
+            assert reach[finger].permits(p[None], n[None], (p + 0.029 * n)[None])[0]
+    capfd.readouterr()
 
 
 def targets(contacts):
@@ -99,7 +101,7 @@ def ring(turn):
 
 
 def test_contacts_that_turn_away_go_to_the_next_finger_round_the_hand():
-    system = Reassignment(tip_frames=FRAMES, azimuths=AROUND, period=0.05)
+    system = Reassignment(FRAMES, azimuths=AROUND, period=0.05)
     simulator = Simulator(system)
     context = simulator.get_mutable_context()
     system.GetInputPort("X_WH").FixValue(context, RigidTransform())
@@ -118,14 +120,9 @@ def test_contacts_that_turn_away_go_to_the_next_finger_round_the_hand():
         assert [status[f] for f in (0, 1, 3, 4)] == [given[f] + 1 for f in (0, 1, 3, 4)]
 
 
-def still_hand(close, *, obstacles=(), yaw=0.3):
-    system = StillHand(
-        tip_frames=FRAMES,
-        azimuths=AROUND,
-        ring_radius=0.092,
-        box=CUBE,
-        constraints=RegionConstraints(tip_radii=np.full(5, 0.009), standoff=0.02, clearance=0.004),
-    )
+def stationary_hand(close, *, obstacles=(), yaw=0.3):
+    limits = LimitsConfig(tip_radii=[0.009] * 5, standoff=0.02, clearance=0.004)
+    system = StationaryHand(FRAMES, azimuths=AROUND, box_size=[0.1] * 3, limits=limits)
     context = system.CreateDefaultContext()
     X_WO = RigidTransform(RotationMatrix.MakeZRotation(yaw), [0.2, 0.1, 0.05])
     system.GetInputPort("X_WO_estimated").FixValue(context, X_WO)
@@ -138,34 +135,29 @@ def still_hand(close, *, obstacles=(), yaw=0.3):
     return value, system.GetOutputPort("contact_status").Eval(context), X_WO
 
 
-def test_a_still_hand_waits_on_a_ring_whatever_the_objects_angle():
-    for yaw in (0.0, 0.3, 1.0):
-        value, status, X_WO = still_hand(False, yaw=yaw)
-        for name, azimuth in zip(FRAMES, AROUND, strict=True):
-            X_WC = value.Find(name)
-            tip = X_WC.translation() - 0.029 * X_WC.rotation().matrix()[:, 2]
-            way = 0.092 * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
-            np.testing.assert_allclose(tip - X_WO.translation(), way, atol=1e-12)
-        assert list(status) == [ContactStatus.ACTIVE] * 4 + [ContactStatus.LOST]
-
-
-def test_a_still_hand_closes_where_its_rays_meet_the_object():
-    value, _, X_WO = still_hand(True)
+@pytest.mark.parametrize("yaw", [0.0, 0.3, 1.0])
+def test_a_stationary_hand_waits_on_a_ring_and_closes_along_its_rays(yaw):
+    waiting, status, X_WO = stationary_hand(False, yaw=yaw)
+    closed, _, _ = stationary_hand(True, yaw=yaw)
+    assert list(status) == [ContactStatus.ACTIVE] * 4 + [ContactStatus.LOST]
     for name, azimuth in zip(FRAMES, AROUND, strict=True):
-        X_OC = X_WO.inverse() @ value.Find(name)
+        X_WC = waiting.Find(name)
+        tip = X_WC.translation() - 0.029 * X_WC.rotation().matrix()[:, 2]
+        on_ring = 0.092 * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+        np.testing.assert_allclose(tip - X_WO.translation(), on_ring, atol=1e-12)
+        X_OC = X_WO.inverse() @ closed.Find(name)
         assert abs(CUBE.distance(X_OC.translation()[None])[0]) < 1e-12
         outside = X_OC.translation() - 1e-6 * X_OC.rotation().matrix()[:, 2]
         assert CUBE.distance(outside[None])[0] == pytest.approx(1e-6)
-        way = value.Find(name).translation() - X_WO.translation()
-        assert wrapped(np.arctan2(way[1], way[0]) - azimuth) == pytest.approx(0, abs=1e-9)
+        ray = closed.Find(name).translation() - X_WO.translation()
+        assert wrapped(np.arctan2(ray[1], ray[0]) - azimuth) == pytest.approx(0, abs=1e-9)
 
 
 @pytest.mark.parametrize("close", [False, True])
-def test_a_still_hand_withdraws_fingers_that_would_be_near_obstacles(close):
+def test_a_stationary_hand_withdraws_fingers_that_would_be_near_obstacles(close):
     wall = HalfSpace(np.array([0.25, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]))
-    _, status, _ = still_hand(close, obstacles=[wall])
-    assert status[0] == ContactStatus.OBSTRUCTED
-    assert status[2] == ContactStatus.ACTIVE
+    _, status, _ = stationary_hand(close, obstacles=[wall])
+    assert (status[0], status[2]) == (ContactStatus.OBSTRUCTED, ContactStatus.ACTIVE)
 
 
 def record(time, phase, *, lift=0.0, slid=0.0, slip=0.0, tilt=0.0):
@@ -185,19 +177,11 @@ def record(time, phase, *, lift=0.0, slid=0.0, slip=0.0, tilt=0.0):
     )
 
 
-def outcome_of(records, condition="nominal", looks=(), reason=GiveUp.NONE):
-    first = GraspState.first(5, GraspSettings())
+def outcome_of(records, condition="nominal", samples=(), reason=GiveUp.NONE):
+    first = GraspState.first(5, GraspConfig().make_settings())
     state = dataclasses.replace(first, active=np.array([True] * 4 + [False]), reason=reason)
-    return grasp_outcome(
-        TrialJob(condition, "frozen", 0),
-        2.0,
-        SCENES[condition],
-        records,
-        looks,
-        state=state,
-        p_OCoM=np.zeros(3),
-        tip_radii=np.full(5, 0.009),
-    )
+    radii = np.full(5, 0.009)
+    return grasp_outcome(CONDITIONS[condition], 2.0, records, samples, state, radii)
 
 
 def good_grasp(**last):
@@ -234,6 +218,14 @@ def test_what_falls_tilts_or_slips_is_not_clean(last, lifted, level):
     assert (outcome.lifted, outcome.level, outcome.clean) == (lifted, level, False)
 
 
+def test_each_bound_of_a_clean_grasp_counts():
+    good = outcome_of(good_grasp())
+    for name, bound in CLEAN_BELOW.items():
+        assert dataclasses.replace(good, **{name: bound - 0.01}).clean, name
+        for value in (bound, np.nan):
+            assert not dataclasses.replace(good, **{name: value}).clean, name
+
+
 def test_a_grasp_that_never_came_about_has_no_contacts():
     outcome = outcome_of([*good_grasp()[:3], record(3.0, GraspPhase.BACK_OFF)])
     assert not outcome.lifted
@@ -250,11 +242,11 @@ def test_contacts_that_do_not_balance_are_contacts_too():
 
 
 def test_shares_in_the_area_are_those_of_the_ticks():
-    looks = [
-        GoalLook(0.1, 5 - k, k, distance) for k, distance in enumerate((0.01, -0.001, 0.02, 0.03))
+    samples = [
+        GoalSample(0.1, 5 - k, k, distance) for k, distance in enumerate((0.01, -0.001, 0.02, 0.03))
     ]
     records = good_grasp()
-    outcome = outcome_of(records, "wall", looks)
+    outcome = outcome_of(records, "wall", samples)
     assert outcome.goal_in_area == 0.25
     assert outcome.withdrawn == 1.5
     assert outcome.tip_in_area == 1.0  # A fingertip is at y = 59 mm, the wall at 40 mm.
@@ -266,26 +258,47 @@ def state_of(trial):
     return np.concatenate([[trial.context.get_time()], *groups])
 
 
-@pytest.mark.parametrize("arm", ARMS)
-def test_each_arm_can_be_tracked_and_set_back(arm, capfd):
-    trial = Trial(TrialJob("headline", arm, 3))
+@pytest.mark.parametrize("method", METHODS)
+def test_each_method_can_be_tracked_and_set_back(method, capfd):
+    trial = Trial(TrialJob("headline", method, 3))
     trial.track(0.2)
-    assert len(trial.looks) == 4
+    assert len(trial.samples) == 4
     saved, before = trial.context.Clone(), state_of(trial)
     trial.track(0.4)
     assert not np.array_equal(state_of(trial), before)
     trial.context.SetTimeStateAndParametersFrom(saved)
     np.testing.assert_array_equal(state_of(trial), before)
-    assert all(look.distance >= 0 for look in trial.looks)  # Of active goals, whatever the arm.
-    assert all(look.usable + look.withdrawn == 5 for look in trial.looks)
+    assert all(sample.distance >= 0 for sample in trial.samples)  # Of active goals.
+    assert all(sample.active + sample.withdrawn == 5 for sample in trial.samples)
     capfd.readouterr()
+
+
+def test_earlier_closing_times_change_nothing():
+    job = TrialJob("headline", "dynamic_reach", 1)
+    with without_solver_chatter():
+        some, none = Trial(job), Trial(job)
+        first, last = some.outcomes((0.2, 0.4))
+        (alone,) = none.outcomes((0.4,))
+    assert (first.close_at, last.close_at) == (0.2, 0.4)
+    assert some.samples == none.samples
+    assert repr(last) == repr(alone)  # In which nan is as nan is.
+
+
+def test_rows_of_the_strip_charts_have_a_line_for_each_tick(monkeypatch):
+    module = "drake_pregrasp.studies.static_versus_dynamic.trial"
+    monkeypatch.setattr(f"{module}.TRACKED_CLOSING_TIMES", (0.2, 0.3))
+    rows = tracking_rows(TrialJob("nominal", "stationary", 0))
+    np.testing.assert_allclose([row["time"] for row in rows], 0.05 * np.arange(1, 7))
+    assert [row["clean"] is None for row in rows] == [True] * 3 + [False, True, False]
+    assert {row["distance_mm"] for row in rows} == {None}  # There is no area.
 
 
 def test_a_tiny_study_grasps_and_reports(tmp_path):
     job = TrialJob("nominal", "dynamic_reach", 0)
-    result = study_static_versus_dynamic(tmp_path, EXPERIMENT, [job], processes=1)
-    assert (result.wanted, result.made, result.failed) == (1, 1, 0)
+    found, report = compare_methods(tmp_path, [job], processes=1)
+    assert (found.wanted, found.made, len(found.failed)) == (1, 1, 0)
     here = run_trial(job)
-    assert all(outcome.clean for outcome in here)
-    assert outcome_csv.to_lines(here) in (result.report.parent / "outcomes.csv").read_text()
-    assert "dynamic with reach" in result.report.read_text()
+    assert all(row["clean"] for row in here)
+    columns = list(here[0])
+    assert repr(found.rows[columns].to_dict("records")) == repr(here)  # In which nan is as nan is.
+    assert b"dynamic with reach" in report.read_bytes()

@@ -1,1 +1,1 @@
-"""The benchmark: ticks, what else one could do, whole simulations, memory, and starting up."""
+"""The benchmark: planning ticks, the whole simulation, start-up, memory, and long runs."""

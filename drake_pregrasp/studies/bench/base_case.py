@@ -1,58 +1,52 @@
-"""How fast the whole base case simulates, and what its parts take.
+"""Times of the base case as a whole simulation, and of a fresh process until its first tick."""
 
-Diagrams of which each has one part more than the one before advance in turn, a little each time.
-What the last of them takes is the whole, and the differences are the parts. Drake's own share is in
-the part for which its systems work.
-"""
-
+import json
+import os
+import subprocess
+import sys
 import tempfile
 import time
-from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
-from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
-from drake_pregrasp.diagrams.pregrasp_planner import make_estimator
-from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.run_log import RunLog
-from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.studies.bench.implemented_surface import implemented
-from drake_pregrasp.systems.noise_source import NoiseSource
-from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
+from drake_pregrasp.studies.bench.tick_times import chosen, implementations
 
-PARTS = (
-    "physics",
-    "sensor and estimator",
-    "planner",
-    "measures and records",
-    "log.csv",
-    "recording",
-)
-"""In the order in which they are added."""
+PARTS = ("physics", "sensor and planner", "measures and log.csv", "recording")
+"""Parts of a simulation, in the order in which the timed diagrams gain them."""
 
-WITHOUT_RECORDING, WITH_RECORDING = PARTS[-2:]
-"""The last parts of a whole simulation."""
+_WARM_UP = 10  # Planning ticks that do not count.
 
-_WARM_UP = 10
-"""Ticks that don't count."""
+_FIRST_TICK = """
+import json, sys, time
+start = time.perf_counter()
+import drake_pregrasp
+imported = time.perf_counter() - start
+from drake_pregrasp import PlannerConfig
+from drake_pregrasp.studies.bench.tick_times import cube, make_scene, make_tick
+start = time.perf_counter()
+surface, starts = make_scene(cube(24))
+make_tick(surface, sys.argv[1], starts[0], PlannerConfig(strategy="gii"))(starts[0])
+print(json.dumps([imported, time.perf_counter() - start]))
+"""
 
 
 class RunJob(NamedTuple):
     """Simulations of the base case.
 
     Attributes:
-        implementation: Of the kernel.
-        period: Seconds between planning ticks.
-        duration: Seconds to simulate in each round.
-        rounds: How many times all diagrams advance in turn.
+        implementation: Implementation that plans.
+        period: Planning period in seconds.
+        duration: Simulated seconds in each round.
+        rounds: Number of rounds, in each of which all diagrams advance in turn.
     """
 
     implementation: str
@@ -61,110 +55,86 @@ class RunJob(NamedTuple):
     rounds: int
 
 
-class RunTime(NamedTuple):
-    """How long the base case takes.
+def time_run(job: RunJob) -> list[dict[str, Any]]:
+    """Returns a row for each of `PARTS`: what a simulated second takes with it, and what it adds.
 
-    Attributes:
-        implementation: Of the kernel.
-        rate: Planning ticks a second.
-        seconds: What one simulated second takes up to and with each of `PARTS`, in seconds, the
-            medians over the rounds.
-        parts: What each part adds in seconds of this thread's processor time, which other
-            processes take none of, the medians of the differences in each round.
+    Each diagram has one part more than the one before. Contacts adapt from the start. What a part
+    adds is processor time of this thread, in which other processes do not count.
     """
-
-    implementation: str
-    rate: float
-    seconds: Mapping[str, float]
-    parts: Mapping[str, float]
-
-    def factor(self, last_part: str) -> float:
-        """Returns the seconds simulated in one second, with the parts up to that one."""
-        return 1 / self.seconds[last_part]
-
-
-def time_run(job: RunJob) -> RunTime:
-    """Times the base case, whose contacts adapt from the start, up to each part in turn."""
     scenario = load_scenario("a_base")
-    scenario.planner.period = job.period
-    scenario.planner.static_duration = 0.0
-    scenario.simulation_duration = _WARM_UP * job.period + job.rounds * job.duration
-    surface = implemented(scenario.make_surface(), job.implementation)
-    seconds: dict[str, list[float]] = {part: [] for part in PARTS}
-    own_seconds: dict[str, list[float]] = {part: [] for part in PARTS}
+    scenario.planner.period, scenario.planner.static_duration = job.period, 0.0
+    surface = scenario.make_surface()
+    times: list[list[tuple[float, float]]] = []
     with ExitStack() as stack:
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        logs = [
-            stack.enter_context(RunLog(folder / f"{k}.csv", scenario.num_contacts))
-            for k in range(2)
-        ]
-        simulators = {
-            part: _simulator(scenario, diagram)
-            for part, diagram in _diagrams(scenario, surface, logs).items()
-        }
-        for simulator in simulators.values():
+        stack.enter_context(chosen(job.implementation))
+        folder = stack.enter_context(tempfile.TemporaryDirectory())
+        log, recorded = (
+            stack.enter_context(RunLog(Path(folder) / name, scenario.num_contacts)).append
+            for name in ("log.csv", "recorded.csv")
+        )
+        diagrams = (
+            ObjectPlant(scenario.object, scenario.motion, scenario.plant_config),
+            make_diagram(scenario, surface),
+            make_diagram(scenario, surface, sink=log),
+            make_diagram(scenario, surface, sink=recorded, meshcat=start_meshcat(), record=True),
+        )
+        simulators = [Simulator(diagram) for diagram in diagrams]
+        for simulator in simulators:
+            ApplySimulatorConfig(scenario.simulator_config, simulator)
+            simulator.set_target_realtime_rate(0)
             simulator.AdvanceTo(_WARM_UP * job.period)
         for round_ in range(job.rounds):
             end = _WARM_UP * job.period + (round_ + 1) * job.duration
-            for part, simulator in simulators.items():
+            times.append([])
+            for simulator in simulators:
                 start, own_start = time.perf_counter(), time.thread_time()
                 simulator.AdvanceTo(end)
-                seconds[part].append((time.perf_counter() - start) / job.duration)
-                own_seconds[part].append((time.thread_time() - own_start) / job.duration)
-    medians = np.median(list(seconds.values()), axis=1).tolist()
-    added = np.diff(list(own_seconds.values()), axis=0, prepend=0)
-    return RunTime(
-        job.implementation,
-        1 / job.period,
-        dict(zip(PARTS, medians, strict=True)),
-        dict(zip(PARTS, np.median(added, axis=1).tolist(), strict=True)),
+                passed = time.perf_counter() - start, time.thread_time() - own_start
+                times[-1].append(passed)
+    seconds, own = np.moveaxis(np.array(times) / job.duration, 2, 0)
+    added = np.median(np.diff(own, axis=1, prepend=0), axis=0)
+    return [
+        {
+            "planning": f"{1 / job.period:,.0f} Hz",
+            "implementation": job.implementation,
+            "part": part,
+            "x real time": 1 / float(whole),
+            "added [ms]": 1e3 * float(add),
+        }
+        for part, whole, add in zip(PARTS, np.median(seconds, axis=0), added, strict=True)
+    ]
+
+
+def time_starts(processes: int, *, compiling: bool) -> list[dict[str, Any]]:
+    """Returns rows of fresh processes: the seconds that the import and the first tick take.
+
+    Args:
+        processes: Number of processes of each implementation, of which medians are returned.
+        compiling: Whether to begin without any compiled code; it is kept in a folder of its own.
+    """
+    rows = []
+    with tempfile.TemporaryDirectory() as cache:
+        own_cache = {"NUMBA_CACHE_DIR": cache} if compiling else {}
+        for implementation in implementations():
+            first = _start(implementation, own_cache)
+            if compiling and implementation == "numba":
+                rows.append(("numba, nothing compiled yet", *first))
+            later = [_start(implementation, own_cache) for _ in range(processes)]
+            rows.append((implementation, *np.median(later, axis=0).tolist()))
+    columns = ("implementation", "import [s]", "surface and first tick [s]")
+    return [dict(zip(columns, row, strict=True)) for row in rows]
+
+
+def _start(implementation: str, variables: dict[str, str]) -> list[float]:
+    root = str(Path(__file__).parents[3])
+    paths = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
+    # -P: the package comes from the caller's paths, not from the current folder.
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", _FIRST_TICK, implementation],
+        env={**os.environ, "PYTHONPATH": paths, **variables},
+        check=True,
+        capture_output=True,
+        text=True,
     )
-
-
-def _diagrams(scenario: Scenario, surface: ObjectSurface, logs: list[RunLog]) -> dict[str, Diagram]:
-    """Returns the diagrams that end with each of `PARTS`."""
-    diagrams = (
-        _plant_alone(scenario),
-        _plant_and_estimator(scenario, surface),
-        make_diagram(scenario, surface),
-        make_diagram(scenario, surface, sink=lambda record: None),
-        make_diagram(scenario, surface, sink=logs[0].append),
-        make_diagram(scenario, surface, sink=logs[1].append, meshcat=start_meshcat()),
-    )
-    return dict(zip(PARTS, diagrams, strict=True))
-
-
-def _plant_alone(scenario: Scenario) -> Diagram:
-    builder = DiagramBuilder()
-    builder.AddSystem(ObjectPlant(scenario.object, scenario.motion, scenario.plant_config))
-    return builder.Build()
-
-
-def _plant_and_estimator(scenario: Scenario, surface: ObjectSurface) -> Diagram:
-    period = scenario.planner.period
-    builder = DiagramBuilder()
-    plant = builder.AddSystem(ObjectPlant(scenario.object, scenario.motion, scenario.plant_config))
-    noise = builder.AddSystem(
-        NoiseSource(size=NoisyPoseSensor.NOISE_SIZE, period=period, seed=scenario.random_seed)
-    )
-    sensor = builder.AddSystem(
-        NoisyPoseSensor(
-            position_std=scenario.sensor.position_std,
-            orientation_std=scenario.sensor.orientation_std,
-        )
-    )
-    estimator = builder.AddSystem(
-        make_estimator(scenario.planner.estimator, period, surface.p_OCoM)
-    )
-    builder.Connect(plant.GetOutputPort("X_WO"), sensor.GetInputPort("X_WO"))
-    builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
-    builder.Connect(sensor.GetOutputPort("X_WO_measured"), estimator.GetInputPort("X_WO_measured"))
-    return builder.Build()
-
-
-def _simulator(scenario: Scenario, diagram: Diagram) -> Simulator:
-    simulator = Simulator(diagram)
-    ApplySimulatorConfig(scenario.simulator_config, simulator)
-    simulator.set_target_realtime_rate(0)
-    simulator.Initialize()
-    return simulator
+    seconds: list[float] = json.loads(done.stdout)
+    return seconds

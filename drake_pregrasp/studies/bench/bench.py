@@ -1,49 +1,86 @@
-"""The benchmark: it measures, and writes a report."""
+"""The benchmark: measures everything in turn, and writes a report."""
 
 import argparse
+import functools
 import json
-import logging
-import multiprocessing
 import os
 import platform
-import signal
-from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
-from typing import TypeVar
+from typing import Any
 
-from drake_pregrasp.kernels import numba_is_installed
+import pandas as pd
+from matplotlib.artist import Artist
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
+from threadpoolctl import threadpool_limits
+
 from drake_pregrasp.simulation.output import write_text, writing
-from drake_pregrasp.studies.bench.base_case import time_run
-from drake_pregrasp.studies.bench.global_times import compare_choices
-from drake_pregrasp.studies.bench.memory import measure_memory
-from drake_pregrasp.studies.bench.outcome import Outcome
-from drake_pregrasp.studies.bench.plan import Plan, full_plan, quick_plan
-from drake_pregrasp.studies.bench.plots import plot_base_case, plot_growth, plot_ticks
-from drake_pregrasp.studies.bench.report import report
-from drake_pregrasp.studies.bench.shares import profile_ticks
-from drake_pregrasp.studies.bench.startup import time_starts
-from drake_pregrasp.studies.bench.tick_times import BY_SIZE, time_ticks
+from drake_pregrasp.studies.bench.base_case import PARTS, RunJob, time_run, time_starts
+from drake_pregrasp.studies.bench.soak import drift, soak
+from drake_pregrasp.studies.bench.tick_times import (
+    BLAS,
+    MESH,
+    Scene,
+    TickJob,
+    cube,
+    implementations,
+    time_ticks,
+)
+from drake_pregrasp.studies.global_choice import compare_choices
+from drake_pregrasp.studies.report_page import Heading, Part, Picture, Table, write_report
+from drake_pregrasp.studies.runner import OnProgress
 from drake_pregrasp.studies.study_options import add_out_option, step_bar
 
-_ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+BY_SIZE, ON_A_MESH = "size", "mesh"
+BY_CONTACTS, BY_FORBIDDEN, BY_OBSTACLES = "contacts", "forbidden", "obstacles"
+"""Series of tick times; obstacles are the forbidden points, as obstacles in the world."""
 
-Job = TypeVar("Job")
-Result = TypeVar("Result")
+STRATEGIES = ("position", "msv", "gii", "vew")
+GROWTH_STRATEGIES = ("position", "gii")
+"""Strategies whose ticks are timed, and timed over the numbers of contacts and forbidden points."""
+
+Job = tuple[str, Callable[[], list[dict[str, Any]]]]
+Tables = dict[str, pd.DataFrame]
+
+_STYLES = {BLAS: ("#E69F00", "v--"), "reference": ("#0072B2", "s-"), "numba": ("#009E73", "o-")}
+_PART_COLORS = ("#000000", "#E69F00", "#0072B2", "#CC79A7")
+_GROWTH = {
+    ON_A_MESH: "N",
+    BY_CONTACTS: "contacts",
+    BY_FORBIDDEN: "forbidden",
+    BY_OBSTACLES: "forbidden",
+}
+_SECTIONS = ("memory", "ticks", "choices", "runs", "starts")
+
+_WORDS = {
+    BY_SIZE: "Planning tick over the number of candidates",
+    "growth": "Planning tick on a mesh, and over the numbers of contacts and forbidden points",
+    "ticks": "Medians / 99th percentiles in ms, for 5 contacts and 200 forbidden points on a cube"
+    " of 0.1 m. *BLAS*: all points times all planes as one matrix product, without ports.",
+    ON_A_MESH: f"Medians in ms on `{MESH}`, with 5 contacts and up to 200 forbidden points.",
+    BY_CONTACTS: "Medians in ms on the cube, N = 20,164, with 200 forbidden points.",
+    BY_FORBIDDEN: "Medians in ms on the cube, N = 20,164, with 5 contacts.",
+    BY_OBSTACLES: "The same with the forbidden points as obstacles in the world.",
+    "choices": "Medians and least values over cubes with 2,304 candidates, 200 forbidden points and"
+    " 5 random contacts. Q_MSV is at most sqrt(5) = 2.2361; margins are the normalised min-weight"
+    " margin at friction 0.7. The planner's values are those of its settled contacts.",
+    "runs": "Simulated seconds in one second, with more and more parts of the simulation.",
+    "added": "Milliseconds of processor time that a simulated second takes for each part.",
+    "base_case": "Parts of a simulated second",
+    "starts": "Medians of fresh processes. The first tick includes loading or compiling the code.",
+    "memory": "Resident memory of the base case at 1,000 Hz.",
+}
 
 
 def bench(
-    out: str | Path,
-    *,
-    quick: bool = False,
-    on_progress: Callable[[int, int], None] = lambda done, total: None,
+    out: str | Path, *, quick: bool = False, on_progress: OnProgress = lambda done, total: None
 ) -> Path:
-    """Runs the benchmark and writes `bench.md`, its plots, and `bench.json`.
+    """Runs the benchmark on one thread and writes `bench.md`, its plots, and `bench.json`.
 
     Args:
-        out: Their folder; made if it isn't there.
+        out: Folder of the report; it is made if necessary.
         quick: Whether to leave out what takes long.
         on_progress: Called with the number of measurements done and of all.
 
@@ -56,77 +93,24 @@ def bench(
     out = Path(out)
     with writing(out):
         out.mkdir(parents=True, exist_ok=True)
-    outcome = measure(quick_plan() if quick else full_plan(), on_progress)
-    write_text(out / "bench.json", json.dumps(outcome.to_json(), indent=1) + "\n")
-    with writing(out):
-        plot_ticks(out / "ticks.png", outcome.series(BY_SIZE))
-        plot_growth(out / "growth.png", outcome)
-        plot_base_case(out / "base_case.png", outcome.runs)
-    write_text(out / "bench.md", report(outcome))
-    return out / "bench.md"
-
-
-def measure(plan: Plan, on_progress: Callable[[int, int], None]) -> Outcome:
-    """Measures everything, in a process of one thread."""
-    total, done = sum(len(jobs) for jobs in vars(plan).values()), 0
-    outcome, load = Outcome(""), os.getloadavg()[0]
-
-    def measured(function: Callable[[Job], Result], job: Job) -> Result:
-        nonlocal done
-        result = process.submit(function, job).result()
-        done += 1
-        on_progress(done, total)
-        return result
-
-    with _one_thread_process() as process:
-        # Memory comes first: what others leave free later would hide what grows.
-        outcome.memory = [measured(measure_memory, job) for job in plan.memory]
-        for tick_job in plan.ticks:
-            outcome.ticks += measured(time_ticks, tick_job)
-        for choice_job in plan.choices:
-            outcome.choices += measured(compare_choices, choice_job)
-        outcome.shares = [measured(profile_ticks, job) for job in plan.shares]
-        outcome.runs = [measured(time_run, job) for job in plan.runs]
-        for start_job in plan.starts:
-            outcome.starts += measured(time_starts, start_job)
-    outcome.machine = (
+    jobs, load = plan(quick=quick), os.getloadavg()[0]
+    rows: dict[str, list[dict[str, Any]]] = {section: [] for section in _SECTIONS}
+    with threadpool_limits(1):
+        for done, (section, measure) in enumerate(jobs):
+            rows[section] += measure()
+            on_progress(done + 1, len(jobs))
+    packages = ("numpy", "scipy", "drake", *implementations()[1:])
+    machine = (
         f"{platform.machine()}, {os.cpu_count()} cores, load {load:.1f} at first and"
-        f" {os.getloadavg()[0]:.1f} at last; Python {platform.python_version()}, {_versions()}"
+        f" {os.getloadavg()[0]:.1f} at last; Python {platform.python_version()}, "
+        + ", ".join(f"{package} {version(package)}" for package in packages)
     )
-    return outcome
-
-
-def _versions() -> str:
-    """Returns the names and versions of what the benchmark depends on most."""
-    packages = ("numpy", *(["numba"] if numba_is_installed() else []), "scipy", "drake")
-    return ", ".join(f"{package} {version(package)}" for package in packages)
-
-
-@contextmanager
-def _one_thread_process() -> Iterator[ProcessPoolExecutor]:
-    """Gives a fresh process whose libraries are told, before they load, to use one thread."""
-    before = {name: os.environ.get(name) for name in _ONE_THREAD}
-    os.environ.update(dict.fromkeys(_ONE_THREAD, "1"))
-    try:
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(1, context, initializer=_be_quiet) as process:
-            try:
-                yield process
-            except BaseException:
-                process.shutdown(wait=False, cancel_futures=True)
-                raise
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
-
-
-def _be_quiet() -> None:
-    """Keeps Meshcat from saying where it listens, and leaves interrupts to the parent."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    logging.getLogger("drake").setLevel(logging.WARNING)
+    write_text(out / "bench.json", json.dumps({"machine": machine, **rows}, indent=1) + "\n")
+    tables = {section: pd.DataFrame(own) for section, own in rows.items() if own}
+    with writing(out):
+        plot(out, tables)
+    parts = report(machine, tables)
+    return write_report(out, "Benchmarks", parts, name="bench", formats=("md",))
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -141,3 +125,143 @@ def _command(options: argparse.Namespace) -> int:
         report = bench(options.out, quick=options.quick, on_progress=on_progress)
     print(f"report in {report}")
     return 0
+
+
+def plan(*, quick: bool) -> list[Job]:
+    """Returns the measurements: some nine minutes of them, or less than one."""
+    sizes = (24, 71) if quick else (16, 24, 35, 71, 158)
+    spacings = (0.004, 0.0028) if quick else (0.006, 0.004, 0.0028, 0.0014)
+    contacts = (2, 5, 32) if quick else (2, 3, 5, 8, 16, 32)
+    forbidden = (0, 20, 200) if quick else (0, 20, 200, 2000)
+    periods = {0.05: 1.0, 0.001: 0.1} if quick else {0.05: 2.0, 0.01: 1.0, 0.001: 0.3}
+    ticks: list[tuple[str, Scene, tuple[str, ...]]]
+    ticks = [(BY_SIZE, cube(cells), STRATEGIES) for cells in sizes]
+    ticks += [(BY_SIZE, cube(cells), ("margin",)) for cells in sizes if cells <= 71]
+    ticks += [(ON_A_MESH, Scene(spacing, shape=MESH), STRATEGIES) for spacing in spacings]
+    ticks += [(BY_CONTACTS, cube(71, n), GROWTH_STRATEGIES) for n in contacts]
+    ticks += [
+        (series, cube(71, forbidden=m), GROWTH_STRATEGIES)
+        for series in (BY_FORBIDDEN, BY_OBSTACLES)
+        for m in (forbidden if series == BY_FORBIDDEN else forbidden[1:3])
+    ]
+    seconds = 0.3 if quick else 3.0
+    # Memory comes first: what other measurements set free would hide growth.
+    jobs: list[Job] = [] if quick else [("memory", _memory)]
+    for series, scene, strategies in ticks:
+        for strategy in strategies:
+            job = TickJob(series, scene, strategy, series == BY_OBSTACLES, seconds=seconds)
+            jobs.append(("ticks", functools.partial(time_ticks, job)))
+    for seed in range(2 if quick else 8):
+        jobs.append(("choices", functools.partial(compare_choices, seed)))
+    for period, duration in periods.items():
+        for implementation in implementations():
+            run = RunJob(implementation, period, duration, 3 if quick else 7)
+            jobs.append(("runs", functools.partial(time_run, run)))
+    starts = functools.partial(time_starts, 1 if quick else 3, compiling=not quick)
+    return [*jobs, ("starts", starts)]
+
+
+def _memory() -> list[dict[str, Any]]:
+    hours = soak(40, seconds=1.0, period=0.001)
+    slope = drift(hours, "resident")[0] / hours[-1]["ticks"]
+    mebibytes = [hour["resident"] / 2**20 for hour in (hours[10], hours[-1])]
+    columns = ("ticks", "MiB after a quarter", "MiB at the end", "bytes a tick")
+    ticks = sum(hour["ticks"] for hour in hours)
+    return [dict(zip(columns, (ticks, *mebibytes, slope), strict=True))]
+
+
+def report(machine: str, tables: Tables) -> list[Part]:
+    """Returns the parts of the report.
+
+    Args:
+        machine: Machine and versions that the measurements are from.
+        tables: Rows of each section that was measured.
+    """
+    parts: list[Part] = [f"Machine: {machine}. One thread."]
+    if "ticks" in tables:
+        ticks = tables["ticks"]
+        ticks["ms"] = ticks["median [ms]"].map("{:,.3g}".format)
+        whole = ticks.assign(ms=ticks["ms"] + " / " + ticks["99 % [ms]"].map("{:,.3g}".format))
+        parts += [Heading("Ticks"), _WORDS["ticks"], _picture("ticks", BY_SIZE)]
+        for strategy, own in whole[whole.series == BY_SIZE].groupby("strategy", sort=False):
+            parts += [Heading(strategy, 3), _pivot(own, "N", ["implementation"])]
+        parts += [Heading("Growth"), _picture("growth", "growth")]
+        for series, index in _GROWTH.items():
+            own = ticks[ticks.series == series]
+            table = _pivot(own, index, ["strategy", "implementation"])
+            parts += [Heading(series.capitalize(), 3), _WORDS[series], table]
+    if "choices" in tables:
+        grouped = tables["choices"].groupby("method", sort=False)
+        least = grouped[["Q_MSV", "margin"]].min().add_suffix(", least")
+        found = grouped.median().join(least).map("{:,.5g}".format).reset_index()
+        parts += [Heading("Against choosing all contacts anew"), _WORDS["choices"], Table(found)]
+    if "runs" in tables:
+        parts.append(Heading("The base case, simulated"))
+        for key, column in (("runs", "x real time"), ("added", "added [ms]")):
+            own = tables["runs"].assign(ms=tables["runs"][column].map("{:,.2f}".format))
+            parts += [_WORDS[key], _pivot(own, ["planning", "implementation"], ["part"])]
+        parts.append(_picture("base_case", "base_case"))
+    for section, title in (("starts", "Starting"), ("memory", "Memory")):
+        if section in tables:
+            parts += [Heading(title), _WORDS[section], Table(tables[section].round(4))]
+    return parts
+
+
+def _picture(name: str, caption: str) -> Picture:
+    return Picture(Path(f"{name}.png"), _WORDS[caption])
+
+
+def _pivot(rows: pd.DataFrame, index: str | list[str], columns: list[str]) -> Table:
+    """Returns the cells `ms` as a table whose columns' names are joined."""
+    table = rows.pivot(index=index, columns=columns, values="ms")
+    order = rows[columns].drop_duplicates().itertuples(index=False)
+    table = table[[key if len(columns) > 1 else key[0] for key in map(tuple, order)]]
+    table.columns = [key if isinstance(key, str) else ", ".join(key) for key in table.columns]
+    return Table(table.reset_index())
+
+
+def plot(out: Path, tables: Tables) -> None:
+    """Writes `ticks.png`, `growth.png` and `base_case.png`, as far as they were measured."""
+    if "ticks" in tables:
+        ticks = tables["ticks"]
+        own = ticks[ticks.series == BY_SIZE]
+        sizes = {name: (own[own.strategy == name], "N") for name in STRATEGIES}
+        _panels(out / "ticks.png", sizes)
+        own = ticks[ticks.strategy == "gii"]
+        growth = {
+            f"gii, {series}": (own[own.series == series], index)
+            for series, index in _GROWTH.items()
+        }
+        _panels(out / "growth.png", growth)
+    if "runs" in tables:
+        runs = tables["runs"]
+        shares = runs.pivot(
+            index=["planning", "implementation"], columns="part", values="added [ms]"
+        )[list(PARTS)].clip(lower=0)
+        shares = 100 * shares.div(shares.sum(axis=1), axis=0)
+        figure = Figure(figsize=(8.4, 1.4 + 0.5 * len(shares)), layout="constrained")
+        axis = figure.subplots()
+        shares.plot.barh(stacked=True, ax=axis, color=_PART_COLORS, legend=False)
+        axis.set(xlabel="share of the processor time of a simulated second [%]", ylabel="")
+        figure.legend(loc="outside upper center", ncols=4, frameon=False)
+        figure.savefig(out / "base_case.png", dpi=140)
+
+
+def _panels(path: Path, panels: dict[str, tuple[pd.DataFrame, str]]) -> None:
+    """Plots medians of ticks, shaded up to their 99th percentile, in a panel for each title."""
+    figure = Figure(figsize=(3.6 * len(panels), 4.0), layout="constrained")
+    axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
+    entries: dict[str, Artist] = {}
+    for axis, (title, (rows, index)) in zip(axes, panels.items(), strict=True):
+        for name, own in rows.groupby("implementation", sort=False):
+            color, style = _STYLES[name]
+            median, high = own["median [ms]"], own["99 % [ms]"]
+            (entries[name],) = axis.plot(own[index], median, style, color=color)
+            axis.fill_between(own[index], median, high, color=color, alpha=0.12, linewidth=0)
+        axis.set_xscale("symlog" if index == "forbidden" else "log")
+        axis.set(yscale="log", title=title, xlabel=index)
+        axis.xaxis.set_minor_formatter(NullFormatter())
+        axis.grid(True, color="0.9", linewidth=0.6)
+    axes[0].set_ylabel("planning tick [ms]")
+    figure.legend(entries.values(), entries, loc="outside upper center", ncols=3, frameon=False)
+    figure.savefig(path, dpi=140)

@@ -1,137 +1,113 @@
-"""Whether a day leaves anything behind: memory and quality of the base case, hour by hour.
+"""Memory and quality of the base case over long simulations, hour by hour.
 
-Run it as `python -m drake_pregrasp.studies.bench.soak`; 24 simulated hours take one.
+`python -m drake_pregrasp.studies.bench.soak` simulates 24 hours in about one. With
+`--planning_period 0.001 --seconds 10 --hours 100` it reads the memory over a million ticks.
 """
 
 import argparse
+import os
 from collections.abc import Callable
-from typing import NamedTuple
+from pathlib import Path
 
 import numpy as np
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from scipy.stats import linregress
 
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.studies.bench.memory import resident_bytes
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.loggers import TickRecord
 
-HOUR = 3600.0
-"""Seconds."""
+_STATM = Path("/proc/self/statm")
 
-
-class SoakHour(NamedTuple):
-    """What an hour was like: means over its ticks.
-
-    Attributes:
-        ticks: How many.
-        q_msv: Smallest singular value.
-        q_gii: Grasp isotropy index.
-        q_vew: Volume of the ellipsoid.
-        position_error: Of the estimate, in metres.
-        active: Share of contacts that were.
-        resident: Bytes in memory at its end.
-    """
-
-    ticks: int
-    q_msv: float
-    q_gii: float
-    q_vew: float
-    position_error: float
-    active: float
-    resident: int
-
-
-class _Tally:
-    """Sums over ticks; it keeps no record."""
-
-    def __init__(self) -> None:
-        self.clear()
-
-    def clear(self) -> None:
-        self._count, self._sum = 0, np.zeros(5)
-
-    def add(self, record: TickRecord) -> None:
-        quality = GraspQualityView(record.grasp_quality)
-        offset = record.X_WO_estimated.translation() - record.X_WO.translation()
-        self._count += 1
-        self._sum += [
-            quality.q_msv,
-            quality.q_gii,
-            quality.q_vew,
-            np.linalg.norm(offset),
-            np.mean(is_active(record.contact_status)),
-        ]
-
-    def hour(self) -> SoakHour:
-        msv, gii, vew, error, active = (self._sum / self._count).tolist()
-        return SoakHour(self._count, msv, gii, vew, error, active, resident_bytes())
+Hour = dict[str, float]
 
 
 def soak(
     hours: int,
     *,
     scenario: str = "a_base",
-    seconds: float = HOUR,
-    on_hour: Callable[[int, SoakHour], None] = lambda index, hour: None,
-) -> list[SoakHour]:
-    """Simulates a shipped scenario without recording, and returns what each hour was like.
+    seconds: float = 3600.0,
+    period: float | None = None,
+    on_hour: Callable[[Hour], None] = lambda hour: None,
+) -> list[Hour]:
+    """Simulates a shipped scenario without recording it.
 
     Args:
-        hours: How many.
-        scenario: Its name.
-        seconds: Length of an hour.
-        on_hour: Called after each, with its index.
+        hours: Number of hours.
+        scenario: Name of the scenario.
+        seconds: Simulated seconds of one hour.
+        period: Planning period in seconds; the scenario's if None.
+        on_hour: Called with each hour at its end.
+
+    Returns:
+        For each hour the number of ticks, the means over its ticks of the three measures, of the
+        position error in metres and of the share of active contacts, and the process's resident
+        memory at its end in bytes.
     """
     config = load_scenario(scenario)
-    tally = _Tally()
-    diagram = make_diagram(config, config.make_surface(), sink=tally.add)
-    simulator = Simulator(diagram)
+    config.planner.period = period or config.planner.period
+    total = np.zeros(6)
+
+    def add(record: TickRecord) -> None:
+        quality = GraspQualityView(record.grasp_quality)
+        error = record.X_WO_estimated.translation() - record.X_WO.translation()
+        active = np.mean(is_active(record.contact_status))
+        measures = (quality.q_msv, quality.q_gii, quality.q_vew)
+        total[:] += np.array([1, *measures, np.linalg.norm(error), active])
+
+    simulator = Simulator(make_diagram(config, config.make_surface(), sink=add))
     ApplySimulatorConfig(config.simulator_config, simulator)
     simulator.Initialize()
     found = []
     for index in range(hours):
-        tally.clear()
+        total[:] = 0
         simulator.AdvanceTo((index + 1) * seconds)
-        found.append(tally.hour())
-        on_hour(index, found[-1])
+        names = ("q_msv", "q_gii", "q_vew", "position_error", "active")
+        means = dict(zip(names, (total[1:] / total[0]).tolist(), strict=True))
+        found.append({"ticks": total[0], **means, "resident": float(resident_bytes())})
+        on_hour(found[-1])
     return found
 
 
-def drift(values: list[float]) -> tuple[float, float]:
-    """Returns the slope of a straight line through the hours but the first, and its error.
+def resident_bytes() -> int:
+    """Returns the resident memory of this process in bytes; 0 without Linux's `/proc`."""
+    if not _STATM.exists():
+        return 0
+    return int(_STATM.read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
-    The first hour holds the static phase.
+
+def drift(hours: list[Hour], name: str) -> tuple[float, float]:
+    """Returns the slope of a quantity per hour, and the slope's standard error.
+
+    The first quarter of the hours does not count: it holds the static phase, and caches fill.
 
     Args:
-        values: One an hour, three at least.
+        hours: At least four hours.
+        name: Name of the quantity.
     """
-    later = np.array(values[1:])
-    index = np.arange(len(later))
-    slope, offset = np.polyfit(index, later, 1)
-    residual = later - (slope * index + offset)
-    spread = np.sqrt(np.sum(residual**2) / max(1, len(later) - 2))
-    return float(slope), float(spread / np.linalg.norm(index - np.mean(index)))
+    values = [hour[name] for hour in hours[max(1, len(hours) // 4) :]]
+    line = linregress(np.arange(len(values)), values)
+    return float(line.slope), float(line.stderr)
 
 
 def main() -> None:
-    """Prints the hours, and what drifts."""
+    """Prints the hours, and the drift of each quantity."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--hours", type=int, default=24)
+    parser.add_argument("--seconds", type=float, default=3600.0, help="length of an hour")
+    parser.add_argument("--planning_period", type=float, help="in seconds")
     options = parser.parse_args()
-    print("hour     ticks     Q_MSV     Q_GII       Q_VEW  error [mm]  active  memory [MiB]")
 
-    def show(index: int, hour: SoakHour) -> None:
-        print(
-            f"{index + 1:4} {hour.ticks:9} {hour.q_msv:9.6f} {hour.q_gii:9.6f} {hour.q_vew:11.6f}"
-            f" {1e3 * hour.position_error:11.6f} {hour.active:7.4f} {hour.resident / 2**20:13.3f}",
-            flush=True,
-        )
+    def show(hour: Hour) -> None:
+        print("  ".join(f"{name} {value:.9g}" for name, value in hour.items()), flush=True)
 
-    hours = soak(options.hours, on_hour=show)
-    for name in ("q_msv", "q_gii", "q_vew", "position_error", "resident"):
-        slope, error = drift([getattr(hour, name) for hour in hours])
+    hours = soak(
+        options.hours, seconds=options.seconds, period=options.planning_period, on_hour=show
+    )
+    for name in hours[0]:
+        slope, error = drift(hours, name)
         print(f"{name}: {slope:+.3g} an hour, standard error {error:.2g}")
 
 

@@ -1,133 +1,234 @@
-"""How long planning ticks take, in several ways, in turn."""
+"""Times of planning ticks through the planner's ports, by implementation and size."""
 
+import os
 import time
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.studies.bench.direct_tick import Tick, direct_scale
-from drake_pregrasp.studies.bench.scene import NUM_SETS, SceneSpec, make_scene
-from drake_pregrasp.studies.bench.ways import IN_DRAKE, SLOW, make_ticks
+from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.config.planner_config import PlannerConfig
+from drake_pregrasp.contacts.centroids import select_contacts
+from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.contacts.strategies import make_strategy
+from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
+from drake_pregrasp.fast import SWITCH, numba_is_installed
+from drake_pregrasp.geometry.box_surface import box_surface
+from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
+from drake_pregrasp.regions.constraints import Obstacles
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
+from drake_pregrasp.simulation.scenario_file import load_scenario
 
-BY_SIZE, BY_MESH_SIZE, BY_CONTACTS, BY_FORBIDDEN = "size", "mesh", "contacts", "forbidden"
-"""Series: more and more candidates on the cube, on the mesh, contacts, and forbidden points."""
+Tick = Callable[[FloatArray], FloatArray]
+"""Plans once: maps contacts to goals, both in O, shape (n, 3), in metres."""
 
-_SLOW_EVERY = 10
-"""In every how-manieth round slow ways are timed, so that they don't take all the time."""
+BLAS = "BLAS"
+"""Rival of the implementations: all points times all planes as one matrix product."""
 
-_TRIES = 3  # Rounds that don't count.
-_FEWEST = 5  # Rounds that count in any case.
+CUBE = "cube"
+EDGE = 0.1
+"""Edge of the cube, in metres."""
+MESH = "bowling_pin"
+"""Scenario whose object is the mesh."""
+
+LARGEST_RADIUS = 0.005
+"""Largest radius of a forbidden point on the cube, in metres."""
+
+NUM_SETS = 10
+"""Number of contact sets that ticks start from, in turn."""
+
+_WARM_UP, _FEWEST = 3, 5  # Rounds that do not count, and rounds that are always made.
+
+
+class Scene(NamedTuple):
+    """An object, its forbidden points, and contacts to start from.
+
+    Attributes:
+        spacing: Distance between neighbouring candidates, in metres.
+        contacts: Number of contacts n.
+        forbidden: Number of forbidden points; a mesh has at most its scenario's.
+        shape: `CUBE` or `MESH`.
+        seed: Seed of the forbidden points and the contact sets.
+    """
+
+    spacing: float
+    contacts: int = 5
+    forbidden: int = 200
+    shape: str = CUBE
+    seed: int = 0
 
 
 class TickJob(NamedTuple):
-    """One scene and strategy, some ways in turn.
+    """Ticks to time, all implementations in turn.
 
     Attributes:
-        series: What it belongs to: `BY_SIZE`, `BY_MESH_SIZE`, `BY_CONTACTS` or `BY_FORBIDDEN`.
-        spec: The scene.
-        strategy: One of `STRATEGIES`.
-        ways: Names of the ways.
-        rounds: Ticks to time in each way at most.
-        seconds: After which there is no further round.
+        series: Series of measurements that this one belongs to.
+        scene: The scene.
+        strategy: Strategy of the planner.
+        obstacles: Whether the forbidden points are obstacles in the world instead.
+        rounds: Largest number of ticks of each implementation.
+        seconds: Duration after which no further round begins.
     """
 
     series: str
-    spec: SceneSpec
+    scene: Scene
     strategy: str
-    ways: Sequence[str]
-    rounds: int
-    seconds: float
+    obstacles: bool = False
+    rounds: int = 200
+    seconds: float = 3.0
 
 
-class TickTimes(NamedTuple):
-    """How long ticks took.
+def implementations() -> tuple[str, ...]:
+    """Returns the names of the implementations that are installed."""
+    return ("reference", "numba") if numba_is_installed() else ("reference",)
 
-    Attributes:
-        series: As the job's.
-        size: Number of candidates.
-        contacts: Number of contacts.
-        forbidden: Number of forbidden points.
-        strategy: One of `STRATEGIES`.
-        way: How they were planned.
-        ticks: Number of ticks timed.
-        p50: Median, in seconds.
-        p99: 99th percentile, in seconds.
-        scaled: By what times on a sample were multiplied; 1 if all points took part.
-        ports: Through Drake, the median over the rounds of what it takes longer than the same
-            kernel without, in seconds; else 0.
+
+@contextmanager
+def chosen(implementation: str) -> Iterator[None]:
+    """Makes planners that are built meanwhile use one of `implementations()`."""
+    before = os.environ.get(SWITCH, "")
+    os.environ[SWITCH] = "0" if implementation == "reference" else "1"
+    try:
+        yield
+    finally:
+        os.environ[SWITCH] = before
+
+
+def make_tick(
+    surface: ObjectSurface,
+    implementation: str,
+    p_OC: FloatArray,
+    config: PlannerConfig,
+    *,
+    obstacles: Obstacles | None = None,
+) -> Tick:
+    """Returns a tick through the ports of the planner's partitioner and selector.
+
+    The object's pose is the identity and never changes, so that the estimator does not compute.
+
+    Args:
+        surface: The object's surface.
+        implementation: One of `implementations()`, or `BLAS`, which goes through no ports.
+        p_OC: Contacts to start from, in O, shape (n, 3), in metres.
+        config: Settings of the planner; contacts adapt from the start.
+        obstacles: Obstacles in the world.
     """
+    if implementation == BLAS:
+        return _matrix_product_tick(surface, config)
+    config = replace(config, static_duration=0.0)
+    with chosen(implementation):
+        planner = PregraspPlanner(config, surface, p_OC)
+    context = planner.CreateDefaultContext()
+    pose = AbstractValue.Make(RigidTransform())
+    planner.GetInputPort("X_WO_measured").FixValue(context, pose)
+    if obstacles is not None:
+        planner.GetInputPort("obstacles").FixValue(context, AbstractValue.Make(obstacles))
+    selector = planner.GetSubsystemByName("centroid_selector")
+    own = selector.GetMyMutableContextFromRoot(context)
+    # Replaces the estimate's covariance, so that the spread is the planner's own.
+    selector.GetInputPort("p_WO_covariance").FixValue(own, np.zeros(9))
+    p_WC, goals_index = planner.GetOutputPort("p_WC"), 1  # The second group of discrete state.
 
-    series: str
-    size: int
-    contacts: int
-    forbidden: int
-    strategy: str
-    way: str
-    ticks: int
-    p50: float
-    p99: float
-    scaled: float
-    ports: float
-    own_p50: float
-    own_p99: float
+    def tick(p_OC: FloatArray) -> FloatArray:
+        own.SetDiscreteState(goals_index, p_OC.ravel())
+        goals: FloatArray = p_WC.Eval(context).reshape(-1, 3)
+        return goals
 
-
-def time_ticks(job: TickJob) -> list[TickTimes]:
-    """Times ways in turn, from the same contacts in each round."""
-    scene = make_scene(job.spec)
-    ticks = make_ticks(scene, job.strategy, job.ways)
-    seconds: dict[str, list[tuple[float, float]]] = {way: [] for way in ticks}
-    start = time.perf_counter()
-    for round_ in range(-_TRIES, job.rounds):
-        late = time.perf_counter() - start > job.seconds
-        if late and (round_ < 0 or round_ >= _FEWEST):
-            continue
-        for way, tick in ticks.items():
-            if way in SLOW and round_ % _SLOW_EVERY:
-                continue
-            taken = _time_one(tick, scene.starts, round_, alone=way not in SLOW)
-            if round_ >= 0:
-                seconds[way].append(taken)
-    size = len(scene.surface.p_OQ)
-    forbidden = len(scene.surface.forbidden)
-    times = []
-    for way, pairs in seconds.items():
-        values = np.array(pairs)
-        scale = direct_scale(size) if way == "direct" else 1.0
-        (p50, own_p50), (p99, own_p99) = scale * np.percentile(values, [50, 99], axis=0)
-        ports = 0.0
-        if way.endswith(IN_DRAKE):
-            plain = seconds.get(way.removesuffix(IN_DRAKE), pairs)
-            ports = float(np.median(values[:, 0] - np.array(plain)[:, 0]))
-        times.append(
-            TickTimes(
-                job.series,
-                size,
-                job.spec.contacts,
-                forbidden,
-                job.strategy,
-                way,
-                len(pairs),
-                float(p50),
-                float(p99),
-                scale,
-                ports,
-                float(own_p50),
-                float(own_p99),
-            )
-        )
-    return times
+    return tick
 
 
-def _time_one(tick: Tick, starts: FloatArray, round_: int, *, alone: bool) -> tuple[float, float]:
-    """Returns the time that a tick takes, and its thread's processor time, in seconds."""
-    if alone:
-        # The way before has filled the caches with its own; planners tick after themselves.
-        tick(starts[(round_ - 1) % NUM_SETS])
-    p_OC = starts[round_ % NUM_SETS]
-    start, own_start = time.perf_counter(), time.thread_time()
-    tick(p_OC)
-    own = time.thread_time() - own_start
-    return time.perf_counter() - start, own
+def _matrix_product_tick(surface: ObjectSurface, config: PlannerConfig) -> Tick:
+    weigh, covariance = make_strategy(config.strategy), config.position_spread**2 * np.eye(3)
+
+    def tick(p_OC: FloatArray) -> FloatArray:
+        regions = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(len(p_OC)), surface.forbidden)
+        return select_contacts(SelectionInput(surface, p_OC, regions, covariance), weigh).p_OC
+
+    return tick
+
+
+def cube(per_edge: int, contacts: int = 5, forbidden: int = 200, *, seed: int = 0) -> Scene:
+    """Returns a cube with `per_edge` squared candidates on each of its four side faces."""
+    return Scene(EDGE / per_edge, contacts, forbidden, CUBE, seed)
+
+
+@lru_cache(maxsize=1)
+def make_scene(scene: Scene) -> tuple[ObjectSurface, FloatArray]:
+    """Returns the surface, and contact sets to start from, shape (`NUM_SETS`, n, 3), in metres.
+
+    Forbidden points of the cube are random points of its top and bottom.
+    """
+    rng = np.random.default_rng(scene.seed)
+    if scene.shape == CUBE:
+        surface = box_surface([EDGE] * 3, spacing=scene.spacing)
+        points = rng.uniform(-EDGE / 2, EDGE / 2, (scene.forbidden, 3))
+        points[:, 2] = EDGE / 2 * rng.choice([-1, 1], scene.forbidden)
+        radii = rng.uniform(0, LARGEST_RADIUS, scene.forbidden)
+        surface = replace(surface, forbidden=ForbiddenPoints(points, radii))
+    else:
+        surface = load_scenario(scene.shape).make_surface(scene.spacing)
+        own = surface.forbidden
+        kept = np.sort(rng.permutation(len(own))[: scene.forbidden])
+        forbidden = ForbiddenPoints(own.points[kept], own.radii[kept], own.normals[kept])
+        surface = replace(surface, forbidden=forbidden)
+    clear = np.flatnonzero(surface.is_clear_of_forbidden_points)
+    chosen = [rng.choice(clear, scene.contacts, replace=False) for _ in range(NUM_SETS)]
+    starts: FloatArray = surface.p_OQ[np.array(chosen)]
+    if scene.shape == CUBE:
+        # Contacts off the grid: on it, candidates would be as near to one as to another.
+        along = np.where(surface.nhat_OQ[np.array(chosen)] == 0, scene.spacing, 0)
+        starts = starts + along * rng.uniform(-0.5, 0.5, along.shape)
+    return surface, starts
+
+
+def make_ticks(job: TickJob) -> dict[str, Tick]:
+    """Returns the tick of each implementation and of `BLAS`, by name."""
+    surface, starts = make_scene(job.scene)
+    obstacles = None
+    names = [*implementations(), BLAS]
+    if job.obstacles:
+        obstacles, names = Obstacles(points=surface.forbidden), names[:-1]
+        surface = replace(surface, forbidden=ForbiddenPoints.none())
+    config = PlannerConfig(strategy=job.strategy, limits=LimitsConfig(clearance=0.0))
+    return {
+        name: make_tick(surface, name, starts[0], config, obstacles=obstacles) for name in names
+    }
+
+
+def time_ticks(job: TickJob) -> list[dict[str, Any]]:
+    """Returns a row for each implementation; they tick in turn, from the same contacts."""
+    surface, starts = make_scene(job.scene)
+    ticks = make_ticks(job)
+    seconds: dict[str, list[float]] = {name: [] for name in ticks}
+    begin = time.perf_counter()
+    for round_ in range(-_WARM_UP, job.rounds):
+        if round_ >= _FEWEST and time.perf_counter() - begin > job.seconds:
+            break
+        for name, tick in ticks.items():
+            # The implementation before has filled the processor's caches with its own data.
+            tick(starts[(round_ - 1) % NUM_SETS])
+            start = time.perf_counter()
+            tick(starts[round_ % NUM_SETS])
+            seconds[name].append(time.perf_counter() - start)
+    kept = {name: 1e3 * np.array(values[_WARM_UP:]) for name, values in seconds.items()}
+    return [
+        {
+            "series": job.series,
+            "N": len(surface.p_OQ),
+            "contacts": job.scene.contacts,
+            "forbidden": job.scene.forbidden,
+            "strategy": job.strategy,
+            "implementation": name,
+            "ticks": len(ms),
+            "median [ms]": float(np.median(ms)),
+            "99 % [ms]": float(np.percentile(ms, 99)),
+        }
+        for name, ms in kept.items()
+    ]

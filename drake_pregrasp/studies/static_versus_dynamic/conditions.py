@@ -1,38 +1,131 @@
-"""Under what conditions arms are compared."""
+"""Conditions of the study, whose scenarios are in `conditions.yaml`; random starts of trials."""
 
-from typing import NamedTuple
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.object_config import Box
+from drake_pregrasp.contacts.assignment import assign_fingers_round
+from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.simulation.obstacle_config import moving_solid
+from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.systems.sources import MovingSolid
+
+FINGERS = 5  # Number of fingers of the hand.
+
+_LEAST_DISTANCE = 0.024  # Between random contacts, in metres.
+_HEIGHTS = (-0.030, 0.035)  # Range of the random contacts over the object's centre, in metres.
+_MISPLACEMENT_STD = (0.005, 0.005, float(np.radians(4)))  # Along x and y in metres, about z in rad.
 
 
-class Condition(NamedTuple):
-    """One of them.
+@dataclass(frozen=True)
+class Condition:
+    """One condition under which the methods are compared.
 
     Attributes:
-        label: What tables and figures call it.
-        text: What happens, in words.
-        closing_times: When the hand is told to close, in seconds; all follow from one tracking.
+        key: Name of its scenario.
+        label: Name in tables and figures.
+        closing_times: Times at which the hand is told to close, in seconds. All grasps of a trial
+            follow from one tracking run.
     """
 
+    key: str
     label: str
-    text: str
     closing_times: tuple[float, ...]
 
+    @functools.cached_property
+    def scenario(self) -> Scenario:
+        """Scenario with object, motion, sensor noise, hand, no-touch area and loss of fingers."""
+        return load_scenario(self.key, file=Path(__file__).with_name("conditions.yaml"))
 
+    @property
+    def box(self) -> Box:
+        """The object."""
+        return cast(Box, self.scenario.object)
+
+    @property
+    def area(self) -> list[MovingSolid]:
+        """No-touch area at time zero, in W."""
+        return [moving_solid(obstacle) for obstacle in self.scenario.obstacles]
+
+    def area_at(self, time: float) -> list[Solid]:
+        """Returns the no-touch area at a time in seconds, in W."""
+        return [moving.solid.moved(np.eye(3), time * moving.velocity) for moving in self.area]
+
+
+# The conditions by their keys, in the order of tables and figures.
 CONDITIONS = {
-    "nominal": Condition("nominal", "an object moves, and all fingers work", (4.0, 7.0)),
-    "one_lost": Condition("one finger lost", "a finger is lost on the way", (4.0, 7.0)),
-    "two_lost": Condition("two fingers lost", "two fingers are lost on the way", (4.0, 7.0)),
-    "turning": Condition(
-        "turning", "the object turns, and the wrist turns little", (4.0, 8.0, 12.0)
-    ),
-    "wall": Condition(
-        "wall", "the object turns beside a no-touch wall; the wrist is free", (3.0, 6.0, 9.0)
-    ),
-    "headline": Condition(
-        "turning beside a wall",
-        "the object turns beside a no-touch wall, and the wrist turns little",
-        (4.0, 8.0, 12.0),
-    ),
-    "sphere": Condition("sphere", "a big no-touch sphere passes the object", (4.8, 6.0, 8.0)),
-    "noise": Condition("noise", "poses are measured with much noise", (4.0, 7.0)),
+    condition.key: condition
+    for condition in (
+        Condition("nominal", "nominal", (4.0, 7.0)),
+        Condition("one_lost", "one finger lost", (4.0, 7.0)),
+        Condition("two_lost", "two fingers lost", (4.0, 7.0)),
+        Condition("turning", "turning", (4.0, 8.0, 12.0)),
+        Condition("wall", "wall", (3.0, 6.0, 9.0)),
+        Condition("headline", "turning beside a wall", (4.0, 8.0, 12.0)),
+        Condition("sphere", "sphere", (4.8, 6.0, 8.0)),
+        Condition("noise", "noise", (4.0, 7.0)),
+    )
 }
-"""The conditions by their keys, in the order in which they are shown."""
+
+
+class Start(NamedTuple):
+    """Random start of a trial, the same for all methods.
+
+    Attributes:
+        p_OC: Random contacts in the order of the fingers, in O, shape (n, 3), in metres.
+        yaw: Angle of the palm for these contacts, in radians.
+        misplacement: Offset of the object on the table: x and y in metres, angle about z in rad.
+        losses: Times of losses in seconds, each with the indices of the fingers that are lost.
+        noise_seed: Seed of the measurement noise.
+    """
+
+    p_OC: FloatArray
+    yaw: float
+    misplacement: FloatArray
+    losses: list[tuple[float, list[int]]]
+    noise_seed: int
+
+
+def random_start(condition: Condition, surface: ObjectSurface, hand: HandModel, seed: int) -> Start:
+    """Returns the start of the trials with a seed.
+
+    Contacts are drawn on the surface, apart from each other and at a middle height, until the
+    fingers can be assigned to them. Of the fingers that are lost the scenario states the number.
+
+    Args:
+        condition: The condition of the trial.
+        surface: Surface of the object.
+        hand: The hand.
+        seed: Seed of all random values of the trial.
+    """
+    rng = np.random.default_rng([seed, FINGERS])
+    misplacement = rng.normal(size=3) * _MISPLACEMENT_STD
+    fingers = rng.permutation(FINGERS).tolist()
+    losses = [(event.at, fingers[: len(event.contacts)]) for event in condition.scenario.damage]
+    noise_seed = int(rng.integers(2**31))
+    low, high = _HEIGHTS
+    choices = surface.p_OQ[(surface.p_OQ[:, 2] >= low) & (surface.p_OQ[:, 2] <= high)]
+    while True:
+        p_OC: FloatArray = choices[rng.permutation(len(choices))[:FINGERS]]
+        distances = np.linalg.norm(p_OC[:, None] - p_OC, axis=2) + np.eye(FINGERS)
+        if np.min(distances) < _LEAST_DISTANCE:
+            continue
+        try:
+            order, yaw = assign_fingers_round(
+                hand.azimuths,
+                np.arctan2(p_OC[:, 1], p_OC[:, 0]),
+                largest_offset=hand.largest_offsets,
+                yaw_range=condition.scenario.grasp.yaw_range,
+            )
+        except InvalidArgumentError:
+            continue
+        return Start(p_OC[order], yaw, misplacement, losses, noise_seed)

@@ -1,6 +1,7 @@
-"""What a grasp has come to, read from what was seen of it."""
+"""Outcome of one simulated grasp: its measures, and how they are computed from the records."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -12,159 +13,223 @@ from drake_pregrasp.geometry.solids import BoxSolid
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState, describe_give_up
 from drake_pregrasp.grasping.squeeze import squeeze_forces
 from drake_pregrasp.quality.grasp_quality import grasp_quality
-from drake_pregrasp.studies.static_versus_dynamic.outcome import (
-    LEVEL_BELOW_DEG,
-    LIFTED_ABOVE_MM,
-    Outcome,
-    TrialJob,
-)
-from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, Scene
+from drake_pregrasp.studies.static_versus_dynamic.conditions import Condition
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 from drake_pregrasp.systems.loggers import GraspRecord
 
+LIFTED_ABOVE_MM = 80.0
+LEVEL_BELOW_DEG = 20.0
+# Bounds of a clean grasp on measures of an `Outcome`.
+CLEAN_BELOW = {
+    "pushed_before_mm": 5.0,
+    "turned_before_deg": 5.0,
+    "pushed_closing_mm": 5.0,
+    "slip_mm": 5.0,
+}
 
-class GoalLook(NamedTuple):
-    """Goals at a tick.
+# Definition of a clean grasp, as the report quotes it.
+CLEAN_IN_WORDS = (
+    f"A grasp is clean if the object is lifted by more than {LIFTED_ABOVE_MM:g} mm and tilted by"
+    f" less than {LEVEL_BELOW_DEG:g}°, slips by less than {CLEAN_BELOW['slip_mm']:g} mm, and was"
+    f" moved by less than {CLEAN_BELOW['pushed_before_mm']:g} mm and turned by less than"
+    f" {CLEAN_BELOW['turned_before_deg']:g}° before the hand closed, and moved by less than"
+    f" {CLEAN_BELOW['pushed_closing_mm']:g} mm in closing."
+)
+
+_AREA_FROM = 1.0  # Time from which fingertips have to keep out of the no-touch area, in seconds.
+
+
+class TrialJob(NamedTuple):
+    """One trial: a method under a condition with a seed.
 
     Attributes:
-        time: In seconds.
-        usable: How many fingers are active.
-        withdrawn: How many others aren't lost.
+        condition: Key of `CONDITIONS`.
+        method: Key of `METHODS`.
+        seed: Seed of all random values of the trial.
+    """
+
+    condition: str
+    method: str
+    seed: int
+
+    def __str__(self) -> str:
+        return f"{self.condition}, {self.method}, seed {self.seed}"
+
+
+class GoalSample(NamedTuple):
+    """Goals at one tick of the planner.
+
+    Attributes:
+        time: Time in seconds.
+        active: Number of active fingers.
+        withdrawn: Number of fingers that are neither active nor lost.
         distance: Least distance of a fingertip, in contact or at its standoff, from the no-touch
-            area, in metres, over all active goals; infinite without one.
+            area, in metres, over all active goals; infinite if there is no goal or no area.
     """
 
     time: float
-    usable: int
+    active: int
     withdrawn: int
     distance: float
 
 
-_SETTLED = 1.0  # From when on fingertips are to keep out of the area, in seconds.
+@dataclass(frozen=True)
+class Outcome:
+    """Measures of one grasp of a trial, from the first tick to the end of the hold.
+
+    They are columns of the study's rows, after those of the `TrialJob` and with `clean`.
+
+    Attributes:
+        close_at: Time at which the hand was told to close, in seconds.
+        lifted: Whether the object was lifted, and still was at the end of the hold.
+        level: Whether the object was level at the end of the hold.
+        pushed_before_mm: Distance by which the hand moved the object before the command to close.
+        turned_before_deg: Angle by which the hand turned the object before the command to close.
+        pushed_closing_mm: Distance by which the hand moved the object in closing.
+        slip_mm: Slip of the object in the hand; nan if the object was never lifted.
+        tilt_deg: Tilt of the object at the end of the hold.
+        residual_n: Residual of the balance of contact forces; nan if not all fingers had touched.
+        fingers: Number of fingers that took part.
+        waited_s: Time for which the gate delayed the command to close.
+        withdrawn: Number of fingers that were not lost and had no goal, because it was out of reach
+            or too near to the no-touch area; mean over the planner's ticks before closing.
+        goal_in_area: Share of these ticks at which an active goal, for a fingertip in contact or at
+            its standoff, was in the no-touch area; nan if there is no such area.
+        tip_in_area: Share of the control ticks from 1 s until the lift at which a fingertip was in
+            the no-touch area; nan if there is no such area.
+        q_msv: Q_MSV of the contacts at the end of closing; nan if not all fingers had touched.
+        q_gii: Q_GII of the contacts at the end of closing; nan if not all fingers had touched.
+        gave_up: Reason for which the hand gave up; empty if it did not.
+    """
+
+    close_at: float
+    lifted: bool
+    level: bool
+    pushed_before_mm: float
+    turned_before_deg: float
+    pushed_closing_mm: float
+    slip_mm: float
+    tilt_deg: float
+    residual_n: float
+    fingers: int
+    waited_s: float
+    withdrawn: float
+    goal_in_area: float
+    tip_in_area: float
+    q_msv: float
+    q_gii: float
+    gave_up: str
+
+    @property
+    def clean(self) -> bool:
+        """Whether all of `CLEAN_IN_WORDS` holds; nan is not within a bound."""
+        within = all(getattr(self, name) < bound for name, bound in CLEAN_BELOW.items())
+        return self.lifted and self.level and within
 
 
 def grasp_outcome(
-    job: TrialJob,
+    condition: Condition,
     close_at: float,
-    scene: Scene,
     records: Sequence[GraspRecord],
-    looks: Sequence[GoalLook],
-    *,
+    samples: Sequence[GoalSample],
     state: GraspState,
-    p_OCoM: FloatArray,
     tip_radii: FloatArray,
 ) -> Outcome:
-    """Reads an outcome.
+    """Computes the outcome of a grasp.
 
     Args:
-        job: The trial.
-        close_at: When the hand was told to close, in seconds.
-        scene: What happened.
-        records: Of all control ticks until the end of the grasp.
-        looks: Goals while it tracked.
-        state: What the hand remembers at the end.
-        p_OCoM: The object's centre of mass in O, shape (3,), in metres.
-        tip_radii: Of the fingertips, shape (n,), in metres.
+        condition: Condition of the trial.
+        close_at: Time at which the hand was told to close, in seconds.
+        records: Records of all control ticks until the end of the grasp.
+        samples: Goals at the planner's ticks of the tracking run.
+        state: State of the hand at the end.
+        tip_radii: Radii of the fingertips, shape (n,), in metres.
     """
     told = [r.time >= close_at - 1e-9 for r in records].index(True)
     phases = np.array([r.report[0] for r in records])
     closing = _first(phases, told, GraspPhase.CLOSE)
-    squeezing = _first(phases, told, GraspPhase.SQUEEZE)
     lifting = _first(phases, told, GraspPhase.LIFT)
-    end = len(records) - 1
-    X_DO = [r.X_WD.inverse() @ r.X_WO for r in (records[0], records[told])]
-    last_on_table = records[lifting if lifting is not None else end]
-    area = bool(scene.area)
-    on_table = [r for r in records[: end if lifting is None else lifting] if r.time >= _SETTLED]
-    touched = squeezing
+    first, end = records[0], records[-1]
+    on_table = end if lifting is None else records[lifting]
+    touched = _first(phases, told, GraspPhase.SQUEEZE)
     if touched is None and closing is not None and state.reason == GiveUp.OUT_OF_BALANCE:
-        touched = _first(phases, told, GraspPhase.BACK_OFF)  # All had touched, and that was why.
-    contacts = None
+        touched = _first(phases, told, GraspPhase.BACK_OFF)  # All fingers had touched.
+    residual, q_msv, q_gii = np.nan, np.nan, np.nan
     if touched is not None:
-        contacts = _contacts(records[touched], state.active, p_OCoM)
-    lift = last_on_table.X_WO.translation()[2]
-    tilt = np.degrees(np.arccos(np.clip(records[end].X_WO.rotation().matrix()[2, 2], -1, 1)))
+        residual, q_msv, q_gii = _contact_measures(records[touched], state.active, condition)
+    raised = 1e3 * (end.X_WO.translation()[2] - on_table.X_WO.translation()[2])
+    tilt = np.degrees(np.arccos(np.clip(end.X_WO.rotation().matrix()[2, 2], -1, 1)))
+    has_area = bool(condition.area)
+    tip_in_area = [
+        any(np.any(solid.distance(r.p_WT) < tip_radii) for solid in condition.area_at(r.time))
+        for r in records[: -1 if lifting is None else lifting]
+        if has_area and r.time >= _AREA_FROM
+    ]
     return Outcome(
-        condition=job.condition,
-        arm=job.arm,
-        seed=job.seed,
         close_at=close_at,
-        lifted=bool(
-            lifting is not None
-            and phases[end] == GraspPhase.HOLD
-            and 1e3 * (records[end].X_WO.translation()[2] - lift) > LIFTED_ABOVE_MM
-        ),
+        lifted=bool(phases[-1] == GraspPhase.HOLD and raised > LIFTED_ABOVE_MM),
         level=bool(tilt < LEVEL_BELOW_DEG),
-        pushed_before_mm=_way(X_DO[0], X_DO[1]),
-        turned_before_deg=_turn(X_DO[0], X_DO[1]),
-        pushed_closing_mm=_way(X_DO[1], last_on_table.X_WD.inverse() @ last_on_table.X_WO),
-        slip_mm=np.nan if lifting is None else _slip(records[lifting:], state.active),
+        pushed_before_mm=_moved_mm(first, records[told]),
+        turned_before_deg=_turned_deg(first, records[told]),
+        pushed_closing_mm=_moved_mm(records[told], on_table),
+        slip_mm=np.nan if lifting is None else _slip_mm(records[lifting:], state.active),
         tilt_deg=float(tilt),
-        residual_n=np.nan if contacts is None else _residual(scene, contacts),
+        residual_n=residual,
         fingers=int(np.sum(state.active)),
-        waited_s=float(records[end if closing is None else closing].time - close_at),
-        withdrawn=float(np.mean([look.withdrawn for look in looks])) if looks else np.nan,
-        goal_in_area=_share([look.distance < 0 for look in looks]) if area else np.nan,
-        tip_in_area=_share([_in_area(scene, tip_radii, r) for r in on_table]) if area else np.nan,
-        q_msv=np.nan if contacts is None else grasp_quality(contacts[0]).q_msv,
-        q_gii=np.nan if contacts is None else grasp_quality(contacts[0]).q_gii,
+        waited_s=float((end if closing is None else records[closing]).time - close_at),
+        withdrawn=_mean([sample.withdrawn for sample in samples]),
+        goal_in_area=_mean([sample.distance < 0 for sample in samples if has_area]),
+        tip_in_area=_mean(tip_in_area),
+        q_msv=q_msv,
+        q_gii=q_gii,
         gave_up=describe_give_up(state.reason, state.detail) or "",
     )
 
 
 def _first(phases: FloatArray, start: int, phase: GraspPhase) -> int | None:
-    """Returns the index of the first record of a phase, from one on, or None."""
+    """Returns the index of the first record of a phase from an index on, or None."""
     found = np.flatnonzero(phases[start:] == phase)
     return start + int(found[0]) if len(found) else None
 
 
-def _way(X_DO_1: RigidTransform, X_DO_2: RigidTransform) -> float:
-    """Returns how far the object went on the turntable, in millimetres."""
-    return 1e3 * float(np.linalg.norm(X_DO_2.translation() - X_DO_1.translation()))
+def _X_DO(record: GraspRecord) -> RigidTransform:
+    """Returns the pose of the object on the turntable."""
+    return record.X_WD.inverse() @ record.X_WO
 
 
-def _turn(X_DO_1: RigidTransform, X_DO_2: RigidTransform) -> float:
-    """Returns how far it turned, in degrees."""
-    R = X_DO_1.rotation().inverse() @ X_DO_2.rotation()
+def _moved_mm(before: GraspRecord, after: GraspRecord) -> float:
+    moved = _X_DO(after).translation() - _X_DO(before).translation()
+    return 1e3 * float(np.linalg.norm(moved))
+
+
+def _turned_deg(before: GraspRecord, after: GraspRecord) -> float:
+    R = _X_DO(before).rotation().inverse() @ _X_DO(after).rotation()
     return float(np.degrees(Rotation.from_matrix(R.matrix()).magnitude()))
 
 
-def _slip(records: Sequence[GraspRecord], active: BoolArray) -> float:
-    """Returns how far any fingertip moved over the object, at most, in millimetres."""
+def _slip_mm(records: Sequence[GraspRecord], active: BoolArray) -> float:
+    """Returns the largest distance by which a fingertip moved over the object."""
     p_OT = np.array([(r.X_WO.inverse() @ r.p_WT[active].T).T for r in records])
     return 1e3 * float(np.max(np.linalg.norm(p_OT - p_OT[0], axis=2)))
 
 
-def _contacts(
-    record: GraspRecord, active: BoolArray, p_OCoM: FloatArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns lever arms and outward normals where fingertips touch, and z of W, all in O."""
+def _contact_measures(
+    record: GraspRecord, active: BoolArray, condition: Condition
+) -> tuple[float, float, float]:
+    """Returns the residual of the squeeze in newtons, Q_MSV and Q_GII of the touching fingers."""
     X_OW = record.X_WO.inverse()
     p_OT = (X_OW @ record.p_WT[active].T).T
-    box = BoxSolid(np.zeros(3), np.eye(3), np.array(BOX.size))
+    box = BoxSolid(np.zeros(3), np.eye(3), np.array(condition.box.size))
     distances, normals = box.distance_and_gradient(p_OT)
-    p_OC = p_OT - distances[:, None] * normals
-    return p_OC - p_OCoM, normals, X_OW.rotation().matrix()[:, 2]
+    p_CoMC = p_OT - distances[:, None] * normals - condition.scenario.make_surface().p_OCoM
+    weight = np.zeros(6)
+    weight[:3] = -GRAVITY * condition.box.mass * X_OW.rotation().matrix()[:, 2]
+    grasp = condition.scenario.grasp
+    forces = {"least_normal": grasp.least_force, "largest_normal": grasp.largest_force}
+    squeeze = squeeze_forces(p_CoMC, normals, weight, friction=grasp.planned_friction, **forces)
+    quality = grasp_quality(p_CoMC)
+    return squeeze.residual, quality.q_msv, quality.q_gii
 
 
-def _residual(scene: Scene, contacts: tuple[FloatArray, FloatArray, FloatArray]) -> float:
-    p_CoMC, normals, up = contacts
-    grasp = scene.grasp()
-    weight = np.append(-GRAVITY * BOX.mass * up, np.zeros(3))
-    return squeeze_forces(
-        p_CoMC,
-        normals,
-        weight,
-        friction=grasp.planned_friction,
-        least_normal=grasp.least_force,
-        largest_normal=grasp.largest_force,
-    ).residual
-
-
-def _in_area(scene: Scene, tip_radii: FloatArray, record: GraspRecord) -> bool:
-    gaps = [solid.distance(record.p_WT) - tip_radii for solid in scene.area_at(record.time)]
-    return bool(np.min(gaps) < 0)
-
-
-def _share(found: Sequence[bool]) -> float:
-    return float(np.mean(found)) if found else np.nan
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if values else np.nan

@@ -1,154 +1,303 @@
-"""One trial: a tracking run, and a grasp from it at each closing time."""
+"""One simulated trial: the diagram of a method, its tracking run, and the grasps from it."""
 
 from collections.abc import Sequence
+from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import DiagramBuilder, System
+from pydrake.systems.primitives import ConstantValueSource, DiscreteTimeDelay
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.planner_config import PlannerConfig
+from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus, is_active
-from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
-from drake_pregrasp.geometry.box_surface import box_surface
+from drake_pregrasp.diagrams.expected_path import initial_pose
+from drake_pregrasp.diagrams.hand_station import TABLE
+from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
-from drake_pregrasp.simulation.hand_file import load_hand
+from drake_pregrasp.regions.constraints import Obstacles
+from drake_pregrasp.simulation.hand_file import load_hand_model
 from drake_pregrasp.simulation.output import without_solver_chatter
-from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
-from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalLook, grasp_outcome
-from drake_pregrasp.studies.static_versus_dynamic.outcome import Outcome, TrialJob
-from drake_pregrasp.studies.static_versus_dynamic.scene import BOX, SCENES, SPACING, Scene
-from drake_pregrasp.studies.static_versus_dynamic.start import Start, random_start
-from drake_pregrasp.studies.static_versus_dynamic.trial_diagram import (
-    TrialDiagram,
-    make_trial_diagram,
-)
-from drake_pregrasp.systems.loggers import GraspRecord
+from drake_pregrasp.simulation.simulation_diagram import add_hand, hand_planner
+from drake_pregrasp.studies.static_versus_dynamic import conditions, grasp_outcome, methods
+from drake_pregrasp.studies.static_versus_dynamic.conditions import FINGERS
+from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalSample, Outcome, TrialJob
+from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord
+from drake_pregrasp.systems.palm_posture import reach_frame
+from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
+from drake_pregrasp.systems.sources import ContactWeights, MovingObstacles
 
-_TICK = PlannerConfig.period  # Seconds between looks at goals.
+# Modules of this folder that the rows of the study depend on.
+MODULES = (__name__, conditions.__name__, grasp_outcome.__name__, methods.__name__)
+
+# Closing times of strip charts, in seconds.
+TRACKED_CLOSING_TIMES = tuple(0.5 * k for k in range(1, 25))
+
+_START_TICKS = 60  # Ticks of the planner in which contacts of a fixed plan converge.
+_FOREVER = 1e6  # Static duration of the methods that plan at most once, in seconds.
+_CLOSE_DELAY = 3  # Control ticks in which goals of a stationary hand move from ring to object.
 _HOLD = 1.0  # Seconds of holding, after which the outcome is read.
-_LONGEST_GRASP = 8.0  # Seconds after the command, after which it has failed in any case.
+_LONGEST_GRASP = 8.0  # Seconds after the command, after which the grasp has failed.
 
 
-def run_trial(job: TrialJob) -> list[Outcome]:
-    """Makes a trial; returns an outcome for each closing time of its condition."""
+def run_trial(job: TrialJob) -> list[dict[str, Any]]:
+    """Simulates a trial; returns a row for each closing time of its condition."""
     with without_solver_chatter():
-        return Trial(job).outcomes()
+        trial = Trial(job)
+        outcomes = trial.outcomes(trial.condition.closing_times)
+    return [asdict(outcome) | {"clean": outcome.clean} for outcome in outcomes]
+
+
+def tracking_rows(job: TrialJob) -> list[dict[str, Any]]:
+    """Simulates a trial with many closing times; returns a row for each tick of the planner.
+
+    Columns are the `time`, the number of `active` fingers, the least `distance_mm` of a goal from
+    the no-touch area, and whether a grasp that closes then is `clean`, where that was tried.
+    """
+    with without_solver_chatter():
+        trial = Trial(job)
+        clean = {o.close_at: o.clean for o in trial.outcomes(TRACKED_CLOSING_TIMES)}
+    return [
+        {
+            "time": sample.time,
+            "active": sample.active,
+            "distance_mm": 1e3 * sample.distance if np.isfinite(sample.distance) else None,
+            "clean": clean.get(round(sample.time, 6)),
+        }
+        for sample in trial.samples
+    ]
 
 
 class Trial:
-    """A trial that can be looked at while it goes on.
+    """A trial whose simulation can be advanced step by step.
 
     Args:
-        job: Which it is.
+        job: Condition, method and seed of the trial.
+
+    Attributes:
+        condition: The condition.
+        method: The method.
+        surface: Surface of the object.
+        hand: Model of the hand.
+        diagram: The simulated diagram, with the input `close`.
+        station: Plant with object and hand.
+        planner: Planner, whose estimate of the pose the hand uses.
+        goals: System that emits `fingertip_targets` and `contact_status` of the hand.
+        context: Context of the diagram.
+        records: Records of all control ticks so far.
+        samples: Goals at the planner's ticks of the tracking run so far.
     """
 
     def __init__(self, job: TrialJob) -> None:
-        self.job = job
-        self.scene: Scene = SCENES[job.condition]
-        self.surface = box_surface(BOX.size, spacing=SPACING, forbidden_faces=["+z", "-z"])
-        grasp = self.scene.grasp()
-        self.standoff = grasp.standoff
-        self.hand = HandModel(load_hand(grasp.hand), grasp.yaw_range)
-        self.start: Start = random_start(self.scene, self.surface, self.hand, job.seed)
+        self.condition = conditions.CONDITIONS[job.condition]
+        self.method = methods.METHODS[job.method]
+        self._scenario = self.condition.scenario
+        self._grasp = self._scenario.grasp
+        self.surface = self._scenario.make_surface()
+        self.hand = load_hand_model(self._grasp.hand, self._grasp.yaw_range)
+        self._start = conditions.random_start(self.condition, self.surface, self.hand, job.seed)
+        self._X_WO = initial_pose(self._scenario.motion, self._scenario.object)
+        self._config = self._planner_config(self.method)
+        self._period = self._config.period
         self.records: list[GraspRecord] = []
-        self.looks: list[GoalLook] = []
-        self.parts: TrialDiagram = make_trial_diagram(
-            job.arm, self.scene, self.start, self.surface, self.hand, self.records.append
-        )
-        self.simulator = Simulator(self.parts.diagram)
-        self.context: Context = self.simulator.get_mutable_context()
-        self.parts.diagram.GetInputPort("close").FixValue(self.context, [0.0])
-        self._misplace()
+        self.samples: list[GoalSample] = []
+        self._build()
+        self._simulator = Simulator(self.diagram)
+        self.context = self._simulator.get_mutable_context()
+        self._close = self.diagram.GetInputPort("close")
+        self._close.FixValue(self.context, [0.0])
+        self._misplace_object()
 
-    def outcomes(self, closing_times: Sequence[float] | None = None) -> list[Outcome]:
+    def outcomes(self, closing_times: Sequence[float]) -> list[Outcome]:
         """Tracks the object, and grasps it at each closing time.
 
         Args:
-            closing_times: In seconds, in their order, at ticks of the planner; those of the
-                condition if not set.
+            closing_times: Times in seconds, in ascending order, at ticks of the planner.
         """
-        outcomes = []
-        if closing_times is None:
-            closing_times = CONDITIONS[self.job.condition].closing_times
+        outcomes, radii = [], self.hand.tip_radii
         for close_at in closing_times:
             self.track(close_at)
             saved, tracked = self.context.Clone(), len(self.records)
-            self.grasp(close_at)
+            state = self.grasp(close_at)
             outcomes.append(
-                grasp_outcome(
-                    self.job,
-                    close_at,
-                    self.scene,
-                    self.records,
-                    self.looks,
-                    state=self.state(),
-                    p_OCoM=self.surface.p_OCoM,
-                    tip_radii=self.hand.tip_radii,
+                grasp_outcome.grasp_outcome(
+                    self.condition, close_at, self.records, self.samples, state, radii
                 )
             )
-            del self.records[tracked:]
             self.context.SetTimeStateAndParametersFrom(saved)
-            self.parts.diagram.GetInputPort("close").FixValue(self.context, [0.0])
-            self.simulator.Initialize()
+            self._close.FixValue(self.context, [0.0])
+            self._simulator.Initialize()
             del self.records[tracked:]
         return outcomes
 
     def track(self, until: float) -> None:
-        """Lets the hand follow until a time, in seconds: that of a tick of the planner."""
+        """Lets the hand follow the object until a tick of the planner at a time in seconds."""
         while self.context.get_time() < until - 1e-9:
             self._advance()
-            self.looks.append(self._look())
+            self.samples.append(self._sample())
 
-    def grasp(self, close_at: float) -> None:
-        """Tells the hand to close, and goes on until it has held the object for a while."""
-        self.parts.diagram.GetInputPort("close").FixValue(self.context, [1.0])
+    def grasp(self, close_at: float) -> GraspState:
+        """Closes the hand, simulates until it has held the object, and returns its state."""
+        self._close.FixValue(self.context, [1.0])
         while self.context.get_time() < close_at + _LONGEST_GRASP:
             self._advance()
             phase, since, *_ = self.records[-1].report
             held = self.context.get_time() - since
             if phase == GraspPhase.BACK_OFF or (phase == GraspPhase.HOLD and held >= _HOLD):
-                return
-
-    def _advance(self) -> None:
-        """Goes on to the planner's next tick: to its very time, so that it plans only once."""
-        self.simulator.AdvanceTo((round(self.context.get_time() / _TICK) + 1) * _TICK)
-
-    def state(self) -> GraspState:
-        """Returns what the hand remembers."""
-        sequencer = self.parts.controller.GetSubsystemByName("grasp_sequencer")
+                break
+        sequencer = self._controller.GetSubsystemByName("grasp_sequencer")
         context = sequencer.GetMyContextFromRoot(self.context)
         return GraspState.from_vector(context.get_discrete_state(0).value())
 
-    def _misplace(self) -> None:
-        plant = self.parts.station.plant
+    def _advance(self) -> None:
+        """Advances to the exact time of the planner's next tick, so that it plans only once."""
+        tick = round(self.context.get_time() / self._period) + 1
+        self._simulator.AdvanceTo(tick * self._period)
+
+    def _planner_config(self, method: methods.Method) -> PlannerConfig:
+        """Returns settings of the planner of a method."""
+        grasp = replace(self._grasp, use_reach=method.uses_reach)
+        config = hand_planner(replace(self._scenario, grasp=grasp))
+        limits = replace(config.limits, recover=method.replans)
+        return replace(config, limits=limits, static_duration=0.0 if method.replans else _FOREVER)
+
+    def _planned_start(self) -> FloatArray:
+        """Returns the contacts to which the planner converges at the start, in O, shape (n, 3).
+
+        The planner knows the reach of the fingers, and the no-touch area as it is at the start.
+        """
+        builder = DiagramBuilder()
+        config = self._planner_config(methods.METHODS["dynamic_reach"])
+        planner = AddPregraspPlanner(builder, config, self.surface, self._start.p_OC)
+        solids = tuple(moving.solid for moving in [*self.condition.area, TABLE])
+        X_WH = reach_frame(self._X_WO, self._start.yaw, self._grasp.yaw_range)
+        values = {"X_WO_measured": self._X_WO, "X_WH": X_WH, "obstacles": Obstacles(solids)}
+        for name, value in values.items():
+            source = builder.AddSystem(ConstantValueSource(AbstractValue.Make(value)))
+            builder.Connect(source.get_output_port(), planner.GetInputPort(name))
+        simulator = Simulator(builder.Build())
+        simulator.AdvanceTo(_START_TICKS * config.period)
+        context = planner.GetMyContextFromRoot(simulator.get_context())
+        p_WC = planner.GetOutputPort("p_WC").Eval(context).reshape(-1, 3)
+        return np.array((self._X_WO.inverse() @ p_WC.T).T)
+
+    def _initial_contacts(self) -> FloatArray:
+        """Returns the initial contacts in O, in the order of the fingers, shape (n, 3)."""
+        if self.method.plans_start:
+            return self._planned_start()
+        if self.method.is_stationary:
+            rays = methods.rays_at(self.hand.azimuths + self._start.yaw)
+            return self.surface.project(rays)[0]
+        return self._start.p_OC
+
+    def _build(self) -> None:
+        """Wires the diagram."""
+        scenario, config, p_OC = self._scenario, self._config, self._initial_contacts()
+        builder = DiagramBuilder()
+        # The goals of a stationary hand do not wait for a tick of the planner.
+        target_period = self._grasp.period if self.method.is_stationary else self._period
+        of_targets = replace(scenario, planner=replace(config, period=target_period))
+        driven = add_hand(builder, of_targets, self.surface, p_OC)
+        self.station, self._controller = driven.station, driven.controller
+        self.planner = AddPregraspPlanner(
+            builder, config, self.surface, p_OC, fingertip_frames=driven.tip_frames
+        )
+        self.goals = self._add_goals(builder)
+        if self.method.uses_reach:
+            _connect(builder, self._controller, self.planner, "X_WH")
+        _connect(builder, self._controller, self.planner, "hold_contacts")
+        _connect(builder, self.goals, self._controller, "fingertip_targets", "contact_status")
+        _connect(builder, self.planner, self._controller, "X_WO_estimated", "V_WO_estimated")
+        self._add_measurements(builder)
+        weights = builder.AddSystem(ContactWeights(np.zeros(FINGERS), self._start.losses))
+        _connect(builder, weights, self.goals, "contact_weights")
+        obstacles = builder.AddSystem(MovingObstacles([*self.condition.area, TABLE]))
+        for system in {self.planner, self.goals}:
+            if system.HasInputPort("obstacles"):
+                _connect(builder, obstacles, system, "obstacles")
+        area = builder.AddSystem(MovingObstacles(self.condition.area))
+        _connect(builder, area, self._controller, "obstacles")
+        period, sink = self._grasp.period, self.records.append
+        logger = builder.AddSystem(GraspLogger(num_fingers=FINGERS, period=period, sink=sink))
+        _connect(builder, self._controller, logger, "grasp_report", "p_GT", "p_WT", "X_WG")
+        _connect(builder, self.station, logger, "X_WO", "X_WD")
+        self.diagram = builder.Build()
+
+    def _add_goals(self, builder: DiagramBuilder) -> System:
+        """Adds the system that emits the hand's goals, and exports the input `close`."""
+        goals: System = self.planner
+        frames, azimuths = self.hand.kinematics.tip_frames, self.hand.azimuths
+        if self.method.is_stationary:
+            azimuths, size = azimuths + self._start.yaw, self.condition.box.size
+            limits = self._config.limits
+            goals = builder.AddSystem(
+                methods.StationaryHand(frames, azimuths=azimuths, box_size=size, limits=limits)
+            )
+            _connect(builder, self.planner, goals, "X_WO_estimated")
+            # The controller closes only after the goals have moved from the ring to the object.
+            delay = builder.AddSystem(DiscreteTimeDelay(self._grasp.period, _CLOSE_DELAY, 1))
+            builder.ExportInput(goals.GetInputPort("close"), "close")
+            builder.ConnectInput("close", delay.get_input_port())
+            builder.Connect(delay.get_output_port(), self._controller.GetInputPort("close"))
+            return goals
+        if self.method.is_reassigned:
+            goals = builder.AddSystem(
+                methods.Reassignment(frames, azimuths=azimuths, period=self._period)
+            )
+            _connect(builder, self.planner, goals, "fingertip_targets", "contact_status")
+            _connect(builder, self._controller, goals, "X_WH")
+        builder.ExportInput(self._controller.GetInputPort("close"), "close")
+        return goals
+
+    def _add_measurements(self, builder: DiagramBuilder) -> None:
+        """Connects the measured pose to the planner; a constant one for contacts in the world."""
+        if self.method.is_fixed_in_world:
+            pose = builder.AddSystem(ConstantValueSource(AbstractValue.Make(self._X_WO)))
+            builder.Connect(pose.get_output_port(), self.planner.GetInputPort("X_WO_measured"))
+            return
+        size, seed = NoisyPoseSensor.NOISE_SIZE, self._start.noise_seed
+        noise = builder.AddSystem(NoiseSource(size=size, period=self._period, seed=seed))
+        given = self._scenario.sensor
+        sensor = builder.AddSystem(
+            NoisyPoseSensor(SensorConfig(given.position_std, given.orientation_std))
+        )
+        builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
+        _connect(builder, self.station, sensor, "X_WO")
+        _connect(builder, sensor, self.planner, "X_WO_measured")
+
+    def _misplace_object(self) -> None:
+        plant = self.station.plant
         context = plant.GetMyMutableContextFromRoot(self.context)
         body = plant.GetBodyByName("cube")
         X_WO = plant.GetFreeBodyPose(context, body)
-        x, y, angle = self.start.misplacement
-        moved = RigidTransform(
-            RotationMatrix.MakeZRotation(angle) @ X_WO.rotation(),
-            X_WO.translation() + np.array([x, y, 0.0]),
+        x, y, angle = self._start.misplacement
+        R_WO = RotationMatrix.MakeZRotation(angle) @ X_WO.rotation()
+        plant.SetFreeBodyPose(
+            context, body, RigidTransform(R_WO, X_WO.translation() + np.array([x, y, 0.0]))
         )
-        plant.SetFreeBodyPose(context, body, moved)
 
-    def _look(self) -> GoalLook:
-        goals = self.parts.goals
-        context = goals.GetMyContextFromRoot(self.context)
-        status: FloatArray = goals.GetOutputPort("contact_status").Eval(context)
-        targets = goals.GetOutputPort("fingertip_targets").Eval(context)
-        active = is_active(np.asarray(status))
-        time = self.context.get_time()
-        distance = np.inf
-        frames, radii = self.hand.kinematics.tip_frames, self.hand.tip_radii
-        for name, radius, is_active_goal in zip(frames, radii, active, strict=True):
-            if not is_active_goal:
-                continue
-            X_WC: RigidTransform = targets.Find(name)
+    def _sample(self) -> GoalSample:
+        context = self.goals.GetMyContextFromRoot(self.context)
+        status = np.asarray(self.goals.GetOutputPort("contact_status").Eval(context))
+        targets = self.goals.GetOutputPort("fingertip_targets").Eval(context)
+        active = is_active(status)
+        time, distance = self.context.get_time(), np.inf
+        solids = self.condition.area_at(time)
+        for finger in np.flatnonzero(active):
+            X_WC: RigidTransform = targets.Find(self.hand.kinematics.tip_frames[finger])
+            radius = self.hand.tip_radii[finger]
             out = -X_WC.rotation().matrix()[:, 2]
-            tips = X_WC.translation() + np.array([[radius], [radius + self.standoff]]) * out
-            for solid in self.scene.area_at(time):
-                distance = min(distance, float(np.min(solid.distance(tips))) - radius)
+            tips = X_WC.translation() + np.array([[radius], [radius + self._grasp.standoff]]) * out
+            distance = min([distance, *(float(np.min(s.distance(tips))) - radius for s in solids)])
         withdrawn = np.sum(~active & (status != ContactStatus.LOST))
-        return GoalLook(time, int(np.sum(active)), int(withdrawn), distance)
+        return GoalSample(time, int(np.sum(active)), int(withdrawn), distance)
+
+
+def _connect(builder: DiagramBuilder, source: System, sink: System, *ports: str) -> None:
+    """Connects output ports of one system to the input ports of the same names of another."""
+    for port in ports:
+        builder.Connect(source.GetOutputPort(port), sink.GetInputPort(port))

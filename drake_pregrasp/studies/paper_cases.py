@@ -1,0 +1,197 @@
+"""The paper's ten cases: what it prints about them, and runs of them with many seeds."""
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from scipy.spatial.transform import Rotation
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.simulation.run import run
+from drake_pregrasp.simulation.run_log import last_phase, static_phase, ticks_from
+from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.simulation.summary import MEASURES, remaining_static_quality
+from drake_pregrasp.studies.runner import OnProgress, run_jobs
+
+TRAVEL_TIME = 1.5
+"""Seconds within which contacts come to rest, or into the cycle in which they stay."""
+
+SPACINGS = (0.01, 0.005, 0.0025)
+"""Spacings of candidates that are compared, in metres."""
+
+Three = tuple[float | None, float | None, float | None]
+
+
+class Published(NamedTuple):
+    """A row of the paper's Tables II and III: (Q_MSV, Q_GII, Q_VEW), None where none is printed."""
+
+    static: Three
+    dynamic: Three
+
+
+SCENARIOS = {
+    name[0]: name
+    for name in (
+        *("a_base", "b_slower", "c_faster", "d_smaller", "e_bigger", "f_damage"),
+        *("g_poor_start", "h_msv", "i_gii", "j_vew"),
+    )
+}
+"""Scenario of each case of Tables I and III."""
+
+_STATIC = (2.2089, 0.9749, 125.4176)
+
+TABLE_2 = {
+    "a": Published(_STATIC, (2.2307, 0.9941, 125.4403)),
+    "b": Published(_STATIC, (2.2152, 0.9804, 125.4160)),
+    "c": Published(_STATIC, (2.2357, 0.9981, 125.4970)),
+    "d": Published((2.2161, 0.9818, 125.2092), (2.2356, 0.9989, 125.2405)),
+    "e": Published((2.1817, 0.9489, 126.2972), (2.1846, 0.9514, 126.2973)),
+    "f": Published((1.6913, 0.9494, 26.8783), (1.7129, 0.9770, 27.0855)),
+    "g": Published((1.9508, 0.9512, None), (2.2159, 0.9812, 125.3789)),
+}
+"""Table II. Row f is after the damage, and the static contacts of g are its poor start."""
+
+TABLE_3 = {
+    "a": TABLE_2["a"],
+    "h": Published(_STATIC, (2.2359, 0.9974, 125.7573)),
+    "i": Published(_STATIC, (2.2340, 0.9965, 125.8007)),
+    "j": Published(_STATIC, (2.2260, 0.9890, 125.7573)),
+}
+"""Table III."""
+
+LITERAL = {"h": "h, literal", "i": "i, literal", "j": "j, literal"}
+"""Names of the cases run with the weights as printed; the stretch b - min b is not the paper's."""
+
+
+@dataclass(frozen=True)
+class CaseJob:
+    """A run to make.
+
+    Attributes:
+        case: A case, one of `LITERAL`, or what else to call the run's row.
+        seed: Seed of the measurement noise.
+        scenario: Name of the scenario.
+        text: YAML that overrides keys of the scenario.
+        folder: Name of the run's folder.
+    """
+
+    case: str
+    seed: int
+    scenario: str
+    text: str
+    folder: str
+
+
+def case_job(case: str, seed: int, duration: float) -> CaseJob:
+    """Returns the job of a case or of one of `LITERAL`, for `duration` seconds."""
+    scenario = SCENARIOS[case[0]]
+    text = f"{{random_seed: {seed}, simulation_duration: {duration}}}"
+    if case in LITERAL.values():
+        text = f"{text[:-1]}, planner: {{stretch: false}}}}"
+        return CaseJob(case, seed, scenario, text, f"{scenario}_literal_seed_{seed}")
+    return CaseJob(case, seed, scenario, text, f"{scenario}_seed_{seed}")
+
+
+def spacing_job(spacing: float, duration: float) -> CaseJob:
+    """Returns the job of the base case without noise, with another spacing in metres."""
+    text = (
+        f"{{surface: {{spacing: {spacing}}}, sensor: {{position_std: 0, orientation_std: 0}},"
+        f" simulation_duration: {duration}}}"
+    )
+    name = f"spacing_{1e3 * spacing:g}_mm"
+    return CaseJob(name, 0, SCENARIOS["a"], text, f"a_base_without_noise_{name}")
+
+
+def run_cases(
+    jobs: Sequence[CaseJob], out: Path, *, on_progress: OnProgress = lambda done, total: None
+) -> pd.DataFrame:
+    """Makes runs in parallel processes, and returns the row of each: its job and `run_values`.
+
+    Args:
+        jobs: Runs to make.
+        out: Folder of the run folders.
+        on_progress: Called with the number of runs done and of all.
+    """
+    return run_jobs(functools.partial(_run_case, out=out), jobs, on_progress=on_progress).rows
+
+
+def _run_case(job: CaseJob, out: Path) -> dict[str, Any]:
+    scenario = load_scenario(job.scenario, text=job.text)
+    result = run(scenario, name=job.folder, out=out, recording=False, overwrite=True)
+    return run_values(CaseLog(result.folder)) | {"tick_ms": result.summary["tick_time_p50_ms"]}
+
+
+class CaseLog:
+    """A run's scenario and `log.csv`, from which all tables, claims and figures are made.
+
+    Attributes:
+        folder: Folder of the run.
+        scenario: Scenario as it was run.
+        table: Rows of `log.csv`.
+        static: Ticks at which all initial contacts are held.
+        last_phase: Ticks of the paper's tables: after the static phase and after any damage.
+        settled: Those ticks without the first `TRAVEL_TIME`.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.scenario = load_scenario(file=folder / "scenario.yaml")
+        self.table = pd.DataFrame(np.genfromtxt(folder / "log.csv", delimiter=",", names=True))
+        time = self.table["time"].to_numpy()
+        self.static = static_phase(self.scenario, time)
+        self.last_phase = last_phase(self.scenario, time)
+        start = time[self.last_phase][0] + TRAVEL_TIME
+        self.settled = slice(ticks_from(self.scenario, time, start), None)
+
+    def active(self, tick: int) -> list[int]:
+        """Returns the indices of the active contacts at a tick."""
+        row = self.table.iloc[tick]
+        return [i for i in range(self.scenario.num_contacts) if row[f"c{i}_active"]]
+
+    def p_OC(self, tick: int) -> FloatArray:
+        """Returns the active contacts' goals at a tick, in the estimated O, shape (k, 3)."""
+        row = self.table.iloc[tick]
+        p_WC = np.array([[row[f"c{i}_{axis}"] for axis in "xyz"] for i in self.active(tick)])
+        p_WO = np.array([row[f"{axis}_wo_estimated"] for axis in "xyz"])
+        R_WO = Rotation.from_quat([row[f"q{axis}_wo_estimated"] for axis in "xyzw"])
+        p_OC: FloatArray = R_WO.inv().apply(p_WC - p_WO)
+        return p_OC
+
+
+def run_values(log: CaseLog) -> dict[str, float]:
+    """Returns what tables and claims say of a run.
+
+    `best` is the maximum of a measure over the last phase, reached `at` a time in seconds, and
+    `settled` is its mean and `later` its maximum over the settled ticks. `static` is the mean over
+    the static phase; with damage, the measures of the initial contacts that are left.
+    """
+    quality = None
+    if log.scenario.damage:
+        quality = remaining_static_quality(log.scenario, log.scenario.make_surface())
+    values: dict[str, float] = {}
+    for name in MEASURES:
+        column = log.table[name].to_numpy()
+        best = int(np.argmax(column[log.last_phase])) + log.last_phase.start
+        static = np.mean(column[log.static]) if quality is None else getattr(quality, name)
+        values |= {
+            f"static {name}": float(static),
+            f"best {name}": float(column[best]),
+            f"at {name}": float(log.table["time"][best]),
+            f"settled {name}": float(np.mean(column[log.settled])),
+            f"later {name}": float(np.max(column[log.settled])),
+        }
+    half, p_OC = log.scenario.object.make_shape().mesh.extents / 2, log.p_OC(-1)
+    axes = np.argmax(np.abs(p_OC / half), axis=1)
+    signs = np.sign(np.take_along_axis(p_OC, axes[:, None], axis=1))[:, 0]
+    to_edges = np.sort(half - np.abs(p_OC), axis=1)[:, 1]  # The least is to the contact's own face.
+    q_gii = log.table["q_gii"].to_numpy()[log.settled]
+    return values | {
+        "mm_per_tick": float(1e3 * log.table["displacement"][log.settled].mean()),
+        "faces": float(len({*zip(axes.tolist(), signs.tolist(), strict=True)})),
+        "mm_to_edge": float(1e3 * np.mean(to_edges)),
+        "largest_drop": float(max(0.0, -np.min(np.diff(q_gii)))),
+    }

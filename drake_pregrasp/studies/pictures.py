@@ -1,0 +1,207 @@
+"""Pictures by Drake's VTK renderer: lights, meshes, cameras, and an object with its goals."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from pydrake.common import MemoryFile
+from pydrake.geometry import (
+    Box,
+    ClippingRange,
+    ColorRenderCamera,
+    GeometryInstance,
+    InMemoryMesh,
+    LightParameter,
+    MakeRenderEngineVtk,
+    Mesh,
+    PerceptionProperties,
+    QueryObject,
+    RenderCameraCore,
+    RenderEngine,
+    RenderEngineVtkParams,
+    Rgba,
+    SceneGraph,
+    Shape,
+    Sphere,
+)
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.sensors import CameraInfo
+
+from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, Solid
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.regions.safe_regions import NO_REGION
+from drake_pregrasp.systems.drawing import NO_REGION_COLOR, contact_color, tint
+
+ByteArray = NDArray[np.uint8]
+
+WHITE = (1.0, 1.0, 1.0)
+"""Default background colour."""
+
+
+class Light(NamedTuple):
+    """A directional light.
+
+    Attributes:
+        direction: Direction of the light in its frame, shape (3,); z of a camera points forward.
+        intensity: Intensity; 1 lights a surface at right angles to the light fully.
+        frame: Frame of the direction, `camera` or `world`.
+    """
+
+    direction: Sequence[float]
+    intensity: float
+    frame: str = "camera"
+
+
+_LIGHTS = (Light([0.0, 0.0, 1.0], 1.0), Light([0.5, 0.3, 0.8], 0.35), Light([0.0, 1.0, 0.0], 0.35))
+_MARKER_SHARE = 0.055  # Radius of a goal's ball divided by the object's mean extent.
+_LIFT = 4e-4  # Metres between a drawn region and the surface.
+_OBJECT_COLOR = Rgba(0.85, 0.86, 0.88)
+_OBSTACLE_COLOR = Rgba(0.35, 0.37, 0.40)
+
+
+def lit_renderer(
+    lights: Sequence[Light], background: tuple[float, float, float] = WHITE
+) -> RenderEngine:
+    """Returns a VTK renderer.
+
+    Args:
+        lights: Lights of the scene.
+        background: Red, green and blue of the background, each from 0 to 1.
+    """
+    parameters = RenderEngineVtkParams()
+    parameters.default_clear_color = list(background)
+    parameters.lights = [
+        LightParameter(type="directional", frame=frame, direction=direction, intensity=intensity)
+        for direction, intensity, frame in lights
+    ]
+    return MakeRenderEngineVtk(parameters)
+
+
+def coloured(X_FS: RigidTransform, shape: Shape, color: Rgba, name: str) -> GeometryInstance:
+    """Returns a geometry with a perception role only.
+
+    Args:
+        X_FS: Pose of the shape S in the frame F that it will be registered with.
+        shape: The shape.
+        color: Colour of the whole shape.
+        name: Name, unique among the geometries of F.
+    """
+    properties = PerceptionProperties()
+    properties.AddProperty("phong", "diffuse", color)
+    instance = GeometryInstance(X_FS, shape, name)
+    instance.set_perception_properties(properties)
+    return instance
+
+
+def drawn_mesh(triangles: FloatArray, lift: float = 0.0) -> Mesh:
+    """Returns triangles as a mesh with flat normals.
+
+    Args:
+        triangles: Corners of the triangles, shape (k, 3, 3), in metres.
+        lift: Distance in metres by which the triangles are moved along their normals.
+    """
+    faces = np.arange(3 * len(triangles)).reshape(-1, 3)
+    mesh = trimesh.Trimesh(triangles.reshape(-1, 3), faces, process=False)
+    mesh.vertices = mesh.vertices + lift * np.repeat(mesh.face_normals, 3, axis=0)
+    text = trimesh.exchange.obj.export_obj(mesh, include_normals=True)
+    return Mesh(mesh_data=InMemoryMesh(mesh_file=MemoryFile(text.encode(), ".obj", "mesh.obj")))
+
+
+def color_camera(
+    pixels: tuple[int, int], field_of_view: float, renderer: str = "vtk"
+) -> ColorRenderCamera:
+    """Returns a camera.
+
+    Args:
+        pixels: Width and height of its pictures.
+        field_of_view: Vertical field of view in radians.
+        renderer: Name of the scene's renderer that it uses.
+    """
+    info, depths = CameraInfo(*pixels, field_of_view), ClippingRange(0.01, 10.0)
+    return ColorRenderCamera(RenderCameraCore(renderer, info, depths, RigidTransform()))
+
+
+def camera_pose(p_FT: FloatArray, p_TK_F: FloatArray) -> RigidTransform:
+    """Returns the pose X_FK of an upright camera K (z forward, y down) that looks at a target T.
+
+    Args:
+        p_FT: Position of T in a frame F whose z axis points up, shape (3,), in metres.
+        p_TK_F: Position of K relative to T, in F, shape (3,), in metres; not along z.
+    """
+    z = -p_TK_F / np.linalg.norm(p_TK_F)
+    x = np.cross(z, [0.0, 0.0, 1.0])
+    x /= np.linalg.norm(x)
+    R_FK = RotationMatrix(np.column_stack([x, np.cross(z, x), z]))
+    return RigidTransform(R_FK, p_FT + p_TK_F)
+
+
+def take_picture(query: QueryObject, camera: ColorRenderCamera, X_WK: RigidTransform) -> ByteArray:
+    """Returns a picture of a scene, shape (height, width, 3).
+
+    Args:
+        query: Query object of the scene, which has the camera's renderer.
+        camera: The camera.
+        X_WK: Pose of the camera K in the world W.
+    """
+    image = query.RenderColorImage(camera, query.inspector().world_frame_id(), X_WK)
+    return np.array(image.data[:, :, :3])
+
+
+def render_goals(
+    surface: ObjectSurface,
+    labels: IntArray,
+    p_OC: FloatArray,
+    contacts: Sequence[int],
+    *,
+    yaw: float,
+    obstacles: Sequence[Solid] = (),
+    pixels: tuple[int, int] = (520, 480),
+) -> ByteArray:
+    """Returns a picture of safe regions and goals on the object, shape (height, width, 3).
+
+    Args:
+        surface: The object's surface.
+        labels: Contact that owns each candidate, or `NO_REGION`, shape (N,).
+        p_OC: Goals to draw, in O, shape (k, 3), in metres.
+        contacts: Index of the contact of each goal, which sets its colour, length k.
+        yaw: Azimuth of the camera about z of O, in radians.
+        obstacles: Obstacles in O; balls and boxes are drawn, half-spaces are not.
+        pixels: Width and height of the picture.
+    """
+    scene = SceneGraph()
+    scene.AddRenderer("vtk", lit_renderer(_LIGHTS))
+    source = scene.RegisterSource("goals")
+
+    def add(X_OG: RigidTransform, shape: Shape, color: Rgba, name: str) -> None:
+        scene.RegisterAnchoredGeometry(source, coloured(X_OG, shape, color, name))
+
+    add(RigidTransform(), drawn_mesh(surface.mesh.triangles), _OBJECT_COLOR, "object")
+    owners = np.repeat(labels, np.diff(surface.patch_starts))
+    for label in np.unique(labels).tolist():
+        color = NO_REGION_COLOR if label == NO_REGION else tint(contact_color(label), 0.3)
+        region = drawn_mesh(surface.patches[owners == label], lift=_LIFT)
+        add(RigidTransform(), region, color, f"region_{label}")
+    extents = surface.mesh.extents
+    radius = _MARKER_SHARE * float(np.cbrt(np.prod(extents)))
+    # The balls touch the surface from outside: through a thin wall they would show on both sides.
+    centers = p_OC + radius * surface.project(p_OC)[1]
+    for center, contact in zip(centers, contacts, strict=True):
+        add(RigidTransform(center), Sphere(radius), contact_color(contact), f"goal_{contact}")
+    for index, solid in enumerate(obstacles):
+        if isinstance(solid, BallSolid):
+            X_OS, shape = RigidTransform(solid.center), Sphere(solid.radius)
+        elif isinstance(solid, BoxSolid):
+            R_OS = RotationMatrix.ProjectToRotationMatrix(solid.R_FB)
+            X_OS, shape = RigidTransform(R_OS, solid.center), Box(*solid.size)
+        else:
+            continue
+        add(X_OS, shape, _OBSTACLE_COLOR, f"obstacle_{index}")
+
+    query = scene.get_query_output_port().Eval(scene.CreateDefaultContext())
+    distance = 2.9 * float(np.linalg.norm(extents)) / 1.4
+    p_TK_O = distance * np.array([0.85 * np.cos(yaw), 0.85 * np.sin(yaw), 0.53])
+    X_OK = camera_pose(np.mean(surface.mesh.bounds, axis=0), p_TK_O)
+    return take_picture(query, color_camera(pixels, 0.5), X_OK)

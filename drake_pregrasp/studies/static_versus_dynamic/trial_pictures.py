@@ -1,0 +1,304 @@
+"""Figures of one seed: pictures of trials by Drake's VTK renderer, and strip charts over time."""
+
+import functools
+import textwrap
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pandas as pd
+import trimesh
+from matplotlib.figure import Figure
+from matplotlib.image import imread, imsave
+from pydrake.geometry import Box, ClippingRange, ColorRenderCamera, RenderCameraCore, Rgba, Shape
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.framework import Context
+from pydrake.systems.sensors import CameraInfo
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.contacts.selection_input import is_active
+from drake_pregrasp.geometry.solids import HalfSpace
+from drake_pregrasp.simulation.output import without_solver_chatter, writing
+from drake_pregrasp.studies import vtk_picture
+from drake_pregrasp.studies.drawn_mesh import camera_pose, drawn_mesh
+from drake_pregrasp.studies.report_page import Heading, Part, Picture
+from drake_pregrasp.studies.runner import OnProgress, StudyRows, run_jobs
+from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS, FINGERS
+from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import TrialJob
+from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
+from drake_pregrasp.studies.static_versus_dynamic.trial import MODULES, Trial, tracking_rows
+from drake_pregrasp.systems.drawing import contact_color
+
+# Files of the two figures, and the folder of the rows of the strip charts.
+PICTURES, STRIPS, TRACKING = "pictures.png", "strips.png", "strips"
+
+HEADLINE = "headline"  # Condition of the figures.
+
+PICTURED = ("fixed_plan", "stationary", "dynamic_reach")  # Methods that have a row of pictures.
+
+# Times of the pictures before the grasp, in seconds. The hand closes at the last one.
+MOMENTS = (0.5, 4.0, 8.0)
+
+# Least number of seeds with which strip charts are made: they take as long as 50 trials.
+SEEDS_FOR_STRIPS = 5
+
+# Camera of the pictures.
+CAMERA = ColorRenderCamera(
+    RenderCameraCore(
+        "pictures", CameraInfo(600, 630, 0.55), ClippingRange(0.01, 10), RigidTransform()
+    )
+)
+
+_FARTHEST_MM = 60.0  # Largest distance from the no-touch area that strip charts show.
+_TARGET = np.array([0.0, 0.0, 0.14])  # Of the camera, from the turntable's centre, in metres.
+_P_TK = np.array([0.514, -0.514, 0.222])  # Of the camera from its target, in metres.
+_LIGHTS = (
+    vtk_picture.Light([0.0, 0.1, 1.0], 0.75),
+    vtk_picture.Light([0.9, 0.2, 0.4], 0.3),
+    vtk_picture.Light([-0.9, 0.2, 0.4], 0.45),
+    vtk_picture.Light([0.1, 0.1, -1.0], 0.4, "world"),
+)
+_WALL = (0.32, 0.001, 0.2)  # Drawn part of a half-space: width, thickness and height, in metres.
+_DOT = (0.0, 0.0017, 4e-4, 10)  # Two radii and height in metres, number of corners.
+_RING = (0.0055, 0.008, 1.2e-3, 36)
+_PICTURES_TEXT = (
+    "Red: the wall, which no fingertip may touch. Rings: contacts of active fingers if the hand"
+    " closed now. Dots, in the colours of the fingertips: safe regions of methods that plan anew."
+)
+_STRIPS_TEXT = (
+    "While the hand follows: the number of active fingers; the least distance of a fingertip at a"
+    " goal, in contact or at its standoff, from the wall (inside is shaded), up to"
+    f" {_FARTHEST_MM:g} mm; and whether a grasp that closes then is clean, tried every 0.5 s."
+)
+
+
+def figures_of_one_seed(
+    folder: Path, rows: pd.DataFrame, processes: int | None, on_progress: OnProgress
+) -> list[Part]:
+    """Makes the figures, leaves them in the study's folder, and returns them for the report.
+
+    There are none without a seed of the headline condition that all methods with pictures have.
+
+    Args:
+        folder: Folder of the study.
+        rows: Rows of the study.
+        processes: Number of local processes; that of the processors if not set.
+        on_progress: Called with the number of trials simulated for a figure, and of all of them.
+
+    Raises:
+        OutputError: If a file can't be read or written.
+    """
+    closed = rows[(rows["condition"] == HEADLINE) & (rows["close_at"] == MOMENTS[-1])]
+    pictured = closed[closed["method"].isin(PICTURED)]
+    seed, rule = representative_seed(pictured)
+    if seed is None:
+        return []
+    shown = pictured[pictured["seed"] == seed]
+    simulate = functools.partial(run_jobs, processes=processes, on_progress=on_progress)
+    make_pictures(folder / PICTURES, shown, MOMENTS, simulate)
+    parts: list[Part] = [
+        Heading(f"{CONDITIONS[HEADLINE].label.capitalize()}: one seed"),
+        Picture(folder / PICTURES, f"{rule} {_PICTURES_TEXT}"),
+    ]
+    if closed["seed"].nunique() >= SEEDS_FOR_STRIPS:
+        there = closed[closed["seed"] == seed]["method"].tolist()
+        jobs = [TrialJob(HEADLINE, method, seed) for method in METHODS if method in there]
+        tracked = simulate(tracking_rows, jobs, folder=folder / TRACKING, modules=MODULES).rows
+        with writing(folder / STRIPS):
+            plot_strips(tracked[tracked["seed"] == seed]).savefig(folder / STRIPS, dpi=130)
+        parts.append(Picture(folder / STRIPS, f"Seed {seed}. {_STRIPS_TEXT}"))
+    return parts
+
+
+def representative_seed(closed: pd.DataFrame) -> tuple[int | None, str]:
+    """Returns the first seed whose grasps are what is most frequent, for the most methods.
+
+    Args:
+        closed: Rows of one condition and closing time, with the methods that count.
+
+    Returns:
+        The seed, or None if no seed has all methods; and the rule, for a caption.
+    """
+    clean = closed.pivot(index="seed", columns="method", values="clean")
+    usual = 2 * clean.sum() >= clean.count()
+    clean = clean.dropna().sort_index()
+    if clean.empty:
+        return None, ""
+    typical = (clean.astype(bool) == usual).sum(axis="columns")
+    seed, most = int(typical.idxmax()), typical.max()
+    return seed, (
+        f"Seed {seed} is the first of {len(clean)} for which, in {most} of {clean.shape[1]} rows"
+        f" and in no seed in more, the grasp closed at {MOMENTS[-1]:g} s is clean, or is not, as"
+        " most of that method's grasps at that time."
+    )
+
+
+def make_pictures(
+    path: Path,
+    outcomes: pd.DataFrame,
+    moments: tuple[float, ...],
+    simulate: Callable[..., StudyRows] = run_jobs,
+) -> None:
+    """Writes a grid of pictures: a row for each method, a column for each moment and the end.
+
+    Args:
+        path: PNG to write.
+        outcomes: Rows of the grasps, one for each method.
+        moments: Times of the pictures before the grasp, in seconds, at ticks of the planner. The
+            hand closes at the last one.
+        simulate: Runs a function for jobs, as `run_jobs` does.
+    """
+    grasps = {row.method: row for row in outcomes.itertuples()}
+    jobs = [TrialJob(grasps[m].condition, m, int(grasps[m].seed)) for m in METHODS if m in grasps]
+    titles = [*(f"t = {moment:g} s" for moment in moments), "end of the grasp"]
+    figure = Figure((0.6 + 3 * len(titles), 0.3 + 3.6 * len(jobs)), layout="constrained")
+    axes = figure.subplots(len(jobs), len(titles), squeeze=False)
+    with TemporaryDirectory() as folder, writing(path):
+        take = functools.partial(_take_pictures, Path(folder), moments)
+        taken = simulate(take, jobs).rows
+        for job, of_row in zip(jobs, axes, strict=True):
+            pictures = taken[taken["method"] == job.method].itertuples()
+            for axis, title, picture in zip(of_row, titles, pictures, strict=True):
+                axis.imshow(imread(picture.file))
+                axis.set(xticks=[], yticks=[], title=title if job is jobs[0] else "")
+                axis.set_xlabel(f"{picture.active} of {FINGERS} fingers active")
+            of_row[0].set_ylabel(METHODS[job.method].label)
+            grasp = grasps[job.method]
+            text = f"clean grasp with {grasp.fingers} fingers" if grasp.clean else grasp.gave_up
+            of_row[-1].set_xlabel(textwrap.fill(text or "not clean", 34), parse_math=False)
+        figure.savefig(path, dpi=130)
+
+
+def _take_pictures(
+    folder: Path, moments: tuple[float, ...], job: TrialJob
+) -> list[dict[str, object]]:
+    """Takes the pictures of a trial; returns their files and the numbers of active fingers."""
+    rows: list[dict[str, object]] = []
+    with without_solver_chatter():
+        trial = Trial(job)
+        for place, moment in enumerate([*moments, None]):
+            if moment is None:
+                trial.grasp(moments[-1])
+            else:
+                trial.track(moment)
+            file = folder / f"{job.method}_{place}.png"
+            imsave(file, photograph(trial, annotate=moment is not None))
+            rows.append({"file": str(file), "active": trial.samples[-1].active})
+    return rows
+
+
+def photograph(trial: Trial, *, annotate: bool) -> vtk_picture.ByteArray:
+    """Returns a picture of a trial at its present time, shape (height, width, 3).
+
+    All geometry is added to a copy of the trial's context, so the trial goes on unchanged.
+
+    Args:
+        trial: The trial.
+        annotate: Whether to draw a black ring at the contact of each active finger, and the safe
+            regions of methods that plan at every tick as dots.
+    """
+    context = trial.context.Clone()
+    plant, scene = trial.station.plant, trial.station.scene_graph
+    scene_context = scene.GetMyMutableContextFromRoot(context)
+    for index, (X_WS, shape, color) in enumerate(_shapes(trial, context, annotate=annotate)):
+        instance = vtk_picture.coloured(X_WS, shape, color, f"drawn_{index}")
+        frame = scene.world_frame_id()
+        scene.RegisterGeometry(scene_context, plant.get_source_id(), frame, instance)
+    scene.AddRenderer(
+        scene_context, CAMERA.core().renderer_name(), vtk_picture.lit_renderer(_LIGHTS)
+    )
+    # Poses of geometry that was added to a context are computed when positions change.
+    plant_context = plant.GetMyMutableContextFromRoot(context)
+    plant.SetPositions(plant_context, plant.GetPositions(plant_context))
+    query = scene.get_query_output_port().Eval(scene_context)
+    return vtk_picture.take_picture(query, CAMERA, camera_over(trial))
+
+
+def camera_over(trial: Trial) -> RigidTransform:
+    """Returns X_WK of the camera K, which moves with the turntable but does not turn with it."""
+    return camera_pose(_pose(trial, trial.context, "turntable").translation() + _TARGET, _P_TK)
+
+
+def closing_contacts(trial: Trial) -> list[RigidTransform]:
+    """Returns X_WC of the contacts C of active fingers if the hand closed now, z outward."""
+    context = trial.context.Clone()
+    trial.diagram.GetInputPort("close").FixValue(context, [1.0])
+    own = trial.goals.GetMyContextFromRoot(context)
+    active = is_active(np.asarray(trial.goals.GetOutputPort("contact_status").Eval(own)))
+    targets = trial.goals.GetOutputPort("fingertip_targets").Eval(own)
+    outward = RigidTransform(RotationMatrix.MakeXRotation(np.pi))
+    frames = np.array(trial.hand.kinematics.tip_frames)[active]
+    return [targets.Find(frame) @ outward for frame in frames]
+
+
+def _shapes(
+    trial: Trial, context: Context, *, annotate: bool
+) -> Iterator[tuple[RigidTransform, Shape, Rgba]]:
+    """Yields what is drawn besides the simulated geometry: X_WS, the shape S, and its colour."""
+    center, up = _pose(trial, context, "turntable").translation(), np.array([0.0, 0.0, 1.0])
+    for solid in trial.condition.area_at(context.get_time()):
+        if isinstance(solid, HalfSpace):
+            nearest = center - solid.distance(center[None])[0] * solid.normal
+            along = np.cross(solid.normal, up)
+            R_WS = RotationMatrix(np.column_stack([along, solid.normal, up]))
+            X_WS = RigidTransform(R_WS, nearest + _WALL[2] / 2 * up)
+            yield X_WS, Box(*_WALL), Rgba(0.95, 0.1, 0.1, 0.3)
+    if not annotate:
+        return
+    if X_WC := closing_contacts(trial):
+        yield RigidTransform(), drawn_mesh(_rings(X_WC, *_RING)), Rgba(0, 0, 0)
+    if trial.method.replans:
+        port, surface = trial.planner.GetOutputPort("safe_regions"), trial.surface
+        labels = port.Eval(trial.planner.GetMyContextFromRoot(context)).labels
+        for finger in set(labels[labels >= 0].tolist()):
+            X_OQ = [
+                RigidTransform(RotationMatrix.MakeFromOneVector(surface.nhat_OQ[k], 2), p_OQ)
+                for k, p_OQ in enumerate(surface.p_OQ)
+                if labels[k] == finger
+            ]
+            dots = drawn_mesh(_rings(X_OQ, *_DOT))
+            yield _pose(trial, context, "cube"), dots, contact_color(finger)
+
+
+def _rings(
+    X_FR: list[RigidTransform], inner: float, outer: float, height: float, sections: int
+) -> FloatArray:
+    """Returns flat rings at a height over the xy-planes of frames R, shape (k, 3, 3)."""
+    ring = trimesh.creation.annulus(inner, outer, height=2 * height, sections=sections)
+    flat = ring.triangles[ring.face_normals[:, 2] > 0.9]
+    return np.concatenate([X.translation() + flat @ X.rotation().matrix().T for X in X_FR])
+
+
+def _pose(trial: Trial, context: Context, body: str) -> RigidTransform:
+    plant = trial.station.plant
+    of_body = plant.GetBodyByName(body)
+    X_WB: RigidTransform = of_body.EvalPoseInWorld(plant.GetMyContextFromRoot(context))
+    return X_WB
+
+
+def plot_strips(tracked: pd.DataFrame) -> Figure:
+    """Returns a figure with three charts over time for each method.
+
+    Args:
+        tracked: Rows of `tracking_rows` of one seed.
+    """
+    methods = [method for method in METHODS if method in set(tracked["method"])]
+    limits = tracked["distance_mm"].astype(float).clip(-_FARTHEST_MM, _FARTHEST_MM)
+    low, high = np.nanmin([limits.min(), 0]) - 3, np.nanmax([limits.max(), 1]) + 3
+    figure = Figure((10, 0.5 + 2.1 * len(methods)), layout="constrained")
+    axes = figure.subplots(3 * len(methods), 1, sharex=True, squeeze=False).reshape(-1, 3)
+    for (active, distance, closing), method in zip(axes, methods, strict=True):
+        rows, color = tracked[tracked["method"] == method], METHODS[method].color
+        active.set_title(METHODS[method].label, loc="left", fontweight="bold")
+        active.fill_between(rows["time"], rows["active"], step="post", color=color, alpha=0.3)
+        active.step(rows["time"], rows["active"], where="post", color=color)
+        active.set(ylim=(0, FINGERS + 0.5), yticks=[0, FINGERS], ylabel="active\nfingers")
+        distance.axhspan(low, 0, color="#F6DDCB")
+        distance.plot(rows["time"], rows["distance_mm"].astype(float), color="0.15")
+        distance.set(ylim=(low, high), ylabel="goal to\narea [mm]")
+        tried = rows[rows["clean"].notna()]
+        closing.plot(tried["time"], tried["clean"].astype(float), "o", color=color)
+        closing.set(ylim=(-0.5, 1.5), yticks=[0, 1], yticklabels=["no", "yes"], ylabel="clean")
+    axes[-1, -1].set_xlabel("time, and time at which the hand closes [s]")
+    return figure

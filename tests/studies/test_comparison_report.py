@@ -1,0 +1,261 @@
+"""The report and the command of the comparison of methods."""
+
+import html
+import math
+import re
+import signal
+
+import numpy as np
+import pandas as pd
+import pytest
+from made_up_trials import failing_trial, made_up_trial
+from PIL import Image
+
+from drake_pregrasp import OutputError
+from drake_pregrasp.cli import main
+from drake_pregrasp.studies.report_page import Picture
+from drake_pregrasp.studies.static_versus_dynamic import comparison_command
+from drake_pregrasp.studies.static_versus_dynamic.comparison_command import (
+    compare_methods,
+    trial_jobs,
+)
+from drake_pregrasp.studies.static_versus_dynamic.comparison_report import (
+    goal_table,
+    outcome_table,
+    overview_table,
+    paired_test_table,
+    reason_table,
+    write_comparison,
+)
+from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
+from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import TrialJob
+from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
+from drake_pregrasp.studies.static_versus_dynamic.paired_statistics import paired_tests
+
+NO_FAILURES = pd.DataFrame()
+
+
+def rows_of(jobs):
+    return pd.DataFrame([job._asdict() | row for job in jobs for row in made_up_trial(job)])
+
+
+ROWS = rows_of(trial_jobs(CONDITIONS, METHODS, range(4)))
+
+
+def rows_with(condition, clean_seeds, seeds=20, times=None, **columns):
+    """Rows in which each method is clean, and lifts, with the first so many seeds."""
+    return pd.DataFrame(
+        [
+            made_up_trial(TrialJob(condition, method, 0))[0]
+            | {"condition": condition, "method": method, "seed": seed, "close_at": time}
+            | {"clean": seed < clean, "lifted": seed < clean, "goal_in_area": math.nan, **columns}
+            for method, clean in clean_seeds.items()
+            for seed in range(seeds)
+            for time in times or CONDITIONS[condition].closing_times
+        ]
+    )
+
+
+@pytest.mark.parametrize(
+    ("tested", "rival", "cell"),
+    [
+        (19, 4, "ahead at 4, 7 s"),
+        (4, 19, "behind at 4, 7 s"),
+        (10, 10, "not shown (least p 1)"),
+    ],
+)
+def test_verdicts_follow_the_rows_whoever_leads(tested, rival, cell):
+    rows = rows_with("nominal", {"fixed_plan": rival, "dynamic_reach": tested})
+    (line,) = overview_table(paired_tests(rows)).data.data.to_dict("records")
+    assert line == {"dynamic with reach against": "nominal", "fixed plan": cell}
+
+
+def test_only_closing_times_with_a_difference_are_named():
+    rows = pd.concat(
+        [
+            rows_with("nominal", {"fixed_plan": 4, "dynamic_reach": 19}, times=[4.0]),
+            rows_with("nominal", {"fixed_plan": 4, "dynamic_reach": 4}, times=[7.0]),
+        ]
+    )
+    assert overview_table(paired_tests(rows)).data.data["fixed plan"].tolist() == ["ahead at 4 s"]
+
+
+def test_every_count_and_test_is_in_the_tables():
+    tests = paired_tests(ROWS)
+    for condition, own in ROWS.groupby("condition"):
+        table = outcome_table(own).data
+        for success in ("clean", "lifted"):
+            counts = own.groupby(["method", "close_at"])[success].sum()
+            shown = [counts[method, time] for method in METHODS for time in counts[method].index]
+            assert table[success].str.split(" ").str[0].astype(int).tolist() == shown
+        of_condition = tests[tests["condition"] == condition]
+        shown = paired_test_table(of_condition).data.data
+        assert sorted(shown["only it clean"]) == sorted(of_condition["gained"])
+        assert sorted(shown["only the other clean"]) == sorted(of_condition["lost"])
+        # Bounds of the difference are rounded outward.
+        columns = ("difference, least", "most")
+        least, most = (shown[column].str.rstrip(" %").astype(float) for column in columns)
+        exact = of_condition.sort_values(
+            "method", key=lambda keys: keys.map(list(METHODS).index), kind="stable"
+        )
+        assert np.all(least.to_numpy() <= 100 * exact["low"].to_numpy())
+        assert np.all(most.to_numpy() >= 100 * exact["high"].to_numpy())
+
+
+def goals_of(rows):
+    table = goal_table(rows).data.data
+    return dict(zip(table["condition"] + ": " + table["goal"], table["result"], strict=True))
+
+
+@pytest.mark.parametrize(
+    ("seeds", "clean", "result"),
+    [(30, 25, "reached"), (30, 24, "not reached"), (6, 5, "reached"), (6, 4, "not reached")],
+)
+def test_goals_are_shares_at_each_closing_time(seeds, clean, result):
+    goal = "turning beside a wall: clean ≥ 25 of 30 at each closing time"
+    rows = pd.concat(
+        [
+            rows_with("headline", {"dynamic_reach": clean}, seeds, [4.0]),
+            rows_with("headline", {"dynamic_reach": seeds}, seeds, [8.0, 12.0]),
+        ]
+    )
+    assert goals_of(rows)[goal] == result
+    assert goals_of(rows[rows["close_at"] < 12])[goal] == "not run"
+
+
+@pytest.mark.parametrize(
+    ("share", "result"), [(0.0, "reached"), (0.001, "not reached"), (math.nan, "not run")]
+)
+def test_no_goal_may_be_in_the_area_at_any_tick(share, result):
+    rows = rows_with("wall", {"dynamic_reach": 2}, seeds=3, goal_in_area=0.0)
+    rows.loc[rows["seed"] == 1 if share == share else slice(None), "goal_in_area"] = share
+    assert goals_of(rows)["wall: no goal in the area at any tick"] == result
+
+
+def test_reasons_are_counted_by_their_kind():
+    rows = rows_with("wall", {"fixed_plan": 0}, seeds=4, times=[3.0])
+    rows["gave_up"] = [
+        "finger 0 met nothing",
+        "finger 3 met nothing",
+        "",
+        "no squeeze balances the weight: 1.25 N are left",
+    ]
+    table = reason_table(rows).data
+    assert dict(zip(table["reason"], table["grasps"], strict=True)) == {
+        "a finger met nothing": 2,
+        "no squeeze balances the weight": 1,
+    }
+
+
+def text_of(page):
+    """Returns a page without the data of its figures."""
+    return re.sub(r"(?<=base64,)[^\"]+", "", page.read_text())
+
+
+def test_the_page_is_self_contained_and_all_text_is_escaped(tmp_path):
+    Image.new("RGB", (4, 3), "red").save(tmp_path / "red.png")
+    figures = [Picture(tmp_path / "red.png", 'It is "red" & <small>.')]
+    failed = pd.DataFrame([{"method": "stationary", "error": "ValueError: <b> & co"}])
+    page = text_of(write_comparison(tmp_path, ROWS, failed, {"k": "</pre>"}, figures))
+    assert page.count("data:image/png;base64,") == 2
+    assert not re.search(r"(src|href)\s*=\s*['\"](?!data:)", page)
+    for text in ("<small>.", "<b> & co", "met <nothing> & stopped"):
+        assert html.escape(text) in page
+    for text in ("<small>.", "<b>", "<nothing>", '"</pre>'):
+        assert text not in page
+
+
+def test_the_same_rows_give_the_same_page_in_any_order(tmp_path):
+    some = ROWS[ROWS["condition"].isin(["nominal", "wall"])]
+    pages = []
+    for rows in (some, some[::-1]):
+        pages.append(write_comparison(tmp_path, rows, NO_FAILURES, {}).read_bytes())
+    assert len(set(pages)) == 1
+
+
+def test_a_study_without_rows_has_a_page(tmp_path):
+    page = text_of(write_comparison(tmp_path, pd.DataFrame(), NO_FAILURES, {}))
+    assert "There are no grasps yet." in page
+    with pytest.raises(OutputError, match=r"none.png: can't be read back"):
+        write_comparison(tmp_path, ROWS, NO_FAILURES, {}, [Picture(tmp_path / "none.png", "x")])
+
+
+def test_a_study_goes_on_with_what_is_missing_and_reports_all(tmp_path):
+    jobs = trial_jobs(["nominal", "wall"], ["fixed_plan", "dynamic_reach"], range(2))
+    steps = []
+    found, report = compare_methods(tmp_path, jobs, run=failing_trial, processes=1)
+    assert (found.wanted, found.made) == (8, 6)
+    assert "2 trials failed" in text_of(report)
+    found, report = compare_methods(
+        tmp_path, jobs[4:], run=failing_trial, processes=1, on_progress=lambda *s: steps.append(s)
+    )
+    assert steps == [(0, 0)]
+    assert len(found.failed) == 2
+    assert "6 trials, 15 grasps" in text_of(report)
+
+
+def run_command(monkeypatch, arguments, trial):
+    def compare(*given, **options):
+        return compare_methods(*given, run=trial, **options)
+
+    monkeypatch.setattr(comparison_command, "compare_methods", compare)
+    return main(["study", "static-versus-dynamic", *map(str, arguments)])
+
+
+def test_the_command_runs_and_says_what_failed(tmp_path, capsys, monkeypatch):
+    options = ["--out", tmp_path, "--conditions", "nominal, wall", "--seeds", 1, "--processes", 1]
+    few = [*options, "--methods", "fixed_plan,dynamic_reach"]
+    folder = tmp_path / "static-versus-dynamic"
+    assert run_command(monkeypatch, [*few, "--first_seed", 5], failing_trial) == 0
+    captured = capsys.readouterr()
+    assert captured.out.startswith("4 of 4 trials are there\n")
+    assert f"report in {folder / 'report.html'}" in captured.out
+    assert captured.err == ""
+    assert run_command(monkeypatch, few, failing_trial) == 1
+    captured = capsys.readouterr()
+    assert captured.out.startswith("2 of 4 trials are there\n")
+    assert f"2 trials failed: {folder / 'failed.csv'} says why" in captured.err
+
+
+def test_options_of_version_0_1_still_work(tmp_path, monkeypatch):
+    few = ["--out", tmp_path, "--conditions", "nominal", "--seeds", 1, "--processes", 1]
+    with pytest.warns(DeprecationWarning, match="the method frozen is now called fixed_plan"):
+        assert run_command(monkeypatch, [*few, "--arms", "frozen,dynamic"], failing_trial) == 1
+    assert [job.method for job in trial_jobs(["wall"], ["dynamic", "fixed_plan"], [0])] == [
+        "fixed_plan",
+        "dynamic",
+    ]
+
+
+def interrupted_trials(*given, **options):
+    signal.raise_signal(signal.SIGTERM)
+
+
+def test_an_interrupted_command_says_how_to_go_on(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(comparison_command, "run_jobs", interrupted_trials)
+    before = signal.getsignal(signal.SIGTERM)
+    assert main(["study", "static-versus-dynamic", "--out", str(tmp_path)]) == 130
+    assert signal.getsignal(signal.SIGTERM) == before
+    assert "the same command goes on from there" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (["--methods", "carried,luck"], "luck: no such method; there are: world,carried"),
+        (["--conditions", ""], ": no such condition; there are: nominal,one_lost"),
+        (["--seeds", "0"], "--seeds: 0 must be 1 or more"),
+        (["--first_seed", "-1"], "--first_seed: -1 must be 0 or more"),
+        (["--processes", "0"], "--processes: 0 must be 1 or more"),
+    ],
+)
+def test_bad_options_are_one_line_and_status_2(arguments, problem, capsys):
+    try:
+        status = main(["study", "static-versus-dynamic", *arguments])
+    except SystemExit as end:
+        status = end.code
+    assert status == 2
+    captured = capsys.readouterr()
+    assert captured.out == ""
+    assert problem in captured.err
+    assert captured.err.count("\n") == 1

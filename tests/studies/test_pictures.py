@@ -1,0 +1,123 @@
+"""Pictures by Drake's VTK renderer, and the pages that show them."""
+
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+from pydrake.geometry import Rgba, SceneGraph, Sphere
+from pydrake.math import RigidTransform
+
+from drake_pregrasp import ContactStatus, load_scenario
+from drake_pregrasp.studies import gallery, shape_study
+from drake_pregrasp.studies.gallery import describe_limits, make_gallery
+from drake_pregrasp.studies.grasp_pictures import picture_grasp
+from drake_pregrasp.studies.pictures import (
+    WHITE,
+    Light,
+    color_camera,
+    coloured,
+    drawn_mesh,
+    lit_renderer,
+    take_picture,
+)
+from drake_pregrasp.studies.shape_study import study_shapes
+
+FORWARD = [0.0, 0.0, 1.0]
+MIDDLE, CORNER = (10, 10), (0, 0)
+BALL = Sphere(0.1)
+
+
+def picture(light, background=WHITE, shape=BALL):
+    """Returns a picture of something red, a metre before the camera."""
+    scene = SceneGraph()
+    scene.AddRenderer("vtk", lit_renderer([light], background))
+    red = coloured(RigidTransform([0, 0, 1]), shape, Rgba(0.8, 0.1, 0.1), "red")
+    scene.RegisterAnchoredGeometry(scene.RegisterSource("test"), red)
+    query = scene.get_query_output_port().Eval(scene.CreateDefaultContext())
+    return take_picture(query, color_camera((21, 21), 0.5), RigidTransform())
+
+
+def test_around_what_is_drawn_there_is_the_background():
+    np.testing.assert_array_equal(picture(Light(FORWARD, 1.0))[CORNER], 255)
+    blue = picture(Light(FORWARD, 1.0), (0.0, 0.0, 1.0))[CORNER]
+    np.testing.assert_array_equal(blue, [0, 0, 255])
+
+
+def test_shapes_have_their_colour_and_more_light_makes_them_brighter():
+    dim, bright = (picture(Light(FORWARD, share))[MIDDLE].astype(int) for share in (0.4, 0.9))
+    assert bright[0] > dim[0] > max(dim[1:])
+
+
+def test_a_light_shines_in_its_own_direction_and_frame():
+    ahead, back = (picture(Light([0, 0, z], 1.0, "world"))[MIDDLE] for z in (1.0, -1.0))
+    assert int(ahead[0]) > int(back[0])
+
+
+def test_a_mesh_is_drawn_where_its_triangles_are_lifted_to():
+    """Lifted towards the camera by half the way, it looks twice as large."""
+    corners = np.array([[-0.1, -0.1, 0], [0, 0.15, 0], [0.1, -0.1, 0]])
+    shown = [
+        picture(Light(FORWARD, 1.0), shape=drawn_mesh(corners[None], lift=lift))[..., 1] < 128
+        for lift in (0.0, 0.5)
+    ]
+    assert 3 < np.sum(shown[1]) / np.sum(shown[0]) < 5
+
+
+def test_a_hand_is_seen_at_four_moments_that_differ():
+    image = picture_grasp(load_scenario("grasp_five_finger", text="{simulation_duration: 8.0}"))
+    assert image.dtype == np.uint8
+    height, width, _ = image.shape
+    assert width == 4 * height + 3 * 8
+    moments = [image[:, k * (height + 8) :][:, :height].astype(float) for k in range(4)]
+    for first, second in pairwise(moments):
+        assert np.mean(np.any(np.abs(first - second) > 30, axis=2)) > 0.01
+    for moment in moments:  # Something is there, and not everywhere.
+        background = np.mean(np.all(np.abs(moment - moment[0, 0]) < 2, axis=2))
+        assert 0.2 < background < 0.9
+
+
+def ticks(*statuses):
+    """Ticks at which contact 0 has a status because of obstacle 2, and contact 1 is active."""
+    return [
+        SimpleNamespace(
+            contact_status=np.array([status, ContactStatus.ACTIVE], dtype=float),
+            contact_causes=np.array([2.0, -1.0]),
+        )
+        for status in statuses
+    ]
+
+
+def test_an_obstacle_with_a_name_is_called_by_it():
+    records = ticks(ContactStatus.OBSTRUCTED, ContactStatus.OBSTRUCTED)
+    (named,), (numbered,) = (describe_limits(records, {k: "the table"}) for k in (2, 1))
+    assert named == "contact 0 obstructed by the table (100% of the ticks)"
+    assert named == numbered.replace("obstacle 2", "the table")
+
+
+def test_limits_are_shares_of_all_ticks_in_the_order_of_their_first():
+    active = ContactStatus.ACTIVE
+    records = ticks(active, ContactStatus.OUT_OF_REACH, ContactStatus.LOST, active)
+    said = describe_limits(records, {})
+    assert [text.split("(")[0] for text in said] == ["contact 0 out of reach ", "contact 0 lost "]
+    assert all("25%" in text for text in said)
+
+
+def test_the_gallery_shows_a_picture_and_numbers_of_each_scenario(tmp_path, monkeypatch):
+    shown = {name: own for name, own in gallery.shipped_scenarios().items() if name == "box"}
+    monkeypatch.setattr(gallery, "shipped_scenarios", lambda: shown)
+    text = make_gallery(tmp_path).read_text()
+    assert (tmp_path / "gallery" / "box.png").stat().st_size > 10_000
+    assert f"### `box`: {shown['box'][1]}\n\n![{shown['box'][1]}](gallery/box.png)" in text
+    assert "Q_MSV 2.2151 static" in text
+
+
+def test_the_table_of_shapes_has_all_ticks_of_all_seeds(tmp_path, monkeypatch):
+    monkeypatch.setattr(shape_study, "SHIPPED", ("box",))
+    monkeypatch.setattr(shape_study, "unseen_meshes", dict)
+    text = study_shapes(tmp_path, seeds=(0, 1), duration=4.5).read_text()
+    (row,) = (line for line in text.splitlines() if line.startswith("| box"))
+    shape, number, off_mesh, *counts = [cell.strip() for cell in row.strip("|").split("|")]
+    assert (shape, number) == ("box", "182")
+    assert float(off_mesh) < 1e-6
+    assert counts[:3] == ["0", "0", "0"]
+    assert 2.2 < float(counts[3]) < float(counts[4]) < 5**0.5

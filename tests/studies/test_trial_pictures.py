@@ -1,0 +1,240 @@
+"""Figures of one seed: which seed, and what the pictures show where."""
+
+import functools
+import os
+
+import numpy as np
+import pandas as pd
+import pytest
+from drake_pregrasp.studies.drawn_mesh import camera_pose
+from hypothesis import given
+from hypothesis import strategies as st
+from made_up_trials import made_up_trial
+from matplotlib.colors import to_rgb
+from matplotlib.image import imread
+from pydrake.geometry import (
+    GeometryInstance,
+    MakeRenderEngineVtk,
+    PerceptionProperties,
+    RenderEngineVtkParams,
+    Rgba,
+    SceneGraph,
+    Sphere,
+)
+from pydrake.math import RigidTransform
+
+from drake_pregrasp.simulation.output import without_solver_chatter
+from drake_pregrasp.studies.report_page import Picture
+from drake_pregrasp.studies.runner import StudyRows, run_jobs
+from drake_pregrasp.studies.static_versus_dynamic import trial_pictures
+from drake_pregrasp.studies.static_versus_dynamic.comparison_command import trial_jobs
+from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
+from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import TrialJob
+from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
+from drake_pregrasp.studies.static_versus_dynamic.trial import Trial
+from drake_pregrasp.studies.static_versus_dynamic.trial_pictures import (
+    CAMERA,
+    PICTURED,
+    camera_over,
+    closing_contacts,
+    figures_of_one_seed,
+    make_pictures,
+    photograph,
+    plot_strips,
+    representative_seed,
+)
+from drake_pregrasp.systems.drawing import contact_color
+
+
+def rows_of(jobs, trial=made_up_trial):
+    return pd.DataFrame([job._asdict() | row for job in jobs for row in trial(job)])
+
+
+@given(st.dictionaries(st.integers(0, 9), st.tuples(st.booleans(), st.booleans()), min_size=1))
+def test_the_seed_is_the_first_that_represents_the_most_methods(clean):
+    lines = [(seed, m, of[k]) for seed, of in clean.items() for k, m in enumerate("ab")]
+    lines.append((50, "a", True))  # Not of both methods.
+    rows = pd.DataFrame(lines[::-1], columns=["seed", "method", "clean"])
+    shares = rows.groupby("method")["clean"].mean()
+    usual = [bool(shares[method] >= 0.5) for method in "ab"]
+    typical = {seed: sum(np.equal(of, usual)) for seed, of in clean.items()}
+    seed, rule = representative_seed(rows)
+    assert typical[seed] == max(typical.values())
+    assert all(count < typical[seed] for other, count in typical.items() if other < seed)
+    assert f"Seed {seed} is the first of {len(clean)} for which, in {typical[seed]} of 2" in rule
+
+
+def test_without_a_seed_of_all_methods_there_are_no_figures(tmp_path):
+    for jobs in (
+        trial_jobs(["nominal"], METHODS, range(6)),
+        trial_jobs(["headline"], ["world", "carried"], range(6)),
+        [TrialJob("headline", method, k) for k, method in enumerate(PICTURED)],
+    ):
+        assert figures_of_one_seed(tmp_path, rows_of(jobs), None, lambda *step: None) == []
+    assert not list(tmp_path.iterdir())
+
+
+def tracked(job):
+    """Made-up rows of strip charts."""
+    rng = np.random.default_rng(job.seed)
+    return [
+        {"time": t, "active": 3, "distance_mm": rng.normal() or None, "clean": clean}
+        for t, clean in ((0.05, None), (0.1, True), (0.15, None), (0.2, False))
+    ]
+
+
+@pytest.mark.parametrize(
+    ("seeds", "methods"), [(2, METHODS), (6, METHODS), (6, ["world", "stationary"])]
+)
+def test_figures_are_of_the_methods_there_are(tmp_path, monkeypatch, seeds, methods):
+    asked = []
+
+    def simulate(function, jobs, *, folder=None, modules=(), processes, on_progress):
+        asked.append(([job.method for job in jobs], {job.seed for job in jobs}, processes))
+        if folder is not None:
+            return StudyRows(rows_of(jobs, tracked), pd.DataFrame(), len(jobs), len(jobs))
+        return run_jobs(functools.partial(blank_pictures, tmp_path), jobs, processes=1)
+
+    monkeypatch.setattr(trial_pictures, "run_jobs", simulate)
+    rows = rows_of(trial_jobs(CONDITIONS, methods, range(seeds)))
+    parts = figures_of_one_seed(tmp_path, rows, 3, lambda *step: None)
+    pictures = [part for part in parts if isinstance(part, Picture)]
+    shown = [method for method in METHODS if method in PICTURED and method in methods]
+    expected = [shown, list(methods)][: len(pictures)]
+    assert len(pictures) == (2 if seeds >= trial_pictures.SEEDS_FOR_STRIPS else 1)
+    assert [jobs for jobs, _, _ in asked] == expected
+    (seed,) = set.union(*(seeds for _, seeds, _ in asked))
+    assert {processes for _, _, processes in asked} == {3}
+    assert all(f"Seed {seed}" in picture.caption for picture in pictures)
+    assert all(imread(picture.image).ndim == 3 for picture in pictures)
+
+
+def blank_pictures(folder, job):
+    """Returns rows as of pictures, which are those of a white page."""
+    file = folder / "white.png"
+    if not file.exists():
+        os.makedirs(folder, exist_ok=True)
+        trial_pictures.imsave(file, np.ones((4, 3, 3)))
+    return [{"file": str(file), "active": 5} for _ in range(4)]
+
+
+def test_strips_show_each_method_in_its_colour(tmp_path):
+    jobs = [TrialJob("headline", method, 0) for method in ("fixed_plan", "stationary")]
+    sizes = []
+    for some in (jobs, jobs[:1]):
+        plot_strips(rows_of(some, tracked)).savefig(tmp_path / "strips.png")
+        image = imread(tmp_path / "strips.png")[..., :3]
+        sizes.append(len(image))
+        for job in some:
+            color = to_rgb(METHODS[job.method].color)
+            assert np.any(np.all(np.abs(image - color) < 0.01, axis=2))
+    assert sizes[0] > 1.5 * sizes[1]
+
+
+def pixels_of(X_WK, p_WQ):
+    """Returns where points are seen, shape (k, 2), by the equations of a pinhole camera."""
+    info = CAMERA.core().intrinsics()
+    p_KQ = (X_WK.inverse() @ np.atleast_2d(p_WQ).T).T
+    centre, focal = [info.center_x(), info.center_y()], [info.focal_x(), info.focal_y()]
+    return centre + np.array(focal) * p_KQ[:, :2] / p_KQ[:, 2:]
+
+
+@pytest.mark.parametrize("p_WQ", [[0.0, 0.0, 0.0], [-0.13, 0.07, 0.02]])
+def test_the_camera_sees_a_ball_where_it_is(p_WQ):
+    scene = SceneGraph()
+    parameters = RenderEngineVtkParams(default_clear_color=[1.0, 1.0, 1.0])
+    scene.AddRenderer(CAMERA.core().renderer_name(), MakeRenderEngineVtk(parameters))
+    properties = PerceptionProperties()
+    properties.AddProperty("phong", "diffuse", Rgba(0, 0, 0))
+    ball = GeometryInstance(RigidTransform(p_WQ), Sphere(0.008), "ball")
+    ball.set_perception_properties(properties)
+    scene.RegisterAnchoredGeometry(scene.RegisterSource("test"), ball)
+    X_WK = camera_pose(np.array([0.02, 0.01, 0.05]), np.array([0.5, -0.4, 0.3]))
+    query = scene.get_query_output_port().Eval(scene.CreateDefaultContext())
+    image = query.RenderColorImage(CAMERA, scene.world_frame_id(), X_WK).data
+    dark = np.argwhere(image[:, :, 0] < 100)[:, ::-1]
+    assert len(dark) > 50
+    np.testing.assert_allclose(np.mean(dark, axis=0), pixels_of(X_WK, p_WQ)[0], atol=1.0)
+
+
+@pytest.fixture(scope="module")
+def tracking():
+    """A trial on its way, before fingers come down."""
+    with without_solver_chatter():
+        trial = Trial(TrialJob("headline", "dynamic_reach", 0))
+        trial.track(0.3)
+    return trial
+
+
+def likeness(pixels):
+    """Returns how like colours are to those of the fingers, shape (k, 5): 1 if only lit else."""
+    colors = [contact_color(finger) for finger in range(5)]
+    hues = np.array([[color.r(), color.g(), color.b()] for color in colors])
+    hues /= np.linalg.norm(hues, axis=1, keepdims=True)
+    lengths = np.maximum(np.linalg.norm(pixels, axis=1, keepdims=True), 1)
+    return pixels / lengths @ hues.T
+
+
+def test_a_picture_shows_contacts_and_regions_where_they_are(tracking):
+    bare, marked = (photograph(tracking, annotate=on).astype(int) for on in (False, True))
+    X_WK = camera_over(tracking)
+    X_WC = closing_contacts(tracking)
+    points = np.array([X.translation() for X in X_WC])
+    normals = np.array([X.rotation().matrix()[:, 2] for X in X_WC])
+    seen = np.sum((X_WK.translation() - points) * normals, axis=1) > 0.1
+    assert seen.any()
+    middles = pixels_of(X_WK, points[seen])
+    black = np.argwhere((marked.max(axis=2) < 40) & (bare.min(axis=2) > 60))[:, ::-1]
+    apart = np.linalg.norm(black[:, None] - middles, axis=2)
+    assert np.all(apart.min(axis=1) < 20)
+    assert np.all(apart.min(axis=0) < 12)
+    changed = np.argwhere(np.abs(marked - bare).max(axis=2) > 0)[:, ::-1]
+    station, surface = tracking.station, tracking.surface
+    X_WO = station.GetOutputPort("X_WO").Eval(station.GetMyContextFromRoot(tracking.context))
+    p_WQ = (X_WO @ surface.p_OQ.T).T
+    of_object = pixels_of(X_WK, p_WQ)
+    inside = (changed > of_object.min(axis=0) - 5) & (changed < of_object.max(axis=0) + 5)
+    assert np.mean(inside.all(axis=1)) > 0.98  # All but the smoothing of some edges.
+    port = tracking.planner.GetOutputPort("safe_regions")
+    labels = port.Eval(tracking.planner.GetMyContextFromRoot(tracking.context)).labels
+    nhat_WQ = surface.nhat_OQ @ X_WO.rotation().matrix().T
+    owned = (np.sum((X_WK.translation() - p_WQ) * nhat_WQ, axis=1) > 0.2) & (labels >= 0)
+    columns, rows = pixels_of(X_WK, p_WQ[owned]).round().astype(int).T
+    found = likeness(marked[rows, columns])
+    right = found[np.arange(len(found)), labels[owned]] > 0.97
+    assert len(right) > 100
+    assert np.mean(right & (np.argmax(found, axis=1) == labels[owned])) > 0.7  # Links hide some.
+
+
+def test_a_picture_shows_the_hand_and_leaves_no_trace(tracking):
+    before = tracking.context.Clone()
+    picture = photograph(tracking, annotate=False).astype(float)
+    plant = tracking.station.plant
+    context = plant.GetMyContextFromRoot(tracking.context)
+    frames = [plant.GetFrameByName(f"finger_{finger}_tip") for finger in range(5)]
+    p_WT = [frame.CalcPoseInWorld(context).translation() for frame in frames]
+    columns, rows = pixels_of(camera_over(tracking), p_WT).round().astype(int).T
+    own = np.diag(likeness(picture[rows, columns]))
+    assert np.median(own) > 0.97  # Of most; links may be before some.
+    scene = tracking.station.scene_graph
+    assert scene.RendererCount(scene.GetMyContextFromRoot(tracking.context)) == 0
+    assert tracking.context.get_time() == before.get_time()
+    for index in range(before.num_discrete_state_groups()):
+        np.testing.assert_array_equal(
+            tracking.context.get_discrete_state(index).value(),
+            before.get_discrete_state(index).value(),
+        )
+    assert tracking.diagram.GetInputPort("close").Eval(tracking.context) == [0.0]
+
+
+def test_the_grid_has_a_row_for_each_method(tmp_path):
+    jobs = [TrialJob("headline", method, 0) for method in ("fixed_plan", "stationary")]
+    outcomes = rows_of(jobs).drop_duplicates("method")
+    make_pictures(tmp_path / "grid.png", outcomes, (0.1,))
+    grid = imread(tmp_path / "grid.png")
+    # One wall in each of the two rows and columns: what is much redder than green.
+    red = grid[..., 0] - grid[..., 1] > 0.15
+    half_height, half_width = np.array(red.shape) // 2
+    for part in (red[:half_height], red[half_height:]):
+        assert part[:, :half_width].sum() > 1000
+        assert part[:, half_width:].sum() > 1000
