@@ -223,8 +223,8 @@ class GraspState:
     @staticmethod
     def from_vector(vector: FloatArray) -> "GraspState":
         """Returns the state from a vector of `to_vector`."""
-        # Only the shapes of the first state matter.
-        anything = GraspSettings(0, 0, 0, 0, 0, 0, 0, 0, 0)
+        # Only the shapes and types of the first state matter.
+        anything = GraspSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         single = len(GraspState.first(0, anything).to_vector())
         return unpack(GraspState.first((len(vector) - single) // 6, anything), vector)
 
