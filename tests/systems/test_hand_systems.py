@@ -468,10 +468,3 @@ def test_a_model_instance_that_is_not_there_is_named():
     plant = HAND.kinematics.plant
     with pytest.raises(InvalidArgumentError, match="no model instance 'foot'"):
         HandKinematics(plant, ["foot::tip"])
-
-
-def test_a_state_comes_back_from_its_vector():
-    state = GraspState.first(5, GraspConfig(standoff=0.0123).make_settings())
-    again = GraspState.from_vector(state.to_vector())
-    np.testing.assert_array_equal(again.standoffs, np.full(5, 0.0123))
-    np.testing.assert_array_equal(again.to_vector(), state.to_vector())
