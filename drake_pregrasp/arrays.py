@@ -20,7 +20,7 @@ LARGEST_WEIGHT = 1e4
 """Largest size of a contact's weight h_i, in m²: one contact then has the whole surface or none."""
 
 LARGEST_VARIANCE = 100.0
-"""Largest element of a covariance, in m²: over any object Eq. 3 then is flat."""
+"""Largest element of a covariance, in m²: the Gaussian weights are then flat over any object."""
 
 _ORTHONORMAL = 1e-5  # Largest error of a rotation, in Rᵀ R - I: as of one in single precision.
 _ASYMMETRY = 1e-9  # Share of the least variance by which a matrix may differ from its transpose.
@@ -130,7 +130,7 @@ def validated_weights(contact_weights: FloatArray) -> FloatArray:
 
 
 def validated_covariance(covariance_W: FloatArray, R_WO: FloatArray, spread: float) -> FloatArray:
-    """Returns Sigma of Eq. 3 in O with the spread added, shape (3, 3), in m², positive definite.
+    """Returns Sigma of the Gaussian weights in O with the spread added, shape (3, 3), in m².
 
     A covariance that is not finite counts as zero: the spread alone is nearly the same as the
     spread with a filter's covariance, which is of millimetres. One that is too large is scaled

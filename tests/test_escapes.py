@@ -110,7 +110,7 @@ URIS = (
         "own.obj</uri><uri>@/secret.obj",
     ),
     *("https://localhost/secret.obj", "own.obj\0../secret.obj", "..\\secret.obj", "@/secret.txt"),
-    "@/secret.obj<!-- -->/../../own/own.obj",
+    "@/secret.obj<!-- -->/../own/own.obj",
 )
 LIBRARIES = (
     *(

@@ -5,7 +5,7 @@ import re
 from pathlib import Path
 
 import drake_pregrasp
-from drake_pregrasp.diagrams.model_files import PART_SUFFIXES
+from drake_pregrasp.geometry.meshes import MESH_SUFFIXES
 
 PACKAGE = Path(drake_pregrasp.__file__).parent
 TEXT = (PACKAGE.parent / "docs" / "untrusted_files.md").read_text(encoding="utf-8")
@@ -15,9 +15,10 @@ ROWS = dict(
 )
 CHECKED = (
     "simulation/yaml_text",
-    "simulation/schema_check",
+    "config/validation",
     "simulation/scenario_check",
     "geometry/meshes",
+    "geometry/closed_surfaces",
     "estimation/recorded_poses",
     "diagrams/model_files",
 )
@@ -39,5 +40,5 @@ def test_no_limit_is_left_out():
 
 
 def test_kinds_of_files_are_named():
-    for suffix in PART_SUFFIXES:
+    for suffix in MESH_SUFFIXES:
         assert f"`{suffix}`" in TEXT

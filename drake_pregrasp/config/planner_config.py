@@ -127,7 +127,7 @@ class PlannerConfig:
     # Distance of the fingertip targets from the surface while the object is not tracked, in metres.
     lost_standoff: float = field(default=0.02, metadata={"at_least": 0, "at_most": 10})
 
-    # How a contact moves inside its safe region: position tracking (Eq. 3), a measure (Eq. 5-7),
+    # How a contact moves inside its safe region: position tracking, a measure of the grasp matrix,
     # the force-closure margin, or a blend of them.
     strategy: str = field(default="position", metadata={"one_of": (*STRATEGIES, BLEND)})
 
@@ -151,19 +151,19 @@ class PlannerConfig:
     # all at once. Measures then settle, at the cost of computing the weights once per contact.
     in_turns: bool = False
 
-    # Whether a contact moves to the candidate with the largest weight, not to the centroid (Eq. 4).
+    # Whether a contact moves to the candidate with the largest weight, not to the centroid.
     best_point: bool = False
 
-    # Standard deviation added to the filter's covariance in Eq. 3, in metres. The filter's own is
-    # of millimetres, with which Eq. 4 would always select the candidate closest to the centre.
+    # Standard deviation added to the filter's covariance in the Gaussian weights, in metres. The
+    # filter's own is a few millimetres, which always selects the candidate closest to the centre.
     position_spread: float = field(default=0.04, metadata={"at_least": 1e-6, "at_most": 1000})
 
     # What keeps a region from extending through a thin wall: nothing, the angle between outward
     # normals, or the distance over the surface.
     wall_test: str = field(default="none", metadata={"one_of": WALL_TESTS})
 
-    # If above zero, Eq. 1 is evaluated in six coordinates: points, and outward normals times this
-    # length in metres. Regions then prefer surface that faces the same way as their contact.
+    # If above zero, regions are evaluated in six coordinates: points, and outward normals times
+    # this length in metres. Regions then prefer surface that faces the same way as their contact.
     normal_length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
 
     limits: LimitsConfig = field(default_factory=LimitsConfig)

@@ -1,1 +1,1 @@
-"""Contact goals inside safe regions: Eq. 3-7, limits on goals, and assignment of fingers."""
+"""Contact goals: centroids, strategies, limits on goals, and assignment of fingers."""

@@ -17,7 +17,7 @@ from xml.etree.ElementTree import Element
 from pydrake.multibody.parsing import PackageMap
 
 from drake_pregrasp.errors import InvalidArgumentError, first_line, printable
-from drake_pregrasp.geometry.meshes import MAX_FACES, MESH_SUFFIXES, companions, read_pieces
+from drake_pregrasp.geometry.meshes import MESH_SUFFIXES, companions, read_pieces
 from drake_pregrasp.resources import check_inside, read_bounded_text, resource_folder
 from drake_pregrasp.robots.robot_meshes import write_obj
 from drake_pregrasp.robots.urdf_mending import DRAKE
@@ -46,8 +46,12 @@ MAX_GEOMETRIES = 1000
 MAX_OTHERS = 300
 """Joints of a model; actuators, frames, constraints and collision filters, of each kind."""
 
-MAX_CELLS = 20_000
-"""Sum of (size / resolution hint)² of a model's hydroelastic geometries, which Drake meshes."""
+MAX_TRIANGLES = 100_000
+"""Triangles of all mesh files that a model names, together."""
+
+MAX_CELLS = 1000
+"""Sum of (size / resolution hint)² of a model's hydroelastic geometries, which Drake meshes; of
+one with a mesh file, a tenth of its triangles."""
 
 _KINDS = {"sdf": "sdf", "robot": "urdf", "mujoco": "xml"}  # Formats by the tags of roots.
 _MESH_NAMES = {"urdf": "filename", "xml": "file"}  # Attributes; SDF has an element.
@@ -238,6 +242,7 @@ class _Copier:
         self._counts: Counter[str] = Counter()
         self._cells = 0.0
         self._meshes: dict[Path, Path] = {}
+        self._faces: dict[str, int] = {}  # By URI.
         self._files = [model]
         self._left_out: set[str] = set()
 
@@ -291,7 +296,7 @@ class _Copier:
         if copied.tag == "mesh":
             self._copy_mesh(copied, element)
         if copied.tag == "collision":
-            self._check_resolution(copied)
+            self._check_cells(copied)
 
     def _value(self, element: Element, value: str) -> str:
         value = value.strip()
@@ -342,24 +347,30 @@ class _Copier:
             if self._counts["bytes"] > MAX_PART_BYTES:
                 raise InvalidArgumentError(f"all meshes have more than {MAX_PART_BYTES} bytes")
             pieces = read_pieces(path, colors=True)
-            self._counts["faces"] += sum(len(piece.mesh.faces) for piece in pieces)
-            if self._counts["faces"] > MAX_FACES:
-                raise InvalidArgumentError(f"all meshes have more than {MAX_FACES} triangles")
+            faces = sum(len(piece.mesh.faces) for piece in pieces)
+            self._counts["faces"] += faces
+            if self._counts["faces"] > MAX_TRIANGLES:
+                raise InvalidArgumentError(f"all meshes have more than {MAX_TRIANGLES} triangles")
         except (InvalidArgumentError, OSError) as error:
             raise self._error(f"names {name}: {error}") from error
-        return write_obj(pieces, Path(tempfile.mkdtemp(dir=_folder())) / "mesh.obj")
+        written = write_obj(pieces, Path(tempfile.mkdtemp(dir=_folder())) / "mesh.obj")
+        self._faces[written.as_uri()] = faces
+        return written
 
-    def _check_resolution(self, collision: Element) -> None:
+    def _check_cells(self, collision: Element) -> None:
+        """Refuses hydroelastic geometries that Drake would split into too many cells."""
         parts = [part for shape in collision.iter("geometry") for part in shape.iter()]
         size = max((abs(n) for part in parts for n in _numbers(part)), default=0.0)
         for hint in collision.iter("drake:mesh_resolution_hint"):
-            for number in _numbers(hint):
-                self._cells += (size / max(number, 1e-9)) ** 2
-                if not self._cells <= MAX_CELLS:
-                    raise self._error(
-                        f"has <drake:mesh_resolution_hint> of {number:g} m for a geometry of"
-                        f" {size:g} m; the sum of (size / hint)² must be at most {MAX_CELLS}"
-                    )
+            self._cells += sum((size / max(n, 1e-9)) ** 2 for n in _numbers(hint))
+        if any("_hydroelastic" in part.tag for part in collision.iter()):
+            uris = [uri for part in parts for uri in (part.text, part.get("filename")) if uri]
+            self._cells += sum(self._faces.get(uri, 0) for uri in uris) / 10
+        if not self._cells <= MAX_CELLS:
+            raise self._error(
+                f"has hydroelastic geometries of {self._cells:.0f} cells; at most {MAX_CELLS}: give"
+                " them larger values of <drake:mesh_resolution_hint>, or meshes of fewer triangles"
+            )
 
 
 def _plain(name: str) -> str:

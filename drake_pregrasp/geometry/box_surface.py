@@ -28,7 +28,7 @@ def box_surface(
     """Returns the surface of a homogeneous box centred on the object frame's origin.
 
     Candidates are the centres of equal cells, so that all candidates of a face have the same area.
-    Forbidden points are on a grid that includes the rims, so that Eq. 1 keeps contacts off them.
+    Forbidden points are on a grid that includes the rims, so that safe regions exclude them.
 
     Args:
         size: Edge lengths along x, y and z of O, in metres.

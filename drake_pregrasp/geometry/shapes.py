@@ -11,7 +11,8 @@ from scipy.sparse.csgraph import connected_components
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.meshes import orient_components, read_pieces
+from drake_pregrasp.geometry.closed_surfaces import orient_components
+from drake_pregrasp.geometry.meshes import read_pieces
 
 FACET_ERROR = 5e-5
 """Farthest that facets are to be from the round surface they stand for, in metres."""

@@ -25,12 +25,12 @@ decide on which side of them a point is."""
 
 @dataclass(frozen=True, eq=False)
 class ForbiddenPoints:
-    """Points Z that contacts keep away from (the obstacles of Eq. 1).
+    """Points Z that contacts keep away from (the obstacles z_j of the paper).
 
     Attributes:
-        points: z_j, shape (m, d), in metres, d = 3 unless Eq. 1 is used over more coordinates; the
+        points: z_j, shape (m, d), in metres, d = 3 unless regions use more coordinates; the
             frame is named by whoever holds them.
-        radii: R_j of Eq. 2, shape (m,), in metres.
+        radii: R_j, shape (m,), in metres.
         normals: Outward unit normals of the ground they stand for, shape (m, d); zero, as by
             default, for points that stand for none.
     """

@@ -1,1 +1,1 @@
-"""Grasp quality: contact models, the measures of the paper, Eq. 8-9, and force closure."""
+"""Grasp quality: contact models, measures, classification, and force closure."""

@@ -1,1 +1,1 @@
-"""Safe regions: Eq. 1-2, and the constraints beside it."""
+"""Safe regions of the contacts, and their further constraints."""

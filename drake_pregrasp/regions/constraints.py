@@ -1,4 +1,4 @@
-"""Constraints of safe regions beside Eq. 1: fingertips, obstacles, reach, and thin walls."""
+"""Constraints of safe regions: fingertips, obstacles, reach, and thin walls."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -289,4 +289,4 @@ class RegionConstraints:
 
 
 UNCONSTRAINED = RegionConstraints()
-"""Nothing limits the regions beside Eq. 1."""
+"""Nothing limits the regions beside forbidden points."""

@@ -99,7 +99,7 @@ class Scenario:
     # Number of contacts that start on a ring around the centre of mass; 0 for those above.
     ring_contacts: int = field(default=0, metadata={"at_least": 0, "at_most": 64})
 
-    # Weight h_i of each contact in Eq. 1, in m^2: a larger one gives a larger region. Empty: all 0.
+    # Weight h_i of each contact, in m^2: a larger one gives a larger region. Empty: all 0.
     contact_weights: list[float] = field(
         default_factory=list, metadata={"at_least": -1, "at_most": 1}
     )

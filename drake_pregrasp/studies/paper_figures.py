@@ -27,15 +27,15 @@ _STRATEGY_LINES = {
     "position": ("#E69F00", (0, (4, 3))),
 }
 _STRATEGY_TITLES = {
-    "position": "position tracking (Eq. 3)",
-    "msv": "$b^{MSV}$ (Eq. 5)",
-    "gii": "$b^{GII}$ (Eq. 6)",
-    "vew": "$b^{VEW}$ (Eq. 7)",
+    "position": "position tracking",
+    "msv": "$b^{MSV}$",
+    "gii": "$b^{GII}$",
+    "vew": "$b^{VEW}$",
 }
 
 
 def figure_2c(scenario: Scenario, contact: int) -> Figure:
-    """Returns weight maps of the four strategies on one safe region, with the resulting goals.
+    """Returns Figure 2c: weight maps of the four strategies on one region, with their goals.
 
     The side faces are unrolled: the horizontal axis goes once around the object.
 
@@ -98,7 +98,7 @@ def unrolled(surface: ObjectSurface, p_OQ: FloatArray, nhat_OQ: FloatArray) -> F
 
 
 def figure_4(logs: Mapping[str, CaseLog]) -> Figure:
-    """Returns the measures over time, divided by their values for contacts at the centre of mass.
+    """Returns Figure 4: measures over time, divided by those of contacts at the centre of mass.
 
     Args:
         logs: One run of each case.
@@ -129,7 +129,7 @@ def figure_4(logs: Mapping[str, CaseLog]) -> Figure:
 
 
 def figure_5(a: CaseLog, f: CaseLog, j: CaseLog) -> Figure:
-    """Returns pictures of regions and goals from two sides.
+    """Returns Figure 5: pictures of regions and goals from two sides.
 
     Args:
         a: Run of case a, whose first and last ticks are shown.
@@ -160,7 +160,7 @@ def _picture(log: CaseLog, tick: int, yaw: float) -> ByteArray:
 
 
 def figure_6(logs: Mapping[str, CaseLog]) -> Figure:
-    """Returns displacement and energy of the goals over time.
+    """Returns Figure 6: displacement and energy of the goals over time.
 
     Args:
         logs: One run of each strategy.

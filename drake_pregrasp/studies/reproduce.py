@@ -135,7 +135,7 @@ def reproduce(
 
 
 def paper_table(table: Mapping[str, Published], runs: pd.DataFrame) -> pd.DataFrame:
-    """Returns a table of the paper beside ours, a row for each measure of each case that was run.
+    """Returns Table II or III beside our values, a row for each measure of each case that was run.
 
     Args:
         table: `TABLE_2` or `TABLE_3`.

@@ -6,6 +6,7 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
+import pandas as pd
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.planner_config import BlendConfig, PlannerConfig

@@ -1,6 +1,5 @@
 """Scenario files, good and bad, each a function of a seed and a number."""
 
-import base64
 import copy
 import json
 import math
@@ -18,18 +17,11 @@ from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.scenario import Scenario
 
 
-def _exported(kind: str) -> bytes:
+def _exported(kind: str, **options: Any) -> bytes:
     """Returns a bracket in a format; glTF with its buffers inside."""
-    mesh = trimesh.load_mesh(_MODELS / "bracket.obj")
-    if kind != "gltf":
-        data = mesh.export(file_type=kind)
-        return data if isinstance(data, bytes) else data.encode()
-    files = mesh.export(file_type="gltf")
-    tree = json.loads(files["model.gltf"])
-    for buffer in tree["buffers"]:
-        text = base64.b64encode(files[buffer["uri"]]).decode()
-        buffer["uri"] = f"data:application/octet-stream;base64,{text}"
-    return json.dumps(tree).encode()
+    data = trimesh.load_mesh(_MODELS / "bracket.obj").export(file_type=kind, **options)
+    data = data["model.gltf"] if kind == "gltf" else data
+    return data if isinstance(data, bytes) else data.encode()
 
 
 SCENARIOS = tuple(sorted(resource_folder("scenarios").glob("*.yaml")))
@@ -38,52 +30,43 @@ _DATA: Mapping[str, bytes] = {
     name: (_MODELS / name).read_bytes()
     for name in ("bracket.obj", "carried_by_hand.csv", "five_finger_hand.sdf")
 }
-_HAND = (
-    (_MODELS / "five_finger_hand.yaml")
-    .read_bytes()
-    .replace(b"package://drake_pregrasp/five_finger_hand.sdf", b"own.sdf")
-)
+_HAND = (_MODELS / "five_finger_hand.yaml").read_bytes()
+_HAND = _HAND.replace(b"package://drake_pregrasp/five_finger_hand.sdf", b"own.sdf")
 _TOKENS = (b"&a ", b"*a", b"<<: ", b"!!", b"[", b"]", b"{", b"}", b": ", b"- ", b"\n", b"\t", b"\0")
 _MORE = (b"\xff", b"\xef\xbb\xbf", b"\x1b[2J", b"---\n", b"...\n", b"%YAML 9\n", b"nan", b"1e999")
 
 
-_GRASP = (
-    (resource_folder("scenarios") / "hands.yaml")
-    .read_bytes()
-    .replace(b"package://drake_pregrasp/five_finger_hand.yaml", b"x.yaml")
-)
+_GRASP = (resource_folder("scenarios") / "hands.yaml").read_bytes()
+_GRASP = _GRASP.replace(b"package://drake_pregrasp/five_finger_hand.yaml", b"x.yaml")
 _MESHES: Mapping[str, bytes] = {
     "x.obj": _DATA["bracket.obj"],
     **{f"x.{kind}": _exported(kind) for kind in ("stl", "off", "glb")},
-    "x.gltf": _exported("gltf"),
-    "x.ply": trimesh.load_mesh(_MODELS / "bracket.obj").export(file_type="ply", encoding="ascii"),
+    "x.gltf": _exported("gltf", embed_buffers=True),
+    "x.ply": _exported("ply", encoding="ascii"),
     "x.dae": _DATA["bracket.obj"],
-    "x.zip": _DATA["bracket.obj"],
 }
 _NUMBER = re.compile(rb"-?\d+\.?\d*(?:e-?\d+)?")
 _NUMBERS = (*b"nan inf -1 0 1e308 -1e308 1e-320 99999999999 1e5".split(), b"")
-_URDF = """<robot name="r" xmlns:drake="http://drake.mit.edu"><link name="a"><inertial>
-<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial><visual>
-<geometry><mesh filename="x.obj" scale="1 1 1"/></geometry><material name="m">
-<color rgba="1 0 0 1"/></material></visual></link>
-<link name="b"><collision><origin xyz="0 0 0" rpy="0 0 0"/><geometry>
-<sphere radius="1"/></geometry><drake:proximity_properties><drake:mesh_resolution_hint value="0.1"/>
-<drake:hydroelastic_modulus value="1e6"/><drake:compliant_hydroelastic/>
-</drake:proximity_properties></collision></link>
-<joint name="j" type="revolute"><parent link="a"/><child link="b"/>
-<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/><mimic joint="j"/></joint>
-<transmission><type>SimpleTransmission</type><joint name="j"/><actuator name="j">
-<drake:rotor_inertia value="0.1"/><drake:controller_gains p="1" d="1"/></actuator></transmission>
-</robot>"""
-_MJCF = """<mujoco model="m"><compiler angle="radian" meshdir="." eulerseq="xyz"/><default>
-<joint damping="1"/><default class="c"><geom type="box" size="1 1 1"/></default></default><asset>
-<mesh name="x" file="x.obj" scale="1 1 1"/><material name="m" rgba="1 0 0 1"/></asset><worldbody>
-<body name="a" pos="0 0 0" euler="0 1 0"><joint name="j" type="hinge" axis="0 1 0" range="-1 1"/>
-<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom type="mesh" mesh="x" material="m"/>
-<body name="b" childclass="c"><freejoint/><geom mass="1"/><geom type="capsule" size="1"
-fromto="0 0 0 1 1 1"/></body></body></worldbody><actuator><position joint="j" kp="1" kv="1"/>
-<motor joint="j"/></actuator><equality><weld body1="a" body2="b"/></equality><contact>
-<exclude body1="a" body2="b"/></contact></mujoco>"""
+_URDF = """<robot name="r" xmlns:drake="http://drake.mit.edu"><link name="a"><inertial><mass
+value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial><visual><geometry>
+<mesh filename="x.obj" scale="1 1 1"/></geometry><material name="m"><color rgba="1 0 0 1"/>
+</material></visual></link><link name="b"><collision><origin xyz="0 0 0" rpy="0 0 0"/><geometry>
+<sphere radius="1"/></geometry><drake:proximity_properties><drake:mesh_resolution_hint
+value="0.1"/><drake:hydroelastic_modulus value="1e6"/><drake:compliant_hydroelastic/>
+</drake:proximity_properties></collision></link><joint name="j" type="revolute"><parent link="a"/>
+<child link="b"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/><mimic
+joint="j"/></joint><transmission><type>SimpleTransmission</type><joint name="j"/><actuator
+name="j"><drake:rotor_inertia value="0.1"/><drake:controller_gains p="1" d="1"/></actuator>
+</transmission></robot>"""
+_MJCF = """<mujoco model="m"><compiler angle="radian" meshdir="." eulerseq="xyz"/><default><joint
+damping="1"/><default class="c"><geom type="box" size="1 1 1"/></default></default><asset><mesh
+name="x" file="x.obj" scale="1 1 1"/><material name="m" rgba="1 0 0 1"/></asset><worldbody><body
+name="a" pos="0 0 0" euler="0 1 0"><joint name="j" type="hinge" axis="0 1 0" range="-1 1"/>
+<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom type="mesh" mesh="x" material="m"/><body
+name="b" childclass="c"><freejoint/><geom mass="1"/><geom type="capsule" size="1" fromto="0 0 0 1 1
+1"/></body></body></worldbody><actuator><position joint="j" kp="1" kv="1"/><motor joint="j"/>
+</actuator><equality><weld body1="a" body2="b"/></equality><contact><exclude body1="a" body2="b"/>
+</contact></mujoco>"""
 _BODIES = {"sdf": _DATA["five_finger_hand.sdf"].decode(), "urdf": _URDF, "xml": _MJCF}
 
 
@@ -159,23 +142,19 @@ def _mesh(kind: str, rng: random.Random) -> Case:
 
 
 def _altered(tree: Any, rng: random.Random) -> Any:
-    """Returns what JSON holds with some values left out, doubled, moved or replaced."""
+    """Returns what JSON holds with some values left out, moved or replaced."""
+    wild = (-4, 0, 3, 2**31, 1e308, -1.5, None, "x", "../x", [], {}, [[]], True, math.nan)
     for _ in range(rng.choice((1, 1, 2, 4))):
-        places: list[tuple[Any, Any]] = []
-        todo = [tree]
+        places, todo = [], [tree]
         while todo:
             inner = todo.pop()
             keys = list(inner) if isinstance(inner, dict) else range(len(inner))
             places += [(inner, key) for key in keys]
             todo += [inner[key] for key in keys if isinstance(inner[key], dict | list)]
         (inner, key), (other, place) = rng.choice(places), rng.choice(places)
-        wild = (-4, 0, 3, 2**31, 1e308, -1.5, None, "x", "../x", [], {}, [[]], True, math.nan)
+        inner[key] = copy.deepcopy(other[place]) if rng.random() < 0.3 else rng.choice(wild)
         if rng.random() < 0.3:
-            inner[key] = copy.deepcopy(other[place])
-        elif rng.random() < 0.3:
             del inner[key]
-        else:
-            inner[key] = rng.choice(wild)
     return tree
 
 

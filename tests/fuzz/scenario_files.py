@@ -47,7 +47,6 @@ GOOD = ("accepted", "refused")
 _LONGEST = 2 * LONGEST_MESSAGE + LONGEST_KEY
 _LAST = 3 * SECONDS  # Of processor time, until the kernel ends a process that heeds no timer.
 _PATIENCE = 12 * SECONDS  # Until a process that takes no processor time is killed.
-_EFFORT = 300  # Tries to make a failing example smaller.
 
 
 class _TooSlow(BaseException):
@@ -91,24 +90,6 @@ def _timer() -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
-def smallest(case: Case, outcome: str, folder: Path, *, build: bool) -> Case:
-    """Returns a case with as little left of its text as still has that outcome."""
-    step = max(1, len(case.text) // 2)
-    tries = 0
-    while step and tries < _EFFORT and outcome != "slow":
-        start = 0
-        while start < len(case.text) and tries < _EFFORT:
-            text = case.text[:start] + case.text[start + step :]
-            less = Case(case.kind, text, case.name, case.files)
-            tries += 1
-            if load(less, folder, build=build)[0] == outcome:
-                case = less
-            else:
-                start += step
-        step //= 2
-    return case
-
-
 def _work(seed: int, first: int, last: int, folder: Path, connection: Connection) -> None:
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     most = pages * resource.getpagesize() + MEMORY
@@ -123,7 +104,7 @@ def _work(seed: int, first: int, last: int, folder: Path, connection: Connection
         build = number % BUILT == 0
         outcome, said = load(case, folder, build=build)
         took = time.process_time() - start
-        text = "" if outcome in GOOD else repr(smallest(case, outcome, folder, build=build))
+        text = "" if outcome in GOOD else repr(case)
         connection.send((number, case.kind, outcome, said, text, took))
 
 
@@ -148,7 +129,7 @@ def _run(count: int, seed: int, first: int, seconds: float, folder: Path) -> Fou
         theirs.close()
         begun = None
         try:
-            while ours.poll(_PATIENCE + _EFFORT):
+            while ours.poll(_PATIENCE):
                 message = ours.recv()
                 if len(message) == 5:
                     begun = message

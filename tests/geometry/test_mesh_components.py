@@ -3,7 +3,7 @@ import pytest
 import trimesh
 
 from drake_pregrasp import InvalidArgumentError, load_shape
-from drake_pregrasp.geometry.meshes import is_inside
+from drake_pregrasp.geometry.closed_surfaces import is_inside
 
 
 def saved(tmp_path, *pieces):

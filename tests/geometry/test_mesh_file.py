@@ -2,13 +2,14 @@
 
 import json
 import os
+import time
 
 import numpy as np
 import pytest
 import trimesh
 
 from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.geometry import meshes
+from drake_pregrasp.geometry import closed_surfaces, meshes
 from drake_pregrasp.geometry.meshes import MESH_SUFFIXES, read_pieces
 from drake_pregrasp.geometry.shapes import load_shape
 
@@ -92,6 +93,37 @@ def test_materials_of_an_obj_file_are_not_looked_for(tmp_path, monkeypatch):
     assert opened == []
 
 
+def test_arrays_of_less_than_nothing_are_refused(tmp_path):
+    def negative(tree):
+        for accessor in tree["accessors"]:
+            accessor["count"] = -4
+        return tree
+
+    with pytest.raises(InvalidArgumentError, match="or fewer than none"):
+        load_shape(write_gltf(tmp_path, negative))
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "problem"),
+    [
+        ("a.obj", b"v 0 0 0\nf" + b" 1 1" * 100_002, "more than 200000 triangles"),
+        ("a.obj", b"v 0 0 0\n" * 600_001, "has 600001 lines v; at most 600000"),
+        ("a.obj", b"v 0 0 0\ro a\r" * 1001, "has 1001 lines o; at most 1000"),
+        ("a.obj", b"vt 0 0\n" * 1_000_000, "holds no triangles"),
+        ("a.off", b"OFF\n" + b"0 " * 4_000_000, "has 4000001 words"),
+        ("a.ply", b"ply\nformat ascii 1.0\n" + b"\t" * 4_000_000, "at most 4000000, simplify"),
+        ("a.stl", b"solid a\nendsolid\n" * 1001, "more than 1000 solids"),
+        ("a.gltf", b'{"nodes": [' + b"{}," * 300_000, "values; at most 500000"),
+    ],
+)
+def test_what_takes_long_to_parse_is_not_parsed(tmp_path, name, data, problem):
+    (tmp_path / name).write_bytes(data)
+    start = time.process_time()
+    with pytest.raises(InvalidArgumentError, match=problem):
+        load_shape(tmp_path / name)
+    assert time.process_time() - start < 5
+
+
 @pytest.mark.parametrize("name", ["box.zip", "box.dae", "box.3mf", "box"])
 def test_other_formats_are_not_read(tmp_path, name):
     (tmp_path / name).write_bytes(b"")
@@ -135,10 +167,10 @@ def test_a_vertex_far_away_is_refused_in_one_line(tmp_path):
 def test_closed_surfaces_are_counted_before_they_are_compared(monkeypatch):
     balls = [trimesh.creation.icosphere(subdivisions=1, radius=r) for r in (0.1, 0.2)]
     mesh = trimesh.util.concatenate(balls)
-    meshes.orient_components(mesh.copy(), "mesh")
-    monkeypatch.setattr(meshes, "MAX_PAIRS", 100)
-    with pytest.raises(InvalidArgumentError, match="in each other with too many triangles"):
-        meshes.orient_components(mesh.copy(), "mesh")
-    monkeypatch.setattr(meshes, "MAX_COMPONENTS", 1)
+    closed_surfaces.orient_components(mesh.copy(), "mesh")
+    monkeypatch.setattr(closed_surfaces, "MAX_PAIRS", 100)
+    with pytest.raises(InvalidArgumentError, match=r"in each other with 3360 pairs .* at most 100"):
+        closed_surfaces.orient_components(mesh.copy(), "mesh")
+    monkeypatch.setattr(closed_surfaces, "MAX_COMPONENTS", 1)
     with pytest.raises(InvalidArgumentError, match="has 2 closed surfaces; at most 1"):
-        meshes.orient_components(mesh, "mesh")
+        closed_surfaces.orient_components(mesh, "mesh")

@@ -132,7 +132,7 @@ def make_tick(
         planner.GetInputPort("obstacles").FixValue(context, AbstractValue.Make(obstacles))
     selector = planner.GetSubsystemByName("centroid_selector")
     own = selector.GetMyMutableContextFromRoot(context)
-    # Replaces the estimate's covariance, so that the spread of Eq. 3 is the planner's own.
+    # Replaces the estimate's covariance, so that the spread is the planner's own.
     selector.GetInputPort("p_WO_covariance").FixValue(own, np.zeros(9))
     p_WC, goals_index = planner.GetOutputPort("p_WC"), 1  # The second group of discrete state.
 

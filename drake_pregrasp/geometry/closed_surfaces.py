@@ -1,0 +1,105 @@
+"""The closed surfaces that a mesh consists of: bodies, and cavities in them."""
+
+import itertools
+
+import numpy as np
+import trimesh
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
+
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.errors import InvalidArgumentError
+
+MAX_COMPONENTS = 100
+"""Closed surfaces that a mesh may be made of."""
+
+MAX_PAIRS = 20_000_000
+"""Pairs of a point and a triangle, of closed surfaces whose bounding boxes overlap: each ten
+million take two to four seconds."""
+
+_CHUNK = 2_000_000  # Pairs of a point and a triangle that are looked at in one go.
+
+
+def orient_components(mesh: trimesh.Trimesh, what: str) -> None:
+    """Turns each closed surface of a mesh so that its normals point out of the material, in place.
+
+    A surface inside another one is a cavity, one inside of that is solid again, and so on.
+
+    Args:
+        mesh: Watertight, each of its surfaces with one winding.
+        what: Names the mesh in errors.
+
+    Raises:
+        InvalidArgumentError: If two surfaces cross, so that ground of one lies inside the other.
+    """
+    labels = _face_components(mesh)
+    count = int(np.max(labels)) + 1
+    if count > MAX_COMPONENTS:
+        raise InvalidArgumentError(
+            f"{what} has {count} closed surfaces; at most {MAX_COMPONENTS}, unite them"
+        )
+    triangles = np.array(mesh.triangles)
+    parts = [triangles[labels == part] for part in range(count)]
+    bounds = [(part.min(axis=(0, 1)), part.max(axis=(0, 1))) for part in parts]
+    depths = np.zeros(count, dtype=np.int64)
+    points = [np.unique(part.reshape(-1, 3), axis=0) for part in parts if count > 1]
+    near: list[tuple[int, int, BoolArray]] = []
+    pairs = 0
+    for inner, outer in itertools.permutations(range(len(points)), 2):
+        low, high = bounds[outer]
+        is_near = np.all((low <= points[inner]) & (points[inner] <= high), axis=1)
+        near.append((inner, outer, is_near))
+        pairs += int(np.sum(is_near)) * len(parts[outer])
+    if pairs > MAX_PAIRS:
+        raise InvalidArgumentError(
+            f"{what} has closed surfaces in each other with {pairs} pairs of a point and a"
+            f" triangle; at most {MAX_PAIRS}, simplify it or leave out its cavities"
+        )
+    for inner, outer, is_near in near:
+        inside = is_inside(points[inner][is_near], parts[outer])
+        if np.any(inside) and not (np.all(inside) and np.all(is_near)):
+            raise InvalidArgumentError(
+                f"{what} has closed surfaces that cross; unite them into one, for example with"
+                " trimesh.boolean.union"
+            )
+        depths[inner] += bool(np.all(inside) and np.all(is_near))
+    volumes = np.bincount(labels, weights=np.linalg.det(triangles), minlength=count)
+    is_wrong = (volumes > 0) != (depths % 2 == 0)
+    flipped = is_wrong[labels]
+    if np.any(flipped):
+        faces = np.array(mesh.faces)
+        faces[flipped] = faces[flipped, ::-1]
+        mesh.faces = faces
+
+
+def is_inside(points: FloatArray, triangles: FloatArray) -> BoolArray:
+    """Returns which points a closed surface winds round, whichever way it is turned, shape (k,).
+
+    The solid angles of its triangles add up to 4 pi, or -4 pi, for points inside, to 0 for others
+    (van Oosterom & Strackee, 1983, give the angle of one).
+
+    Args:
+        points: Shape (k, 3).
+        triangles: Shape (F, 3, 3).
+    """
+    total = np.zeros(len(points))
+    step = max(1, _CHUNK // max(1, len(triangles)))
+    for start in range(0, len(points), step):
+        a, b, c = np.moveaxis(triangles - points[start : start + step, None, None], 2, 0)
+        la, lb, lc = (np.linalg.norm(v, axis=2) for v in (a, b, c))
+        numerator = np.einsum("kfi,kfi->kf", a, np.cross(b, c))
+        denominator = la * lb * lc
+        for u, v, length in ((a, b, lc), (b, c, la), (c, a, lb)):
+            denominator += np.einsum("kfi,kfi->kf", u, v) * length
+        total[start : start + step] = 2 * np.sum(np.arctan2(numerator, denominator), axis=1)
+    inside: BoolArray = np.abs(total) > 2 * np.pi
+    return inside
+
+
+def _face_components(mesh: trimesh.Trimesh) -> IntArray:
+    pairs = mesh.face_adjacency
+    count = len(mesh.faces)
+    links = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
+    _, labels = connected_components(links, directed=False)
+    found: IntArray = np.array(labels, dtype=np.int64)
+    return found

@@ -1,0 +1,133 @@
+"""Copies of models: what is kept, what is left out, and what is refused before it costs."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import trimesh
+from pydrake.geometry import Role
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
+
+from drake_pregrasp.diagrams import model_files
+from drake_pregrasp.diagrams.model_files import checked_model
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.resources import resource_folder
+
+HAND = resource_folder("models") / "five_finger_hand.sdf"
+MJCF = """<mujoco model="hand"><compiler angle="radian" autolimits="true" meshdir="parts"/>
+<default><joint armature="0.001"/></default>
+<asset><mesh name="tip" file="ball.obj" scale="2 2 2"/><texture name="t" file="t.png"/></asset>
+<worldbody><body name="palm"><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>
+<joint name="x" type="slide" axis="1 0 0" range="-1 1"/><geom type="box" size=".1 .1 .1"/>
+<body name="finger"><joint name="j" axis="0 1 0"/><geom type="mesh" mesh="tip"/></body></body>
+</worldbody><actuator><position name="x" joint="x" kp="9" kv="1"/>
+<position name="j" joint="j" kp="5" kv="2" forcerange="-3 3"/></actuator></mujoco>"""
+
+
+def write(folder: Path, text: str, name: str = "own.sdf") -> Path:
+    (folder / "parts").mkdir()
+    trimesh.creation.icosphere(subdivisions=2, radius=0.01).export(folder / "parts" / "ball.obj")
+    (folder / name).write_text(text)
+    return folder / name
+
+
+def load(copy):
+    plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.01)
+    Parser(plant).AddModelsFromString(copy.text, copy.kind)
+    plant.Finalize()
+    return plant, scene_graph.model_inspector()
+
+
+def test_the_copy_of_the_shipped_hand_says_the_same():
+    def tree(root):
+        children = [tree(child) for child in root]
+        return root.tag, sorted(root.attrib.items()), (root.text or "").strip(), children
+
+    copy = checked_model(HAND, [HAND.parent])
+    assert tree(ElementTree.fromstring(copy.text)) == tree(ElementTree.parse(HAND).getroot())
+
+
+def test_an_mjcf_is_a_hand_too(tmp_path):
+    copy = checked_model(write(tmp_path, MJCF, "own.xml"), [tmp_path])
+    assert [file.name for file in copy.files] == ["own.xml", "ball.obj"]
+    assert str(tmp_path) not in copy.text
+    plant, inspector = load(copy)
+    drives = [plant.get_joint_actuator(index) for index in plant.GetJointActuatorIndices()]
+    assert [drive.get_controller_gains().p for drive in drives] == [9, 5]
+    assert [drive.default_rotor_inertia() for drive in drives] == [0.001, 0.001]
+    shapes = [inspector.GetShape(i) for i in inspector.GetAllGeometryIds(Role.kProximity)]
+    assert [type(shape).__name__ for shape in shapes] == ["Box", "Mesh"]
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".stl", ".ply", ".off", ".glb"])
+def test_a_mesh_keeps_its_vertices_and_its_colour(tmp_path, suffix):
+    mesh = trimesh.creation.cylinder(0.0123456789, 0.05)
+    if suffix in (".obj", ".glb"):
+        material = trimesh.visual.material.PBRMaterial(baseColorFactor=[255, 0, 0, 255])
+        mesh.visual = trimesh.visual.TextureVisuals(material=material)
+    mesh.export(tmp_path / f"a{suffix}")
+    (tmp_path / "own.urdf").write_text(
+        f'<robot name="r"><link name="a"><visual><geometry><mesh filename="a{suffix}"/></geometry>'
+        "</visual></link></robot>"
+    )
+    _, inspector = load(checked_model(tmp_path / "own.urdf", [tmp_path]))
+    (shape,) = (inspector.GetShape(i) for i in inspector.GetAllGeometryIds(Role.kIllustration))
+    written = Path(shape.source().path())
+    found = trimesh.load_mesh(written, process=False)
+    read = trimesh.load_mesh(tmp_path / f"a{suffix}", process=False)
+    assert {tuple(v) for v in found.vertices} == {tuple(v) for v in read.vertices}
+    np.testing.assert_allclose(found.area, mesh.area, rtol=1e-5)
+    library = written.with_suffix(".mtl")
+    assert library.is_file() == (suffix in (".obj", ".glb"))
+    if library.is_file():
+        assert "Kd 1 0 0" in library.read_text()
+
+
+def test_a_copy_is_made_anew_when_a_file_has_changed(tmp_path):
+    model = write(tmp_path, MJCF, "own.xml")
+    first = checked_model(model)
+    assert checked_model(model) is first
+    trimesh.creation.box([1, 1, 1]).export(tmp_path / "parts" / "ball.obj")
+    assert checked_model(model) is not first
+    with pytest.raises(InvalidArgumentError, match="is outside of"):
+        checked_model(model, [tmp_path / "parts"])
+
+
+LINK = '<link name="l{}"/>'
+BALL = "<geometry><sphere><radius>1</radius></sphere></geometry>"
+HINT = "<drake:mesh_resolution_hint>{}</drake:mesh_resolution_hint>"
+SOFT = f"<collision name='c'>{BALL}<drake:proximity_properties>{HINT}</drake:proximity_properties>"
+
+
+@pytest.mark.parametrize(
+    ("inside", "problem"),
+    [
+        ("".join(map(LINK.format, range(201))), "more than 200 links"),
+        (LINK.replace("/>", ">") + "<visual/>" * 1001 + "</link>", "more than 1000 geometries"),
+        ("<frame/>" * 301, "more than 300 elements <frame>"),
+        ("<pose/>" * 20_001, "more than 20000 elements"),
+        ("<pose>" * 64 + "</pose>" * 64, "64 levels"),
+        (f"<pose>{'0 ' * 600}</pose>", "<pose> with a value of 1199 characters; at most 1000"),
+        (f"<link>{SOFT.format(0.001)}</collision></link>", "of 1000000 cells; at most 1000"),
+        (f"<link>{SOFT.format(-1e-300)}</collision></link>", "cells; at most 1000"),
+        (f"<link>{SOFT.format('nan')}</collision></link>", "of nan cells"),
+    ],
+)
+def test_what_is_too_much_is_refused_by_number(tmp_path, inside, problem):
+    text = f'<sdf version="1.9" xmlns:drake="http://drake.mit.edu"><model name="m">{inside}'
+    model = write(tmp_path, text + "</model></sdf>")
+    with pytest.raises(InvalidArgumentError, match=problem) as error:
+        checked_model(model)
+    assert "own.sdf" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "most"), [("MAX_PART_BYTES", 999), ("MAX_TRIANGLES", 319), ("MAX_MODEL_BYTES", 99)]
+)
+def test_what_is_too_large_is_refused(tmp_path, monkeypatch, name, most):
+    monkeypatch.setattr(model_files, name, most)
+    with pytest.raises(InvalidArgumentError, match=r"own.xml.* more than"):
+        checked_model(write(tmp_path, MJCF, "own.xml"))
