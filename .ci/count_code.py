@@ -39,11 +39,10 @@ def lines_of_code(path: Path) -> int:
         if token.type not in SKIPPED
         for line in range(token.start[0], token.end[0] + 1)
     }
-    documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
     for node in ast.walk(ast.parse(path.read_bytes())):
-        if isinstance(node, documented) and ast.get_docstring(node) is not None:
-            docstring = node.body[0]
-            lines -= set(range(docstring.lineno, (docstring.end_lineno or 0) + 1))
+        # A string that stands alone documents a module, class, function or constant.
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            lines -= set(range(node.lineno, (node.end_lineno or 0) + 1))
     return len(lines)
 
 

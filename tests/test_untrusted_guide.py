@@ -15,7 +15,7 @@ ROWS = dict(
 )
 CHECKED = (
     "simulation/yaml_text",
-    "simulation/schema_check",
+    "config/validation",
     "simulation/scenario_check",
     "geometry/meshes",
     "geometry/closed_surfaces",

@@ -69,7 +69,8 @@ class MeasurementVerdict(IntEnum):
             on from them.
         UNUSABLE: Refused: its time or its pose is invalid.
         TOO_LATE: Refused: it is older than all measurements in memory.
-        OUTLIER: Refused: it is too far from the prediction.
+        OUTLIER: Refused: it is too far from the prediction, or the alternative hypothesis explains
+            it better than a belief that is not confirmed yet.
         REPEATED: Refused: a sensor with noise has repeated itself to the last bit.
     """
 

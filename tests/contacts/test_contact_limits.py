@@ -45,14 +45,15 @@ def selection(surface, p_OC, weights=None, **constraints):
 
 
 class Wandering:
-    """A strategy that is drawn to another place at every tick."""
+    """A strategy that is drawn to another place each time."""
 
     def __init__(self, seed, size=0.06, spread=0.01):
         self.rng, self.size, self.spread = np.random.default_rng(seed), size, spread
 
-    def __call__(self, chosen):
+    def __call__(self, chosen, i):
         mean = self.rng.uniform(-self.size, self.size, 3)
-        return gaussian_log_weights(chosen.surface.p_OQ, mean, self.spread**2 * np.eye(3))
+        q = chosen.surface.p_OQ[chosen.regions.members(i)]
+        return gaussian_log_weights(q, mean, self.spread**2 * np.eye(3))
 
 
 def run(surface, p_OC, limits, ticks, seed=0, **constraints):
@@ -265,6 +266,29 @@ def test_limits_that_contradict_themselves_are_refused(arguments, problem):
 
 def test_groups_are_the_pairs_and_each_other_contact():
     assert groups_of([CoupledPair(2, 0, 0.03)], 4) == [[2, 0], [1], [3]]
+
+
+def test_a_pair_off_its_distance_goes_to_it_whatever_a_guard_says():
+    pair = CoupledPair(first=0, second=1, distance=0.06)
+    p_OC = CUBE.project(np.array([[0.06, 0.0, 0.0], [0.06, 0.02, 0.0], [-0.06, 0, 0]]))[0]
+    for guard in (None, always_worse()):
+        limits = ContactLimits(pairs=(pair,), guard=guard)
+        goals = select_contacts(selection(CUBE, p_OC), position_tracking, limits=limits).p_OC
+        assert pair.error(goals) <= pair.tolerance
+        assert np.any(goals[2] != p_OC[2]) == (guard is None)
+
+
+def test_a_pair_that_gets_nearer_to_its_distance_moves():
+    """On a ball of 80 mm no two contacts are 200 mm apart."""
+    pair = CoupledPair(first=0, second=1, distance=0.2)
+    p_OC = spread_contacts(BALL, 3, 0.03)
+    chosen = selection(BALL, p_OC)
+    free = select_contacts(chosen, position_tracking).p_OC
+    farthest = max(BALL.p_OQ[chosen.regions.members(1)], key=lambda q: np.linalg.norm(q - free[0]))
+    goals = follow_pairs(BALL, chosen.regions, [pair], free, p_OC, np.inf)
+    assert pair.error(goals) < pair.error(p_OC)
+    np.testing.assert_array_equal(goals[0], free[0])
+    assert np.linalg.norm(goals[1] - farthest) < 0.01
 
 
 # Fingertips.
@@ -513,6 +537,13 @@ def test_a_step_that_is_taken_back_takes_back_what_paid_only_with_it():
         )
         goals = select_contacts(chosen, position_tracking, limits=limits)
         np.testing.assert_allclose(goals.p_OC, expected, atol=1e-12)
+
+
+def test_a_step_that_leaves_the_grasp_as_good_is_taken():
+    p_OC = spread_contacts(CAN, 4, 0.03)
+    goals, groups = np.roll(p_OC, 1, axis=0), [[0], [1], [2], [3]]
+    constant = keep_quality(CAN, goals, p_OC, np.ones(4, bool), lambda p, n: [1.0], groups)
+    np.testing.assert_array_equal(constant, goals)
 
 
 def test_what_takes_no_part_moves_freely_past_the_guard():

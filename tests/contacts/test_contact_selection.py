@@ -1,4 +1,5 @@
 import numpy as np
+import printed_equations
 import pytest
 
 from drake_pregrasp import ContactStatus
@@ -24,11 +25,7 @@ def test_log_weights_are_those_of_the_density():
     points, mean = rng.normal(size=(30, 3)), rng.normal(size=3)
     A = rng.normal(size=(3, 3))
     covariance = A @ A.T + np.eye(3)
-    density = [
-        np.exp(-0.5 * (q - mean) @ np.linalg.inv(covariance) @ (q - mean))
-        / np.sqrt(np.linalg.det(covariance) * (2 * np.pi) ** 3)
-        for q in points
-    ]
+    density = [printed_equations.gaussian(q, mean, covariance) for q in points]
     log_weights = gaussian_log_weights(points, mean, covariance)
     np.testing.assert_allclose(np.diff(log_weights), np.diff(np.log(density)), rtol=1e-9)
 
@@ -116,10 +113,9 @@ def test_the_planner_turns_with_the_object(surface, p_OC, turns):
 def test_in_turns_each_contact_sees_where_those_before_it_went(surface, p_OC):
     """A strategy that draws to the mean of all contacts, by hand one contact after another."""
 
-    def towards_mean(chosen):
-        return gaussian_log_weights(
-            chosen.surface.p_OQ, chosen.p_OC.mean(axis=0), 0.02**2 * np.eye(3)
-        )
+    def towards_mean(chosen, i):
+        q = chosen.surface.p_OQ[chosen.regions.members(i)]
+        return gaussian_log_weights(q, chosen.p_OC.mean(axis=0), 0.02**2 * np.eye(3))
 
     chosen = selection(surface, p_OC)
     goals = select_contacts(chosen, towards_mean, in_turns=True)

@@ -1,4 +1,5 @@
 import numpy as np
+import printed_equations
 import pytest
 
 from drake_pregrasp import InvalidArgumentError, box_surface
@@ -6,20 +7,13 @@ from drake_pregrasp.contacts.centroids import select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import (
     READINGS,
-    contact_gii,
-    contact_msv,
-    contact_vew,
-    hand_gii,
     hand_margin,
-    hand_msv,
-    hand_vew,
     make_strategy,
     position_tracking,
-    stretched,
 )
 from drake_pregrasp.quality.force_closure import least_norm_margin, min_weight_margin
 from drake_pregrasp.quality.grasp_quality import grasp_quality
-from drake_pregrasp.regions.safe_regions import NO_REGION, compute_safe_regions
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
 
 
 def selection(surface, p_OC, weights=None):
@@ -28,59 +22,51 @@ def selection(surface, p_OC, weights=None):
     return SelectionInput(surface, p_OC, regions, 0.04**2 * np.eye(3))
 
 
-def by_definition(chosen, reading):
-    """The measures of Eq. 5-7, candidate by candidate, by numpy's SVD."""
-    rows = []
-    active = chosen.regions.sizes() > 0
-    for q, label in zip(chosen.surface.p_OQ, chosen.regions.labels, strict=True):
-        r = q[None]
-        if reading == "hand" and label != NO_REGION:
-            r = chosen.p_OC.copy()
-            r[label] = q
-            r = r[active]
-        quality = grasp_quality(r)
-        rows.append([quality.q_msv, quality.q_gii, quality.q_vew])
-    return np.array(rows).T
-
-
 @pytest.mark.parametrize("lost", [(), (1,), (0, 3)])
-def test_hand_reading_equals_its_definition(surface, p_OC, lost):
-    weights = np.zeros(5)
-    weights[list(lost)] = -np.inf
-    chosen = selection(surface, p_OC, weights)
-    inside = chosen.regions.labels != NO_REGION
-    for measure, expected in zip(
-        (hand_msv, hand_gii, hand_vew), by_definition(chosen, "hand"), strict=True
-    ):
-        np.testing.assert_allclose(measure(chosen)[inside], expected[inside], rtol=1e-9)
+@pytest.mark.parametrize("reading", READINGS)
+@pytest.mark.parametrize("name", ["position", "msv", "gii", "vew"])
+def test_weights_are_those_of_the_printed_equations(surface, p_OC, name, reading, lost):
+    h = np.zeros(5)
+    h[list(lost)] = -np.inf
+    chosen = selection(surface, p_OC, h)
+    strategy = make_strategy(name, reading=reading, stretch=False)
+    for i in set(range(5)) - set(lost):
+        b, printed = (
+            np.exp(strategy(chosen, i)),
+            printed_equations.weights(chosen, i, name, reading),
+        )
+        np.testing.assert_allclose(b / b.max(), printed / printed.max(), rtol=1e-9)
+        if name != "position":
+            np.testing.assert_allclose(b, printed, rtol=1e-9)
 
 
-def test_contact_reading_equals_its_definition(surface, p_OC):
+@pytest.mark.parametrize("name", ["position", "msv", "gii", "vew"])
+def test_goals_are_the_printed_centroids_on_the_surface(surface, p_OC, name):
     chosen = selection(surface, p_OC)
-    for measure, expected in zip(
-        (contact_msv, contact_gii, contact_vew), by_definition(chosen, "contact"), strict=True
-    ):
-        np.testing.assert_allclose(measure(chosen), expected, rtol=1e-9)
+    goals = select_contacts(chosen, make_strategy(name)).p_OC
+    for i in range(5):
+        expected = printed_equations.centroid(chosen, i, name)[None]
+        on_region = surface.project_into(expected, [chosen.regions.members(i)])[0][0]
+        np.testing.assert_allclose(goals[i], on_region, atol=1e-12)
 
 
 def test_stretched_weights_start_at_zero_in_each_region(surface, p_OC):
     chosen = selection(surface, p_OC)
-    b = stretched(hand_gii(chosen), chosen)
-    for contact in range(5):
-        assert np.min(b[chosen.regions.members(contact)]) == 0
+    for i in range(5):
+        assert np.min(np.exp(make_strategy("gii")(chosen, i))) == 0
 
 
-@pytest.mark.parametrize("reading", ["contact", "hand"])
+@pytest.mark.parametrize("reading", READINGS)
 @pytest.mark.parametrize("name", ["msv", "gii", "vew"])
 def test_the_best_point_has_the_largest_measure_of_its_region(surface, p_OC, name, reading):
     chosen = selection(surface, p_OC)
     strategy = make_strategy(name, reading=reading)
     goals = select_contacts(chosen, strategy, best_point=True)
-    values = by_definition(chosen, reading)[("msv", "gii", "vew").index(name)]
-    for contact in range(5):
-        q = chosen.regions.members(contact)
-        where = np.argmin(np.linalg.norm(surface.p_OQ[q] - goals.p_OC[contact], axis=1))
-        assert values[q[where]] == pytest.approx(np.max(values[q]), rel=1e-9)
+    for i in range(5):
+        q = surface.p_OQ[chosen.regions.members(i)]
+        values = printed_equations.weights(chosen, i, name, reading)
+        where = np.argmin(np.linalg.norm(q - goals.p_OC[i], axis=1))
+        assert values[where] == pytest.approx(np.max(values), rel=1e-9)
 
 
 def test_a_constant_measure_gives_the_plain_centroid(surface, p_OC):
@@ -96,44 +82,41 @@ def test_the_margin_strategy_weighs_by_the_bound_of_the_hand(surface, p_OC, lost
     weights[list(lost)] = -np.inf
     chosen = selection(surface, p_OC, weights)
     active = chosen.regions.sizes() > 0
-    values = hand_margin(chosen, friction=0.5)
-    for q in range(0, len(values), 7):
-        label = chosen.regions.labels[q]
-        if label == NO_REGION:
-            continue
-        p, nhat = p_OC.copy(), surface.project(p_OC)[1]
-        p[label], nhat[label] = surface.p_OQ[q], surface.nhat_OQ[q]
-        bound = least_norm_margin(p[active], nhat[active], 0.5)
-        assert values[q] == pytest.approx(bound if bound >= 0 else bound / (1 - bound), rel=1e-7)
+    for i in np.flatnonzero(active):
+        values = hand_margin(chosen, i, friction=0.5)
+        for q, value in list(zip(chosen.regions.members(i), values, strict=True))[::7]:
+            p, nhat = p_OC.copy(), surface.project(p_OC)[1]
+            p[i], nhat[i] = surface.p_OQ[q], surface.nhat_OQ[q]
+            bound = least_norm_margin(p[active], nhat[active], 0.5)
+            assert value == pytest.approx(bound if bound >= 0 else bound / (1 - bound), rel=1e-7)
 
 
 def test_the_margin_of_two_contacts_prefers_no_place(surface, p_OC):
-    assert np.all(hand_margin(selection(surface, p_OC[:2])) <= 0)
-    goals = select_contacts(selection(surface, p_OC[:2]), make_strategy("margin"))
-    plain = select_contacts(
-        selection(surface, p_OC[:2]), lambda chosen: np.zeros(len(chosen.surface.p_OQ))
-    )
+    chosen = selection(surface, p_OC[:2])
+    assert all(np.all(hand_margin(chosen, i) <= 0) for i in range(2))
+    goals = select_contacts(chosen, make_strategy("margin"))
+    plain = select_contacts(chosen, lambda s, i: np.zeros(len(s.regions.members(i))))
     np.testing.assert_allclose(goals.p_OC, plain.p_OC, atol=1e-12)
 
 
 def test_the_margin_has_one_reading(surface, p_OC):
     chosen = selection(surface, p_OC)
-    b = [make_strategy("margin", reading=reading)(chosen) for reading in READINGS]
+    b = [make_strategy("margin", reading=reading)(chosen, 0) for reading in READINGS]
     np.testing.assert_array_equal(b[0], b[1])
 
 
 def test_the_margin_strategy_is_of_its_friction(surface, p_OC):
     chosen = selection(surface, p_OC)
     for friction in (0.3, 0.7):
-        b = stretched(hand_margin(chosen, friction=friction), chosen)
+        b = hand_margin(chosen, 2, friction=friction)
         strategy = make_strategy("margin", friction=friction)
-        np.testing.assert_allclose(np.exp(strategy(chosen)), np.maximum(b, 0), atol=1e-12)
+        np.testing.assert_allclose(np.exp(strategy(chosen, 2)), b - b.min(), atol=1e-12)
 
 
 def test_a_power_raises_the_weights(surface, p_OC):
     chosen = selection(surface, p_OC)
-    b = np.exp(make_strategy("vew")(chosen))
-    np.testing.assert_allclose(np.exp(make_strategy("vew", power=3.0)(chosen)), b**3, rtol=1e-9)
+    b, raised = (np.exp(make_strategy("vew", power=power)(chosen, 0)) for power in (1.0, 3.0))
+    np.testing.assert_allclose(raised, b**3, rtol=1e-9)
 
 
 def settled(strategy, p_OC, surface, *, in_turns=False, ticks=25):

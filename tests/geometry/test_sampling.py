@@ -36,12 +36,6 @@ def test_a_split_surface_is_the_same_surface(edge):
     np.testing.assert_array_equal(triangles.normals, mesh.face_normals[triangles.faces])
 
 
-def test_a_triangle_that_is_short_enough_stays_whole():
-    corners = np.array([[[0.0, 0, 0], [3, 0, 0], [0, 4, 0]]])
-    triangles = split_triangles(corners, np.array([[0, 0, 1.0]]), 5.0)
-    np.testing.assert_array_equal(triangles.corners, corners)
-
-
 def test_a_spacing_that_memory_cannot_hold_is_refused():
     with pytest.raises(InvalidArgumentError, match="choose a larger spacing"):
         mesh_surface(box_shape([1, 1, 1]), spacing=1e-4)
@@ -138,11 +132,6 @@ def test_projection_is_the_nearest_allowed_point_of_all(cup):
         )
         assert nearest_by_brute_force(np.array(CUP.mesh.triangles), q) < 1e-9
         assert abs(cup.distance(q[None])[0]) < 1e-9
-
-
-def test_projection_of_nothing_is_nothing(cup):
-    nearest, normals = cup.project(np.empty((0, 3)))
-    assert nearest.shape == normals.shape == (0, 3)
 
 
 def test_projection_into_stays_on_the_ground_that_is_given(cup):
@@ -252,15 +241,3 @@ def test_uneven_sampling_does_not_pull_centroids():
     centroid = weighted_centroid(surface.p_OQ[top], np.zeros(len(top)), surface.areas[top])
     np.testing.assert_allclose(centroid[:2], 0, atol=6e-4)
     assert np.mean(surface.p_OQ[top, 0] > 0) == pytest.approx(0.5, abs=0.12)
-
-
-def test_weights_by_area_undo_denser_sampling():
-    """A square whose right half has four times as many samples, each of a quarter of the area."""
-    coarse = np.stack(np.meshgrid(np.arange(-0.95, 0, 0.1), np.arange(-0.95, 1, 0.1)), -1)
-    dense = np.stack(np.meshgrid(np.arange(0.025, 1, 0.05), np.arange(-0.975, 1, 0.05)), -1)
-    points = np.concatenate([coarse.reshape(-1, 2), dense.reshape(-1, 2)])
-    areas = np.repeat([0.01, 0.0025], [coarse.size // 2, dense.size // 2])
-    np.testing.assert_allclose(
-        weighted_centroid(points, np.zeros(len(points)), areas), 0, atol=1e-9
-    )
-    assert np.mean(points[:, 0]) > 0.2

@@ -71,14 +71,14 @@ def test_neither_the_unit_of_length_nor_the_reference_point_matters(model, seed,
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_moving_one_contact_is_measuring_the_grasp_with_it_there(model, n):
     r, nhat = contacts(4, n)
-    moved = np.random.default_rng(0).integers(0, n, len(SURFACE.p_OQ))
-    places = {"moved": moved, "p_CoMQ": SURFACE.p_OQ, "nhat_Q": SURFACE.nhat_OQ}
-    values = moved_least_norm_margin(r, nhat, 0.7, **places, model=model)
-    for q in range(0, len(moved), 3):
-        there, normals = r.copy(), nhat.copy()
-        there[moved[q]], normals[moved[q]] = SURFACE.p_OQ[q], SURFACE.nhat_OQ[q]
-        expected = least_norm_margin(there, normals, 0.7, model=model)
-        assert values[q] == pytest.approx(expected, rel=1e-6)
+    places = {"p_CoMQ": SURFACE.p_OQ[::3], "nhat_Q": SURFACE.nhat_OQ[::3]}
+    for moved in {0, n // 2}:
+        values = moved_least_norm_margin(r, nhat, 0.7, moved=moved, **places, model=model)
+        for value, *place in zip(values, *places.values(), strict=True):
+            there, normals = r.copy(), nhat.copy()
+            there[moved], normals[moved] = place
+            expected = least_norm_margin(there, normals, 0.7, model=model)
+            assert value == pytest.approx(expected, rel=1e-6)
 
 
 def test_many_sets_at_once_are_as_one_by_one():

@@ -76,19 +76,15 @@ def test_more_friction_closes_no_fewer_and_the_seed_decides(p_OC):
 
 
 def test_candidates_count_by_their_areas():
-    around = [nearest([0.05, 0, 0]), nearest([-0.05, 0, 0]), nearest([0, 0.05, 0])]
-    closing, spoiling = around[2], nearest([0.05, 0.02, 0.02])
+    pair = [nearest([0.05, 0.02, 0]), nearest([0.05, -0.02, 0])]
+    closing, spoiling = nearest([-0.05, 0, 0]), nearest([0.05, 0, 0.02])  # All on one face.
     areas = SURFACE.areas.copy()
     areas[spoiling] = 3 * areas[closing]
-    regions = regions_of(around[0], around[1], [closing, spoiling])
     weighed = box_surface([0.1, 0.1, 0.1], spacing=0.01)
     object.__setattr__(weighed, "areas", areas)
+    assert share(regions_of(*pair, closing)) == 1
+    assert share(regions_of(*pair, spoiling)) == 0
     generator = np.random.default_rng(0)
-    closed = [
-        min_weight_margin(SURFACE.p_OQ[[*around[:2], q]], SURFACE.nhat_OQ[[*around[:2], q]], 0.7)
-        for q in (closing, spoiling)
-    ]
-    assert closed[0] > 0.1
-    expected = 1.0 if closed[1] > 1e-7 else 0.25
+    regions = regions_of(*pair, [closing, spoiling])
     found = force_closed_share(weighed, regions, 0.7, generator=generator, samples=400)
-    assert found == pytest.approx(expected, abs=0.08)
+    assert found == pytest.approx(0.25, abs=0.08)

@@ -63,7 +63,7 @@ def records(offset=lambda time: 0.0, turn=lambda time: 0.0, off_surface=lambda t
 
 
 def found(**errors):
-    return summarize_faults(SCENARIO, SURFACE, records(**errors))
+    return SimpleNamespace(**summarize_faults(SCENARIO, SURFACE, records(**errors)))
 
 
 def test_a_perfect_run_is_valid_and_has_nothing_to_recover_from():
@@ -148,7 +148,7 @@ def test_the_command_studies_what_it_is_asked_for(tmp_path, capsys):
 
 
 def test_a_table_has_medians_and_the_largest_and_shares_are_not_rounded_up_to_all():
-    run = found()._asdict()
+    run = vars(found())
     errors = [1e-3, 2e-3, 9e-3]
     rows = pd.DataFrame(
         [

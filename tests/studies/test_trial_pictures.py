@@ -6,7 +6,6 @@ import os
 import numpy as np
 import pandas as pd
 import pytest
-from drake_pregrasp.studies.drawn_mesh import camera_pose
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up_trials import made_up_trial
@@ -24,6 +23,7 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform
 
 from drake_pregrasp.simulation.output import without_solver_chatter
+from drake_pregrasp.studies.pictures import camera_pose
 from drake_pregrasp.studies.report_page import Picture
 from drake_pregrasp.studies.runner import StudyRows, run_jobs
 from drake_pregrasp.studies.static_versus_dynamic import trial_pictures

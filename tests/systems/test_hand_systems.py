@@ -263,6 +263,18 @@ def test_a_tip_on_the_axis_has_a_way_out():
     np.testing.assert_allclose(frames.reshape(2, 5, 3)[1, 2], RING[2] / 0.079, atol=1e-12)
 
 
+def test_a_contact_without_room_is_shifted_along_the_surface_only():
+    normal = np.array([0.8, 0.0, -0.6])
+    point = np.array([0.05, -0.01, -0.04])
+    shaper = Shaper([(point, normal), *CONTACTS[1:]])
+    shaper.advance(1.0)
+    contacts, normals = shaper.array("contact_frames").reshape(2, 5, 3)
+    shift = contacts[0] - point
+    assert np.linalg.norm(shift) > 1e-3
+    assert shift @ normal == pytest.approx(0, abs=1e-9)
+    np.testing.assert_allclose(normals[0], normal, atol=1e-9)
+
+
 def test_a_contact_too_low_for_a_tip_is_shifted_up():
     low = [([0.05, -0.01, -0.049], X), *CONTACTS[1:]]
     shaper = Shaper(low)
@@ -357,21 +369,23 @@ def test_fingers_hold_from_closing_until_they_let_go():
 
 def test_who_has_touched_keeps_touching_and_all_together_carry_the_weight():
     settings = GraspConfig().make_settings()
-    sequencer, simulator, context = sequencer_over(X_WO=RigidTransform([0.0, 0.0, 0.05]))
+    R_WO = RotationMatrix.MakeXRotation(0.3)
+    sequencer, simulator, context = sequencer_over(RigidTransform(R_WO, [0.0, 0.0, 0.05]))
+    normals_W = NORMALS @ R_WO.matrix().T
     sequencer.GetInputPort("close").FixValue(context, [1.0])
     sequencer.GetInputPort("V_WO_estimated").FixValue(context, SpatialVelocity.Zero())
     felt = np.zeros((5, 3))
-    felt[0] = -2 * settings.touch_force * NORMALS[0]
+    felt[0] = -2 * settings.touch_force * normals_W[0]
     sequencer.GetInputPort("f_T_W").FixValue(context, felt.ravel())
     simulator.AdvanceTo(settings.approach_duration + settings.gate_limit + 0.1)
     forces = sequencer.GetOutputPort("squeeze_forces").Eval(context).reshape(5, 3)
-    np.testing.assert_allclose(forces[0], -settings.touch_force * NORMALS[0], atol=1e-12)
+    np.testing.assert_allclose(forces[0], -settings.touch_force * normals_W[0], atol=1e-12)
     np.testing.assert_array_equal(forces[1:], 0)
-    sequencer.GetInputPort("f_T_W").FixValue(context, (-NORMALS).ravel())
+    sequencer.GetInputPort("f_T_W").FixValue(context, (-normals_W).ravel())
     simulator.AdvanceTo(context.get_time() + settings.squeeze_duration + 0.1)
     forces = sequencer.GetOutputPort("squeeze_forces").Eval(context).reshape(5, 3)
     np.testing.assert_allclose(forces.sum(axis=0), [0, 0, 0.4 * 9.81], atol=0.01)
-    assert np.min(-np.sum(forces * NORMALS, axis=1)) >= settings.least_force - 1e-3
+    assert np.min(-np.sum(forces * normals_W, axis=1)) >= settings.least_force - 1e-3
 
 
 def sequencer_over(X_WO):
@@ -384,7 +398,7 @@ def sequencer_over(X_WO):
         ("contact_frames", np.concatenate([POINTS, NORMALS]).ravel()),
         ("X_WO_estimated", X_WO),
         ("V_WO_estimated", SpatialVelocity(w=[0, 0, 0.1], v=[0.05, 0, 0])),
-        ("p_WT", ((X_WO @ POINTS.T).T + RADIUS * NORMALS).ravel()),
+        ("p_WT", (X_WO @ (POINTS + RADIUS * NORMALS).T).T.ravel()),
         ("f_T_W", np.zeros(15)),
     ):
         sequencer.GetInputPort(port).FixValue(context, value)

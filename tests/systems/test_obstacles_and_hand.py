@@ -64,7 +64,8 @@ def test_over_a_horizon_regions_keep_clear_of_where_obstacles_will_be(surface, p
     velocity, horizon, radius = np.array([-0.06, 0.01, 0.0]), 0.9, 0.009
     wall = HalfSpace(np.array([0.12, 0.0, 0.0]), np.array([-1.0, 0.1, 0.0]))
     obstacles = Obstacles((wall,), velocities=velocity[None])
-    X = RigidTransform(RollPitchYaw(0.0, 0.0, 0.3), [0.01, 0.0, 0.0])
+    # Tilted, so that the order of the rotations matters.
+    X = RigidTransform(RollPitchYaw(0.5, -0.4, 0.3), [0.01, 0.0, 0.0])
     tips = {"tip_radii": [radius] * 5}
     later = {} if V_WO is None else {"V_WO_estimated": V_WO}
     labels = partition(

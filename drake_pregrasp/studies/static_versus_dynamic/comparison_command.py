@@ -63,8 +63,7 @@ def trial_jobs(
         text = f"the method {method} is now called {FORMER_METHODS[method]}"
         warnings.warn(text, DeprecationWarning, stacklevel=2)
     methods = [FORMER_METHODS.get(method, method) for method in methods]
-    kinds = (("condition", conditions, CONDITIONS), ("method", methods, METHODS))
-    for kind, wanted, known in kinds:
+    for kind, wanted, known in ("condition", conditions, CONDITIONS), ("method", methods, METHODS):
         for name in wanted:
             if name not in known:
                 raise InvalidArgumentError(f"{name}: no such {kind}; there are: {','.join(known)}")

@@ -65,13 +65,12 @@ def write_comparison(
         parts.append("There are no grasps yet.")
     else:
         tests = paired_statistics.paired_tests(rows)
-        least = paired_statistics.least_pairs(len(tests))
         trials = len(rows[["condition", "method", "seed"]].drop_duplicates())
         parts += [
             f"{trials} trials, {len(rows)} grasps. With p corrected for all {len(tests)} tests"
             f" (Holm), the probability that {_TESTED} is found ahead or behind by chance is below"
-            f" {paired_statistics.SIGNIFICANT:g}. Fewer than {least} common seeds can't show a"
-            " difference.",
+            f" {paired_statistics.SIGNIFICANT:g}. Fewer than"
+            f" {paired_statistics.least_pairs(len(tests))} common seeds can't show a difference.",
             overview_table(tests),
             Heading("Clean grasps"),
             Picture(plot_clean_shares(rows), "Shares with exact 95 % intervals."),

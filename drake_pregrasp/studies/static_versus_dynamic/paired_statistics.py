@@ -56,8 +56,8 @@ def paired_tests(rows: pd.DataFrame) -> pd.DataFrame:
         counted = pd.DataFrame({"pairs": 1, "gained": gained, "lost": lost})
         tables.append(counted.groupby(level=keys).sum().reset_index().assign(method=rival))
     columns = [*keys, "method", "pairs", "gained", "lost"]
-    tests = pd.concat(tables)[columns] if tables else pd.DataFrame(columns=columns)
-    tests = tests.reset_index(drop=True)
+    empty = pd.DataFrame(columns=columns)
+    tests = pd.concat(tables, ignore_index=True)[columns] if tables else empty
     tests["p"] = [
         float(mcnemar([[0, gained], [lost, 0]], exact=True).pvalue)
         for gained, lost in zip(tests["gained"], tests["lost"], strict=True)

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -12,17 +12,19 @@ from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import ConstantValueSource, DiscreteTimeDelay
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.object_config import Conveyor
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus, is_active
 from drake_pregrasp.diagrams.expected_path import initial_pose
-from drake_pregrasp.diagrams.hand_station import TABLE
+from drake_pregrasp.diagrams.hand_station import TABLE, add_driven_hand
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.simulation.hand_file import load_hand_model
 from drake_pregrasp.simulation.output import without_solver_chatter
-from drake_pregrasp.simulation.simulation_diagram import add_hand, hand_planner
+from drake_pregrasp.simulation.recording import connect_named
+from drake_pregrasp.simulation.simulation_diagram import hand_planner
 from drake_pregrasp.studies.static_versus_dynamic import conditions, grasp_outcome, methods
 from drake_pregrasp.studies.static_versus_dynamic.conditions import FINGERS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalSample, Outcome, TrialJob
@@ -47,8 +49,7 @@ _LONGEST_GRASP = 8.0  # Seconds after the command, after which the grasp has fai
 def run_trial(job: TrialJob) -> list[dict[str, Any]]:
     """Simulates a trial; returns a row for each closing time of its condition."""
     with without_solver_chatter():
-        trial = Trial(job)
-        outcomes = trial.outcomes(trial.condition.closing_times)
+        outcomes = Trial(job).outcomes(conditions.CONDITIONS[job.condition].closing_times)
     return [asdict(outcome) | {"clean": outcome.clean} for outcome in outcomes]
 
 
@@ -198,33 +199,41 @@ class Trial:
         """Wires the diagram."""
         scenario, config, p_OC = self._scenario, self._config, self._initial_contacts()
         builder = DiagramBuilder()
-        # The goals of a stationary hand do not wait for a tick of the planner.
-        target_period = self._grasp.period if self.method.is_stationary else self._period
-        of_targets = replace(scenario, planner=replace(config, period=target_period))
-        driven = add_hand(builder, of_targets, self.surface, p_OC)
-        self.station, self._controller = driven.station, driven.controller
+        driven = add_driven_hand(
+            builder,
+            self.condition.box,
+            cast(Conveyor, scenario.motion),
+            scenario.plant_config,
+            self._grasp,
+            self.hand,
+            p_OCoM=self.surface.p_OCoM,
+            p_OC=p_OC,
+            # The goals of a stationary hand do not wait for a tick of the planner.
+            target_period=self._grasp.period if self.method.is_stationary else self._period,
+        )
+        controller = self._controller = driven.controller
+        self.station = driven.station
         self.planner = AddPregraspPlanner(
             builder, config, self.surface, p_OC, fingertip_frames=driven.tip_frames
         )
         self.goals = self._add_goals(builder)
-        if self.method.uses_reach:
-            _connect(builder, self._controller, self.planner, "X_WH")
-        _connect(builder, self._controller, self.planner, "hold_contacts")
-        _connect(builder, self.goals, self._controller, "fingertip_targets", "contact_status")
-        _connect(builder, self.planner, self._controller, "X_WO_estimated", "V_WO_estimated")
+        ports = ["hold_contacts", "X_WH"] if self.method.uses_reach else ["hold_contacts"]
+        connect_named(builder, controller, self.planner, ports)
+        connect_named(builder, self.goals, controller, ["fingertip_targets", "contact_status"])
+        connect_named(builder, self.planner, controller, ["X_WO_estimated", "V_WO_estimated"])
         self._add_measurements(builder)
         weights = builder.AddSystem(ContactWeights(np.zeros(FINGERS), self._start.losses))
-        _connect(builder, weights, self.goals, "contact_weights")
+        connect_named(builder, weights, self.goals, ["contact_weights"])
         obstacles = builder.AddSystem(MovingObstacles([*self.condition.area, TABLE]))
         for system in {self.planner, self.goals}:
             if system.HasInputPort("obstacles"):
-                _connect(builder, obstacles, system, "obstacles")
+                connect_named(builder, obstacles, system, ["obstacles"])
         area = builder.AddSystem(MovingObstacles(self.condition.area))
-        _connect(builder, area, self._controller, "obstacles")
+        connect_named(builder, area, controller, ["obstacles"])
         period, sink = self._grasp.period, self.records.append
         logger = builder.AddSystem(GraspLogger(num_fingers=FINGERS, period=period, sink=sink))
-        _connect(builder, self._controller, logger, "grasp_report", "p_GT", "p_WT", "X_WG")
-        _connect(builder, self.station, logger, "X_WO", "X_WD")
+        connect_named(builder, controller, logger, ["grasp_report", "p_GT", "p_WT", "X_WG"])
+        connect_named(builder, self.station, logger, ["X_WO", "X_WD"])
         self.diagram = builder.Build()
 
     def _add_goals(self, builder: DiagramBuilder) -> System:
@@ -237,7 +246,7 @@ class Trial:
             goals = builder.AddSystem(
                 methods.StationaryHand(frames, azimuths=azimuths, box_size=size, limits=limits)
             )
-            _connect(builder, self.planner, goals, "X_WO_estimated")
+            connect_named(builder, self.planner, goals, ["X_WO_estimated"])
             # The controller closes only after the goals have moved from the ring to the object.
             delay = builder.AddSystem(DiscreteTimeDelay(self._grasp.period, _CLOSE_DELAY, 1))
             builder.ExportInput(goals.GetInputPort("close"), "close")
@@ -248,8 +257,8 @@ class Trial:
             goals = builder.AddSystem(
                 methods.Reassignment(frames, azimuths=azimuths, period=self._period)
             )
-            _connect(builder, self.planner, goals, "fingertip_targets", "contact_status")
-            _connect(builder, self._controller, goals, "X_WH")
+            connect_named(builder, self.planner, goals, ["fingertip_targets", "contact_status"])
+            connect_named(builder, self._controller, goals, ["X_WH"])
         builder.ExportInput(self._controller.GetInputPort("close"), "close")
         return goals
 
@@ -266,8 +275,8 @@ class Trial:
             NoisyPoseSensor(SensorConfig(given.position_std, given.orientation_std))
         )
         builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
-        _connect(builder, self.station, sensor, "X_WO")
-        _connect(builder, sensor, self.planner, "X_WO_measured")
+        connect_named(builder, self.station, sensor, ["X_WO"])
+        connect_named(builder, sensor, self.planner, ["X_WO_measured"])
 
     def _misplace_object(self) -> None:
         plant = self.station.plant
@@ -295,9 +304,3 @@ class Trial:
             distance = min([distance, *(float(np.min(s.distance(tips))) - radius for s in solids)])
         withdrawn = np.sum(~active & (status != ContactStatus.LOST))
         return GoalSample(time, int(np.sum(active)), int(withdrawn), distance)
-
-
-def _connect(builder: DiagramBuilder, source: System, sink: System, *ports: str) -> None:
-    """Connects output ports of one system to the input ports of the same names of another."""
-    for port in ports:
-        builder.Connect(source.GetOutputPort(port), sink.GetInputPort(port))

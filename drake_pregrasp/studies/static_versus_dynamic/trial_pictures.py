@@ -11,17 +11,15 @@ import pandas as pd
 import trimesh
 from matplotlib.figure import Figure
 from matplotlib.image import imread, imsave
-from pydrake.geometry import Box, ClippingRange, ColorRenderCamera, RenderCameraCore, Rgba, Shape
+from pydrake.geometry import Box, Rgba, Shape
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context
-from pydrake.systems.sensors import CameraInfo
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.geometry.solids import HalfSpace
 from drake_pregrasp.simulation.output import without_solver_chatter, writing
-from drake_pregrasp.studies import vtk_picture
-from drake_pregrasp.studies.drawn_mesh import camera_pose, drawn_mesh
+from drake_pregrasp.studies import pictures
 from drake_pregrasp.studies.report_page import Heading, Part, Picture
 from drake_pregrasp.studies.runner import OnProgress, StudyRows, run_jobs
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS, FINGERS
@@ -44,20 +42,15 @@ MOMENTS = (0.5, 4.0, 8.0)
 SEEDS_FOR_STRIPS = 5
 
 # Camera of the pictures.
-CAMERA = ColorRenderCamera(
-    RenderCameraCore(
-        "pictures", CameraInfo(600, 630, 0.55), ClippingRange(0.01, 10), RigidTransform()
-    )
-)
-
+CAMERA = pictures.color_camera((600, 630), 0.55)
 _FARTHEST_MM = 60.0  # Largest distance from the no-touch area that strip charts show.
 _TARGET = np.array([0.0, 0.0, 0.14])  # Of the camera, from the turntable's centre, in metres.
 _P_TK = np.array([0.514, -0.514, 0.222])  # Of the camera from its target, in metres.
 _LIGHTS = (
-    vtk_picture.Light([0.0, 0.1, 1.0], 0.75),
-    vtk_picture.Light([0.9, 0.2, 0.4], 0.3),
-    vtk_picture.Light([-0.9, 0.2, 0.4], 0.45),
-    vtk_picture.Light([0.1, 0.1, -1.0], 0.4, "world"),
+    pictures.Light([0.0, 0.1, 1.0], 0.75),
+    pictures.Light([0.9, 0.2, 0.4], 0.3),
+    pictures.Light([-0.9, 0.2, 0.4], 0.45),
+    pictures.Light([0.1, 0.1, -1.0], 0.4, "world"),
 )
 _WALL = (0.32, 0.001, 0.2)  # Drawn part of a half-space: width, thickness and height, in metres.
 _DOT = (0.0, 0.0017, 4e-4, 10)  # Two radii and height in metres, number of corners.
@@ -158,8 +151,8 @@ def make_pictures(
         take = functools.partial(_take_pictures, Path(folder), moments)
         taken = simulate(take, jobs).rows
         for job, of_row in zip(jobs, axes, strict=True):
-            pictures = taken[taken["method"] == job.method].itertuples()
-            for axis, title, picture in zip(of_row, titles, pictures, strict=True):
+            of_method = taken[taken["method"] == job.method].itertuples()
+            for axis, title, picture in zip(of_row, titles, of_method, strict=True):
                 axis.imshow(imread(picture.file))
                 axis.set(xticks=[], yticks=[], title=title if job is jobs[0] else "")
                 axis.set_xlabel(f"{picture.active} of {FINGERS} fingers active")
@@ -188,7 +181,7 @@ def _take_pictures(
     return rows
 
 
-def photograph(trial: Trial, *, annotate: bool) -> vtk_picture.ByteArray:
+def photograph(trial: Trial, *, annotate: bool) -> pictures.ByteArray:
     """Returns a picture of a trial at its present time, shape (height, width, 3).
 
     All geometry is added to a copy of the trial's context, so the trial goes on unchanged.
@@ -202,22 +195,22 @@ def photograph(trial: Trial, *, annotate: bool) -> vtk_picture.ByteArray:
     plant, scene = trial.station.plant, trial.station.scene_graph
     scene_context = scene.GetMyMutableContextFromRoot(context)
     for index, (X_WS, shape, color) in enumerate(_shapes(trial, context, annotate=annotate)):
-        instance = vtk_picture.coloured(X_WS, shape, color, f"drawn_{index}")
+        instance = pictures.coloured(X_WS, shape, color, f"drawn_{index}")
         frame = scene.world_frame_id()
         scene.RegisterGeometry(scene_context, plant.get_source_id(), frame, instance)
-    scene.AddRenderer(
-        scene_context, CAMERA.core().renderer_name(), vtk_picture.lit_renderer(_LIGHTS)
-    )
+    scene.AddRenderer(scene_context, CAMERA.core().renderer_name(), pictures.lit_renderer(_LIGHTS))
     # Poses of geometry that was added to a context are computed when positions change.
     plant_context = plant.GetMyMutableContextFromRoot(context)
     plant.SetPositions(plant_context, plant.GetPositions(plant_context))
     query = scene.get_query_output_port().Eval(scene_context)
-    return vtk_picture.take_picture(query, CAMERA, camera_over(trial))
+    return pictures.take_picture(query, CAMERA, camera_over(trial))
 
 
 def camera_over(trial: Trial) -> RigidTransform:
     """Returns X_WK of the camera K, which moves with the turntable but does not turn with it."""
-    return camera_pose(_pose(trial, trial.context, "turntable").translation() + _TARGET, _P_TK)
+    return pictures.camera_pose(
+        _pose(trial, trial.context, "turntable").translation() + _TARGET, _P_TK
+    )
 
 
 def closing_contacts(trial: Trial) -> list[RigidTransform]:
@@ -247,7 +240,7 @@ def _shapes(
     if not annotate:
         return
     if X_WC := closing_contacts(trial):
-        yield RigidTransform(), drawn_mesh(_rings(X_WC, *_RING)), Rgba(0, 0, 0)
+        yield RigidTransform(), pictures.drawn_mesh(_rings(X_WC, *_RING)), Rgba(0, 0, 0)
     if trial.method.replans:
         port, surface = trial.planner.GetOutputPort("safe_regions"), trial.surface
         labels = port.Eval(trial.planner.GetMyContextFromRoot(context)).labels
@@ -257,7 +250,7 @@ def _shapes(
                 for k, p_OQ in enumerate(surface.p_OQ)
                 if labels[k] == finger
             ]
-            dots = drawn_mesh(_rings(X_OQ, *_DOT))
+            dots = pictures.drawn_mesh(_rings(X_OQ, *_DOT))
             yield _pose(trial, context, "cube"), dots, contact_color(finger)
 
 

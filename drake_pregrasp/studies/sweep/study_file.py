@@ -3,7 +3,6 @@
 import contextlib
 import copy
 import dataclasses
-import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -141,10 +140,7 @@ def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
     data = read_mapping(file)
     check_mapping(source, "", data, StudyConfig)
     for key in ("overrides", "grid", "random"):
-        try:
-            json.dumps(data.get(key))
-        except TypeError as error:  # YAML has dates, bytes and sets, and no field of a scenario.
-            raise ScenarioError(source, key, f"holds what no field can have: {error}") from error
+        _check_plain(source, key, data.get(key))
     config = StudyConfig(**data)
     if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", file.stem):
         problem = "a study's file is named with letters, digits, '_', '-' and '.'"
@@ -170,6 +166,19 @@ def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
     plan.check(source, ["index", "seed", "error", *MEASURES])
     absolute = tuple(str(Path(folder).resolve()) for folder in folders)
     return Study(file.stem, source, file.parent.resolve(), absolute, config, base, plan)
+
+
+def _check_plain(source: str, key: str, value: Any) -> None:
+    """Refuses what YAML has, and no field of a scenario: dates, bytes, sets."""
+    if isinstance(value, Mapping | list):
+        items = value.items() if isinstance(value, Mapping) else enumerate(value)
+        for name, part in items:
+            where = f"{key}[{name}]" if isinstance(value, list) else f"{key}.{name}"
+            _check_plain(source, where, name)
+            _check_plain(source, where, part)
+    elif not isinstance(value, str | int | float | None):
+        problem = f"{value!r} must be a number, a text, true, false, a list or a mapping"
+        raise ScenarioError(source, key, problem)
 
 
 def _find(name_or_file: str) -> Path:

@@ -1,0 +1,45 @@
+"""Eq. 3-7 as printed, one candidate after another: the oracle beside `safe_region_labels`."""
+
+import numpy as np
+
+from drake_pregrasp.quality.contact_models import grasp_matrix
+
+
+def gaussian(q, mu, Sigma):
+    """Eq. 3."""
+    d = q - mu
+    scale = np.sqrt(np.linalg.det(Sigma) * (2 * np.pi) ** len(q))
+    return np.exp(-d @ np.linalg.inv(Sigma) @ d / 2) / scale
+
+
+def measures(r):
+    """Eq. 5-7 of contacts at lever arms r, by the singular values of the whole G."""
+    sigma = np.linalg.svd(grasp_matrix(r, None, "complete"), compute_uv=False)
+    return {"msv": sigma[-1], "gii": sigma[-1] / sigma[0], "vew": np.prod(sigma)}
+
+
+def weights(selection, i, name, reading="hand"):
+    """b_n of the candidates in region i."""
+    surface, b = selection.surface, []
+    active = selection.regions.sizes() > 0
+    for q in surface.p_OQ[selection.regions.members(i)]:
+        if name == "position":
+            b.append(gaussian(q, surface.p_OCoM, selection.covariance_O))
+            continue
+        contacts = selection.p_OC.copy()
+        contacts[i] = q
+        contacts = contacts[active] if reading == "hand" else q[None]
+        b.append(measures(contacts - surface.p_OCoM)[name])
+    return np.array(b)
+
+
+def centroid(selection, i, name, *, stretch=True):
+    """Eq. 4 over region i, each candidate with its area."""
+    surface, members = selection.surface, selection.regions.members(i)
+    b = weights(selection, i, name)
+    if stretch and name != "position":
+        b = b - b.min()
+    b = b * surface.areas[members]
+    if not b.sum() > 1e-12 * surface.areas[members].sum():
+        b = surface.areas[members]
+    return b @ surface.p_OQ[members] / b.sum()
