@@ -4,19 +4,14 @@ from drake_pregrasp.config.grasp_config import GraspConfig, hand_limits
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.limits_config import BallReach, BoxReach, LimitsConfig, Pair, SectorReach
 from drake_pregrasp.config.object_config import Box, Conveyor
+from drake_pregrasp.config.planner_config import BlendConfig, EstimatorConfig, PlannerConfig
 from drake_pregrasp.contacts.assignment import ring_contacts
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
-from drake_pregrasp.diagrams.pregrasp_planner import (
-    AddPregraspPlanner,
-    BlendConfig,
-    EstimatorConfig,
-    PlannerConfig,
-    PregraspPlanner,
-)
+from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.errors import InvalidArgumentError, OutputError, PregraspError, ScenarioError
 from drake_pregrasp.estimation.fault_settings import MeasurementFaults
 from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
@@ -34,17 +29,15 @@ from drake_pregrasp.simulation.run import RunResult, run
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.systems.arm_posture import ArmKinematics, ArmPosture
-from drake_pregrasp.systems.carrier_posture import CarrierPosture
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor, HandKinematics
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor, GraspQualityView
 from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
 from drake_pregrasp.systems.joint_reference import JointReference
-from drake_pregrasp.systems.noise_source import NoiseSource
+from drake_pregrasp.systems.palm_posture import ArmKinematics, ArmPosture, CarrierPosture
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
-from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
+from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
 from drake_pregrasp.version import __version__

@@ -12,13 +12,13 @@ FLOORS = [
     "resources",
     "arrays",
     "ticks",
-    "quality",
-    "kernels",
     "geometry",
+    "quality",
     "regions",
     "contacts",
     "estimation",
     "grasping",
+    "fast",
     "config",
     "robots",
     "systems",
@@ -27,7 +27,7 @@ FLOORS = [
     "studies",
     "cli",
 ]
-MATHEMATICS = FLOORS[FLOORS.index("quality") : FLOORS.index("config")]
+MATHEMATICS = FLOORS[FLOORS.index("geometry") : FLOORS.index("config")]
 FILES = [path for path in PACKAGE.rglob("*.py") if path.parent != PACKAGE or path.stem in FLOORS]
 
 

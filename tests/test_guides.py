@@ -9,7 +9,9 @@ from pydrake.math import RigidTransform
 
 from drake_pregrasp import MeasurementVerdict, TrackingStatus, load_scenario, run
 from drake_pregrasp.cli import main
-from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS, SETTINGS
+from drake_pregrasp.studies import runner
+from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS
+from drake_pregrasp.studies.runner import SETTINGS as SWEEP_SETTINGS
 from drake_pregrasp.studies.static_versus_dynamic.comparison_command import SEEDS
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import CLEAN_IN_WORDS
@@ -121,7 +123,7 @@ def test_the_page_on_the_study_says_what_the_code_does():
     counted = f"{len(CONDITIONS)} conditions x {len(METHODS)} methods x {SEEDS} seeds, {trials} "
     assert counted in text
     files = ("report.html", f"{TRACKING}/", PICTURES, STRIPS)
-    files += (ROWS, JOURNAL, FAILED, SETTINGS)
+    files += (runner.ROWS, runner.JOURNAL, runner.FAILED, runner.SETTINGS)
     assert [file for file in files if f"`{file}`" not in text] == []
 
 
@@ -148,7 +150,7 @@ def test_the_guide_to_sweeps_names_what_there_is(capsys):
     for name in MEASURES:
         of_quality = re.match(r"q_(gii|vew)_", name)
         assert f"`{name}`" in text or (of_quality and f"`q_{of_quality[1]}`" in text), name
-    for file in (ROWS, FAILED, JOURNAL, STUDY, SETTINGS, "report.html"):
+    for file in (ROWS, FAILED, JOURNAL, STUDY, SWEEP_SETTINGS, "report.html"):
         assert f"| `{file}` |" in text
     assert f"{len(load_study('tracking').plan):,} runs" in text
     for field in dataclasses.fields(StudyConfig):

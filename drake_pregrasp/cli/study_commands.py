@@ -21,7 +21,10 @@ _STUDY_COMMANDS = {
         "lookahead:study_lookahead",
         "what goals for a later pose gain on fast objects",
     ),
-    "shapes": ("shapes:study_shapes", "whether contacts stay where they may be, on ten shapes"),
+    "shapes": (
+        "shape_study:study_shapes",
+        "whether contacts stay where they may be, on ten shapes",
+    ),
     "faults": ("faults", "how the planner stands up to faulty measurements"),
     "static-versus-dynamic": (
         "static_versus_dynamic.comparison_command",

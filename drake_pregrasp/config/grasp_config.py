@@ -1,4 +1,4 @@
-"""What a hand asks of the planner."""
+"""Configuration of the grasp, and the limits that a hand sets to the planner."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -19,32 +19,32 @@ _FORCE = {"above": 0, "at_most": 1e4}
 
 @dataclass
 class GraspConfig:
-    """When and how the hand closes, squeezes and lifts."""
+    """Configuration of a hand that closes, squeezes and lifts."""
 
-    # What grasps: a file with a hand's description, from the folder of the scenario's file, or
-    # package://drake_pregrasp/..., for one that is shipped. Empty: no hand, only planning.
+    # File with the hand's description, relative to the scenario's file, or package://drake_pregrasp/
+    # for a hand that is shipped. Empty: no hand, only planning.
     hand: str = field(default="", metadata={"path": True})
 
-    # Least and largest angle of the wrist, in radians, within those of the model. Empty: those of
-    # the model, where it can't make a full turn either way; else it turns as far as it likes.
+    # Smallest and largest angle of the wrist, in radians, within those of the model. Empty: those
+    # of the model if its wrist cannot make a full turn either way, else no limits.
     wrist_range: list[float] = field(
         default_factory=list, metadata={"at_least": -100, "at_most": 100}
     )
 
-    # Whether the planner keeps to what the fingers reach.
+    # Whether the planner is limited to what the fingers reach.
     use_reach: bool = True
 
-    # When the hand is asked to close, in seconds.
+    # Time at which the hand is commanded to close, in seconds.
     close_at: float = field(default=4.0, metadata={"at_least": 0, "at_most": 1e6})
 
     # Seconds between control ticks.
     period: float = field(default=0.02, metadata={"at_least": 1e-3, "at_most": 0.1})
 
-    # Coulomb's coefficient of the box, for the hand. Drake takes 2 µ1 µ2/(µ1 + µ2) of box and
-    # fingertips, which have 0.7: that value, too, if both have it.
+    # Coulomb's coefficient of the box in contact with the hand. Drake combines the coefficients of
+    # box and fingertips to 2 µ1 µ2/(µ1 + µ2); fingertips have 0.7.
     friction: float = field(default=0.7, metadata={"at_least": 0, "at_most": 10})
 
-    # The one that the squeeze is planned with. What it is less than the true one is its margin.
+    # Coulomb's coefficient with which the squeeze is planned: the true one less a margin.
     planned_friction: float = field(default=0.5, metadata={"at_least": 0, "at_most": 10})
 
     # Largest speed of a fingertip goal over the object, in m/s.
@@ -56,19 +56,23 @@ class GraspConfig:
     # Speed of closing fingertips, in m/s.
     closing_speed: float = field(default=0.04, metadata=_LENGTH)
 
-    # Force that counts as touch, in newtons.
+    # Smallest force that counts as touch, in newtons.
     touch_force: float = field(default=0.35, metadata=_FORCE)
 
-    # Normal forces of each finger, at least and at most, in newtons.
+    # Smallest normal force of each finger in the squeeze, in newtons.
     least_force: float = field(default=2.5, metadata=_FORCE)
+
+    # Largest normal force of each finger, in newtons.
     largest_force: float = field(default=12.0, metadata=_FORCE)
 
-    # How long the hand waits for fingers on their way, and for enough of them whose forces can
-    # balance the weight, in seconds. Then it closes with those that are there, or gives up.
+    # Seconds for which the hand waits for fingers on their way, and for enough fingers that can
+    # balance the weight. Then it closes with those at their goals, or gives up.
     gate_limit: float = field(default=1.5, metadata={"at_least": 0, "at_most": 1e6})
 
-    # How far it lifts, in metres, and in which time, in seconds.
+    # Height of the lift, in metres.
     lift_height: float = field(default=0.1, metadata=_LENGTH)
+
+    # Duration of the lift, in seconds.
     lift_duration: float = field(default=1.0, metadata=_TIME)
 
     @property
@@ -78,12 +82,12 @@ class GraspConfig:
 
     @property
     def yaw_range(self) -> tuple[float, float]:
-        """Least and largest angle of the wrist that are asked for, in radians; endless if none are.
+        """Smallest and largest angle of the wrist, in radians; infinite if `wrist_range` is empty.
 
-        `HandModel.yaw_range` has the model's say in it.
+        `HandModel.yaw_range` combines it with the limits of the model.
 
         Raises:
-            InvalidArgumentError: If they aren't two in order.
+            InvalidArgumentError: If `wrist_range` is not two angles in order.
         """
         if not self.wrist_range:
             return FREE_TURN
@@ -95,7 +99,7 @@ class GraspConfig:
         return low, high
 
     def make_settings(self, fingertips: Sequence[Fingertip] = ()) -> GraspSettings:
-        """Returns the settings of the sequencer, within what fingers may do to close."""
+        """Returns the settings of the grasp's phases, within what each finger may do to close."""
         closing = [tip.closing for tip in fingertips] or [Closing()]
         return GraspSettings(
             standoff=self.standoff,
@@ -112,19 +116,18 @@ class GraspConfig:
     def closing_duration(self, fingertips: Sequence[Fingertip] = ()) -> float:
         """Returns how long fingers take from their standoff to the end of their search, in seconds.
 
-        They accelerate steadily to their speed v, and then keep it: a way d takes d/v + v/(2 a), if
-        it is long enough for v. The slowest finger counts.
+        They accelerate with a constant a to their speed v and then keep it: a distance d takes
+        d/v + v/(2 a) if it is long enough to reach v. The slowest finger determines the duration.
         """
         settings = self.make_settings(fingertips)
-        ways, acceleration = self.standoff + settings.search, settings.closing_acceleration
-        speeds = np.minimum(settings.closing_speed, np.sqrt(2 * acceleration * ways))
-        return float(np.max(ways / speeds + speeds / (2 * acceleration)))
+        distances, acceleration = self.standoff + settings.search, settings.closing_acceleration
+        speeds = np.minimum(settings.closing_speed, np.sqrt(2 * acceleration * distances))
+        return float(np.max(distances / speeds + speeds / (2 * acceleration)))
 
     def latest_rest(self, fingertips: Sequence[Fingertip] = ()) -> float:
-        """Returns until when the hand follows the object's motion, at most, in seconds.
+        """Returns the latest time until which the hand follows the object's motion, in seconds.
 
-        For the lift it comes to rest, after it has waited for fingers on their way, closed and
-        squeezed.
+        The hand stops for the lift after it has waited for its fingers, closed and squeezed.
         """
         settings = self.make_settings(fingertips)
         closing = self.closing_duration(fingertips) + settings.squeeze_duration
@@ -137,12 +140,12 @@ class GraspConfig:
 
 
 def hand_limits(hand: HandDescription, grasp: GraspConfig, *, reach: bool = True) -> LimitsConfig:
-    """Returns limits with which goals are those that a hand's fingertips can go to.
+    """Returns the limits with which a hand's fingertips can follow the contact goals.
 
     Args:
-        hand: The hand.
-        grasp: How it grasps.
-        reach: Whether to heed what fingers reach.
+        hand: Description of the hand.
+        grasp: Configuration of the grasp.
+        reach: Whether goals are limited to what the fingers reach.
     """
     tips = hand.fingertips
     return LimitsConfig(

@@ -1,6 +1,6 @@
-"""A hand in words: the schema of the files that `grasp.hand` of a scenario names.
+"""Schema of hand descriptions, the files that `grasp.hand` of a scenario names.
 
-Its model is a URDF or SDF; what a model doesn't say is here. docs/own_hand.md has an example.
+A description adds to a model file what the model does not contain; docs/own_hand.md has an example.
 """
 
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ _POINT = {"length": 3, **_LENGTH}
 class Carrier:
     """Four axes that carry a palm over the object."""
 
-    # The joints that slide along x, y and z of W, and turn about z.
+    # Names of the joints that slide along x, y and z of W, and turn about z.
     joints: list[str] = field(
         default_factory=lambda: ["x", "y", "z", "yaw"], metadata={"length": 4}
     )
@@ -31,19 +31,19 @@ class Carrier:
 class Arm:
     """An arm that carries a palm over the object."""
 
-    # The palm's frame P.
+    # Name of the palm's frame P.
     palm: str = field(default="", metadata={"required": True})
 
-    # The arm's joints. All others are fingers'.
+    # Names of the arm's joints. All other joints belong to fingers.
     joints: list[str] = field(default_factory=list, metadata={"required": True, "min_length": 6})
 
-    # The positions that they are drawn to, as far as the palm leaves them free.
+    # Home positions of the arm, which it approaches as far as the palm's pose allows.
     home: list[float] = field(default_factory=list, metadata={"required": True, **_ANGLE})
 
-    # Where the palm is over the object's origin at yaw 0: along W's axes, in metres...
+    # Position of the palm over the object's origin at yaw 0, along the axes of W, in metres.
     palm_position: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
 
-    # ...and how it is oriented then, as roll, pitch and yaw in W, in radians.
+    # Orientation of the palm at yaw 0, as roll, pitch and yaw in W, in radians.
     palm_rpy: list[float] = field(default_factory=zeros, metadata={"length": 3, **_ANGLE})
 
 
@@ -52,60 +52,60 @@ BaseConfig = Carrier | Arm
 
 @dataclass
 class Closing:
-    """What a finger may do to close, whatever a scenario asks for."""
+    """Limits of a finger that closes, for all scenarios."""
 
-    # Largest speed of its tip, in m/s.
+    # Largest speed of the fingertip, in m/s.
     speed: float = field(default=0.1, metadata={"above": 0, "at_most": 10})
 
     # Largest normal force, in newtons.
     force: float = field(default=12.0, metadata={"above": 0, "at_most": 1e4})
 
-    # How far beyond the surface, as it is estimated, the tip goes to find it, in metres.
+    # Depth below the estimated surface to which the fingertip searches for contact, in metres.
     depth: float = field(default=0.006, metadata={"above": 0, "at_most": 1})
 
 
 @dataclass
 class Fingertip:
-    """A fingertip and the finger it is on."""
+    """A fingertip and its finger."""
 
-    # The frame at its centre.
+    # Name of the frame at the centre of the fingertip.
     frame: str = field(default="", metadata={"required": True})
 
-    # Its radius, in metres.
+    # Radius of the fingertip, in metres.
     radius: float = field(default=0.01, metadata={"required": True, "above": 0, "at_most": 0.1})
 
-    # Home positions of the joints that move this tip only, in their order in the model, in radians
-    # (or metres).
+    # Home positions of the joints that move only this fingertip, in the order of the model, in
+    # radians (or metres).
     home: list[float] = field(default_factory=list, metadata={"required": True, **_ANGLE})
 
-    # What it reaches, in H: a frame with its origin in the object's, z up, whose axes are W's at
-    # yaw 0. It turns with a palm that turns as far as it likes; with one of limited range it stays
-    # at the middle of that.
+    # Reach of the finger in the frame H. Its origin is that of O, z is up, and its axes are those
+    # of W at yaw 0. H turns with a palm that turns without limits; for a palm of limited range, the
+    # yaw of H is the middle of that range.
     reach: ReachConfig = field(default_factory=SectorReach, metadata={"required": True})
 
-    # How far from the object's z axis it waits, over the object's top, while it has no contact, in
-    # metres. 0: as far as tips are at home on the average.
+    # Distance from the object's z axis at which the fingertip waits, above the object, while it has
+    # no contact, in metres. 0: the mean distance of the fingertips at home.
     withdrawn_radius: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1})
 
     closing: Closing = field(default_factory=Closing)
 
-    # Faces of the object, as +z, that it may not touch.
+    # Faces of the object, such as +z, that the fingertip must not touch.
     forbidden_faces: list[str] = field(default_factory=list, metadata={"one_of": BOX_FACES})
 
 
 @dataclass
 class HandDescription:
-    """A hand and what carries it."""
+    """A hand with its carrier or arm."""
 
     # A URDF or SDF with one model, all of whose joints are driven with gains: a path from this
     # file's folder, package://drake_pregrasp/... for a model that is shipped, or
     # robots://allegro_panda.urdf for one that the extra `robots` brings.
     model: str = field(default="", metadata={"required": True, "path": True})
 
-    # What carries the palm: !Carrier or !Arm.
+    # Base of the palm: !Carrier or !Arm.
     base: BaseConfig = field(default_factory=Carrier, metadata={"required": True})
 
-    # One for each contact.
+    # Fingertips, one for each contact.
     fingertips: list[Fingertip] = field(
         default_factory=list, metadata={"required": True, "min_length": 2}
     )

@@ -1,4 +1,4 @@
-"""What holds contact goals back, and what keeps them apart."""
+"""Configuration of the limits on contact goals, and of the fingers' reach."""
 
 from dataclasses import dataclass, field
 
@@ -10,24 +10,24 @@ from drake_pregrasp.contacts.goal_limits import ContactLimits, CoupledPair
 from drake_pregrasp.contacts.quality_guard import GUARDS, guard_measure
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.box_surface import BOX_FACES
-from drake_pregrasp.geometry.no_touch import AxisArea
+from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, Solid
 from drake_pregrasp.regions.constraints import FingerReach
 
 _POINT = {"length": 3, "at_least": -10, "at_most": 10}
-_HALF_TURN = 3.1416  # Radians; what is larger than half a turn can't be an angle between ways.
+_HALF_TURN = 3.1416  # Largest angle between two directions, in radians.
 
 
 @dataclass
 class _Incidence:
-    """A bound on the angle at which a finger may meet the surface."""
+    """Bound on the angle between a finger and the surface's normal."""
 
-    # The way in which the finger stands off the hand, in H; of any length. Needed for `incidence`.
+    # Direction from the hand outward along the finger, in H; of any length. `incidence` needs it.
     direction: list[float] = field(
         default_factory=list, metadata={"at_least": -10, "at_most": 10}, kw_only=True
     )
 
-    # Largest angle between that and the surface's outward normal, in radians.
+    # Largest angle between `direction` and the surface's outward normal, in radians.
     incidence: float = field(
         default=_HALF_TURN, metadata={"above": 0, "at_most": _HALF_TURN}, kw_only=True
     )
@@ -43,12 +43,12 @@ class _Incidence:
 
 @dataclass
 class BallReach(_Incidence):
-    """A finger that reaches everything inside a ball."""
+    """Reach of a finger: a ball."""
 
-    # The ball's centre in the hand's frame H, in metres.
+    # Centre of the ball in the hand frame H, in metres.
     center: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
 
-    # Its radius, in metres.
+    # Radius, in metres.
     radius: float = field(default=0.0, metadata={"required": True, "above": 0, "at_most": 10})
 
     def make_reach(self) -> FingerReach:
@@ -58,7 +58,7 @@ class BallReach(_Incidence):
 
 @dataclass
 class BoxReach(_Incidence):
-    """A finger that reaches everything inside a box."""
+    """Reach of a finger: a box."""
 
     # Edge lengths, in metres.
     size: list[float] = field(
@@ -66,10 +66,10 @@ class BoxReach(_Incidence):
         metadata={"required": True, "length": 3, "above": 0, "at_most": 10},
     )
 
-    # Its centre in the hand's frame H, in metres.
+    # Centre of the box in the hand frame H, in metres.
     center: list[float] = field(default_factory=zeros, metadata=_POINT)
 
-    # Its orientation in H, as roll, pitch and yaw, in radians.
+    # Orientation of the box in H, as roll, pitch and yaw, in radians.
     rpy: list[float] = field(
         default_factory=zeros, metadata={"length": 3, "at_least": -10, "at_most": 10}
     )
@@ -82,16 +82,16 @@ class BoxReach(_Incidence):
 
 @dataclass
 class SectorReach:
-    """A finger of a radial hand: it reaches what is not too far aside from its own azimuth."""
+    """Reach of a finger of a radial hand: a sector about the finger's own azimuth."""
 
-    # Where the finger is about z of H, in radians.
+    # Azimuth of the finger about z of H, in radians.
     azimuth: float = field(default=0.0, metadata={"required": True, "at_least": -10, "at_most": 10})
 
-    # Largest angle between that and the azimuth of the tip at its standoff, in radians.
+    # Largest angle between the azimuth of the finger and of its tip at the standoff, in radians.
     half_angle: float = field(default=1.13, metadata={"above": 0, "at_most": _HALF_TURN})
 
-    # Largest angle between the finger's way out and the surface's outward normal, in radians. A
-    # finger that stands farther off a face reaches round its edge, and touches with a link.
+    # Largest angle between the finger's direction and the surface's outward normal, in radians.
+    # Beyond it a finger reaches around an edge of the object, and touches it with a link.
     incidence: float = field(default=1.22, metadata={"above": 0, "at_most": _HALF_TURN})
 
     def make_reach(self) -> FingerReach:
@@ -110,7 +110,7 @@ _LENGTH = {"at_least": 0, "at_most": 10}
 
 @dataclass
 class Pair:
-    """Two contacts of one finger, as its tip and the joint before it, at a fixed distance."""
+    """Two contacts of one finger at a fixed distance, such as its tip and the joint before it."""
 
     # Index of the contact that moves freely.
     first: int = field(default=0, metadata={"required": True, "at_least": 0})
@@ -118,16 +118,16 @@ class Pair:
     # Index of the contact that follows it.
     second: int = field(default=0, metadata={"required": True, "at_least": 0})
 
-    # Their distance, in metres.
+    # Distance between the two contacts, in metres.
     distance: float = field(default=0.0, metadata={"required": True, "above": 0, "at_most": 10})
 
-    # By how much it may be off, in metres.
+    # Largest error of the distance, in metres.
     tolerance: float = field(default=0.0005, metadata={"at_least": 1e-5, "at_most": 1})
 
 
 @dataclass
 class LimitsConfig:
-    """What holds contact goals back, and what keeps them apart."""
+    """Limits on contact goals."""
 
     # Largest speed of a goal over the object, in m/s; 0 for no limit.
     max_speed: float = field(default=0.0, metadata=_LENGTH)
@@ -135,57 +135,63 @@ class LimitsConfig:
     # Largest step of a goal over the object in one tick, in metres; 0 for no limit.
     max_step: float = field(default=0.0, metadata=_LENGTH)
 
-    # A goal stays as long as what it should move to is nearer than that, in metres.
+    # A goal stays if its new place is closer than this, in metres.
     deadband: float = field(default=0.0, metadata=_LENGTH)
 
-    # Radius of each fingertip, in metres: tips at active contacts don't overlap. Empty: points.
+    # Radius of each fingertip, in metres; fingertips at active contacts do not overlap. Empty:
+    # fingertips are points.
     tip_radii: list[float] = field(default_factory=list, metadata=_LENGTH)
 
-    # Between fingertips and obstacles, in metres.
+    # Clearance between fingertips and obstacles, in metres.
     clearance: float = field(default=0.004, metadata=_LENGTH)
 
-    # Between fingertips, at least, in metres.
+    # Smallest gap between fingertips, in metres.
     tip_gap: float = field(default=0.0, metadata=_LENGTH)
 
-    # How far from the surface fingertips wait, in metres: they stay clear of obstacles there, too.
+    # Distance from the surface at which fingertips wait, in metres; they are clear of obstacles
+    # there too.
     standoff: float = field(default=0.0, metadata=_LENGTH)
 
-    # For how long from now on contacts stay clear of obstacles, as these and the object move on, in
-    # seconds.
+    # Seconds from now for which contacts are clear of obstacles, with the predicted motion of both.
     horizon: float = field(default=0.0, metadata={"at_least": 0, "at_most": 60})
 
-    # What each finger reaches, in the hand's frame H. Empty: everything.
+    # Reach of each finger in the hand frame H. Empty: unlimited.
     reach: list[ReachConfig] = field(default_factory=list)
 
-    # For each contact the names of faces, as +z, that it may not touch, while others may. A face of
-    # a mesh is all ground whose normal is nearest to that axis of O. Empty: none.
+    # For each contact the names of faces, such as +z, that it must not touch although others may. A
+    # face of a mesh is all surface whose normal is closest to that axis of O. Empty: none.
     forbidden_faces: list[list[str]] = field(
         default_factory=list, metadata={"elements": {"one_of": BOX_FACES}}
     )
 
-    # Contacts that keep a distance.
+    # Pairs of contacts at a fixed distance.
     pairs: list[Pair] = field(default_factory=list)
 
-    # What no step may make worse, as hysteresis in quality: measures of the complete grasp matrix,
-    # and the force-closure margin.
+    # Qualities that no step may reduce: measures of the complete grasp matrix, and the
+    # force-closure margin.
     guard: list[str] = field(default_factory=list, metadata={"one_of": GUARDS})
 
-    # Whether a contact without a region moves to the nearest place that it may have.
+    # Whether a contact with an empty region moves to the closest point that it may touch.
     recover: bool = False
 
+    def reaches(self) -> list[FingerReach | None]:
+        """Returns the reach of each finger in H, or None if it is unlimited; empty for all."""
+        return [
+            reach if reach is None or isinstance(reach, FingerReach) else reach.make_reach()
+            for reach in self.reach
+        ]
+
     def closed(self) -> list[list[AxisArea]]:
-        """Returns the ground that is forbidden to single contacts."""
+        """Returns the areas that are forbidden to single contacts; empty for none."""
         return [[AxisArea(face) for face in faces] for faces in self.forbidden_faces]
 
     def make_limits(self, period: float, friction: float) -> ContactLimits:
-        """Returns the limits for goals that are planned once a period, in seconds.
+        """Returns the limits on goals that are planned at a constant rate.
 
         Args:
-            period: In seconds.
-            friction: Coulomb's coefficient, for the margin.
+            period: Seconds between planning ticks.
+            friction: Coulomb's coefficient, for the guard of the margin.
         """
-        if min(self.max_step, self.max_speed) < 0:
-            raise InvalidArgumentError("max_step and max_speed must be at least 0")
         steps = [self.max_step, self.max_speed * period]
         return ContactLimits(
             max_step=min((step for step in steps if step > 0), default=np.inf),

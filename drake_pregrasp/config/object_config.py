@@ -37,13 +37,13 @@ class Box:
     mass: float = field(default=0.4, metadata=_MASS)
 
     def make_shape(self) -> Shape:
-        """Returns its surface in O."""
+        """Returns the shape in O."""
         return box_shape(self.size)
 
 
 @dataclass
 class Cylinder:
-    """A homogeneous cylinder, as a can, whose frame O is at its centre, with z along its axis."""
+    """A homogeneous cylinder whose frame O is at its centre, with z along its axis."""
 
     # Radius, in metres.
     radius: float = field(default=0.033, metadata=_LENGTH)
@@ -55,7 +55,7 @@ class Cylinder:
     mass: float = field(default=0.35, metadata=_MASS)
 
     def make_shape(self) -> Shape:
-        """Returns its surface in O."""
+        """Returns the shape in O."""
         return cylinder_shape(self.radius, self.length)
 
 
@@ -70,16 +70,16 @@ class Ball:
     mass: float = field(default=0.15, metadata=_MASS)
 
     def make_shape(self) -> Shape:
-        """Returns its surface in O."""
+        """Returns the shape in O."""
         return ball_shape(self.radius)
 
 
 @dataclass
 class Revolved:
-    """A homogeneous body of revolution about z of O, as a bottle, a cup or a bowling pin."""
+    """A homogeneous body of revolution about z of O, such as a bottle or a cup."""
 
-    # Points (r, z) of its outline in metres, r >= 0, with z rising along the outside, from the axis
-    # back to the axis. One that doesn't end there is closed into a ring.
+    # Points (r, z) of the outline in metres, r >= 0, with z increasing along the outside, from the
+    # axis back to the axis. An outline that does not end there is closed into a ring.
     profile: list[list[float]] = field(
         default_factory=list,
         metadata={
@@ -94,7 +94,7 @@ class Revolved:
     mass: float = field(default=0.3, metadata=_MASS)
 
     def make_shape(self) -> Shape:
-        """Returns its surface in O."""
+        """Returns the shape in O."""
         return revolved_shape(self.profile)
 
 
@@ -102,18 +102,18 @@ class Revolved:
 class Mesh:
     """A homogeneous body with the surface of a mesh file, whose frame is O."""
 
-    # An OBJ, STL, PLY or glTF file with a watertight mesh, from the folder of the scenario's file;
-    # or package://drake_pregrasp/..., for those that are shipped.
+    # OBJ, STL, PLY or glTF file with a watertight mesh, relative to the folder of the scenario's
+    # file; or package://drake_pregrasp/... for a mesh that is shipped.
     file: str = field(default="", metadata={"required": True, "path": True})
 
-    # Metres for each unit of the file.
+    # Length of one unit of the file, in metres.
     scale: float = field(default=1.0, metadata={"above": 0, "at_most": 1000})
 
     # Mass, in kg.
     mass: float = field(default=0.3, metadata=_MASS)
 
     def make_shape(self) -> Shape:
-        """Returns its surface in O."""
+        """Returns the shape in O."""
         return load_shape(resolve_path(self.file, Path.cwd()), scale=self.scale)
 
 
@@ -126,7 +126,7 @@ _LARGEST_TURN = {"at_least": -100, "at_most": 100}
 
 @dataclass
 class Conveyor:
-    """A table that slides and turns, and carries the object by friction."""
+    """A table that slides and turns, and moves the object by friction."""
 
     # Speed along x of W, in m/s.
     linear_velocity: float = field(default=0.001, metadata=_LARGEST_SPEED)
@@ -135,7 +135,7 @@ class Conveyor:
     angular_velocity: float = field(default=0.0174, metadata=_LARGEST_TURN)
 
     # Velocities over time, instead of the two above: rows [time, linear, angular] in s, m/s and
-    # rad/s, times increasing from 0. They are interpolated linearly, and the last ones stay.
+    # rad/s, with times that increase from 0. They are interpolated linearly; the last ones stay.
     profile: list[list[float]] = field(
         default_factory=list,
         metadata={
@@ -145,7 +145,7 @@ class Conveyor:
     )
 
     def velocities(self) -> list[list[float]]:
-        """Returns the profile; a constant velocity is one of a single row."""
+        """Returns the profile; a constant velocity is a profile of one row."""
         return self.profile or [[0.0, self.linear_velocity, self.angular_velocity]]
 
 
@@ -171,16 +171,16 @@ class Toss:
         metadata={"length": 3, "at_least": -50, "at_most": 50},
     )
 
-    # Angular velocity at the start, in W, in rad/s. With three equal moments of inertia it stays.
+    # Angular velocity at the start, in W, in rad/s; constant for equal moments of inertia.
     spin: list[float] = field(default_factory=zeros, metadata={"length": 3, **_LARGEST_TURN})
 
-    # Whether there is a table in the way, with its top at z = 0.
+    # Whether there is a table with its top at z = 0.
     table: bool = False
 
 
 @dataclass
 class Push:
-    """A ball-shaped tip that pushes the object over a table that stands still."""
+    """A spherical tip that pushes the object over a fixed table."""
 
     # Direction of the push, as the angle from x of W about z, in radians.
     direction: float = field(default=0.0, metadata={"at_least": -10, "at_most": 10})
@@ -188,16 +188,16 @@ class Push:
     # Speed of the tip, in m/s.
     speed: float = field(default=0.05, metadata={"above": 0, "at_most": 2})
 
-    # How far the tip goes, in metres.
+    # Distance that the tip moves, in metres.
     distance: float = field(default=0.25, metadata={"above": 0, "at_most": 1})
 
-    # When it starts, in seconds.
+    # Time at which the tip starts, in seconds.
     start: float = field(default=0.5, metadata={"at_least": 0, "at_most": 1e6})
 
-    # How far behind the object's centre of mass its front is then, in metres; outside the object.
+    # Initial distance of the tip's front behind the centre of mass, in metres; outside the object.
     start_distance: float = field(default=0.09, metadata={"above": 0, "at_most": 1})
 
-    # How far to the left of the centre it pushes, in metres. Off the centre the object turns.
+    # Offset of the push to the left of the centre of mass, in metres; it turns the object.
     offset: float = field(default=0.0, metadata={"at_least": -0.5, "at_most": 0.5})
 
     # Height of the tip's centre over the table, in metres.
@@ -206,11 +206,11 @@ class Push:
 
 @dataclass
 class PoseStream:
-    """Recorded poses, from a camera or another program, that the object is moved along."""
+    """Recorded poses of the object, from a camera or another program."""
 
-    # A CSV file with the header time,x,y,z,qw,qx,qy,qz: seconds, metres, and a unit quaternion; the
-    # pose of the object O in the world W. A relative path starts at the scenario file's folder,
-    # and package://drake_pregrasp/ at that of the package's models.
+    # CSV file with the header time,x,y,z,qw,qx,qy,qz: seconds, metres and a unit quaternion, the
+    # pose of the object O in W. A relative path starts at the folder of the scenario's
+    # file, package://drake_pregrasp/ at the folder of the package's models.
     file: str = field(default="", metadata={"required": True, "path": True})
 
 

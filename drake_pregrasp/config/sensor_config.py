@@ -1,109 +1,110 @@
-"""What the simulated pose sensor does: noise and faults."""
+"""Configuration of the simulated pose sensor."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
-from drake_pregrasp.errors import ScenarioError
-from drake_pregrasp.estimation.fault_settings import FOREVER, MeasurementFaults, find_flaw
-
-_VECTOR = {"length": 3, "at_least": -10, "at_most": 10}
-_ANGLES = {"length": 3, "at_least": -math.pi, "at_most": math.pi}
-_PROBABILITY = {"at_least": 0, "at_most": 1}
-_RATE = {"at_least": 0, "at_most": 1000}
-_DURATION = {"above": 0, "at_most": 100}
-_LAG = {"at_least": 0, "at_most": 100}
-
-
-@dataclass
-class FaultsConfig:
-    """What goes wrong with measurements; by default nothing does."""
-
-    # Times the noise.
-    noise_factor: float = field(default=1.0, metadata={"at_least": 0, "at_most": 1000})
-
-    # Added to the position, along the axes of W, in metres.
-    position_bias: list[float] = field(default_factory=lambda: [0.0] * 3, metadata=_VECTOR)
-
-    # A rotation vector in W by which the orientation is off, at most half a turn, in radians.
-    orientation_bias: list[float] = field(default_factory=lambda: [0.0] * 3, metadata=_ANGLES)
-
-    # Heavy tails: the noise is Student's t with so many degrees of freedom, at least 1, and the
-    # sensor's standard deviations are its scale. 0: the noise is normal.
-    degrees_of_freedom: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e6})
-
-    # Probability that a measurement is an outlier.
-    outlier_probability: float = field(default=0.0, metadata=_PROBABILITY)
-
-    # How far off an outlier's position is, in a random direction, in metres.
-    outlier_position: float = field(default=0.1, metadata={"at_least": 0, "at_most": 10})
-
-    # How far it is turned, about a random axis, in radians.
-    outlier_orientation: float = field(default=0.5, metadata={"at_least": 0, "at_most": math.pi})
-
-    # Occlusions per second, on average, during which nothing is measured.
-    dropout_rate: float = field(default=0.0, metadata=_RATE)
-
-    # Mean length of an occlusion, in seconds; lengths are exponential, up to five times that.
-    dropout_duration: float = field(default=0.5, metadata=_DURATION)
-
-    # Seconds from a measurement to its arrival. With jitter at most a thousand planning periods.
-    delay: float = field(default=0.0, metadata=_LAG)
-
-    # Largest addition to the delay, in seconds; it is uniform from 0 on.
-    jitter: float = field(default=0.0, metadata=_LAG)
-
-    # Whether measurements that were overtaken on their way count when they arrive; otherwise they
-    # are dropped. Needs a jitter longer than the time between measurements.
-    out_of_order: bool = False
-
-    # How often per second, on average, the measured value freezes: it repeats, with new times.
-    freeze_rate: float = field(default=0.0, metadata=_RATE)
-
-    # Mean length of that, in seconds, as of occlusions.
-    freeze_duration: float = field(default=0.5, metadata=_DURATION)
-
-    # Probability that a measured quaternion has the other sign. The rotation is the same.
-    sign_flip_probability: float = field(default=0.0, metadata=_PROBABILITY)
-
-    # Probability that a measurement is not a number.
-    nan_probability: float = field(default=0.0, metadata=_PROBABILITY)
-
-    # Seconds between measurements, at least planner.period; 0 for one each planning tick.
-    sample_period: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
-
-    # Faults act on what is measured from this time on, in seconds.
-    start: float = field(default=0.0, metadata={"at_least": 0, "at_most": FOREVER})
-
-    # Until just before this time, in seconds.
-    end: float = field(default=FOREVER, metadata={"above": 0, "at_most": FOREVER})
-
-    def settings(self) -> MeasurementFaults:
-        """Returns the same for `NoisyPoseSensor`."""
-        return MeasurementFaults(**vars(self))
+from drake_pregrasp.config.validation import check_fields
+from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.estimation.fault_settings import (
+    MAX_BURST_TICKS,
+    MAX_DELAY_TICKS,
+    MeasurementFaults,
+    burst_reach,
+)
+from drake_pregrasp.ticks import first_tick
 
 
 @dataclass
 class SensorConfig:
-    """The simulated pose measurements: white noise, per axis, and faults."""
+    """Noise and faults of the simulated pose measurements."""
 
-    # Standard deviation of the position, in metres.
+    # Standard deviation of the white noise of the position, per axis, in metres.
     position_std: float = field(default=0.0005, metadata={"at_least": 0, "at_most": 10})
 
-    # Standard deviation of the orientation's rotation vector, in radians.
+    # Standard deviation of the white noise of the orientation, as a rotation vector, per axis, in
+    # radians.
     orientation_std: float = field(default=0.0035, metadata={"at_least": 0, "at_most": 10})
 
-    # What else is wrong with them.
-    faults: FaultsConfig = field(default_factory=FaultsConfig)
+    # Faults of the measurements, beside the white noise.
+    faults: MeasurementFaults = field(default_factory=MeasurementFaults)
+
+
+def check_faults(faults: MeasurementFaults, period: float) -> None:
+    """Raises an error unless faults are in range and consistent with each other.
+
+    Args:
+        faults: Faults of the sensor.
+        period: Seconds between planning ticks, greater than 0.
+
+    Raises:
+        InvalidArgumentError: If a fault is out of range, or contradicts another one.
+    """
+    check_fields(faults, "faults")
+    for name, problem in _contradictions(faults, period):
+        raise InvalidArgumentError(f"faults.{name}: {problem}")
 
 
 def check_sensor(source: str, sensor: SensorConfig, period: float) -> None:
-    """Raises a `ScenarioError` unless the sensor's faults fit together.
+    """Raises a `ScenarioError` unless the sensor's faults are consistent with each other.
 
     Args:
         source: Where the scenario is from, for the message.
-        sensor: Loaded, with keys and types checked.
+        sensor: Configuration of the sensor, with keys, types and ranges checked.
         period: Seconds between planning ticks.
     """
-    flaw = find_flaw(sensor.faults.settings(), period)
-    if flaw is not None:
-        raise ScenarioError(source, f"sensor.faults.{flaw.name}", flaw.problem)
+    for name, problem in _contradictions(sensor.faults, period):
+        raise ScenarioError(source, f"sensor.faults.{name}", problem)
+
+
+def _contradictions(faults: MeasurementFaults, period: float) -> Iterator[tuple[str, str]]:
+    """Yields names of fields and what is wrong with them, in one line."""
+    f = faults
+    angle = math.hypot(*f.orientation_bias)
+    if angle > math.pi:
+        yield "orientation_bias", f"{[*f.orientation_bias]} turns by {angle:.4g} rad; at most pi"
+    if 0 < f.degrees_of_freedom < 1:
+        yield (
+            "degrees_of_freedom",
+            f"{f.degrees_of_freedom} must be 0, for normal noise, or at least 1",
+        )
+    if f.outlier_probability and not (f.outlier_position or f.outlier_orientation):
+        yield (
+            "outlier_probability",
+            "outlier_position and outlier_orientation are both 0; one must be above",
+        )
+    if not f.start < f.end:
+        yield "start", f"{f.start} must be less than end, which is {f.end}"
+    if not first_tick(f.start, period) < first_tick(f.end, period):
+        yield (
+            "start",
+            f"{f.start} must be a tick before end, {f.end}: nothing is measured between",
+        )
+    if 0 < f.sample_period < period:
+        yield (
+            "sample_period",
+            f"{f.sample_period} must be 0 or at least the planning period, {period}",
+        )
+    latest, limit = f.delay + f.jitter, MAX_DELAY_TICKS * period
+    if latest > limit:
+        yield (
+            "delay",
+            f"it is {latest:g} s with jitter; at most {MAX_DELAY_TICKS} ticks, {limit:g} s",
+        )
+    between = max(period, f.sample_period)
+    if f.out_of_order and not f.jitter > between:
+        yield (
+            "out_of_order",
+            f"with a jitter of {f.jitter} s none overtakes; more than {between} s does",
+        )
+    for kind, rate, duration in (
+        ("dropout", f.dropout_rate, f.dropout_duration),
+        ("freeze", f.freeze_rate, f.freeze_duration),
+    ):
+        reach = burst_reach(duration, period)
+        if rate and reach > MAX_BURST_TICKS:
+            longest = duration * MAX_BURST_TICKS / reach
+            yield (
+                f"{kind}_duration",
+                f"{duration} must be at most {longest:g} with a period of {period} s",
+            )

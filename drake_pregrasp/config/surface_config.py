@@ -1,4 +1,4 @@
-"""How the object's surface is sampled, and where contacts may not be."""
+"""Configuration of the sampling of the object's surface, and of no-touch areas."""
 
 import contextlib
 import functools
@@ -11,14 +11,19 @@ from pydrake.math import RollPitchYaw
 from drake_pregrasp.config.object_config import Box, Mesh, ObjectConfig, zeros
 from drake_pregrasp.errors import InvalidArgumentError, NoGroundError, ScenarioError
 from drake_pregrasp.geometry.box_surface import BOX_FACES, box_surface
-from drake_pregrasp.geometry.mesh_surface import mesh_surface
-from drake_pregrasp.geometry.no_touch import AxisArea, FacingArea, NoTouchArea, PartArea
+from drake_pregrasp.geometry.mesh_surface import (
+    AxisArea,
+    FacingArea,
+    NoTouchArea,
+    PartArea,
+    mesh_surface,
+)
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.resources import resolve_path
 
-_KEPT = 2  # Surfaces: one to plan on, and one to draw.
+_KEPT = 2  # Number of cached surfaces: one for planning and one for drawing.
 
 _POINT = {"length": 3, "at_least": -10, "at_most": 10}
 _ANGLES = {"length": 3, "at_least": -10, "at_most": 10}
@@ -27,117 +32,123 @@ _SIZE = {"length": 3, "above": 0, "at_most": 10}
 
 @dataclass
 class Facing:
-    """All ground that faces a direction."""
+    """No-touch area: all surface that faces a direction."""
 
-    # The direction, in O; of any length.
+    # Direction in O, of any length.
     direction: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
 
-    # Largest angle between it and the outward normal, in radians.
+    # Largest angle between the direction and the outward normal, in radians.
     angle: float = field(default=0.785, metadata={"above": 0, "at_most": 3.1416})
 
     def make_area(self, shape: Shape) -> NoTouchArea:
-        """Returns the area on a shape."""
+        """Returns the no-touch area on a shape."""
         return FacingArea(np.array(self.direction), self.angle)
 
 
 @dataclass
 class InsideBox:
-    """All ground inside a box."""
+    """No-touch area: all surface inside a box."""
 
     # Edge lengths, in metres.
     size: list[float] = field(default_factory=zeros, metadata={"required": True, **_SIZE})
 
-    # Its centre in O, in metres.
+    # Centre in O, in metres.
     center: list[float] = field(default_factory=zeros, metadata=_POINT)
 
-    # Its orientation in O, as roll, pitch and yaw, in radians.
+    # Orientation in O, as roll, pitch and yaw, in radians.
     rpy: list[float] = field(default_factory=zeros, metadata=_ANGLES)
 
     def make_area(self, shape: Shape) -> NoTouchArea:
-        """Returns the area on a shape."""
+        """Returns the no-touch area on a shape."""
         R_OB = RollPitchYaw(self.rpy).ToRotationMatrix().matrix()
         return BoxSolid(np.array(self.center), R_OB, np.array(self.size))
 
 
 @dataclass
 class InsideBall:
-    """All ground inside a ball."""
+    """No-touch area: all surface inside a ball."""
 
-    # Its centre in O, in metres.
+    # Centre in O, in metres.
     center: list[float] = field(default_factory=zeros, metadata=_POINT)
 
-    # Its radius, in metres.
+    # Radius, in metres.
     radius: float = field(default=0.0, metadata={"required": True, "above": 0, "at_most": 10})
 
     def make_area(self, shape: Shape) -> NoTouchArea:
-        """Returns the area on a shape."""
+        """Returns the no-touch area on a shape."""
         return BallSolid(np.array(self.center), self.radius)
 
 
 @dataclass
 class BehindPlane:
-    """All ground on one side of a plane."""
+    """No-touch area: all surface on one side of a plane."""
 
     # A point of the plane in O, in metres.
     point: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
 
-    # The plane's normal in O; it points away from the forbidden ground.
+    # Normal of the plane in O; it points away from the no-touch area.
     normal: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
 
     def make_area(self, shape: Shape) -> NoTouchArea:
-        """Returns the area on a shape."""
+        """Returns the no-touch area on a shape."""
         return HalfSpace(np.array(self.point), np.array(self.normal))
 
 
 @dataclass
 class Part:
-    """A named part of a mesh file, as an OBJ's objects or a glTF's meshes are."""
+    """No-touch area: a named part of a mesh file, such as an object of an OBJ."""
 
-    # Its name.
+    # Name of the part.
     name: str = field(default="", metadata={"required": True})
 
     def make_area(self, shape: Shape) -> NoTouchArea:
-        """Returns the area on a shape."""
+        """Returns the no-touch area on a shape."""
         return PartArea(shape.part(self.name))
 
 
 MAX_BOX_POINTS = 200_000
-"""Most candidates of a box in a scenario, and most of its forbidden points."""
+"""Largest number of candidates of a box in a scenario, and of its forbidden points."""
 
 
 @dataclass
 class SurfaceConfig:
-    """How the object's surface is sampled, and where contacts may not be."""
+    """Configuration of the sampling of the object's surface, and of no-touch areas."""
 
-    # Distance of neighbouring candidate points Y, in metres: the largest on a box, else a mean.
+    # Distance between neighbouring candidate points Y, in metres: the largest on a box, the mean
+    # on other shapes.
     spacing: float = field(default=0.005, metadata={"at_least": 0.0005})
 
-    # Seed of the candidates' choice; a box has a regular grid and needs none.
+    # Seed of the sampling; a box has a regular grid and needs none.
     seed: int = field(default=0, metadata={"at_least": 0, "at_most": 2**32})
 
-    # Forbidden ground by outward normal, in O: that whose normal is nearest to one of these axes.
+    # Forbidden faces: all surface whose outward normal is closest to one of these axes of O.
     forbidden_faces: list[str] = field(
         default_factory=lambda: ["-z", "+z"], metadata={"one_of": BOX_FACES}
     )
 
-    # More no-touch areas, in O.
+    # Further no-touch areas, in O.
     no_touch: list[Facing | InsideBox | InsideBall | BehindPlane | Part] = field(
         default_factory=list
     )
 
-    # Distance of neighbouring forbidden points Z, in metres.
+    # Distance between neighbouring forbidden points Z, in metres.
     forbidden_spacing: float = field(default=0.02, metadata={"at_least": 0.0005})
 
     # Radius R_j of each forbidden point, in metres.
     forbidden_radius: float = field(default=0.005, metadata={"at_least": 0, "at_most": 10})
 
     def make_surface(self, config: ObjectConfig, spacing: float | None = None) -> ObjectSurface:
-        """Returns an object's surface, sampled as said here, or with another spacing.
+        """Returns the sampled surface of an object.
 
-        The last few are kept: as long as nothing changed, it is the one that was made before.
+        The last few surfaces are cached, and made anew if the configuration or the file changes.
+
+        Args:
+            config: The object.
+            spacing: Distance between candidate points, in metres; that of this configuration by
+                default.
 
         Raises:
-            InvalidArgumentError: If the object can't be made, or no ground is left for contacts.
+            InvalidArgumentError: If the object cannot be made, or no allowed surface is left.
         """
         changed: tuple[int, ...] = ()
         if isinstance(config, Mesh):
@@ -168,7 +179,7 @@ class SurfaceConfig:
 
 @dataclass(frozen=True)
 class _Request:
-    """What a surface is made of; two with the same key are the same."""
+    """Arguments of a cached surface, compared by their key."""
 
     key: str
     surface: SurfaceConfig = field(compare=False)
@@ -182,10 +193,15 @@ def _kept_surface(request: _Request) -> ObjectSurface:
 
 
 def check_surface(source: str, config: ObjectConfig, surface: SurfaceConfig) -> ObjectSurface:
-    """Returns an object's surface.
+    """Returns the sampled surface of an object.
+
+    Args:
+        source: Where the scenario is from, for the message.
+        config: The object.
+        surface: Configuration of the sampling.
 
     Raises:
-        ScenarioError: If the object can't be made, or no ground is left for contacts.
+        ScenarioError: If the object cannot be made, or no allowed surface is left.
     """
     try:
         shape = config.make_shape()

@@ -1,6 +1,8 @@
-"""The check that contact goals lie on the object, against the mesh itself."""
+"""Contact goals: weighted centroids of safe regions (Eq. 3-4), projected onto the surface."""
 
+from collections.abc import Iterable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -14,51 +16,87 @@ from drake_pregrasp.contacts.goal_limits import (
 )
 from drake_pregrasp.contacts.selection_input import (
     ContactGoals,
-    KernelStrategy,
+    GoalFunction,
     SelectionInput,
     WeightFunction,
 )
 from drake_pregrasp.errors import ContactError
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
-from drake_pregrasp.kernels import Weighting
 from drake_pregrasp.regions.constraints import Limit
 
 
-def gaussian_log_weights(
-    points: FloatArray, mean: FloatArray, covariance: FloatArray
-) -> FloatArray:
-    """Returns log(b_n) of the Gaussian of Eq. 3, without its constant factor, shape (N,).
+def gaussian_log_weights(q: FloatArray, mu: FloatArray, Sigma: FloatArray) -> FloatArray:
+    """Returns log(b_n) of Eq. 3 without its constant factor, shape (N,).
+
+    b_n = P(q_n, mu, Sigma) = exp(-(q_n - mu)ᵀ Sigma⁻¹ (q_n - mu) / 2) / sqrt(det(Sigma) (2 pi)^d)
 
     The logarithm keeps apart what the density itself rounds to zero: with a covariance of
-    millimetres, exp(-(0.05/0.001)²/2) underflows on the whole surface and Eq. 4 would be 0/0. A
-    tiny covariance thus selects the candidate nearest to the mean, a huge one the plain centroid.
+    millimetres, exp(-(0.05/0.001)²/2) underflows on the whole surface, and the centroid would be
+    0/0. A tiny covariance thus selects the candidate nearest to the mean, a huge one the plain
+    centroid.
 
     Args:
-        points: q_n, shape (N, 3), in metres.
-        mean: mu, shape (3,), in metres.
-        covariance: Sigma, symmetric and positive definite, shape (3, 3), in m².
+        q: Points q_n, shape (N, 3), in metres.
+        mu: Mean, shape (3,), in metres.
+        Sigma: Covariance, symmetric and positive definite, shape (3, 3), in m².
     """
-    whitened = (points - mean) @ np.linalg.inv(np.linalg.cholesky(covariance)).T
-    log_weights: FloatArray = -0.5 * np.einsum("ij,ij->i", whitened, whitened)
-    return log_weights
+    d = q - mu
+    log_b: FloatArray = -0.5 * np.einsum("ni,ni->n", d @ np.linalg.inv(Sigma), d)
+    return log_b
 
 
-def weighted_centroid(points: FloatArray, log_weights: FloatArray, areas: FloatArray) -> FloatArray:
-    """Returns the centroid of Eq. 4, shape (3,), of points weighted by b_n and their areas.
+def weighted_centroid(q: FloatArray, log_b: FloatArray, areas: FloatArray) -> FloatArray:
+    """Returns the centroid c_i of points weighted by b_n and their areas, shape (3,) (Eq. 4).
 
-    The areas make the sum an integral over the surface, so that uneven sampling has no pull.
+    c_i = sum b_n A_n q_n / sum b_n A_n
+
+    The areas A_n make the sum an integral over the surface, so that uneven sampling has no pull.
 
     Args:
-        points: Shape (k, 3) with k >= 1, in metres.
-        log_weights: log(b_n) up to a constant, shape (k,); -inf for a weight of zero.
-        areas: Surface area each point stands for, shape (k,).
+        q: Points q_n, shape (k, 3) with k >= 1, in metres.
+        log_b: log(b_n) up to a constant, shape (k,); -inf for a weight of zero.
+        areas: Surface area each point stands for, shape (k,), in m².
     """
-    highest = float(np.max(log_weights))
-    if highest == -np.inf:  # All weights are zero: none stands out.
-        log_weights, highest = np.zeros(len(points)), 0.0
-    weights = np.exp(log_weights - highest) * areas
-    centroid: FloatArray = weights @ points / np.sum(weights)
-    return centroid
+    highest = log_b.max()
+    # If all weights are zero, none stands out.
+    b = np.exp(log_b - highest) * areas if highest > -np.inf else areas
+    c_i: FloatArray = b @ q / b.sum()
+    return c_i
+
+
+def region_goals(
+    selection: SelectionInput, contacts: Iterable[int], strategy: WeightFunction
+) -> FloatArray:
+    """Returns the weighted centroids of the contacts' regions, projected onto them, shape (k, 3).
+
+    The centroid of a region that bends round an edge is a point of a chord, inside the object: the
+    goal is its projection onto the region's patches.
+
+    Args:
+        selection: Surface, contacts, regions and estimate of this tick.
+        contacts: Indices of k contacts whose regions are not empty.
+        strategy: Weights of the candidates.
+    """
+    surface, centroids = selection.surface, []
+    members = [selection.regions.members(i) for i in contacts]
+    for i, n in zip(contacts, members, strict=True):
+        log_b = strategy(selection, i)
+        centroids.append(weighted_centroid(surface.p_OQ[n], log_b, surface.areas[n]))
+    return surface.project_into(np.array(centroids), members)[0]
+
+
+def best_points(
+    selection: SelectionInput, contacts: Iterable[int], strategy: WeightFunction
+) -> FloatArray:
+    """Returns the candidate of the largest weight in each contact's region, shape (k, 3).
+
+    Args:
+        selection: Surface, contacts, regions and estimate of this tick.
+        contacts: Indices of k contacts whose regions are not empty.
+        strategy: Weights of the candidates.
+    """
+    best = [selection.regions.members(i)[np.argmax(strategy(selection, i))] for i in contacts]
+    return selection.surface.p_OQ[best]
 
 
 def select_contacts(
@@ -68,62 +106,43 @@ def select_contacts(
     best_point: bool = False,
     in_turns: bool = False,
     limits: ContactLimits | None = None,
+    choose: GoalFunction | None = None,
 ) -> ContactGoals:
-    """Moves each contact to the centroid of its safe region (Eq. 4), projected onto the surface.
+    """Moves each contact to the weighted centroid of its safe region, projected onto the surface.
 
-    The centroid of a region that bends round an edge is a point of a chord, inside the object:
-    what becomes the goal is its projection onto the region's ground. A contact whose region is
-    empty stays where it is on the object, unless it is to recover.
+    A contact whose region is empty stays where it is on the object, unless it is to recover.
 
     Args:
         selection: Surface, contacts, regions and estimate of this tick.
-        strategy: From `make_strategy`, or a weight function of your own.
+        strategy: Weights of the candidates, from `make_strategy` or a function of your own.
         best_point: Whether to move to the candidate of the largest weight instead of the centroid.
         in_turns: Whether the contacts move one after another, each seeing where those before it
             have gone, instead of all as if the others stayed. The regions are those of the tick.
-        limits: What holds goals back.
+        limits: Limits on the goals.
+        choose: A faster implementation of `region_goals` with that strategy.
     """
     limits = limits or ContactLimits()
-    regions, p_OC = selection.regions, selection.p_OC
-    active = np.flatnonzero((regions.sizes() > 0) & ~regions.lost)
-    goals = p_OC.copy()
+    regions = selection.regions
+    if choose is None or best_point:
+        choose = partial(best_points if best_point else region_goals, strategy=strategy)
+    active = np.flatnonzero(selection.active)
+    goals = selection.p_OC.copy()
     for movers in active[:, None] if in_turns else active[None]:
-        if len(movers):
-            seen = replace(selection, p_OC=goals.copy()) if in_turns else selection
-            goals[movers] = _chosen(seen, movers, strategy, best_point)
-    on_ground = np.zeros(len(goals), dtype=bool)
-    on_ground[active] = True
+        if len(movers) == 0:
+            continue
+        seen = replace(selection, p_OC=goals.copy()) if in_turns else selection
+        goals[movers] = choose(seen, movers)
+        if not regions.constraints.leaves_every_point:
+            selection.project(goals[movers])  # All at once.
+            for i in movers.tolist():
+                goals[i] = _permitted(selection, i, goals[i], regions.members(i))
+    on_patches = np.zeros(len(goals), dtype=bool)
+    on_patches[active] = True
     limited = limited_goals(selection, goals.copy(), limits)
     if limits.recover:
         limited = with_returning_contacts(selection, limited, limits.max_step)
-    on_ground &= (limited == goals).all(axis=1)
-    return judged_goals(selection, limited, on_ground, limits)
-
-
-def _chosen(
-    selection: SelectionInput, movers: IntArray, strategy: WeightFunction, best_point: bool
-) -> FloatArray:
-    """Returns what the strategy chooses for some contacts, on their regions' ground, (k, 3)."""
-    surface, partition = selection.surface, selection.regions.partition
-    if partition is not None and isinstance(strategy, KernelStrategy) and not best_point:
-        weighting = Weighting(strategy.kind, strategy.stretch, selection.covariance_O)
-        centroids = surface.kernel.centroids(partition, selection.p_OC, movers, weighting)
-        goals, _ = surface.project_onto_regions(centroids, partition, movers)
-        return goals
-    log_weights = strategy(selection)
-    members = [selection.regions.members(int(contact)) for contact in movers]
-    points = []
-    for q in members:
-        if best_point:
-            points.append(surface.p_OQ[q[np.argmax(log_weights[q])]])
-        else:
-            points.append(weighted_centroid(surface.p_OQ[q], log_weights[q], surface.areas[q]))
-    goals, _ = surface.project_into(np.array(points), members)
-    if not selection.regions.constraints.leaves_every_point:
-        selection.project(goals)  # All at once.
-    for k, (contact, q) in enumerate(zip(movers.tolist(), members, strict=True)):
-        goals[k] = _permitted(selection, contact, goals[k], q)
-    return goals
+    on_patches &= (limited == goals).all(axis=1)
+    return judged_goals(selection, limited, on_patches, limits)
 
 
 def _permitted(

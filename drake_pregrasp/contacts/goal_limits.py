@@ -110,9 +110,10 @@ def step_toward(
     near = surface.candidates_within(p_OCi, max_step)
     near = near[normals_agree(normals, surface.nhat_OQ[near])[0]]
     step = min(max_step, length)
+    longest = max_step * (1 + ROUNDING)  # On a flat face the point is a whole step away.
     for _ in range(_HALVINGS if len(near) else 0):
         point: FloatArray = surface.project_into((p_OCi + step / length * way)[None], [near])[0][0]
-        if np.linalg.norm(point - p_OCi) <= max_step:
+        if np.linalg.norm(point - p_OCi) <= longest:
             return point
         step /= 2
     return p_OCi
@@ -263,7 +264,7 @@ def limited_goals(
         goals = keep_quality(surface, goals, p_OC, guarded, limits.guard, groups)
     tip_radii = regions.constraints.tip_radii
     if len(tip_radii):
-        taking_part = (regions.sizes() > 0) & ~regions.lost
+        taking_part = selection.active
         apart = hold_where_tips_meet(
             selection.project,
             goals,
@@ -331,7 +332,7 @@ def judged_goals(
     """
     regions = selection.regions
     constraints, limits, causes = regions.constraints, regions.limits.copy(), regions.causes.copy()
-    active = (regions.sizes() > 0) & ~regions.lost
+    active = selection.active.copy()
     unknown = np.flatnonzero(~on_ground)
     if len(unknown):
         nearest, _ = selection.project(goals[unknown])

@@ -99,20 +99,40 @@ _DESCRIPTIONS = {
 
 @dataclass(frozen=True, eq=False)
 class SelectionInput:
-    """What a strategy may look at when it weighs candidate points.
+    """Input of the selection of contact goals at one tick, for the strategies.
 
     Attributes:
         surface: The object's surface, in the frame of its estimated pose. Its centre of mass is
-            there by definition the mean mu of Eq. 3.
+            by definition the mean of the estimated position in O.
         p_OC: Contact points as they are, shape (n, 3), in metres.
-        regions: Their safe regions.
-        covariance_O: Sigma of Eq. 3, expressed in O, shape (3, 3), in m².
+        regions: The contacts' safe regions.
+        covariance_O: Covariance of the estimated position, expressed in O, shape (3, 3), in m².
     """
 
     surface: ObjectSurface
     p_OC: FloatArray
     regions: SafeRegions
     covariance_O: FloatArray
+
+    @cached_property
+    def active(self) -> BoolArray:
+        """Mask of the contacts that have a region and take part in the grasp, shape (n,)."""
+        mask: BoolArray = (self.regions.sizes() > 0) & ~self.regions.lost
+        return mask
+
+    def lever_arms(self, i: int) -> tuple[FloatArray, FloatArray]:
+        """Returns lever arms of the other active contacts, and of the candidates in region i.
+
+        Args:
+            i: Index of a contact.
+
+        Returns:
+            Vectors from the centre of mass in O, shapes (n - 1, 3) and (k, 3), in metres.
+        """
+        others = self.active.copy()
+        others[i] = False
+        q = self.surface.p_OQ[self.regions.members(i)]
+        return self.p_OC[others] - self.surface.p_OCoM, q - self.surface.p_OCoM
 
     @cached_property
     def project(self) -> RememberedProjection:
@@ -125,27 +145,13 @@ class SelectionInput:
         return {}
 
 
-WeightFunction = Callable[[SelectionInput], FloatArray]
-"""Maps a selection's input to log(b_n) for each candidate, shape (N,), up to a constant."""
+WeightFunction = Callable[[SelectionInput, int], FloatArray]
+"""Maps a selection's input and the index of a contact to log(b_n) of the candidates in its region,
+shape (k,), up to a constant."""
 
-
-@dataclass(frozen=True)
-class KernelStrategy:
-    """A weight function that kernels know as well.
-
-    Attributes:
-        log_weights: The weight function.
-        kind: What kernels call it, one of their `KINDS`.
-        stretch: Whether it stretches its weights over each region.
-    """
-
-    log_weights: WeightFunction
-    kind: str
-    stretch: bool
-
-    def __call__(self, selection: SelectionInput) -> FloatArray:
-        """Returns log(b_n) for each candidate, shape (N,), up to a constant."""
-        return self.log_weights(selection)
+GoalFunction = Callable[[SelectionInput, IntArray], FloatArray]
+"""Maps a selection's input and the indices of k contacts to goals on the patches of their regions,
+shape (k, 3), in metres."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Where the object goes, roughly and without a simulation: what a camera has to see."""
+"""Expected path of the object without a simulation, for the view of the camera."""
 
 from pathlib import Path
 
@@ -23,15 +23,15 @@ from drake_pregrasp.resources import resolve_path
 _SAMPLES = 50
 
 GRAVITY = 9.81
-"""What a plant of Drake has, in m/s²."""
+"""Acceleration of gravity in Drake's plants, in m/s²."""
 
 
 def expected_path(motion: MotionConfig, duration: float, object_config: ObjectConfig) -> FloatArray:
-    """Returns positions of the centre of mass in W over the run, shape (k, 3), in metres.
+    """Returns expected positions of the centre of mass in W, shape (k, 3), in metres.
 
     Args:
-        motion: How the object moves.
-        duration: Of the run, in seconds.
+        motion: Motion of the object.
+        duration: Duration of the run, in seconds.
         object_config: The object.
     """
     times = np.linspace(0.0, duration, _SAMPLES)
@@ -50,8 +50,8 @@ def expected_path(motion: MotionConfig, duration: float, object_config: ObjectCo
         fall = np.array([0.0, 0.0, -GRAVITY])
         path = [position + t * velocity + t**2 / 2 * fall for t in times]
     elif isinstance(motion, Push):
-        way = np.linspace(0.0, motion.distance, _SAMPLES)
-        path = [start + distance * np.array(push_direction(motion)) for distance in way]
+        distances = np.linspace(0.0, motion.distance, _SAMPLES)
+        path = [start + distance * np.array(push_direction(motion)) for distance in distances]
     else:
         track = read_recorded_poses(resolve_path(motion.file, Path.cwd()))
         path = [p_WO + R_WO.apply(p_OCoM) for p_WO, R_WO in map(track.at, times)]
@@ -59,7 +59,7 @@ def expected_path(motion: MotionConfig, duration: float, object_config: ObjectCo
 
 
 def initial_pose(motion: MotionConfig, object_config: ObjectConfig) -> RigidTransform:
-    """Returns where the object O starts in W."""
+    """Returns the initial pose of the object O in W."""
     if isinstance(motion, Toss):
         R_WO = RollPitchYaw(motion.rpy).ToRotationMatrix()
         p_OCoM = object_config.make_shape().p_OCoM

@@ -1,13 +1,13 @@
-"""The hand's side of the loop: from contact goals to desired joint states."""
+"""Control of a hand: from contact goals to desired joint states."""
 
-from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.multibody.inverse_kinematics import DifferentialInverseKinematicsSystem
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.planning import DofMask, JointLimits
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
@@ -15,145 +15,66 @@ from drake_pregrasp.contacts.assignment import mean_angle, turned_within
 from drake_pregrasp.diagrams.hand_model import HandModel, PalmCarrier
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.solids import Solid
-from drake_pregrasp.systems.arm_posture import ArmPosture
-from drake_pregrasp.systems.carrier_posture import CarrierPosture
 from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
 from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
 from drake_pregrasp.systems.joint_reference import LARGEST_RATE, JointReference
+from drake_pregrasp.systems.palm_posture import ArmPosture, CarrierPosture
 
 POSTURE_GAIN = 5.0
-"""How fast the carrier follows its nominal posture, in 1/s."""
+"""Gain with which joints follow their nominal posture, in 1/s."""
 
-_LIMIT_INFLUENCE = 0.05  # Radians or metres from a limit, in which joints slow down.
-_TRACKING_WEIGHT = 100.0  # Of fingertips against posture, as Drake's documentation advises.
+_LIMIT_INFLUENCE = 0.05  # Distance from a limit at which joints slow down, in radians or metres.
+_TRACKING_WEIGHT = 100.0  # Weight of goals against posture, from Drake's documentation.
 _POSITION_ONLY = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
-_LARGEST_TWIST = SpatialVelocity([5.0] * 3, [1.0] * 3)  # rad/s and m/s, of any fingertip.
+_LARGEST_TWIST = SpatialVelocity([5.0] * 3, [1.0] * 3)  # Of a fingertip, in rad/s and m/s.
 
 
 def fingertip_kinematics(
     hand: HandModel, more_masks: dict[str, FloatArray], period: float
 ) -> DifferentialInverseKinematicsSystem:
-    """Returns Drake's system for fingertip positions, and for what more there is to follow.
+    """Returns Drake's system that follows goals of the fingertips, and of further frames.
 
-    Its fingertips share out what joints at their limits can't do.
+    The fingertips share the error that joints at their limits cause.
 
     Args:
-        hand: The hand.
-        more_masks: Of the frames that it follows beside the fingertips, shape (6,): which of their
-            rotations and translations count.
+        hand: Model of the hand.
+        more_masks: Axis masks of the frames to follow besides the fingertips, shape (6,): which of
+            their rotations and translations count.
         period: Seconds between control ticks.
     """
+    system = DifferentialInverseKinematicsSystem
+    nq = hand.kinematics.num_positions
     masks = dict.fromkeys(hand.kinematics.tip_frames, _POSITION_ONLY) | more_masks
-    tracking = DifferentialInverseKinematicsSystem.LeastSquaresCost.Config()
+    tracking = system.LeastSquaresCost.Config()
     tracking.cartesian_qp_weight = _TRACKING_WEIGHT
     tracking.cartesian_axis_masks = masks
-    centering = DifferentialInverseKinematicsSystem.JointCenteringCost.Config()
+    centering = system.JointCenteringCost.Config()
     centering.posture_gain = POSTURE_GAIN
     centering.cartesian_axis_masks = masks
-    recipe = DifferentialInverseKinematicsSystem.Recipe()
-    recipe.AddIngredient(DifferentialInverseKinematicsSystem.LeastSquaresCost(tracking))
-    recipe.AddIngredient(DifferentialInverseKinematicsSystem.JointCenteringCost(centering))
-    margins = DifferentialInverseKinematicsSystem.JointVelocityLimitConstraint.Config()
+    margins = system.JointVelocityLimitConstraint.Config()
     margins.min_margin, margins.influence_margin = 0.0, _LIMIT_INFLUENCE
-    rates = np.full(hand.kinematics.num_positions, LARGEST_RATE)
-    endless = np.full(hand.kinematics.num_positions, np.inf)
+    rates, endless = np.full(nq, LARGEST_RATE), np.full(nq, np.inf)
     limits = JointLimits(
         hand.kinematics.lower, hand.kinematics.upper, -rates, rates, -endless, endless
     )
-    recipe.AddIngredient(
-        DifferentialInverseKinematicsSystem.JointVelocityLimitConstraint(margins, limits)
-    )
-    return DifferentialInverseKinematicsSystem(
+    recipe = system.Recipe()
+    recipe.AddIngredient(system.LeastSquaresCost(tracking))
+    recipe.AddIngredient(system.JointCenteringCost(centering))
+    recipe.AddIngredient(system.JointVelocityLimitConstraint(margins, limits))
+    return system(
         recipe=recipe,
         task_frame="world",
         collision_checker=hand.checker,
-        active_dof=DofMask([True] * hand.kinematics.num_positions),
+        active_dof=DofMask([True] * nq),
         time_step=period,
         K_VX=1.0,
         Vd_TG_limit=_LARGEST_TWIST,
     )
 
 
-@dataclass(frozen=True)
-class AddedPosture:
-    """A posture in a diagram that is being built.
-
-    Attributes:
-        system: It has the ports `tip_goals`, `X_WG`, `V_WG`, `X_WO_estimated`, `nominal_posture`
-            and `X_WH`.
-        goals: All that differential inverse kinematics follows.
-        masks: Of frames that it follows beside the fingertips.
-    """
-
-    system: CarrierPosture | ArmPosture
-    goals: OutputPort
-    masks: dict[str, FloatArray] = field(default_factory=dict)
-
-
-def add_posture(
-    builder: DiagramBuilder,
-    hand: HandModel,
-    tip_goals: OutputPort,
-    *,
-    p_WG: FloatArray,
-    yaw: float,
-    yaw_range: tuple[float, float],
-    lead: float,
-    gain: float,
-    period: float,
-) -> AddedPosture:
-    """Adds the posture system for what carries a hand.
-
-    Args:
-        builder: Where to add it.
-        hand: The hand.
-        tip_goals: Of `FingertipGoalShaper`.
-        p_WG: Where the goals' frame G is at the start, shape (3,), in metres.
-        yaw: Of the palm at the start, in radians.
-        yaw_range: Least and largest angle of the palm, in radians.
-        lead: For when the goals are, in seconds after the Context's time.
-        gain: With which joints follow a posture, in 1/s.
-        period: Seconds between control ticks.
-    """
-    base = hand.base
-    if isinstance(base, PalmCarrier):
-        carried = builder.AddNamedSystem(
-            "carrier_posture",
-            CarrierPosture(
-                tip_frames=hand.kinematics.tip_frames,
-                finger_azimuths=hand.azimuths,
-                home=hand.home(np.zeros(3), yaw),
-                carrier=base.joints,
-                gain=gain,
-                period=period,
-                yaw_range=yaw_range,
-            ),
-        )
-        builder.Connect(tip_goals, carried.GetInputPort("tip_goals"))
-        return AddedPosture(carried, tip_goals)
-    held = builder.AddNamedSystem(
-        "arm_posture",
-        ArmPosture(
-            tip_frames=hand.kinematics.tip_frames,
-            palm_frame=base.palm_frame,
-            finger_azimuths=hand.azimuths,
-            X_GP=base.X_GP,
-            home=hand.relaxed,
-            p_WG=p_WG,
-            yaw=yaw,
-            lead=lead,
-            period=period,
-            yaw_range=yaw_range,
-        ),
-    )
-    builder.Connect(tip_goals, held.GetInputPort("tip_goals"))
-    masks = {base.palm_frame: np.ones(6)}
-    return AddedPosture(held, held.GetOutputPort("goals"), masks)
-
-
 class HandController(Diagram):
-    """Follows contact goals with fingertips, and on command grasps and lifts.
+    """Follows contact goals with fingertips; grasps and lifts on command.
 
     .. pydrake_system::
 
@@ -178,37 +99,37 @@ class HandController(Diagram):
         - hold_contacts
         - grasp_report
 
-    The ports are those of the systems inside, which document them. From the planner come
-    `fingertip_targets`, `contact_status`, `X_WO_estimated`, `V_WO_estimated` and, optional,
-    `tracking_status`; `obstacles` is optional, too; `close` is the command. From the hand's plant
-    come `hand_state` and `net_actuation`, and back goes `desired_state` (`JointReference`). For
-    those who watch there are `p_GT` (`FingertipGoalShaper`), `p_WT` and `f_T_W`
-    (`FingertipSensor`), `X_WG` and `grasp_report` (`GraspSequencer`). For the planner there are
-    `X_WH` (`CarrierPosture` or `ArmPosture`), with which it knows what fingers reach, and
-    `hold_contacts` (`GraspSequencer`), with which it rests while the hand grasps.
+    The ports are those of the systems inside, which document them. The planner is connected to
+    `fingertip_targets`, `contact_status`, `X_WO_estimated`, `V_WO_estimated` and, optionally,
+    `tracking_status`; `obstacles` is optional too, and `close` is the command. The hand's plant is
+    connected to `hand_state` and `net_actuation`, and to `desired_state` (`JointReference`).
+    Observers may use `p_GT` (`FingertipGoalShaper`), `p_WT` and `f_T_W` (`FingertipSensor`), `X_WG`
+    and `grasp_report` (`GraspSequencer`). The planner may use `X_WH` (`CarrierPosture` or
+    `ArmPosture`) for the reach of the fingers, and `hold_contacts` (`GraspSequencer`), which holds
+    its goals while the hand grasps.
 
-    Goals are carried ahead by the control period, in which the reference gets there, and by the
-    plant's time step, at whose start it samples desired states.
+    Goals are predicted ahead by the control period, after which the reference is there, and by the
+    plant's time step, at whose start the plant samples desired states.
 
-    The attribute `initial` holds the hand's positions at the start, shape (nq,): over the object,
-    raised, and turned to its contacts.
+    The attribute `initial` holds the initial positions of the hand, shape (nq,): over the object,
+    raised, and turned toward its contacts.
 
     Args:
-        config: How it grasps.
-        hand: The hand.
+        config: Configuration of the grasp.
+        hand: Model of the hand.
         object_solid: The object in O, convex.
-        object_top: How high it reaches over O, in metres.
-        mass: Of the object, in kg.
-        p_OCoM: Its centre of mass in O, shape (3,), in metres.
-        fixed: Solids in W to keep fingertips out of, as the table.
-        X_WO: Where the object is at the start.
-        p_OC: Its initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
+        object_top: Height of the object's highest point over O, in metres.
+        mass: Mass of the object, in kg.
+        p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
+        fixed: Solids in W that fingertips avoid, such as the table.
+        X_WO: Initial pose of the object.
+        p_OC: Initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
         target_period: Seconds between ticks of the planner.
-        plant_time_step: Of the hand's plant, in seconds.
+        plant_time_step: Time step of the hand's plant, in seconds.
 
     Raises:
-        InvalidArgumentError: If an argument is out of its range, or an arm can't bring the palm
-            over the object.
+        InvalidArgumentError: If an argument or a field of `config` is out of its range, or an arm
+            cannot hold the palm over the object.
     """
 
     initial: FloatArray
@@ -254,6 +175,7 @@ class HandController(Diagram):
         shaper = builder.AddNamedSystem(
             "fingertip_goal_shaper",
             FingertipGoalShaper(
+                config,
                 tip_frames=tip_frames,
                 tip_radius=hand.tip_radii,
                 object_solid=object_solid,
@@ -261,30 +183,42 @@ class HandController(Diagram):
                 fixed=fixed,
                 p_GT=(X_WG.inverse() @ hand.tips_at(self.initial).T).T,
                 finger_azimuths=hand.azimuths,
-                period=config.period,
                 target_period=target_period,
                 lead=config.period + plant_time_step,
-                speed=config.goal_speed,
-                standoff=config.standoff,
                 withdrawn_radii=hand.withdrawn_radii,
             ),
         )
-        added = add_posture(
-            builder,
-            hand,
-            shaper.GetOutputPort("tip_goals"),
-            p_WG=X_WG.translation(),
-            yaw=yaw,
-            yaw_range=yaw_range,
-            lead=config.period + plant_time_step,
-            gain=POSTURE_GAIN,
-            period=config.period,
-        )
-        posture = added.system
+        palm: dict[str, Any] = {
+            "tip_frames": tip_frames,
+            "finger_azimuths": hand.azimuths,
+            "period": config.period,
+            "yaw_range": yaw_range,
+        }
+        base = hand.base
+        masks: dict[str, FloatArray] = {}
+        posture: CarrierPosture | ArmPosture
+        if isinstance(base, PalmCarrier):
+            home = hand.home(np.zeros(3), yaw)
+            posture = CarrierPosture(**palm, home=home, carrier=base.joints, gain=POSTURE_GAIN)
+            builder.AddNamedSystem("carrier_posture", posture)
+            goals = shaper.GetOutputPort("tip_goals")
+        else:
+            posture = ArmPosture(
+                **palm,
+                palm_frame=base.palm_frame,
+                X_GP=base.X_GP,
+                home=hand.relaxed,
+                p_WG=X_WG.translation(),
+                yaw=yaw,
+                lead=config.period + plant_time_step,
+            )
+            builder.AddNamedSystem("arm_posture", posture)
+            goals, masks = posture.GetOutputPort("goals"), {base.palm_frame: np.ones(6)}
         kinematics = builder.AddNamedSystem(
-            "differential_ik", fingertip_kinematics(hand, added.masks, config.period)
+            "differential_ik", fingertip_kinematics(hand, masks, config.period)
         )
-        builder.Connect(added.goals, kinematics.GetInputPort("desired_cartesian_poses"))
+        builder.Connect(shaper.GetOutputPort("tip_goals"), posture.GetInputPort("tip_goals"))
+        builder.Connect(goals, kinematics.GetInputPort("desired_cartesian_poses"))
         reference = builder.AddNamedSystem(
             "joint_reference",
             JointReference(hand.kinematics, period=config.period, initial=self.initial),
@@ -293,13 +227,7 @@ class HandController(Diagram):
         sequencer = builder.AddNamedSystem(
             "grasp_sequencer",
             GraspSequencer(
-                num_fingers=len(tip_frames),
-                tip_radius=hand.tip_radii,
-                mass=mass,
-                p_OCoM=p_OCoM,
-                friction=config.planned_friction,
-                settings=settings,
-                period=config.period,
+                config, fingertips=hand.description.fingertips, mass=mass, p_OCoM=p_OCoM
             ),
         )
         for source, output, target, target_input in (

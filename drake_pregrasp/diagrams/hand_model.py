@@ -1,4 +1,4 @@
-"""A hand's model and its description, fitted together."""
+"""Kinematic model of a hand, from its model file and its description."""
 
 import contextlib
 import logging
@@ -17,11 +17,11 @@ from drake_pregrasp.config.limits_config import SectorReach
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.systems.arm_posture import ArmKinematics, pose_error
 from drake_pregrasp.systems.fingertip_sensor import HandKinematics, frame_names
+from drake_pregrasp.systems.palm_posture import ArmKinematics, pose_error
 
-_STEPS = 300  # That an arm takes to its first pose, at most.
-_ARRIVED = 1e-5  # Metres and radians, of the palm.
+_STEPS = 300  # Largest number of steps of an arm to its initial pose.
+_ARRIVED = 1e-5  # Largest error of the palm at its initial pose, in metres and radians.
 _JOINT_KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
 
 
@@ -29,15 +29,15 @@ class PalmCarrier:
     """Four axes that carry a palm.
 
     Args:
-        config: Which they are.
-        plant: A finalized plant with nothing but the hand.
-        hand: Its model instance.
+        config: Description of the axes.
+        plant: A finalized plant that contains only the hand.
+        hand: Model instance of the hand.
 
     Attributes:
-        joints: Which positions are x, y, z and yaw.
+        joints: Indices of the positions x, y, z and yaw.
 
     Raises:
-        InvalidArgumentError: If the model has no such joints.
+        InvalidArgumentError: If the model lacks such joints.
     """
 
     def __init__(self, config: Carrier, plant: MultibodyPlant, hand: ModelInstanceIndex) -> None:
@@ -52,12 +52,12 @@ class PalmCarrier:
                 )
 
     def posed(self, q: FloatArray, p_WO: FloatArray, yaw: float) -> FloatArray:
-        """Returns positions with the palm over an object, those of the fingers as they were.
+        """Returns positions with the palm over an object and the fingers as in q, shape (nq,).
 
         Args:
-            q: All joints' positions, shape (nq,).
-            p_WO: Where the object is in W, shape (3,), in metres.
-            yaw: Of the palm, in radians.
+            q: Positions of all joints, shape (nq,).
+            p_WO: Position of the object in W, shape (3,), in metres.
+            yaw: Yaw of the palm, in radians.
         """
         posed = np.array(q, dtype=float)
         posed[self.joints] = [*(p_WO + np.array([0.0, 0.0, self._height])), yaw]
@@ -66,11 +66,11 @@ class PalmCarrier:
     def seen_from_object(self, hand: HandKinematics, q: FloatArray) -> FloatArray:
         """Returns the fingertips' centres over an object at yaw 0, shape (n, 3), in metres.
 
-        They are in a frame with its origin in the object's, and W's axes.
+        They are in a frame with the object's origin and the axes of W.
 
         Args:
-            hand: The kinematics of the fingertips.
-            q: All joints' positions, shape (nq,); those of the carrier don't matter.
+            hand: Kinematics of the fingertips.
+            q: Positions of all joints, shape (nq,); those of the carrier are ignored.
         """
         context = hand.plant.CreateDefaultContext()
         hand.plant.SetPositions(context, self.posed(q, np.zeros(3), 0.0))
@@ -81,18 +81,18 @@ class PalmArm:
     """An arm that carries a palm.
 
     Args:
-        config: Which it is.
-        plant: A finalized plant with nothing but the hand and the arm.
-        hand: Their model instance.
+        config: Description of the arm.
+        plant: A finalized plant that contains only the hand and the arm.
+        hand: Model instance of both.
 
     Attributes:
-        joints: Which positions are the arm's.
+        joints: Indices of the arm's positions.
         palm_frame: Scoped name of the palm's frame P.
-        kinematics: Of the arm.
-        X_GP: The palm over the object at yaw 0.
+        kinematics: Kinematics of the arm.
+        X_GP: Pose of the palm over the object at yaw 0.
 
     Raises:
-        InvalidArgumentError: If the model has no such joints or frame, or home is beyond limits.
+        InvalidArgumentError: If the model lacks such joints or frames, or home violates limits.
     """
 
     def __init__(self, config: Arm, plant: MultibodyPlant, hand: ModelInstanceIndex) -> None:
@@ -121,15 +121,15 @@ class PalmArm:
         self._home = np.array(config.home)
 
     def posed(self, q: FloatArray, p_WO: FloatArray, yaw: float) -> FloatArray:
-        """Returns positions with the palm over an object, those of the fingers as they were.
+        """Returns positions with the palm over an object and the fingers as in q, shape (nq,).
 
         Args:
-            q: All joints' positions, shape (nq,); the arm's don't matter.
-            p_WO: Where the object is in W, shape (3,), in metres.
-            yaw: Of the palm, in radians.
+            q: Positions of all joints, shape (nq,); those of the arm are ignored.
+            p_WO: Position of the object in W, shape (3,), in metres.
+            yaw: Yaw of the palm, in radians.
 
         Raises:
-            InvalidArgumentError: If the arm can't bring the palm there.
+            InvalidArgumentError: If the arm cannot hold the palm there.
         """
         X_WP = RigidTransform(RotationMatrix.MakeZRotation(yaw), p_WO) @ self.X_GP
         context = self._plant.CreateDefaultContext()
@@ -153,7 +153,7 @@ class PalmArm:
         return home
 
     def seen_from_object(self, hand: HandKinematics, q: FloatArray) -> FloatArray:
-        """Returns the fingertips' centres over an object, as `PalmCarrier` does; by the fingers."""
+        """Returns the fingertips' centres over an object at yaw 0, as `PalmCarrier` does."""
         context = hand.plant.CreateDefaultContext()
         hand.plant.SetPositions(context, q)
         X_GW = self.X_GP @ self.kinematics.palm_pose(context).inverse()
@@ -165,7 +165,7 @@ PalmBase = PalmCarrier | PalmArm
 
 
 def make_base(config: BaseConfig, plant: MultibodyPlant, hand: ModelInstanceIndex) -> PalmBase:
-    """Returns what a description says, found in a model."""
+    """Returns the base that a description names in a model."""
     if isinstance(config, Carrier):
         return PalmCarrier(config, plant, hand)
     return PalmArm(config, plant, hand)
@@ -191,23 +191,24 @@ _TWO_TURNS = 4 * np.pi
 
 
 class HandModel:
-    """A hand by itself, for its kinematics.
+    """Kinematic model of a hand without a scene.
 
     Args:
-        description: The hand.
-        yaw_range: Of its wrist, as for `add_hand_model`.
+        description: Description of the hand.
+        yaw_range: Range of the wrist, as for `add_hand_model`.
 
     Attributes:
-        description: The same.
-        checker: What Drake's `DifferentialInverseKinematicsSystem` takes.
-        kinematics: Of the fingertips.
-        base: Of what carries the palm.
-        tip_radii: Of the fingertips, shape (n,), in metres.
-        withdrawn_radii: As `FingertipGoalShaper` takes them, shape (n,).
-        azimuths: Of the fingertips about z, over the object at yaw 0 and at home, shape (n,).
+        description: Description of the hand.
+        checker: Collision checker for Drake's `DifferentialInverseKinematicsSystem`.
+        kinematics: Kinematics of the fingertips.
+        base: Carrier or arm of the palm.
+        tip_radii: Radii of the fingertips, shape (n,), in metres.
+        withdrawn_radii: Radii for `FingertipGoalShaper`, shape (n,), in metres.
+        azimuths: Azimuths of the fingertips at home, over the object at yaw 0, shape (n,), in
+            radians.
 
     Raises:
-        InvalidArgumentError: If the model and its description don't fit together.
+        InvalidArgumentError: If the model and its description do not match.
     """
 
     def __init__(
@@ -242,26 +243,26 @@ class HandModel:
         """Returns the home positions of all joints over an object, shape (nq,).
 
         Args:
-            p_WO: Where the object is in W, shape (3,), in metres.
-            yaw: Of the palm, in radians.
+            p_WO: Position of the object in W, shape (3,), in metres.
+            yaw: Yaw of the palm, in radians.
 
         Raises:
-            InvalidArgumentError: If an arm can't bring the palm there.
+            InvalidArgumentError: If an arm cannot hold the palm there.
         """
         return self.base.posed(self._fingers_home, p_WO, yaw)
 
     def yaw_range(self, asked: tuple[float, float] = FREE_TURN) -> tuple[float, float]:
-        """Returns the palm's least and largest angle, in radians: what is asked for, if any is.
+        """Returns the palm's smallest and largest angle, in radians.
 
-        Otherwise it is what the model's wrist has, if that can't make a full turn either way, which
-        is a range of less than two turns. A wrist of more is as good as endless: it can always go
-        on. The palm of an arm has no joint of its own, so its range is what is asked for.
+        A finite requested range is used as it is. Otherwise a wrist that cannot make a full turn
+        either way, with a range of less than two turns, keeps the range of its model, and any other
+        wrist is unlimited. The palm of an arm has no wrist joint, so the request is its range.
 
         Args:
-            asked: Endless for nothing.
+            asked: Requested range; infinite for no request.
 
         Raises:
-            InvalidArgumentError: If more is asked for than the model has.
+            InvalidArgumentError: If the request exceeds the range of the model.
         """
         if not isinstance(self.base, PalmCarrier):
             return asked
@@ -278,7 +279,7 @@ class HandModel:
 
     @property
     def relaxed(self) -> FloatArray:
-        """Positions that joints of an arm and of fingers are drawn to, shape (nq,)."""
+        """Home positions of an arm and of the fingers, shape (nq,)."""
         if isinstance(self.base, PalmArm):
             return self.base.with_home(self._fingers_home)
         return self._fingers_home
@@ -296,14 +297,14 @@ class HandModel:
 
     @property
     def largest_offsets(self) -> FloatArray:
-        """How far tips may be aside from their fingers' azimuths, shape (n,), in radians."""
+        """Largest angles between fingertips and their fingers' azimuths, shape (n,), in radians."""
         reaches = [tip.reach for tip in self.description.fingertips]
         return np.array(
             [reach.half_angle if isinstance(reach, SectorReach) else np.pi for reach in reaches]
         )
 
     def _place_fingers(self) -> FloatArray:
-        """Returns home positions of the fingers, with zeros for what carries them, shape (nq,)."""
+        """Returns home positions of the fingers, and zeros for the base, shape (nq,)."""
         plant, kinematics = self.kinematics.plant, self.kinematics
         names = np.array(_joint_names(plant))
         home = np.zeros(kinematics.num_positions)
@@ -347,20 +348,20 @@ class HandModel:
 
 
 def _joint_names(plant: MultibodyPlant) -> list[str]:
-    """Returns for each position the name of its joint."""
+    """Returns the name of the joint of each position."""
     joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
     moving = [joint for joint in joints if joint.num_positions()]
     return [joint.name() for joint in sorted(moving, key=lambda joint: joint.position_start())]
 
 
 def _any_normal(direction: FloatArray | None) -> FloatArray:
-    """Returns a normal that no bound on incidence minds, shape (1, 3)."""
+    """Returns a normal that satisfies any bound on incidence, shape (1, 3)."""
     return np.zeros((1, 3)) if direction is None else direction[None]
 
 
 @contextlib.contextmanager
 def _without_chatter() -> Iterator[None]:
-    """Keeps Drake from saying how many contexts it makes."""
+    """Suppresses Drake's message about the number of contexts."""
     logger = logging.getLogger("drake")
     before = logger.level
     logger.setLevel(logging.WARNING)

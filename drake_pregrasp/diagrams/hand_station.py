@@ -1,4 +1,4 @@
-"""The moving object and a hand over it, as one diagram."""
+"""Plant with the moving object and a hand over it, as one diagram."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -21,12 +21,11 @@ from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
 from drake_pregrasp.diagrams.object_body import add_solid_collision
 from drake_pregrasp.diagrams.object_plant import add_conveyor
 from drake_pregrasp.geometry.solids import BoxSolid, HalfSpace
-from drake_pregrasp.systems.object_motion import BodyPose
-from drake_pregrasp.systems.scene_inputs import MovingSolid
+from drake_pregrasp.systems.sources import BodyPose, MovingSolid
 
 
 class HandStation(Diagram):
-    """A box that a conveyor carries, and a hand that can take it off.
+    """Simulates a box on a conveyor and a hand that can lift it.
 
     .. pydrake_system::
 
@@ -40,34 +39,36 @@ class HandStation(Diagram):
         - net_actuation
         - X_WD
 
-    Port `desired_state` accepts a vector of 2 nq: the positions that the hand's drives, with the
-    gains of its model, are to hold, and velocities.
+    Port `desired_state` accepts a vector of 2 nq: desired positions and velocities of the hand's
+    joints, for actuators with the gains of its model.
 
-    Port `X_WO` emits a `RigidTransform`, `query_object` SceneGraph's `QueryObject`: as those of
-    `ObjectPlant`.
+    Port `X_WO` emits a `RigidTransform`: the true pose of the box, as that of `ObjectPlant`.
+
+    Port `query_object` emits SceneGraph's `QueryObject`, for visualizers.
 
     Port `hand_state` emits a vector of 2 nq: positions and velocities of the hand's joints.
 
-    Port `net_actuation` emits a vector of nq: what its drives exert, in N m or N.
+    Port `net_actuation` emits a vector of nq: torques or forces of the actuators, in N m or N.
 
-    Port `X_WD` emits a `RigidTransform`: the turntable D, which the box stands on.
+    Port `X_WD` emits a `RigidTransform`: the pose of the turntable D, on which the box stands.
 
-    The box stands on its feet, and is a box for the hand. Of the hand's parts only the bodies that
-    fingertips are on meet each other. It is without gravity, as if that were compensated.
+    The box touches the turntable with its feet, and the hand with its faces. Of the hand's bodies,
+    only those of the fingertips collide with each other. Gravity does not act on the hand, as if it
+    were compensated.
 
-    The attributes `plant` and `scene_graph` hold the model and what shows it.
+    The attributes `plant` and `scene_graph` hold the plant and its SceneGraph.
 
     Args:
         object_config: The box.
-        motion_config: How it moves.
+        motion_config: Motion of the conveyor.
         plant_config: Time step and contact model.
-        hand: The hand.
-        friction: Coulomb's coefficient of the box, for the hand.
-        initial: The hand's positions at the start, shape (nq,).
-        yaw_range: Of its wrist, as for `add_hand_model`.
+        hand: Description of the hand.
+        friction: Coulomb's coefficient of the box in contact with the hand.
+        initial: Initial positions of the hand, shape (nq,).
+        yaw_range: Range of the wrist, as for `add_hand_model`.
 
     Raises:
-        InvalidArgumentError: If the hand's model can't be loaded.
+        InvalidArgumentError: If the hand's model cannot be loaded.
     """
 
     plant: MultibodyPlant
@@ -127,7 +128,7 @@ class HandStation(Diagram):
         tips = shapes(frame.body() for frame in frames)
         links = [geometry for geometry in geometries if geometry not in tips]
         manager = self.scene_graph.collision_filter_manager()
-        # Its whole bottom on the table would be one hopping contact.
+        # The whole bottom face on the table would be a single contact point that hops.
         for some, others in ((solid, turntable), (feet, geometries), (links, tips)):
             manager.Apply(
                 CollisionFilterDeclaration().ExcludeBetween(GeometrySet(some), GeometrySet(others))
@@ -136,7 +137,7 @@ class HandStation(Diagram):
 
 
 TABLE = MovingSolid(HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0])), np.zeros(3))
-"""The conveyor's top, which no fingertip may touch."""
+"""Top of the conveyor, which no fingertip may touch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,8 +145,8 @@ class DrivenHand:
     """A hand in a diagram that is being built.
 
     Attributes:
-        station: The plant with object and hand.
-        controller: What drives the hand.
+        station: Plant with object and hand.
+        controller: Controller of the hand.
         tip_frames: Scoped names of the fingertips' frames.
     """
 
@@ -169,13 +170,13 @@ def add_driven_hand(
     """Adds a plant with object and hand, and the hand's controller; connects them.
 
     Args:
-        builder: Where to add them.
+        builder: Builder of the diagram.
         object_config: The box.
-        motion_config: How it moves.
+        motion_config: Motion of the conveyor.
         plant_config: Time step and contact model.
-        grasp: How the hand grasps.
-        hand: The hand.
-        p_OCoM: The box's centre of mass in O, shape (3,), in metres.
+        grasp: Configuration of the grasp.
+        hand: Model of the hand.
+        p_OCoM: Centre of mass of the box in O, shape (3,), in metres.
         p_OC: Initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
         target_period: Seconds between changes of the contact goals in O.
 

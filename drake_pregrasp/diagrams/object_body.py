@@ -1,10 +1,10 @@
-"""The object as a body of a plant, made from the same mesh that the planner's surface is.
+"""The object as a body of a plant, with the mesh of the planner's surface.
 
-A box stands on four small spheres, and is a box for whatever else touches it. Every other shape is
-its own triangle mesh, as a rigid hydroelastic body: contact is then right for concave shapes too,
-with no convex decomposition in between that would fill a cup or thicken a handle, and its patches
-of pressure hold the object on a moving table without the hopping of single contact points. Drake
-allows a rigid mesh only against a compliant partner, so tables and pushers are compliant.
+A box stands on four small spheres; other bodies touch its faces. Every other shape is a rigid
+hydroelastic body with its own triangle mesh. Contact is then correct for concave shapes too: a
+convex decomposition would fill a cup. Pressure patches hold the object on a moving table, where
+single contact points would hop. Drake allows contact of a rigid mesh only with compliant bodies, so
+tables and pushers are compliant.
 """
 
 import xml.etree.ElementTree as ET
@@ -33,22 +33,22 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.resources import resource_folder
 
-# Else the writer renames the prefix, and Drake ignores its own elements.
+# Without this, the writer renames the prefix and Drake ignores its own elements.
 ET.register_namespace("drake", "http://drake.mit.edu")
 
 
 def resized_box_sdf(path: Path, size: Sequence[float], mass: float) -> str:
     """Returns the SDF text of a one-link box model with another size and mass.
 
-    Spheres that stand out of the file's box by nothing (its feet) do so of the new one as well.
+    Spheres at the corners of the file's box (its feet) move to the corners of the new one.
 
     Args:
-        path: The SDF file; its visual named `body` is the box.
+        path: SDF file whose visual named `body` is the box.
         size: New edge lengths, in metres.
         mass: New mass of the homogeneous box, in kg.
 
     Raises:
-        InvalidArgumentError: If the file can't be read, or isn't such a model.
+        InvalidArgumentError: If the file cannot be read, or is not such a model.
     """
     try:
         tree = ET.parse(path)
@@ -87,16 +87,16 @@ def _text(values: Sequence[float] | FloatArray) -> str:
 
 
 FIRST_TOUCH = 1e-6
-"""Depth in metres by which the object starts in the table: without any contact, it would fall
-freely for one time step, and start with a bounce."""
+"""Initial depth of the object in the table, in metres: without contact it would fall for one time
+step and bounce."""
 
 _FRICTION = CoulombFriction(static_friction=0.8, dynamic_friction=0.8)
 _COLOR = np.array([0.78, 0.80, 0.83, 1.0])
-_DIGITS = 12  # Of coordinates in the text that carries a mesh to Drake.
+_DIGITS = 12  # Digits of coordinates in the OBJ text of a mesh for Drake.
 
 
 def add_object_body(plant: MultibodyPlant, object_config: ObjectConfig) -> RigidBody:
-    """Adds the object to a plant that isn't finalized, and returns its body; its frame is O."""
+    """Adds the object to a plant that is not finalized, and returns its body, whose frame is O."""
     if isinstance(object_config, Box):
         sdf = resized_box_sdf(
             resource_folder("models") / "cube.sdf", object_config.size, object_config.mass
@@ -130,16 +130,16 @@ def add_solid_collision(
     *,
     friction: CoulombFriction = _FRICTION,
 ) -> list[GeometryId]:
-    """Lets a box be touched everywhere, not only where it stands; other shapes can be anyway.
+    """Adds a collision geometry to all faces of a box; other shapes already have theirs.
 
     Args:
-        plant: Not finalized.
-        body: The object.
-        object_config: What it is.
-        friction: Of what is added.
+        plant: Plant that is not finalized.
+        body: Body of the object.
+        object_config: The object.
+        friction: Friction of the added geometry.
 
     Returns:
-        What was added. On a table it would be one hopping contact point.
+        The added geometries. In contact with a table, a face would be a single point that hops.
     """
     if not isinstance(object_config, Box):
         return []
@@ -148,9 +148,9 @@ def add_solid_collision(
 
 
 def standing_position(object_config: ObjectConfig) -> FloatArray:
-    """Returns where O is in W, shape (3,), in metres, when the object stands on a table.
+    """Returns the position of O in W for an object that stands on a table, shape (3,), in metres.
 
-    Its centre of mass is then above W's origin, wherever its mesh is in O.
+    Its centre of mass is above the origin of W.
     """
     shape = object_config.make_shape()
     lowest = float(np.min(shape.mesh.vertices[:, 2]))

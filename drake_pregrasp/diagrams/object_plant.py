@@ -1,4 +1,4 @@
-"""The moving object, as one diagram."""
+"""Plant with the moving object, as one diagram."""
 
 import math
 from collections.abc import Callable
@@ -30,16 +30,16 @@ from drake_pregrasp.diagrams.object_body import (
 from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.resources import resolve_path, resource_folder
-from drake_pregrasp.systems.object_motion import BodyPose, Launch, ObjectMotion, PoseReplay
+from drake_pregrasp.systems.sources import BodyPose, Launch, ObjectMotion, PoseReplay
 
 
 class MovingObject(NamedTuple):
-    """An object that moves, in a diagram that is being built.
+    """Moving object in a diagram that is being built.
 
     Attributes:
-        plant: The plant whose body it is.
-        scene_graph: What shows it.
-        X_WO: The port that emits its pose.
+        plant: Plant with the object's body.
+        scene_graph: SceneGraph with its geometry.
+        X_WO: Output port with its pose.
     """
 
     plant: MultibodyPlant
@@ -48,7 +48,7 @@ class MovingObject(NamedTuple):
 
 
 def add_model(plant: MultibodyPlant, file: str) -> ModelInstanceIndex:
-    """Adds the model of one of the package's files to a plant."""
+    """Adds a shipped model to a plant, and returns its instance."""
     parser = Parser(plant)
     parser.package_map().AddPackageXml(str(resource_folder("models") / "package.xml"))
     (model,) = parser.AddModelsFromUrl(f"package://drake_pregrasp/{file}")
@@ -56,7 +56,7 @@ def add_model(plant: MultibodyPlant, file: str) -> ModelInstanceIndex:
 
 
 def add_pose_output(builder: DiagramBuilder, plant: MultibodyPlant, body: RigidBody) -> OutputPort:
-    """Adds a system that emits a body's pose in W, and returns its port."""
+    """Adds a system that emits the pose of a body in W, and returns its output port."""
     pose = builder.AddNamedSystem("object_pose", BodyPose(body.index()))
     builder.Connect(plant.get_body_poses_output_port(), pose.get_input_port())
     return pose.get_output_port()
@@ -70,9 +70,14 @@ def add_conveyor(
     *,
     add_more: Callable[[MultibodyPlant, RigidBody], None] | None = None,
 ) -> MovingObject:
-    """Puts the object at rest on the middle of a table that then moves as commanded.
+    """Adds a conveyor with the object at rest in its middle.
 
-    What else there is in the plant is added by `add_more`, which is given the object's body.
+    Args:
+        builder: Builder of the diagram.
+        object_config: The object.
+        motion: Motion of the conveyor.
+        plant_config: Time step and contact model.
+        add_more: Function that adds more models to the plant; it is given the object's body.
     """
     plant, scene_graph = AddMultibodyPlant(plant_config, builder)
     body = add_object_body(plant, object_config)
@@ -92,7 +97,7 @@ TIP_RADIUS = 0.012
 """Radius of the pusher's tip in `pusher.sdf`, in metres."""
 
 RAMP = 0.1
-"""Seconds in which the tip comes up to its speed, and in which it stops."""
+"""Time in which the tip accelerates to its speed, and in which it stops, in seconds."""
 
 
 def add_push(
@@ -101,7 +106,7 @@ def add_push(
     motion: Push,
     plant_config: MultibodyPlantConfig,
 ) -> MovingObject:
-    """Puts the object at rest on a table, and a pusher behind it."""
+    """Adds a table with the object at rest, and a pusher behind the object."""
     plant, scene_graph = AddMultibodyPlant(plant_config, builder)
     body = add_object_body(plant, object_config)
     solid = add_solid_collision(plant, body, object_config)
@@ -115,7 +120,7 @@ def add_push(
         RigidTransform(R_WP, R_WP @ behind),
     )
     plant.Finalize()
-    # The object stands on its feet; its whole bottom on the table would be one hopping contact.
+    # The object stands on its feet: its bottom face would be a single contact point that hops.
     scene_graph.collision_filter_manager().Apply(
         CollisionFilterDeclaration().ExcludeBetween(
             GeometrySet(solid), GeometrySet(plant.GetCollisionGeometriesForBody(table))
@@ -130,17 +135,17 @@ def add_push(
 
 
 def push_profile(motion: Push) -> list[list[float]]:
-    """Returns rows of times and speeds of the tip: at rest, up, on for its distance, and down."""
+    """Returns rows of times and speeds of the pusher's tip, in s and m/s."""
     ramp = min(RAMP, motion.distance / motion.speed)
     up = motion.start + ramp
     down = motion.start + motion.distance / motion.speed
     corners = [(0.0, 0.0), (motion.start, 0.0), (up, motion.speed), (down, motion.speed)]
     corners.append((down + ramp, 0.0))
-    return [[time, speed] for time, speed in dict(corners).items()]  # Some times may be the same.
+    return [[time, speed] for time, speed in dict(corners).items()]  # Without repeated times.
 
 
 def push_direction(motion: Push) -> list[float]:
-    """Returns the unit vector that the tip moves along, in W."""
+    """Returns the unit vector of the tip's motion, in W."""
     return [math.cos(motion.direction), math.sin(motion.direction), 0.0]
 
 
@@ -150,9 +155,9 @@ def add_replay(
     motion: PoseStream,
     plant_config: MultibodyPlantConfig,
 ) -> MovingObject:
-    """Moves the object along the poses of a file.
+    """Adds a replay of the poses in a file.
 
-    The plant only holds the body's model and is no part of the diagram: nothing is simulated.
+    The plant holds the model of the body only. It is not part of the diagram: nothing is simulated.
     """
     plant = MultibodyPlant(plant_config.time_step)
     scene_graph = builder.AddNamedSystem("scene_graph", SceneGraph())
@@ -173,11 +178,11 @@ def add_toss(
     motion: Toss,
     plant_config: MultibodyPlantConfig,
 ) -> MovingObject:
-    """Launches the object into the air in the plant's first step.
+    """Adds an object that is launched in the plant's first step.
 
-    A plant in steps of h falls by g t (t + h)/2. A launch that is faster by g h/2 upwards makes
-    the parabola of the centre of mass exact at the steps, for any h. The orientation of a
-    tumbling body still has an error of the order of h.
+    In time steps of h, a body falls by g t (t + h)/2. A launch that is faster by g h/2 upwards
+    makes the parabola of the centre of mass exact at the steps. The orientation of a tumbling body
+    still has an error of the order of h.
     """
     plant, scene_graph = AddMultibodyPlant(plant_config, builder)
     body = add_object_body(plant, object_config)
@@ -206,7 +211,7 @@ _MOTIONS: dict[type, Callable[[DiagramBuilder, ObjectConfig, Any, Any], MovingOb
 
 
 class ObjectPlant(Diagram):
-    """An object that a conveyor carries, that flies, that is pushed, or that follows a recording.
+    """Simulates an object that a conveyor carries, that flies, is pushed, or follows a recording.
 
     .. pydrake_system::
 
@@ -215,17 +220,17 @@ class ObjectPlant(Diagram):
         - X_WO
         - query_object
 
-    Port `X_WO` emits a `RigidTransform`: the true pose of the object O in the world W. A table's
-    top is the plane z = 0 of W; what stands on it starts at rest with its centre of mass over
-    W's origin, and with the axes of W.
+    Port `X_WO` emits a `RigidTransform`: the true pose of the object O in the world W. The top of a
+    table is the plane z = 0 of W. An object on a table starts at rest with its centre of mass over
+    the origin of W, and with the axes of W.
 
     Port `query_object` emits SceneGraph's `QueryObject`, for visualizers.
 
-    The attributes `plant` and `scene_graph` hold the object's model and what shows it.
+    The attributes `plant` and `scene_graph` hold the plant and its SceneGraph.
 
     Args:
         object_config: The object.
-        motion_config: How it moves.
+        motion_config: Motion of the object.
         plant_config: Time step and contact model.
     """
 

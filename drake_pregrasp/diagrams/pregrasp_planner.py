@@ -1,187 +1,20 @@
-"""The thinking side: estimator, partitioner and selector as one diagram with exported ports."""
+"""The planner as one diagram: estimator, partitioner and selector."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.config.limits_config import LimitsConfig
-from drake_pregrasp.contacts.strategies import BLEND, READINGS, STRATEGIES
-from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
+from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import FRICTION
-from drake_pregrasp.regions.walls import WALL_TESTS
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
-from drake_pregrasp.systems.pose_estimator import MOST_LATE, PoseEstimator
+from drake_pregrasp.systems.pose_estimator import PoseEstimator
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
 
 
-@dataclass
-class EstimatorConfig:
-    """What the pose filter assumes; standard deviations are per axis."""
-
-    # Noise of a measured position, in metres.
-    position_std: float = field(default=0.0005, metadata={"above": 0, "at_most": 10})
-
-    # Noise of a measured orientation, in radians.
-    orientation_std: float = field(default=0.0035, metadata={"above": 0, "at_most": 10})
-
-    # Root of the density of the object's random acceleration, in m/s^2/sqrt(Hz).
-    acceleration: float = field(default=0.001, metadata={"above": 0, "at_most": 1000})
-
-    # The same for its angular acceleration, in rad/s^2/sqrt(Hz).
-    angular_acceleration: float = field(default=0.01, metadata={"above": 0, "at_most": 1000})
-
-    # Velocity to expect before the first measurement, in m/s.
-    initial_velocity_std: float = field(default=0.1, metadata={"above": 0, "at_most": 1000})
-
-    # Angular velocity to expect before the first measurement, in rad/s.
-    initial_angular_velocity_std: float = field(default=0.5, metadata={"above": 0, "at_most": 1000})
-
-    # Mean acceleration along -z of W, in m/s^2: 0 for an object that something carries, 9.81 for
-    # one in free flight.
-    gravity: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
-
-    # Seconds by which the estimate, and so the goals, are predicted ahead. Measures and errors
-    # compare them with the object's pose at the time itself all the same.
-    lookahead: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
-
-    # Mahalanobis distance from its prediction beyond which a measured position or orientation is an
-    # outlier; 0 to take all.
-    gate: float = field(default=7.0, metadata={"at_least": 0, "at_most": 1e6})
-
-    # How many outliers in a row that agree with each other are a jump, and not outliers.
-    reacquire_after: int = field(default=3, metadata={"at_least": 1, "at_most": 1000})
-
-    # Whether a measurement that repeats the last one to the last bit is refused, while the object
-    # moves and the sensor has shown noise.
-    refuse_repeats: bool = True
-
-    # How many measurements back a late one may go; older ones are refused.
-    late_measurements: int = field(default=20, metadata={"at_least": 1, "at_most": MOST_LATE})
-
-    # Seconds by which a measurement is overdue after which goals go on by prediction: coasting.
-    coast_after: float = field(default=0.1, metadata={"at_least": 0, "at_most": 1e6})
-
-    # Seconds by which it is overdue after which the object is lost, and goals stand still; at least
-    # as long.
-    lost_after: float = field(default=1.0, metadata={"at_least": 0, "at_most": 1e6})
-
-
-def filter_noise(config: EstimatorConfig) -> PoseFilterNoise:
-    """Returns the noise that the pose filter assumes."""
-    return PoseFilterNoise(
-        position=config.position_std,
-        orientation=config.orientation_std,
-        acceleration=config.acceleration,
-        angular_acceleration=config.angular_acceleration,
-        initial_velocity=config.initial_velocity_std,
-        initial_angular_velocity=config.initial_angular_velocity_std,
-        gravity=config.gravity,
-    )
-
-
-def make_estimator(config: EstimatorConfig, period: float, p_OCoM: FloatArray) -> PoseEstimator:
-    """Returns the estimator that a configuration describes.
-
-    Args:
-        config: Its settings.
-        period: Seconds between measurements.
-        p_OCoM: The object's centre of mass in O, shape (3,), in metres.
-
-    Raises:
-        InvalidArgumentError: If settings don't go together.
-    """
-    return PoseEstimator(
-        period=period,
-        noise=filter_noise(config),
-        p_OCoM=p_OCoM,
-        lookahead=config.lookahead,
-        gate=config.gate,
-        reacquire_after=config.reacquire_after,
-        refuse_repeats=config.refuse_repeats,
-        late_measurements=config.late_measurements,
-        coast_after=config.coast_after,
-        lost_after=config.lost_after,
-    )
-
-
-@dataclass
-class BlendConfig:
-    """How much each strategy counts in a blend; their ratios matter."""
-
-    position: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e6})
-    msv: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e6})
-    gii: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e6})
-    vew: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e6})
-    margin: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e6})
-
-
-@dataclass
-class PlannerConfig:
-    """How contact goals are planned."""
-
-    # Seconds between planning ticks.
-    period: float = field(default=0.05, metadata={"at_least": 1e-4, "at_most": 10})
-
-    # Seconds for which the initial contacts are held on the object before they adapt.
-    static_duration: float = field(default=4.0, metadata={"at_least": 0, "at_most": 1e6})
-
-    # While the object isn't tracked, the targets of fingertips are that far off its surface, in
-    # metres.
-    lost_standoff: float = field(default=0.02, metadata={"at_least": 0, "at_most": 10})
-
-    # How a contact moves inside its safe region: position tracking (Eq. 3), a measure (Eq. 5-7),
-    # the force-closure margin, or the blend of them that is stated below.
-    strategy: str = field(default="position", metadata={"one_of": (*STRATEGIES, BLEND)})
-
-    # For strategy blend, where one weight at least must be above 0.
-    blend: BlendConfig = field(default_factory=BlendConfig)
-
-    # For measures: the matrix of the candidate alone, or that of the hand with it.
-    reading: str = field(default="hand", metadata={"one_of": READINGS})
-
-    # For measures: whether weights are stretched over each region, b_n - min b.
-    stretch: bool = True
-
-    # For measures: exponent of the weights. The larger, the nearer the centroid is to the best
-    # point.
-    power: float = field(default=1.0, metadata={"above": 0, "at_most": 100})
-
-    # For the margin: Coulomb's coefficient between fingertip and object.
-    friction: float = field(default=FRICTION, metadata={"at_least": 0, "at_most": 10})
-
-    # Whether contacts move one after another, each seeing where those before it went, not all as if
-    # the others stayed. It brings measures to rest, at the cost of weighing once a contact.
-    in_turns: bool = False
-
-    # Whether a contact moves to the candidate of the largest weight, not to the centroid of Eq. 4.
-    best_point: bool = False
-
-    # Standard deviation added to the filter's covariance in Eq. 3, in metres.
-    position_spread: float = field(default=0.04, metadata={"at_least": 1e-6, "at_most": 1000})
-
-    # How a region is kept from reaching through a thin wall to its other side: not at all, by the
-    # angle between outward normals, or by the way over the surface.
-    wall_test: str = field(default="none", metadata={"one_of": WALL_TESTS})
-
-    # If above zero, Eq. 1 is over six coordinates: places and, times this length in metres, outward
-    # normals, so that regions keep to ground that faces the way of their contact's.
-    normal_length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
-
-    limits: LimitsConfig = field(default_factory=LimitsConfig)
-
-    # Whether to check every active goal against the mesh, and stop with an error if it is not on
-    # the allowed surface. It takes time: a switch for finding faults.
-    verify_contacts: bool = False
-
-    estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
-
-
 class PregraspPlanner(Diagram):
-    """From pose measurements to contact goals.
+    """Plans contact goals from pose measurements.
 
     .. pydrake_system::
 
@@ -211,14 +44,17 @@ class PregraspPlanner(Diagram):
     The ports are those of the systems inside, which document them: `X_WO_measured`,
     `measurement_time` (optional), `X_WO_estimated`, `V_WO_estimated`, `p_WO_covariance`,
     `tracking_status`, `time_since_measurement`, `measurement_verdict` and `innovation_squared` of
-    `PoseEstimator`; `contact_weights`,
-    `obstacles`, `X_WH` (all optional) and `safe_regions` of `SafeRegionPartitioner`;
-    `hold_contacts` (optional), `p_WC`, `contact_status`, `contact_causes`, `fingertip_targets` and
-    `p_WC_previous` of `CentroidSelector`. A hand whose pose at `X_WH` follows the goals has to
-    follow `p_WC_previous`: the others depend on `X_WH`.
+    `PoseEstimator`; `contact_weights`, `obstacles`, `X_WH` (all optional) and `safe_regions` of
+    `SafeRegionPartitioner`; `hold_contacts` (optional), `p_WC`, `contact_status`,
+    `contact_causes`, `fingertip_targets` and `p_WC_previous` of `CentroidSelector`.
+
+    At a tick, all outputs are the same before and after the discrete update, except `safe_regions`
+    and `p_WC_previous`, which change when the update stores the tick's new goals. If the pose at
+    `X_WH` depends on the goals, it must depend on `p_WC_previous`, because the other goals depend
+    on `X_WH`.
 
     Args:
-        config: Planning rate and settings.
+        config: Configuration of the planner.
         surface: The object's surface.
         p_OC: Initial contact points on the surface, in O, shape (n, 3), in metres.
         fingertip_frames: Names for `fingertip_targets`; see `CentroidSelector`.
@@ -236,45 +72,15 @@ class PregraspPlanner(Diagram):
         builder = DiagramBuilder()
         estimator = builder.AddNamedSystem(
             "pose_estimator",
-            make_estimator(config.estimator, config.period, surface.p_OCoM),
+            PoseEstimator(config.estimator, period=config.period, p_OCoM=surface.p_OCoM),
         )
         partitioner = builder.AddNamedSystem(
             "safe_region_partitioner",
-            SafeRegionPartitioner(
-                surface=surface,
-                num_contacts=len(p_OC),
-                tip_radii=np.array(config.limits.tip_radii),
-                clearance=config.limits.clearance,
-                tip_gap=config.limits.tip_gap,
-                standoff=config.limits.standoff,
-                horizon=config.limits.horizon,
-                reach=[reach.make_reach() for reach in config.limits.reach],
-                closed=config.limits.closed(),
-                wall_test=config.wall_test,
-                normal_length=config.normal_length,
-            ),
+            SafeRegionPartitioner(config, surface=surface, num_contacts=len(p_OC)),
         )
         selector = builder.AddNamedSystem(
             "centroid_selector",
-            CentroidSelector(
-                surface=surface,
-                p_OC=p_OC,
-                period=config.period,
-                strategy=config.strategy,
-                reading=config.reading,
-                stretch=config.stretch,
-                power=config.power,
-                friction=config.friction,
-                blend=asdict(config.blend),
-                best_point=config.best_point,
-                in_turns=config.in_turns,
-                position_spread=config.position_spread,
-                static_duration=config.static_duration,
-                lost_standoff=config.lost_standoff,
-                limits=config.limits.make_limits(config.period, config.friction),
-                verify_contacts=config.verify_contacts,
-                fingertip_frames=fingertip_frames,
-            ),
+            CentroidSelector(config, surface=surface, p_OC=p_OC, fingertip_frames=fingertip_frames),
         )
         for source, output, target, target_input in (
             (estimator, "X_WO_estimated", partitioner, "X_WO_estimated"),
@@ -286,26 +92,23 @@ class PregraspPlanner(Diagram):
             (selector, "p_WC_previous", partitioner, "p_WC"),
         ):
             builder.Connect(source.GetOutputPort(output), target.GetInputPort(target_input))
-
-        for name in ("X_WO_measured", "measurement_time"):
-            builder.ExportInput(estimator.GetInputPort(name), name)
-        for name in ("contact_weights", "obstacles", "X_WH"):
-            builder.ExportInput(partitioner.GetInputPort(name), name)
-        builder.ExportInput(selector.GetInputPort("hold_contacts"), "hold_contacts")
-        for name in ("p_WC", "contact_status", "fingertip_targets"):
-            builder.ExportOutput(selector.GetOutputPort(name), name)
-        for name in ("X_WO_estimated", "V_WO_estimated", "p_WO_covariance"):
-            builder.ExportOutput(estimator.GetOutputPort(name), name)
-        builder.ExportOutput(partitioner.GetOutputPort("safe_regions"), "safe_regions")
-        for name in ("contact_causes", "p_WC_previous"):
-            builder.ExportOutput(selector.GetOutputPort(name), name)
-        for name in (
-            "tracking_status",
-            "time_since_measurement",
-            "measurement_verdict",
-            "innovation_squared",
+        for system, names in (
+            (estimator, "X_WO_measured measurement_time"),
+            (partitioner, "contact_weights obstacles X_WH"),
+            (selector, "hold_contacts"),
         ):
-            builder.ExportOutput(estimator.GetOutputPort(name), name)
+            for name in names.split():
+                builder.ExportInput(system.GetInputPort(name), name)
+        for system, names in (
+            (selector, "p_WC contact_status fingertip_targets"),
+            (estimator, "X_WO_estimated V_WO_estimated p_WO_covariance"),
+            (partitioner, "safe_regions"),
+            (selector, "contact_causes p_WC_previous"),
+            (estimator, "tracking_status time_since_measurement"),
+            (estimator, "measurement_verdict innovation_squared"),
+        ):
+            for name in names.split():
+                builder.ExportOutput(system.GetOutputPort(name), name)
         builder.BuildInto(self)
 
 
@@ -318,20 +121,19 @@ def AddPregraspPlanner(
     fingertip_frames: Sequence[str] | None = None,
     name: str = "pregrasp_planner",
 ) -> PregraspPlanner:
-    """Adds a `PregraspPlanner` to anybody's diagram.
+    """Adds a `PregraspPlanner` to a diagram, and returns it.
 
-    Its input `X_WO_measured` must then be connected, the others may be.
+    Its input `X_WO_measured` must then be connected; the other inputs are optional.
 
     Args:
-        builder: Where to add it.
-        config: Planning rate and settings.
+        builder: Builder of the diagram.
+        config: Configuration of the planner.
         surface: The object's surface, in the object frame O.
         p_OC: Initial contact points on the surface, in O, shape (n, 3), in metres.
         fingertip_frames: Names for `fingertip_targets`, one for each contact.
         name: Name of the system.
     """
-    planner = PregraspPlanner(
-        config, surface, np.asarray(p_OC, dtype=float), fingertip_frames=fingertip_frames
-    )
+    p_OC = np.asarray(p_OC, dtype=float)
+    planner = PregraspPlanner(config, surface, p_OC, fingertip_frames=fingertip_frames)
     builder.AddNamedSystem(name, planner)
     return planner

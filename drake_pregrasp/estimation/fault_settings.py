@@ -1,11 +1,9 @@
-"""Faults of pose measurements: their settings, their checks, and when they happen."""
+"""Faults of pose measurements: their settings, and when they happen."""
 
 import functools
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import NamedTuple
 
 import numpy as np
 
@@ -102,52 +100,80 @@ FOREVER = 1e7
 """When faults end by default, in seconds: after any run."""
 
 
-@dataclass(frozen=True)
+_VECTOR = {"length": 3, "at_least": -10, "at_most": 10}
+_ANGLES = {"length": 3, "at_least": -math.pi, "at_most": math.pi}
+_PROBABILITY = {"at_least": 0, "at_most": 1}
+_RATE = {"at_least": 0, "at_most": 1000}
+_DURATION = {"above": 0, "at_most": 100}
+_LAG = {"at_least": 0, "at_most": 100}
+
+
+def _zeros() -> list[float]:
+    return [0.0, 0.0, 0.0]
+
+
+@dataclass
 class MeasurementFaults:
-    """Faults of a pose sensor; by default there are none.
+    """Faults of a pose sensor. The default has none."""
 
-    Attributes:
-        noise_factor: By which the noise is larger.
-        position_bias: Added to the position, in W, shape (3,), in metres.
-        orientation_bias: A rotation vector in W by which the orientation is off, shape (3,), in
-            radians.
-        degrees_of_freedom: Of Student's t, in place of the normal noise; 0 for normal noise.
-        outlier_probability: That a measurement is an outlier.
-        outlier_position: How far the position of an outlier is off, in metres.
-        outlier_orientation: How far its orientation is off, in radians.
-        dropout_rate: How many occlusions start per second, on average.
-        dropout_duration: Their mean length, in seconds.
-        delay: From taking a measurement to its arrival, in seconds.
-        jitter: Largest random addition to the delay, in seconds.
-        out_of_order: Whether a measurement that others have overtaken counts when it arrives.
-        freeze_rate: How often per second the value freezes, on average.
-        freeze_duration: Mean length of that, in seconds.
-        sign_flip_probability: That the quaternion of a measurement has the other sign.
-        nan_probability: That a measurement is not a number.
-        sample_period: Seconds between measurements; 0 for one each tick.
-        start: Faults act on what is measured from this time on, in seconds.
-        end: Until just before this time, in seconds.
-    """
+    # Factor on the standard deviations of the noise.
+    noise_factor: float = field(default=1.0, metadata={"at_least": 0, "at_most": 1000})
 
-    noise_factor: float = 1.0
-    position_bias: Sequence[float] = (0.0, 0.0, 0.0)
-    orientation_bias: Sequence[float] = (0.0, 0.0, 0.0)
-    degrees_of_freedom: float = 0.0
-    outlier_probability: float = 0.0
-    outlier_position: float = 0.1
-    outlier_orientation: float = 0.5
-    dropout_rate: float = 0.0
-    dropout_duration: float = 0.5
-    delay: float = 0.0
-    jitter: float = 0.0
+    # Constant error of the position, along the axes of W, in metres.
+    position_bias: list[float] = field(default_factory=_zeros, metadata=_VECTOR)
+
+    # Constant error of the orientation: a rotation vector in W, of at most half a turn, in radians.
+    orientation_bias: list[float] = field(default_factory=_zeros, metadata=_ANGLES)
+
+    # Degrees of freedom of Student's t, at least 1, for noise with heavy tails; the sensor's
+    # standard deviations are then its scale. 0: the noise is normal.
+    degrees_of_freedom: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e6})
+
+    # Probability that a measurement is an outlier.
+    outlier_probability: float = field(default=0.0, metadata=_PROBABILITY)
+
+    # Distance by which the position of an outlier is off, in a random direction, in metres.
+    outlier_position: float = field(default=0.1, metadata={"at_least": 0, "at_most": 10})
+
+    # Angle by which the orientation of an outlier is off, about a random axis, in radians.
+    outlier_orientation: float = field(default=0.5, metadata={"at_least": 0, "at_most": math.pi})
+
+    # Mean number of occlusions per second, during which nothing is measured.
+    dropout_rate: float = field(default=0.0, metadata=_RATE)
+
+    # Mean length of an occlusion, in seconds. Lengths are exponential, up to five times the mean.
+    dropout_duration: float = field(default=0.5, metadata=_DURATION)
+
+    # Seconds from a measurement to its arrival. With jitter at most a thousand planning periods.
+    delay: float = field(default=0.0, metadata=_LAG)
+
+    # Largest addition to the delay, in seconds; additions are uniform from 0 on.
+    jitter: float = field(default=0.0, metadata=_LAG)
+
+    # Whether out-of-sequence measurements count when they arrive; otherwise they are dropped.
+    # Needs a jitter longer than the time between measurements.
     out_of_order: bool = False
-    freeze_rate: float = 0.0
-    freeze_duration: float = 0.5
-    sign_flip_probability: float = 0.0
-    nan_probability: float = 0.0
-    sample_period: float = 0.0
-    start: float = 0.0
-    end: float = FOREVER
+
+    # Mean number of times per second that the measured value freezes: it repeats, with new times.
+    freeze_rate: float = field(default=0.0, metadata=_RATE)
+
+    # Mean length of a freeze, in seconds; lengths are distributed as those of occlusions.
+    freeze_duration: float = field(default=0.5, metadata=_DURATION)
+
+    # Probability that a measured quaternion has the other sign. The rotation is the same.
+    sign_flip_probability: float = field(default=0.0, metadata=_PROBABILITY)
+
+    # Probability that a measurement is not a number.
+    nan_probability: float = field(default=0.0, metadata=_PROBABILITY)
+
+    # Seconds between measurements, at least planner.period; 0 for one each planning tick.
+    sample_period: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
+
+    # Faults act on what is measured from this time on, in seconds.
+    start: float = field(default=0.0, metadata={"at_least": 0, "at_most": FOREVER})
+
+    # Faults act until just before this time, in seconds.
+    end: float = field(default=FOREVER, metadata={"above": 0, "at_most": FOREVER})
 
     @property
     def need_memory(self) -> bool:
@@ -183,104 +209,3 @@ class MeasurementFaults:
 
 MAX_DELAY_TICKS = 1000
 """Largest delay of a measurement, jitter included, in ticks: so many are remembered at most."""
-
-_PROBABILITIES = ("outlier_probability", "sign_flip_probability", "nan_probability")
-_NOT_NEGATIVE = (
-    "noise_factor",
-    "degrees_of_freedom",
-    "outlier_position",
-    "outlier_orientation",
-    "dropout_rate",
-    "delay",
-    "jitter",
-    "freeze_rate",
-    "sample_period",
-    "start",
-)
-_POSITIVE = ("dropout_duration", "freeze_duration", "end")
-_VECTORS = ("position_bias", "orientation_bias")
-
-
-class FaultFlaw(NamedTuple):
-    """What is wrong with a setting.
-
-    Attributes:
-        name: Of the attribute of `MeasurementFaults`.
-        problem: What is there and what would be right, in one line.
-    """
-
-    name: str
-    problem: str
-
-
-def find_flaw(faults: MeasurementFaults, period: float) -> FaultFlaw | None:
-    """Returns the first setting that is unusable, or None.
-
-    Args:
-        faults: To be checked.
-        period: Seconds between ticks, greater than 0.
-    """
-    return _out_of_range(faults) or _flaw_in_size(faults) or _flaw_in_time(faults, period)
-
-
-def _out_of_range(faults: MeasurementFaults) -> FaultFlaw | None:
-    for name in _VECTORS:
-        vector = np.asarray(getattr(faults, name), dtype=float)
-        if vector.shape != (3,) or not np.all(np.isfinite(vector)):
-            return FaultFlaw(name, f"{vector.tolist()} must be three finite numbers")
-    smallest = math.ulp(0.0)
-    for names, low, high, meant in (
-        (_PROBABILITIES, 0.0, 1.0, "a probability, from 0 to 1"),
-        (_NOT_NEGATIVE, 0.0, math.inf, "at least 0, and finite"),
-        (_POSITIVE, smallest, math.inf, "above 0, and finite"),
-    ):
-        for name in names:
-            value = getattr(faults, name)
-            if not (low <= value <= high and math.isfinite(value)):
-                return FaultFlaw(name, f"{value} must be {meant}")
-    return None
-
-
-def _flaw_in_size(faults: MeasurementFaults) -> FaultFlaw | None:
-    angle = math.hypot(*faults.orientation_bias)
-    if angle > math.pi:
-        problem = f"{list(faults.orientation_bias)} turns by {angle:.4g} rad; at most pi"
-        return FaultFlaw("orientation_bias", problem)
-    if faults.outlier_orientation > math.pi:
-        return FaultFlaw("outlier_orientation", f"{faults.outlier_orientation} must be at most pi")
-    if 0 < faults.degrees_of_freedom < 1:
-        problem = f"{faults.degrees_of_freedom} must be 0, for normal noise, or at least 1"
-        return FaultFlaw("degrees_of_freedom", problem)
-    if faults.outlier_probability and not (faults.outlier_position or faults.outlier_orientation):
-        problem = "outlier_position and outlier_orientation are both 0; one must be above"
-        return FaultFlaw("outlier_probability", problem)
-    return None
-
-
-def _flaw_in_time(faults: MeasurementFaults, period: float) -> FaultFlaw | None:
-    if not faults.start < faults.end:
-        return FaultFlaw("start", f"{faults.start} must be less than end, which is {faults.end}")
-    if not first_tick(faults.start, period) < first_tick(faults.end, period):
-        problem = (
-            f"{faults.start} must be a tick before end, {faults.end}: nothing is measured between"
-        )
-        return FaultFlaw("start", problem)
-    if 0 < faults.sample_period < period:
-        problem = f"{faults.sample_period} must be 0 or at least the planning period, {period}"
-        return FaultFlaw("sample_period", problem)
-    latest, limit = faults.delay + faults.jitter, MAX_DELAY_TICKS * period
-    if latest > limit:
-        problem = f"it is {latest:g} s with jitter; at most {MAX_DELAY_TICKS} ticks, {limit:g} s"
-        return FaultFlaw("delay", problem)
-    between = max(period, faults.sample_period)
-    if faults.out_of_order and not faults.jitter > between:
-        problem = f"with a jitter of {faults.jitter} s none overtakes; more than {between} s does"
-        return FaultFlaw("out_of_order", problem)
-    for kind in ("dropout", "freeze"):
-        duration = getattr(faults, f"{kind}_duration")
-        reach = burst_reach(duration, period)
-        if getattr(faults, f"{kind}_rate") and reach > MAX_BURST_TICKS:
-            longest = duration * MAX_BURST_TICKS / reach
-            problem = f"{duration} must be at most {longest:g} with a period of {period} s"
-            return FaultFlaw(f"{kind}_duration", problem)
-    return None

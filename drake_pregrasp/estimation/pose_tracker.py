@@ -12,13 +12,10 @@ import numpy as np
 from drake_pregrasp.arrays import (
     BoolArray,
     FloatArray,
-    is_integer,
     is_valid_pose,
-    number_or_nan,
     pack,
     unpack,
 )
-from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.pose_filter import (
     NO_BELIEF,
     NO_MEASUREMENT,
@@ -58,36 +55,25 @@ class TrackerSettings:
 
     Attributes:
         noise: Noise and motion that the filter assumes.
-        p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
         gate: Mahalanobis distance from the prediction, of the position and of the orientation,
             beyond which a measurement is an outlier; 0 to use all measurements.
         reacquire_after: Number of refused measurements in a row, which agree with each other, that
             refute the belief.
         refuse_repeats: Whether to refuse measurements that repeat the one before to the last bit,
             while the object moves and the sensor has noise.
-
-    Raises:
-        InvalidArgumentError: If `gate` is below 0, or `reacquire_after` not an integer above 0.
+        p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
     """
 
     noise: PoseFilterNoise
+    gate: float
+    reacquire_after: int
+    refuse_repeats: bool
     p_OCoM: FloatArray | None = None
-    gate: float = 7.0
-    reacquire_after: int = 3
-    refuse_repeats: bool = True
 
     @property
     def gate_squared(self) -> float:
         """Largest νᵀ S⁻¹ ν of a measurement that is used."""
         return self.gate * self.gate if self.gate > 0 else math.inf  # A power may overflow.
-
-    def __post_init__(self) -> None:
-        if not number_or_nan(self.gate) >= 0:
-            raise InvalidArgumentError(f"gate must be at least 0, not {self.gate}")
-        if not is_integer(self.reacquire_after, 1):
-            raise InvalidArgumentError(
-                f"reacquire_after must be a whole number, at least 1, not {self.reacquire_after}"
-            )
 
 
 def update_track(

@@ -1,24 +1,103 @@
-"""The surface of any closed mesh, sampled evenly."""
+"""Surface of any closed mesh, sampled evenly, and areas of it without contacts."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError, NoGroundError
-from drake_pregrasp.geometry.no_touch import NoTouchArea, is_forbidden
 from drake_pregrasp.geometry.sampling import Triangles, choose_evenly, split_triangles
 from drake_pregrasp.geometry.shapes import Shape
+from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
 
 _DISTANCE = 0.75
-"""Least distance of two candidates, as a share of the spacing: neighbours are 0.75 to 1.5 apart."""
+"""Least distance of two candidates over the spacing: neighbours are 0.75 to 1.5 spacings apart."""
 
 EDGE = 0.5
-"""Longest edge of the triangles that patches are made of, as a share of the spacing."""
+"""Longest edge of the patches' triangles over the spacing."""
 
 _SLIVER = 1e-8
-"""Area of triangles too thin to have a normal, as a share of their largest edge's square."""
+"""Area of triangles too thin for a normal, over the square of their longest edge."""
+
+
+@dataclass(frozen=True, eq=False)
+class FacingArea:
+    """Surface whose outward normal is near a direction.
+
+    Attributes:
+        direction: Direction in O, shape (3,), of any length but zero.
+        angle: Largest angle between normal and direction, in radians.
+    """
+
+    direction: FloatArray
+    angle: float
+
+    def __post_init__(self) -> None:
+        length = float(np.linalg.norm(self.direction))
+        if not length > 0:
+            raise InvalidArgumentError("a facing area's direction must not be zero")
+        object.__setattr__(self, "direction", self.direction / length)
+
+
+@dataclass(frozen=True)
+class AxisArea:
+    """Surface whose outward normal is nearer to one axis of O than to the others.
+
+    Attributes:
+        face: Sign and name of the axis, such as `+z`.
+    """
+
+    face: str
+
+    def holds(self, normals: FloatArray) -> BoolArray:
+        """Returns which outward unit normals, shape (k, 3), belong to the area, shape (k,)."""
+        axis, sign = "xyz".index(self.face[1]), -1.0 if self.face[0] == "-" else 1.0
+        nearest = np.argmax(np.abs(normals), axis=1)
+        on_it: BoolArray = (nearest == axis) & (sign * normals[:, axis] > 0)
+        return on_it
+
+
+@dataclass(frozen=True)
+class PartArea:
+    """Part of the mesh.
+
+    Attributes:
+        part: Index of the part in the shape.
+    """
+
+    part: int
+
+
+NoTouchArea = FacingArea | AxisArea | PartArea | Solid
+"""Area without contacts. A solid, in O, forbids the surface inside it."""
+
+
+def is_forbidden(
+    triangles: Triangles, face_parts: IntArray, areas: Sequence[NoTouchArea]
+) -> BoolArray:
+    """Returns which triangles are forbidden, shape (T,).
+
+    A triangle that reaches into a solid is forbidden as a whole, so that the allowed surface is
+    outside.
+
+    Args:
+        triangles: Pieces of the mesh's faces.
+        face_parts: Index of each face's part, shape (F,).
+        areas: No-touch areas.
+    """
+    forbidden = np.zeros(len(triangles.faces), dtype=bool)
+    for area in areas:
+        if isinstance(area, FacingArea):
+            forbidden |= triangles.normals @ area.direction >= np.cos(area.angle) - 1e-9
+        elif isinstance(area, AxisArea):
+            forbidden |= area.holds(triangles.normals)
+        elif isinstance(area, PartArea):
+            forbidden |= face_parts[triangles.faces] == area.part
+        else:
+            forbidden |= area.distance(triangles.centroids) < triangles.radii
+    return forbidden
 
 
 def mesh_surface(
@@ -30,23 +109,23 @@ def mesh_surface(
     forbidden_spacing: float = 0.02,
     forbidden_radius: float = 0.005,
 ) -> ObjectSurface:
-    """Makes the surface of a homogeneous body out of its mesh.
+    """Returns the surface of a homogeneous body from its mesh.
 
-    Candidates are spread evenly over the allowed ground, and each stands for the patch that is
-    nearer to it than to the others. Forbidden ground becomes forbidden points.
+    Candidates are spread evenly over the allowed surface. Each has a patch: the part of the surface
+    that is nearer to it than to the others. The rest becomes forbidden points.
 
     Args:
-        shape: The closed mesh.
-        spacing: Distance of neighbouring candidates, in metres, on the average.
-        seed: Of the candidates' choice.
-        no_touch: Ground that no contact may be on.
-        forbidden_spacing: The same distance for forbidden points, in metres.
+        shape: Closed mesh.
+        spacing: Mean distance of neighbouring candidates, in metres.
+        seed: Seed of the choice of candidates.
+        no_touch: Areas without contacts.
+        forbidden_spacing: Mean distance of neighbouring forbidden points, in metres.
         forbidden_radius: R_j of each forbidden point, in metres.
 
     Raises:
         InvalidArgumentError: If a length is not above 0, or the spacing is so fine that the
             triangles would not fit into memory.
-        NoGroundError: If no ground is left for contacts.
+        NoGroundError: If no surface is left for contacts.
     """
     if not (spacing > 0 and forbidden_spacing > 0):
         raise InvalidArgumentError("spacings must be above 0 m")
@@ -80,10 +159,10 @@ def mesh_surface(
 
 
 def _forbidden_points(
-    ground: Triangles, spacing: float, radius: float, generator: np.random.Generator
+    area: Triangles, spacing: float, radius: float, generator: np.random.Generator
 ) -> ForbiddenPoints:
-    if len(ground.faces) == 0:
+    if len(area.faces) == 0:
         return ForbiddenPoints.none()
-    samples, _ = choose_evenly(ground, _DISTANCE * spacing, generator)
-    points: FloatArray = ground.centroids[samples]
-    return ForbiddenPoints(points, np.full(len(points), radius), ground.normals[samples])
+    samples, _ = choose_evenly(area, _DISTANCE * spacing, generator)
+    points: FloatArray = area.centroids[samples]
+    return ForbiddenPoints(points, np.full(len(points), radius), area.normals[samples])

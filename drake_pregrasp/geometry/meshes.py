@@ -5,6 +5,7 @@ decoded, and the only other files that are opened are buffers of a glTF file and
 file, beside it.
 """
 
+import itertools
 import json
 import re
 import struct
@@ -40,6 +41,12 @@ MAX_NAME = 200
 
 MAX_MATERIAL_BYTES = 1_000_000
 """Bytes of a material library of an OBJ file."""
+
+MAX_WORDS = 4_000_000
+"""Words of an OFF file, or of a PLY file in text; their readers take a microsecond for each."""
+
+MAX_VALUES = 500_000
+"""Values of the JSON of a glTF file."""
 
 _MAX_NUMBERS = 20_000_000  # In the arrays of a glTF file, which may claim any count.
 
@@ -100,7 +107,12 @@ def read_pieces(path: Path, *, colors: bool = False) -> list[Piece]:
             if colors and library:
                 materials = _read_materials(path.parent, library)
         elif kind == ".off":
+            _check_words(data)
             data = data.decode(errors="replace").encode()  # Else trimesh guesses the encoding.
+        elif kind == ".ply" and b"ascii" in data.partition(b"\n")[2].partition(b"\n")[0].lower():
+            _check_words(data)
+        elif kind == ".stl" and data.count(b"endsolid") > MAX_PIECES:
+            raise InvalidArgumentError(f"it has more than {MAX_PIECES} solids; unite them")
         # Unprocessed: trimesh would leave out vertices that are not finite.
         scene = trimesh.load_scene(
             BytesIO(data),
@@ -116,6 +128,20 @@ def read_pieces(path: Path, *, colors: bool = False) -> list[Piece]:
         if isinstance(error, ImportError):  # Of what guesses an encoding, once all else failed.
             problem = f"it is no {kind.removeprefix('.')} file"
         raise InvalidArgumentError(f"{path} can't be read as a mesh: {problem}") from error
+
+
+def _check_words(data: bytes) -> None:
+    characters = np.frombuffer(data, dtype=np.uint8)
+    words = np.count_nonzero((characters <= ord(" ")) | (characters > ord("~")))
+    if words > MAX_WORDS:
+        raise InvalidArgumentError(f"it has {words} words; at most {MAX_WORDS}, simplify it")
+
+
+def _parse_json(data: bytes) -> Any:
+    values = sum(data.count(mark) for mark in (b",", b":", b"[", b"{"))
+    if values > MAX_VALUES:
+        raise InvalidArgumentError(f"it has {values} values; at most {MAX_VALUES}, simplify it")
+    return json.loads(data)
 
 
 def companions(path: Path) -> list[Path]:
@@ -134,7 +160,8 @@ def companions(path: Path) -> list[Path]:
         if kind == ".obj":
             _, library = _plain_obj(data)
             return [path.parent / library] if library else []
-        uris = [str(buffer.get("uri", "data:")) for buffer in json.loads(data).get("buffers", [])]
+        buffers = _parse_json(data).get("buffers", [])
+        uris = [str(buffer.get("uri", "data:")) for buffer in buffers]
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
         raise InvalidArgumentError(f"{path} can't be read as a mesh: {error}") from error
     return [path.parent / uri for uri in uris if not uri.startswith("data:")]
@@ -238,7 +265,7 @@ def _plain_gltf(kind: str, data: bytes) -> bytes:
         _, _, _, length, _ = _GLB_HEADER.unpack_from(data)
         rest = data[_GLB_HEADER.size + length :]
         data = data[_GLB_HEADER.size : _GLB_HEADER.size + length]
-    tree = json.loads(data)
+    tree = _parse_json(data)
     counts = [int(array["count"]) for array in tree.get("accessors", [])]
     # No array has more than 16 numbers in an element.
     if min(counts, default=0) < 0 or sum(counts) > _MAX_NUMBERS // 16:
@@ -296,9 +323,9 @@ class _Beside(Resolver):
 MAX_COMPONENTS = 100
 """Closed surfaces that a mesh may be made of."""
 
-MAX_PAIRS = 200_000_000
-"""Pairs of a point and a triangle that are looked at in all, to tell inside from outside: each ten
-million take a second or two."""
+MAX_PAIRS = 20_000_000
+"""Pairs of a point and a triangle, of closed surfaces whose bounding boxes overlap: each ten
+million take two to four seconds."""
 
 _CHUNK = 2_000_000  # Pairs of a point and a triangle that are looked at in one go.
 
@@ -324,29 +351,28 @@ def orient_components(mesh: trimesh.Trimesh, what: str) -> None:
     triangles = np.array(mesh.triangles)
     parts = [triangles[labels == part] for part in range(count)]
     bounds = [(part.min(axis=(0, 1)), part.max(axis=(0, 1))) for part in parts]
-    pairs = 0
     depths = np.zeros(count, dtype=np.int64)
-    for inner in range(count if count > 1 else 0):
-        points = np.unique(parts[inner].reshape(-1, 3), axis=0)
-        for outer in range(count):
-            if inner == outer:
-                continue
-            low, high = bounds[outer]
-            is_near = np.all((low <= points) & (points <= high), axis=1)
-            pairs += int(np.sum(is_near)) * len(parts[outer])
-            if pairs > MAX_PAIRS:
-                raise InvalidArgumentError(
-                    f"{what} has closed surfaces in each other with too many triangles; simplify"
-                    " it, or leave out its cavities"
-                )
-            inside = np.zeros(len(points), dtype=bool)
-            inside[is_near] = is_inside(points[is_near], parts[outer])
-            if np.any(inside) and not np.all(inside):
-                raise InvalidArgumentError(
-                    f"{what} has closed surfaces that cross; unite them into one, for example with"
-                    " trimesh.boolean.union"
-                )
-            depths[inner] += bool(np.all(inside))
+    points = [np.unique(part.reshape(-1, 3), axis=0) for part in parts if count > 1]
+    near: list[tuple[int, int, BoolArray]] = []
+    pairs = 0
+    for inner, outer in itertools.permutations(range(len(points)), 2):
+        low, high = bounds[outer]
+        is_near = np.all((low <= points[inner]) & (points[inner] <= high), axis=1)
+        near.append((inner, outer, is_near))
+        pairs += int(np.sum(is_near)) * len(parts[outer])
+    if pairs > MAX_PAIRS:
+        raise InvalidArgumentError(
+            f"{what} has closed surfaces in each other with {pairs} pairs of a point and a"
+            f" triangle; at most {MAX_PAIRS}, simplify it or leave out its cavities"
+        )
+    for inner, outer, is_near in near:
+        inside = is_inside(points[inner][is_near], parts[outer])
+        if np.any(inside) and not (np.all(inside) and np.all(is_near)):
+            raise InvalidArgumentError(
+                f"{what} has closed surfaces that cross; unite them into one, for example with"
+                " trimesh.boolean.union"
+            )
+        depths[inner] += bool(np.all(inside) and np.all(is_near))
     volumes = np.bincount(labels, weights=np.linalg.det(triangles), minlength=count)
     is_wrong = (volumes > 0) != (depths % 2 == 0)
     flipped = is_wrong[labels]

@@ -1,7 +1,8 @@
-"""Points that are projected onto a surface again and again within a tick."""
+"""The surface of an object: where contacts may be, and projection onto it."""
 
+import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -11,16 +12,15 @@ from scipy.spatial import cKDTree
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.sampling import unit_normals
-from drake_pregrasp.kernels import (
-    Ground,
-    Partition,
-    TickKernel,
-    closest_points,
-    make_kernel,
-)
 
 CONTACT_TOLERANCE = 1e-4
 """Farthest a contact may be off the surface to count as on it, in metres."""
+
+_ROUNDING = 1 + 1e-9
+
+FLAT_CORNER = 1e-12
+"""Square of the sine at a corner below which a triangle is taken for its edges: rounding would
+decide on which side of them a point is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,11 +71,11 @@ class ObjectSurface:
     """Where contacts may be on an object O, in its frame.
 
     The allowed surface is divided into patches of triangles, one for each candidate, so that a
-    point can be projected onto the ground of some candidates only. The arrays are never written to
+    point can be projected onto the patches of some candidates only. The arrays are never written to
     after construction: one surface serves many systems.
 
     Attributes:
-        p_OQ: Candidate points q of Y, shape (N, 3), in metres.
+        p_OQ: Candidate points q of Y, each on its own patch, shape (N, 3), in metres.
         nhat_OQ: Outward unit normals at the candidates, shape (N, 3).
         areas: Surface area each candidate stands for, shape (N,), in m².
         forbidden: Points Z that are part of the object.
@@ -93,12 +93,6 @@ class ObjectSurface:
     mesh: trimesh.Trimesh
     patches: FloatArray
     patch_starts: IntArray
-    _ground: Ground = field(init=False, repr=False)
-    _triangle_normals: FloatArray = field(init=False, repr=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "_ground", Ground(self.p_OQ, self.patches, self.patch_starts))
-        object.__setattr__(self, "_triangle_normals", unit_normals(self.patches))
 
     @cached_property
     def is_clear_of_forbidden_points(self) -> BoolArray:
@@ -109,11 +103,6 @@ class ObjectSurface:
             distances, _ = cKDTree(points).query(self.p_OQ)
             clear &= distances > radius
         return clear
-
-    @cached_property
-    def kernel(self) -> TickKernel:
-        """What finds regions and centroids over the candidates fast; made when first asked for."""
-        return make_kernel(self.p_OQ, self.nhat_OQ, self.areas, self.p_OCoM)
 
     @property
     def longest_lever_arm(self) -> float:
@@ -128,50 +117,123 @@ class ObjectSurface:
 
         Returns:
             The nearest allowed points, shape (k, 3), and the outward normals there, shape (k, 3).
-            Between patches at the same distance the one that comes first is taken.
+            Of patches at the same distance the first one counts.
+
+        Raises:
+            InvalidArgumentError: If a point is not finite.
         """
-        if len(p_OP) == 0:
-            return np.empty((0, 3)), np.empty((0, 3))
-        nearest, which = self.kernel.project(p_OP, self._ground)
-        return nearest, self._triangle_normals[which]
+        # A candidate is on its patch, so that the nearest one bounds the distance to the surface.
+        bounds, _ = self._tree.query(_finite(p_OP))
+        reach = bounds * _ROUNDING + self.patch_reach
+        near = self._tree.query_ball_point(p_OP, reach, return_sorted=True)
+        point = np.repeat(np.arange(len(p_OP)), [len(own) for own in near])
+        candidates = np.fromiter(itertools.chain(*near), np.int64, len(point))
+        return self._project_onto_patches(p_OP, point, candidates, bounds)
 
     def project_into(
         self, p_OP: FloatArray, candidates: Sequence[IntArray]
     ) -> tuple[FloatArray, FloatArray]:
-        """Projects each point onto the ground of its own candidates.
+        """Projects each point onto the patches of its own candidates.
 
         Args:
             p_OP: Points in O, shape (k, 3), in metres.
-            candidates: For each point the indices of one candidate or more.
+            candidates: For each point the indices of one candidate or more, in ascending order.
 
         Returns:
             As `project` does.
+
+        Raises:
+            InvalidArgumentError: If a point is not finite, or has no candidates.
         """
-        if len(p_OP) == 0:
+        counts = np.array([len(own) for own in candidates], dtype=np.int64)
+        if not counts.all():
+            raise InvalidArgumentError("a point has no candidates to be projected onto")
+        if len(counts) == 0:
             return np.empty((0, 3)), np.empty((0, 3))
-        near = self._ground.near_of(p_OP, candidates)
-        nearest, which = self.kernel.nearest_on_triangles(p_OP, near, self._ground.patches)
-        return nearest, self._triangle_normals[which]
+        point, own = np.repeat(np.arange(len(counts)), counts), np.concatenate(candidates)
+        away = self.p_OQ[own] - _finite(p_OP)[point]
+        distances = np.sqrt(np.einsum("ij,ij->i", away, away))
+        bounds = np.minimum.reduceat(distances, np.cumsum(counts) - counts)
+        near = distances <= (bounds * _ROUNDING + self.patch_reach)[point]
+        return self._project_onto_patches(p_OP, point[near], own[near], bounds)
 
-    def project_onto_regions(
-        self, p_OP: FloatArray, partition: Partition, contacts: IntArray
+    def _project_onto_patches(
+        self, p_OP: FloatArray, point: IntArray, candidates: IntArray, bounds: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Projects each point onto the ground of one contact's region.
+        """Projects points onto the patches of pairs of points and candidates.
 
         Args:
             p_OP: Points in O, shape (k, 3), in metres.
-            partition: Of the surface's `kernel`.
-            contacts: For each point the index of a contact whose region isn't empty, shape (k,).
-
-        Returns:
-            As `project` does.
+            point: Index of each pair's point, ascending, shape (p,).
+            candidates: Index of each pair's candidate, ascending for each point, shape (p,).
+            bounds: Upper bound of each point's distance, shape (k,), in metres.
         """
-        nearest, which = self.kernel.project_onto_regions(p_OP, partition, contacts, self._ground)
-        return nearest, self._triangle_normals[which]
+        point, triangles = self._near_triangles(p_OP, point, candidates, bounds)
+        closest = closest_points(self.patches[triangles], p_OP[point])
+        away = closest - p_OP[point]
+        squares = np.einsum("ij,ij->i", away, away)
+        starts = np.searchsorted(point, np.arange(len(p_OP) + 1))
+        best = [low + squares[low:high].argmin() for low, high in itertools.pairwise(starts)]
+        return closest[best].reshape(-1, 3), self._triangle_normals[triangles[best]].reshape(-1, 3)
+
+    def _near_triangles(
+        self, p_OP: FloatArray, point: IntArray, candidates: IntArray, distances: FloatArray
+    ) -> tuple[IntArray, IntArray]:
+        """Returns pairs of points and triangles of their patches that may be within a distance.
+
+        Args:
+            p_OP: Points in O, shape (k, 3), in metres.
+            point: Index of each pair's point, shape (p,).
+            candidates: Index of each pair's candidate, shape (p,).
+            distances: Distance from each point, shape (k,), in metres.
+        """
+        ends = self.patch_starts[candidates + 1]
+        counts = ends - self.patch_starts[candidates]
+        point = np.repeat(point, counts)
+        triangles = np.arange(len(point)) + np.repeat(ends - np.cumsum(counts), counts)
+        away = self._centroids[triangles] - p_OP[point]
+        reach = (distances + self._triangle_radius) * _ROUNDING
+        near = np.einsum("ij,ij->i", away, away) <= (reach**2)[point]
+        return point[near], triangles[near]
 
     def candidates_within(self, p_OP: FloatArray, distance: float) -> IntArray:
         """Returns the candidates whose patches come that near to a point p_OP, or nearly, (k,)."""
-        return self._ground.owners_within(p_OP, distance)
+        reach = (distance + self._triangle_radius + self.patch_reach) * _ROUNDING
+        near = np.array(self._tree.query_ball_point(p_OP, reach, return_sorted=True), np.int64)
+        pairs = p_OP[None], np.zeros_like(near), near, np.array([distance])
+        return np.unique(self._owners[self._near_triangles(*pairs)[1]])
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        """The candidates in a search tree."""
+        return cKDTree(self.p_OQ)
+
+    @cached_property
+    def _owners(self) -> IntArray:
+        """Candidate of each triangle, shape (T,)."""
+        return np.repeat(np.arange(len(self.p_OQ)), np.diff(self.patch_starts))
+
+    @cached_property
+    def patch_reach(self) -> float:
+        """Largest distance of a patch's corner from its candidate, in metres."""
+        away = np.linalg.norm(self.patches - self.p_OQ[self._owners, None], axis=2)
+        return float(np.max(away)) * _ROUNDING
+
+    @cached_property
+    def _centroids(self) -> FloatArray:
+        """Centroids of the triangles, shape (T, 3), in metres."""
+        centroids: FloatArray = np.mean(self.patches, axis=1)
+        return centroids
+
+    @cached_property
+    def _triangle_radius(self) -> float:
+        """Largest distance of a triangle's corner from its centroid, in metres."""
+        return float(np.max(np.linalg.norm(self.patches - self._centroids[:, None], axis=2)))
+
+    @cached_property
+    def _triangle_normals(self) -> FloatArray:
+        """Outward unit normals of the triangles, shape (T, 3)."""
+        return unit_normals(self.patches)
 
     def distance(self, p_OP: FloatArray) -> FloatArray:
         """Returns the signed distances of points in O from the whole surface.
@@ -185,8 +247,7 @@ class ObjectSurface:
         distances = np.empty(len(p_OP))
         triangles = self.mesh.triangles
         for index, point in enumerate(p_OP):
-            nearest = closest_points(triangles, np.tile(point, (len(triangles), 1)))
-            away = point - nearest
+            away = point - closest_points(triangles, point)
             squares = np.einsum("ij,ij->i", away, away)
             if not np.all(np.isfinite(squares)):
                 distances[index] = np.nan
@@ -197,6 +258,43 @@ class ObjectSurface:
             height = heights[np.argmax(np.abs(heights))]
             distances[index] = np.copysign(np.sqrt(squares[best[0]]), height)
         return distances
+
+
+def closest_points(triangles: FloatArray, points: FloatArray) -> FloatArray:
+    """Returns the point of each triangle that is nearest to its point, shape (k, 3).
+
+    It is the foot of the perpendicular if that is inside the triangle, or else on the nearest edge.
+    There are no tolerances: trimesh's are absolute, in the fourth power of a length, and take
+    triangles of millimetres for points.
+
+    Args:
+        triangles: Corners a, b, c of each, shape (k, 3, 3), in metres.
+        points: A point for each, shape (k, 3), or one for all, shape (3,), in metres.
+    """
+    away = points[..., None, :] - triangles
+    edges = triangles.take((1, 2, 0), axis=1) - triangles
+    squares = np.einsum("kij,kij->ki", edges, edges)
+    along = np.einsum("kij,kij->ki", away, edges)
+    shares = np.clip(along / np.maximum(squares, np.finfo(float).tiny), 0, 1)
+    offsets = shares[:, :, None] * edges - away
+    nearest_edge = np.einsum("kij,kij->ki", offsets, offsets).argmin(axis=1)
+    closest: FloatArray = points + offsets[np.arange(len(offsets)), nearest_edge]
+    # The foot is a + (v ab + w ac)/whole.
+    ab, ac = edges[:, 0], -edges[:, 2]
+    b_a, c_a = along[:, 0], np.einsum("ki,ki->k", away[:, 0], ac)
+    bb, bc, cc = squares[:, 0], np.einsum("ki,ki->k", ab, ac), squares[:, 2]
+    whole = bb * cc - bc * bc
+    v, w = b_a * cc - c_a * bc, c_a * bb - b_a * bc
+    inside = np.flatnonzero((v > 0) & (w > 0) & (v + w < whole) & (whole > FLAT_CORNER * bb * cc))
+    foot = (v[inside, None] * ab[inside] + w[inside, None] * ac[inside]) / whole[inside, None]
+    closest[inside] = triangles[inside, 0] + foot
+    return closest
+
+
+def _finite(p_OP: FloatArray) -> FloatArray:
+    if not np.isfinite(p_OP).all():
+        raise InvalidArgumentError(f"points must be finite, not {p_OP.tolist()}")
+    return p_OP
 
 
 class RememberedProjection:

@@ -84,23 +84,23 @@ class GraspSettings:
         lift_duration: Duration of the lift.
     """
 
+    standoff: float
+    gate_limit: float
+    closing_speed: float | FloatArray
+    search: float | FloatArray
+    touch_force: float
+    least_force: float
+    largest_force: float | FloatArray
+    lift_height: float
+    lift_duration: float
     approach_height: float = 0.15
     approach_duration: float = 1.5
-    standoff: float = 0.02
     gate_distance: float = 0.004
-    gate_limit: float = 1.5
-    closing_speed: float | FloatArray = 0.04
     closing_acceleration: float = 0.4
-    search: float | FloatArray = 0.006
-    touch_force: float = 0.35
     least_fingers: int = 3
-    least_force: float = 2.5
-    largest_force: float | FloatArray = 12.0
     squeeze_duration: float = 0.5
     imbalance: float = 0.2
     stop_duration: float = 0.3
-    lift_height: float = 0.1
-    lift_duration: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -223,8 +223,11 @@ class GraspState:
     @staticmethod
     def from_vector(vector: FloatArray) -> "GraspState":
         """Returns the state from a vector of `to_vector`."""
-        single = len(GraspState.first(0, GraspSettings()).to_vector())
-        return unpack(GraspState.first((len(vector) - single) // 6, GraspSettings()), vector)
+        anything = GraspSettings(
+            0, 0, 0, 0, 0, 0, 0, 0, 0
+        )  # Only the shapes of the first state matter.
+        single = len(GraspState.first(0, anything).to_vector())
+        return unpack(GraspState.first((len(vector) - single) // 6, anything), vector)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import linprog
 from scipy.spatial import ConvexHull, QhullError
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.quality.contact_models import contact_blocks
 
@@ -221,7 +221,7 @@ def moved_least_norm_margin(
     nhat: FloatArray,
     friction: float,
     *,
-    moved: IntArray,
+    moved: int,
     p_CoMQ: FloatArray,
     nhat_Q: FloatArray,
     model: str = "hard_finger",
@@ -233,7 +233,7 @@ def moved_least_norm_margin(
         p_CoMC: As for `least_norm_margin`, shape (n, 3).
         nhat: As for `least_norm_margin`, shape (n, 3).
         friction: As for `least_norm_margin`.
-        moved: Index of the contact that moves to each place, shape (N,).
+        moved: Index of the contact that moves to the places.
         p_CoMQ: Lever arms of the places, shape (N, 3), in metres.
         nhat_Q: Outward unit normals there, shape (N, 3).
         model: As for `least_norm_margin`.
@@ -249,16 +249,12 @@ def moved_least_norm_margin(
     arm = max(longest_arm(p_CoMC), longest_arm(p_CoMQ))
     P = _balance_blocks(p_CoMC, nhat, model, arm)
     P_Q = _balance_blocks(p_CoMQ, nhat_Q, model, arm)
-    held = _grams(P, E)
-    others = np.sum(held, axis=2)[:, :, None] - held
-    y, spans = _solve(others[:, :, moved] + _grams(P_Q, E))
+    others = np.delete(P, moved, axis=2)
+    y, spans = _solve(np.sum(_grams(others, E), axis=2)[:, :, None] + _grams(P_Q, E))
     least = np.min(_edge_weights(P_Q, E, y[:, None]), axis=0)
+    weights = _edge_weights(others[..., None], E, y[:, None, None])
+    least = np.minimum(least, np.min(weights, axis=(0, 1), initial=np.inf))
     n = len(p_CoMC)
-    for i in range(n):
-        places = np.flatnonzero(moved == i)
-        held_P = np.delete(P, i, axis=2)[..., None]
-        weights = _edge_weights(held_P, E, y[:, None, None, places])
-        least[places] = np.minimum(least[places], np.min(weights, axis=(0, 1), initial=np.inf))
     return np.where(spans, n * E.shape[1] * np.where(spans, least, 0), -np.inf)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.no_touch import AxisArea
+from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.geometry.surface import ForbiddenPoints
 
@@ -222,15 +222,19 @@ class RegionConstraints:
         return not blocked and all(reach is None for reach in self.reach)
 
     @cached_property
-    def is_empty(self) -> bool:
-        """Whether nothing limits the regions."""
-        return (
-            self.leaves_every_point
-            and not np.any(self.tip_radii)
-            and not self.tip_gap > 0
-            and self.same_side is None
-            and self.fencing is None
-        )
+    def has_bare_half_spaces(self) -> bool:
+        """Whether forbidden points alone bound the regions inside their cells."""
+        obstacles = self.obstacles.solids or len(self.obstacles.points)
+        tips = np.any(self.tip_radii) or self.tip_gap > 0
+        return not obstacles and not tips and self.fencing is None
+
+    def normals_of(self, candidates: IntArray) -> FloatArray:
+        """Returns outward normals of candidates, shape (k, 3); zeros if there are no normals.
+
+        Args:
+            candidates: Their indices, shape (k,).
+        """
+        return self.nhat_OQ[candidates] if len(self.nhat_OQ) else np.zeros((len(candidates), 3))
 
     def tip_radius(self, contact: int) -> float:
         """Returns the radius of the fingertip of the contact with that index, in metres."""

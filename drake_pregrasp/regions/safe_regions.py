@@ -1,20 +1,30 @@
-"""Eq. 1-2: the safe region of each contact, an obstacle-aware weighted Voronoi cell."""
+"""Safe regions S_i of the contacts: obstacle-aware weighted Voronoi cells (Eq. 1-2).
 
+`safe_region_labels` is Eq. 1-2 as printed, and the oracle of the tests. What plans is
+`compute_safe_regions`: the same inequalities as half-spaces, and further constraints beside them.
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ForbiddenPoints
-from drake_pregrasp.kernels import Partition, TickKernel
 from drake_pregrasp.regions.constraints import (
     NO_CAUSE,
     UNCONSTRAINED,
     Limit,
     RegionConstraints,
 )
-from drake_pregrasp.regions.half_spaces import Planes, bounding_planes
+from drake_pregrasp.regions.half_spaces import (
+    HalfSpaces,
+    joined,
+    neighbour_half_spaces,
+    solid_half_spaces,
+)
 
 NO_REGION = -1
 """Label of a candidate point that lies in no safe region."""
@@ -23,24 +33,46 @@ TINY_SHARE = 0.05
 """A region is tiny if it has less than this share of what each contact would have of Y."""
 
 
-_ASKED_FOR_REASONS = 1 << 11  # Candidates, if there are more: they settle what is most frequent.
+def safe_region_labels(
+    q: FloatArray, c: FloatArray, h: FloatArray, z: FloatArray, R: FloatArray
+) -> IntArray:
+    """Assigns candidate points to the safe regions S_i, by Eq. 1-2 as printed.
+
+    Args:
+        q: Candidate points of Y in the object frame O, shape (N, 3), in metres.
+        c: Contact points c_i in O, shape (n, 3), in metres.
+        h: Weights h_i, shape (n,), in m²; -inf for a lost finger.
+        z: Forbidden points z_j in O, shape (m, 3), in metres.
+        R: Radius R_j around each forbidden point, shape (m,), in metres.
+
+    Returns:
+        Index i of the region S_i that each candidate lies in, or `NO_REGION`, shape (N,). Between
+        contacts at equal power distances the lowest index has the candidate.
+    """
+    # |c_i - q|² - h_i <= |c_k - q|² - h_k for all k: the least power distance owns q.
+    distance_squared = cdist(q, c, "sqeuclidean")
+    i = np.argmin(distance_squared - h, axis=1)
+    # |c_i - q|² <= |z_j - q|² - w_ij for all j, with w_ij = 2 R_j |c_i - z_j| - |c_i - z_j|².
+    distance = cdist(c, z)
+    w = 2 * R * distance - distance**2
+    own = np.take_along_axis(distance_squared, i[:, None], axis=1)
+    is_safe = np.all(own <= cdist(q, z, "sqeuclidean") - w[i], axis=1)
+    return np.where(is_safe & (h[i] > -np.inf), i, NO_REGION)
 
 
 @dataclass(frozen=True, eq=False)
 class SafeRegions:
     """The safe regions S_i of n contacts over the N candidate points of a surface.
 
-    Regions are disjoint by construction: each candidate carries one label.
-
     Attributes:
-        found: The labels, or the same regions over the blocks of the kernel that found them.
-        lost: Mask of the contacts that are lost and so have no region, shape (n,).
-        limits: What leaves each contact an empty or tiny region, a `Limit` each, shape (n,).
-        causes: Index of the contact or obstacle that does, or `NO_CAUSE`, shape (n,).
-        constraints: What limited the regions beside Eq. 1.
+        labels: Index i of the region that each candidate lies in, or `NO_REGION`, shape (N,).
+        lost: Mask of the contacts whose finger is lost and that have no region, shape (n,).
+        limits: The `Limit` that leaves each contact an empty or tiny region, shape (n,).
+        causes: Index of the contact or obstacle behind that limit, or `NO_CAUSE`, shape (n,).
+        constraints: Constraints of the regions beside the forbidden points.
     """
 
-    found: IntArray | Partition
+    labels: IntArray
     lost: BoolArray
     limits: IntArray
     causes: IntArray
@@ -48,37 +80,29 @@ class SafeRegions:
 
     @staticmethod
     def unlimited(labels: IntArray, num_contacts: int) -> "SafeRegions":
-        """Returns regions of contacts that nothing limits, shape (N,) of their labels."""
+        """Returns regions of contacts that nothing limits, given their labels, shape (N,)."""
         return SafeRegions(
-            found=labels,
+            labels=labels,
             lost=np.zeros(num_contacts, dtype=bool),
             limits=np.full(num_contacts, int(Limit.NONE)),
             causes=np.full(num_contacts, NO_CAUSE),
             constraints=UNCONSTRAINED,
         )
 
-    @cached_property
-    def labels(self) -> IntArray:
-        """Index i of the region each candidate lies in, or `NO_REGION`, shape (N,)."""
-        found = self.found
-        return found.labels_of_candidates() if isinstance(found, Partition) else found
-
-    @property
-    def partition(self) -> Partition | None:
-        """The regions over the blocks of the kernel that found them, if one did."""
-        return self.found if isinstance(self.found, Partition) else None
-
     def members(self, contact: int) -> IntArray:
         """Returns the indices of the candidates in S_i of the contact with that index."""
-        indices: IntArray = np.flatnonzero(self.labels == contact)
-        return indices
+        return np.flatnonzero(self.labels == contact)
 
     def sizes(self) -> IntArray:
         """Returns the number of candidates in each region, shape (n,)."""
-        if isinstance(self.found, Partition):
-            return self.found.sizes
         counts: IntArray = np.bincount(self.labels - NO_REGION, minlength=1 + len(self.lost))[1:]
         return counts
+
+
+LabelCandidates = Callable[
+    [FloatArray, FloatArray, FloatArray, Sequence[HalfSpaces], BoolArray | None], IntArray
+]
+"""An implementation of `label_candidates`."""
 
 
 def compute_safe_regions(
@@ -88,134 +112,211 @@ def compute_safe_regions(
     forbidden: ForbiddenPoints,
     constraints: RegionConstraints | None = None,
     *,
-    kernel: TickKernel | None = None,
+    label: LabelCandidates | None = None,
 ) -> SafeRegions:
-    """Assigns candidate points to the contacts' safe regions (Eq. 1).
+    """Computes the safe regions of the contacts over the candidate points.
 
-    A candidate q belongs to S_i if it passes two tests:
-
-    - among contacts, |c_i - q|² - h_i is the least; of equals, the lowest index has it;
-    - for each forbidden point, |c_i - q|² <= |z_j - q|² - w_ij with
-      w_ij = 2 R_j d - d², d = |c_i - z_j| (Eq. 2): it is on this side of the plane across the way
-      to z_j that touches the ball of radius R_j around it;
-
-    and those of the constraints. A contact of weight -inf is lost: it has no region, and the others
-    share what it had.
+    A contact of weight -inf is lost: it has no region, and the others share what it had.
 
     Points may have more coordinates than three, as the paper proposes for forces, torques or joint
-    capability (Sec. V.B), each scaled to metres. Forbidden points may leave the further ones out,
+    capability (Sec. III.A), each scaled to metres. Forbidden points may leave the further ones out,
     and then hold for all of their values; solids always do, and are about the first three.
 
     Args:
-        p_OQ: Candidate points of Y in O, shape (N, d), d >= 3, in metres.
+        p_OQ: Candidate points q of Y in O, shape (N, d), d >= 3, in metres.
         p_OC: Contact points c_i in O, shape (n, d), in metres.
-        contact_weights: h_i, shape (n,), in m².
-        forbidden: Points Z and radii R_j, in O.
-        constraints: What else limits the regions.
-        kernel: Of the same candidates, with d = 3. It is faster, and used if nothing else limits
-            the regions.
+        contact_weights: Weights h_i, shape (n,), in m².
+        forbidden: Forbidden points z_j and radii R_j, in O.
+        constraints: Further constraints of the regions.
+        label: A faster implementation of `label_candidates` for these candidates.
+
+    Raises:
+        InvalidArgumentError: If a contact is not finite.
     """
+    if not np.isfinite(p_OC).all():
+        raise InvalidArgumentError(f"contacts must be finite, not {p_OC.tolist()}")
     constraints = constraints or UNCONSTRAINED
+    n = len(p_OC)
     lost = contact_weights == -np.inf
-    num_sharing = max(1, len(p_OC) - int(np.count_nonzero(lost)))
-    if kernel is not None and constraints.is_empty and contact_weights.max(initial=0) < np.inf:
-        found = kernel.partition(p_OC, contact_weights, forbidden.points, forbidden.radii)
-        asked = np.flatnonzero(~lost & (found.sizes < TINY_SHARE * len(p_OQ) / num_sharing))
-        if len(asked) == 0:
-            return SafeRegions(found, lost, *_no_limits(len(p_OC)), constraints)
-        # Along the kernel's order each part of the surface has its share of any such sample.
-        p_OQ = p_OQ[found.blocks.order[:: 1 + len(p_OQ) // _ASKED_FOR_REASONS]]
-        _, limits, causes = _asked_one_by_one(
-            asked, p_OQ, p_OC, contact_weights, forbidden, UNCONSTRAINED, num_sharing, all_tiny=True
-        )
-        return SafeRegions(found, lost, limits, causes, constraints)
-    labels, limits, causes = _asked_one_by_one(
-        np.flatnonzero(~lost), p_OQ, p_OC, contact_weights, forbidden, constraints, num_sharing
+    half_spaces = bounding_half_spaces(p_OC, contact_weights, forbidden, constraints)
+    labels = (label or label_candidates)(
+        p_OQ, p_OC, contact_weights, half_spaces, constraints.same_side
     )
-    return SafeRegions(labels, lost, limits, causes, constraints)
+    if not constraints.leaves_every_point:
+        for i in range(n):
+            own = np.flatnonzero(labels == i)
+            limits, _ = constraints.limits_at(i, p_OQ[own, :3], constraints.normals_of(own))
+            labels[own[limits != Limit.NONE]] = NO_REGION
+    regions = SafeRegions(
+        labels, lost, np.full(n, int(Limit.NONE)), np.full(n, NO_CAUSE), constraints
+    )
+    few = TINY_SHARE * len(p_OQ) / max(1, int(np.count_nonzero(~lost)))
+    is_tiny = ~lost & (regions.sizes() < few)
+    if is_tiny.any():
+        cells = voronoi_cells(p_OQ, p_OC, contact_weights, constraints.same_side)
+        for i in np.flatnonzero(is_tiny).tolist():
+            regions.limits[i], regions.causes[i] = _limit_of_region(
+                i, p_OQ, p_OC, cells, half_spaces[i], constraints, few
+            )
+    return regions
 
 
-def _no_limits(num_contacts: int) -> tuple[IntArray, IntArray]:
-    return np.full(num_contacts, int(Limit.NONE)), np.full(num_contacts, NO_CAUSE)
-
-
-def _asked_one_by_one(
-    asked: IntArray,
-    p_OQ: FloatArray,
-    p_OC: FloatArray,
-    contact_weights: FloatArray,
-    forbidden: ForbiddenPoints,
-    constraints: RegionConstraints,
-    num_sharing: int,
-    *,
-    all_tiny: bool = False,
-) -> tuple[IntArray, IntArray, IntArray]:
-    """Returns labels, and limits and causes of tiny regions, by asking all points with all planes.
-
-    Of contacts that aren't asked for, the labels are those of their whole cells. With `all_tiny`,
-    all that are asked for are known to have tiny regions, whatever these points say.
-    """
-    limits, causes = _no_limits(len(p_OC))
-    tiny = TINY_SHARE * len(p_OQ) / num_sharing
-    cells = _cells(p_OQ, p_OC, contact_weights, constraints)
-    labels = cells.copy()
-    for i in asked.tolist():
-        own = np.flatnonzero(cells == i)
-        planes = bounding_planes(i, p_OC, contact_weights, forbidden, constraints)
-        beyond = planes.beyond(p_OQ[own] - p_OC[i])
-        nhat_OQ = constraints.nhat_OQ[own] if len(constraints.nhat_OQ) else np.zeros((len(own), 3))
-        point_limits, point_causes = constraints.limits_at(i, p_OQ[own, :3], nhat_OQ)
-        outside = np.any(beyond, axis=0) | (point_limits != Limit.NONE)
-        labels[own[outside]] = NO_REGION
-        if all_tiny or len(own) - np.sum(outside) < tiny:
-            if len(own) < tiny or not np.any(outside):
-                limits[i], causes[i] = _why_the_cell_is_tiny(i, p_OQ, p_OC, cells, constraints)
-            else:
-                limits[i], causes[i] = _most_frequent(planes, beyond, point_limits, point_causes)
-    return labels, limits, causes
-
-
-def _cells(
-    p_OQ: FloatArray, p_OC: FloatArray, contact_weights: FloatArray, constraints: RegionConstraints
+def voronoi_cells(
+    q: FloatArray, c: FloatArray, h: FloatArray, same_side: BoolArray | None = None
 ) -> IntArray:
-    """Returns the contact in whose weighted Voronoi cell each candidate is, shape (N,)."""
-    # Candidates run along the last axis: the reductions over few contacts or planes vectorise then.
-    half_power = (np.sum(p_OC**2, axis=1) - contact_weights)[:, None] / 2 - p_OC @ p_OQ.T
-    if constraints.same_side is not None:
-        half_power[~constraints.same_side] = np.inf
+    """Returns the contact whose weighted Voronoi cell each candidate is in, shape (N,).
+
+    This is the left side of Eq. 1. Subtracting |q|² and halving,
+
+        |c_i - q|² - h_i <= |c_k - q|² - h_k   is   (|c_i|² - h_i)/2 - c_i·q  least for i.
+
+    Args:
+        q: Candidate points, shape (N, d), in metres.
+        c: Contact points c_i, shape (n, d), in metres.
+        h: Weights h_i, shape (n,), in m².
+        same_side: Candidates that no wall hides from each contact, shape (n, N).
+    """
+    half_power = (np.sum(c**2, axis=1) - h)[:, None] / 2 - c @ q.T
+    if same_side is not None:
+        half_power[~same_side] = np.inf
     cells: IntArray = np.argmin(half_power, axis=0)
     cells[np.isposinf(np.min(half_power, axis=0))] = NO_REGION
     return cells
 
 
-def _why_the_cell_is_tiny(
-    contact: int,
-    p_OQ: FloatArray,
-    p_OC: FloatArray,
+def label_candidates(
+    q: FloatArray,
+    c: FloatArray,
+    h: FloatArray,
+    half_spaces: Sequence[HalfSpaces],
+    same_side: BoolArray | None = None,
+) -> IntArray:
+    """Returns the region that each candidate lies in, or `NO_REGION`, shape (N,).
+
+    Args:
+        q: Candidate points, shape (N, d), in metres.
+        c: Contact points c_i, shape (n, d), in metres.
+        h: Weights h_i, shape (n,), in m².
+        half_spaces: For each contact, the half-spaces that bound its region inside its cell.
+        same_side: Candidates that no wall hides from each contact, shape (n, N).
+    """
+    labels = voronoi_cells(q, c, h, same_side)
+    for i, bounds in enumerate(half_spaces):
+        own = np.flatnonzero(labels == i)
+        labels[own[bounds.exclude(q[own] - c[i]).any(axis=0)]] = NO_REGION
+    return labels
+
+
+def point_half_spaces(
+    c: FloatArray,
+    points: ForbiddenPoints,
+    *,
+    margins: FloatArray | float = 0.0,
+    limit: Limit = Limit.FORBIDDEN,
+    first_cause: int = NO_CAUSE,
+) -> list[HalfSpaces]:
+    """Returns, for each contact, the half-spaces that keep its region from forbidden points.
+
+    This is the right side of Eq. 1, with w_ij of Eq. 2 and d = |z_j - c_i|. Subtracting |q|²,
+
+        |c_i - q|² <= |z_j - q|² - w_ij   is   2 (z_j - c_i)·q <= |z_j|² - |c_i|² + d² - 2 R_j d
+                                          or   (z_j - c_i)·(q - c_i) <= d (d - R_j).
+
+    It is the plane across the line to z_j that touches the ball of radius R_j around it. For d = 0
+    both sides are zero, and no candidate is excluded.
+
+    Args:
+        c: Contacts c_i, shape (n, d), in metres.
+        points: Points z_j and radii R_j, with d coordinates or the first few of them: such a point
+            stands for all values of the others.
+        margins: Distance added to each radius, in metres; or that of each contact, shape (n, 1).
+        limit: The limit that the half-spaces stand for.
+        first_cause: Cause of the first point; those of the others follow. `NO_CAUSE` for none.
+    """
+    m, size = points.points.shape
+    normals = np.zeros((len(c), m, c.shape[1]))
+    normals[:, :, :size] = points.points - c[:, None, :size]
+    d = np.sqrt(np.einsum("imk,imk->im", normals, normals))
+    bounds = d * (d - points.radii - margins)
+    limits = np.full(m, int(limit))
+    causes = np.full(m, NO_CAUSE) if first_cause == NO_CAUSE else first_cause + np.arange(m)
+    return [HalfSpaces(n, b, limits, causes) for n, b in zip(normals, bounds, strict=True)]
+
+
+def bounding_half_spaces(
+    c: FloatArray, h: FloatArray, forbidden: ForbiddenPoints, constraints: RegionConstraints
+) -> list[HalfSpaces]:
+    """Returns what bounds each region in its cell: forbidden points, fingertips, and obstacles.
+
+    Args:
+        c: Contacts, shape (n, d), in metres; their first three coordinates are places.
+        h: Weights h_i, shape (n,), in m²; -inf for lost fingers.
+        forbidden: Points z_j and radii R_j, in O.
+        constraints: Fingertips, obstacles, and the forbidden points that apply to each contact.
+    """
+    half_spaces = point_half_spaces(c, forbidden)
+    if constraints.has_bare_half_spaces:
+        return half_spaces
+    radii = constraints.tip_radii if len(constraints.tip_radii) else np.zeros(len(c))
+    margins, obstacles = radii + constraints.clearance, constraints.obstacles
+    near_points = point_half_spaces(
+        c,
+        obstacles.points,
+        margins=margins[:, None],
+        limit=Limit.OBSTACLE,
+        first_cause=len(obstacles.solids),
+    )
+    for i, own in enumerate(half_spaces):
+        parts = [own if constraints.fencing is None else own.chosen(constraints.fencing[i])]
+        if radii[i] + constraints.tip_gap > 0:
+            parts.append(neighbour_half_spaces(i, c, h, constraints))
+        parts += [solid_half_spaces(c[i], obstacles.solids, margins[i]), near_points[i]]
+        half_spaces[i] = joined(parts)
+    return half_spaces
+
+
+def _limit_of_region(
+    i: int,
+    q: FloatArray,
+    c: FloatArray,
     cells: IntArray,
+    half_spaces: HalfSpaces,
     constraints: RegionConstraints,
+    few: float,
 ) -> tuple[int, int]:
-    """Returns the limit and cause of a Voronoi cell that is small before anything cuts it."""
-    away = p_OQ - p_OC[contact]
-    distances = np.einsum("ij,ij->i", away, away)
-    nearest_neighbours = np.where(cells == contact, np.inf, distances)
-    q = int(np.argmin(nearest_neighbours))
-    same_side = constraints.same_side
-    if cells[q] == NO_REGION or (same_side is not None and not same_side[contact, q]):
-        return Limit.WALL, NO_CAUSE
-    return Limit.CROWDED, int(cells[q])
+    """Returns the limit that leaves a contact a tiny region, and its cause.
 
+    It is that of the cell if that is tiny already, else what excludes most candidates of the cell.
 
-def _most_frequent(
-    planes: Planes, beyond: BoolArray, point_limits: IntArray, point_causes: IntArray
-) -> tuple[int, int]:
-    """Returns the limit and cause that keep out most of a cell's candidates."""
+    Args:
+        i: Index of the contact.
+        q: Candidate points, shape (N, d), in metres.
+        c: Contact points, shape (n, d), in metres.
+        cells: Contact whose cell each candidate is in, shape (N,).
+        half_spaces: Bounds of the contact's region inside its cell.
+        constraints: Constraints of the region.
+        few: Number of candidates below which a region is tiny.
+    """
+    own = np.flatnonzero(cells == i)
+    excluded = half_spaces.exclude(q[own] - c[i])
+    point_limits, point_causes = constraints.limits_at(i, q[own, :3], constraints.normals_of(own))
+    barred = point_limits != Limit.NONE
+    if len(own) < few or not (barred.any() or excluded.any()):
+        distances = np.where(cells == i, np.inf, np.sum((q - c[i]) ** 2, axis=1))
+        k = int(np.argmin(distances))
+        same_side = constraints.same_side
+        if cells[k] == NO_REGION or (same_side is not None and not same_side[i, k]):
+            return Limit.WALL, NO_CAUSE
+        return Limit.CROWDED, int(cells[k])
     counts: dict[tuple[int, int], int] = {}
-    for limit, cause in {*zip(planes.limits.tolist(), planes.causes.tolist(), strict=True)}:
-        rows = (planes.limits == limit) & (planes.causes == cause)
-        counts[limit, cause] = int(np.sum(np.any(beyond[rows], axis=0)))
-    for limit, cause in {*zip(point_limits.tolist(), point_causes.tolist(), strict=True)}:
-        if limit != Limit.NONE:
-            own = int(np.sum((point_limits == limit) & (point_causes == cause)))
-            counts[limit, cause] = max(counts.get((limit, cause), 0), own)
+    for limit, cause in {
+        *zip(half_spaces.limits.tolist(), half_spaces.causes.tolist(), strict=True)
+    }:
+        rows = (half_spaces.limits == limit) & (half_spaces.causes == cause)
+        counts[limit, cause] = int(np.count_nonzero(excluded[rows].any(axis=0)))
+    for limit, cause in {
+        *zip(point_limits[barred].tolist(), point_causes[barred].tolist(), strict=True)
+    }:
+        here = int(np.count_nonzero((point_limits == limit) & (point_causes == cause)))
+        counts[limit, cause] = max(counts.get((limit, cause), 0), here)
     return min(counts, key=lambda key: (-counts[key], key))

@@ -1,5 +1,6 @@
 """Cross-field validation of a scenario's hand and grasp."""
 
+import contextlib
 from collections.abc import Iterator
 
 import numpy as np
@@ -10,18 +11,47 @@ from drake_pregrasp.config.object_config import Box, Conveyor
 from drake_pregrasp.contacts.assignment import palm_turn
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.errors import PregraspError, ScenarioError
+from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
-from drake_pregrasp.geometry.no_touch import AxisArea
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand, load_hand_model
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
 Problems = Iterator[tuple[str, str]]
-"""Pairs of a key and what is wrong with its value; what follows the first may depend on it."""
+"""Pairs of a key and the problem of its value. Only the first is certain to be right."""
 
 _MOMENTS = 4  # Number of times at which the arm's reach is checked.
+
+
+def raise_first(source: str, problems: Problems) -> None:
+    """Raises a `ScenarioError` for the first problem, if there is one.
+
+    Args:
+        source: Name of the scenario's origin, for the error message.
+        problems: Problems, found one after the other.
+    """
+    try:
+        for key, problem in problems:
+            raise ScenarioError(source, key, problem)
+    except _KeyedError as error:
+        raise ScenarioError(source, error.key, str(error)) from error
+
+
+@contextlib.contextmanager
+def errors_at(key: str, prefix: str = "") -> Iterator[None]:
+    """Turns an error inside into the problem of a key, for `raise_first`."""
+    try:
+        yield
+    except PregraspError as error:
+        raise _KeyedError(key, f"{prefix}{error}") from error
+
+
+class _KeyedError(Exception):
+    def __init__(self, key: str, problem: str) -> None:
+        super().__init__(problem)
+        self.key = key
 
 
 def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
@@ -40,11 +70,8 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     if not isinstance(scenario.motion, Conveyor):
         yield "motion", "a hand takes what is on a !Conveyor only"
         return
-    try:
+    with errors_at("grasp.hand"):
         hand = load_hand(grasp.hand)
-    except ScenarioError as error:
-        yield "grasp.hand", str(error)
-        return
     if scenario.hand != HandConfig():
         yield "hand", "has no use beside grasp.hand, which says where it is"
     fingers, count = len(hand.fingertips), scenario.num_contacts
@@ -59,16 +86,10 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     if lookahead := scenario.planner.estimator.lookahead:
         problem = f"{lookahead} must be 0 for a hand; it looks ahead itself"
         yield "planner.estimator.lookahead", problem
-    try:
+    with errors_at("grasp.hand", f"{grasp.hand}: "):
         model = load_hand_model(grasp.hand)
-    except InvalidArgumentError as error:
-        yield "grasp.hand", f"{grasp.hand}: {error}"
-        return
-    try:
+    with errors_at("grasp.wrist_range"):
         yaw_range = model.yaw_range(grasp.yaw_range)
-    except InvalidArgumentError as error:
-        yield "grasp.wrist_range", str(error)
-        return
     largest = np.min(grasp.make_settings(hand.fingertips).largest_force)
     if grasp.least_force > largest:
         yield (
@@ -85,13 +106,10 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
             f"{fingers} fingers of {grasp.largest_force} N hold {lift:.3g} N"
             f" with friction {grasp.planned_friction}; the object weighs {weight:.3g} N",
         )
-    try:
+    with errors_at("initial_contacts"):
         p_OC = scenario.initial_p_OC(surface)
-    except InvalidArgumentError as error:
-        yield "initial_contacts", str(error)
-        return
     yield from _face_problems(hand, surface, p_OC)
-    yield from _arm_problems(scenario, scenario.motion, model, yaw_range, p_OC)
+    _check_arm(scenario, scenario.motion, model, yaw_range, p_OC)
 
 
 def _face_problems(hand: HandDescription, surface: ObjectSurface, p_OC: FloatArray) -> Problems:
@@ -108,14 +126,14 @@ def _face_problems(hand: HandDescription, surface: ObjectSurface, p_OC: FloatArr
                 )
 
 
-def _arm_problems(
+def _check_arm(
     scenario: Scenario,
     motion: Conveyor,
     model: HandModel,
     yaw_range: tuple[float, float],
     p_OC: FloatArray,
-) -> Problems:
-    """Finds times at which the arm can't reach the object or lift it."""
+) -> None:
+    """Raises an error unless the arm can reach the object all the time, and lift it."""
     grasp, settings = scenario.grasp, scenario.grasp.make_settings()
     profile = VelocityProfile(motion.velocities())
     X_WO = initial_pose(motion, scenario.object)
@@ -125,7 +143,5 @@ def _arm_problems(
         slid, turned = profile.at(time)[0]
         yaw = float(np.clip(first + turned, *yaw_range))
         for height in (0.0, max(settings.lift_height, settings.approach_height)):
-            try:
+            with errors_at("motion", f"at {time:.3g} s the object is out of the arm's reach: "):
                 model.home(X_WO.translation() + np.array([slid, 0.0, height]), yaw)
-            except InvalidArgumentError as error:
-                yield "motion", f"at {time:.3g} s the object is out of the arm's reach: {error}"

@@ -8,7 +8,7 @@ from pydrake.math import RollPitchYaw
 from drake_pregrasp.config.object_config import zeros
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace, Solid
-from drake_pregrasp.systems.scene_inputs import MovingSolid
+from drake_pregrasp.systems.sources import MovingSolid
 
 _POINT = {"length": 3, "at_least": -100, "at_most": 100}
 _SIZE = {"length": 3, "above": 0, "at_most": 100}

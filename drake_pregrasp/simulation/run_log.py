@@ -192,28 +192,30 @@ def _row(record: TickRecord, previous: TickRecord, error: FloatArray) -> FloatAr
     moved = active & is_active(previous.contact_status)
     squares = np.sum((record.p_WC - previous.p_WC)[moved] ** 2, axis=1)
     energy = squares.sum() / (2 * dt**2) if dt > 0 else 0.0
-    return np.concatenate(
+    return np.hstack(
         [
-            [record.time],
+            record.time,
             record.p_WC.ravel(),
             active,
             record.grasp_quality,
-            [np.sqrt(squares).sum(), energy],
+            np.sqrt(squares).sum(),
+            energy,
             record.regions.sizes(),
-            *pose_values(record.X_WO),
-            [RollPitchYaw(record.X_WO.rotation()).yaw_angle()],
-            *pose_values(record.X_WO_estimated),
-            [np.sqrt(error @ error)],
+            pose_values(record.X_WO),
+            RollPitchYaw(record.X_WO.rotation()).yaw_angle(),
+            pose_values(record.X_WO_estimated),
+            np.sqrt(error @ error),
             record.contact_status,
             record.contact_causes,
-            [record.tracking_status, record.time_since_measurement],
+            record.tracking_status,
+            record.time_since_measurement,
         ]
     )
 
 
-def pose_values(X: RigidTransform) -> tuple[FloatArray, FloatArray]:
+def pose_values(X: RigidTransform) -> FloatArray:
     """Returns the values of those columns: position in metres, and quaternion w, x, y, z."""
-    return X.translation(), X.rotation().ToQuaternion().wxyz()
+    return np.hstack([X.translation(), X.rotation().ToQuaternion().wxyz()])
 
 
 class GraspLog(CsvLog):
@@ -233,20 +235,9 @@ class GraspLog(CsvLog):
 
     def append(self, record: GraspRecord) -> None:
         """Adds a tick."""
-        self.write(
-            np.concatenate(
-                [
-                    [record.time],
-                    record.report,
-                    record.p_WT.ravel(),
-                    record.p_GT.ravel(),
-                    record.f_T_W.ravel(),
-                    *pose_values(record.X_WG),
-                    *pose_values(record.X_WO),
-                    *pose_values(record.X_WD),
-                ]
-            )
-        )
+        points = (record.p_WT.ravel(), record.p_GT.ravel(), record.f_T_W.ravel())
+        poses = map(pose_values, (record.X_WG, record.X_WO, record.X_WD))
+        self.write(np.hstack([record.time, record.report, *points, *poses]))
 
     def read_points(self, kind: str) -> FloatArray:
         """Returns the tips' `tip` in W, `goal` in G or `force` in W, shape (ticks, n, 3)."""

@@ -9,17 +9,15 @@ from pydrake.systems.analysis import SimulatorConfig
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.object_config import Box, Conveyor, MotionConfig, ObjectConfig
+from drake_pregrasp.config.planner_config import MeasuresConfig, PlannerConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.config.surface_config import SurfaceConfig
 from drake_pregrasp.contacts.assignment import assign_fingers, assign_fingers_round, ring_contacts
 from drake_pregrasp.diagrams.expected_path import initial_pose
-from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.contact_models import CONTACT_MODELS
-from drake_pregrasp.quality.force_closure import FRICTION, TORSIONAL_FRICTION
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand_model
 from drake_pregrasp.simulation.obstacle_config import ObstacleConfig
-from drake_pregrasp.systems.noise_source import MAX_SEED
+from drake_pregrasp.systems.pose_sensor import MAX_SEED
 
 
 @dataclass
@@ -33,27 +31,6 @@ class DamageEvent:
     contacts: list[int] = field(
         default_factory=list, metadata={"required": True, "min_length": 1, "at_least": 0}
     )
-
-
-@dataclass
-class MeasuresConfig:
-    """Contact model of the logged measures and of the margins in the summary."""
-
-    # Contact model of the grasp matrix. The margins need a friction cone: for the complete model,
-    # whose contacts can also pull, they use the hard finger.
-    contact_model: str = field(default="complete", metadata={"one_of": CONTACT_MODELS})
-
-    # Coefficient of Coulomb friction.
-    friction: float = field(default=FRICTION, metadata={"at_least": 0, "at_most": 10})
-
-    # Largest moment of a soft finger about its normal per newton of normal force, in metres.
-    torsional_friction: float = field(
-        default=TORSIONAL_FRICTION, metadata={"at_least": 0, "at_most": 10}
-    )
-
-    # Unit of lever arms, in metres. 0 means the longest one on the object, and one metre in the
-    # measures of the complete model, as in the paper.
-    length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
 
 
 @dataclass

@@ -1,7 +1,6 @@
 """Cross-field validation of scenarios."""
 
 import itertools
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -19,11 +18,11 @@ from drake_pregrasp.config.surface_config import check_surface
 from drake_pregrasp.contacts.strategies import BLEND, STRATEGIES
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors
 from drake_pregrasp.diagrams.object_plant import push_direction
-from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, first_line
+from drake_pregrasp.errors import first_line
 from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.resources import resolve_path
-from drake_pregrasp.simulation.grasp_check import Problems, grasp_problems
+from drake_pregrasp.simulation.grasp_check import Problems, errors_at, grasp_problems, raise_first
 from drake_pregrasp.simulation.obstacle_config import check_obstacles
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.simulation_diagram import hand_planner
@@ -57,12 +56,16 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
     surface = check_surface(source, scenario.object, scenario.surface)
     check_obstacles(source, scenario.obstacles)
     check_sensor(source, scenario.sensor, scenario.planner.period)
-    _raise_first(source, _scenario_problems(scenario, surface))
-    _raise_first(source, grasp_problems(scenario, surface))
+    raise_first(source, _problems(scenario, surface))
+
+
+def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
+    yield from _scenario_problems(scenario, surface)
+    yield from grasp_problems(scenario, surface)
     limits = hand_planner(scenario).limits
-    _raise_first(source, _limits_problems(limits, scenario.num_contacts, surface))
-    _raise_first(source, _reach_problems(scenario, limits, surface))
-    _raise_first(source, _drake_problems(scenario))
+    yield from _limits_problems(limits, scenario.num_contacts, surface)
+    yield from _reach_problems(scenario, limits, surface)
+    yield from _drake_problems(scenario)
 
 
 def check_recording(source: str, scenario: Scenario, surface: ObjectSurface) -> None:
@@ -73,33 +76,20 @@ def check_recording(source: str, scenario: Scenario, surface: ObjectSurface) -> 
         scenario: Scenario whose keys, types and ranges have been checked.
         surface: Surface of its object.
     """
-    config = scenario.recording
-    frames = scenario.simulation_duration / config.publish_period
-    tiles = float(surface.areas.sum()) / config.tile_size**2
-    counts = (
-        ("recording.publish_period", config.publish_period, frames, MAX_FRAMES, "frames"),
-        ("recording.tile_size", config.tile_size, tiles, MAX_TILES, "tiles"),
-    )
-    _raise_first(source, _size_problems(counts))
+    raise_first(source, _recording_problems(scenario, surface))
 
 
-def _raise_first(source: str, problems: Problems) -> None:
-    for key, problem in problems:
-        raise ScenarioError(source, key, problem)
+def _recording_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
+    period, tile = scenario.recording.publish_period, scenario.recording.tile_size
+    frames, tiles = scenario.simulation_duration / period, float(surface.areas.sum()) / tile**2
+    yield from _count_problems("recording.publish_period", period, frames, MAX_FRAMES, "frames")
+    yield from _count_problems("recording.tile_size", tile, tiles, MAX_TILES, "tiles")
 
 
-def _problem_of(key: str, trial: Callable[[], object]) -> Problems:
-    try:
-        trial()
-    except InvalidArgumentError as error:
-        yield key, str(error)
-
-
-def _size_problems(counts: tuple[tuple[str, float, float, int, str], ...]) -> Problems:
-    for key, value, count, most, what in counts:
-        if count > most:
-            problem = f"{value:g} makes {count:.3g} {what}, at most {most}; choose a larger one"
-            yield key, f"{problem}, or a shorter simulation_duration"
+def _count_problems(key: str, value: float, count: float, most: int, what: str) -> Problems:
+    if count > most:
+        problem = f"{value:g} makes {count:.3g} {what}, at most {most}; choose a larger one"
+        yield key, f"{problem}, or a shorter simulation_duration"
 
 
 def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
@@ -119,10 +109,8 @@ def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     ]
     if scenario.grasp.has_hand:
         periods.append(("grasp.period", scenario.grasp.period, MAX_TICKS, "ticks"))
-    duration = scenario.simulation_duration
-    yield from _size_problems(
-        tuple((key, period, duration / period, most, what) for key, period, most, what in periods)
-    )
+    for key, period, most, what in periods:
+        yield from _count_problems(key, period, scenario.simulation_duration / period, most, what)
     if isinstance(scenario.object, Box) and not scenario.ring_contacts:
         p_OC = np.array(scenario.initial_contacts) * surface.mesh.extents / 2
         for index, distance in enumerate(np.abs(surface.distance(p_OC))):
@@ -192,9 +180,8 @@ def _motion_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
             problem = f"{motion.start_distance} must be at least {rear:.4g}, where the object ends"
             yield "motion.start_distance", problem
     elif isinstance(motion, PoseStream):
-        yield from _problem_of(
-            "motion.file", lambda: read_recorded_poses(resolve_path(motion.file, Path.cwd()))
-        )
+        with errors_at("motion.file"):
+            read_recorded_poses(resolve_path(motion.file, Path.cwd()))
 
 
 def _profile_problems(profile: list[list[float]]) -> Problems:
@@ -223,7 +210,8 @@ def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSur
                 f"{count} elements must be none or one for each of the {num_contacts} contacts",
             )
     for index, reach in enumerate(limits.reach):
-        yield from _problem_of(f"{key}.reach[{index}]", reach.make_reach)
+        with errors_at(f"{key}.reach[{index}]"):
+            reach.make_reach()
     for name in ("tip_gap", "standoff"):
         value = getattr(limits, name)
         if value > 0 and not radii:
@@ -243,7 +231,8 @@ def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSur
                 distance_key,
                 f"{pair.distance} contradicts tip_radii, which keep the two {room:.3g} m apart",
             )
-    yield from _problem_of(f"{key}.pairs", lambda: limits.make_limits(period=1.0, friction=1.0))
+    with errors_at(f"{key}.pairs"):
+        limits.make_limits(period=1.0, friction=1.0)
     if limits.deadband > longest:
         yield (
             f"{key}.deadband",

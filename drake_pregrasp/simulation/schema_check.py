@@ -1,13 +1,7 @@
 """Checks raw YAML against a dataclass schema, with errors that name the key and the way out.
 
 Drake's own loader rejects unknown keys and wrong types, but without saying where, and it knows
-nothing of ranges. A schema's field states its range in its metadata:
-
-    period: float = field(default=0.05, metadata={"above": 0})
-
-with any of `above`, `at_least`, `at_most` (of a number, or of each number in a list), `length`,
-`min_length` and `max_length` (of a list, `MAX_LENGTH` if not said otherwise), `one_of` (of a
-string, or of each string in a list) and `required`.
+nothing of ranges. A schema's field states its range in its metadata, as `config.validation` says.
 
 A field that may be one of several dataclasses, a union, is told by its YAML tag which one it is, as
 in `!Cylinder {radius: 0.03}`; without a tag it is the first.
@@ -17,20 +11,15 @@ What a field of type `dict` holds is for others to check.
 
 import dataclasses
 import difflib
-import math
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
+from drake_pregrasp.config.validation import is_scalar, length_problem, scalar_problem
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.simulation.yaml_text import TAG_KEY
 
-_NUMBER_RULES: Mapping[str, Callable[[float, float], bool]] = {
-    "above": lambda value, bound: value > bound,
-    "at_least": lambda value, bound: value >= bound,
-    "at_most": lambda value, bound: value <= bound,
-}
 # What Drake's own classes would abort over, or what a run here can't do with.
 _DRAKE_RULES: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
     "SimulatorConfig": {
@@ -46,13 +35,6 @@ _DRAKE_RULES: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
         "sap_near_rigid_threshold": {"at_least": 0},
     },
 }
-MAX_LENGTH = 64
-"""Most elements of a list whose field says nothing else: there are as many contacts at most."""
-
-MAX_TEXT = 2000
-"""Most characters of a text."""
-
-_TYPE_NAMES = {float: "a number", int: "a whole number", bool: "true or false", str: "a text"}
 
 
 def check_mapping(source: str, key: str, data: object, schema: Any) -> None:
@@ -119,14 +101,8 @@ def _check_value(source: str, key: str, value: object, kind: Any, rules: Mapping
         (element_kind,) = typing.get_args(kind)
         if not isinstance(value, list):
             _reject(source, key, value, "a list")
-        most = rules.get("max_length", MAX_LENGTH)
-        for count, bound, fits in (
-            ("exactly", rules.get("length"), len(value) == rules.get("length")),
-            ("at least", rules.get("min_length"), len(value) >= rules.get("min_length", 0)),
-            ("at most", most, len(value) <= most),
-        ):
-            if bound is not None and not fits:
-                _reject(source, key, value, f"a list of {count} {bound} elements")
+        if problem := length_problem(len(value), rules):
+            _reject(source, key, value, problem)
         element_rules = rules.get("elements", rules)
         for index, element in enumerate(value):
             _check_value(source, f"{key}[{index}]", element, element_kind, element_rules)
@@ -135,8 +111,10 @@ def _check_value(source: str, key: str, value: object, kind: Any, rules: Mapping
     elif typing.get_origin(kind) is dict:
         if not isinstance(value, Mapping):
             _reject(source, key, value, "a mapping")
-    elif kind in _TYPE_NAMES:
-        _check_scalar(source, key, value, kind, rules)
+    elif is_scalar(kind):
+        number = _number(value, kind) if kind in (int, float) else value
+        if problem := scalar_problem(number, kind, rules):
+            _reject(source, key, value, problem)
     else:
         check_mapping(source, key, value, kind)
 
@@ -156,26 +134,6 @@ def _check_variant(source: str, key: str, value: object, kinds: tuple[Any, ...])
             raise
         hint = f"{error.problem}; without a tag it is a {tag}, of: {', '.join(tags)}"
         raise ScenarioError(source, error.key, hint) from error
-
-
-def _check_scalar(
-    source: str, key: str, value: object, kind: Any, rules: Mapping[str, Any]
-) -> None:
-    bounds = [f"{rule.replace('_', ' ')} {rules[rule]}" for rule in _NUMBER_RULES if rule in rules]
-    expected = " ".join([_TYPE_NAMES[kind], " and ".join(bounds)]).strip()
-    if "one_of" in rules:
-        expected = "one of: " + ", ".join(rules["one_of"])
-    if kind in (float, int):
-        number = _number(value, kind)
-        if number is None or not math.isfinite(number):
-            _reject(source, key, value, expected)
-        for rule, holds in _NUMBER_RULES.items():
-            if rule in rules and not holds(number, rules[rule]):
-                _reject(source, key, value, expected)
-    elif not isinstance(value, kind) or value not in rules.get("one_of", (value,)):
-        _reject(source, key, value, expected)
-    elif isinstance(value, str) and len(value) > MAX_TEXT:
-        _reject(source, key, value, f"a text of at most {MAX_TEXT} characters")
 
 
 def _number(value: object, kind: Any) -> float | int | None:
@@ -200,4 +158,8 @@ def _short(value: object) -> str:
 
 
 def _reject(source: str, key: str, value: object, expected: str) -> typing.NoReturn:
-    raise ScenarioError(source, key, f"{_short(value)} must be {expected}")
+    _, has_choices, choices = expected.rpartition("one of: ")
+    names = choices.split(", ") if has_choices else []
+    close = difflib.get_close_matches(str(value), names, n=1)
+    hint = f"; did you mean {close[0]}?" if close else ""
+    raise ScenarioError(source, key, f"{_short(value)} must be {expected}{hint}")

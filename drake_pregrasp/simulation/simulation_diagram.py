@@ -11,9 +11,11 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import hand_limits
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import Box, Conveyor
+from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.diagrams.hand_station import (
     TABLE,
     DrivenHand,
@@ -21,11 +23,7 @@ from drake_pregrasp.diagrams.hand_station import (
     add_driven_hand,
 )
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
-from drake_pregrasp.diagrams.pregrasp_planner import (
-    AddPregraspPlanner,
-    PlannerConfig,
-    PregraspPlanner,
-)
+from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import GraspQuality
 from drake_pregrasp.simulation.hand_file import load_hand, load_hand_model
@@ -34,10 +32,9 @@ from drake_pregrasp.simulation.recording import add_visualizers, connect_named
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
 from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord, TickLogger, TickRecord
-from drake_pregrasp.systems.noise_source import NoiseSource
 from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer
-from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
-from drake_pregrasp.systems.scene_inputs import ContactWeights, HandPose, MovingObstacles
+from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
+from drake_pregrasp.systems.sources import ContactWeights, HandPose, MovingObstacles
 
 
 def make_diagram(
@@ -66,17 +63,7 @@ def make_diagram(
     p_OC = scenario.initial_p_OC(surface)
     hand = None
     if scenario.grasp.has_hand:
-        hand = add_driven_hand(
-            builder,
-            cast(Box, scenario.object),
-            cast(Conveyor, scenario.motion),
-            scenario.plant_config,
-            scenario.grasp,
-            load_hand_model(scenario.grasp.hand, scenario.grasp.yaw_range),
-            p_OCoM=surface.p_OCoM,
-            p_OC=p_OC,
-            target_period=scenario.planner.period,
-        )
+        hand = add_hand(builder, scenario, surface, p_OC)
         object_plant: ObjectPlant | HandStation = hand.station
     else:
         object_plant = builder.AddNamedSystem(
@@ -90,13 +77,7 @@ def make_diagram(
     )
     sensor = builder.AddNamedSystem(
         "pose_sensor",
-        NoisyPoseSensor(
-            position_std=scenario.sensor.position_std,
-            orientation_std=scenario.sensor.orientation_std,
-            period=config.period,
-            seed=scenario.random_seed,
-            faults=scenario.sensor.faults.settings(),
-        ),
+        NoisyPoseSensor(scenario.sensor, period=config.period, seed=scenario.random_seed),
     )
     weights = builder.AddNamedSystem(
         "contact_weights",
@@ -114,12 +95,7 @@ def make_diagram(
     )
     monitor = builder.AddNamedSystem(
         "grasp_quality_monitor",
-        GraspQualityMonitor(
-            surface=surface,
-            num_contacts=n,
-            contact_model=scenario.measures.contact_model,
-            length=scenario.measures.length,
-        ),
+        GraspQualityMonitor(scenario.measures, surface=surface, num_contacts=n),
     )
     _add_obstacles(builder, scenario, planner, hand, meshcat)
     if config.limits.reach:
@@ -152,6 +128,30 @@ def make_diagram(
     diagram = builder.Build()
     diagram.set_name("pregrasp_simulation")
     return diagram
+
+
+def add_hand(
+    builder: DiagramBuilder, scenario: Scenario, surface: ObjectSurface, p_OC: FloatArray
+) -> DrivenHand:
+    """Adds the plant and the controller of a scenario's hand, and connects them.
+
+    Args:
+        builder: Builder of the diagram.
+        scenario: Scenario with a hand.
+        surface: The object's surface.
+        p_OC: Initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
+    """
+    return add_driven_hand(
+        builder,
+        cast(Box, scenario.object),
+        cast(Conveyor, scenario.motion),
+        scenario.plant_config,
+        scenario.grasp,
+        load_hand_model(scenario.grasp.hand, scenario.grasp.yaw_range),
+        p_OCoM=surface.p_OCoM,
+        p_OC=p_OC,
+        target_period=scenario.planner.period,
+    )
 
 
 def hand_planner(scenario: Scenario) -> PlannerConfig:

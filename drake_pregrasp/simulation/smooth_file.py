@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
+from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
 from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
 from drake_pregrasp.estimation.recorded_poses import COLUMNS, read_recorded_poses
 from drake_pregrasp.simulation.output import write_text

@@ -17,17 +17,10 @@ from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.studies import study_options
 from drake_pregrasp.studies.filter_consistency import FILTERS, consistency_table, run_filter
 from drake_pregrasp.studies.report_page import Part, Table, write_report
 from drake_pregrasp.studies.runner import OnProgress, StudyRows, run_jobs
-from drake_pregrasp.studies.study_options import (
-    MOST_SEEDS,
-    add_out_option,
-    add_processes_option,
-    make_rows_and_report,
-    names,
-    whole_number,
-)
 from drake_pregrasp.systems.loggers import TickRecord
 
 SEEDS = 50
@@ -53,51 +46,29 @@ class FaultJob(NamedTuple):
     seed: int
 
 
-class FaultRun(NamedTuple):
-    """What a run has shown.
-
-    Attributes:
-        valid: Share of all ticks at which each active contact was on the allowed surface of the
-            estimated object, all outputs were finite, and at least one contact was active.
-        position_error: Largest error of the estimated position during the faults, in metres.
-        orientation_error: Largest error of its orientation then, in radians.
-        recovery: Seconds from the end of the faults until the errors stayed within `RECOVERED`
-            standard deviations of the sensor; inf if they never did.
-        tracked: Share of the ticks during the faults at which the object was tracked.
-        lost: Share of them at which it was lost.
-    """
-
-    valid: float
-    position_error: float
-    orientation_error: float
-    recovery: float
-    tracked: float
-    lost: float
-
-
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `drake-pregrasp study faults`."""
     parser.set_defaults(command=_command)
-    add_out_option(parser, "study_faults")
+    study_options.add_out_option(parser, "study_faults")
     parser.add_argument(
         "--faults",
-        type=names,
+        type=study_options.names,
         metavar="a,b,...",
         help=f"which of the shipped {PREFIX}..., without the filter's consistency; all, and"
         " that too, if not set",
     )
     parser.add_argument(
         "--seeds",
-        type=whole_number(1, MOST_SEEDS),
+        type=study_options.whole_number(1, study_options.MOST_SEEDS),
         default=SEEDS,
         metavar="N",
         help="of each; %(default)s if not set",
     )
-    add_processes_option(parser)
+    study_options.add_processes_option(parser)
 
 
 def _command(options: argparse.Namespace) -> int:
-    return make_rows_and_report(
+    return study_options.make_rows_and_report(
         lambda on_progress: study_faults(
             options.out,
             faults=options.faults,
@@ -172,7 +143,7 @@ def study_faults(
 
 
 def run_faults(job: FaultJob, text: str | None = None) -> dict[str, float]:
-    """Simulates a job, and returns the fields of `FaultRun`.
+    """Simulates a job, and returns what `summarize_faults` does.
 
     Args:
         job: The scenario and the seed.
@@ -186,13 +157,23 @@ def run_faults(job: FaultJob, text: str | None = None) -> dict[str, float]:
     ApplySimulatorConfig(scenario.simulator_config, simulator)
     simulator.Initialize()
     simulator.AdvanceTo(scenario.simulation_duration)
-    return summarize_faults(scenario, surface, records)._asdict()
+    return summarize_faults(scenario, surface, records)
 
 
 def summarize_faults(
     scenario: Scenario, surface: ObjectSurface, records: list[TickRecord]
-) -> FaultRun:
-    """Returns what a run has shown, from the records of its ticks."""
+) -> dict[str, float]:
+    """Returns what a run has shown, from the records of its ticks.
+
+    Returns:
+        `valid`: Share of all ticks at which each active contact was on the allowed surface of the
+            estimated object, all outputs were finite, and at least one contact was active.
+        `position_error`, `orientation_error`: Largest errors of the estimated pose during the
+            faults, in metres and radians.
+        `recovery`: Seconds from the end of the faults until the errors stayed within `RECOVERED`
+            standard deviations of the sensor; inf if they never did.
+        `tracked`, `lost`: Shares of the ticks during the faults with that tracking status.
+    """
     faults, sensor = scenario.sensor.faults, scenario.sensor
     time = np.array([record.time for record in records])
     slack = scenario.planner.period / 2  # Times of ticks are rounded.
@@ -207,14 +188,14 @@ def summarize_faults(
         is_over = off[-1] + 1 < len(time)
         recovery = float(time[off[-1] + 1] - faults.end) if is_over else math.inf
     status = np.array([record.tracking_status for record in records])[acting]
-    return FaultRun(
-        valid=float(np.mean([_is_valid(record, surface) for record in records])),
-        position_error=float(np.max(position[acting])),
-        orientation_error=float(np.max(orientation[acting])),
-        recovery=recovery,
-        tracked=float(np.mean(status == TrackingStatus.TRACKING)),
-        lost=float(np.mean(status == TrackingStatus.LOST)),
-    )
+    return {
+        "valid": float(np.mean([_is_valid(record, surface) for record in records])),
+        "position_error": float(np.max(position[acting])),
+        "orientation_error": float(np.max(orientation[acting])),
+        "recovery": recovery,
+        "tracked": float(np.mean(status == TrackingStatus.TRACKING)),
+        "lost": float(np.mean(status == TrackingStatus.LOST)),
+    }
 
 
 def _errors(record: TickRecord) -> tuple[float, float]:
@@ -241,28 +222,23 @@ def fault_table(rows: pd.DataFrame) -> pd.DataFrame:
     """
     texts = fault_scenarios()
     groups = rows.groupby(pd.Categorical(rows["scenario"], list(texts)), observed=True)
-    median, largest, mean = (getattr(groups, name)(numeric_only=True) for name in _REDUCED)
-    table = pd.DataFrame(
-        {
-            "scenario": [f"`{name}`" for name in mean.index],
-            "for six seconds": [texts[n].removeprefix("for six seconds, ") for n in mean.index],
-            "runs": groups.size().to_numpy(),
-            "contacts valid": mean["valid"].map(percent).to_numpy(),
-        }
-    )
+    median, most, mean = (getattr(groups, n)(numeric_only=True) for n in ("median", "max", "mean"))
+    table = pd.DataFrame({"scenario": "`" + mean.index.astype(str) + "`"}, index=mean.index)
+    table["for six seconds"] = [texts[n].removeprefix("for six seconds, ") for n in mean.index]
+    table["runs"] = groups.size()
+    table["contacts valid"] = mean["valid"].map(percent)
     for column, label, scale, digits in (
         ("position_error", "worst position error [mm]", 1e3, 1),
         ("orientation_error", "worst orientation error [°]", 180 / math.pi, 2),
         ("recovery", "recovered after [s]", 1.0, 2),
     ):
-        pairs = zip(scale * median[column], scale * largest[column], strict=True)
-        table[label] = [f"{m:.{digits}f} ({most:.{digits}f})" for m, most in pairs]
+        middle, worst = (
+            (scale * part[column]).map(f"{{:.{digits}f}}".format) for part in (median, most)
+        )
+        table[label] = middle + " (" + worst + ")"
     for column in ("tracked", "lost"):
-        table[column] = mean[column].map(percent).to_numpy()
+        table[column] = mean[column].map(percent)
     return table
-
-
-_REDUCED = ("median", "max", "mean")
 
 
 def percent(share: float) -> str:

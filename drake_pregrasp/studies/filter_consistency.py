@@ -8,6 +8,7 @@ Kirubarajan, "Estimation with Applications to Tracking and Navigation", 2001, se
 
 import functools
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,11 +18,11 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise, tracker_settings
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
-from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
 from drake_pregrasp.estimation.pose_filter import PoseFilterNoise, PoseMeasurement
 from drake_pregrasp.estimation.pose_track import PoseTrack
-from drake_pregrasp.estimation.pose_tracker import TrackerSettings, update_track
+from drake_pregrasp.estimation.pose_tracker import update_track
 from drake_pregrasp.simulation.scenario_file import load_scenario
 
 PERIOD = 0.05
@@ -151,7 +152,7 @@ def filter_errors(
         motion: The true motion.
         rng: Draws the noise.
     """
-    settings = TrackerSettings(noise)
+    settings = replace(tracker_settings(EstimatorConfig()), noise=noise)
     track = PoseTrack.empty(memory=1)
     nis = []
     for k in range(TICKS):

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray, IntArray
-from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig
+from drake_pregrasp.config.planner_config import PlannerConfig
+from drake_pregrasp.contacts.strategies import hand_singular_values
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import grasp_quality
-from drake_pregrasp.quality.singular_values import extreme_singular_values
 from drake_pregrasp.studies.bench.tick_times import (
     Tick,
     cube,
@@ -40,17 +40,14 @@ _JITTER = 1e-9  # Standard deviation in metres that makes each timed tick a new 
 
 
 def msv_score(p_CoMQ: FloatArray) -> Score:
-    """Returns the score Q_MSV², in closed form.
+    """Returns the score Q_MSV².
 
     Args:
         p_CoMQ: Candidates relative to the centre of mass, shape (N, 3), in metres.
     """
-    squares = np.sum(p_CoMQ**2, axis=1)[:, None, None]
-    B = squares * np.eye(3) - p_CoMQ[:, :, None] * p_CoMQ[:, None]
 
     def score(held: IntArray) -> FloatArray:
-        t, moments = p_CoMQ + np.sum(p_CoMQ[held], axis=0), B + np.sum(B[held], axis=0)
-        return extreme_singular_values(t, moments, len(held) + 1)[0] ** 2
+        return hand_singular_values(p_CoMQ[held], p_CoMQ)[:, 0] ** 2
 
     return score
 

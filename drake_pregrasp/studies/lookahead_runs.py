@@ -2,17 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, pack
+from drake_pregrasp.config.planner_config import filter_noise
 from drake_pregrasp.contacts.selection_input import is_active
-from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
 from drake_pregrasp.estimation.pose_filter import PoseBelief
 from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
 from drake_pregrasp.simulation.scenario import Scenario
@@ -26,42 +28,9 @@ PERIOD = 0.0125
 SETTLED = 8
 """Tick from which on goals count: after 0.1 s the velocity is known well enough."""
 
-_NOISE = "position_std: 0.001, orientation_std: 0.01"
-CASES = {
-    "conveyor": (
-        "conveyor_profile",
-        f"""
-        simulation_duration: 3.0
-        motion: {{profile: [[0, 0, 0], [0.5, 0.5, 1.5], [1.5, 0.5, 1.5], [2.5, -0.5, -1.5]]}}
-        sensor: {{{_NOISE}}}
-        planner:
-          period: {PERIOD}
-          static_duration: 0.1
-          estimator: {{{_NOISE}, acceleration: 0.25, angular_acceleration: 1.0}}
-        plant_config: {{time_step: {PERIOD / 4}}}
-        """,
-    ),
-    "toss": (
-        "toss",
-        f"""
-        simulation_duration: 0.8
-        sensor: {{{_NOISE}}}
-        planner: {{period: {PERIOD}, estimator: {{{_NOISE}}}}}
-        plant_config: {{time_step: {PERIOD / 8}}}
-        """,
-    ),
-    "toss, gravity unknown": (
-        "toss",
-        f"""
-        simulation_duration: 0.8
-        sensor: {{{_NOISE}}}
-        planner:
-          period: {PERIOD}
-          estimator: {{{_NOISE}, gravity: 0.0, acceleration: 3.0}}
-        plant_config: {{time_step: {PERIOD / 8}}}
-        """,
-    ),
-}
+CASES: dict[str, Any] = yaml.safe_load(
+    Path(__file__).with_name("lookahead_cases.yaml").read_text(encoding="utf-8")
+)
 """For each case the shipped scenario, and what differs in it."""
 
 
@@ -122,8 +91,7 @@ class LookaheadRun(NamedTuple):
 
 def lookahead_scenario(case: str, lookahead: float, seed: int) -> Scenario:
     """Returns the scenario of a key of `CASES`, a look-ahead in seconds, and a seed."""
-    name, text = CASES[case]
-    scenario = load_scenario(name, text=text)
+    scenario = load_scenario(CASES[case]["scenario"], text=yaml.dump(CASES[case]["overrides"]))
     scenario.planner.estimator.lookahead = lookahead
     scenario.random_seed = seed
     return scenario
@@ -176,20 +144,19 @@ class LookaheadErrors:
     def __call__(self, job: dict[str, Any]) -> list[dict[str, Any]]:
         """Returns the rows of a `case` and a `lookahead`, in seconds and metres."""
         runs = [run_lookahead(lookahead_scenario(**job, seed=seed)) for seed in self.seeds]
-        rows = []
-        for delay in self.delays[job["lookahead"]]:
-            errors = np.concatenate([run.goal_errors(delay, SETTLED) for run in runs])
-            squares = np.concatenate([run.normalised_errors(delay, SETTLED) for run in runs])
-            rows.append(
-                {
-                    "delay": PERIOD * delay,
-                    "median": float(np.median(errors)),
-                    "p95": float(np.percentile(errors, 95)),
-                    "normalised": float(np.mean(squares)) / 3,
-                    "inside": float(np.mean(squares < chi2.ppf(0.95, 3))),
-                }
-            )
-        return rows
+        return [_goal_row(runs, delay) for delay in self.delays[job["lookahead"]]]
+
+
+def _goal_row(runs: Sequence[LookaheadRun], delay: int) -> dict[str, float]:
+    errors = np.concatenate([run.goal_errors(delay, SETTLED) for run in runs])
+    squares = np.concatenate([run.normalised_errors(delay, SETTLED) for run in runs])
+    return {
+        "delay": PERIOD * delay,
+        "median": float(np.median(errors)),
+        "p95": float(np.percentile(errors, 95)),
+        "normalised": float(np.mean(squares)) / 3,
+        "inside": float(np.mean(squares < chi2.ppf(0.95, 3))),
+    }
 
 
 def lookback_errors(job: dict[str, Any]) -> list[dict[str, Any]]:

@@ -11,15 +11,10 @@ import pandas as pd
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.simulation.phases import (
-    last_phase,
-    remaining_static_quality,
-    static_phase,
-    ticks_from,
-)
 from drake_pregrasp.simulation.run import run
+from drake_pregrasp.simulation.run_log import last_phase, static_phase, ticks_from
 from drake_pregrasp.simulation.scenario_file import load_scenario
-from drake_pregrasp.simulation.summary import MEASURES
+from drake_pregrasp.simulation.summary import MEASURES, remaining_static_quality
 from drake_pregrasp.studies.runner import OnProgress, run_jobs
 
 TRAVEL_TIME = 1.5
@@ -126,7 +121,7 @@ def run_cases(
 
 def _run_case(job: CaseJob, out: Path) -> dict[str, Any]:
     scenario = load_scenario(job.scenario, text=job.text)
-    result = run(scenario, name=job.folder, out=out, recording=False)
+    result = run(scenario, name=job.folder, out=out, recording=False, overwrite=True)
     return run_values(CaseLog(result.folder)) | {"tick_ms": result.summary["tick_time_p50_ms"]}
 
 

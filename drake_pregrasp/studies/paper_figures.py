@@ -54,17 +54,18 @@ def figure_2c(scenario: Scenario, contact: int) -> Figure:
     axes = figure.subplots(2, 2, sharex=True, sharey=True)
     for axis, (name, title) in zip(axes.flat, _STRATEGY_TITLES.items(), strict=True):
         strategy = make_strategy(name)
-        b = np.exp(strategy(selection)[q])
+        b = np.exp(strategy(selection, contact))
         goal = select_contacts(selection, strategy).p_OC[[contact]]
         shades = axis.pcolormesh(*_as_grid(strip, b / b.max()), cmap="cividis", vmin=0)
         axis.set_facecolor("0.93")
         for p_OP, style in ((p_OC[[contact]], "wx"), (goal, "ko")):
-            axis.plot(*unrolled(surface, *surface.project(p_OP)).T, style, markersize=8)
+            axis.plot(*unrolled(surface, *surface.project(p_OP)).T, style, markersize=8, mew=2)
         axis.set_title(title)
+        axis.use_sticky_edges = False
         axis.margins(0.15)
         axis.set_aspect("equal")
+        axis.set(xlabel="distance around the object [mm]", ylabel="height over the centre [mm]")
         axis.label_outer()
-        axis.set(xlabel="way around the object [mm]", ylabel="height over the centre [mm]")
     figure.colorbar(shades, ax=axes, label="weight $b_n$, largest = 1", shrink=0.8)
     figure.suptitle("One safe region: its contact (cross), and where each strategy moves it (dot)")
     return figure

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.diagrams.pregrasp_planner import BlendConfig, PlannerConfig
+from drake_pregrasp.config.planner_config import BlendConfig, PlannerConfig
 from drake_pregrasp.geometry.box_surface import box_surface
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import FRICTION, min_weight_margin
@@ -83,9 +83,11 @@ def main() -> None:
         starts = random_starts(surface, contacts, count)
         open_starts = sum(margin_of(surface, p_OC) == 0 for p_OC in starts)
         print(f"{contacts} contacts, box {size} m, {count} starts, {open_starts} not closed")
-        for name, config in STRATEGIES.items():
-            margins = [settled_margin(surface, p_OC, config) for p_OC in starts]
-            print(f"  {name:26} median {np.median(margins):.3f}  least {np.min(margins):.3f}")
+        margins = {
+            name: [settled_margin(surface, p_OC, config) for p_OC in starts]
+            for name, config in STRATEGIES.items()
+        }
+        print(pd.DataFrame(margins).agg(["median", "min"]).T.round(3).to_string())
 
 
 if __name__ == "__main__":

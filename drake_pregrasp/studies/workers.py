@@ -9,7 +9,7 @@ import signal
 import threading
 from collections import Counter, deque
 from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -28,8 +28,6 @@ TIMEOUT = 10.0
 
 _POLL_PERIOD = 0.2  # Seconds between looks for an interrupt while no job ends.
 _MOST_ON_CLUSTER = 1000  # Jobs that a scheduler has at a time.
-
-_OnEnd = Callable[[int, "Future[Any]"], None]
 
 # A run with a hand redirects the output of its process, and a Dask worker may have threads.
 _ONE_AT_A_TIME = threading.Lock()
@@ -85,117 +83,105 @@ def call_for_all(
     """
     call = _Call(function, tuple(modules), package_digest(*modules))
     with _noted_interrupts() as interrupted:
+        dispatcher = _Dispatcher(call, jobs, on_result, interrupted)
         if scheduler is None:
-            workers = processes or os.cpu_count() or 1
-            _call_locally(call, jobs, on_result, interrupted, workers)
+            dispatcher.call_locally(processes or os.cpu_count() or 1)
         else:
-            _call_on_cluster(call, jobs, on_result, interrupted, scheduler)
+            dispatcher.call_on_cluster(scheduler)
 
 
-def _call_locally(
-    call: _Call,
-    jobs: Sequence[Any],
-    on_result: Callable[[int, Any], None],
-    interrupted: threading.Event,
-    workers: int,
-) -> None:
-    waiting = deque(range(len(jobs)))
-    kills: Counter[int] = Counter()
-    again: list[int] = []
+@dataclass(frozen=True)
+class _Dispatcher:
+    call: _Call
+    jobs: Sequence[Any]
+    on_result: Callable[[int, Any], None]
+    interrupted: threading.Event
 
-    def on_end(index: int, future: "Future[Any]") -> None:
-        kills[index] += _is_broken(future)
-        if _is_broken(future) and kills[index] < ATTEMPTS:
-            again.append(index)
-        else:
-            on_result(index, _result(future))
-
-    def submit(index: int) -> "Future[Any]":
-        with _sigint_blocked():  # Processes inherit this while they import.
-            return pool.submit(call, jobs[index])
-
-    while waiting:
-        # A job whose process was killed, or one beside it, is next tried alone: no other is blamed.
-        alone = kills[waiting[0]] > 0
-        most = 1 if alone else min(len(waiting), JOBS_A_WORKER * workers)
-        batch = deque(waiting.popleft() for _ in range(most))
-        # Threads don't survive a fork, so processes are spawned.
-        context = multiprocessing.get_context("spawn")
-        processes = min(workers, most)
-        with ProcessPoolExecutor(processes, context, initializer=_prepare_worker) as pool:
-            try:
-                # One more for each process, so that none waits for the next.
-                _drain(submit, batch, 2 * processes, on_end, interrupted)
-            except BaseException:
-                pool.shutdown(wait=False, cancel_futures=True)
-                raise
-        waiting.extendleft(reversed([*again, *batch]))
-        again.clear()
-
-
-def _call_on_cluster(
-    call: _Call,
-    jobs: Sequence[Any],
-    on_result: Callable[[int, Any], None],
-    interrupted: threading.Event,
-    address: str,
-) -> None:
-    lost = (
-        f"{address}: the scheduler is gone; results so far are kept, and the same command goes on"
-    )
-    with _connected(address, call) as client:
+    def call_locally(self, workers: int) -> None:
+        waiting = deque(range(len(self.jobs)))
+        kills: Counter[int] = Counter()
+        again: list[int] = []
 
         def on_end(index: int, future: "Future[Any]") -> None:
-            if future.cancelled():
-                raise OutputError(lost)
-            on_result(index, _result(future))
-
-        def on_idle() -> None:
-            if client.status != "running":
-                raise OutputError(lost)
-
-        # The scheduler gives the jobs of a killed worker to others by itself.
-        executor = client.get_executor(pure=False)
-        _drain(
-            lambda index: executor.submit(call, jobs[index]),
-            deque(range(len(jobs))),
-            _MOST_ON_CLUSTER,
-            on_end,
-            interrupted,
-            on_idle,
-        )
-
-
-def _drain(
-    submit: Callable[[int], "Future[Any]"],
-    indices: deque[int],
-    most: int,
-    on_end: _OnEnd,
-    interrupted: threading.Event,
-    on_idle: Callable[[], None] = lambda: None,
-) -> None:
-    """Submits jobs, `most` at a time, until none is left or a process is killed."""
-    ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
-    index_of: dict[Future[Any], int] = {}
-    broken = False
-    while index_of or (indices and not broken):
-        while indices and len(index_of) < most and not broken:
-            try:
-                future = submit(indices[0])
-            except BrokenProcessPool:
-                broken = True
+            kills[index] += _is_broken(future)
+            if _is_broken(future) and kills[index] < ATTEMPTS:
+                again.append(index)
             else:
-                index_of[future] = indices.popleft()
-                future.add_done_callback(ended.put)
-        if interrupted.is_set():
-            raise KeyboardInterrupt
-        try:
-            future = ended.get(timeout=_POLL_PERIOD if index_of else 0)
-        except queue.Empty:
-            on_idle()
-            continue
-        broken = broken or _is_broken(future)
-        on_end(index_of.pop(future), future)
+                self.on_result(index, _result(future))
+
+        while waiting:
+            # A job whose process was killed, or one beside it, is next tried alone: no other is
+            # blamed.
+            alone = kills[waiting[0]] > 0
+            most = 1 if alone else min(len(waiting), JOBS_A_WORKER * workers)
+            batch = deque(waiting.popleft() for _ in range(most))
+            # Threads don't survive a fork, so processes are spawned.
+            context = multiprocessing.get_context("spawn")
+            processes = min(workers, most)
+            with ProcessPoolExecutor(processes, context, initializer=_prepare_worker) as pool:
+                try:
+                    # One more for each process, so that none waits for the next.
+                    self._drain(pool, batch, 2 * processes, on_end)
+                except BaseException:
+                    pool.shutdown(wait=False, cancel_futures=True)
+                    raise
+            waiting.extendleft(reversed([*again, *batch]))
+            again.clear()
+
+    def call_on_cluster(self, address: str) -> None:
+        with _connected(address, self.call) as client:
+
+            def check(is_fine: bool) -> None:
+                if not is_fine:
+                    problem = "the scheduler is gone; results so far are kept, and the same command"
+                    raise OutputError(f"{address}: {problem} goes on")
+
+            def on_end(index: int, future: "Future[Any]") -> None:
+                check(not future.cancelled())
+                self.on_result(index, _result(future))
+
+            # The scheduler gives the jobs of a killed worker to others by itself.
+            executor = client.get_executor(pure=False)
+            indices = deque(range(len(self.jobs)))
+            self._drain(
+                executor,
+                indices,
+                _MOST_ON_CLUSTER,
+                on_end,
+                lambda: check(client.status == "running"),
+            )
+
+    def _drain(
+        self,
+        executor: Executor,
+        indices: deque[int],
+        most: int,
+        on_end: Callable[[int, "Future[Any]"], None],
+        on_idle: Callable[[], None] = lambda: None,
+    ) -> None:
+        """Submits jobs, `most` at a time, until none is left or a process is killed."""
+        ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
+        index_of: dict[Future[Any], int] = {}
+        broken = False
+        while index_of or (indices and not broken):
+            while indices and len(index_of) < most and not broken:
+                try:
+                    with _sigint_blocked():  # Local processes inherit this while they import.
+                        future = executor.submit(self.call, self.jobs[indices[0]])
+                except BrokenProcessPool:
+                    broken = True
+                else:
+                    index_of[future] = indices.popleft()
+                    future.add_done_callback(ended.put)
+            if self.interrupted.is_set():
+                raise KeyboardInterrupt
+            try:
+                future = ended.get(timeout=_POLL_PERIOD if index_of else 0)
+            except queue.Empty:
+                on_idle()
+                continue
+            broken = broken or _is_broken(future)
+            on_end(index_of.pop(future), future)
 
 
 def _is_broken(future: "Future[Any]") -> bool:

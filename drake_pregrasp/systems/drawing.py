@@ -1,4 +1,4 @@
-"""Colours and text for Meshcat."""
+"""Colours and text boards for Meshcat."""
 
 import numpy as np
 import trimesh
@@ -6,14 +6,14 @@ from PIL import Image, ImageDraw, ImageFont
 from pydrake.common import MemoryFile
 from pydrake.geometry import InMemoryMesh, Mesh, Rgba
 
-# Okabe and Ito's set (2008) without its black, in an order that keeps neighbours far apart.
+# Colours of Okabe and Ito (2008) without black, ordered so that neighbours differ strongly.
 _CONTACT_COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442")
 
 NO_REGION_COLOR = Rgba(0.72, 0.73, 0.75)
 
 
 def contact_color(contact: int) -> Rgba:
-    """Returns the colour of the contact with that index; colours come round again after seven."""
+    """Returns the colour of a contact by its index; colours repeat after seven contacts."""
     hex_color = _CONTACT_COLORS[contact % len(_CONTACT_COLORS)]
     return Rgba(*(int(hex_color[k : k + 2], 16) / 255 for k in (1, 3, 5)))
 
@@ -26,7 +26,7 @@ def tint(color: Rgba, share_of_white: float) -> Rgba:
 
 
 def linear_rgb(color: Rgba) -> list[float]:
-    """Returns the linear RGB triple of an sRGB colour: what a recording animates."""
+    """Returns the linear RGB triple of an sRGB colour, as a recording animates it."""
     return [
         c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4
         for c in (color.r(), color.g(), color.b())
@@ -39,15 +39,15 @@ _FRAME = 9
 
 
 def text_board(text: str, *, height: float, frame_color: Rgba) -> Mesh:
-    """Returns a board with a line of text on it, seen from both sides.
+    """Returns a board with a line of text, visible from both sides.
 
-    The board stands upright in the x-z plane of its frame, its lower edge's middle at the origin,
-    to be read from the side of -y.
+    The board is upright in the x-z plane of its frame, with the middle of its lower edge at the
+    origin, and is read from the side of -y.
 
     Args:
-        text: One line.
-        height: In metres.
-        frame_color: Of the board's rim.
+        text: Text of one line.
+        height: Height of the board, in metres.
+        frame_color: Colour of the board's frame.
     """
     image = _picture(text, frame_color)
     width = height * image.width / image.height
@@ -62,7 +62,7 @@ def text_board(text: str, *, height: float, frame_color: Rgba) -> Mesh:
         visual=trimesh.visual.TextureVisuals(uv=uv, material=material),
         process=False,
     )
-    # Drake turns the y axis of a glTF file into z, so what is z here goes into the file as y.
+    # Drake rotates glTF files so that their y axis becomes z; the file therefore swaps the axes.
     board.apply_transform([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
     files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(board), embed_buffers=True)
     memory = MemoryFile(files["model.gltf"], ".gltf", "text.gltf")

@@ -1,11 +1,11 @@
-"""Contact goals made into fingertip goals that a hand can follow without harm."""
+"""Fingertip goals that a hand can follow without collisions, from contact goals."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import (
     BusValue,
     Context,
@@ -14,16 +14,24 @@ from pydrake.systems.framework import (
 )
 
 from drake_pregrasp.arrays import FloatArray, validated_numbers
+from drake_pregrasp.config.deprecated_keywords import config_with
+from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.config.validation import check_fields
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.grasping.fingertip_paths import MOVING_CLEARANCE, TipPlaces, shape_goals
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.regions.obstacles import all_are_known, place_obstacles
 from drake_pregrasp.systems.pose_ports import (
+    BUS,
+    OBSTACLES,
+    POSE,
+    VELOCITY,
     LastPose,
+    eval_obstacles,
+    is_followed,
     is_valid,
     validated_poses,
     validated_velocity,
@@ -31,7 +39,7 @@ from drake_pregrasp.systems.pose_ports import (
 
 
 class FingertipGoalShaper(LeafSystem):
-    """Turns contact goals into goals for fingertips, and carries them along with the object.
+    """Turns contact goals into fingertip goals that move with the object.
 
     .. pydrake_system::
 
@@ -53,81 +61,83 @@ class FingertipGoalShaper(LeafSystem):
         - contact_frames
         - p_GT
 
-    Port `fingertip_targets` accepts a `BusValue` as `CentroidSelector` emits it: for each name of
-    `tip_frames` the pose in W of a contact goal, its z axis along the inward normal. A finger
-    without an entry, or with one that isn't finite, keeps the one it had.
+    Port `fingertip_targets` accepts a `BusValue` as `CentroidSelector` emits it: for each name in
+    `tip_frames` the pose of a contact goal in W, with its z axis along the inward normal. A finger
+    whose entry is missing or invalid keeps its contact.
 
     Port `contact_status` accepts a vector of n `ContactStatus` values.
 
-    Port `X_WO_estimated` accepts a `RigidTransform`: where the object O is believed to be in W. As
-    long as it isn't finite, or its rotation is none, no new contacts are taken in.
+    Port `X_WO_estimated` accepts a `RigidTransform`: the estimated pose of the object O in W. While
+    it is invalid, contacts are not updated.
 
-    Port `X_WG` accepts a `RigidTransform`: the frame G that goals are carried in. It takes O's
-    place: without a lift it is where O is believed to be. The last one is used until it is finite.
+    Port `X_WG` accepts a `RigidTransform`: the pose of the frame G in which goals are planned. It
+    is the estimated pose of O, raised while the hand approaches or lifts. While it is invalid, its
+    last valid value is used.
 
-    Port `V_WG` accepts a `SpatialVelocity`: of G in W. Without a lift it is the estimated one of O.
-    If it isn't finite, it is taken for zero.
+    Port `V_WG` accepts a `SpatialVelocity`: the velocity of G in W. An invalid one counts as zero.
 
     Port `standoffs` (optional) accepts a vector of n: the gap between each fingertip and the
-    surface at its contact, in metres; below zero it presses. By default, and for NaN, it is
-    `standoff`.
+    surface at its contact, in metres; negative values press. NaN, and an unconnected port, mean the
+    standoff of `config`.
 
-    Port `hold_contacts` (optional) accepts a number: above 0, contacts stay where they are in O,
-    and fingers stay active or not. NaN holds them, too.
+    Port `hold_contacts` (optional) accepts a vector of 1: above 0 or NaN, contacts stay where they
+    are in O, and fingers stay active or inactive.
 
-    Port `obstacles` (optional) accepts `Obstacles` in W, of which solids are heeded; not by fingers
-    that hold their contacts. As long as one has numbers that are no longer finite, tips stay in G.
+    Port `obstacles` (optional) accepts `Obstacles` in W, whose solids fingertips avoid, except for
+    fingers that hold their contacts. While one has numbers that are not finite, fingertips stay
+    where they are in G.
 
-    Port `X_WU` (optional) accepts a `RigidTransform`: the frame U of the palm. Fingers without an
-    active contact wait at their own azimuths in it; without it, or as long as it isn't finite,
-    where they are.
+    Port `X_WU` (optional) accepts a `RigidTransform`: the pose of the palm's frame U. Fingers
+    without an active contact wait at their own azimuths in U; if the port is unconnected or its
+    value is invalid, at their present azimuths.
 
-    Port `fingers_hold` (optional) accepts a vector of n: above 0, obstacles don't push a finger off
-    its contact while contacts are held; by default no active one. NaN is as 1.
+    Port `fingers_hold` (optional) accepts a vector of n: while contacts are held, obstacles do not
+    push a finger with a value above 0 or NaN off its contact. If the port is unconnected, this
+    holds for all active fingers.
 
-    Port `tracking_status` (optional) accepts a `TrackingStatus`; what is none counts as `LOST`. As
-    long as the object isn't followed, no new contacts are taken in: `fingertip_targets` are off the
-    surface then, and tips keep the standoff that is asked for. Unconnected, it is always tracked.
+    Port `tracking_status` (optional) accepts a vector of 1: a `TrackingStatus`; any other number
+    counts as `LOST`. While goals must not follow the estimate, contacts are not updated: then
+    `fingertip_targets` are off the surface, and tips keep the standoff that is asked for. If the
+    port is unconnected, the object is tracked.
 
-    Port `tip_goals` emits a `BusValue`: for each name of `tip_frames` a `RigidTransform` in W with
-    the goal of the tip's centre, where it will be `lead` after the Context's time; its orientation
-    is W's. It plugs into `desired_cartesian_poses` of `DifferentialInverseKinematicsSystem`, with
-    masks for positions only.
+    Port `tip_goals` emits a `BusValue`: for each name in `tip_frames` a `RigidTransform` in W, the
+    goal of the fingertip's centre `lead` after the Context's time, with the orientation of W. It
+    fits `desired_cartesian_poses` of `DifferentialInverseKinematicsSystem`, with masks for
+    positions only.
 
-    Port `contact_frames` emits a vector of 6n: the contacts that tips go to, in O, in metres, one
-    after another, then the outward unit normals there, as of the last tick. Where a tip has no
-    room, as close to the table, the contact is shifted along the surface.
+    Port `contact_frames` emits a vector of 6n: the contacts that the fingertips go to, in O, in
+    metres, one after another, then the outward unit normals there, as of the last tick. Where a
+    fingertip has no room, for example close to the table, its contact is shifted along the surface.
 
-    Port `p_GT` emits a vector of 3n: the goals in G, as of the last tick, in metres. Tips are to be
-    there, over where G is by then, `lead` after the Context's time.
+    Port `p_GT` emits a vector of 3n: the goals in G, as of the last tick, in metres.
 
-    Goals move at most at `speed` over the object, which is why they never jump with the contacts.
-    They keep out of the object and what else there is by the tips' radius and a clearance; round
-    the object they take the shorter way. Fingers without an active contact wait above it.
+    Goals move over the object with at most `goal_speed`, so they never jump when contacts do. They
+    are clear of the object and of everything else by the tip radius and a clearance, and go the
+    shorter way around the object. Fingers without an active contact wait above the object.
 
     Args:
+        config: Configuration of the grasp; `period`, `goal_speed` and `standoff` are used.
         tip_frames: Scoped names of the fingertips' frames.
-        tip_radius: In metres; or that of each, shape (n,).
+        tip_radius: Radius of the fingertips, or of each, shape (n,), in metres.
         object_solid: The object in O, convex.
-        object_top: How high it reaches over O, in metres.
-        fixed: Solids in W to keep out of, as the table.
-        p_GT: Where the tips' centres are at the start, in G, shape (n, 3), in metres.
-        finger_azimuths: Of the fingers about z of U, shape (n,), in radians.
-        period: Seconds between ticks, greater than zero.
-        target_period: Seconds between looks at `fingertip_targets`: that of the planner, between
-            whose ticks they don't change in O.
-        lead: How far ahead `tip_goals` are, in seconds: as long as what follows takes.
-        speed: In m/s.
-        standoff: In metres.
-        withdrawn_radii: How far from z of G each finger without an active contact waits, shape
-            (n,), in metres; where it is 0, and by default, as far as they all are at the start.
+        object_top: Height of the object's highest point over O, in metres.
+        fixed: Solids in W that fingertips avoid, such as the table.
+        p_GT: Initial positions of the fingertips' centres in G, shape (n, 3), in metres.
+        finger_azimuths: Azimuths of the fingers about z of U, shape (n,), in radians.
+        target_period: Seconds between updates of the contacts: the planning period, between whose
+            ticks contact goals do not change in O.
+        lead: Seconds by which `tip_goals` are ahead: the delay of the system that follows them.
+        withdrawn_radii: Distance from z of G at which each finger without an active contact waits,
+            shape (n,), in metres. 0, and the default, mean the initial distance of the fingertips
+            on average.
 
     Raises:
-        InvalidArgumentError: If an argument is out of its range.
+        InvalidArgumentError: If an argument or a field of `config` is out of its range.
     """
 
     def __init__(
         self,
+        config: GraspConfig | None = None,
         *,
         tip_frames: Sequence[str],
         tip_radius: float | FloatArray,
@@ -136,75 +146,63 @@ class FingertipGoalShaper(LeafSystem):
         fixed: Sequence[Solid],
         p_GT: FloatArray,
         finger_azimuths: FloatArray,
-        period: float,
         target_period: float,
         lead: float = 0.0,
-        speed: float = 0.3,
-        standoff: float = 0.02,
         withdrawn_radii: FloatArray | None = None,
+        **deprecated: Any,
     ) -> None:
         super().__init__()
+        config = config_with(config, GraspConfig(), deprecated, self, {"speed": "goal_speed"})
+        check_fields(config)
         n = len(tip_frames)
         if np.shape(p_GT) != (n, 3):
             raise InvalidArgumentError(f"p_GT must have shape ({n}, 3), not {np.shape(p_GT)}")
-        for name, value in (
-            ("period", period),
-            ("target_period", target_period),
-            ("speed", speed),
-            ("tip_radius", np.min(tip_radius)),
-        ):
+        for name, value in (("target_period", target_period), ("tip_radius", np.min(tip_radius))):
             if not value > 0:
                 raise InvalidArgumentError(f"{name} must be greater than 0, not {value}")
         self._tip_frames = list(tip_frames)
         self._radius: FloatArray = np.broadcast_to(np.asarray(tip_radius, dtype=float), n)
         self._object = object_solid
         mean_radius = np.mean(np.linalg.norm(np.asarray(p_GT)[:, :2], axis=1))
-        asked = np.zeros(n) if withdrawn_radii is None else withdrawn_radii
+        radii = np.zeros(n) if withdrawn_radii is None else withdrawn_radii
         azimuths = np.asarray(finger_azimuths)
         self._places = TipPlaces(
             tip_radii=self._radius,
             directions=np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(n)], axis=1),
-            withdrawn_radii=np.where(asked, asked, mean_radius),
+            withdrawn_radii=np.where(radii, radii, mean_radius),
             object_top=object_top,
         )
-        self._fixed = tuple(fixed)
-        self._lead, self._step, self._standoff = lead, speed * period, standoff
+        self._fixed, self._lead = tuple(fixed), lead
+        self._step, self._standoff = config.goal_speed * config.period, config.standoff
 
         self._tips = self.DeclareDiscreteState(np.array(p_GT, dtype=float).ravel())
-        # Before the first tick there is no contact: tips stay, and nothing is held.
-        frames = np.concatenate(self._places.first_contacts(np.asarray(p_GT), standoff)).ravel()
-        self._asked = self.DeclareDiscreteState(frames)
-        self._contacts = self.DeclareDiscreteState(frames)
+        # Before the first tick there are no contacts: fingertips stay, and nothing is held.
+        frames = self._places.first_contacts(np.asarray(p_GT), config.standoff)
+        self._targeted = self.DeclareDiscreteState(np.concatenate(frames).ravel())
+        self._contacts = self.DeclareDiscreteState(np.concatenate(frames).ravel())
         self._active = self.DeclareDiscreteState(n)
-        pose, bus = AbstractValue.Make(RigidTransform()), AbstractValue.Make(BusValue())
-        self._targets = self.DeclareAbstractInputPort("fingertip_targets", bus)
+        self._targets = self.DeclareAbstractInputPort("fingertip_targets", BUS)
         self._status = self.DeclareVectorInputPort("contact_status", n)
-        self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", pose)
-        self._X_WG = self.DeclareAbstractInputPort("X_WG", pose)
-        self._V_WG = self.DeclareAbstractInputPort("V_WG", AbstractValue.Make(SpatialVelocity()))
+        self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
+        self._X_WG = self.DeclareAbstractInputPort("X_WG", POSE)
+        self._V_WG = self.DeclareAbstractInputPort("V_WG", VELOCITY)
         self._standoffs = self.DeclareVectorInputPort("standoffs", n)
         self._hold = self.DeclareVectorInputPort("hold_contacts", 1)
-        self._obstacles = self.DeclareAbstractInputPort(
-            "obstacles", AbstractValue.Make(Obstacles())
-        )
-        self._X_WU = self.DeclareAbstractInputPort("X_WU", pose)
+        self._obstacles = self.DeclareAbstractInputPort("obstacles", OBSTACLES)
+        self._X_WU = self.DeclareAbstractInputPort("X_WU", POSE)
         self._fingers_hold = self.DeclareVectorInputPort("fingers_hold", n)
         self._tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
         self._pose = LastPose(self, self._X_WG)
         self.DeclareAbstractOutputPort(
             "tip_goals",
-            lambda: AbstractValue.Make(BusValue()),
+            BUS.Clone,
             self._calc_tip_goals,
-            {
-                self.discrete_state_ticket(self._tips),
-                *self._pose.tickets,
-                self._V_WG.ticket(),
-            },
+            {self.discrete_state_ticket(self._tips), *self._pose.tickets, self._V_WG.ticket()},
         )
         self.DeclareStateOutputPort("contact_frames", self._contacts)
         self.DeclareStateOutputPort("p_GT", self._tips)
         self.DeclarePeriodicDiscreteUpdateEvent(target_period, 0.0, self._sample_targets)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update)
+        self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._update)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         held = self._is_held(context)
@@ -215,11 +213,14 @@ class FingertipGoalShaper(LeafSystem):
         if self._standoffs.HasValue(context):
             asked = validated_numbers(self._standoffs.Eval(context))
             standoffs = np.where(np.isnan(asked), standoffs, asked)
-        kept = self._contacts if held else self._asked
+        kept = self._contacts if held else self._targeted
         p_OC, nhat = context.get_discrete_state(kept).value().reshape(2, -1, 3)
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
         self._pose.store(context, discrete_state)
-        obstacles = self._placed_obstacles(context)
+        X_GW = self._pose.eval(context).inverse()
+        R_GW, p_GW = X_GW.rotation().matrix(), X_GW.translation()
+        in_world = Obstacles(eval_obstacles(self, self._obstacles, context).solids)
+        obstacles = place_obstacles(in_world, R_GW, p_GW)
         if not all_are_known(obstacles):
             return
         goal = np.where(
@@ -230,12 +231,9 @@ class FingertipGoalShaper(LeafSystem):
         holding = held & active
         if self._fingers_hold.HasValue(context):
             holding = holding & ~(np.asarray(self._fingers_hold.Eval(context)) <= 0)
-        gaps = np.where(active, standoffs, MOVING_CLEARANCE)
-        X_GW = self._pose.eval(context).inverse()
-        R_GW, p_GW = X_GW.rotation().matrix(), X_GW.translation()
         room = self._places.room(
             self._object,
-            gaps,
+            np.where(active, standoffs, MOVING_CLEARANCE),
             fixed=[solid.moved(R_GW, p_GW) for solid in self._fixed],
             obstacles=obstacles.solids,
             holding=holding,
@@ -250,21 +248,16 @@ class FingertipGoalShaper(LeafSystem):
         discrete_state.set_value(self._contacts, np.concatenate([p_OC, nhat]).ravel())
 
     def _is_held(self, context: Context) -> bool:
-        # NaN isn't at most 0.
+        # NaN is not <= 0 either, so it holds the contacts.
         return bool(self._hold.HasValue(context) and not self._hold.Eval(context)[0] <= 0)
-
-    def _is_tracked(self, context: Context) -> bool:
-        if not self._tracking_status.HasValue(context):
-            return True
-        status = TrackingStatus(self._tracking_status.Eval(context)[0])
-        return status.is_followed
 
     def _sample_targets(self, context: Context, discrete_state: DiscreteValues) -> None:
         X_WO: RigidTransform = self._X_WO.Eval(context)
-        if self._is_held(context) or not self._is_tracked(context) or not is_valid(X_WO):
+        followed = is_followed(self._tracking_status, context)
+        if self._is_held(context) or not followed or not is_valid(X_WO):
             return
-        asked: FloatArray = context.get_discrete_state(self._asked).value().copy()
-        p_OC, nhat = asked.reshape(2, -1, 3)
+        targeted: FloatArray = context.get_discrete_state(self._targeted).value().copy()
+        p_OC, nhat = targeted.reshape(2, -1, 3)
         port = f"fingertip_targets of {self.get_name()}"
         X_OW = X_WO.inverse()
         targets = validated_poses(self._targets.Eval(context), self._tip_frames, port)
@@ -273,29 +266,15 @@ class FingertipGoalShaper(LeafSystem):
                 X_OC: RigidTransform = X_OW @ X_WC
                 p_OC[finger] = X_OC.translation()
                 nhat[finger] = -X_OC.rotation().matrix()[:, 2]
-        discrete_state.set_value(self._asked, asked)
+        discrete_state.set_value(self._targeted, targeted)
 
     def _palm_turn(self, context: Context) -> FloatArray | None:
-        """Returns R_GU; None without a pose of the palm that can be used."""
+        """Returns R_GU, or None without a valid pose of the palm."""
         if not self._X_WU.HasValue(context) or not is_valid(self._X_WU.Eval(context)):
             return None
         R_GW = self._pose.eval(context).rotation().inverse()
         R_GU: FloatArray = (R_GW @ self._X_WU.Eval(context).rotation()).matrix()
         return R_GU
-
-    def _placed_obstacles(self, context: Context) -> Obstacles:
-        """Returns the solids of the obstacles in G."""
-        if not self._obstacles.HasValue(context):
-            return Obstacles()
-        in_world = self._obstacles.Eval(context)
-        if not isinstance(in_world, Obstacles):
-            raise InvalidArgumentError(
-                f"port obstacles of {self.get_name()} accepts an Obstacles,"
-                f" not a {type(in_world).__name__}"
-            )
-        X_GW = self._pose.eval(context).inverse()
-        solids = Obstacles(in_world.solids)
-        return place_obstacles(solids, X_GW.rotation().matrix(), X_GW.translation())
 
     def _calc_tip_goals(self, context: Context, output: AbstractValue) -> None:
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)

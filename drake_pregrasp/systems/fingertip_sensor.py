@@ -12,27 +12,27 @@ from drake_pregrasp.arrays import FloatArray, IntArray, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
 
 _FORCE_DIRECTIONS = 3
-_DAMPING = 1e-10  # In m², beside squares of a finger's length: it can be stretched out straight.
+_DAMPING = 1e-10  # Added to J Jᵀ, in m², which is singular for a finger that is stretched out.
 
 
 class HandKinematics:
-    """The kinematics of a hand whose joints are all driven to desired positions.
+    """Kinematics of a hand whose joints are all driven to desired positions.
 
-    It holds no Context: whoever asks brings one of its plant.
+    The caller provides the Context.
 
     Args:
-        plant: A finalized plant with nothing but the hand, and whatever carries it.
+        plant: A finalized plant that contains only the hand and its carrier or arm.
         tip_frames: Scoped names, `model_instance::frame`, of the frames at the fingertips' centres.
 
     Attributes:
         plant: The plant.
-        tip_frames: The names.
+        tip_frames: Scoped names of the fingertips' frames.
         stiffness: Proportional gain of each joint, shape (nq,).
-        lower: Least position of each joint, shape (nq,).
-        upper: Largest position of each joint, shape (nq,).
+        lower: Lower limit of each joint, shape (nq,).
+        upper: Upper limit of each joint, shape (nq,).
 
     Raises:
-        InvalidArgumentError: If there is no such frame, or a joint isn't driven.
+        InvalidArgumentError: If a frame does not exist, or a joint is not driven.
     """
 
     def __init__(self, plant: MultibodyPlant, tip_frames: Sequence[str]) -> None:
@@ -41,11 +41,8 @@ class HandKinematics:
         self._frames = [_find_frame(plant, name) for name in tip_frames]
         self.stiffness = _stiffness(plant)
         self.lower, self.upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-        ways = [_joints_to(plant, frame) for frame in self._frames]
-        shared = [sum(joint in way for way in ways) > 1 for joint in range(plant.num_velocities())]
-        self._is_own = np.array(
-            [[j in way and not s for j, s in enumerate(shared)] for way in ways]
-        )
+        moves = np.array([_joints_to(plant, frame) for frame in self._frames])
+        self._is_own = moves & (np.sum(moves, axis=0) == 1)
         for name, own in zip(tip_frames, self._is_own, strict=True):
             if np.sum(own) < _FORCE_DIRECTIONS:
                 raise InvalidArgumentError(
@@ -55,11 +52,11 @@ class HandKinematics:
 
     @property
     def num_positions(self) -> int:
-        """How many joints there are, nq."""
+        """Number of joints nq."""
         return int(self.plant.num_positions())
 
     def own_joints(self, finger: int) -> IntArray:
-        """Returns which joints move the tip of that finger only."""
+        """Returns the indices of the joints that move only this finger's tip."""
         return np.flatnonzero(self._is_own[finger])
 
     def tip_positions(self, plant_context: Context) -> FloatArray:
@@ -81,12 +78,12 @@ class HandKinematics:
     def tip_forces(self, plant_context: Context, actuation: FloatArray) -> FloatArray:
         """Returns the forces that fingertips press with, in W, shape (n, 3), in newtons.
 
-        At rest and without gravity a finger's torques are tau = J^T f, with the columns of its own
-        joints. Of a finger with more than three, f fits best.
+        At rest and without gravity, the torques of a finger's own joints are tau = J^T f. With more
+        than three joints, f is the least-squares solution.
 
         Args:
-            plant_context: Where the joints are.
-            actuation: Their torques, shape (nq,), in N m.
+            plant_context: Context of the plant at the hand's positions.
+            actuation: Torques of all joints, shape (nq,), in N m.
         """
         J = self.tip_jacobians(plant_context) * self._is_own[:, None]
         squares = J @ J.transpose(0, 2, 1) + _DAMPING * np.eye(3)
@@ -106,7 +103,7 @@ def _find_frame(plant: MultibodyPlant, scoped_name: str) -> Frame:
 
 
 def frame_names(plant: MultibodyPlant, model: ModelInstanceIndex) -> list[str]:
-    """Returns the names of a model's frames, but for those that Drake adds for its joints."""
+    """Returns the names of a model's frames, except those that Drake adds for its joints."""
     joints = [plant.get_joint(index).name() for index in plant.GetJointIndices(model)]
     added = tuple(f"{joint}_" for joint in joints)
     names = [plant.get_frame(index).name() for index in plant.GetFrameIndices(model)]
@@ -120,7 +117,7 @@ def _stiffness(plant: MultibodyPlant) -> FloatArray:
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_joint_actuator(index)
         position = actuator.joint().position_start()
-        if position <= last:  # Ports of drives are in their own order, positions in the joints'.
+        if position <= last:  # Actuation ports follow the actuators, positions the joints.
             raise InvalidArgumentError(
                 f"actuator {actuator.name()} must come in the order of the joints, one for each"
             )
@@ -136,23 +133,20 @@ def _stiffness(plant: MultibodyPlant) -> FloatArray:
     return stiffness
 
 
-def _joints_to(plant: MultibodyPlant, frame: Frame) -> set[int]:
-    """Returns the velocities on the way from the world to a frame."""
-    above = {}
+def _joints_to(plant: MultibodyPlant, frame: Frame) -> list[bool]:
+    """Returns for each velocity whether it moves a frame."""
+    moves = [False] * plant.num_velocities()
     for index in plant.GetJointIndices():
         joint = plant.get_joint(index)
-        above[joint.child_body().index()] = joint
-    way = set()
-    body = frame.body()
-    while body.index() in above:
-        joint = above[body.index()]
-        way |= set(range(joint.velocity_start(), joint.velocity_start() + joint.num_velocities()))
-        body = joint.parent_body()
-    return way
+        if joint.num_velocities():
+            moved = frame.body().index() in plant.GetBodiesKinematicallyAffectedBy([index])
+            for velocity in range(joint.num_velocities()):
+                moves[joint.velocity_start() + velocity] = moved
+    return moves
 
 
 class FingertipSensor(LeafSystem):
-    """Measures positions of fingertips and the forces they press with, as a real hand can.
+    """Measures the fingertips' positions and forces from the joints, as a real hand can.
 
     .. pydrake_system::
 
@@ -166,18 +160,18 @@ class FingertipSensor(LeafSystem):
 
     Port `hand_state` accepts a vector of 2 nq: positions and velocities of the hand's joints.
 
-    Port `net_actuation` accepts a vector of nq: their torques (and forces) in N m (and N), as of
-    MultibodyPlant's port of that name. Nothing but the forces at the tips may load the fingers: no
-    gravity, or one that is compensated, and no quick motion.
+    Port `net_actuation` accepts a vector of nq: torques (and forces) of the joints in N m (and N),
+    from MultibodyPlant's port of that name. The model neglects gravity, or assumes that it is
+    compensated, and inertia: only forces at the fingertips load the fingers.
 
-    Port `p_WT` emits a vector of 3n: the fingertips' centres in W, in metres; NaN if one of the
-    hand's positions isn't finite, for nobody knows then.
+    Port `p_WT` emits a vector of 3n: the fingertips' centres in W, in metres; NaN if a position of
+    the hand is not finite.
 
-    Port `f_T_W` emits a vector of 3n: the forces that the tips press with, in W, in newtons; NaN if
-    a position or torque isn't finite.
+    Port `f_T_W` emits a vector of 3n: the forces that the fingertips press with, in W, in newtons;
+    NaN if a position or a torque is not finite.
 
     Args:
-        hand: Its kinematics.
+        hand: Kinematics of the hand.
     """
 
     def __init__(self, hand: HandKinematics) -> None:
@@ -206,7 +200,7 @@ class FingertipSensor(LeafSystem):
         self._hand.plant.SetPositions(output.get_mutable_value(), q)
 
     def _calc_positions(self, context: Context, output: BasicVector) -> None:
-        if np.any(np.isnan(self._positions(context))):  # Drake ends the process for such ones.
+        if np.any(np.isnan(self._positions(context))):  # Drake aborts the process on NaN.
             output.SetFromVector(np.full(output.size(), np.nan))
             return
         output.SetFromVector(self._hand.tip_positions(self._posed.Eval(context)).ravel())

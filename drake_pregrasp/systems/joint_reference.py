@@ -1,4 +1,4 @@
-"""Desired joint states from the velocities of differential inverse kinematics."""
+"""Desired joint states, integrated from the velocities of differential inverse kinematics."""
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -15,11 +15,11 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.systems.fingertip_sensor import HandKinematics
 
 LARGEST_RATE = 10.0
-"""Of any joint, in rad/s or m/s: near a singular posture all joints slow down together."""
+"""Largest rate of any joint, in rad/s or m/s; near a singularity all joints slow down together."""
 
 
 class JointReference(LeafSystem):
-    """Integrates joint velocities to desired joint states, and adds what presses the tips.
+    """Integrates joint velocities to desired joint states, and adds the forces of the fingertips.
 
     .. pydrake_system::
 
@@ -32,28 +32,27 @@ class JointReference(LeafSystem):
         - desired_state
 
     Port `commanded_velocity` accepts a vector of nq, as `DifferentialInverseKinematicsSystem` emits
-    it; it is sampled once each period. If it isn't finite, the reference stays where it is.
+    it; it is sampled once each period. If it is not finite, the reference stops.
 
-    Port `f_T_W` (optional) accepts a vector of 3n: forces that fingertips are to press with, in W,
-    in newtons. A finger whose force isn't finite presses with none.
+    Port `f_T_W` (optional) accepts a vector of 3n: the forces that the fingertips should press
+    with, in W, in newtons. A force that is not finite counts as zero.
 
-    Port `position` emits a vector of nq: the reference q at the Context's time. It is what that
-    system has to start from: never the measured positions, which lag behind.
+    Port `position` emits a vector of nq: the reference q at the Context's time. Differential
+    inverse kinematics must start from it, not from the measured positions, which lag behind.
 
-    Port `desired_state` emits a vector of 2 nq: q + K_p^-1 J^T f, then the velocities, which feed
-    forward. Joints that are held by their gains K_p at q press with f when they are asked to be
-    there.
+    Port `desired_state` emits a vector of 2 nq: q + K_p^-1 J^T f, then the velocities. Joints that
+    are held at these positions by their proportional gains K_p press with f.
 
-    The reference moves steadily between ticks, so a drive that samples it at any rate is fed
-    without steps. A joint that comes to its limit stays there.
+    The reference is linear between ticks, so a controller may sample it at any rate. A joint at its
+    limit stays there.
 
     Args:
-        hand: Its kinematics.
+        hand: Kinematics of the hand.
         period: Seconds between ticks, greater than zero.
-        initial: Positions at the start, shape (nq,).
+        initial: Initial positions, shape (nq,).
 
     Raises:
-        InvalidArgumentError: If `period` isn't positive, or `initial` has another length.
+        InvalidArgumentError: If `period` is not positive, or `initial` has another length.
     """
 
     def __init__(self, hand: HandKinematics, *, period: float, initial: FloatArray) -> None:
@@ -91,7 +90,7 @@ class JointReference(LeafSystem):
         return reference
 
     def _is_at_limit(self, context: Context) -> BoolArray:
-        """Returns which joints are where they can't go on, shape (nq,)."""
+        """Returns which joints move beyond their limits, shape (nq,)."""
         q = self._reference(context)
         v: FloatArray = context.get_discrete_state(self._v).value()
         above, below = q >= self._hand.upper, q <= self._hand.lower

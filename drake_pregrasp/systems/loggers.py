@@ -1,4 +1,4 @@
-"""Loggers that hand what happened at each tick to a callback."""
+"""Loggers that call a function with a record of each tick."""
 
 import time
 from collections.abc import Callable
@@ -12,22 +12,23 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.regions.safe_regions import SafeRegions
+from drake_pregrasp.systems.pose_ports import POSE
 
 
 @dataclass(frozen=True, eq=False)
 class TickRecord:
-    """One planning tick.
+    """Record of one planning tick.
 
     Attributes:
-        time: In seconds.
+        time: Time of the tick, in seconds.
         p_WC: Contact goals in W, shape (n, 3), in metres.
-        contact_status: `ContactStatus` of each, shape (n,).
-        contact_causes: The contact or obstacle behind it, or -1, shape (n,).
-        grasp_quality: As `GraspQualityMonitor` emits it, shape (5,).
-        regions: The safe regions.
-        X_WO: The object's true pose.
-        X_WO_estimated: Its estimate.
-        wall_seconds: What it took to compute the goals from the plant's state.
+        contact_status: `ContactStatus` of each contact, shape (n,).
+        contact_causes: Index of the contact or obstacle that causes each status, or -1, shape (n,).
+        grasp_quality: Output of `GraspQualityMonitor`, shape (5,).
+        regions: Safe regions.
+        X_WO: True pose of the object.
+        X_WO_estimated: Estimated pose of the object.
+        wall_seconds: Wall time in which the goals were computed from the plant's state, in seconds.
         tracking_status: A `TrackingStatus`.
         time_since_measurement: Age of the newest measurement in the estimate, in seconds.
     """
@@ -46,7 +47,7 @@ class TickRecord:
 
 
 class TickLogger(LeafSystem):
-    """Hands a `TickRecord` to a function at each planning tick.
+    """Calls a function with a `TickRecord` at each planning tick.
 
     .. pydrake_system::
 
@@ -65,17 +66,17 @@ class TickLogger(LeafSystem):
     The ports accept what the ports of these names emit: `p_WC`, `contact_status` and
     `contact_causes` of `CentroidSelector`, `grasp_quality` of `GraspQualityMonitor`,
     `safe_regions` of `SafeRegionPartitioner`, `X_WO` of `ObjectPlant`, and `X_WO_estimated` and,
-    optional, `tracking_status` and `time_since_measurement` of `PoseEstimator`. Without these two
-    the object is always tracked.
+    optional, `tracking_status` and `time_since_measurement` of `PoseEstimator`. If these two are
+    unconnected, the object is always tracked.
 
-    Publish events of one time run in the order in which systems were added: to time the planner,
-    and not a cache look-up, add this system before visualizers.
+    Publish events of one time run in the order in which systems were added. Add this system before
+    visualizers, so that it times the planner and not a cache look-up.
 
     Args:
-        num_contacts: n.
-        quality_size: Length of `grasp_quality`.
+        num_contacts: Number of contacts n.
+        quality_size: Number of elements of `grasp_quality`.
         period: Seconds between ticks.
-        sink: Called with each record, in the order of time.
+        sink: Function that is called with each record, in the order of time.
     """
 
     def __init__(
@@ -94,10 +95,8 @@ class TickLogger(LeafSystem):
         self._safe_regions = self.DeclareAbstractInputPort(
             "safe_regions", AbstractValue.Make(object())
         )
-        self._X_WO = self.DeclareAbstractInputPort("X_WO", AbstractValue.Make(RigidTransform()))
-        self._X_WO_estimated = self.DeclareAbstractInputPort(
-            "X_WO_estimated", AbstractValue.Make(RigidTransform())
-        )
+        self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)
+        self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
         self._contact_causes = self.DeclareVectorInputPort("contact_causes", num_contacts)
         self._tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
         self._age = self.DeclareVectorInputPort("time_since_measurement", 1)
@@ -113,7 +112,7 @@ class TickLogger(LeafSystem):
             status = TrackingStatus(self._tracking_status.Eval(context)[0])
         if self._age.HasValue(context):
             age = float(self._age.Eval(context)[0])
-        # Evaluating an abstract port gives the cached object itself, which later ticks overwrite.
+        # Copies, because Drake overwrites the values of ports at later ticks.
         self._sink(
             TickRecord(
                 time=context.get_time(),
@@ -134,17 +133,17 @@ class TickLogger(LeafSystem):
 
 @dataclass(frozen=True, eq=False)
 class GraspRecord:
-    """One control tick.
+    """Record of one control tick.
 
     Attributes:
-        time: In seconds.
-        report: As `GraspSequencer` emits it, shape (4,).
-        p_WT: The fingertips' centres in W, shape (n, 3), in metres.
-        p_GT: Their goals in the frame G that carries them, shape (n, 3).
-        f_T_W: What they press with, in W, shape (n, 3), in newtons.
-        X_WG: The pose of G.
-        X_WO: The object's true pose.
-        X_WD: That of the turntable.
+        time: Time of the tick, in seconds.
+        report: Output `grasp_report` of `GraspSequencer`, shape (4,).
+        p_WT: Centres of the fingertips in W, shape (n, 3), in metres.
+        p_GT: Goals of the fingertips in the frame G, shape (n, 3), in metres.
+        f_T_W: Forces that the fingertips press with, in W, shape (n, 3), in newtons.
+        X_WG: Pose of the frame G in which goals are planned.
+        X_WO: True pose of the object.
+        X_WD: Pose of the turntable.
     """
 
     time: float
@@ -158,7 +157,7 @@ class GraspRecord:
 
 
 class GraspLogger(LeafSystem):
-    """Hands a `GraspRecord` to a function at each control tick.
+    """Calls a function with a `GraspRecord` at each control tick.
 
     .. pydrake_system::
 
@@ -172,15 +171,15 @@ class GraspLogger(LeafSystem):
         - X_WO
         - X_WD
 
-    All ports but `f_T_W` have to be connected; without it, forces are recorded as zeros.
+    All ports except `f_T_W` must be connected; without it, the recorded forces are zero.
 
     The ports accept what ports of these names emit: `grasp_report`, `p_GT`, `p_WT`, `f_T_W` and
     `X_WG` of `HandController`, `X_WO` and `X_WD` of `HandStation`.
 
     Args:
-        num_fingers: n.
+        num_fingers: Number of fingers n.
         period: Seconds between ticks.
-        sink: Called with each record, in the order of time.
+        sink: Function that is called with each record, in the order of time.
     """
 
     def __init__(
@@ -189,33 +188,29 @@ class GraspLogger(LeafSystem):
         super().__init__()
         n = num_fingers
         self._sink = sink
-        pose = AbstractValue.Make(RigidTransform())
         self._report = self.DeclareVectorInputPort("grasp_report", 4)
         self._p_GT = self.DeclareVectorInputPort("p_GT", 3 * n)
         self._p_WT = self.DeclareVectorInputPort("p_WT", 3 * n)
         self._f_T_W = self.DeclareVectorInputPort("f_T_W", 3 * n)
-        self._X_WG = self.DeclareAbstractInputPort("X_WG", pose)
-        self._X_WO = self.DeclareAbstractInputPort("X_WO", pose)
-        self._X_WD = self.DeclareAbstractInputPort("X_WD", pose)
+        self._X_WG = self.DeclareAbstractInputPort("X_WG", POSE)
+        self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)
+        self._X_WD = self.DeclareAbstractInputPort("X_WD", POSE)
         self.DeclarePeriodicPublishEvent(period, 0.0, self._log)
 
     def _log(self, context: Context) -> EventStatus:
+        forces: FloatArray = np.zeros(self._f_T_W.size())
+        if self._f_T_W.HasValue(context):
+            forces = self._f_T_W.Eval(context).copy()
         self._sink(
             GraspRecord(
                 time=context.get_time(),
                 report=self._report.Eval(context).copy(),
                 p_WT=self._p_WT.Eval(context).reshape(-1, 3).copy(),
                 p_GT=self._p_GT.Eval(context).reshape(-1, 3).copy(),
-                f_T_W=self._forces(context),
+                f_T_W=forces.reshape(-1, 3),
                 X_WG=RigidTransform(self._X_WG.Eval(context)),
                 X_WO=RigidTransform(self._X_WO.Eval(context)),
                 X_WD=RigidTransform(self._X_WD.Eval(context)),
             )
         )
         return EventStatus.Succeeded()
-
-    def _forces(self, context: Context) -> FloatArray:
-        if not self._f_T_W.HasValue(context):
-            return np.zeros((self._f_T_W.size() // 3, 3))
-        forces: FloatArray = self._f_T_W.Eval(context).reshape(-1, 3).copy()
-        return forces

@@ -3,25 +3,25 @@
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.geometry import Box, Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace, Solid
 from drake_pregrasp.regions.constraints import Obstacles
+from drake_pregrasp.systems.pose_ports import OBSTACLES
 
 ROOT = "/drake/obstacles"
 """Meshcat path under which obstacles are drawn."""
 
 _COLOR = Rgba(0.84, 0.37, 0.0, 0.3)
-_PLATE = 0.36  # Edge of the plate that stands for a half-space, in metres.
+_PLATE = 0.36  # Edge of the plate that represents a half-space, in metres.
 _THICKNESS = 0.004
-_DEPTH = 0.004  # Of its middle: its face is a bit below the surface, which is often drawn itself.
+_DEPTH = 0.004  # Depth of its middle below the plane, where often something else is drawn.
 
 
 class ObstacleVisualizer(LeafSystem):
-    """Draws obstacles where they are.
+    """Draws obstacles in Meshcat.
 
     .. pydrake_system::
 
@@ -29,21 +29,19 @@ class ObstacleVisualizer(LeafSystem):
         input_ports:
         - obstacles
 
-    Port `obstacles` accepts `Obstacles` in W, with solids of the same kinds and sizes as at the
-    start. Half-spaces are drawn as plates just below their surface.
+    Port `obstacles` accepts `Obstacles` in W, with solids of the same kinds and sizes as `solids`.
+    Half-spaces are drawn as plates just below their plane.
 
     Args:
-        meshcat: Where to draw.
-        solids: The obstacles at the start, in W.
+        meshcat: Meshcat instance to draw in.
+        solids: Initial obstacles, in W.
         publish_period: Seconds between frames, greater than zero.
     """
 
     def __init__(self, *, meshcat: Meshcat, solids: Sequence[Solid], publish_period: float) -> None:
         super().__init__()
         self._meshcat = meshcat
-        self._obstacles = self.DeclareAbstractInputPort(
-            "obstacles", AbstractValue.Make(Obstacles())
-        )
+        self._obstacles = self.DeclareAbstractInputPort("obstacles", OBSTACLES)
         meshcat.Delete(ROOT)
         for index, solid in enumerate(solids):
             meshcat.SetObject(f"{ROOT}/{index}", _geometry(solid), _COLOR)

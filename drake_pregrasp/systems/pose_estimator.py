@@ -1,4 +1,6 @@
-"""The object's pose, twist and uncertainty from noisy pose measurements."""
+"""Estimate of the object's pose, twist and uncertainty from noisy pose measurements."""
+
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -16,27 +18,27 @@ from drake_pregrasp.arrays import (
     FARTHEST,
     FloatArray,
     finite_vector,
-    is_integer,
     number_or_nan,
     pack,
     unpack,
 )
+from drake_pregrasp.config.deprecated_keywords import config_with
+from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
+from drake_pregrasp.config.validation import check_fields
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.pose_filter import (
     NO_BELIEF,
-    PoseFilterNoise,
+    PoseBelief,
     PoseMeasurement,
     predict,
 )
 from drake_pregrasp.estimation.pose_track import PoseTrack, TrackingStatus, tracking_status
-from drake_pregrasp.estimation.pose_tracker import OLDEST, TrackerSettings, update_track
+from drake_pregrasp.estimation.pose_tracker import OLDEST, update_track
+from drake_pregrasp.systems.pose_ports import POSE, VELOCITY
 from drake_pregrasp.ticks import tick_index
 
 WAITING_STD = 1.0
 """Standard deviation of the position before the first measurement, in metres."""
-
-MOST_LATE = 1000
-"""Largest number of used measurements before which an out-of-sequence measurement may come."""
 
 
 class PoseEstimator(LeafSystem):
@@ -57,155 +59,116 @@ class PoseEstimator(LeafSystem):
         - measurement_verdict
         - innovation_squared
 
-    Port `X_WO_measured` accepts a `RigidTransform`; it is sampled once each period. An invalid pose
-    (not finite, not a rotation, beyond `FARTHEST`) is refused.
+    Port `X_WO_measured` accepts a `RigidTransform`, which is sampled once each period. A pose that
+    is not finite, has an invalid rotation, or is beyond `FARTHEST` is refused.
 
     Port `measurement_time` (optional) accepts a vector of 1: the time at which the pose at
-    `X_WO_measured` was measured, in seconds; -inf if there was none yet. A time that was read
-    before means that there is no new measurement. An out-of-sequence measurement, one older than
-    the newest, corrects the estimate of its own time and all since then, if at most
-    `late_measurements` newer ones were used, and is refused otherwise. If the port is unconnected,
-    every sample is new, and measured at its tick.
+    `X_WO_measured` was measured, in seconds; -inf before the first measurement. A time that was
+    received before means that there is no new measurement. A measurement that is older than the
+    newest one corrects the estimate for its own time and for all later times, if at most
+    `late_measurements` used ones are newer; otherwise it is refused. If the port is unconnected,
+    every sample is new and was measured at its tick.
 
-    Port `X_WO_estimated` emits a `RigidTransform`.
+    Port `X_WO_estimated` emits a `RigidTransform`: the estimated pose.
 
-    Port `V_WO_estimated` emits a `SpatialVelocity`: of O's frame in W, expressed in W.
+    Port `V_WO_estimated` emits a `SpatialVelocity`: the velocity of O in W, expressed in W.
 
-    Port `p_WO_covariance` emits a vector of 9: the covariance Sigma of the position estimate, taken
-    at the object's centre of mass, expressed in W, row-major, in m² (Eq. 3). It grows while no
-    measurement is used.
+    Port `p_WO_covariance` emits a vector of 9: the covariance Sigma of the position estimate in W,
+    row-major, in m² (Eq. 3). The position is estimated at the centre of mass. The covariance grows
+    while no measurement is used.
 
-    Port `tracking_status` emits a `TrackingStatus` as a number. It is not `TRACKING` while
-    measurements contradict a belief whose twist none has confirmed. While it is `LOST`, pose and
-    twist stand still: the pose is the prediction for the time of the loss, the twist is zero. It is
-    `LOST`, too, if the prediction is beyond `FARTHEST`; the pose then is the newest one that was
-    measured. While it is `WAITING`, the pose is the identity.
+    Port `tracking_status` emits a vector of 1: a `TrackingStatus`. It is not `TRACKING` while
+    measurements contradict a belief whose twist no measurement has confirmed. While it is `LOST`,
+    the pose stays at its prediction for the moment of the loss and the twist is zero. It is also
+    `LOST` if the prediction is beyond `FARTHEST`; the pose then stays at the newest one that was
+    used. While it is `WAITING`, the pose is the identity.
 
-    Port `time_since_measurement` emits the seconds since the newest measurement that was used was
-    made, or since time 0 if none was.
+    Port `time_since_measurement` emits a vector of 1: the age of the newest measurement that was
+    used, in seconds; the Context's time if none was used yet.
 
-    Port `measurement_verdict` emits the result of the check of the last tick's sample: a
-    `MeasurementVerdict` as a number.
+    Port `measurement_verdict` emits a vector of 1: a `MeasurementVerdict`, which says what became
+    of the last tick's sample.
 
-    Port `innovation_squared` emits a vector of 2: νᵀ S⁻¹ ν of position and orientation, of the
-    last measurement that was compared with a prediction. If the filter's assumptions hold, each is
-    chi-square distributed with 3 degrees of freedom.
+    Port `innovation_squared` emits a vector of 2: νᵀ S⁻¹ ν of the position and of the orientation
+    for the last measurement that was compared with a prediction. If the filter's assumptions hold,
+    each is chi-square distributed with 3 degrees of freedom.
 
-    A Kalman filter estimates the centre of mass, an error-state filter the orientation. There is no
-    lag: at a tick the outputs are the posterior of that tick's measurement, whether they are
-    evaluated before the discrete update stores it or after (the stored state carries its time, so
-    that no measurement is used twice). Between ticks they are predictions.
+    A Kalman filter estimates the position of the centre of mass, and an error-state filter the
+    orientation. Between ticks the outputs are predictions. At a tick they are the posterior of that
+    tick's measurement, both before and after the discrete update: the stored state carries its
+    time, so no measurement is used twice.
 
     Args:
-        period: Seconds between measurements, above 0.
-        noise: Noise and motion that the filter assumes.
-        p_OCoM: The object's centre of mass in O, shape (3,), in metres.
-        lookahead: Seconds by which the outputs are predicted ahead of the time, from 0 to `OLDEST`.
-        gate: See `TrackerSettings`; 0 to use all measurements.
-        reacquire_after: See `TrackerSettings`.
-        refuse_repeats: See `TrackerSettings`.
-        late_measurements: Number of used measurements before which an out-of-sequence measurement
-            may come, from 1 to `MOST_LATE`.
-        coast_after: Seconds overdue after which the status is `COASTING`, at least 0.
-        lost_after: Seconds overdue after which it is `LOST`, at least `coast_after`; may be
-            infinite.
+        config: Assumptions of the filter; `EstimatorConfig()` by default.
+        period: Seconds between measurements, greater than zero.
+        p_OCoM: The object's centre of mass in O, shape (3,), in metres; zero by default.
 
     Raises:
-        InvalidArgumentError: If an argument is out of its range or not a number.
+        InvalidArgumentError: If an argument or a field of `config` is out of its range.
     """
 
     def __init__(
         self,
+        config: EstimatorConfig | None = None,
         *,
         period: float,
-        noise: PoseFilterNoise,
         p_OCoM: FloatArray | None = None,
-        lookahead: float = 0.0,
-        gate: float = 7.0,
-        reacquire_after: int = 3,
-        refuse_repeats: bool = True,
-        late_measurements: int = 20,
-        coast_after: float = 0.1,
-        lost_after: float = 1.0,
+        **deprecated: Any,
     ) -> None:
         super().__init__()
-        self._period, self._lookahead = number_or_nan(period), number_or_nan(lookahead)
-        self._coast_after, self._lost_after = number_or_nan(coast_after), number_or_nan(lost_after)
-        place = np.zeros(3) if p_OCoM is None else finite_vector(p_OCoM, 3)
-        if not 0 < self._period < np.inf:
+        config = config_with(config, EstimatorConfig(), _unpacked(deprecated), self)
+        check_fields(config)
+        if not config.coast_after <= config.lost_after:
+            raise InvalidArgumentError(
+                f"coast_after must be at most lost_after, {config.lost_after} s, not"
+                f" {config.coast_after}"
+            )
+        if not 0 < number_or_nan(period) < np.inf:
             raise InvalidArgumentError(f"period must be finite and above 0 s, not {period}")
-        if not 0 <= self._lookahead <= OLDEST:
-            raise InvalidArgumentError(f"lookahead must be from 0 to {OLDEST:g} s, not {lookahead}")
-        if not is_integer(late_measurements, 1, MOST_LATE):
-            raise InvalidArgumentError(
-                f"late_measurements must be a whole number from 1 to {MOST_LATE},"
-                f" not {late_measurements}"
-            )
-        if not self._lost_after >= 0:
-            raise InvalidArgumentError(f"lost_after must be at least 0 s, not {lost_after}")
-        if not 0 <= self._coast_after <= self._lost_after:
-            raise InvalidArgumentError(
-                f"coast_after must be from 0 s to lost_after, {lost_after} s, not {coast_after}"
-            )
+        place = np.zeros(3) if p_OCoM is None else finite_vector(p_OCoM, 3)
         if place is None:
             raise InvalidArgumentError(f"p_OCoM must be three finite numbers, not {p_OCoM}")
-        self._noise = noise
-        self._p_OCoM = place
-        self._settings = TrackerSettings(
-            noise=noise,
-            p_OCoM=self._p_OCoM if np.any(self._p_OCoM) else None,
-            gate=gate,
-            reacquire_after=reacquire_after,
-            refuse_repeats=refuse_repeats,
-        )
-        # The belief before the oldest measurement that may still be corrected belongs to them.
-        self._empty = PoseTrack.empty(late_measurements + 1)
+        self._config, self._period, self._p_OCoM = config, period, place
+        self._settings = tracker_settings(config, place if np.any(place) else None)
+        self._noise = self._settings.noise
+        # One more than may be newer than an out-of-sequence measurement: the belief before them.
+        self._no_track = PoseTrack.empty(config.late_measurements + 1)
+        nothing = TrackingStatus.WAITING, NO_BELIEF
 
         self._time_index = self.DeclareDiscreteState(np.array([-np.inf]))
-        self._track_index = self.DeclareDiscreteState(pack(self._empty))
-        self._X_WO_measured = self.DeclareAbstractInputPort(
-            "X_WO_measured", AbstractValue.Make(RigidTransform())
-        )
+        self._track_index = self.DeclareDiscreteState(pack(self._no_track))
+        self._X_WO_measured = self.DeclareAbstractInputPort("X_WO_measured", POSE)
         self._measurement_time = self.DeclareVectorInputPort("measurement_time", 1)
         self._track = self.DeclareCacheEntry(
             "track at the Context's last tick",
-            ValueProducer(lambda: AbstractValue.Make(self._empty), self._calc_track),
+            ValueProducer(lambda: AbstractValue.Make(self._no_track), self._calc_track),
             {self.time_ticket(), self.xd_ticket(), self.all_input_ports_ticket()},
         )
+        tracked, timed = {self._track.ticket()}, {self.time_ticket(), self._track.ticket()}
         self._estimate = self.DeclareCacheEntry(
-            "estimate at the Context's time",
-            ValueProducer(
-                lambda: AbstractValue.Make((TrackingStatus.WAITING, NO_BELIEF)), self._calc_estimate
-            ),
-            {self.time_ticket(), self._track.ticket()},
+            "status and belief at the Context's time",
+            ValueProducer(lambda: AbstractValue.Make(nothing), self._calc_estimate),
+            timed,
         )
-        estimate, track = {self._estimate.ticket()}, {self.time_ticket(), self._track.ticket()}
+        estimated = {self._estimate.ticket()}
+        self.DeclareAbstractOutputPort("X_WO_estimated", POSE.Clone, self._calc_pose, estimated)
         self.DeclareAbstractOutputPort(
-            "X_WO_estimated",
-            lambda: AbstractValue.Make(RigidTransform()),
-            self._calc_pose,
-            estimate,
+            "V_WO_estimated", VELOCITY.Clone, self._calc_velocity, estimated
         )
-        self.DeclareAbstractOutputPort(
-            "V_WO_estimated",
-            lambda: AbstractValue.Make(SpatialVelocity()),
-            self._calc_velocity,
-            estimate,
-        )
-        self.DeclareVectorOutputPort("p_WO_covariance", 9, self._calc_covariance, track | estimate)
-        self.DeclareVectorOutputPort("tracking_status", 1, self._calc_status, estimate)
-        self.DeclareVectorOutputPort("time_since_measurement", 1, self._calc_age, track)
-        self.DeclareVectorOutputPort("measurement_verdict", 1, self._calc_verdict, track)
-        self.DeclareVectorOutputPort("innovation_squared", 2, self._calc_innovation, track)
-        self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._store_track)
+        self.DeclareVectorOutputPort("p_WO_covariance", 9, self._calc_covariance, estimated | timed)
+        self.DeclareVectorOutputPort("tracking_status", 1, self._calc_status, estimated)
+        self.DeclareVectorOutputPort("time_since_measurement", 1, self._calc_age, timed)
+        self.DeclareVectorOutputPort("measurement_verdict", 1, self._calc_verdict, tracked)
+        self.DeclareVectorOutputPort("innovation_squared", 2, self._calc_innovation, tracked)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_track)
 
     def _calc_track(self, context: Context, output: AbstractValue) -> None:
         time = context.get_time()
-        stored_time = context.get_discrete_state(self._time_index).value()[0]
-        track = unpack(self._empty, context.get_discrete_state(self._track_index).value())
+        stored_time = context.get_discrete_state(self._time_index)[0]
+        track = unpack(self._no_track, context.get_discrete_state(self._track_index).value())
         if tick_index(time, self._period) != tick_index(stored_time, self._period):
             if stored_time > time:  # The Context was set back.
-                track = self._empty
+                track = self._no_track
             X_WO: RigidTransform = self._X_WO_measured.Eval(context)
             measured_at = time
             if self._measurement_time.HasValue(context):
@@ -221,26 +184,28 @@ class PoseEstimator(LeafSystem):
         discrete_state.set_value(self._track_index, pack(self._track.Eval(context)))
 
     def _calc_estimate(self, context: Context, output: AbstractValue) -> None:
-        """Sets the status and the belief for the outputs, which stands still from the loss on."""
         track: PoseTrack = self._track.Eval(context)
-        newest = track.newest
-        since = context.get_time() - newest.time
-        status = tracking_status(since, self._period, self._coast_after, self._lost_after)
+        belief, config = track.newest, self._config
+        since = context.get_time() - belief.time
+        status = tracking_status(since, self._period, config.coast_after, config.lost_after)
         if status == TrackingStatus.TRACKING and not track.is_locked:
             status = TrackingStatus.COASTING
-        if status == TrackingStatus.LOST:
-            since = self._period + self._lost_after
-        belief = newest
+        if status == TrackingStatus.LOST:  # The pose stays where it was lost.
+            since = self._period + config.lost_after
         if status != TrackingStatus.WAITING:
-            belief = predict(newest, min(max(0.0, since), OLDEST), self._noise)
-            belief = predict(belief, self._lookahead, self._noise) if self._lookahead else belief
+            belief = self._predicted(track.newest, since)
             p_WO = belief.p_WCoM - belief.R_WO @ self._p_OCoM
             if not np.abs([p_WO, belief.v_WCoM, belief.w_WO]).max() <= FARTHEST:
-                status, belief = TrackingStatus.LOST, newest
+                status, belief = TrackingStatus.LOST, track.newest
         output.set_value((status, belief))
 
+    def _predicted(self, belief: PoseBelief, since: float) -> PoseBelief:
+        now = predict(belief, min(max(0.0, since), OLDEST), self._noise)
+        lookahead = self._config.lookahead
+        return predict(now, lookahead, self._noise) if lookahead else now
+
     def _calc_pose(self, context: Context, output: AbstractValue) -> None:
-        belief = self._estimate.Eval(context)[1]
+        _, belief = self._estimate.Eval(context)
         R_WO = RotationMatrix.ProjectToRotationMatrix(belief.R_WO)
         p_OCoM = self._settings.p_OCoM
         p_WO = belief.p_WCoM if p_OCoM is None else belief.p_WCoM - R_WO @ p_OCoM
@@ -258,25 +223,37 @@ class PoseEstimator(LeafSystem):
 
     def _calc_covariance(self, context: Context, output: BasicVector) -> None:
         status, belief = self._estimate.Eval(context)
+        if status == TrackingStatus.LOST:  # The pose stays, but its uncertainty grows on.
+            newest = self._track.Eval(context).newest
+            belief = self._predicted(newest, context.get_time() - newest.time)
         covariance = belief.P_position[:3, :3]
         if status == TrackingStatus.WAITING:
             covariance = WAITING_STD**2 * np.eye(3)
-        elif status == TrackingStatus.LOST:  # The pose stands still, but its uncertainty grows.
-            newest = self._track.Eval(context).newest
-            since = min(context.get_time() - newest.time, OLDEST)
-            later = predict(predict(newest, since, self._noise), self._lookahead, self._noise)
-            covariance = later.P_position[:3, :3]
         output.SetFromVector(covariance.ravel())
 
     def _calc_status(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([self._estimate.Eval(context)[0]])
+        output[0] = self._estimate.Eval(context)[0]
 
     def _calc_age(self, context: Context, output: BasicVector) -> None:
         newest = self._track.Eval(context).newest.time
-        output.SetFromVector([max(0.0, context.get_time() - (newest if newest > -np.inf else 0))])
+        output[0] = max(0.0, context.get_time() - (newest if newest > -np.inf else 0.0))
 
     def _calc_verdict(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector([self._track.Eval(context).verdict])
+        output[0] = self._track.Eval(context).verdict
 
     def _calc_innovation(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._track.Eval(context).innovation_squared)
+
+
+def _unpacked(deprecated: dict[str, Any]) -> dict[str, Any]:
+    """Returns deprecated keywords as fields of `EstimatorConfig`: `noise` held seven of them."""
+    keywords = {
+        name: 1e6 if name in ("gate", "lost_after") and value == np.inf else value
+        for name, value in deprecated.items()
+        if name != "noise"
+    }
+    if noise := deprecated.get("noise"):
+        for name, value in vars(noise).items():
+            is_std = name not in ("acceleration", "angular_acceleration", "gravity")
+            keywords[f"{name}_std" if is_std else name] = value
+    return keywords

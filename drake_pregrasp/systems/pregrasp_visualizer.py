@@ -13,19 +13,20 @@ from drake_pregrasp.geometry.sampling import lifted, unit_normals
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions
 from drake_pregrasp.systems.drawing import NO_REGION_COLOR, contact_color, linear_rgb, tint
+from drake_pregrasp.systems.pose_ports import POSE
 
 ROOT = "/drake/pregrasp"
 """Meshcat path under which everything is drawn."""
 
 _REGION_LIFT = 8e-4
-"""Metres that tiles stand off the surface: where the estimate errs more, the object hides them."""
+"""Distance of tiles from the surface, in metres; the object hides tiles with a larger error."""
 
 
 _ELLIPSOID_COLOR = Rgba(0.35, 0.37, 0.40, 0.6)
 
 
 class PregraspVisualizer(LeafSystem):
-    """Draws what the planner thinks, live and in recordings.
+    """Draws regions, goals and uncertainty of the planner, live and in recordings.
 
     .. pydrake_system::
 
@@ -37,7 +38,7 @@ class PregraspVisualizer(LeafSystem):
         - safe_regions
         - p_WO_covariance
 
-    Port `X_WO_estimated` accepts a `RigidTransform`: where the regions are drawn.
+    Port `X_WO_estimated` accepts a `RigidTransform`: the pose at which the regions are drawn.
 
     Port `p_WC` accepts a vector of 3n: the contact goals in W, in metres.
 
@@ -45,26 +46,26 @@ class PregraspVisualizer(LeafSystem):
 
     Port `safe_regions` accepts the `SafeRegions` over the surface's candidates.
 
-    Port `p_WO_covariance` accepts a vector of 9, in m²: drawn as an ellipsoid of three standard
-    deviations, magnified by `covariance_magnification`, hovering over the object; its half axes
-    are at most a third of the object's length, so that an object that is lost isn't hidden by it.
+    Port `p_WO_covariance` accepts a vector of 9, in m². It is drawn over the object as an ellipsoid
+    of three standard deviations, magnified by `covariance_magnification`. Its half axes are at most
+    a third of the object's length, so that it does not hide the object.
 
-    A recording keeps only transforms and properties. So all objects are made once, with the system,
-    and at each publish only what has changed is set.
+    A recording keeps only transforms and properties. All objects are therefore created once, by the
+    constructor, and each publish event sets only what has changed.
 
     Args:
-        meshcat: Where to draw.
+        meshcat: Meshcat instance to draw in.
         surface: The object's surface, over which the regions are.
-        tile_surface: The same with another spacing, for the tiles that draw the regions: a tile has
-            the colour of the candidate nearest to it. By default, `surface`.
-        num_contacts: n.
+        tile_surface: The same surface with another spacing, for the tiles that draw the regions. A
+            tile has the colour of the closest candidate. By default, `surface`.
+        num_contacts: Number of contacts n.
         publish_period: Seconds between frames, greater than zero.
         marker_radius: Radius of a contact goal's marker, in metres.
-        trail_length: How many dots mark each goal's way over the object; the oldest is taken first.
-        trail_step: Distance of two dots on the object, in metres.
-        covariance_magnification: See above.
-        record: Whether the regions' colours go into the recording that `meshcat` keeps as well.
-            (Its switch, `Meshcat.StartRecording`, holds for everything else.)
+        trail_length: Number of dots that mark the path of each goal over the object.
+        trail_step: Distance between two dots on the object, in metres.
+        covariance_magnification: Magnification of the ellipsoid.
+        record: Whether the regions' colours are recorded too. `Meshcat.StartRecording` controls
+            everything else.
     """
 
     def __init__(
@@ -92,16 +93,14 @@ class PregraspVisualizer(LeafSystem):
         self._record = record
         self._magnification = covariance_magnification
         self._hover = 0.045 + float(np.max(surface.p_OQ[:, 2]))
-        # What Meshcat shows by now: a cache of the outside world, no part of the simulated state.
+        # Cache of what Meshcat shows; it is no part of the simulated state.
         self._shown: dict[tuple[str, str], bool | list[float]] = {}
         self._shown_labels = np.full(len(self._tile_candidates), NO_REGION - 1)
         self._trail_heads: list[tuple[int, FloatArray] | None] = [None] * num_contacts
         self._colors = {i: tint(contact_color(i), 0.3) for i in range(num_contacts)}
         self._colors[NO_REGION] = NO_REGION_COLOR
 
-        self._X_WO_estimated = self.DeclareAbstractInputPort(
-            "X_WO_estimated", AbstractValue.Make(RigidTransform())
-        )
+        self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
         self._p_WC = self.DeclareVectorInputPort("p_WC", 3 * num_contacts)
         self._contact_status = self.DeclareVectorInputPort("contact_status", num_contacts)
         self._safe_regions = self.DeclareAbstractInputPort(
@@ -161,7 +160,7 @@ class PregraspVisualizer(LeafSystem):
             live = [*linear_rgb(color), color.a()]
             self._meshcat.SetProperty(_tile_path(tile), "color", live)
             if self._record:
-                # A recording interpolates: the old colour is held till one frame before.
+                # A recording interpolates, so a key one frame earlier holds the old colour.
                 target = f"{_tile_path(tile)}/<object>", "material.color"
                 if before in self._colors:
                     animation.SetProperty(frame - 1, *target, linear_rgb(self._colors[before]))
@@ -197,7 +196,7 @@ class PregraspVisualizer(LeafSystem):
         self._set(f"{ROOT}/covariance/axes", "scale", [float(r) for r in radii], time)
 
     def _set(self, path: str, name: str, value: bool | list[float], time: float) -> None:
-        """Sets a property if it changes."""
+        """Sets a property if its value has changed."""
         if self._shown.get((path, name)) != value:
             self._meshcat.SetProperty(path, name, value, time)
             self._shown[path, name] = value
@@ -216,7 +215,7 @@ def _trail_path(contact: int, slot: int) -> str:
 
 
 def _nearest_candidates(surface: ObjectSurface, tiles: ObjectSurface) -> IntArray:
-    """Returns the candidate nearest to each tile, on the same side of a wall, shape (k,)."""
+    """Returns the index of the candidate closest to each tile, shape (k,)."""
     length = float(np.sqrt(np.mean(tiles.areas)))
     tree = cKDTree(lifted(surface.p_OQ, surface.nhat_OQ, length))
     candidates: IntArray = tree.query(lifted(tiles.p_OQ, tiles.nhat_OQ, length))[1]

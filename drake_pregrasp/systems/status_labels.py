@@ -1,9 +1,8 @@
-"""In words, over the object, what limits the contacts."""
+"""Labels over the object that say what limits the contacts."""
 
 from collections.abc import Mapping
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
@@ -12,17 +11,18 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import ContactStatus, describe_status
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.systems.drawing import NO_REGION_COLOR, contact_color, text_board
+from drake_pregrasp.systems.pose_ports import POSE
 
 ROOT = "/drake/contact_status"
-"""Meshcat path under which the labels are."""
+"""Meshcat path of the labels."""
 
-_ROW = 1.15  # Distance of two rows, in heights of a label.
+_ROW = 1.15  # Distance between two rows, in heights of a label.
 
 
 class StatusLabels(LeafSystem):
-    """Shows for each contact that something limits what it is, on a board in its colour.
+    """Shows the status of each limited contact on a board in the contact's colour.
 
-    On a grey one it shows that the object isn't tracked.
+    A grey board shows the tracking status while the object is not tracked.
 
     .. pydrake_system::
 
@@ -33,7 +33,8 @@ class StatusLabels(LeafSystem):
         - contact_causes
         - tracking_status
 
-    Port `X_WO_estimated` accepts a `RigidTransform`: the boards hover over the object's origin.
+    Port `X_WO_estimated` accepts a `RigidTransform`: the pose of the object, over which the boards
+    are.
 
     Port `contact_status` accepts a vector of n `ContactStatus` values.
 
@@ -41,16 +42,16 @@ class StatusLabels(LeafSystem):
 
     Port `tracking_status` (optional) accepts a `TrackingStatus`.
 
-    A board is made when it is first needed. In a recording it is hidden up to then.
+    A board is created when it is first needed. In a recording it is hidden until then.
 
     Args:
-        meshcat: Where to draw.
-        num_contacts: n.
+        meshcat: Meshcat instance to draw in.
+        num_contacts: Number of contacts n.
         publish_period: Seconds between frames, greater than zero.
         hover: Height of the lowest board over the object's origin, in metres.
-        yaw: Of the boards, in radians; at zero they are read from the side of -y.
-        height: Of a board, in metres.
-        obstacle_names: What obstacles are called, by their index, that have a name.
+        yaw: Yaw of the boards, in radians; at zero they are read from the side of -y.
+        height: Height of a board, in metres.
+        obstacle_names: Names of obstacles by their indices; other obstacles have none.
     """
 
     def __init__(
@@ -70,12 +71,10 @@ class StatusLabels(LeafSystem):
         self._R_WB = RotationMatrix.MakeZRotation(yaw)
         self._height = height
         self._obstacle_names = dict(obstacle_names or {})
-        # What Meshcat shows by now: a cache of the outside world, no part of the simulated state.
+        # Cache of what Meshcat shows; it is no part of the simulated state.
         self._made: set[str] = set()
-        self._shown: list[str | None] = [None] * (num_contacts + 1)  # The last is the object's.
-        self._X_WO_estimated = self.DeclareAbstractInputPort(
-            "X_WO_estimated", AbstractValue.Make(RigidTransform())
-        )
+        self._shown: list[str | None] = [None] * (num_contacts + 1)  # The object comes last.
+        self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
         self._status = self.DeclareVectorInputPort("contact_status", num_contacts)
         self._causes = self.DeclareVectorInputPort("contact_causes", num_contacts)
         self._tracking_status = self.DeclareVectorInputPort("tracking_status", 1)

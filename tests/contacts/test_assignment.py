@@ -18,8 +18,7 @@ from drake_pregrasp.contacts.assignment import (
     turned_within,
     wrapped,
 )
-from drake_pregrasp.geometry.mesh_surface import mesh_surface
-from drake_pregrasp.geometry.no_touch import AxisArea
+from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.shapes import ball_shape, cylinder_shape
 
 

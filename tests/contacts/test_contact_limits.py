@@ -22,8 +22,7 @@ from drake_pregrasp.contacts.quality_guard import GUARDS, guard_measure, keep_qu
 from drake_pregrasp.contacts.selection_input import ContactGoals, SelectionInput
 from drake_pregrasp.contacts.strategies import position_tracking
 from drake_pregrasp.errors import ContactError
-from drake_pregrasp.geometry.mesh_surface import mesh_surface
-from drake_pregrasp.geometry.no_touch import AxisArea
+from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.shapes import ball_shape, box_shape, cylinder_shape
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.regions.constraints import FingerReach, Limit, Obstacles, RegionConstraints

@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import MeasurementVerdict, PoseEstimator, TrackingStatus, load_scenario, run
 from drake_pregrasp.arrays import FARTHEST
-from drake_pregrasp.diagrams.pregrasp_planner import EstimatorConfig, filter_noise
+from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
 from drake_pregrasp.estimation.pose_filter import (
     PoseMeasurement,
     first_belief,
@@ -20,10 +20,9 @@ NOISE = filter_noise(EstimatorConfig())
 LAST_UNLOCKED = 3  # The fifth measurement locks.
 
 
-def estimates(poses, period, *, gate=7.0, **config):
+def estimates(poses, period, **config):
     """Feeds an estimator with a pose a period, and yields it with its Context after each tick."""
-    noise = filter_noise(EstimatorConfig(**config))
-    estimator = PoseEstimator(period=period, noise=noise, gate=gate)
+    estimator = PoseEstimator(EstimatorConfig(**config), period=period)
     context = estimator.CreateDefaultContext()
     for k, (p_WO, R_WO) in enumerate(poses):
         context.SetTime(k * period)

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drake_pregrasp import MeasurementFaults
+from drake_pregrasp import InvalidArgumentError, MeasurementFaults
 from drake_pregrasp.arrays import pack, unpack
-from drake_pregrasp.estimation.fault_settings import find_flaw
+from drake_pregrasp.config.sensor_config import check_faults
 from drake_pregrasp.estimation.measurement_faults import (
     POSE_SIZE,
     SensorMemory,
@@ -219,15 +219,15 @@ USABLE = {"outlier_probability": 0.1, "dropout_rate": 1.0, "freeze_rate": 1.0}
     ],
 )
 def test_what_is_unusable_is_named(name, changed):
-    assert find_flaw(MeasurementFaults(**USABLE), T) is None
-    flaw = find_flaw(MeasurementFaults(**{**USABLE, **changed}), T)
-    assert flaw is not None
-    assert flaw.name == name
-    assert "\n" not in flaw.problem
+    check_faults(MeasurementFaults(**USABLE), T)
+    with pytest.raises(InvalidArgumentError) as caught:
+        check_faults(MeasurementFaults(**{**USABLE, **changed}), T)
+    assert str(caught.value).startswith(f"faults.{name}")
+    assert "\n" not in str(caught.value)
 
 
 def test_the_longest_delay_and_burst_that_are_allowed_can_be_used():
     faults = MeasurementFaults(delay=30.0, jitter=20.0, dropout_rate=1.0, dropout_duration=100.0)
-    assert find_flaw(faults, T) is None
+    check_faults(faults, T)
     assert len(SensorMemory.empty(faults, T).under_way) == 1000
     assert len(played(faults, ticks=range(3))) == 3

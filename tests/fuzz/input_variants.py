@@ -40,34 +40,14 @@ class _Stages(Diagram):
 
     def __init__(self, config: PlannerConfig, surface: ObjectSurface, p_OC: FloatArray) -> None:
         super().__init__()
-        limits = config.limits
         builder = DiagramBuilder()
         partitioner = builder.AddNamedSystem(
             "safe_region_partitioner",
-            SafeRegionPartitioner(
-                surface=surface,
-                num_contacts=len(p_OC),
-                tip_radii=np.array(limits.tip_radii),
-                clearance=limits.clearance,
-                tip_gap=limits.tip_gap,
-                standoff=limits.standoff,
-                horizon=limits.horizon,
-                reach=[reach.make_reach() for reach in limits.reach],
-                closed=limits.closed(),
-                wall_test=config.wall_test,
-            ),
+            SafeRegionPartitioner(config, surface=surface, num_contacts=len(p_OC)),
         )
         selector = builder.AddNamedSystem(
             "centroid_selector",
-            CentroidSelector(
-                surface=surface,
-                p_OC=p_OC,
-                period=config.period,
-                strategy=config.strategy,
-                in_turns=config.in_turns,
-                best_point=config.best_point,
-                limits=limits.make_limits(config.period, config.friction),
-            ),
+            CentroidSelector(config, surface=surface, p_OC=p_OC),
         )
         for name, systems in (
             ("X_WO_estimated", (partitioner, selector)),

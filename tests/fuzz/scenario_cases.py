@@ -1,11 +1,15 @@
 """Scenario files, good and bad, each a function of a seed and a number."""
 
 import base64
+import copy
 import json
+import math
 import random
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Any
+from xml.etree import ElementTree
 
 import trimesh
 from scenario_values import NASTY, some_text
@@ -50,24 +54,37 @@ _GRASP = (
 )
 _MESHES: Mapping[str, bytes] = {
     "x.obj": _DATA["bracket.obj"],
-    **{f"x.{kind}": _exported(kind) for kind in ("stl", "ply", "off", "glb")},
+    **{f"x.{kind}": _exported(kind) for kind in ("stl", "off", "glb")},
     "x.gltf": _exported("gltf"),
+    "x.ply": trimesh.load_mesh(_MODELS / "bracket.obj").export(file_type="ply", encoding="ascii"),
     "x.dae": _DATA["bracket.obj"],
     "x.zip": _DATA["bracket.obj"],
 }
 _NUMBER = re.compile(rb"-?\d+\.?\d*(?:e-?\d+)?")
-_NUMBERS = (
-    b"nan",
-    b"inf",
-    b"-1",
-    b"0",
-    b"1e308",
-    b"-1e308",
-    b"1e-320",
-    b"99999999999",
-    b"1e5",
-    b"",
-)
+_NUMBERS = (*b"nan inf -1 0 1e308 -1e308 1e-320 99999999999 1e5".split(), b"")
+_URDF = """<robot name="r" xmlns:drake="http://drake.mit.edu"><link name="a"><inertial>
+<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial><visual>
+<geometry><mesh filename="x.obj" scale="1 1 1"/></geometry><material name="m">
+<color rgba="1 0 0 1"/></material></visual></link>
+<link name="b"><collision><origin xyz="0 0 0" rpy="0 0 0"/><geometry>
+<sphere radius="1"/></geometry><drake:proximity_properties><drake:mesh_resolution_hint value="0.1"/>
+<drake:hydroelastic_modulus value="1e6"/><drake:compliant_hydroelastic/>
+</drake:proximity_properties></collision></link>
+<joint name="j" type="revolute"><parent link="a"/><child link="b"/>
+<axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/><mimic joint="j"/></joint>
+<transmission><type>SimpleTransmission</type><joint name="j"/><actuator name="j">
+<drake:rotor_inertia value="0.1"/><drake:controller_gains p="1" d="1"/></actuator></transmission>
+</robot>"""
+_MJCF = """<mujoco model="m"><compiler angle="radian" meshdir="." eulerseq="xyz"/><default>
+<joint damping="1"/><default class="c"><geom type="box" size="1 1 1"/></default></default><asset>
+<mesh name="x" file="x.obj" scale="1 1 1"/><material name="m" rgba="1 0 0 1"/></asset><worldbody>
+<body name="a" pos="0 0 0" euler="0 1 0"><joint name="j" type="hinge" axis="0 1 0" range="-1 1"/>
+<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom type="mesh" mesh="x" material="m"/>
+<body name="b" childclass="c"><freejoint/><geom mass="1"/><geom type="capsule" size="1"
+fromto="0 0 0 1 1 1"/></body></body></worldbody><actuator><position joint="j" kp="1" kv="1"/>
+<motor joint="j"/></actuator><equality><weld body1="a" body2="b"/></equality><contact>
+<exclude body1="a" body2="b"/></contact></mujoco>"""
+_BODIES = {"sdf": _DATA["five_finger_hand.sdf"].decode(), "urdf": _URDF, "xml": _MJCF}
 
 
 @dataclass
@@ -132,8 +149,34 @@ def _mesh(kind: str, rng: random.Random) -> Case:
     name = rng.choice(list(_MESHES))
     data = _MESHES[name]
     text = f"case: {{object: !Mesh {{file: {name}}}}}\n".encode()
-    is_text = name.endswith((".obj", ".off", ".gltf"))
-    return Case(kind, text, None, {name: _changed(data, rng) if is_text else mutated(data, rng)})
+    if name == "x.gltf" and rng.random() < 0.7:
+        data = json.dumps(_altered(json.loads(data), rng)).encode()
+    elif name.endswith((".obj", ".off", ".gltf")) or name == "x.ply":
+        data = _changed(data, rng)
+    else:
+        data = mutated(data, rng)
+    return Case(kind, text, None, {name: data})
+
+
+def _altered(tree: Any, rng: random.Random) -> Any:
+    """Returns what JSON holds with some values left out, doubled, moved or replaced."""
+    for _ in range(rng.choice((1, 1, 2, 4))):
+        places: list[tuple[Any, Any]] = []
+        todo = [tree]
+        while todo:
+            inner = todo.pop()
+            keys = list(inner) if isinstance(inner, dict) else range(len(inner))
+            places += [(inner, key) for key in keys]
+            todo += [inner[key] for key in keys if isinstance(inner[key], dict | list)]
+        (inner, key), (other, place) = rng.choice(places), rng.choice(places)
+        wild = (-4, 0, 3, 2**31, 1e308, -1.5, None, "x", "../x", [], {}, [[]], True, math.nan)
+        if rng.random() < 0.3:
+            inner[key] = copy.deepcopy(other[place])
+        elif rng.random() < 0.3:
+            del inner[key]
+        else:
+            inner[key] = rng.choice(wild)
+    return tree
 
 
 def _stream(kind: str, rng: random.Random) -> Case:
@@ -142,12 +185,36 @@ def _stream(kind: str, rng: random.Random) -> Case:
 
 
 def _hand(kind: str, rng: random.Random) -> Case:
-    model, hand = _DATA["five_finger_hand.sdf"], _HAND
-    if rng.random() < 0.6:
-        model = _changed(model, rng)
-    else:
-        hand = _changed(hand, rng)
-    return Case(kind, _GRASP, "grasp_five_finger", {"x.yaml": hand, "own.sdf": model})
+    suffix = rng.choice(list(_BODIES))
+    model, hand = _BODIES[suffix], _HAND.replace(b"own.sdf", f"own.{suffix}".encode())
+    way = rng.random()
+    if way < 0.6:
+        model = _altered_model(model, rng)
+    data = _changed(model.encode(), rng) if way > 0.4 else model.encode()
+    files = {"x.yaml": _changed(hand, rng) if way > 0.8 else hand, f"own.{suffix}": data}
+    return Case(kind, _GRASP, "grasp_five_finger", {**files, "x.obj": _DATA["bracket.obj"]})
+
+
+def _altered_model(text: str, rng: random.Random) -> str:
+    """Returns XML with some elements left out, repeated, moved or renamed, or other values."""
+    root = ElementTree.fromstring(text)
+    for _ in range(rng.choice((1, 1, 2, 4))):
+        elements = list(root.iter())
+        parent, other = rng.choice(elements), rng.choice(elements)
+        way = rng.randrange(6)
+        if way == 0 and len(parent):
+            parent.remove(rng.choice(list(parent)))
+        elif way == 1 and len(other) < 20:
+            parent.extend([copy.deepcopy(other)] * rng.choice((1, 1, 2, 50, 500)))
+        elif way == 2:
+            parent.tag = rng.choice((other.tag, "include", "mesh", "uri", "x"))
+        elif way == 3 and parent.attrib:
+            parent.set(rng.choice(list(parent.attrib)), rng.choice(_NUMBERS).decode())
+        elif way == 4:
+            parent.text = rng.choice(("nan", "-1", "0 0 0 0 0 0", "../x.obj", "x" * 2000))
+        else:
+            parent.attrib = dict(other.attrib)
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def _changed(data: bytes, rng: random.Random) -> bytes:
@@ -155,7 +222,9 @@ def _changed(data: bytes, rng: random.Random) -> bytes:
     if rng.random() < 0.3:
         return mutated(data, rng)
     places = list(_NUMBER.finditer(data))
-    for match in sorted(rng.sample(places, rng.choice((1, 1, 3))), key=lambda m: -m.start()):
+    for match in sorted(
+        rng.sample(places, min(len(places), rng.choice((1, 1, 3)))), key=lambda m: -m.start()
+    ):
         data = data[: match.start()] + rng.choice(_NUMBERS) + data[match.end() :]
     return data
 
@@ -182,10 +251,10 @@ def mutated(data: bytes, rng: random.Random) -> bytes:
 
 _KINDS: Mapping[str, tuple[Callable[[str, random.Random], Case], float]] = {
     "made": (_made, 0.15),
-    "spoilt": (_spoilt, 0.35),
-    "bytes": (_bytes, 0.3),
+    "spoilt": (_spoilt, 0.25),
+    "bytes": (_bytes, 0.25),
     "bomb": (_bomb, 0.1),
-    "mesh": (_mesh, 0.04),
-    "stream": (_stream, 0.04),
-    "hand": (_hand, 0.02),
+    "mesh": (_mesh, 0.12),
+    "stream": (_stream, 0.05),
+    "hand": (_hand, 0.08),
 }

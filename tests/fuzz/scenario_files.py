@@ -32,20 +32,21 @@ from drake_pregrasp.simulation.simulation_diagram import make_diagram
 SECONDS = 10.0
 """Longest that one file may take, of processor time: other processes don't count."""
 
-BATCH = 5000
+BATCH = 1000
 """Files that one process loads: Drake keeps some memory for each diagram."""
 
 BUILT = 50
 """One in so many of the files has its diagram built."""
 
-MEMORY = 6_000_000_000
-"""Bytes of address space of the process that loads."""
+MEMORY = 2**30
+"""Bytes of address space that the process which loads may take beyond those it starts with."""
 
 GOOD = ("accepted", "refused")
 """Outcomes that are as they should be; all others are failures."""
 
 _LONGEST = 2 * LONGEST_MESSAGE + LONGEST_KEY
-_PATIENCE = 12 * SECONDS  # Until a process that heeds no timer is killed.
+_LAST = 3 * SECONDS  # Of processor time, until the kernel ends a process that heeds no timer.
+_PATIENCE = 12 * SECONDS  # Until a process that takes no processor time is killed.
 _EFFORT = 300  # Tries to make a failing example smaller.
 
 
@@ -109,12 +110,16 @@ def smallest(case: Case, outcome: str, folder: Path, *, build: bool) -> Case:
 
 
 def _work(seed: int, first: int, last: int, folder: Path, connection: Connection) -> None:
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    most = pages * resource.getpagesize() + MEMORY
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())  # Drake's parser is chatty.
     for number in range(first, last):
         case = make_case(seed, number)
         connection.send((number, case.kind, "died", "", ""))
         start = time.process_time()
+        # The kernel ends a process that heeds no timer.
+        resource.setrlimit(resource.RLIMIT_CPU, (int(start + _LAST), resource.RLIM_INFINITY))
         build = number % BUILT == 0
         outcome, said = load(case, folder, build=build)
         took = time.process_time() - start

@@ -5,8 +5,13 @@ import pytest
 
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.errors import NoGroundError
-from drake_pregrasp.geometry.mesh_surface import mesh_surface
-from drake_pregrasp.geometry.no_touch import AxisArea, FacingArea, PartArea, is_forbidden
+from drake_pregrasp.geometry.mesh_surface import (
+    AxisArea,
+    FacingArea,
+    PartArea,
+    is_forbidden,
+    mesh_surface,
+)
 from drake_pregrasp.geometry.sampling import split_triangles
 from drake_pregrasp.geometry.shapes import box_shape, cylinder_shape, load_shape
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.grasping.grasp_phases import fingers_have_arrived, next_state
 from drake_pregrasp.grasping.grasp_state import (
     GiveUp,
     GraspPhase,
-    GraspSettings,
     GraspState,
     GraspView,
     Ramp,
@@ -19,7 +19,7 @@ from drake_pregrasp.grasping.grasp_state import (
 )
 from drake_pregrasp.grasping.squeeze import Coasting, Squeeze
 
-SETTINGS = GraspSettings()
+SETTINGS = GraspConfig().make_settings()
 PERIOD = 0.02
 N = 5
 ALL = np.ones(N, dtype=bool)

@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.box_surface import box_surface
-from drake_pregrasp.geometry.no_touch import AxisArea
+from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
 from drake_pregrasp.regions.constraints import FingerReach, Limit, Obstacles, RegionConstraints
 

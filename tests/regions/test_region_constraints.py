@@ -8,8 +8,7 @@ from slow_safe_regions import breaks_eq_1
 from thin_cup import CUP, RADIUS, WALL
 
 from drake_pregrasp import ForbiddenPoints, box_surface
-from drake_pregrasp.geometry.mesh_surface import mesh_surface
-from drake_pregrasp.geometry.no_touch import AxisArea
+from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.shapes import ball_shape, box_shape
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace

@@ -16,14 +16,14 @@ from drake_pregrasp import (
     run,
     shipped_scenarios,
 )
-from drake_pregrasp.diagrams.pregrasp_planner import filter_noise
+from drake_pregrasp.config.planner_config import filter_noise
 from drake_pregrasp.estimation.pose_filter import PoseMeasurement, first_belief, predict, update
 from drake_pregrasp.quality.force_closure import ferrari_canny, min_weight_margin
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.independent_regions import force_closed_share
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.run import RUN_FILES
-from drake_pregrasp.systems.noise_source import NoiseSource
+from drake_pregrasp.systems.pose_sensor import NoiseSource
 
 STATIC_PUBLISHED = {"q_msv": (2.2089, 0.001), "q_gii": (0.9749, 0.001), "q_vew": (125.4176, 0.005)}
 

@@ -10,30 +10,26 @@ from drake_pregrasp import (
     run,
     shipped_scenarios,
 )
-from drake_pregrasp.config.sensor_config import FaultsConfig
+from drake_pregrasp.config.sensor_config import SensorConfig
 
 NAMES = [name for name, (file, _) in shipped_scenarios().items() if file.stem == "faults"]
 
 
-def test_the_schema_has_the_settings_and_their_defaults():
-    assert list(vars(FaultsConfig())) == list(vars(MeasurementFaults()))
-    settings = FaultsConfig().settings()
-    assert not settings.are_any
-    for name, value in vars(MeasurementFaults()).items():
-        np.testing.assert_array_equal(getattr(settings, name), value)
+def test_by_default_there_are_no_faults():
+    assert not SensorConfig().faults.are_any
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_a_shipped_fault_is_on_from_6_to_12_of_20_s(name):
     scenario = load_scenario(name)
-    faults = scenario.sensor.faults.settings()
+    faults = scenario.sensor.faults
     assert faults.are_any
     assert (faults.start, faults.end, scenario.simulation_duration) == (6.0, 12.0, 20.0)
     assert [k for k in range(400) if faults.act_at(k, 0.05)] == list(range(120, 240))
 
 
 def test_each_shipped_fault_is_another_and_everything_has_them_all():
-    default = vars(FaultsConfig())
+    default = vars(MeasurementFaults())
     changed = {
         name: {
             key
@@ -51,7 +47,7 @@ def test_a_run_has_the_faults_of_its_scenario_and_its_seed(tmp_path):
     text = "{simulation_duration: 7.0, random_seed: 5}"
     faulty = load_scenario("fault_delay", text=text)
     sound = load_scenario("fault_delay", text=text)
-    sound.sensor.faults = FaultsConfig()
+    sound.sensor.faults = MeasurementFaults()
     logs = []
     for name, scenario in (("faulty", faulty), ("sound", sound)):
         result = run(scenario, name=name, out=tmp_path, recording=False)

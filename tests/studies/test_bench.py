@@ -69,13 +69,13 @@ def test_scenes_have_the_numbers_they_are_asked_for(scene):
 def test_each_tick_divides_the_surface_anew(name, monkeypatch):
     surface, starts = make_scene(cube(8))
     made = []
-    own = tick_times.with_implementation
+    own = tick_times.chosen
 
-    def spy(*arguments):
-        made.append(arguments[1])
-        return own(*arguments)
+    def spy(implementation):
+        made.append(implementation)
+        return own(implementation)
 
-    monkeypatch.setattr(tick_times, "with_implementation", spy)
+    monkeypatch.setattr(tick_times, "chosen", spy)
     tick = make_tick(surface, name, starts[0], PlannerConfig())
     assert made == [name]
     goals = [tick(p_OC) for p_OC in (starts[0], starts[1], starts[0])]

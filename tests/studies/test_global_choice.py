@@ -102,5 +102,5 @@ def test_it_prints_a_line_for_each_strategy(monkeypatch, capsys):
     monkeypatch.setattr(settled_margins, "CASES", [(3, 1, (0.1, 0.1, 0.1), 0.02)])
     settled_margins.main()
     lines = capsys.readouterr().out.splitlines()
-    assert len(lines) == 1 + len(settled_margins.STRATEGIES)
+    assert len(lines) == 2 + len(settled_margins.STRATEGIES)  # The case, the head, and these.
     assert "3 contacts" in lines[0]

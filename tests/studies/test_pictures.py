@@ -8,7 +8,7 @@ from pydrake.geometry import Rgba, SceneGraph, Sphere
 from pydrake.math import RigidTransform
 
 from drake_pregrasp import ContactStatus, load_scenario
-from drake_pregrasp.studies import gallery, shapes
+from drake_pregrasp.studies import gallery, shape_study
 from drake_pregrasp.studies.gallery import describe_limits, make_gallery
 from drake_pregrasp.studies.grasp_pictures import picture_grasp
 from drake_pregrasp.studies.pictures import (
@@ -20,7 +20,7 @@ from drake_pregrasp.studies.pictures import (
     lit_renderer,
     take_picture,
 )
-from drake_pregrasp.studies.shapes import study_shapes
+from drake_pregrasp.studies.shape_study import study_shapes
 
 FORWARD = [0.0, 0.0, 1.0]
 MIDDLE, CORNER = (10, 10), (0, 0)
@@ -112,8 +112,8 @@ def test_the_gallery_shows_a_picture_and_numbers_of_each_scenario(tmp_path, monk
 
 
 def test_the_table_of_shapes_has_all_ticks_of_all_seeds(tmp_path, monkeypatch):
-    monkeypatch.setattr(shapes, "SHIPPED", ("box",))
-    monkeypatch.setattr(shapes, "unseen_meshes", dict)
+    monkeypatch.setattr(shape_study, "SHIPPED", ("box",))
+    monkeypatch.setattr(shape_study, "unseen_meshes", dict)
     text = study_shapes(tmp_path, seeds=(0, 1), duration=4.5).read_text()
     (row,) = (line for line in text.splitlines() if line.startswith("| box"))
     shape, number, off_mesh, *counts = [cell.strip() for cell in row.strip("|").split("|")]

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import ScenarioError, load_scenario, run
 from drake_pregrasp.cli import main
-from drake_pregrasp.simulation.phases import adapting_phase
+from drake_pregrasp.simulation.run_log import adapting_phase
 from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS, SETTINGS, StudyRows
 from drake_pregrasp.studies.sweep.command import STUDY, SweepRun, sweep
 from drake_pregrasp.studies.sweep.measures import MEASURES

@@ -9,11 +9,12 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BusValue
 
+from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.assignment import wrapped
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.geometry.solids import BoxSolid, HalfSpace
-from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspSettings, GraspState
+from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.simulation.hand_file import load_hand, load_hand_model
@@ -177,7 +178,7 @@ def record(time, phase, *, lift=0.0, slid=0.0, slip=0.0, tilt=0.0):
 
 
 def outcome_of(records, condition="nominal", samples=(), reason=GiveUp.NONE):
-    first = GraspState.first(5, GraspSettings())
+    first = GraspState.first(5, GraspConfig().make_settings())
     state = dataclasses.replace(first, active=np.array([True] * 4 + [False]), reason=reason)
     radii = np.full(5, 0.009)
     return grasp_outcome(CONDITIONS[condition], 2.0, records, samples, state, radii)

@@ -2,36 +2,32 @@
 
 import numpy as np
 import pytest
-from pydrake.common.value import AbstractValue
+from made_systems import CONTROL_PERIOD as PERIOD
+from made_systems import bus, make_arm
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import BusValue
 
-from drake_pregrasp import ArmPosture, InvalidArgumentError
-from drake_pregrasp.contacts.assignment import FREE_TURN
-from drake_pregrasp.systems.arm_posture import SMOOTHING
+from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp.systems.palm_posture import SMOOTHING
 
 FRAMES = [f"hand::tip_{i}" for i in range(4)]
 AZIMUTHS = np.array([0.4, 0.0, -0.4, np.pi])
 RING = 0.065 * np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS), 0 * AZIMUTHS], axis=1)
 X_GP = RigidTransform(RollPitchYaw(0.0, np.pi / 2, 0.0), [-0.03, 0.0, 0.08])
 HOME = np.arange(23.0)
-PERIOD, LEAD = 0.02, 0.03
+LEAD = 0.03
 
 
-def make_posture(yaw_range=FREE_TURN, yaw=0.0):
-    return ArmPosture(
+def make_posture(**changes):
+    return make_arm(
         tip_frames=FRAMES,
         palm_frame="hand::palm",
         finger_azimuths=AZIMUTHS,
         X_GP=X_GP,
         home=HOME,
-        p_WG=np.zeros(3),
-        yaw=yaw,
         lead=LEAD,
-        period=PERIOD,
-        yaw_range=yaw_range,
+        **changes,
     )
 
 
@@ -40,9 +36,7 @@ def place(posture, context, p_WG, yaw, v=(0.0, 0.0, 0.0), w=0.0):
     posture.GetInputPort("X_WG").FixValue(context, RigidTransform(p_WG))
     posture.GetInputPort("V_WG").FixValue(context, SpatialVelocity(w=[0, 0, w], v=v))
     due = RotationMatrix.MakeZRotation(yaw + LEAD * w).matrix()
-    goals = BusValue()
-    for name, point in zip(FRAMES, RING @ due.T + p_WG + LEAD * np.array(v), strict=True):
-        goals.Set(name, AbstractValue.Make(RigidTransform(point)))
+    goals = bus(RING @ due.T + p_WG + LEAD * np.array(v), names=FRAMES)
     posture.GetInputPort("tip_goals").FixValue(context, goals)
 
 
@@ -109,7 +103,7 @@ def test_it_turns_on_past_half_a_turn(yaw):
 
 def test_it_stays_in_its_range_and_says_where_the_hand_is():
     low, high = -0.5, 0.3
-    posture = make_posture((low, high))
+    posture = make_posture(yaw_range=(low, high))
     simulator = Simulator(posture)
     context = simulator.get_mutable_context()
     X_WO = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.1, 0.2, 0.3])
@@ -133,14 +127,4 @@ def test_it_stays_in_its_range_and_says_where_the_hand_is():
 
 def test_a_period_has_to_be_positive():
     with pytest.raises(InvalidArgumentError, match="period must be greater than 0 s, not 0"):
-        ArmPosture(
-            tip_frames=FRAMES,
-            palm_frame="palm",
-            finger_azimuths=AZIMUTHS,
-            X_GP=X_GP,
-            home=HOME,
-            p_WG=np.zeros(3),
-            yaw=0.0,
-            lead=0.0,
-            period=0,
-        )
+        make_posture(period=0)

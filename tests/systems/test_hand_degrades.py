@@ -2,54 +2,45 @@
 
 import numpy as np
 import pytest
+from made_systems import (
+    CONTROL_PERIOD,
+    FRAMES,
+    HAND,
+    NQ,
+    RADIUS,
+    RING,
+    SETTINGS,
+    Driven,
+    N,
+    bus,
+    make_arm,
+    make_carrier,
+    make_reference,
+    make_sequencer,
+    make_shaper,
+    points_of,
+)
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BusValue
 
 from drake_pregrasp import (
-    ArmPosture,
-    BoxSolid,
-    CarrierPosture,
-    FingertipGoalShaper,
     FingertipSensor,
+    GraspConfig,
     GraspQualityMonitor,
-    GraspSequencer,
     HalfSpace,
-    HandModel,
     InvalidArgumentError,
-    JointReference,
     Obstacles,
-    load_hand,
+    TrackingStatus,
 )
-from drake_pregrasp.estimation.pose_track import TrackingStatus
-from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspSettings
+from drake_pregrasp.config.planner_config import MeasuresConfig
+from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
 
-HAND = HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
-FRAMES = HAND.kinematics.tip_frames
-N, NQ, PERIOD, SPEED, RADIUS = 5, 19, 0.02, 0.3, 0.009
-AROUND = 2 * np.pi * np.arange(N) / N
-RING = np.stack([np.cos(AROUND), np.sin(AROUND), 0 * AROUND], axis=1)
-SETTINGS = GraspSettings()
 BAD_NUMBERS = [np.nan, np.inf, -np.inf, 1e300]
 NO_POSE = RigidTransform(RotationMatrix.MakeUnchecked(np.full((3, 3), np.nan)), np.zeros(3))
 FAR = RigidTransform([1e300, 0.0, np.nan])
 SKEW = RigidTransform(RotationMatrix.MakeUnchecked(np.ones((3, 3))), np.zeros(3))
-NO_POSES = [NO_POSE, FAR, SKEW]
-
-
-def poses(points, normals=RING):
-    bus = BusValue()
-    for name, point, normal in zip(FRAMES, points, normals, strict=True):
-        R = RotationMatrix.MakeFromOneVector(-normal, 2)
-        bus.Set(name, AbstractValue.Make(RigidTransform(R, point)))
-    return bus
-
-
-def points_of(bus):
-    found = [bus.Find(name) for name in FRAMES]
-    return np.array([X.translation() for X in found if X is not None])
 
 
 def velocity(number):
@@ -66,7 +57,7 @@ ON_SURFACE = 0.05 * RING
 X_G = RigidTransform([0.3, -0.2, 0.1])
 INPUTS = {
     "shaper": {
-        "fingertip_targets": AbstractValue.Make(poses((X_G @ ON_SURFACE.T).T)),
+        "fingertip_targets": bus((X_G @ ON_SURFACE.T).T, RING),
         "contact_status": np.ones(N),
         "X_WO_estimated": X_G,
         "X_WG": X_G,
@@ -88,7 +79,7 @@ INPUTS = {
         "tracking_status": [1.0],
     },
     "carrier": {
-        "tip_goals": AbstractValue.Make(poses((X_G @ (0.08 * RING).T).T)),
+        "tip_goals": bus((X_G @ (0.08 * RING).T).T, RING),
         "X_WG": X_G,
         "V_WG": velocity(0.01),
         "X_WO_estimated": X_G,
@@ -99,94 +90,33 @@ INPUTS = {
 INPUTS["arm"] = INPUTS["carrier"]
 
 
+MAKERS = {
+    "shaper": lambda s: make_shaper(lead=0.03, target_period=CONTROL_PERIOD),
+    "sequencer": lambda s: make_sequencer(),
+    "carrier": lambda s: make_carrier(np.zeros(NQ)),
+    "reference": lambda s: make_reference(),
+    "monitor": lambda s: GraspQualityMonitor(
+        MeasuresConfig(contact_model="hard_finger"), surface=s, num_contacts=N
+    ),
+    "arm": lambda s: make_arm(p_WG=X_G.translation()),
+}
+
+
 def make(name, surface):
-    if name == "shaper":
-        return FingertipGoalShaper(
-            tip_frames=FRAMES,
-            tip_radius=RADIUS,
-            object_solid=BoxSolid(np.zeros(3), np.eye(3), np.array([0.06, 0.06, 0.1])),
-            object_top=0.05,
-            fixed=[],
-            p_GT=0.079 * RING,
-            finger_azimuths=AROUND,
-            period=PERIOD,
-            target_period=PERIOD,
-            lead=0.03,
-            speed=SPEED,
-        )
-    if name == "sequencer":
-        return GraspSequencer(
-            num_fingers=N,
-            tip_radius=RADIUS,
-            mass=0.4,
-            p_OCoM=np.zeros(3),
-            friction=0.5,
-            settings=SETTINGS,
-            period=PERIOD,
-        )
-    if name == "reference":
-        return JointReference(HAND.kinematics, period=PERIOD, initial=np.full(NQ, 0.1))
-    if name == "monitor":
-        return GraspQualityMonitor(surface=surface, num_contacts=N, contact_model="hard_finger")
-    shared = {"tip_frames": FRAMES, "finger_azimuths": AROUND, "home": np.zeros(NQ)}
-    if name == "carrier":
-        return CarrierPosture(**shared, carrier=[0, 1, 2, 3], gain=5.0, period=PERIOD)
-    return ArmPosture(
-        **shared,
-        palm_frame="palm",
-        X_GP=RigidTransform([0.0, 0.0, 0.1]),
-        p_WG=X_G.translation(),
-        yaw=0.0,
-        lead=0.03,
-        period=PERIOD,
-    )
-
-
-class Player:
-    """A system that goes from tick to tick by itself, with inputs that can be set."""
-
-    def __init__(self, name, surface):
-        self.system = make(name, surface)
-        self.simulator = Simulator(self.system)
-        self.context = self.simulator.get_mutable_context()
-        for port, value in INPUTS[name].items():
-            self.fix(port, value)
-
-    def fix(self, port, value):
-        self.system.GetInputPort(port).FixValue(self.context, value)
-
-    def tick(self, count=1):
-        self.simulator.AdvanceTo(self.context.get_time() + count * PERIOD)
-
-    def eval(self, port):
-        return self.system.GetOutputPort(port).Eval(self.context)
-
-    def numbers(self):
-        """All outputs as one vector."""
-        values = []
-        for index in range(self.system.num_output_ports()):
-            value = self.system.get_output_port(index).Eval(self.context)
-            if isinstance(value, RigidTransform):
-                value = value.GetAsMatrix34()
-            elif isinstance(value, SpatialVelocity):
-                value = value.get_coeffs()
-            elif isinstance(value, BusValue):
-                value = points_of(value)
-            values.append(np.ravel(value))
-        return np.concatenate(values)
+    return Driven(MAKERS[name](surface), **INPUTS[name])
 
 
 def spoiled(value, number):
     """Yields what a port may get instead of a sound value."""
     if isinstance(value, RigidTransform):
-        yield from NO_POSES
+        yield from (NO_POSE, FAR, SKEW)
     elif isinstance(value, SpatialVelocity):
         yield velocity(number)
-    elif isinstance(value, AbstractValue):
-        points = np.array([X.translation() for X in map(value.get_value().Find, FRAMES)])
+    elif isinstance(value, BusValue):
+        points = points_of(value)
         points[2, 1] = number
-        yield AbstractValue.Make(poses(points))
-        yield AbstractValue.Make(BusValue())
+        yield bus(points, RING)
+        yield BusValue()
     else:
         for index in {0, len(value) - 1}:
             one = np.array(value, dtype=float)
@@ -198,21 +128,21 @@ def spoiled(value, number):
 @pytest.mark.parametrize("number", BAD_NUMBERS)
 @pytest.mark.parametrize("name", INPUTS)
 def test_outputs_are_finite_whatever_comes(surface, name, number):
-    player = Player(name, surface)
+    player = make(name, surface)
     player.tick(2)
     for port, sound in INPUTS[name].items():
         for value in spoiled(sound, number):
-            player.fix(port, value)
+            player.fix(**{port: value})
             assert np.all(np.isfinite(player.numbers())), port
             player.tick(2)
             assert np.all(np.isfinite(player.numbers())), port
-        player.fix(port, sound)
+        player.fix(**{port: sound})
         player.tick()
         assert np.all(np.isfinite(player.numbers())), port
 
 
 def test_tips_never_outrun_their_speed_and_come_back(surface):
-    player = Player("shaper", surface)
+    player = make("shaper", surface)
     player.tick(40)
     settled = np.array(player.eval("p_GT"))
     rng = np.random.default_rng(4)
@@ -220,11 +150,12 @@ def test_tips_never_outrun_their_speed_and_come_back(surface):
     for _ in range(60):
         port = rng.choice([p for p in INPUTS["shaper"] if p != "standoffs"])
         choices = [*spoiled(INPUTS["shaper"][port], rng.choice(BAD_NUMBERS))]
-        player.fix(port, choices[rng.integers(len(choices))])
+        player.fix(**{port: choices[rng.integers(len(choices))]})
         player.tick()
-        player.fix(port, INPUTS["shaper"][port])
+        player.fix(**{port: INPUTS["shaper"][port]})
         p_GT = np.array(player.eval("p_GT"))
-        assert np.max(np.linalg.norm((p_GT - before).reshape(-1, 3), axis=1)) <= SPEED * PERIOD
+        steps = np.linalg.norm((p_GT - before).reshape(-1, 3), axis=1)
+        assert np.max(steps) <= GraspConfig().goal_speed * CONTROL_PERIOD + 1e-12
         before = p_GT
     player.tick(60)
     np.testing.assert_allclose(player.eval("p_GT"), settled, atol=1e-9)
@@ -232,29 +163,29 @@ def test_tips_never_outrun_their_speed_and_come_back(surface):
 
 @pytest.mark.parametrize("status", [TrackingStatus.LOST, TrackingStatus.WAITING, np.nan])
 def test_a_lost_object_gets_no_new_contacts(surface, status):
-    player = Player("shaper", surface)
+    player = make("shaper", surface)
     player.tick(40)
     contacts = np.array(player.eval("contact_frames"))
-    off = poses((X_G @ (0.07 * RING).T).T)
-    player.fix("tracking_status", [float(status)])
-    player.fix("fingertip_targets", AbstractValue.Make(off))
+    off = bus((X_G @ (0.07 * RING).T).T, RING)
+    player.fix(tracking_status=[float(status)])
+    player.fix(fingertip_targets=off)
     player.tick(20)
     np.testing.assert_array_equal(player.eval("contact_frames"), contacts)
-    player.fix("tracking_status", [float(TrackingStatus.COASTING)])
+    player.fix(tracking_status=[float(TrackingStatus.COASTING)])
     player.tick(2)
     assert not np.allclose(player.eval("contact_frames"), contacts, atol=1e-3)
 
 
 def test_tips_stay_where_an_obstacle_may_be_anywhere(surface):
-    player = Player("shaper", surface)
+    player = make("shaper", surface)
     player.tick(2)
     before = np.array(player.eval("p_GT"))
-    player.fix("contact_status", np.zeros(N))
+    player.fix(contact_status=np.zeros(N))
     lost = mutated(lambda solid: solid.point.__setitem__(2, np.nan))
-    player.fix("obstacles", lost)
+    player.fix(obstacles=lost)
     player.tick(5)
     np.testing.assert_array_equal(player.eval("p_GT"), before)
-    player.fix("obstacles", mutated(lambda solid: None))
+    player.fix(obstacles=mutated(lambda solid: None))
     player.tick(5)
     assert not np.allclose(player.eval("p_GT"), before)
 
@@ -264,17 +195,17 @@ def test_tips_stay_where_an_obstacle_may_be_anywhere(surface):
     [("shaper", "fingertip_targets"), ("carrier", "tip_goals"), ("arm", "tip_goals")],
 )
 def test_an_entry_of_another_type_is_refused_by_the_ports_name(surface, name, port):
-    bus = BusValue()
-    bus.Set(FRAMES[0], AbstractValue.Make(3.0))
-    player = Player(name, surface)
-    player.fix(port, AbstractValue.Make(bus))
+    wrong = BusValue()
+    wrong.Set(FRAMES[0], AbstractValue.Make(3.0))
+    player = make(name, surface)
+    player.fix(**{port: wrong})
     with pytest.raises(InvalidArgumentError, match=f"port {port}"):
         player.tick()
 
 
 def test_obstacles_of_another_type_are_refused_by_the_ports_name(surface):
-    player = Player("shaper", surface)
-    player.fix("obstacles", AbstractValue.Make(object()))
+    player = make("shaper", surface)
+    player.fix(obstacles=AbstractValue.Make(object()))
     with pytest.raises(InvalidArgumentError, match="port obstacles"):
         player.tick()
 
@@ -284,10 +215,10 @@ def phase(player):
 
 
 def tracking_hand(surface):
-    player = Player("sequencer", surface)
-    player.tick(int(SETTINGS.approach_duration / PERIOD) + 2)
+    player = make("sequencer", surface)
+    player.tick(int(SETTINGS.approach_duration / CONTROL_PERIOD) + 2)
     assert phase(player) == GraspPhase.TRACK
-    player.fix("close", [1.0])
+    player.fix(close=[1.0])
     return player
 
 
@@ -301,17 +232,17 @@ def tracking_hand(surface):
 )
 def test_a_hand_closes_on_nothing_that_it_does_not_see(surface, port, value):
     player = tracking_hand(surface)
-    player.fix(port, value)
-    player.tick(int(3 * SETTINGS.gate_limit / PERIOD))
+    player.fix(**{port: value})
+    player.tick(int(3 * SETTINGS.gate_limit / CONTROL_PERIOD))
     assert phase(player) == GraspPhase.TRACK
     assert player.eval("grasp_report")[2] == GiveUp.OBJECT_UNSEEN
-    player.fix(port, INPUTS["sequencer"][port])
+    player.fix(**{port: INPUTS["sequencer"][port]})
     player.tick(2)
     assert phase(player) == GraspPhase.CLOSE
-    player.fix(port, value)
+    player.fix(**{port: value})
     player.tick(2)
     assert phase(player) == GraspPhase.BACK_OFF
-    player.tick(int(1.0 / PERIOD))
+    player.tick(int(1.0 / CONTROL_PERIOD))
     np.testing.assert_allclose(player.eval("standoffs"), SETTINGS.standoff)
 
 
@@ -319,8 +250,8 @@ def test_a_hand_does_not_close_with_fingers_that_are_nowhere(surface):
     player = tracking_hand(surface)
     p_WT = INPUTS["sequencer"]["p_WT"].copy()
     p_WT[:9] = np.nan
-    player.fix("p_WT", p_WT)
-    player.tick(int(1.2 * SETTINGS.gate_limit / PERIOD))
+    player.fix(p_WT=p_WT)
+    player.tick(int(1.2 * SETTINGS.gate_limit / CONTROL_PERIOD))
     assert phase(player) == GraspPhase.BACK_OFF
     assert player.eval("grasp_report")[2] == GiveUp.TOO_FEW_FINGERS
 
@@ -330,7 +261,7 @@ def test_an_unknown_command_changes_nothing(surface, asked):
     player = tracking_hand(surface)
     if asked:
         player.tick(2)
-    player.fix("close", [np.nan])
+    player.fix(close=[np.nan])
     player.tick(2)
     assert phase(player) == (GraspPhase.CLOSE if asked else GraspPhase.TRACK)
 
@@ -341,19 +272,19 @@ def test_an_unknown_pose_is_the_last_one(surface):
         ("carrier", "X_WO_estimated", "X_WH"),
         ("arm", "X_WO_estimated", "X_WU"),
     ):
-        player = Player(name, surface)
+        player = make(name, surface)
         player.tick(100)
         last = player.eval(output).GetAsMatrix34()
-        player.fix(port, NO_POSE)
+        player.fix(**{port: NO_POSE})
         player.tick(2)
         np.testing.assert_allclose(player.eval(output).GetAsMatrix34(), last, atol=1e-12)
 
 
 @pytest.mark.parametrize("number", BAD_NUMBERS)
 def test_a_reference_stays_where_velocities_are_not_known(surface, number):
-    player = Player("reference", surface)
+    player = make("reference", surface)
     player.tick(5)
-    player.fix("commanded_velocity", np.append(np.full(NQ - 1, 0.1), number))
+    player.fix(commanded_velocity=np.append(np.full(NQ - 1, 0.1), number))
     player.tick()
     q = np.array(player.eval("position"))
     player.tick(5)
@@ -371,11 +302,11 @@ def test_what_fingers_feel_is_unknown_where_their_joints_are():
 
 
 def test_contacts_without_a_place_do_not_count(surface):
-    player = Player("monitor", surface)
-    player.fix("contact_status", [1.0, 1, 1, 1, 0])
+    player = make("monitor", surface)
+    player.fix(contact_status=[1.0, 1, 1, 1, 0])
     four = np.array(player.eval("grasp_quality"))
-    player.fix("contact_status", np.ones(N))
+    player.fix(contact_status=np.ones(N))
     p_WC = INPUTS["monitor"]["p_WC"].copy()
     p_WC[-1] = np.nan
-    player.fix("p_WC", p_WC)
+    player.fix(p_WC=p_WC)
     np.testing.assert_allclose(player.eval("grasp_quality"), four, atol=1e-12)

@@ -2,34 +2,37 @@
 
 import numpy as np
 import pytest
+from made_systems import (
+    AROUND,
+    CONTROL_PERIOD,
+    HAND,
+    RADIUS,
+    Driven,
+    bus,
+    make_carrier,
+    make_reference,
+    make_sequencer,
+    make_shaper,
+    points_of,
+)
+from made_systems import RING as UNIT_RING
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import BusValue
 
-from drake_pregrasp import BallSolid, BoxSolid, HalfSpace, InvalidArgumentError, Obstacles
+from drake_pregrasp import BallSolid, HalfSpace, InvalidArgumentError, Obstacles
+from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn, wrapped
 from drake_pregrasp.contacts.selection_input import ContactStatus
-from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.grasping.grasp_state import GraspSettings
-from drake_pregrasp.simulation.hand_file import load_hand
-from drake_pregrasp.systems.carrier_posture import CarrierPosture
-from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor, HandKinematics
-from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
-from drake_pregrasp.systems.joint_reference import LARGEST_RATE, JointReference
+from drake_pregrasp.systems.joint_reference import LARGEST_RATE
 
-FILE = "package://drake_pregrasp/five_finger_hand.yaml"
-TIPS = [f"finger_{i}_tip" for i in range(5)]
-HAND = HandModel(load_hand(FILE))
-FRAMES = HAND.kinematics.tip_frames
 Q = HAND.home(np.array([0.1, -0.05, 0.05]), 0.4) + 0.05 * np.sin(np.arange(19))
-RADIUS, PERIOD = 0.009, 0.02
-AROUND = 2 * np.pi * np.arange(5) / 5
-RING = 0.079 * np.stack([np.cos(AROUND), np.sin(AROUND), 0 * AROUND], axis=1)
+PERIOD = CONTROL_PERIOD
+RING = 0.079 * UNIT_RING
 
 
 def jacobians(q):
@@ -37,17 +40,6 @@ def jacobians(q):
     context = plant.CreateDefaultContext()
     plant.SetPositions(context, q)
     return HAND.kinematics.tip_jacobians(context)
-
-
-def bus(points):
-    value = BusValue()
-    for name, point in zip(FRAMES, points, strict=True):
-        value.Set(name, AbstractValue.Make(RigidTransform(point)))
-    return value
-
-
-def points_of(value):
-    return np.array([value.Find(name).translation() for name in FRAMES])
 
 
 def test_a_sensor_feels_what_fingers_press_with():
@@ -64,7 +56,7 @@ def test_a_sensor_feels_what_fingers_press_with():
 
 
 def reference_context(v, initial=Q):
-    reference = JointReference(HAND.kinematics, period=PERIOD, initial=initial)
+    reference = make_reference(initial)
     simulator = Simulator(reference)
     context = simulator.get_mutable_context()
     reference.GetInputPort("commanded_velocity").FixValue(context, v)
@@ -108,14 +100,7 @@ def test_a_reference_presses_by_its_stiffness():
 
 
 def test_a_palm_turns_with_the_goals_on_and_on():
-    posture = CarrierPosture(
-        tip_frames=FRAMES,
-        finger_azimuths=AROUND,
-        home=HAND.home(np.zeros(3), 0.0),
-        carrier=HAND.base.joints,
-        gain=5.0,
-        period=PERIOD,
-    )
+    posture = make_carrier(gain=5.0, carrier=HAND.base.joints)
     simulator = Simulator(posture)
     context = simulator.get_mutable_context()
     posture.GetInputPort("V_WG").FixValue(context, SpatialVelocity.Zero())
@@ -131,14 +116,7 @@ def test_a_palm_turns_with_the_goals_on_and_on():
 
 
 def test_a_palm_that_lags_by_its_gain_is_asked_to_be_ahead():
-    posture = CarrierPosture(
-        tip_frames=FRAMES,
-        finger_azimuths=AROUND,
-        home=HAND.home(np.zeros(3), 0.0),
-        carrier=HAND.base.joints,
-        gain=4.0,
-        period=PERIOD,
-    )
+    posture = make_carrier(gain=4.0, carrier=HAND.base.joints)
     context = posture.CreateDefaultContext()
     posture.GetInputPort("X_WG").FixValue(context, RigidTransform())
     posture.GetInputPort("tip_goals").FixValue(context, bus(RING))
@@ -152,15 +130,7 @@ LIMITED = (-0.5, 0.3)
 
 
 def posture_of(yaw_range):
-    return CarrierPosture(
-        tip_frames=FRAMES,
-        finger_azimuths=AROUND,
-        home=HAND.home(np.zeros(3), 0.0),
-        carrier=HAND.base.joints,
-        gain=5.0,
-        period=PERIOD,
-        yaw_range=yaw_range,
-    )
+    return make_carrier(carrier=HAND.base.joints, yaw_range=yaw_range)
 
 
 def test_a_palm_of_limited_range_stays_in_it_and_comes_back_the_other_way_round():
@@ -200,54 +170,28 @@ def test_the_hand_is_over_the_object_and_turned_as_its_palm_or_in_the_middle(yaw
 
 @pytest.mark.parametrize(("name", "value"), [("period", 0.0), ("gain", -1.0), ("gain", np.nan)])
 def test_a_posture_needs_a_period_and_a_gain(name, value):
-    arguments = {"gain": 5.0, "period": PERIOD, name: value}
     with pytest.raises(InvalidArgumentError, match=f"{name} must be greater than 0 .*{value}"):
-        CarrierPosture(
-            tip_frames=FRAMES,
-            finger_azimuths=AROUND,
-            home=np.zeros(19),
-            carrier=[0, 1, 2, 3],
-            **arguments,
-        )
+        make_carrier(**{name: value})
 
 
-class Shaper:
-    """A shaper round a cube with goals on a ring, at which inputs can be changed."""
+class Shaper(Driven):
+    """A shaper around a cube with goals on a ring, at which inputs can be changed."""
 
     def __init__(self, contacts, **more):
-        self.system = FingertipGoalShaper(
-            tip_frames=FRAMES,
-            tip_radius=RADIUS,
-            object_solid=BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)),
-            object_top=0.05,
-            fixed=[HalfSpace(np.array([0, 0, -0.05]), np.array([0, 0, 1.0]))],
-            p_GT=1.2 * RING,
-            finger_azimuths=AROUND,
-            period=PERIOD,
-            target_period=0.05,
-            **more,
-        )
-        self.simulator = Simulator(self.system)
-        self.context = self.simulator.get_mutable_context()
-        self.set("contact_status", np.full(5, float(ContactStatus.ACTIVE)))
-        self.set("X_WO_estimated", RigidTransform())
-        self.set("X_WG", RigidTransform())
-        self.set("V_WG", SpatialVelocity.Zero())
+        table = HalfSpace(np.array([0, 0, -0.05]), np.array([0, 0, 1.0]))
+        super().__init__(make_shaper(fixed=[table], **more))
+        self.fix(contact_status=np.full(5, float(ContactStatus.ACTIVE)))
+        self.fix(X_WO_estimated=RigidTransform(), X_WG=RigidTransform())
+        self.fix(V_WG=SpatialVelocity.Zero())
         self.contacts(contacts)
 
-    def set(self, port, value):
-        self.system.GetInputPort(port).FixValue(self.context, value)
-
     def contacts(self, contacts):
-        targets = BusValue()
-        for name, (point, normal) in zip(FRAMES, contacts, strict=False):
-            R = RotationMatrix.MakeFromOneVector(-np.array(normal, dtype=float), 2)
-            targets.Set(name, AbstractValue.Make(RigidTransform(R, point)))
-        self.set("fingertip_targets", targets)
+        points, normals = zip(*contacts, strict=True)
+        self.fix(fingertip_targets=bus(points, normals))
 
     def goals(self, seconds):
-        self.simulator.AdvanceTo(self.context.get_time() + seconds)
-        return points_of(self.system.GetOutputPort("tip_goals").Eval(self.context))
+        self.advance(seconds)
+        return points_of(self.eval("tip_goals"))
 
 
 X, Y = [1, 0, 0], [0, 1, 0]
@@ -270,8 +214,8 @@ def test_goals_are_carried_ahead_with_the_frame():
     shaper = Shaper(CONTACTS, lead=0.03)
     still = shaper.goals(1.0)
     R = RotationMatrix.MakeZRotation(0.3).matrix()
-    shaper.set("X_WG", RigidTransform(RotationMatrix(R), [0.1, 0.2, 0.3]))
-    shaper.set("V_WG", SpatialVelocity(w=[0, 0, 0.5], v=[0.05, 0, 0]))
+    shaper.fix(X_WG=RigidTransform(RotationMatrix(R), [0.1, 0.2, 0.3]))
+    shaper.fix(V_WG=SpatialVelocity(w=[0, 0, 0.5], v=[0.05, 0, 0]))
     ahead = RotationMatrix.MakeZRotation(0.3 + 0.015).matrix()
     expected = still @ ahead.T + [0.1 + 0.0015, 0.2, 0.3]
     np.testing.assert_allclose(shaper.goals(0.0), expected, atol=1e-12)
@@ -280,18 +224,18 @@ def test_goals_are_carried_ahead_with_the_frame():
 def test_held_contacts_stay_when_goals_move_on():
     shaper = Shaper(CONTACTS)
     before = shaper.goals(1.0)
-    shaper.set("hold_contacts", [1.0])
+    shaper.fix(hold_contacts=[1.0])
     shaper.contacts([([0.05, 0.04, 0.03], X), *CONTACTS[1:]])
-    shaper.set("contact_status", np.array([1.0, 1, 1, 1, ContactStatus.OBSTRUCTED]))
+    shaper.fix(contact_status=np.array([1.0, 1, 1, 1, ContactStatus.OBSTRUCTED]))
     np.testing.assert_allclose(shaper.goals(0.5), before, atol=1e-9)
-    shaper.set("standoffs", np.array([-0.001, 0.02, 0.02, 0.02, 0.02]))
+    shaper.fix(standoffs=np.array([-0.001, 0.02, 0.02, 0.02, 0.02]))
     pressed = shaper.goals(0.5)
     np.testing.assert_allclose(pressed[0] - before[0], [-0.021, 0, 0], atol=1e-9)
 
 
 def test_fingers_without_a_contact_wait_above():
     shaper = Shaper(CONTACTS[:4])
-    shaper.set("contact_status", np.array([1.0, 1, 1, 1, ContactStatus.LOST]))
+    shaper.fix(contact_status=np.array([1.0, 1, 1, 1, ContactStatus.LOST]))
     goals = shaper.goals(2.0)
     assert goals[4, 2] >= 0.05 + RADIUS + 0.02 - 1e-9
     np.testing.assert_allclose(goals[:4], (POINTS + 0.029 * NORMALS)[:4], atol=1e-9)
@@ -300,10 +244,10 @@ def test_fingers_without_a_contact_wait_above():
 @pytest.mark.parametrize("yaw", [0.0, 0.7, -2.0])
 def test_fingers_without_a_contact_wait_at_their_own_azimuths_in_the_hand(yaw):
     shaper = Shaper(CONTACTS)
-    shaper.set("contact_status", np.full(5, float(ContactStatus.OUT_OF_REACH)))
+    shaper.fix(contact_status=np.full(5, float(ContactStatus.OUT_OF_REACH)))
     X_WG = RigidTransform(RotationMatrix.MakeZRotation(1.1), [0.2, 0.1, 0.3])
-    shaper.set("X_WG", X_WG)
-    shaper.set("X_WU", RigidTransform(RotationMatrix.MakeZRotation(yaw), [0.2, 0.1, 0.05]))
+    shaper.fix(X_WG=X_WG)
+    shaper.fix(X_WU=RigidTransform(RotationMatrix.MakeZRotation(yaw), [0.2, 0.1, 0.05]))
     goals = shaper.goals(3.0)
     away = goals - X_WG.translation()
     azimuths = np.arctan2(away[:, 1], away[:, 0])
@@ -314,17 +258,7 @@ def test_fingers_without_a_contact_wait_at_their_own_azimuths_in_the_hand(yaw):
 def test_a_tip_on_the_axis_has_a_way_out():
     p_GT = 1.2 * RING
     p_GT[2] = [0.0, 0.0, 0.2]
-    system = FingertipGoalShaper(
-        tip_frames=FRAMES,
-        tip_radius=RADIUS,
-        object_solid=BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)),
-        object_top=0.05,
-        fixed=[],
-        p_GT=p_GT,
-        finger_azimuths=AROUND,
-        period=PERIOD,
-        target_period=0.05,
-    )
+    system = make_shaper(p_GT=p_GT)
     frames = system.GetOutputPort("contact_frames").Eval(system.CreateDefaultContext())
     np.testing.assert_allclose(frames.reshape(2, 5, 3)[1, 2], RING[2] / 0.079, atol=1e-12)
 
@@ -334,9 +268,9 @@ def test_a_contact_too_low_for_a_tip_is_shifted_up():
     shaper = Shaper(low)
     goals = shaper.goals(1.0)
     assert goals[0, 2] == pytest.approx(-0.05 + RADIUS + 0.004)
-    frames = shaper.system.GetOutputPort("contact_frames").Eval(shaper.context).reshape(2, 5, 3)
+    frames = shaper.array("contact_frames").reshape(2, 5, 3)
     np.testing.assert_allclose(frames[0, 0], [0.05, -0.01, goals[0, 2]], atol=1e-9)
-    shaper.set("hold_contacts", [1.0])
+    shaper.fix(hold_contacts=[1.0])
     np.testing.assert_allclose(shaper.goals(0.5), goals, atol=1e-9)
 
 
@@ -344,17 +278,17 @@ def test_obstacles_push_goals_away_but_not_what_is_held():
     shaper = Shaper(CONTACTS)
     before = shaper.goals(1.0)
     ball = BallSolid(before[0] + [0.0, 0.03, 0.0], 0.02)
-    shaper.set("obstacles", AbstractValue.Make(Obstacles((ball,))))
+    shaper.fix(obstacles=AbstractValue.Make(Obstacles((ball,))))
     pushed = shaper.goals(0.5)
     assert ball.distance(pushed)[0] >= RADIUS + 0.004 - 1e-6
-    frames = shaper.system.GetOutputPort("contact_frames").Eval(shaper.context).copy()
-    shaper.set("hold_contacts", [1.0])
+    frames = shaper.array("contact_frames")
+    shaper.fix(hold_contacts=[1.0])
     nearer = BallSolid(before[0] + [0.0, 0.01, 0.0], 0.02)
-    shaper.set("obstacles", AbstractValue.Make(Obstacles((nearer,))))
+    shaper.fix(obstacles=AbstractValue.Make(Obstacles((nearer,))))
     held_goals = shaper.goals(0.5)
     contacts, normals = frames.reshape(2, 5, 3)
     np.testing.assert_allclose(held_goals, contacts + 0.029 * normals, atol=1e-9)
-    held = shaper.system.GetOutputPort("contact_frames").Eval(shaper.context)
+    held = shaper.array("contact_frames")
     np.testing.assert_array_equal(held, frames)
 
 
@@ -362,12 +296,12 @@ def test_obstacles_push_goals_away_but_not_what_is_held():
 def test_fingers_that_have_let_go_heed_obstacles_again(let_go):
     shaper = Shaper(CONTACTS)
     before = shaper.goals(1.0)
-    shaper.set("hold_contacts", [1.0])
+    shaper.fix(hold_contacts=[1.0])
     holds = np.ones(5)
     holds[let_go] = 0
-    shaper.set("fingers_hold", holds)
+    shaper.fix(fingers_hold=holds)
     walls = tuple(BallSolid(p + np.array([0.0, 0.0, 0.02]), 0.015) for p in before)
-    shaper.set("obstacles", AbstractValue.Make(Obstacles(walls)))
+    shaper.fix(obstacles=AbstractValue.Make(Obstacles(walls)))
     goals = shaper.goals(0.5)
     gaps = np.array([wall.distance(goals[i : i + 1])[0] for i, wall in enumerate(walls)])
     assert gaps[let_go] >= RADIUS + 0.004 - 1e-6
@@ -380,7 +314,7 @@ def test_a_palm_of_limited_range_goes_to_its_goals_whoever_is_withdrawn():
     turn = RotationMatrix.MakeZRotation(0.25).matrix()
     contacts = [(0.6 * p @ turn.T, turn @ p / 0.079) for p in RING]
     shaper.contacts(contacts)
-    shaper.set("contact_status", np.array([1.0, 1, 1, ContactStatus.LOST, ContactStatus.LOST]))
+    shaper.fix(contact_status=np.array([1.0, 1, 1, ContactStatus.LOST, ContactStatus.LOST]))
     for port, value in (
         ("X_WO_estimated", RigidTransform()),
         ("X_WG", RigidTransform()),
@@ -388,7 +322,7 @@ def test_a_palm_of_limited_range_goes_to_its_goals_whoever_is_withdrawn():
     ):
         posture.GetInputPort(port).FixValue(own, value)
     for _ in range(200):
-        shaper.set("X_WU", posture.GetOutputPort("X_WU").Eval(own))
+        shaper.fix(X_WU=posture.GetOutputPort("X_WU").Eval(own))
         goals = shaper.goals(PERIOD)
         posture.GetInputPort("tip_goals").FixValue(own, bus(goals))
         yaw = posture.GetOutputPort("nominal_posture").Eval(own)[3]
@@ -399,7 +333,7 @@ def test_a_palm_of_limited_range_goes_to_its_goals_whoever_is_withdrawn():
 
 
 def test_fingers_hold_from_closing_until_they_let_go():
-    settings = GraspSettings()
+    settings = GraspConfig().make_settings()
     sequencer, simulator, context = sequencer_over(X_WO=RigidTransform([0.0, 0.0, 0.05]))
 
     def held():
@@ -422,7 +356,7 @@ def test_fingers_hold_from_closing_until_they_let_go():
 
 
 def test_who_has_touched_keeps_touching_and_all_together_carry_the_weight():
-    settings = GraspSettings()
+    settings = GraspConfig().make_settings()
     sequencer, simulator, context = sequencer_over(X_WO=RigidTransform([0.0, 0.0, 0.05]))
     sequencer.GetInputPort("close").FixValue(context, [1.0])
     sequencer.GetInputPort("V_WO_estimated").FixValue(context, SpatialVelocity.Zero())
@@ -441,15 +375,7 @@ def test_who_has_touched_keeps_touching_and_all_together_carry_the_weight():
 
 
 def sequencer_over(X_WO):
-    sequencer = GraspSequencer(
-        num_fingers=5,
-        tip_radius=RADIUS,
-        mass=0.4,
-        p_OCoM=np.zeros(3),
-        friction=0.5,
-        settings=GraspSettings(),
-        period=PERIOD,
-    )
+    sequencer = make_sequencer()
     simulator = Simulator(sequencer)
     context = simulator.get_mutable_context()
     for port, value in (
@@ -475,7 +401,7 @@ def test_the_carried_frame_comes_down_to_the_object():
         np.testing.assert_array_equal(X_WG.rotation().matrix(), X_WO.rotation().matrix())
         heights.append(X_WG.translation()[2] - 0.05)
         speeds.append(sequencer.GetOutputPort("V_WG").Eval(context).translational()[2])
-    assert heights[0] == pytest.approx(GraspSettings().approach_height)
+    assert heights[0] == pytest.approx(GraspConfig().make_settings().approach_height)
     assert heights[-1] == pytest.approx(0)
     assert np.all(np.diff(heights) <= 1e-12)
     np.testing.assert_allclose(speeds[1:-1], np.gradient(heights, 0.1)[1:-1], atol=0.01)

@@ -9,6 +9,7 @@ from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import ContactStatus, InvalidArgumentError, box_surface
+from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.quality.contact_models import CONTACT_MODELS
 from drake_pregrasp.quality.grasp_quality import grasp_quality
@@ -21,7 +22,8 @@ X_WO = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [1.0, 2.0, 3.0])
 
 
 def quality(p_OC, surface, status=None, **options):
-    monitor = GraspQualityMonitor(surface=surface, num_contacts=len(p_OC), **options)
+    config = MeasuresConfig(**options)
+    monitor = GraspQualityMonitor(config, surface=surface, num_contacts=len(p_OC))
     context = monitor.CreateDefaultContext()
     monitor.GetInputPort("p_WC").FixValue(context, (X_WO @ p_OC.T).T.ravel())
     monitor.GetInputPort("X_WO").FixValue(context, X_WO)
@@ -60,9 +62,9 @@ def test_monitor_measures_by_the_contact_model(p_OC, surface, model):
 
 
 def test_monitor_refuses_unusable_arguments(p_OC, surface):
-    with pytest.raises(InvalidArgumentError, match="no contact model 'glue'; there are: complete"):
+    with pytest.raises(InvalidArgumentError, match="contact_model must be one of: complete"):
         quality(p_OC, surface, contact_model="glue")
-    with pytest.raises(InvalidArgumentError, match="length must be at least 0 m, not -1"):
+    with pytest.raises(InvalidArgumentError, match="length must be a number at least 0"):
         quality(p_OC, surface, length=-1)
 
 

@@ -6,26 +6,24 @@ import struct
 import numpy as np
 import pytest
 import trimesh
+from made_systems import Driven, make_partitioner, make_selector
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat, MeshcatParams, Rgba
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
 
-from drake_pregrasp import ContactStatus, ForbiddenPoints, InvalidArgumentError
-from drake_pregrasp.contacts.goal_limits import ContactLimits
+from drake_pregrasp import BallReach, ContactStatus, ForbiddenPoints, InvalidArgumentError
 from drake_pregrasp.contacts.selection_input import contact_status, describe_status
 from drake_pregrasp.errors import ContactError
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
-from drake_pregrasp.regions.constraints import NO_CAUSE, FingerReach, Limit, Obstacles
+from drake_pregrasp.regions.constraints import NO_CAUSE, Limit, Obstacles
 from drake_pregrasp.regions.safe_regions import NO_REGION
 from drake_pregrasp.regions.walls import WALL_TESTS
 from drake_pregrasp.systems import centroid_selector, obstacle_visualizer, status_labels
-from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.drawing import text_board
 from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer
-from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
-from drake_pregrasp.systems.scene_inputs import HandPose, MovingObstacles, MovingSolid
+from drake_pregrasp.systems.sources import HandPose, MovingObstacles, MovingSolid
 from drake_pregrasp.systems.status_labels import StatusLabels
 
 X_WO = RigidTransform(RollPitchYaw(0.2, -0.4, 1.0), [0.5, -0.3, 0.2])
@@ -67,24 +65,12 @@ def test_over_a_horizon_regions_keep_clear_of_where_obstacles_will_be(surface, p
     wall = HalfSpace(np.array([0.12, 0.0, 0.0]), np.array([-1.0, 0.1, 0.0]))
     obstacles = Obstacles((wall,), velocities=velocity[None])
     X = RigidTransform(RollPitchYaw(0.0, 0.0, 0.3), [0.01, 0.0, 0.0])
-    system = SafeRegionPartitioner(
-        surface=surface, num_contacts=5, tip_radii=np.full(5, radius), horizon=horizon
-    )
-    context = system.CreateDefaultContext()
-    system.GetInputPort("X_WO_estimated").FixValue(context, X)
-    system.GetInputPort("p_WC").FixValue(context, (X @ p_OC.T).T.ravel())
-    system.GetInputPort("obstacles").FixValue(context, AbstractValue.Make(obstacles))
-    if V_WO is not None:
-        system.GetInputPort("V_WO_estimated").FixValue(context, V_WO)
-    labels = system.get_output_port().Eval(context).labels
-    now = SafeRegionPartitioner(surface=surface, num_contacts=5, tip_radii=np.full(5, radius))
-    now_context = now.CreateDefaultContext()
-    for name in ("X_WO_estimated", "p_WC", "obstacles"):
-        value = system.GetInputPort(name).Eval(context)
-        now.GetInputPort(name).FixValue(
-            now_context, value if name == "p_WC" else AbstractValue.Make(value)
-        )
-    without = now.get_output_port().Eval(now_context).labels
+    tips = {"tip_radii": [radius] * 5}
+    later = {} if V_WO is None else {"V_WO_estimated": V_WO}
+    labels = partition(
+        surface, p_OC, X=X, obstacles=obstacles, later=later, horizon=horizon, **tips
+    ).labels
+    without = partition(surface, p_OC, X=X, obstacles=obstacles, **tips).labels
     touched = np.zeros(len(labels), dtype=bool)
     for moment in np.linspace(0.0, horizon, 4):
         X_then = X
@@ -138,16 +124,19 @@ def test_a_hand_that_stays_stays():
 # The partitioner.
 
 
-def partition(surface, p_OC, *, X=X_WO, X_WH=None, obstacles=None, **arguments):
-    system = SafeRegionPartitioner(surface=surface, num_contacts=len(p_OC), **arguments)
-    context = system.CreateDefaultContext()
-    system.GetInputPort("X_WO_estimated").FixValue(context, X)
-    system.GetInputPort("p_WC").FixValue(context, (X @ p_OC.T).T.ravel())
+def partition(surface, p_OC, *, X=X_WO, X_WH=None, obstacles=None, later=None, **settings):
+    own = {k: settings.pop(k) for k in ("wall_test", "normal_length") if k in settings}
+    system = make_partitioner(surface, len(p_OC), settings, **own)
+    driven = Driven(system, X_WO_estimated=X, p_WC=(X @ p_OC.T).T.ravel(), **(later or {}))
     if X_WH is not None:
-        system.GetInputPort("X_WH").FixValue(context, X_WH)
+        driven.fix(X_WH=X_WH)
     if obstacles is not None:
-        system.GetInputPort("obstacles").FixValue(context, AbstractValue.Make(obstacles))
-    return system.get_output_port().Eval(context)
+        driven.fix(obstacles=AbstractValue.Make(obstacles))
+    return driven.eval("safe_regions")
+
+
+def ball_reach(center, radius):
+    return BallReach(center=list(center), radius=radius)
 
 
 def differ(a, b):
@@ -156,7 +145,7 @@ def differ(a, b):
 
 
 def test_reach_moves_with_the_hand(surface, p_OC):
-    reach = [None, None, None, FingerReach(BallSolid(np.array([0.02, 0.0, 0.0]), 0.05)), None]
+    reach = [None, None, None, ball_reach([0.02, 0.0, 0.0], 0.05), None]
     X_OH = RigidTransform(RollPitchYaw(0.4, 0.1, 0.5), p_OC[3] - [0.02, 0.01, 0])
     free = partition(surface, p_OC)
     here = partition(surface, p_OC, X=RigidTransform(), X_WH=X_OH, reach=reach)
@@ -172,7 +161,7 @@ def test_reach_moves_with_the_hand(surface, p_OC):
 
 
 def test_without_a_hand_reach_is_in_the_world(surface, p_OC):
-    reach = [FingerReach(BallSolid(X_WO @ p_OC[0], 0.03))] + [None] * 4
+    reach = [ball_reach(X_WO @ p_OC[0], 0.03)] + [None] * 4
     in_world = partition(surface, p_OC, reach=reach)
     assert in_world.sizes()[0] > 0
     as_hand = partition(surface, p_OC, reach=reach, X_WH=RigidTransform())
@@ -186,7 +175,7 @@ def test_obstacles_in_the_world_are_those_in_the_object(surface, p_OC):
     )
     in_O = Obstacles(solids, ForbiddenPoints(np.array([[-0.06, 0, 0]]), np.array([0.005])))
     in_W = in_O.moved(X_WO.rotation().matrix(), X_WO.translation())
-    tips = {"tip_radii": np.full(5, 0.004), "clearance": 0.003}
+    tips = {"tip_radii": [0.004] * 5, "clearance": 0.003}
     here = partition(surface, p_OC, X=RigidTransform(), obstacles=in_O, **tips)
     there = partition(surface, p_OC, obstacles=in_W, **tips)
     assert differ(here, there) < 0.01
@@ -194,7 +183,7 @@ def test_obstacles_in_the_world_are_those_in_the_object(surface, p_OC):
     assert differ(here, partition(surface, p_OC, **tips)) > 0.03
 
 
-@pytest.mark.parametrize("arguments", [{"clearance": 0.02}, {"tip_radii": np.full(5, 0.02)}])
+@pytest.mark.parametrize("arguments", [{"clearance": 0.02}, {"tip_radii": [0.02] * 5}])
 def test_clearance_and_fingertips_set_regions_back_from_obstacles(surface, p_OC, arguments):
     up = X_WO.rotation().matrix()[:, 2]
     obstacles = Obstacles((HalfSpace(X_WO @ np.array([0.0, 0.0, -0.03]), up),))
@@ -222,24 +211,25 @@ def test_normals_as_coordinates_keep_regions_to_one_face(surface):
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
-        ({"tip_radii": np.zeros(3)}, "tip_radii must be 5 or none, not 3"),
-        ({"tip_radii": -np.ones(5)}, "tip_radii must be at least 0 m"),
+        ({"tip_radii": [0.0] * 3}, "tip_radii must be 5 or none, not 3"),
+        ({"tip_radii": [-1.0] * 5}, r"limits.tip_radii\[0\] must be a number at least 0"),
         ({"reach": [None]}, "reach must be 5 or none, not 1"),
-        ({"clearance": -1.0}, "clearance must be at least 0, not -1"),
-        ({"wall_test": "glance"}, "no wall test 'glance'; there are: none, normals, surface"),
-        ({"normal_length": np.nan}, "normal_length must be at least 0"),
+        ({"clearance": -1.0}, "limits.clearance must be a number at least 0 .*, not -1"),
+        ({"tip_gap": 0.1}, "a tip gap or a standoff needs tip_radii"),
+        ({"wall_test": "glance"}, "wall_test must be one of: none, normals, surface"),
+        ({"normal_length": np.nan}, "normal_length must be a number at least 0"),
     ],
 )
-def test_the_partitioner_refuses_what_makes_no_sense(surface, arguments, problem):
+def test_the_partitioner_refuses_what_makes_no_sense(surface, p_OC, arguments, problem):
     with pytest.raises(InvalidArgumentError, match=problem):
-        SafeRegionPartitioner(surface=surface, num_contacts=5, **arguments)
+        partition(surface, p_OC, **arguments)
 
 
 # The selector.
 
 
-def select(surface, p_OC, regions, **arguments):
-    system = CentroidSelector(surface=surface, p_OC=p_OC, period=0.05, **arguments)
+def select(surface, p_OC, regions, **settings):
+    system = make_selector(surface, p_OC, **settings)
     context = system.CreateDefaultContext()
     system.GetInputPort("X_WO_estimated").FixValue(context, X_WO)
     system.GetInputPort("p_WO_covariance").FixValue(context, 1e-6 * np.eye(3).ravel())
@@ -254,7 +244,7 @@ def select(surface, p_OC, regions, **arguments):
 
 def test_the_selector_says_what_has_become_of_each_contact_and_why(surface, p_OC):
     ball = Obstacles((BallSolid(np.array([9.0, 0, 0]), 0.1), BallSolid(X_WO @ p_OC[1], 0.05)))
-    reach = [None, None, FingerReach(BallSolid(np.array([9.0, 0, 0]), 0.1)), None, None]
+    reach = [None, None, ball_reach([9.0, 0, 0], 0.1), None, None]
     regions = partition(surface, p_OC, obstacles=ball, reach=reach)
     system, context, emitted = select(surface, p_OC, regions)
     status, causes, p_WC = emitted()
@@ -272,7 +262,7 @@ def test_the_selector_says_what_has_become_of_each_contact_and_why(surface, p_OC
 def test_the_selector_keeps_to_its_limits(surface, p_OC):
     regions = partition(surface, p_OC)
     goals = {}
-    for name, limits in (("free", None), ("slow", ContactLimits(max_step=0.001))):
+    for name, limits in (("free", {}), ("slow", {"max_step": 0.001})):
         _, _, emitted = select(surface, p_OC, regions, limits=limits)
         goals[name] = (X_WO.inverse() @ emitted()[2].reshape(-1, 3).T).T
     ways = {name: np.linalg.norm(p - p_OC, axis=1) for name, p in goals.items()}

@@ -2,20 +2,18 @@ import dataclasses
 
 import numpy as np
 import pytest
+from made_systems import PERIOD, Driven, make_partitioner, make_selector
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from drake_pregrasp import ContactStatus, ForbiddenPoints, InvalidArgumentError
+from drake_pregrasp import BlendConfig, ContactStatus, ForbiddenPoints, InvalidArgumentError
 from drake_pregrasp.contacts.centroids import select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_blend, make_strategy, position_tracking
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
-from drake_pregrasp.systems.centroid_selector import CentroidSelector
-from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
 
 X_WO = RigidTransform(RollPitchYaw(0.2, -0.4, 1.0), [0.5, -0.3, 0.2])
-PERIOD = 0.05
 COVARIANCE = 1e-6 * np.eye(3)
 
 
@@ -24,17 +22,12 @@ def in_world(p_OC):
 
 
 def partition(surface, p_OC, weights=None, obstacles=None):
-    system = SafeRegionPartitioner(surface=surface, num_contacts=len(p_OC))
-    context = system.CreateDefaultContext()
-    system.GetInputPort("X_WO_estimated").FixValue(context, X_WO)
-    system.GetInputPort("p_WC").FixValue(context, in_world(p_OC))
+    driven = Driven(make_partitioner(surface), X_WO_estimated=X_WO, p_WC=in_world(p_OC))
     if weights is not None:
-        system.GetInputPort("contact_weights").FixValue(context, weights)
+        driven.fix(contact_weights=weights)
     if obstacles is not None:
-        system.GetInputPort("obstacles").FixValue(
-            context, AbstractValue.Make(Obstacles(points=obstacles))
-        )
-    return system.get_output_port().Eval(context)
+        driven.fix(obstacles=AbstractValue.Make(Obstacles(points=obstacles)))
+    return driven.eval("safe_regions")
 
 
 def test_partitioner_computes_in_the_object_frame(surface, p_OC):
@@ -63,8 +56,8 @@ def test_partitioner_takes_obstacles_in_the_world(surface, p_OC):
     assert regions.sizes()[4] < partition(surface, p_OC).sizes()[4]
 
 
-def selector_and_context(surface, p_OC, **arguments):
-    system = CentroidSelector(surface=surface, p_OC=p_OC, period=PERIOD, **arguments)
+def selector_and_context(surface, p_OC, **settings):
+    system = make_selector(surface, p_OC, **settings)
     context = system.CreateDefaultContext()
     regions = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(len(p_OC)), surface.forbidden)
     system.GetInputPort("X_WO_estimated").FixValue(context, X_WO)
@@ -188,14 +181,14 @@ def test_fingertip_targets_look_into_the_object(surface, p_OC):
         ({"strategy": "margin", "friction": 0.3}, make_strategy("margin", friction=0.3), False),
         ({"strategy": "margin", "in_turns": True}, make_strategy("margin"), True),
         (
-            {"strategy": "blend", "blend": {"vew": 1.0, "position": 2.0}, "stretch": False},
+            {"strategy": "blend", "blend": BlendConfig(vew=1.0, position=2.0), "stretch": False},
             make_blend({"vew": 1, "position": 2}, stretch=False),
             False,
         ),
     ],
 )
 def test_selector_weighs_as_it_is_told(surface, p_OC, arguments, strategy, in_turns):
-    selector = CentroidSelector(surface=surface, p_OC=p_OC, period=0.1, **arguments)
+    selector = make_selector(surface, p_OC, **arguments)
     context = selector.CreateDefaultContext()
     regions = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(5), surface.forbidden)
     for name, value in (
@@ -217,7 +210,7 @@ def test_selector_weighs_as_it_is_told(surface, p_OC, arguments, strategy, in_tu
         {"position_spread": 0.0},
         {"strategy": "telepathy"},
         {"strategy": "blend"},
-        {"strategy": "blend", "blend": {"vew": -1.0}},
+        {"strategy": "blend", "blend": BlendConfig(vew=-1.0)},
         {"strategy": "msv", "power": 0.0},
         {"strategy": "margin", "friction": -1.0},
         {"static_duration": np.nan},
@@ -229,4 +222,4 @@ def test_selector_weighs_as_it_is_told(surface, p_OC, arguments, strategy, in_tu
 )
 def test_selector_refuses_bad_arguments(surface, p_OC, arguments):
     with pytest.raises(InvalidArgumentError):
-        CentroidSelector(**{"surface": surface, "p_OC": p_OC, "period": 0.1, **arguments})
+        make_selector(surface, arguments.pop("p_OC", p_OC), **arguments)

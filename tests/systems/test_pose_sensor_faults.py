@@ -3,10 +3,11 @@ import pytest
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from drake_pregrasp import InvalidArgumentError, MeasurementFaults, NoisyPoseSensor
+from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.geometry.rotations import rotation_matrix
 
 T = 0.05
-STD = {"position_std": 0.01, "orientation_std": 0.02}
+STD = SensorConfig(0.01, 0.02)
 NOISE = np.random.default_rng(0).standard_normal((200, 6))
 ALL = MeasurementFaults(
     noise_factor=2.0,
@@ -29,7 +30,7 @@ WITHOUT_MEMORY = MeasurementFaults(
 
 
 def faulty(faults, seed=3):
-    return NoisyPoseSensor(**STD, period=T, seed=seed, faults=faults)
+    return NoisyPoseSensor(SensorConfig(0.01, 0.02, faults), period=T, seed=seed)
 
 
 def true_pose(tick):
@@ -65,7 +66,7 @@ def emitted(sensor, ticks=range(100), context=None):
 
 
 def test_without_faults_it_is_the_same_to_the_bit_and_there_is_neither_state_nor_parameter():
-    for sensor in (NoisyPoseSensor(**STD), faulty(None), faulty(MeasurementFaults(start=1.0))):
+    for sensor in (NoisyPoseSensor(STD), faulty(MeasurementFaults(start=1.0))):
         context = sensor.CreateDefaultContext()
         assert context.num_total_states() == context.num_numeric_parameter_groups() == 0
         for row, tick in zip(emitted(sensor), range(100), strict=True):
@@ -100,7 +101,7 @@ def test_each_fault_alone_is_one_and_only_what_concerns_time_has_state(name):
 @pytest.mark.parametrize("faults", [WITHOUT_MEMORY, ALL], ids=["without memory", "all"])
 def test_outside_of_their_time_faults_change_no_bit(faults):
     window = {**vars(faults), "start": 1.0, "end": 2.0}
-    found, expected = emitted(faulty(MeasurementFaults(**window))), emitted(NoisyPoseSensor(**STD))
+    found, expected = emitted(faulty(MeasurementFaults(**window))), emitted(NoisyPoseSensor(STD))
     inside = np.arange(100) // 20 == 1
     late = np.arange(100) // 5 == 8  # What was measured at the end of the window still arrives.
     settled = ~inside & ~late
@@ -166,7 +167,7 @@ def test_nothing_has_arrived_before_the_delay():
     assert np.all(found[:4, 0] == -np.inf)
     assert np.all(np.isnan(found[:4, 1:]))
     np.testing.assert_array_equal(found[4:, 0], np.arange(4) * T)
-    np.testing.assert_array_equal(found[4:, 1:], emitted(NoisyPoseSensor(**STD))[:4, 1:])
+    np.testing.assert_array_equal(found[4:, 1:], emitted(NoisyPoseSensor(STD))[:4, 1:])
 
 
 @pytest.mark.parametrize("freeze_rate", [0.0, 1e-9], ids=["without memory", "with memory"])
@@ -196,7 +197,7 @@ def test_measured_rotations_are_rotations():
 )
 def test_unusable_arguments_are_named(arguments, message):
     with pytest.raises(InvalidArgumentError, match=message):
-        NoisyPoseSensor(**STD, **arguments, faults=MeasurementFaults(sample_period=0.08))
+        NoisyPoseSensor(SensorConfig(faults=MeasurementFaults(sample_period=0.08)), **arguments)
 
 
 @pytest.mark.parametrize("freeze_rate", [0.0, 1e-9], ids=["without memory", "with memory"])

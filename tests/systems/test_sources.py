@@ -9,12 +9,11 @@ from pydrake.systems.primitives import AddRandomInputs
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
-from drake_pregrasp.systems.noise_source import NoiseSource
-from drake_pregrasp.systems.object_motion import BodyPose, ObjectMotion, PoseReplay
-from drake_pregrasp.systems.pose_sensor import NoisyPoseSensor
-from drake_pregrasp.systems.scene_inputs import ContactWeights
+from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
+from drake_pregrasp.systems.sources import BodyPose, ContactWeights, ObjectMotion, PoseReplay
 
 
 def noise_at(source, time, seed=None):
@@ -123,12 +122,12 @@ X_WO = RigidTransform(RollPitchYaw(0.3, -0.2, 2.0), [0.4, 0.5, 0.6])
 
 
 def test_sensor_without_noise_measures_the_truth():
-    sensor = NoisyPoseSensor(position_std=0.1, orientation_std=0.1)
+    sensor = NoisyPoseSensor(SensorConfig(0.1, 0.1))
     assert measured(sensor, X_WO, np.zeros(6)).IsNearlyEqualTo(X_WO, 1e-15)
 
 
 def test_sensor_adds_noise_in_the_world_frame():
-    sensor = NoisyPoseSensor(position_std=0.1, orientation_std=0.2)
+    sensor = NoisyPoseSensor(SensorConfig(0.1, 0.2))
     X_WM = measured(sensor, X_WO, np.array([1.0, 0, -1, 0, 0, 0.5]))
     np.testing.assert_allclose(X_WM.translation() - X_WO.translation(), [0.1, 0, -0.1], atol=1e-15)
     expected = RotationMatrix.MakeZRotation(0.1) @ X_WO.rotation()
@@ -137,7 +136,7 @@ def test_sensor_adds_noise_in_the_world_frame():
 
 def test_sensor_takes_drakes_random_inputs():
     builder = DiagramBuilder()
-    sensor = builder.AddSystem(NoisyPoseSensor(position_std=0.1, orientation_std=0.2))
+    sensor = builder.AddSystem(NoisyPoseSensor(SensorConfig(0.1, 0.2)))
     builder.ExportInput(sensor.GetInputPort("X_WO"), "X_WO")
     builder.ExportOutput(sensor.GetOutputPort("X_WO_measured"), "X_WM")
     assert AddRandomInputs(0.1, builder) == 1

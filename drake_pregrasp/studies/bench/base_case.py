@@ -18,7 +18,7 @@ from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.run_log import RunLog
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.studies.bench.tick_times import implementations, with_implementation
+from drake_pregrasp.studies.bench.tick_times import chosen, implementations
 
 PARTS = ("physics", "sensor and planner", "measures and log.csv", "recording")
 """Parts of a simulation, in the order in which the timed diagrams gain them."""
@@ -63,9 +63,10 @@ def time_run(job: RunJob) -> list[dict[str, Any]]:
     """
     scenario = load_scenario("a_base")
     scenario.planner.period, scenario.planner.static_duration = job.period, 0.0
-    surface = with_implementation(scenario.make_surface(), job.implementation)
+    surface = scenario.make_surface()
     times: list[list[tuple[float, float]]] = []
     with ExitStack() as stack:
+        stack.enter_context(chosen(job.implementation))
         folder = stack.enter_context(tempfile.TemporaryDirectory())
         log, recorded = (
             stack.enter_context(RunLog(Path(folder) / name, scenario.num_contacts)).append
@@ -75,7 +76,7 @@ def time_run(job: RunJob) -> list[dict[str, Any]]:
             ObjectPlant(scenario.object, scenario.motion, scenario.plant_config),
             make_diagram(scenario, surface),
             make_diagram(scenario, surface, sink=log),
-            make_diagram(scenario, surface, sink=recorded, meshcat=start_meshcat()),
+            make_diagram(scenario, surface, sink=recorded, meshcat=start_meshcat(), record=True),
         )
         simulators = [Simulator(diagram) for diagram in diagrams]
         for simulator in simulators:

@@ -1,7 +1,9 @@
 """Times of planning ticks through the planner's ports, by implementation and size."""
 
+import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -12,13 +14,14 @@ from pydrake.math import RigidTransform
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.centroids import select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_strategy
-from drake_pregrasp.diagrams.pregrasp_planner import PlannerConfig, PregraspPlanner
+from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
+from drake_pregrasp.fast import SWITCH, numba_is_installed
 from drake_pregrasp.geometry.box_surface import box_surface
 from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
-from drake_pregrasp.kernels import make_kernel, numba_is_installed
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.scenario_file import load_scenario
@@ -87,14 +90,15 @@ def implementations() -> tuple[str, ...]:
     return ("reference", "numba") if numba_is_installed() else ("reference",)
 
 
-def with_implementation(surface: ObjectSurface, implementation: str) -> ObjectSurface:
-    """Returns a copy of a surface on which one of `implementations()` plans."""
-    name = {"reference": "numpy"}.get(implementation, implementation)
-    own = replace(surface)
-    own.__dict__["kernel"] = make_kernel(
-        own.p_OQ, own.nhat_OQ, own.areas, own.p_OCoM, implementation=name
-    )
-    return own
+@contextmanager
+def chosen(implementation: str) -> Iterator[None]:
+    """Makes planners that are built meanwhile use one of `implementations()`."""
+    before = os.environ.get(SWITCH, "")
+    os.environ[SWITCH] = "0" if implementation == "reference" else "1"
+    try:
+        yield
+    finally:
+        os.environ[SWITCH] = before
 
 
 def make_tick(
@@ -119,7 +123,8 @@ def make_tick(
     if implementation == BLAS:
         return _matrix_product_tick(surface, config)
     config = replace(config, static_duration=0.0)
-    planner = PregraspPlanner(config, with_implementation(surface, implementation), p_OC)
+    with chosen(implementation):
+        planner = PregraspPlanner(config, surface, p_OC)
     context = planner.CreateDefaultContext()
     pose = AbstractValue.Make(RigidTransform())
     planner.GetInputPort("X_WO_measured").FixValue(context, pose)

@@ -17,7 +17,7 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
-from drake_pregrasp.systems.scene_inputs import MovingSolid
+from drake_pregrasp.systems.sources import MovingSolid
 
 FINGERS = 5  # Number of fingers of the hand.
 

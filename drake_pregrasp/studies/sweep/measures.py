@@ -11,8 +11,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
-from drake_pregrasp.simulation.logged_run import LoggedRun
-from drake_pregrasp.simulation.phases import adapting_phase
+from drake_pregrasp.simulation.run import LoggedRun
+from drake_pregrasp.simulation.run_log import adapting_phase
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import scenario_from_data
 from drake_pregrasp.simulation.summary import force_closure_summary, summarize_grasp
@@ -146,8 +146,8 @@ def _of_log(scenario: Scenario, columns: Mapping[str, FloatArray]) -> dict[str, 
     return values | {
         "motion_on_object": 1e3 * _motion_on_object(columns, active)[phase].sum() / seconds,
         "displacement": 1e3 * columns["displacement"][phase].sum() / seconds,
-        "position_error_mean": 1e3 * np.mean(error),
-        "position_error_max": 1e3 * np.max(error),
+        "position_error_mean": 1e3 * np.nanmean(error),
+        "position_error_max": 1e3 * np.nanmax(error),
         "active_share": active[phase].mean(),
     }
 

@@ -1,7 +1,9 @@
 """Sweeps from YAML files, and the files that rows depend on."""
 
+import contextlib
 import copy
 import dataclasses
+import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -34,7 +36,7 @@ from drake_pregrasp.studies.package_digest import digest_files
 from drake_pregrasp.studies.sweep.field_path import set_field
 from drake_pregrasp.studies.sweep.measures import DEFAULT_MEASURES, MEASURES
 from drake_pregrasp.studies.sweep.sweep_plan import SweepPlan, grid_axis, random_axis
-from drake_pregrasp.systems.noise_source import MAX_SEED
+from drake_pregrasp.systems.pose_sensor import MAX_SEED
 
 
 @dataclass
@@ -139,7 +141,10 @@ def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
     data = read_mapping(file)
     check_mapping(source, "", data, StudyConfig)
     for key in ("overrides", "grid", "random"):
-        _check_plain(source, key, data.get(key))
+        try:
+            json.dumps(data.get(key))
+        except TypeError as error:  # YAML has dates, bytes and sets, and no field of a scenario.
+            raise ScenarioError(source, key, f"holds what no field can have: {error}") from error
     config = StudyConfig(**data)
     if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", file.stem):
         problem = "a study's file is named with letters, digits, '_', '-' and '.'"
@@ -165,20 +170,6 @@ def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
     plan.check(source, ["index", "seed", "error", *MEASURES])
     absolute = tuple(str(Path(folder).resolve()) for folder in folders)
     return Study(file.stem, source, file.parent.resolve(), absolute, config, base, plan)
-
-
-def _check_plain(source: str, key: str, value: Any) -> None:
-    """Refuses what YAML has, and no field of a scenario: dates, bytes, sets."""
-    if isinstance(value, Mapping):
-        for name, part in value.items():
-            _check_plain(source, f"{key}.{name}", name)
-            _check_plain(source, f"{key}.{name}", part)
-    elif isinstance(value, list):
-        for index, part in enumerate(value):
-            _check_plain(source, f"{key}[{index}]", part)
-    elif not isinstance(value, str | int | float | None):
-        problem = f"{value!r} must be a number, a text, true, false, a list or a mapping"
-        raise ScenarioError(source, key, problem)
 
 
 def _find(name_or_file: str) -> Path:
@@ -213,7 +204,10 @@ def named_files(study: Study) -> dict[str, str]:
     """
     allowed = [study.folder, *map(Path, study.folders)]
     found: set[Path] = set()
-    for changes in [{}, *_changes(study.plan)]:
+    every: list[Mapping[str, Any]] = [{}, *(c for axis in study.plan.grid for c in axis.changes)]
+    for axis in study.plan.random:
+        every += [dict.fromkeys(axis.fields, value) for value in axis.arguments]
+    for changes in every:
         data = copy.deepcopy(study.scenario)
         try:
             for path, value in changes.items():
@@ -228,16 +222,6 @@ def named_files(study: Study) -> dict[str, str]:
     for mesh in [path for path in found if path.suffix.lower() == ".gltf"]:
         found.update(_buffers(mesh))
     return {str(path): digest for path in sorted(found) if (digest := _digest(path))}
-
-
-def _changes(plan: SweepPlan) -> Iterator[Mapping[str, Any]]:
-    """Yields what the axes set, where that can name a file."""
-    every: list[Mapping[str, Any]] = [change for axis in plan.grid for change in axis.changes]
-    for axis in plan.random:
-        every += [dict.fromkeys(axis.fields, value) for value in axis.arguments]
-    for change in every:
-        if any(isinstance(value, str | list | Mapping) for value in change.values()):
-            yield change
 
 
 def _paths(config: object) -> Iterator[str]:
@@ -274,9 +258,7 @@ def _buffers(mesh: Path) -> list[Path]:
 
 def _digest(path: Path) -> str:
     """Returns a file's digest; nothing if it is no regular one, or larger than any may be."""
-    try:
+    with contextlib.suppress(OSError):
         if path.is_file() and path.stat().st_size <= MAX_BYTES:
             return digest_files([path])
-    except OSError:
-        pass
     return ""

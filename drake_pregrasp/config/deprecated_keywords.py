@@ -1,0 +1,54 @@
+"""Keywords of earlier releases, folded into the configuration that a system now takes."""
+
+import dataclasses
+import warnings
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+Config = TypeVar("Config")
+
+
+def config_with(
+    config: Config | None,
+    default: Config,
+    keywords: Mapping[str, Any],
+    owner: object,
+    names: Mapping[str, str] | None = None,
+) -> Config:
+    """Returns the configuration of a system, with its deprecated keywords folded in.
+
+    Args:
+        config: Configuration that the caller gives, if any.
+        default: Configuration that `keywords` change.
+        keywords: Deprecated keywords with their values.
+        owner: System whose constructor is called.
+        names: Dotted path of the field for each keyword that has another name than its field.
+
+    Raises:
+        TypeError: If a keyword is unknown, or given beside a configuration.
+    """
+    if not keywords:
+        return default if config is None else config
+    said = ", ".join(keywords)
+    if config is not None:
+        raise TypeError(f"{type(owner).__name__} takes {said} from its config, not beside it")
+    for keyword, value in keywords.items():
+        path = (names or {}).get(keyword, keyword)
+        try:
+            default = _changed(default, path.split("."), value)
+        except (TypeError, AttributeError) as error:
+            raise TypeError(f"{type(owner).__name__} has no argument {keyword}") from error
+    warnings.warn(
+        f"{type(owner).__name__}: give {said} in a {type(default).__name__}; as keywords they are"
+        " deprecated",
+        DeprecationWarning,
+        stacklevel=3,
+    )
+    return default
+
+
+def _changed(config: Any, path: list[str], value: Any) -> Any:
+    name, *rest = path
+    if rest:
+        value = _changed(getattr(config, name), rest, value)
+    return dataclasses.replace(config, **{name: value})

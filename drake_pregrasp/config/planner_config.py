@@ -1,0 +1,196 @@
+"""Configuration of the planner, of its pose estimator and of the measures of its contacts."""
+
+from dataclasses import dataclass, field
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.contacts.strategies import BLEND, READINGS, STRATEGIES
+from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
+from drake_pregrasp.estimation.pose_tracker import TrackerSettings
+from drake_pregrasp.quality.contact_models import CONTACT_MODELS
+from drake_pregrasp.quality.force_closure import FRICTION, TORSIONAL_FRICTION
+from drake_pregrasp.regions.walls import WALL_TESTS
+
+MOST_LATE = 1000
+"""Largest number of used measurements that may be newer than an out-of-sequence one."""
+
+_STD = {"above": 0, "at_most": 10}
+_RATE = {"above": 0, "at_most": 1000}
+_TIME = {"at_least": 0, "at_most": 1e6}
+_WEIGHT = {"at_least": 0, "at_most": 1e6}
+
+
+@dataclass
+class EstimatorConfig:
+    """Assumptions of the pose estimator. Standard deviations are per axis."""
+
+    # Standard deviation of a measured position, in metres.
+    position_std: float = field(default=0.0005, metadata=_STD)
+
+    # Standard deviation of a measured orientation, as a rotation vector, in radians.
+    orientation_std: float = field(default=0.0035, metadata=_STD)
+
+    # Square root of the spectral density of the object's random acceleration, in m/s^2/sqrt(Hz).
+    acceleration: float = field(default=0.001, metadata=_RATE)
+
+    # Square root of the spectral density of its random angular acceleration, in rad/s^2/sqrt(Hz).
+    angular_acceleration: float = field(default=0.01, metadata=_RATE)
+
+    # Standard deviation of the velocity before the first measurement, in m/s.
+    initial_velocity_std: float = field(default=0.1, metadata=_RATE)
+
+    # Standard deviation of the angular velocity before the first measurement, in rad/s.
+    initial_angular_velocity_std: float = field(default=0.5, metadata=_RATE)
+
+    # Mean acceleration along -z of W, in m/s^2: 0 for an object that is carried, 9.81 for one in
+    # free flight.
+    gravity: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
+
+    # Seconds by which the estimate, and with it the goals, are predicted ahead. Measures and errors
+    # still compare them with the object's pose at the present time.
+    lookahead: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
+
+    # Mahalanobis distance from its prediction beyond which a measured position or orientation is an
+    # outlier; 0 accepts all measurements.
+    gate: float = field(default=7.0, metadata=_WEIGHT)
+
+    # Number of consecutive outliers, consistent with each other, that are accepted as a jump.
+    reacquire_after: int = field(default=3, metadata={"at_least": 1, "at_most": 1000})
+
+    # Whether a measurement that equals the last one bit by bit is refused, if the object moves and
+    # the sensor is known to be noisy.
+    refuse_repeats: bool = True
+
+    # Largest number of used measurements that are newer than an out-of-sequence one; an older one
+    # is refused.
+    late_measurements: int = field(default=20, metadata={"at_least": 1, "at_most": MOST_LATE})
+
+    # Seconds by which a measurement is overdue when the status becomes coasting: goals then follow
+    # the prediction.
+    coast_after: float = field(default=0.1, metadata=_TIME)
+
+    # Seconds by which a measurement is overdue when the object is lost: goals then stay. At least
+    # coast_after.
+    lost_after: float = field(default=1.0, metadata=_TIME)
+
+
+def filter_noise(config: EstimatorConfig) -> PoseFilterNoise:
+    """Returns the noise that the pose filter assumes."""
+    return PoseFilterNoise(
+        position=config.position_std,
+        orientation=config.orientation_std,
+        acceleration=config.acceleration,
+        angular_acceleration=config.angular_acceleration,
+        initial_velocity=config.initial_velocity_std,
+        initial_angular_velocity=config.initial_angular_velocity_std,
+        gravity=config.gravity,
+    )
+
+
+def tracker_settings(config: EstimatorConfig, p_OCoM: FloatArray | None = None) -> TrackerSettings:
+    """Returns the settings with which the tracker checks and uses measurements.
+
+    Args:
+        config: Assumptions of the estimator.
+        p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
+    """
+    return TrackerSettings(
+        noise=filter_noise(config),
+        gate=config.gate,
+        reacquire_after=config.reacquire_after,
+        refuse_repeats=config.refuse_repeats,
+        p_OCoM=p_OCoM,
+    )
+
+
+@dataclass
+class BlendConfig:
+    """Relative weights of the strategies in a blend."""
+
+    position: float = field(default=0.0, metadata=_WEIGHT)
+    msv: float = field(default=0.0, metadata=_WEIGHT)
+    gii: float = field(default=0.0, metadata=_WEIGHT)
+    vew: float = field(default=0.0, metadata=_WEIGHT)
+    margin: float = field(default=0.0, metadata=_WEIGHT)
+
+
+@dataclass
+class PlannerConfig:
+    """Configuration of the planner of contact goals."""
+
+    # Seconds between planning ticks.
+    period: float = field(default=0.05, metadata={"at_least": 1e-4, "at_most": 10})
+
+    # Seconds for which the initial contacts are held on the object before they adapt.
+    static_duration: float = field(default=4.0, metadata=_TIME)
+
+    # Distance of the fingertip targets from the surface while the object is not tracked, in metres.
+    lost_standoff: float = field(default=0.02, metadata={"at_least": 0, "at_most": 10})
+
+    # How a contact moves inside its safe region: position tracking (Eq. 3), a measure (Eq. 5-7),
+    # the force-closure margin, or a blend of them.
+    strategy: str = field(default="position", metadata={"one_of": (*STRATEGIES, BLEND)})
+
+    # Weights for the strategy blend; at least one must be above 0.
+    blend: BlendConfig = field(default_factory=BlendConfig)
+
+    # For measures: the grasp matrix of the candidate alone, or of the hand with the candidate.
+    reading: str = field(default="hand", metadata={"one_of": READINGS})
+
+    # For measures: whether weights are stretched over each region, b_n - min b.
+    stretch: bool = True
+
+    # For measures: exponent of the weights. The larger it is, the closer the centroid is to the
+    # best point.
+    power: float = field(default=1.0, metadata={"above": 0, "at_most": 100})
+
+    # For the margin: Coulomb's coefficient between fingertip and object.
+    friction: float = field(default=FRICTION, metadata={"at_least": 0, "at_most": 10})
+
+    # Whether contacts move one after another, each with the new goals of those before it, and not
+    # all at once. Measures then settle, at the cost of computing the weights once per contact.
+    in_turns: bool = False
+
+    # Whether a contact moves to the candidate with the largest weight, not to the centroid (Eq. 4).
+    best_point: bool = False
+
+    # Standard deviation added to the filter's covariance in Eq. 3, in metres. The filter's own is
+    # of millimetres, with which Eq. 4 would always select the candidate closest to the centre.
+    position_spread: float = field(default=0.04, metadata={"at_least": 1e-6, "at_most": 1000})
+
+    # What keeps a region from extending through a thin wall: nothing, the angle between outward
+    # normals, or the distance over the surface.
+    wall_test: str = field(default="none", metadata={"one_of": WALL_TESTS})
+
+    # If above zero, Eq. 1 is evaluated in six coordinates: points, and outward normals times this
+    # length in metres. Regions then prefer surface that faces the same way as their contact.
+    normal_length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
+
+    limits: LimitsConfig = field(default_factory=LimitsConfig)
+
+    # Whether to check every active goal against the mesh, and to stop with an error if a goal is
+    # off the allowed surface. This is slow: it is meant for finding defects.
+    verify_contacts: bool = False
+
+    estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
+
+
+@dataclass
+class MeasuresConfig:
+    """Assumptions about contacts in the logged measures and in the margins of the summary."""
+
+    # Contact model of the grasp matrix. Margins need a friction cone: with the complete model,
+    # whose contacts can also pull, they are those of the hard finger.
+    contact_model: str = field(default="complete", metadata={"one_of": CONTACT_MODELS})
+
+    # Coulomb's coefficient.
+    friction: float = field(default=FRICTION, metadata={"at_least": 0, "at_most": 10})
+
+    # For soft fingers: largest moment about the normal per newton of normal force, in metres.
+    torsional_friction: float = field(
+        default=TORSIONAL_FRICTION, metadata={"at_least": 0, "at_most": 10}
+    )
+
+    # Unit of lever arms, in metres. 0: the longest lever arm on the object; for the measures of the
+    # complete model one metre, as in the paper.
+    length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})

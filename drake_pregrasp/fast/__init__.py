@@ -1,0 +1,67 @@
+"""An optional compiled implementation of safe regions and contact goals, the extra `fast` (numba).
+
+`regions.safe_regions.label_candidates` and `contacts.centroids.region_goals` are the reference.
+Here are the same functions for a surface whose candidates are known beforehand, tested against it.
+Systems choose once, by `fast_labels` and `fast_goals`; None stands for the reference.
+"""
+
+import functools
+import importlib.util
+import os
+
+from drake_pregrasp.contacts.selection_input import GoalFunction
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.regions.safe_regions import LabelCandidates
+
+SWITCH = "DRAKE_PREGRASP_FAST"
+"""Environment variable; 0 chooses the reference even where numba is installed."""
+
+
+@functools.cache
+def numba_is_installed() -> bool:
+    """Returns whether numba, the extra `fast`, can be imported, without importing it."""
+    return importlib.util.find_spec("numba") is not None
+
+
+def _is_chosen() -> bool:
+    return numba_is_installed() and os.environ.get(SWITCH) != "0"
+
+
+def fast_labels(surface: ObjectSurface) -> LabelCandidates | None:
+    """Returns `label_candidates` compiled for a surface's candidates, or None without numba.
+
+    Args:
+        surface: The object's surface.
+    """
+    if not _is_chosen():
+        return None
+    from drake_pregrasp.fast.labels import CompactCandidates  # numba takes a third of a second.
+
+    return CompactCandidates(surface.p_OQ).label
+
+
+def fast_goals(
+    surface: ObjectSurface,
+    strategy: str,
+    *,
+    reading: str = "hand",
+    stretch: bool = True,
+    power: float = 1.0,
+) -> GoalFunction | None:
+    """Returns `region_goals` compiled for a surface and strategy, or None if it is not there.
+
+    Args:
+        surface: The object's surface.
+        strategy: Name of the strategy, as for `make_strategy`, and so the other arguments.
+        reading: Reading of the grasp matrix.
+        stretch: Whether weights are stretched over each region.
+        power: Exponent of the weights.
+    """
+    if not _is_chosen():
+        return None
+    from drake_pregrasp.fast.goals import CompiledGoals
+    from drake_pregrasp.fast.weights import KINDS
+
+    if strategy not in KINDS or (strategy != "position" and (reading != "hand" or power != 1)):
+        return None
+    return CompiledGoals(surface, strategy, stretch=stretch)

@@ -1,1 +1,0 @@
-"""What the numba kernel calls: functions that are compiled once, and kept."""

@@ -1,0 +1,391 @@
+"""Posture of the palm over the object while the fingertips follow their goals."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, JacobianWrtVariable
+from pydrake.systems.framework import (
+    BasicVector,
+    BusValue,
+    Context,
+    DependencyTicket,
+    DiscreteStateIndex,
+    DiscreteValues,
+    LeafSystem,
+    ValueProducer,
+)
+
+from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.systems.pose_ports import (
+    BUS,
+    POSE,
+    VELOCITY,
+    LastPose,
+    validated_poses,
+    validated_velocity,
+)
+
+_DAMPING = 1e-4  # Damping of joint steps against palm steps, in metres or radians of the palm.
+_LARGEST_STEP = 0.2  # Largest step of a joint, in radians.
+_POSTURE_SHARE = 0.1  # Share of the way home in a step, in the null space of the palm's task.
+
+
+class ArmKinematics:
+    """Kinematics of an arm with a palm. The caller provides the Context.
+
+    Args:
+        plant: A finalized plant that contains only the arm and its hand.
+        palm: The palm's frame P.
+        joints: Indices of the arm's positions, in the order of its velocities.
+
+    Attributes:
+        joints: Indices of the arm's positions.
+        lower: Lower limit of each arm joint, in radians or metres.
+        upper: Upper limit of each arm joint, in radians or metres.
+    """
+
+    def __init__(self, plant: MultibodyPlant, palm: Frame, joints: IntArray) -> None:
+        self._plant, self._palm, self.joints = plant, palm, joints
+        self.lower: FloatArray = plant.GetPositionLowerLimits()[joints]
+        self.upper: FloatArray = plant.GetPositionUpperLimits()[joints]
+
+    def palm_pose(self, plant_context: Context) -> RigidTransform:
+        """Returns the pose of P in W."""
+        return self._palm.CalcPoseInWorld(plant_context)
+
+    def step_to(
+        self, plant_context: Context, q: FloatArray, X_WP: RigidTransform, home: FloatArray
+    ) -> FloatArray:
+        """Returns all positions after a step that brings the palm closer to a pose, shape (nq,).
+
+        The step is a damped least-squares step of the arm's joints, with a step toward their home
+        positions in its null space. Convergence near the pose is quadratic.
+
+        Args:
+            plant_context: Context of the plant, which is overwritten.
+            q: Positions before the step, shape (nq,).
+            X_WP: Desired pose of the palm in W.
+            home: Home positions, shape (nq,).
+        """
+        self._plant.SetPositions(plant_context, q)
+        world = self._plant.world_frame()
+        J = self._plant.CalcJacobianSpatialVelocity(
+            plant_context, JacobianWrtVariable.kV, self._palm, np.zeros(3), world, world
+        )[:, self.joints]
+        inverse = J.T @ np.linalg.inv(J @ J.T + _DAMPING**2 * np.eye(6))
+        homeward = _POSTURE_SHARE * (home - q)[self.joints]
+        step = inverse @ pose_error(self.palm_pose(plant_context), X_WP)
+        step += homeward - inverse @ (J @ homeward)
+        step *= min(1.0, _LARGEST_STEP / max(float(np.max(np.abs(step))), _LARGEST_STEP))
+        after = np.array(q, dtype=float)
+        after[self.joints] = np.clip(after[self.joints] + step, self.lower, self.upper)
+        return after
+
+
+def pose_error(X_WP: RigidTransform, X_WD: RigidTransform) -> FloatArray:
+    """Returns the rotation vector and the translation from pose P to pose D in W, shape (6,)."""
+    turn = RotationMatrix(X_WD.rotation() @ X_WP.rotation().inverse()).ToAngleAxis()
+    return np.concatenate([turn.axis() * turn.angle(), X_WD.translation() - X_WP.translation()])
+
+
+SMOOTHING = 0.2
+"""Time constant with which a palm on an arm follows changes of goals and estimates, in seconds."""
+
+
+class _PalmPosture(LeafSystem):
+    """Common ports of systems that hold a palm over the object.
+
+    Args:
+        tip_frames: Scoped names of the fingertips' frames.
+        finger_azimuths: Azimuths of the fingers at yaw 0, shape (n,), in radians.
+        yaw_range: Smallest and largest angle of the palm, in radians.
+        period: Seconds between ticks.
+    """
+
+    def __init__(
+        self,
+        tip_frames: Sequence[str],
+        finger_azimuths: FloatArray,
+        yaw_range: tuple[float, float],
+        period: float,
+    ) -> None:
+        super().__init__()
+        if not period > 0:
+            raise InvalidArgumentError(f"period must be greater than 0 s, not {period}")
+        self._tip_frames, self._azimuths = list(tip_frames), np.array(finger_azimuths)
+        self._yaw_range, self._period = yaw_range, period
+
+    def _declare_inputs(self) -> None:
+        self._tip_goals = self.DeclareAbstractInputPort("tip_goals", BUS)
+        self._X_WG = self.DeclareAbstractInputPort("X_WG", POSE)
+        self._V_WG = self.DeclareAbstractInputPort("V_WG", VELOCITY)
+        self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
+        self._carrier, self._object = LastPose(self, self._X_WG), LastPose(self, self._X_WO)
+
+    def _declare_frames(self, state: DiscreteStateIndex) -> None:
+        """Declares `X_WH` and `X_WU`; the last element of the state is the palm's yaw."""
+
+        def calc_H(context: Context, output: AbstractValue) -> None:
+            yaw = context.get_discrete_state(state).value()[-1]
+            output.set_value(reach_frame(self._object.eval(context), yaw, self._yaw_range))
+
+        def calc_U(context: Context, output: AbstractValue) -> None:
+            yaw = context.get_discrete_state(state).value()[-1]
+            output.set_value(_upright_frame(self._object.eval(context), yaw))
+
+        placed: set[DependencyTicket] = {self.discrete_state_ticket(state), *self._object.tickets}
+        self.DeclareAbstractOutputPort("X_WH", POSE.Clone, calc_H, placed)
+        self.DeclareAbstractOutputPort("X_WU", POSE.Clone, calc_U, placed)
+
+    def _goal_poses(self, context: Context) -> list[RigidTransform | None]:
+        port = f"tip_goals of {self.get_name()}"
+        return validated_poses(self._tip_goals.Eval(context), self._tip_frames, port)
+
+
+def reach_frame(X_WO: RigidTransform, yaw: float, yaw_range: tuple[float, float]) -> RigidTransform:
+    """Returns the frame H of reach in W (`CarrierPosture` defines it).
+
+    Args:
+        X_WO: Pose of the object.
+        yaw: Yaw of the palm, in radians.
+        yaw_range: Smallest and largest angle of the palm, in radians.
+    """
+    middle = sum(yaw_range) / 2
+    return _upright_frame(X_WO, middle if np.isfinite(middle) else yaw)
+
+
+def _upright_frame(X_WO: RigidTransform, yaw: float) -> RigidTransform:
+    return RigidTransform(RotationMatrix.MakeZRotation(yaw), X_WO.translation())
+
+
+class CarrierPosture(_PalmPosture):
+    """Holds the palm of a radial hand over the object, turned toward the fingertips' goals.
+
+    .. pydrake_system::
+
+        name: CarrierPosture
+        input_ports:
+        - tip_goals
+        - X_WG
+        - V_WG
+        - X_WO_estimated
+        output_ports:
+        - nominal_posture
+        - X_WH
+        - X_WU
+
+    Port `tip_goals` accepts a `BusValue` of `RigidTransform` in W, as `FingertipGoalShaper` emits
+    it. While a goal is missing or invalid, the palm does not turn.
+
+    Port `X_WG` accepts a `RigidTransform`: the pose of the frame G in which the goals are planned.
+
+    Port `V_WG` accepts a `SpatialVelocity`: the velocity of G in W. An invalid one counts as zero.
+
+    Port `X_WO_estimated` (optional) accepts a `RigidTransform`: the estimated pose of the object O.
+    `X_WH` and `X_WU` need it. While this pose or `X_WG` is invalid, its last valid value is used.
+
+    Port `nominal_posture` emits a vector of nq, for the port of that name of
+    `DifferentialInverseKinematicsSystem`: home positions of the fingers, and the carrier over the
+    origin of G. The palm turns to the yaw with the smallest mean angle between the fingers' own
+    azimuths and those of their goals, continuously and within its range.
+
+    Port `X_WH` emits a `RigidTransform`: the frame H of the fingers' reach in W. Its origin is the
+    object's and its z axis is up. H turns with a palm that turns without limits; for a palm of
+    limited range its yaw is the middle of that range, from which the palm can turn either way while
+    the fingers close.
+
+    Port `X_WU` emits a `RigidTransform`: the frame U of the palm in W, as of the last tick. Its
+    origin is the object's, its z axis is up, and it always turns with the palm.
+
+    A system that follows a posture with the gain K lags a constant velocity by the time 1/K, so the
+    posture is predicted ahead by 1/K.
+
+    Args:
+        tip_frames: Scoped names of the fingertips' frames.
+        finger_azimuths: Azimuths of the fingers about the palm's axis at yaw 0, shape (n,), in
+            radians.
+        home: Positions of all joints over an object at W's origin, shape (nq,).
+        carrier: Indices of the positions x, y, z and yaw.
+        gain: Gain K with which the posture is followed, in 1/s, greater than zero.
+        period: Seconds between ticks, greater than zero.
+        yaw_range: Smallest and largest angle of the palm, in radians.
+
+    Raises:
+        InvalidArgumentError: If `gain` or `period` is not positive.
+    """
+
+    def __init__(
+        self,
+        *,
+        tip_frames: Sequence[str],
+        finger_azimuths: FloatArray,
+        home: FloatArray,
+        carrier: Sequence[int],
+        gain: float,
+        period: float,
+        yaw_range: tuple[float, float] = FREE_TURN,
+    ) -> None:
+        super().__init__(tip_frames, finger_azimuths, yaw_range, period)
+        if not gain > 0:
+            raise InvalidArgumentError(f"gain must be greater than 0 1/s, not {gain}")
+        self._home, self._lead = np.array(home, dtype=float), 1 / gain
+        self._slides, self._turn = list(carrier[:3]), carrier[3]
+        self._yaw = self.DeclareDiscreteState(np.array([self._home[self._turn]]))
+        self._declare_inputs()
+        self._turned = self.DeclareCacheEntry(
+            "yaw",
+            ValueProducer(lambda: AbstractValue.Make(0.0), self._calc_yaw),
+            {self.xd_ticket(), self._tip_goals.ticket(), self._X_WG.ticket()},
+        )
+        self.DeclareVectorOutputPort("nominal_posture", len(self._home), self._calc_posture)
+        self._declare_frames(self._yaw)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store)
+
+    def _calc_yaw(self, context: Context, output: AbstractValue) -> None:
+        yaw = float(context.get_discrete_state(self._yaw)[0])
+        p_WT = [X.translation() for X in self._goal_poses(context) if X is not None]
+        if len(p_WT) == len(self._tip_frames):
+            p_GT_W = np.array(p_WT) - self._carrier.eval(context).translation()
+            yaw = palm_turn(p_GT_W, self._azimuths, yaw, self._yaw_range)
+        output.set_value(yaw)
+
+    def _store(self, context: Context, discrete_state: DiscreteValues) -> None:
+        discrete_state.set_value(self._yaw, [self._turned.Eval(context)])
+        self._carrier.store(context, discrete_state)
+        self._object.store(context, discrete_state)
+
+    def _calc_posture(self, context: Context, output: BasicVector) -> None:
+        V_WG = validated_velocity(self._V_WG.Eval(context))
+        posture = self._home.copy()
+        posture[self._slides] += self._carrier.eval(context).translation()
+        posture[self._slides] += V_WG.translational() * self._lead
+        yaw = self._turned.Eval(context) + V_WG.rotational()[2] * self._lead
+        posture[self._turn] = np.clip(yaw, *self._yaw_range)
+        output.SetFromVector(posture)
+
+
+class ArmPosture(_PalmPosture):
+    """Holds the palm of an arm over the object, turned toward the fingertips' goals.
+
+    .. pydrake_system::
+
+        name: ArmPosture
+        input_ports:
+        - tip_goals
+        - X_WG
+        - V_WG
+        - X_WO_estimated
+        output_ports:
+        - goals
+        - nominal_posture
+        - X_WH
+        - X_WU
+
+    The other ports are as those of `CarrierPosture`, and:
+
+    Port `goals` emits a `BusValue` for `DifferentialInverseKinematicsSystem`: the valid goals of
+    the fingertips, and the desired pose of the palm at the same time. The palm is over the object
+    as at home, and turned as `CarrierPosture` turns it.
+
+    Port `nominal_posture` emits a vector of nq: the home positions, for the joints that the goals
+    leave free.
+
+    The palm has a goal of its own instead of a posture, so that the arm carries the hand and only
+    the light fingers close: a closing arm would push the object. The palm moves with the velocity
+    of G without a lag. It follows jumps of goals and estimates with the time constant `SMOOTHING`,
+    and the fingers compensate meanwhile.
+
+    Args:
+        tip_frames: Scoped names of the fingertips' frames.
+        palm_frame: Scoped name of the palm's frame P.
+        finger_azimuths: Azimuths of the fingers about z of W over the object at yaw 0, shape (n,),
+            in radians.
+        X_GP: Pose of the palm over the object at yaw 0.
+        home: Home positions of all joints, shape (nq,).
+        p_WG: Initial position of G in W, shape (3,), in metres.
+        yaw: Initial yaw of the palm, in radians.
+        lead: Seconds by which the fingertips' goals are ahead of the Context's time.
+        period: Seconds between ticks, greater than zero.
+        yaw_range: Smallest and largest angle of the palm, in radians.
+
+    Raises:
+        InvalidArgumentError: If `period` is not positive.
+    """
+
+    def __init__(
+        self,
+        *,
+        tip_frames: Sequence[str],
+        palm_frame: str,
+        finger_azimuths: FloatArray,
+        X_GP: RigidTransform,
+        home: FloatArray,
+        p_WG: FloatArray,
+        yaw: float,
+        lead: float,
+        period: float,
+        yaw_range: tuple[float, float] = FREE_TURN,
+    ) -> None:
+        super().__init__(tip_frames, finger_azimuths, yaw_range, period)
+        self._palm_frame, self._X_GP, self._lead = palm_frame, X_GP, lead
+        self._home = np.array(home, dtype=float)
+        # Smoothed position of G and yaw of the palm.
+        self._smooth = self.DeclareDiscreteState(np.append(p_WG, yaw))
+        self._declare_inputs()
+        inputs = {self._tip_goals.ticket(), self._X_WG.ticket(), self._V_WG.ticket()}
+        self._now = self.DeclareCacheEntry(
+            "smoothed position and yaw",
+            ValueProducer(lambda: AbstractValue.Make(np.zeros(4)), self._calc_now),
+            inputs | {self.xd_ticket()},
+        )
+        self.DeclareAbstractOutputPort(
+            "goals", BUS.Clone, self._calc_goals, {self._now.ticket()} | inputs
+        )
+        self.DeclareVectorOutputPort(
+            "nominal_posture", len(self._home), self._calc_posture, {self.nothing_ticket()}
+        )
+        self._declare_frames(self._smooth)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._advance)
+
+    def _rates(self, context: Context) -> FloatArray:
+        V_WG = validated_velocity(self._V_WG.Eval(context))
+        return np.append(V_WG.translational(), V_WG.rotational()[2])
+
+    def _calc_now(self, context: Context, output: AbstractValue) -> None:
+        smooth: FloatArray = context.get_discrete_state(self._smooth).value()
+        ahead = self._lead * self._rates(context)
+        p_WG: FloatArray = self._carrier.eval(context).translation()
+        p_WT = [X.translation() for X in self._goal_poses(context) if X is not None]
+        yaw = smooth[3] + ahead[3]
+        if len(p_WT) == len(self._tip_frames):
+            yaw = palm_turn(np.array(p_WT) - p_WG - ahead[:3], self._azimuths, yaw)
+        share = min(1.0, self._period / SMOOTHING)
+        now: FloatArray = smooth + share * (np.append(p_WG, yaw - ahead[3]) - smooth)
+        output.set_value(self._within(now))
+
+    def _within(self, place: FloatArray) -> FloatArray:
+        return np.append(place[:3], np.clip(place[3], *self._yaw_range))
+
+    def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
+        now = self._now.Eval(context) + self._period * self._rates(context)
+        discrete_state.set_value(self._smooth, self._within(now))
+        self._carrier.store(context, discrete_state)
+        self._object.store(context, discrete_state)
+
+    def _calc_goals(self, context: Context, output: AbstractValue) -> None:
+        goals = BusValue()
+        for name, X_WT in zip(self._tip_frames, self._goal_poses(context), strict=True):
+            if X_WT is not None:
+                goals.Set(name, AbstractValue.Make(X_WT))
+        x, y, z, yaw = self._within(self._now.Eval(context) + self._lead * self._rates(context))
+        X_WP = RigidTransform(RotationMatrix.MakeZRotation(yaw), [x, y, z]) @ self._X_GP
+        goals.Set(self._palm_frame, AbstractValue.Make(X_WP))
+        output.set_value(goals)
+
+    def _calc_posture(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._home)

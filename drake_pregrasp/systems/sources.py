@@ -1,0 +1,298 @@
+"""Sources of a scenario: motion of the object, contact weights, hand pose and obstacles."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import FrameId, FramePoseVector
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.math import SpatialForce, SpatialVelocity
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.estimation.recorded_poses import RecordedPoses
+from drake_pregrasp.geometry.motion_profiles import VelocityProfile
+from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.regions.constraints import Obstacles
+from drake_pregrasp.systems.pose_ports import OBSTACLES, POSE
+
+
+class BodyPose(LeafSystem):
+    """Emits the pose of one body of a MultibodyPlant.
+
+    .. pydrake_system::
+
+        name: BodyPose
+        input_ports:
+        - body_poses
+        output_ports:
+        - X_WB
+
+    Port `body_poses` accepts a list of `RigidTransform`: the plant's port of that name.
+
+    Port `X_WB` emits a `RigidTransform`: the pose of the body B in the world W.
+
+    Args:
+        body_index: Index of the body B.
+    """
+
+    def __init__(self, body_index: BodyIndex) -> None:
+        super().__init__()
+        self._body_index = int(body_index)
+        self._body_poses = self.DeclareAbstractInputPort(
+            "body_poses", AbstractValue.Make([RigidTransform()])
+        )
+        self.DeclareAbstractOutputPort(
+            "X_WB", POSE.Clone, self._calc_pose, {self._body_poses.ticket()}
+        )
+
+    def _calc_pose(self, context: Context, output: AbstractValue) -> None:
+        output.set_value(self._body_poses.Eval(context)[self._body_index])
+
+
+class ObjectMotion(LeafSystem):
+    """Commands the joints that move the object: conveyor and turntable, or a pusher.
+
+    .. pydrake_system::
+
+        name: ObjectMotion
+        output_ports:
+        - desired_state
+
+    Port `desired_state` emits a vector of 2 k: the k positions, which are 0 at time 0, then their k
+    rates, in metres, radians and seconds.
+
+    Args:
+        profile: Rates over time.
+    """
+
+    def __init__(self, profile: VelocityProfile) -> None:
+        super().__init__()
+        self._profile = profile
+        self.DeclareVectorOutputPort(
+            "desired_state", 2 * profile.size, self._calc_desired_state, {self.time_ticket()}
+        )
+
+    def _calc_desired_state(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(np.concatenate(self._profile.at(context.get_time())))
+
+
+class PoseReplay(LeafSystem):
+    """Emits the recorded pose at the Context's time.
+
+    .. pydrake_system::
+
+        name: PoseReplay
+        output_ports:
+        - X_WO
+        - geometry_pose
+
+    Port `X_WO` emits a `RigidTransform`: the pose of the object O in the world W.
+
+    Port `geometry_pose` emits a `FramePoseVector`: the same pose, for SceneGraph.
+
+    Args:
+        poses: Recorded poses.
+        frame_id: The object's frame in SceneGraph; by default a new one, for a diagram without it.
+    """
+
+    def __init__(self, poses: RecordedPoses, frame_id: FrameId | None = None) -> None:
+        super().__init__()
+        self._poses = poses
+        self._frame_id = FrameId.get_new_id() if frame_id is None else frame_id
+        timed = {self.time_ticket()}
+        self._pose = self.DeclareAbstractOutputPort("X_WO", POSE.Clone, self._calc_pose, timed)
+        self.DeclareAbstractOutputPort(
+            "geometry_pose",
+            lambda: AbstractValue.Make(FramePoseVector()),
+            self._calc_geometry_pose,
+            timed,
+        )
+
+    def _calc_pose(self, context: Context, output: AbstractValue) -> None:
+        p_WO, R_WO = self._poses.at(context.get_time())
+        x, y, z, w = R_WO.as_quat()
+        output.set_value(RigidTransform(RotationMatrix(Quaternion(w, x, y, z)), p_WO))
+
+    def _calc_geometry_pose(self, context: Context, output: AbstractValue) -> None:
+        poses = FramePoseVector()
+        poses.set_value(self._frame_id, self._pose.Eval(context))
+        output.set_value(poses)
+
+
+class Launch(LeafSystem):
+    """Gives a body at rest a velocity, by a force in the plant's first time step.
+
+    .. pydrake_system::
+
+        name: Launch
+        output_ports:
+        - spatial_forces
+
+    Port `spatial_forces` emits a list of `ExternallyAppliedSpatialForce`, for the plant's port
+    `applied_spatial_force`: one force in the first step and none from the second step on. The force
+    is M V / h, with the body's spatial inertia M about its centre of mass and the time step h.
+    A plant has default poses but no default velocities, so this makes its default Context the start
+    of the motion.
+
+    Args:
+        plant: The body's plant, finalized and discrete.
+        body: The body B.
+        V_WBcm: Velocity of B's centre of mass in W that the force causes in the absence of gravity,
+            and the angular velocity of B.
+    """
+
+    def __init__(self, plant: MultibodyPlant, body: RigidBody, V_WBcm: SpatialVelocity) -> None:
+        super().__init__()
+        self._time_step = plant.time_step()
+        context = plant.CreateDefaultContext()
+        M_BBo_B = body.CalcSpatialInertiaInBodyFrame(context)
+        p_BoBcm_B = M_BBo_B.get_com()
+        R_WB = body.EvalPoseInWorld(context).rotation()
+        M_BBcm_W = M_BBo_B.Shift(p_BoBcm_B).ReExpress(R_WB)
+        force = ExternallyAppliedSpatialForce()
+        force.body_index = body.index()
+        force.p_BoBq_B = p_BoBcm_B
+        force.F_Bq_W = SpatialForce(
+            M_BBcm_W.CopyToFullMatrix6() @ V_WBcm.get_coeffs() / self._time_step
+        )
+        self._force = force
+        self.DeclareAbstractOutputPort(
+            "spatial_forces",
+            lambda: AbstractValue.Make([ExternallyAppliedSpatialForce()]),
+            self._calc_forces,
+            {self.time_ticket()},
+        )
+
+    def _calc_forces(self, context: Context, output: AbstractValue) -> None:
+        first = context.get_time() < self._time_step / 2
+        output.set_value([self._force] if first else [])
+
+
+class ContactWeights(LeafSystem):
+    """Emits the weights h_i of Eq. 1, and -inf for each finger from the time of its loss on.
+
+    .. pydrake_system::
+
+        name: ContactWeights
+        output_ports:
+        - contact_weights
+
+    Port `contact_weights` emits a vector of n, in m²; -inf means that the finger is lost.
+
+    Args:
+        weights: Weights h_i, shape (n,), in m².
+        losses: Pairs of a time in seconds and the indices of the contacts that are lost then.
+
+    Raises:
+        InvalidArgumentError: If the index of a contact is out of its range.
+    """
+
+    def __init__(
+        self, weights: FloatArray, losses: Sequence[tuple[float, Sequence[int]]] = ()
+    ) -> None:
+        super().__init__()
+        self._weights = np.array(weights, dtype=float)
+        self._losses = [(time, list(contacts)) for time, contacts in losses]
+        for contact in (contact for _, contacts in self._losses for contact in contacts):
+            if not 0 <= contact < len(self._weights):
+                raise InvalidArgumentError(
+                    f"there is no contact {contact}; there are 0 to {len(self._weights) - 1}"
+                )
+        self.DeclareVectorOutputPort(
+            "contact_weights", len(self._weights), self._calc_weights, {self.time_ticket()}
+        )
+
+    def _calc_weights(self, context: Context, output: BasicVector) -> None:
+        weights = self._weights.copy()
+        for time, contacts in self._losses:
+            if context.get_time() >= time - 1e-9:  # A tick's time may be rounded down.
+                weights[contacts] = -np.inf
+        output.SetFromVector(weights)
+
+
+class HandPose(LeafSystem):
+    """Emits the pose of a hand that follows the object without turning, or that stays.
+
+    .. pydrake_system::
+
+        name: HandPose
+        input_ports:
+        - X_WO_estimated
+        output_ports:
+        - X_WH
+
+    Port `X_WO_estimated` accepts a `RigidTransform`: the estimated pose of the object O in W.
+
+    Port `X_WH` emits a `RigidTransform`: the pose of the hand H in W. Its orientation is constant.
+    Its position is constant relative to the object's origin if the hand follows, else in W.
+
+    Args:
+        X_WH: Orientation of the hand in W, and its position: relative to the object's origin if the
+            hand follows, else in W.
+        follow: Whether the hand follows the object.
+    """
+
+    def __init__(self, X_WH: RigidTransform, *, follow: bool = True) -> None:
+        super().__init__()
+        self._X, self._follow = X_WH, follow
+        self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
+        self.DeclareAbstractOutputPort(
+            "X_WH", POSE.Clone, self._calc_pose, {self._X_WO_estimated.ticket()}
+        )
+
+    def _calc_pose(self, context: Context, output: AbstractValue) -> None:
+        p_WH = self._X.translation()
+        if self._follow:
+            p_WH = p_WH + self._X_WO_estimated.Eval(context).translation()
+        output.set_value(RigidTransform(self._X.rotation(), p_WH))
+
+
+@dataclass(frozen=True, eq=False)
+class MovingSolid:
+    """A solid with a constant velocity.
+
+    Attributes:
+        solid: The solid at time zero, in W.
+        velocity: Its velocity in W, shape (3,), in m/s.
+    """
+
+    solid: Solid
+    velocity: FloatArray
+
+
+class MovingObstacles(LeafSystem):
+    """Emits obstacles with constant velocities.
+
+    .. pydrake_system::
+
+        name: MovingObstacles
+        output_ports:
+        - obstacles
+
+    Port `obstacles` emits `Obstacles` in W, `lookahead` after the Context's time, with their
+    velocities.
+
+    Args:
+        obstacles: The solids, in the order of their indices.
+        lookahead: Seconds by which the obstacles are ahead of the Context's time: that of the goals
+            that must be clear of them.
+    """
+
+    def __init__(self, obstacles: Sequence[MovingSolid], *, lookahead: float = 0.0) -> None:
+        super().__init__()
+        self._lookahead, self._moving = lookahead, tuple(obstacles)
+        self.DeclareAbstractOutputPort(
+            "obstacles", OBSTACLES.Clone, self._calc_obstacles, {self.time_ticket()}
+        )
+
+    def _calc_obstacles(self, context: Context, output: AbstractValue) -> None:
+        time = context.get_time() + self._lookahead
+        solids = tuple(m.solid.moved(np.eye(3), time * m.velocity) for m in self._moving)
+        velocities = np.array([m.velocity for m in self._moving]).reshape(-1, 3)
+        output.set_value(Obstacles(solids, velocities=velocities))
