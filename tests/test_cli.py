@@ -1,3 +1,4 @@
+import contextlib
 import json
 import os
 import pty
@@ -123,9 +124,13 @@ def test_a_terminal_gets_a_progress_bar(tmp_path):
     ours, theirs = pty.openpty()
     command = [*COMMAND, str(tmp_path), "--simulation_duration", "2"]
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120"}
-    subprocess.run(command, stderr=theirs, stdout=subprocess.DEVNULL, env=environment, check=True)
-    os.close(theirs)
-    shown = os.read(ours, 100000).decode(errors="replace")  # It may end within a character.
+    with subprocess.Popen(command, stderr=theirs, stdout=subprocess.DEVNULL, env=environment):
+        os.close(theirs)
+        parts = []
+        with contextlib.suppress(OSError):  # The end of the process.
+            while part := os.read(ours, 4096):
+                parts.append(part)
+    shown = b"".join(parts).decode(errors="replace")
     os.close(ours)
     assert "of 2 s" in shown
     assert "x real time" in shown
