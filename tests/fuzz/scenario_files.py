@@ -116,6 +116,8 @@ def run(count: int, seed: int, first: int = 0, seconds: float = math.inf) -> Fou
 
 
 def _run(count: int, seed: int, first: int, seconds: float, folder: Path) -> Found:
+    scenario = load_scenario("a_base")
+    make_diagram(scenario, scenario.make_surface())  # Compiling counts for no file.
     counts: Counts = collections.Counter()
     failures: list[str] = []
     slowest, number, stop = (0.0, -1), first, first + count
