@@ -122,11 +122,13 @@ class ObjectSurface:
         Raises:
             InvalidArgumentError: If a point is not finite.
         """
+        if not np.isfinite(p_OP).all():
+            raise InvalidArgumentError(f"points must be finite, not {p_OP.tolist()}")
         # A candidate is on its patch, so that the nearest one bounds the distance to the surface.
-        bounds, _ = self._tree.query(_finite(p_OP))
+        bounds, _ = self._tree.query(p_OP)
         reach = bounds * _ROUNDING + self.patch_reach
         near = self._tree.query_ball_point(p_OP, reach, return_sorted=True)
-        point = np.repeat(np.arange(len(p_OP)), [len(own) for own in near])
+        point = np.repeat(np.arange(len(p_OP)), list(map(len, near)))
         candidates = np.fromiter(itertools.chain(*near), np.int64, len(point))
         return self._project_onto_patches(p_OP, point, candidates, bounds)
 
@@ -145,13 +147,15 @@ class ObjectSurface:
         Raises:
             InvalidArgumentError: If a point is not finite, or has no candidates.
         """
-        counts = np.array([len(own) for own in candidates], dtype=np.int64)
+        if not np.isfinite(p_OP).all():
+            raise InvalidArgumentError(f"points must be finite, not {p_OP.tolist()}")
+        counts = np.array(list(map(len, candidates)), dtype=np.int64)
         if not counts.all():
             raise InvalidArgumentError("a point has no candidates to be projected onto")
         if len(counts) == 0:
             return np.empty((0, 3)), np.empty((0, 3))
         point, own = np.repeat(np.arange(len(counts)), counts), np.concatenate(candidates)
-        away = self.p_OQ[own] - _finite(p_OP)[point]
+        away = self.p_OQ[own] - p_OP[point]
         distances = np.sqrt(np.einsum("ij,ij->i", away, away))
         bounds = np.minimum.reduceat(distances, np.cumsum(counts) - counts)
         near = distances <= (bounds * _ROUNDING + self.patch_reach)[point]
@@ -168,45 +172,36 @@ class ObjectSurface:
             candidates: Index of each pair's candidate, ascending for each point, shape (p,).
             bounds: Upper bound of each point's distance, shape (k,), in metres.
         """
-        point, triangles = self._near_triangles(p_OP, point, candidates, bounds)
-        closest = closest_points(self.patches[triangles], p_OP[point])
-        away = closest - p_OP[point]
-        squares = np.einsum("ij,ij->i", away, away)
-        starts = np.searchsorted(point, np.arange(len(p_OP) + 1))
-        best = [low + squares[low:high].argmin() for low, high in itertools.pairwise(starts)]
-        return closest[best].reshape(-1, 3), self._triangle_normals[triangles[best]].reshape(-1, 3)
-
-    def _near_triangles(
-        self, p_OP: FloatArray, point: IntArray, candidates: IntArray, distances: FloatArray
-    ) -> tuple[IntArray, IntArray]:
-        """Returns pairs of points and triangles of their patches that may be within a distance.
-
-        Args:
-            p_OP: Points in O, shape (k, 3), in metres.
-            point: Index of each pair's point, shape (p,).
-            candidates: Index of each pair's candidate, shape (p,).
-            distances: Distance from each point, shape (k,), in metres.
-        """
         ends = self.patch_starts[candidates + 1]
         counts = ends - self.patch_starts[candidates]
         point = np.repeat(point, counts)
         triangles = np.arange(len(point)) + np.repeat(ends - np.cumsum(counts), counts)
         away = self._centroids[triangles] - p_OP[point]
-        reach = (distances + self._triangle_radius) * _ROUNDING
+        reach = (bounds + self._triangle_radius) * _ROUNDING
         near = np.einsum("ij,ij->i", away, away) <= (reach**2)[point]
-        return point[near], triangles[near]
+        point, triangles = point[near], triangles[near]
+        closest = closest_points(self.patches[triangles], p_OP[point])
+        away = closest - p_OP[point]
+        squares = np.einsum("ij,ij->i", away, away)
+        starts = np.searchsorted(point, np.arange(len(p_OP)))
+        # Of equals the first counts: stable sorting keeps their order.
+        best = np.lexsort((squares, point))[starts] if len(p_OP) else starts
+        return closest[best], self._triangle_normals[triangles[best]]
 
     def candidates_within(self, p_OP: FloatArray, distance: float) -> IntArray:
         """Returns the candidates whose patches come that near to a point p_OP, or nearly, (k,)."""
-        reach = (distance + self._triangle_radius + self.patch_reach) * _ROUNDING
-        near = np.array(self._tree.query_ball_point(p_OP, reach, return_sorted=True), np.int64)
-        pairs = p_OP[None], np.zeros_like(near), near, np.array([distance])
-        return np.unique(self._owners[self._near_triangles(*pairs)[1]])
+        reach = (distance + self._triangle_radius) * _ROUNDING
+        return np.unique(self._owners[self._triangle_tree.query_ball_point(p_OP, reach)])
 
     @cached_property
     def _tree(self) -> cKDTree:
         """The candidates in a search tree."""
         return cKDTree(self.p_OQ)
+
+    @cached_property
+    def _triangle_tree(self) -> cKDTree:
+        """The centroids of the triangles in a search tree."""
+        return cKDTree(self._centroids)
 
     @cached_property
     def _owners(self) -> IntArray:
@@ -289,12 +284,6 @@ def closest_points(triangles: FloatArray, points: FloatArray) -> FloatArray:
     foot = (v[inside, None] * ab[inside] + w[inside, None] * ac[inside]) / whole[inside, None]
     closest[inside] = triangles[inside, 0] + foot
     return closest
-
-
-def _finite(p_OP: FloatArray) -> FloatArray:
-    if not np.isfinite(p_OP).all():
-        raise InvalidArgumentError(f"points must be finite, not {p_OP.tolist()}")
-    return p_OP
 
 
 class RememberedProjection:

@@ -74,7 +74,7 @@ class PoseEstimator(LeafSystem):
     Port `V_WO_estimated` emits a `SpatialVelocity`: the velocity of O in W, expressed in W.
 
     Port `p_WO_covariance` emits a vector of 9: the covariance Sigma of the position estimate in W,
-    row-major, in m² (Eq. 3). The position is estimated at the centre of mass. The covariance grows
+    row-major, in m². The position is estimated at the centre of mass. The covariance grows
     while no measurement is used.
 
     Port `tracking_status` emits a vector of 1: a `TrackingStatus`. It is not `TRACKING` while

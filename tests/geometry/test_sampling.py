@@ -7,9 +7,8 @@ from scipy.spatial import cKDTree
 from thin_cup import CUP
 
 from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.contacts.centroids import select_contacts, weighted_centroid
+from drake_pregrasp.contacts.centroids import position_tracking, select_contacts, weighted_centroid
 from drake_pregrasp.contacts.selection_input import SelectionInput
-from drake_pregrasp.contacts.strategies import position_tracking
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.sampling import choose_evenly, lifted, split_triangles
 from drake_pregrasp.geometry.shapes import Shape, ball_shape, box_shape, cylinder_shape
