@@ -91,6 +91,7 @@ def _timer() -> Iterator[None]:
 
 
 def _work(seed: int, first: int, last: int, folder: Path, connection: Connection) -> None:
+    tempfile.tempdir = str(folder)  # What this process leaves goes with it.
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     most = pages * resource.getpagesize() + MEMORY
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
