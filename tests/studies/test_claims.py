@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from drake_pregrasp.studies import claims
-from drake_pregrasp.studies.paper_cases import SPACINGS
+from drake_pregrasp.studies.paper import claims
+from drake_pregrasp.studies.paper.paper_cases import SPACINGS
 
 VALUES = {"q_msv": 2.2, "q_gii": 0.99, "q_vew": 125.0}
 

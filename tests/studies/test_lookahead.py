@@ -5,8 +5,12 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.studies.lookahead import WANTED_SHARE, remaining_shares, study_lookahead
-from drake_pregrasp.studies.lookahead_runs import (
+from drake_pregrasp.studies.lookahead.lookahead import (
+    WANTED_SHARE,
+    remaining_shares,
+    study_lookahead,
+)
+from drake_pregrasp.studies.lookahead.lookahead_runs import (
     CASES,
     PERIOD,
     LookaheadRun,

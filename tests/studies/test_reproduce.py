@@ -9,8 +9,8 @@ import pytest
 
 from drake_pregrasp import OutputError, ScenarioError
 from drake_pregrasp.cli import main
-from drake_pregrasp.studies.paper_cases import LITERAL, SCENARIOS, TABLE_2, TABLE_3
-from drake_pregrasp.studies.reproduce import CAPTIONS, reproduce
+from drake_pregrasp.studies.paper.paper_cases import LITERAL, SCENARIOS, TABLE_2, TABLE_3
+from drake_pregrasp.studies.paper.reproduce import CAPTIONS, reproduce
 
 SEEDS = (0, 1)
 MEASURES = ("q_msv", "q_gii", "q_vew")

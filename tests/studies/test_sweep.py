@@ -13,9 +13,9 @@ from drake_pregrasp import ScenarioError, load_scenario, run
 from drake_pregrasp.cli import main
 from drake_pregrasp.simulation.run_log import adapting_phase
 from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS, SETTINGS, StudyRows
-from drake_pregrasp.studies.sweep.command import STUDY, SweepRun, sweep
 from drake_pregrasp.studies.sweep.measures import MEASURES
 from drake_pregrasp.studies.sweep.study_file import load_study
+from drake_pregrasp.studies.sweep.sweep_command import STUDY, SweepRun, sweep
 from drake_pregrasp.studies.sweep.sweep_report import (
     axis_label,
     axis_table,
@@ -90,7 +90,7 @@ def test_one_seed_of_all_points_comes_before_the_next(tmp_path, monkeypatch):
         asked.extend(jobs)
         raise ScenarioError("", "", "enough")
 
-    monkeypatch.setattr("drake_pregrasp.studies.sweep.command.run_jobs", noted)
+    monkeypatch.setattr("drake_pregrasp.studies.sweep.sweep_command.run_jobs", noted)
     with pytest.raises(ScenarioError, match="enough"):
         sweep(load_study(write_study(tmp_path)), tmp_path)
     assert [job["seed"] for job in asked] == [0] * 4 + [1] * 4
