@@ -143,9 +143,9 @@ def test_a_scenario_is_the_same_as_data(name, tmp_path):
         ),
         (
             {"random": {"planner.power": {"uniform": [2, 1]}}},
-            "[2, 1] must be two numbers, the",
+            "[2, 1] must be two, the lower first, each a number",
         ),
-        ({"random": {"planner.power": {"log_uniform": [0, 1]}}}, "must be two numbers above 0"),
+        ({"random": {"planner.power": {"log_uniform": [0, 1]}}}, "each a number above 0"),
         (
             {"random": {"x": {"uniform": [0, 1]}}},
             "random: x: no such field in the scenario",
@@ -290,5 +290,5 @@ def test_whole_numbers_are_drawn_between_any_ends_of_64_bits_and_no_others(low, 
         drawn = random_axis("random_seed", entry, data, "x").draw(0, 0)
         assert low <= drawn <= high
     else:
-        with pytest.raises(ScenarioError, match=r"must be two whole numbers from -9223"):
+        with pytest.raises(ScenarioError, match=r"each a whole number at least -9223"):
             random_axis("random_seed", entry, data, "x")

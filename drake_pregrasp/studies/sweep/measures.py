@@ -1,6 +1,5 @@
 """One run of a sweep, and the numbers that its row has."""
 
-import copy
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from drake_pregrasp.simulation.run_log import adapting_phase
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import scenario_from_data
 from drake_pregrasp.simulation.summary import force_closure_summary, summarize_grasp
-from drake_pregrasp.studies.sweep.field_path import set_field
+from drake_pregrasp.studies.sweep.field_path import with_fields
 from drake_pregrasp.studies.sweep.sweep_plan import SEED_FIELD, SweepPlan
 
 _QUALITIES = {"q_msv": "Q_MSV", "q_gii": "Q_GII", "q_vew": "Q_VEW"}
@@ -94,9 +93,8 @@ class SweepRun:
 
     def __call__(self, job: Mapping[str, Any]) -> dict[str, float]:
         """Returns the measures of the run of a job, nan where there is nothing to measure."""
-        data = copy.deepcopy(dict(self.scenario))
-        for path, value in (self.plan.changes(job["index"]) | {SEED_FIELD: job["seed"]}).items():
-            set_field(data, path, value, self.source)
+        changes = self.plan.changes(job["index"]) | {SEED_FIELD: job["seed"]}
+        data = with_fields(self.scenario, changes, self.source)
         scenario = scenario_from_data(
             data, source=self.source, folder=self.folder, folders=self.folders
         )
