@@ -187,18 +187,17 @@ def test_writes_its_files(tmp_path, monkeypatch):
     jobs = [
         ("ticks", partial(time_ticks, TickJob(BY_SIZE, cube(4), "vew", rounds=5))),
         ("ticks", partial(time_ticks, TickJob("contacts", cube(4), "gii", rounds=5))),
-        ("choices", partial(bench_module.compare_choices, 0, per_edge=6, ticks=2)),
         ("runs", partial(time_run, RunJob(implementations()[-1], 0.05, 0.1, 1))),
     ]
     monkeypatch.setattr(bench_module, "plan", lambda *, quick: jobs)
     monkeypatch.setattr(bench_module, "_GROWTH", {"contacts": "contacts"})
     steps = []
     path = bench(tmp_path / "b", quick=True, on_progress=lambda *step: steps.append(step))
-    assert steps == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    assert steps == [(1, 3), (2, 3), (3, 3)]
     pictures = {"ticks.png", "growth.png", "base_case.png"}
     assert {file.name for file in path.parent.iterdir()} == {"bench.md", "bench.json", *pictures}
     content = json.loads((path.parent / "bench.json").read_text())
     assert {row["N"] for row in content["ticks"]} == {64}
     text = path.read_text()
-    for shown in ("### vew", "gii, reference", "planner: position", "20 Hz", *pictures):
+    for shown in ("### vew", "gii, reference", "20 Hz", *pictures):
         assert shown in text
