@@ -58,11 +58,7 @@ def rows_with(condition, clean_seeds, seeds=20, times=None, **columns):
 
 @pytest.mark.parametrize(
     ("tested", "rival", "cell"),
-    [
-        (19, 4, "ahead at 4, 7 s"),
-        (4, 19, "behind at 4, 7 s"),
-        (10, 10, "not shown (least p 1)"),
-    ],
+    [(19, 4, "ahead at 4, 7 s"), (4, 19, "behind at 4, 7 s"), (10, 10, "not shown (least p 1)")],
 )
 def test_verdicts_follow_the_rows_whoever_leads(tested, rival, cell):
     rows = rows_with("nominal", {"fixed_plan": rival, "dynamic_reach": tested})

@@ -151,10 +151,7 @@ GRID = {
     "motion.linear_velocity": [0.0, 0.001, 0.1],
     EVIL: {"slow <b>": {"planner.period": 0.1}, "$fast": {"planner.period": 0.05}},
 }
-RANDOM = {
-    "planner.power": {"uniform": [1, 2]},
-    "planner.strategy": {"choice": ["position", "msv"]},
-}
+RANDOM = {"planner.power": {"uniform": [1, 2]}, "planner.strategy": {"choice": ["position", "msv"]}}
 MADE_UP = ["q_gii_mean", "displacement", "position_error_mean", "ticks"]
 
 

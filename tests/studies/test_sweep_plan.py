@@ -137,19 +137,13 @@ def test_a_scenario_is_the_same_as_data(name, tmp_path):
         ({"grid": [1]}, "grid: [1] must be a mapping"),
         ({"grid": {"ticks": {1: {"planner.period": 1}}}}, "ticks: is a column of its own"),
         ({"samples": 3}, "samples: 3 samples would be all alike: nothing is random"),
-        (
-            {"random": {"planner.power": {"normal": [0, 1]}}},
-            "with one of: uniform, log_uniform",
-        ),
+        ({"random": {"planner.power": {"normal": [0, 1]}}}, "with one of: uniform, log_uniform"),
         (
             {"random": {"planner.power": {"uniform": [2, 1]}}},
             "[2, 1] must be two, the lower first, each a number",
         ),
         ({"random": {"planner.power": {"log_uniform": [0, 1]}}}, "each a number above 0"),
-        (
-            {"random": {"x": {"uniform": [0, 1]}}},
-            "random: x: no such field in the scenario",
-        ),
+        ({"random": {"x": {"uniform": [0, 1]}}}, "random: x: no such field in the scenario"),
         ({"seeds": 0}, "seeds: 0 must be a whole number at least 1"),
         ({"measures": ["luck"]}, "measures[0]: 'luck' must be one of: q_msv_mean"),
         ({"sead": 1}, "sead: unknown key (value 1); did you mean seeds?"),
