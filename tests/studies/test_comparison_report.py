@@ -3,7 +3,6 @@
 import html
 import math
 import re
-import signal
 
 import numpy as np
 import pandas as pd
@@ -62,18 +61,10 @@ def rows_with(condition, clean_seeds, seeds=20, times=None, **columns):
 )
 def test_verdicts_follow_the_rows_whoever_leads(tested, rival, cell):
     rows = rows_with("nominal", {"fixed_plan": rival, "dynamic_reach": tested})
-    (line,) = overview_table(paired_tests(rows)).data.data.to_dict("records")
-    assert line == {"dynamic with reach against": "nominal", "fixed plan": cell}
-
-
-def test_only_closing_times_with_a_difference_are_named():
-    rows = pd.concat(
-        [
-            rows_with("nominal", {"fixed_plan": 4, "dynamic_reach": 19}, times=[4.0]),
-            rows_with("nominal", {"fixed_plan": 4, "dynamic_reach": 4}, times=[7.0]),
-        ]
-    )
-    assert overview_table(paired_tests(rows)).data.data["fixed plan"].tolist() == ["ahead at 4 s"]
+    for times, rest in ((rows, ""), (rows[(rows["close_at"] == 4) | (rows["seed"] < 3)], None)):
+        (line,) = overview_table(paired_tests(times)).data.data.to_dict("records")
+        shown = cell if rest is not None else cell.replace("4, 7 s", "4 s")
+        assert line == {"dynamic with reach against": "nominal", "fixed plan": shown}
 
 
 def test_every_count_and_test_is_in_the_tables():
@@ -161,14 +152,6 @@ def test_the_page_is_self_contained_and_all_text_is_escaped(tmp_path):
         assert text not in page
 
 
-def test_the_same_rows_give_the_same_page_in_any_order(tmp_path):
-    some = ROWS[ROWS["condition"].isin(["nominal", "wall"])]
-    pages = []
-    for rows in (some, some[::-1]):
-        pages.append(write_comparison(tmp_path, rows, NO_FAILURES, {}).read_bytes())
-    assert len(set(pages)) == 1
-
-
 def test_a_study_without_rows_has_a_page(tmp_path):
     page = text_of(write_comparison(tmp_path, pd.DataFrame(), NO_FAILURES, {}))
     assert "There are no grasps yet." in page
@@ -221,18 +204,6 @@ def test_options_of_version_0_1_still_work(tmp_path, monkeypatch):
         "fixed_plan",
         "dynamic",
     ]
-
-
-def interrupted_trials(*given, **options):
-    signal.raise_signal(signal.SIGTERM)
-
-
-def test_an_interrupted_command_says_how_to_go_on(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(comparison_command, "run_jobs", interrupted_trials)
-    before = signal.getsignal(signal.SIGTERM)
-    assert main(["study", "static-versus-dynamic", "--out", str(tmp_path)]) == 130
-    assert signal.getsignal(signal.SIGTERM) == before
-    assert "the same command goes on from there" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
