@@ -127,7 +127,10 @@ def test_the_command_sweeps_and_goes_on(tmp_path, capsys):
     ("arguments", "problem"),
     [
         (["none.yaml"], "none.yaml: can't be read"),
-        (["trakking"], "trakking: no such sweep"),
+        (
+            ["trakking"],
+            "no such sweep; give a file that ends in .yaml, or one of: tracking",
+        ),
         (["{study}", "--processes", "0"], "--processes: 0 must be 1 or more"),
         (["{study}", "--processes", "2", "--scheduler", "x"], "--processes: a cluster has its own"),
         (["{study}", "--out", "/dev/null/x"], "/dev/null/x/mine: can't be written"),
