@@ -159,6 +159,7 @@ def test_a_study_without_rows_has_a_page(tmp_path):
         write_comparison(tmp_path, ROWS, NO_FAILURES, {}, [Picture(tmp_path / "none.png", "x")])
 
 
+@pytest.mark.slow
 def test_a_study_goes_on_with_what_is_missing_and_reports_all(tmp_path):
     jobs = trial_jobs(["nominal", "wall"], ["fixed_plan", "dynamic_reach"], range(2))
     steps = []
@@ -181,6 +182,7 @@ def run_command(monkeypatch, arguments, trial):
     return main(["study", "static-versus-dynamic", *map(str, arguments)])
 
 
+@pytest.mark.slow
 def test_the_command_runs_and_says_what_failed(tmp_path, capsys, monkeypatch):
     options = ["--out", tmp_path, "--conditions", "nominal, wall", "--seeds", 1, "--processes", 1]
     few = [*options, "--methods", "fixed_plan,dynamic_reach"]
@@ -196,14 +198,12 @@ def test_the_command_runs_and_says_what_failed(tmp_path, capsys, monkeypatch):
     assert f"2 trials failed: {folder / 'failed.csv'} says why" in captured.err
 
 
-def test_options_of_version_0_1_still_work(tmp_path, monkeypatch):
-    few = ["--out", tmp_path, "--conditions", "nominal", "--seeds", 1, "--processes", 1]
+def test_keys_of_version_0_1_still_work(monkeypatch, capsys):
     with pytest.warns(DeprecationWarning, match="the method frozen is now called fixed_plan"):
-        assert run_command(monkeypatch, [*few, "--arms", "frozen,dynamic"], failing_trial) == 1
-    assert [job.method for job in trial_jobs(["wall"], ["dynamic", "fixed_plan"], [0])] == [
-        "fixed_plan",
-        "dynamic",
-    ]
+        jobs = trial_jobs(["wall"], ["dynamic", "frozen"], [0])
+    assert [job.method for job in jobs] == ["fixed_plan", "dynamic"]
+    assert main(["study", "static-versus-dynamic", "--arms", "luck"]) == 2
+    assert "luck: no such method" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -207,6 +207,7 @@ def test_a_picture_shows_the_hand_and_leaves_no_trace(tracking):
     assert tracking.diagram.GetInputPort("close").Eval(tracking.context) == [0.0]
 
 
+@pytest.mark.slow
 def test_the_grid_has_a_row_for_each_method(tmp_path):
     jobs = [TrialJob("headline", method, 0) for method in ("fixed_plan", "stationary")]
     outcomes = rows_of(jobs).drop_duplicates("method")

@@ -71,6 +71,7 @@ def initial_contacts(method, seed):
     return trial.surface.project((X_WO.inverse() @ p_WC.T).T)
 
 
+@pytest.mark.slow
 def test_a_planned_start_is_a_better_grasp_within_reach(capfd):
     reach = [tip.reach.make_reach() for tip in load_hand(HAND).fingertips]
     for seed in range(2):
@@ -274,6 +275,7 @@ def test_each_method_can_be_tracked_and_set_back(method, capfd):
     capfd.readouterr()
 
 
+@pytest.mark.slow
 def test_earlier_closing_times_change_nothing():
     job = TrialJob("headline", "dynamic_reach", 1)
     with without_solver_chatter():
@@ -285,6 +287,7 @@ def test_earlier_closing_times_change_nothing():
     assert repr(last) == repr(alone)  # In which nan is as nan is.
 
 
+@pytest.mark.slow
 def test_rows_of_the_strip_charts_have_a_line_for_each_tick(monkeypatch):
     module = "drake_pregrasp.studies.static_versus_dynamic.trial"
     monkeypatch.setattr(f"{module}.TRACKED_CLOSING_TIMES", (0.2, 0.3))
@@ -294,6 +297,7 @@ def test_rows_of_the_strip_charts_have_a_line_for_each_tick(monkeypatch):
     assert {row["distance_mm"] for row in rows} == {None}  # There is no area.
 
 
+@pytest.mark.slow
 def test_a_tiny_study_grasps_and_reports(tmp_path):
     job = TrialJob("nominal", "dynamic_reach", 0)
     found, report = compare_methods(tmp_path, [job], processes=1)
