@@ -78,9 +78,8 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     if plant.discrete_contact_approximation == "tamsi":
         problem = "tamsi has no drives for a hand's joints; choose sap, similar or lagged"
         yield "plant_config.discrete_contact_approximation", problem
-    if lookahead := scenario.planner.estimator.lookahead:
-        problem = f"{lookahead} must be 0 for a hand; it looks ahead itself"
-        yield "planner.estimator.lookahead", problem
+    if ahead := scenario.planner.estimator.lookahead:
+        yield "planner.estimator.lookahead", f"{ahead} must be 0 for a hand; it looks ahead itself"
     with errors_at("grasp.hand", f"{grasp.hand}: "):
         model = load_hand_model(grasp.hand)
     with errors_at("grasp.wrist_range"):

@@ -1,6 +1,5 @@
 """Cross-field validation of scenarios."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +23,6 @@ from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.resources import resolve_path
 from drake_pregrasp.simulation.grasp_check import Problems, errors_at, grasp_problems, raise_first
-from drake_pregrasp.simulation.obstacle_config import check_obstacles
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.simulation_diagram import hand_planner
 from drake_pregrasp.ticks import SLACK, tick_index
@@ -55,12 +53,14 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
         ScenarioError: If the scenario can't be simulated.
     """
     surface = check_surface(source, scenario.object, scenario.surface)
-    check_obstacles(source, scenario.obstacles)
     check_sensor(source, scenario.sensor, scenario.planner.period)
     raise_first(source, _problems(scenario, surface))
 
 
 def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
+    for index, obstacle in enumerate(scenario.obstacles):
+        with errors_at(f"obstacles[{index}]"):
+            obstacle.make_solid()
     yield from _scenario_problems(scenario, surface)
     yield from grasp_problems(scenario, surface)
     limits = hand_planner(scenario).limits
@@ -77,14 +77,12 @@ def check_recording(source: str, scenario: Scenario, surface: ObjectSurface) -> 
         scenario: Scenario whose keys, types and ranges have been checked.
         surface: Surface of its object.
     """
-    raise_first(source, _recording_problems(scenario, surface))
-
-
-def _recording_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     period, tile = scenario.recording.publish_period, scenario.recording.tile_size
     frames, tiles = scenario.simulation_duration / period, float(surface.areas.sum()) / tile**2
-    yield from _count_problems("recording.publish_period", period, frames, MAX_FRAMES, "frames")
-    yield from _count_problems("recording.tile_size", tile, tiles, MAX_TILES, "tiles")
+    key = "recording.publish_period"
+    raise_first(source, _count_problems(key, period, frames, MAX_FRAMES, "frames"))
+    key = "recording.tile_size"
+    raise_first(source, _count_problems(key, tile, tiles, MAX_TILES, "tiles"))
 
 
 def _count_problems(key: str, value: float, count: float, most: int, what: str) -> Problems:
@@ -194,7 +192,7 @@ def _profile_problems(profile: list[list[float]]) -> Problems:
 
 def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSurface) -> Problems:
     key, radii = "planner.limits", limits.tip_radii
-    longest, extent = np.linalg.norm(surface.mesh.extents), np.max(surface.mesh.extents)
+    longest, extent = float(np.linalg.norm(surface.mesh.extents)), np.max(surface.mesh.extents)
     for name in ("tip_radii", "reach", "forbidden_faces"):
         yield from _length_problems(f"{key}.{name}", getattr(limits, name), num_contacts)
     for index, reach in enumerate(limits.reach):
@@ -209,14 +207,13 @@ def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSur
             yield pair_key, f"there is no contact {contact}; there are 0 to {num_contacts - 1}"
         if first == second:
             yield pair_key, f"contact {first} can't follow itself"
-        yield from _size_problems(f"{pair_key}.distance", pair.distance, float(longest))
+        yield from _size_problems(f"{pair_key}.distance", pair.distance, longest)
         if radii and pair.distance < (room := radii[first] + radii[second]):
             problem = f"contradicts tip_radii, which keep the two {room:.3g} m apart"
             yield f"{pair_key}.distance", f"{pair.distance} {problem}"
     with errors_at(f"{key}.pairs"):
         limits.make_limits(period=1.0, friction=1.0)
-    hint = ": no goal would move"
-    yield from _size_problems(f"{key}.deadband", limits.deadband, float(longest), hint)
+    yield from _size_problems(f"{key}.deadband", limits.deadband, longest, ": no goal would move")
     # Fingertips need room, if not on the allowed surface itself, then over its convex hull.
     hint = "; radii are in metres"
     yield from _size_problems(f"{key}.tip_radii", max(radii, default=0.0), extent, hint)
@@ -239,14 +236,14 @@ def _reach_problems(scenario: Scenario, limits: LimitsConfig, surface: ObjectSur
 
 def _drake_problems(scenario: Scenario) -> Problems:
     """Yields the errors of Drake about its own settings."""
-    simulator = Simulator(ConstantVectorSource([0.0]))
-    checks: dict[str, Callable[[Any], object]] = {
-        "plant_config": lambda config: AddMultibodyPlant(config, DiagramBuilder()),
-        "simulator_config": lambda config: ApplySimulatorConfig(config, simulator),
-    }
-    for key, apply in checks.items():
-        try:
-            with failures_as_errors():
-                apply(getattr(scenario, key))
-        except (RuntimeError, ValueError) as error:
-            yield key, first_line(error)
+    try:
+        with failures_as_errors():
+            AddMultibodyPlant(scenario.plant_config, DiagramBuilder())
+    except RuntimeError as error:
+        yield "plant_config", first_line(error)
+    try:
+        with failures_as_errors():
+            simulator = Simulator(ConstantVectorSource([0.0]))
+            ApplySimulatorConfig(scenario.simulator_config, simulator)
+    except (RuntimeError, ValueError) as error:
+        yield "simulator_config", first_line(error)

@@ -54,6 +54,7 @@ def make_diagram(
     config, n = hand_planner(scenario), scenario.num_contacts
     period, seed = config.period, scenario.random_seed
     builder = DiagramBuilder()
+    add = builder.AddNamedSystem
     p_OC = scenario.initial_p_OC(surface)
     hand = None
     if scenario.grasp.has_hand:
@@ -71,21 +72,24 @@ def make_diagram(
         object_plant: ObjectPlant | HandStation = hand.station
     else:
         object_plant = ObjectPlant(scenario.object, scenario.motion, scenario.plant_config)
-        builder.AddNamedSystem("object_plant", object_plant)
-    noise = NoiseSource(size=NoisyPoseSensor.NOISE_SIZE, period=period, seed=seed)
-    builder.AddNamedSystem("noise", noise)
-    sensor = NoisyPoseSensor(scenario.sensor, period=period, seed=seed)
-    builder.AddNamedSystem("pose_sensor", sensor)
+        add("object_plant", object_plant)
+    noise = add("noise", NoiseSource(size=NoisyPoseSensor.NOISE_SIZE, period=period, seed=seed))
+    sensor = add("pose_sensor", NoisyPoseSensor(scenario.sensor, period=period, seed=seed))
     losses = [(event.at, event.contacts) for event in scenario.damage]
-    weights = ContactWeights(np.array(scenario.contact_weights or [0.0] * n), losses)
-    builder.AddNamedSystem("contact_weights", weights)
+    values = np.array(scenario.contact_weights or [0.0] * n)
+    weights = add("contact_weights", ContactWeights(values, losses))
     frames = None if hand is None else hand.tip_frames
     planner = AddPregraspPlanner(builder, config, surface, p_OC, fingertip_frames=frames)
     monitor = GraspQualityMonitor(scenario.measures, surface=surface, num_contacts=n)
-    builder.AddNamedSystem("grasp_quality_monitor", monitor)
+    add("grasp_quality_monitor", monitor)
     _add_obstacles(builder, scenario, planner, hand, meshcat)
-    if config.limits.reach:
-        _connect_hand_frame(builder, scenario, planner, hand)
+    if config.limits.reach and hand is not None:
+        connect_named(builder, hand.controller, planner, ["X_WH"])
+    elif config.limits.reach:
+        X_WH = scenario.hand.initial_X_WH(RigidTransform())
+        pose = add("hand_pose", HandPose(X_WH, follow=scenario.hand.follow))
+        builder.Connect(planner.GetOutputPort("X_WO_estimated"), pose.get_input_port())
+        builder.Connect(pose.get_output_port(), planner.GetInputPort("X_WH"))
     if hand is not None:
         _connect_hand(builder, scenario, hand, planner, grasp_sink)
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
@@ -97,7 +101,7 @@ def make_diagram(
     if sink is not None:
         size = len(GraspQuality.names())
         logger = TickLogger(num_contacts=n, quality_size=size, period=period, sink=sink)
-        builder.AddNamedSystem("tick_logger", logger)
+        add("tick_logger", logger)
         connect_named(builder, object_plant, logger, ["X_WO"])
         connect_named(builder, monitor, logger, ["grasp_quality"])
         connect_named(builder, planner, logger, ["p_WC", "contact_status", "contact_causes"])
@@ -151,19 +155,6 @@ def _add_obstacles(
         visualizer = ObstacleVisualizer(meshcat=meshcat, solids=shown, publish_period=period)
         builder.AddNamedSystem("obstacle_visualizer", visualizer)
         connect_named(builder, moving, visualizer, ["obstacles"])
-
-
-def _connect_hand_frame(
-    builder: DiagramBuilder, scenario: Scenario, planner: PregraspPlanner, hand: DrivenHand | None
-) -> None:
-    """Connects the pose of the hand's frame H, in which fingers have their reach."""
-    if hand is not None:
-        connect_named(builder, hand.controller, planner, ["X_WH"])
-        return
-    pose = HandPose(scenario.hand.initial_X_WH(RigidTransform()), follow=scenario.hand.follow)
-    builder.AddNamedSystem("hand_pose", pose)
-    builder.Connect(planner.GetOutputPort("X_WO_estimated"), pose.get_input_port())
-    builder.Connect(pose.get_output_port(), planner.GetInputPort("X_WH"))
 
 
 def _connect_hand(
