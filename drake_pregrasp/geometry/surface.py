@@ -31,8 +31,8 @@ class ForbiddenPoints:
         points: z_j, shape (m, d), in metres, d = 3 unless regions use more coordinates; the
             frame is named by whoever holds them.
         radii: R_j, shape (m,), in metres.
-        normals: Outward unit normals of the ground they stand for, shape (m, d); zero, as by
-            default, for points that stand for none.
+        normals: Outward unit normals of the surface that the points sample, shape (m, d); zero, as
+            by default, for points that sample no surface.
     """
 
     points: FloatArray
@@ -100,8 +100,7 @@ class ObjectSurface:
         clear = np.ones(len(self.p_OQ), dtype=bool)
         for radius in np.unique(self.forbidden.radii):
             points = self.forbidden.points[self.forbidden.radii == radius]
-            distances, _ = cKDTree(points).query(self.p_OQ)
-            clear &= distances > radius
+            clear &= cKDTree(points).query(self.p_OQ)[0] > radius
         return clear
 
     @property
@@ -217,8 +216,7 @@ class ObjectSurface:
     @cached_property
     def _centroids(self) -> FloatArray:
         """Centroids of the triangles, shape (T, 3), in metres."""
-        centroids: FloatArray = np.mean(self.patches, axis=1)
-        return centroids
+        return np.asarray(np.mean(self.patches, axis=1))
 
     @cached_property
     def _triangle_radius(self) -> float:
