@@ -14,13 +14,13 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.sampling import unit_normals
 
 CONTACT_TOLERANCE = 1e-4
-"""Farthest a contact may be off the surface to count as on it, in metres."""
+"""Largest distance from the surface of a contact that counts as on it, in metres."""
 
 _ROUNDING = 1 + 1e-9
 
 FLAT_CORNER = 1e-12
-"""Square of the sine at a corner below which a triangle is taken for its edges: rounding would
-decide on which side of them a point is."""
+"""Squared sine of a corner below which a triangle counts as its edges: rounding would decide on
+which side of them a point is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -288,7 +288,7 @@ class RememberedProjection:
     """Projects points as `ObjectSurface.project` does, but the same point only once.
 
     Args:
-        surface: Onto which.
+        surface: Surface onto which points are projected.
     """
 
     def __init__(self, surface: ObjectSurface) -> None:
@@ -302,7 +302,5 @@ class RememberedProjection:
         if new:
             found = zip(*self._surface.project(p_OP[new]), strict=True)
             self._known.update(zip((keys[index] for index in new), found, strict=True))
-        if not keys:
-            return np.empty((0, 3)), np.empty((0, 3))
-        points, normals = zip(*(self._known[key] for key in keys), strict=True)
-        return np.array(points), np.array(normals)
+        points, normals = np.reshape([self._known[key] for key in keys], (-1, 2, 3)).swapaxes(0, 1)
+        return points.copy(), normals.copy()
