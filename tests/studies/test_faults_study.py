@@ -126,7 +126,7 @@ def test_the_command_studies_what_it_is_asked_for(tmp_path, capsys, monkeypatch)
     assert "Valid contacts at all ticks: in 2 of 2 runs." in text
     assert "NEES" not in text
     monkeypatch.setattr(faults, "fault_scenarios", lambda: {"fault_nan": "no numbers"})
-    faults.study_faults(tmp_path, seeds=1, filter_seeds=2)
+    report = faults.study_faults(tmp_path / "filter", seeds=1, filter_seeds=2)[1]
     text = report.read_text(encoding="utf-8")
     assert all(f"| {name} " in text for name in FILTERS)
 
