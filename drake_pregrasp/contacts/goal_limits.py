@@ -63,12 +63,6 @@ class ContactLimits:
     recover: bool = False
     guard: Measure | None = None
 
-    @property
-    def hold_nothing(self) -> bool:
-        """Whether goals become what strategies choose."""
-        free = self.max_step == np.inf and self.deadband == 0
-        return free and not self.pairs and self.guard is None
-
     def __post_init__(self) -> None:
         if not self.max_step > 0:
             raise InvalidArgumentError(f"max_step must be greater than 0 m, not {self.max_step}")
@@ -241,7 +235,9 @@ def limited_goals(
         limits: What holds goals back.
     """
     surface, regions, p_OC = selection.surface, selection.regions, selection.p_OC
-    if limits.hold_nothing and len(regions.constraints.tip_radii) == 0:
+    free = limits.max_step == np.inf and limits.deadband == 0
+    free &= not limits.pairs and limits.guard is None
+    if free and len(regions.constraints.tip_radii) == 0:
         return goals
     # A lost finger needs no partner any more.
     pairs = [p for p in limits.pairs if not (regions.lost[p.first] or regions.lost[p.second])]

@@ -1,4 +1,4 @@
-"""The measures Q_MSV, Q_GII and Q_VEW, the classification of Eq. 8-9, and hand-centric measures."""
+"""The measures Q_MSV, Q_GII and Q_VEW, the classification (Eq. 8-9), and hand-centric measures."""
 
 from dataclasses import dataclass, fields
 
@@ -20,8 +20,8 @@ class GraspQuality:
         q_msv: Smallest singular value of the grasp matrix G, zero if it has too few columns.
         q_gii: Grasp isotropy index: smallest over largest singular value.
         q_vew: Volume of the wrench ellipsoid, sqrt(det(G Gᵀ)).
-        graspable: 1 if N(G) is not trivial (Eq. 9), else 0.
-        indeterminate: 1 if N(Gᵀ) is not trivial (Eq. 8), else 0.
+        graspable: 1 if N(G) is not trivial, else 0.
+        indeterminate: 1 if N(Gᵀ) is not trivial, else 0.
     """
 
     q_msv: float
@@ -80,8 +80,8 @@ def grasp_quality(
         q_msv=float(sigma[-1]),
         q_gii=float(sigma[-1] / sigma[0]),
         q_vew=float(np.prod(sigma)),
-        graspable=float(rank < H.shape[1]),
-        indeterminate=float(rank < _WRENCH_SIZE),
+        graspable=float(rank < H.shape[1]),  # Eq. 9: N(G) is not {0}.
+        indeterminate=float(rank < _WRENCH_SIZE),  # Eq. 8: N(Gᵀ) is not {0}.
     )
 
 

@@ -34,7 +34,7 @@ from drake_pregrasp.ticks import SLACK, tick_is_due
 
 
 class CentroidSelector(LeafSystem):
-    """Moves each contact goal inside its safe region (Eq. 3-7), and stores the goals.
+    """Moves each contact goal inside its safe region, and stores the goals.
 
     .. pydrake_system::
 
@@ -56,7 +56,7 @@ class CentroidSelector(LeafSystem):
     is invalid, the object is treated as lost at its last valid pose.
 
     Port `p_WO_covariance` accepts a vector of 9: the covariance of the estimated position in W,
-    row-major, in m². If it is invalid, Eq. 3 uses `position_spread` alone.
+    row-major, in m². If it is invalid, `position_spread` alone is used.
 
     Port `safe_regions` accepts the `SafeRegions` of the contacts at `p_WC_previous`.
 
@@ -203,6 +203,11 @@ class CentroidSelector(LeafSystem):
             raise InvalidArgumentError(
                 f"port safe_regions of {self.get_name()} accepts SafeRegions,"
                 f" not a {type(regions).__name__}"
+            )
+        if len(regions.labels) != len(self._surface.p_OQ):
+            raise InvalidArgumentError(
+                f"port safe_regions of {self.get_name()} accepts regions over"
+                f" {len(self._surface.p_OQ)} candidates, not {len(regions.labels)}"
             )
         R_WO: FloatArray = self._X_WO_estimated.Eval(context).rotation().matrix()
         covariance_W: FloatArray = self._p_WO_covariance.Eval(context).reshape(3, 3)

@@ -43,8 +43,8 @@ class GraspQualityMonitor(LeafSystem):
     not active are ignored. If the port is unconnected, all contacts are active.
 
     Port `grasp_quality` emits a vector of 5: q_msv, q_gii and q_vew of the grasp matrix about the
-    true centre of mass (Eq. 5-7), then graspable and indeterminate (Eq. 8-9), each 0 or 1. With the
-    complete contact model, the last two are those of the hard finger. `GraspQualityView` names
+    true centre of mass, then graspable and indeterminate, each 0 or 1, as of `grasp_quality`. With
+    the complete contact model, the last two are those of the hard finger. `GraspQualityView` names
     them.
 
     Args:

@@ -28,11 +28,15 @@ from drake_pregrasp.config.validation import check_fields
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.pose_filter import (
     NO_BELIEF,
-    PoseBelief,
     PoseMeasurement,
     predict,
 )
-from drake_pregrasp.estimation.pose_track import PoseTrack, TrackingStatus, tracking_status
+from drake_pregrasp.estimation.pose_track import (
+    FOLLOWED,
+    PoseTrack,
+    TrackingStatus,
+    tracking_status,
+)
 from drake_pregrasp.estimation.pose_tracker import OLDEST, update_track
 from drake_pregrasp.systems.pose_ports import POSE, VELOCITY
 from drake_pregrasp.ticks import tick_index
@@ -74,7 +78,7 @@ class PoseEstimator(LeafSystem):
     Port `V_WO_estimated` emits a `SpatialVelocity`: the velocity of O in W, expressed in W.
 
     Port `p_WO_covariance` emits a vector of 9: the covariance Sigma of the position estimate in W,
-    row-major, in m² (Eq. 3). The position is estimated at the centre of mass. The covariance grows
+    row-major, in m². The position is estimated at the centre of mass. The covariance grows
     while no measurement is used.
 
     Port `tracking_status` emits a vector of 1: a `TrackingStatus`. It is not `TRACKING` while
@@ -193,16 +197,12 @@ class PoseEstimator(LeafSystem):
         if status == TrackingStatus.LOST:  # The pose stays where it was lost.
             since = self._period + config.lost_after
         if status != TrackingStatus.WAITING:
-            belief = self._predicted(track.newest, since)
+            belief = predict(belief, min(max(0.0, since), OLDEST), self._noise)
+            belief = predict(belief, config.lookahead, self._noise)
             p_WO = belief.p_WCoM - belief.R_WO @ self._p_OCoM
             if not np.abs([p_WO, belief.v_WCoM, belief.w_WO]).max() <= FARTHEST:
                 status, belief = TrackingStatus.LOST, track.newest
         output.set_value((status, belief))
-
-    def _predicted(self, belief: PoseBelief, since: float) -> PoseBelief:
-        now = predict(belief, min(max(0.0, since), OLDEST), self._noise)
-        lookahead = self._config.lookahead
-        return predict(now, lookahead, self._noise) if lookahead else now
 
     def _calc_pose(self, context: Context, output: AbstractValue) -> None:
         _, belief = self._estimate.Eval(context)
@@ -214,7 +214,7 @@ class PoseEstimator(LeafSystem):
 
     def _calc_velocity(self, context: Context, output: AbstractValue) -> None:
         status, belief = self._estimate.Eval(context)
-        if not status.is_followed:
+        if status not in FOLLOWED:
             output.set_value(SpatialVelocity.Zero())
             return
         p_CoMO_W = -(belief.R_WO @ self._p_OCoM)
@@ -224,8 +224,11 @@ class PoseEstimator(LeafSystem):
     def _calc_covariance(self, context: Context, output: BasicVector) -> None:
         status, belief = self._estimate.Eval(context)
         if status == TrackingStatus.LOST:  # The pose stays, but its uncertainty grows on.
-            newest = self._track.Eval(context).newest
-            belief = self._predicted(newest, context.get_time() - newest.time)
+            belief = self._track.Eval(context).newest
+            since = min(max(0.0, context.get_time() - belief.time), OLDEST)
+            belief = predict(
+                predict(belief, since, self._noise), self._config.lookahead, self._noise
+            )
         covariance = belief.P_position[:3, :3]
         if status == TrackingStatus.WAITING:
             covariance = WAITING_STD**2 * np.eye(3)

@@ -18,7 +18,7 @@ from pydrake.systems.framework import (
 
 from drake_pregrasp.arrays import is_valid_pose, validated_rates
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.pose_track import TrackingStatus
+from drake_pregrasp.estimation.pose_track import FOLLOWED
 from drake_pregrasp.regions.constraints import Obstacles
 
 POSE = AbstractValue.Make(RigidTransform())
@@ -138,4 +138,4 @@ def eval_obstacles(system: LeafSystem, port: InputPort, context: Context) -> Obs
 
 def is_followed(port: InputPort, context: Context) -> bool:
     """Returns whether goals may follow the estimate, by an optional port `tracking_status`."""
-    return not port.HasValue(context) or TrackingStatus(port.Eval(context)[0]).is_followed
+    return not port.HasValue(context) or port.Eval(context)[0] in FOLLOWED

@@ -161,9 +161,8 @@ class NoisyPoseSensor(LeafSystem):
             if self._faults.need_memory:
                 self._memory = self._declare_memory(sources)
                 sources = times = {self._memory.ticket()}
-        self.DeclareAbstractOutputPort(
-            "X_WO_measured", POSE.Clone, self._calc_measured_pose, sources
-        )
+        emit = self._calc_arrived_pose if self._memory else self._calc_measured_pose
+        self.DeclareAbstractOutputPort("X_WO_measured", POSE.Clone, emit, sources)
         self.DeclareVectorOutputPort("measurement_time", 1, self._calc_measurement_time, times)
 
     def _declare_memory(self, sources: set[DependencyTicket]) -> CacheEntry:
@@ -177,15 +176,13 @@ class NoisyPoseSensor(LeafSystem):
             sources | {self.discrete_state_ticket(self._state)},
         )
 
-    def _calc_measured_pose(self, context: Context, output: AbstractValue) -> None:
-        if self._memory is None:
-            output.set_value(self._measure(context))
-        else:
-            memory: SensorMemory = self._memory.Eval(context)
-            X_WM = memory.pose.reshape(3, 4)
-            # NaN is no rotation matrix, and a checked constructor would raise an error.
-            R_WM = RotationMatrix.MakeUnchecked(X_WM[:, :3])
-            output.set_value(RigidTransform(R_WM, X_WM[:, 3]))
+    def _calc_arrived_pose(self, context: Context, output: AbstractValue) -> None:
+        assert self._memory is not None
+        memory: SensorMemory = self._memory.Eval(context)
+        X_WM = memory.pose.reshape(3, 4)
+        # NaN is no rotation matrix, and a checked constructor would raise an error.
+        R_WM = RotationMatrix.MakeUnchecked(X_WM[:, :3])
+        output.set_value(RigidTransform(R_WM, X_WM[:, 3]))
 
     def _calc_measurement_time(self, context: Context, output: BasicVector) -> None:
         if self._memory is None:
@@ -193,8 +190,7 @@ class NoisyPoseSensor(LeafSystem):
         else:
             output[0] = self._memory.Eval(context).stamp
 
-    def _measure(self, context: Context) -> RigidTransform:
-        """Returns the pose that is measured now, whenever it arrives."""
+    def _calc_measured_pose(self, context: Context, output: AbstractValue) -> None:
         X_WO: RigidTransform = self._X_WO.Eval(context)
         noise: FloatArray = self._noise.Eval(context)
         position_std, orientation_std = self._stds
@@ -208,7 +204,7 @@ class NoisyPoseSensor(LeafSystem):
                     noise, *self._stds, self._faults, tick=tick, seed=seed
                 )
         R_WM = RotationMatrix.MakeUnchecked(turn) @ X_WO.rotation()
-        return RigidTransform(R_WM, X_WO.translation() + offset)
+        output.set_value(RigidTransform(R_WM, X_WO.translation() + offset))
 
     def _calc_memory(self, context: Context, output: AbstractValue) -> None:
         assert self._faults is not None
@@ -216,9 +212,11 @@ class NoisyPoseSensor(LeafSystem):
         time = context.get_time()
         tick = tick_index(time, self._period)
         if tick != memory.tick:
+            measured = POSE.Clone()
+            self._calc_measured_pose(context, measured)
             memory = next_memory(
                 memory,
-                self._measure(context).GetAsMatrix34().ravel(),
+                measured.get_value().GetAsMatrix34().ravel(),
                 time=time,
                 tick=tick,
                 faults=self._faults,

@@ -46,7 +46,7 @@ _MOMENTS = 4  # Number of times over the horizon, the present included, for whic
 
 
 class SafeRegionPartitioner(LeafSystem):
-    """Divides the object's surface into the contacts' safe regions (Eq. 1-2). It has no state.
+    """Divides the object's surface into the contacts' safe regions. It has no state.
 
     .. pydrake_system::
 

@@ -7,7 +7,12 @@ import pytest
 from thin_cup import CUP, RADIUS, WALL
 
 from drake_pregrasp import ContactStatus, InvalidArgumentError, box_surface
-from drake_pregrasp.contacts.centroids import gaussian_log_weights, select_contacts, verify_contacts
+from drake_pregrasp.contacts.centroids import (
+    gaussian_log_weights,
+    position_tracking,
+    select_contacts,
+    verify_contacts,
+)
 from drake_pregrasp.contacts.goal_limits import (
     ContactLimits,
     CoupledPair,
@@ -20,7 +25,6 @@ from drake_pregrasp.contacts.goal_limits import (
 )
 from drake_pregrasp.contacts.quality_guard import GUARDS, guard_measure, keep_quality
 from drake_pregrasp.contacts.selection_input import ContactGoals, SelectionInput
-from drake_pregrasp.contacts.strategies import position_tracking
 from drake_pregrasp.errors import ContactError
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.shapes import ball_shape, box_shape, cylinder_shape

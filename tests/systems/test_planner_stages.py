@@ -7,9 +7,9 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from drake_pregrasp import BlendConfig, ContactStatus, ForbiddenPoints, InvalidArgumentError
-from drake_pregrasp.contacts.centroids import select_contacts
+from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
-from drake_pregrasp.contacts.strategies import make_blend, make_strategy, position_tracking
+from drake_pregrasp.contacts.strategies import make_blend, make_strategy
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 

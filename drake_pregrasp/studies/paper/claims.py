@@ -6,15 +6,14 @@ import numpy as np
 import pandas as pd
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.contacts.centroids import select_contacts
+from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
-from drake_pregrasp.contacts.strategies import position_tracking
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.summary import MEASURES
-from drake_pregrasp.studies.paper_cases import SCENARIOS, SPACINGS, TABLE_2, TABLE_3
+from drake_pregrasp.studies.paper.paper_cases import SCENARIOS, SPACINGS, TABLE_2, TABLE_3
 
 STRATEGY_CASES = {"gii": "i", "msv": "h", "vew": "j", "position": "a"}
 """Case of each strategy, from the most active to the least, as the paper ranks them."""
