@@ -177,8 +177,8 @@ def _row(record: TickRecord, previous: TickRecord, error: FloatArray) -> FloatAr
     energy = squares.sum() / (2 * dt**2) if dt > 0 else 0.0
     displacement, yaw = np.sqrt(squares).sum(), RollPitchYaw(record.X_WO.rotation()).yaw_angle()
     contacts = (record.p_WC.ravel(), active, record.grasp_quality, displacement, energy)
-    estimate = (pose_values(record.X_WO_estimated), np.sqrt(error @ error))
-    poses = (pose_values(record.X_WO), yaw, *estimate)
+    true, estimated = pose_values(record.X_WO), pose_values(record.X_WO_estimated)
+    poses = (true, yaw, estimated, np.sqrt(error @ error))
     states = (record.contact_status, record.contact_causes)
     tracking = (record.tracking_status, record.time_since_measurement)
     sizes = record.regions.sizes()

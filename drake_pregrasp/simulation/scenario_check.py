@@ -81,8 +81,7 @@ def check_recording(source: str, scenario: Scenario, surface: ObjectSurface) -> 
     frames, tiles = scenario.simulation_duration / period, float(surface.areas.sum()) / tile**2
     key = "recording.publish_period"
     raise_first(source, _count_problems(key, period, frames, MAX_FRAMES, "frames"))
-    key = "recording.tile_size"
-    raise_first(source, _count_problems(key, tile, tiles, MAX_TILES, "tiles"))
+    raise_first(source, _count_problems("recording.tile_size", tile, tiles, MAX_TILES, "tiles"))
 
 
 def _count_problems(key: str, value: float, count: float, most: int, what: str) -> Problems:
