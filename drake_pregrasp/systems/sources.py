@@ -175,7 +175,7 @@ class Launch(LeafSystem):
 
 
 class ContactWeights(LeafSystem):
-    """Emits the weights h_i of the safe regions, and -inf for each finger from the time of its loss on.
+    """Emits the contact weights h_i, and -inf for each finger from the time of its loss on.
 
     .. pydrake_system::
 

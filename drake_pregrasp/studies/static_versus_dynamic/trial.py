@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -12,19 +12,17 @@ from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import ConstantValueSource, DiscreteTimeDelay
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.config.object_config import Conveyor
 from drake_pregrasp.config.planner_config import PlannerConfig
-from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus, is_active
 from drake_pregrasp.diagrams.expected_path import initial_pose
-from drake_pregrasp.diagrams.hand_station import TABLE, add_driven_hand
+from drake_pregrasp.diagrams.hand_station import TABLE
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.simulation.hand_file import load_hand_model
 from drake_pregrasp.simulation.output import without_solver_chatter
 from drake_pregrasp.simulation.recording import connect_named
-from drake_pregrasp.simulation.simulation_diagram import hand_planner
+from drake_pregrasp.simulation.simulation_diagram import add_hand, hand_planner
 from drake_pregrasp.studies.static_versus_dynamic import conditions, grasp_outcome, methods
 from drake_pregrasp.studies.static_versus_dynamic.conditions import FINGERS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalSample, Outcome, TrialJob
@@ -199,18 +197,10 @@ class Trial:
         """Wires the diagram."""
         scenario, config, p_OC = self._scenario, self._config, self._initial_contacts()
         builder = DiagramBuilder()
-        driven = add_driven_hand(
-            builder,
-            self.condition.box,
-            cast(Conveyor, scenario.motion),
-            scenario.plant_config,
-            self._grasp,
-            self.hand,
-            p_OCoM=self.surface.p_OCoM,
-            p_OC=p_OC,
-            # The goals of a stationary hand do not wait for a tick of the planner.
-            target_period=self._grasp.period if self.method.is_stationary else self._period,
-        )
+        # The goals of a stationary hand do not wait for a tick of the planner.
+        target_period = self._grasp.period if self.method.is_stationary else self._period
+        of_targets = replace(scenario, planner=replace(config, period=target_period))
+        driven = add_hand(builder, of_targets, self.surface, p_OC)
         controller = self._controller = driven.controller
         self.station = driven.station
         self.planner = AddPregraspPlanner(
@@ -270,10 +260,7 @@ class Trial:
             return
         size, seed = NoisyPoseSensor.NOISE_SIZE, self._start.noise_seed
         noise = builder.AddSystem(NoiseSource(size=size, period=self._period, seed=seed))
-        given = self._scenario.sensor
-        sensor = builder.AddSystem(
-            NoisyPoseSensor(SensorConfig(given.position_std, given.orientation_std))
-        )
+        sensor = builder.AddSystem(NoisyPoseSensor(self._scenario.sensor))
         builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
         connect_named(builder, self.station, sensor, ["X_WO"])
         connect_named(builder, sensor, self.planner, ["X_WO_measured"])
