@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import trimesh
@@ -143,7 +144,7 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
     face_parts = np.concatenate(
         [np.full(len(piece.mesh.faces), part_names.index(piece.name)) for piece in pieces]
     )
-    whole = trimesh.util.concatenate([piece.mesh for piece in pieces])
+    whole = cast(trimesh.Trimesh, trimesh.util.concatenate([piece.mesh for piece in pieces]))
     with np.errstate(over="ignore"):
         vertices = scale * whole.vertices
     if not np.all(np.isfinite(vertices)):

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -12,17 +12,18 @@ from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import ConstantValueSource, DiscreteTimeDelay
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.object_config import Conveyor
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus, is_active
 from drake_pregrasp.diagrams.expected_path import initial_pose
-from drake_pregrasp.diagrams.hand_station import TABLE
+from drake_pregrasp.diagrams.hand_station import TABLE, add_driven_hand
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.simulation.hand_file import load_hand_model
 from drake_pregrasp.simulation.output import without_solver_chatter
 from drake_pregrasp.simulation.recording import connect_named
-from drake_pregrasp.simulation.simulation_diagram import add_hand, hand_planner
+from drake_pregrasp.simulation.simulation_diagram import hand_planner
 from drake_pregrasp.studies.static_versus_dynamic import conditions, grasp_outcome, methods
 from drake_pregrasp.studies.static_versus_dynamic.conditions import FINGERS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalSample, Outcome, TrialJob
@@ -197,10 +198,18 @@ class Trial:
         """Wires the diagram."""
         scenario, config, p_OC = self._scenario, self._config, self._initial_contacts()
         builder = DiagramBuilder()
-        # The goals of a stationary hand do not wait for a tick of the planner.
-        target_period = self._grasp.period if self.method.is_stationary else self._period
-        of_targets = replace(scenario, planner=replace(config, period=target_period))
-        driven = add_hand(builder, of_targets, self.surface, p_OC)
+        driven = add_driven_hand(
+            builder,
+            self.condition.box,
+            cast(Conveyor, scenario.motion),
+            scenario.plant_config,
+            self._grasp,
+            self.hand,
+            p_OCoM=self.surface.p_OCoM,
+            p_OC=p_OC,
+            # The goals of a stationary hand do not wait for a tick of the planner.
+            target_period=self._grasp.period if self.method.is_stationary else self._period,
+        )
         controller = self._controller = driven.controller
         self.station = driven.station
         self.planner = AddPregraspPlanner(
