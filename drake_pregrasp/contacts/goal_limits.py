@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.contacts.quality_guard import Measure, keep_quality
-from drake_pregrasp.contacts.selection_input import ContactGoals, SelectionInput, contact_status
+from drake_pregrasp.contacts.selection_input import ContactGoals, ContactStatus, SelectionInput
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.regions.constraints import NO_CAUSE, Limit
@@ -328,7 +328,7 @@ def judged_goals(
     """
     regions = selection.regions
     constraints, limits, causes = regions.constraints, regions.limits.copy(), regions.causes.copy()
-    active = selection.active.copy()
+    active = regions.sizes() > 0
     unknown = np.flatnonzero(~on_ground)
     if len(unknown):
         nearest, _ = selection.project(goals[unknown])
@@ -352,6 +352,25 @@ def judged_goals(
                 limits[contact], causes[contact] = Limit.PARTNER, partner
     status = contact_status(active, regions.lost, limits)
     return ContactGoals(goals, status, causes.astype(float))
+
+
+# By whether a contact is active, and what limits it.
+_STATUS = np.array([1.0 + np.array(Limit)] * 2)
+_STATUS[0] *= -1
+_STATUS[0, Limit.NONE] = ContactStatus.INACTIVE
+
+
+def contact_status(active: BoolArray, lost: BoolArray, limits: IntArray) -> FloatArray:
+    """Returns the `ContactStatus` of contacts, shape (n,).
+
+    Args:
+        active: Mask of those that are active, shape (n,).
+        lost: Mask of those whose finger is gone, shape (n,).
+        limits: The `Limit` of each, shape (n,).
+    """
+    status: FloatArray = _STATUS[active.astype(np.int64), limits]
+    status[lost] = ContactStatus.LOST
+    return status
 
 
 def limit_at(selection: SelectionInput, contact: int, p_OCi: FloatArray) -> tuple[int, int]:

@@ -6,9 +6,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray, pack, unpack
+from drake_pregrasp.arrays import SLACK, FloatArray, pack, unpack
 from drake_pregrasp.estimation.pose_filter import NO_BELIEF, NO_MEASUREMENT, PoseBelief
-from drake_pregrasp.ticks import SLACK
 
 
 class TrackingStatus(IntEnum):
@@ -33,7 +32,11 @@ class TrackingStatus(IntEnum):
     @property
     def is_followed(self) -> bool:
         """Whether goals may follow the estimate."""
-        return self in (TrackingStatus.TRACKING, TrackingStatus.COASTING)
+        return self in FOLLOWED
+
+
+FOLLOWED = (TrackingStatus.TRACKING, TrackingStatus.COASTING)
+"""Values of `TrackingStatus` with which goals may follow the estimate."""
 
 
 def tracking_status(

@@ -27,7 +27,6 @@ from drake_pregrasp import BallSolid, HalfSpace, InvalidArgumentError, Obstacles
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn, wrapped
 from drake_pregrasp.contacts.selection_input import ContactStatus
-from drake_pregrasp.grasping.grasp_state import GraspState
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor, HandKinematics
 from drake_pregrasp.systems.joint_reference import LARGEST_RATE
 

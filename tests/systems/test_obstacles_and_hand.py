@@ -14,7 +14,8 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import BallReach, ContactStatus, ForbiddenPoints, InvalidArgumentError
-from drake_pregrasp.contacts.selection_input import contact_status, describe_status
+from drake_pregrasp.contacts.goal_limits import contact_status
+from drake_pregrasp.contacts.selection_input import describe_status
 from drake_pregrasp.errors import ContactError
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.regions.constraints import NO_CAUSE, Limit, Obstacles
