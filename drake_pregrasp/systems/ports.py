@@ -76,11 +76,7 @@ def copied_inputs(ports: Mapping[str, InputPort], context: Context) -> dict[str,
 
 
 def declare_output(
-    system: LeafSystem,
-    name: str,
-    model: Model,
-    calc: Callable[[Context], Any],
-    *sources: Source,
+    system: LeafSystem, name: str, model: Model, calc: Callable[[Context], Any], *sources: Source
 ) -> OutputPort:
     """Declares an output port that emits the value that a function returns.
 
@@ -121,8 +117,7 @@ def declare_cache(
         sources: Everything that the value depends on.
     """
     producer = ValueProducer(
-        lambda: AbstractValue.Make(model),
-        lambda context, output: output.set_value(calc(context)),
+        lambda: AbstractValue.Make(model), lambda context, output: output.set_value(calc(context))
     )
     return system.DeclareCacheEntry(description, producer, _tickets(sources))
 

@@ -19,12 +19,7 @@ from drake_pregrasp.arrays import (
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.pose_filter import (
-    NO_BELIEF,
-    PoseBelief,
-    PoseMeasurement,
-    predict,
-)
+from drake_pregrasp.estimation.pose_filter import NO_BELIEF, PoseBelief, PoseMeasurement, predict
 from drake_pregrasp.estimation.pose_track import (
     FOLLOWED,
     PoseTrack,

@@ -7,12 +7,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
-from drake_pregrasp.arrays import (
-    FARTHEST,
-    FloatArray,
-    are_valid_points,
-    validated_weights,
-)
+from drake_pregrasp.arrays import FARTHEST, FloatArray, are_valid_points, validated_weights
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.planner_config import PlannerConfig

@@ -7,13 +7,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
-from drake_pregrasp import (
-    BallReach,
-    BallSolid,
-    ContactStatus,
-    InvalidArgumentError,
-    Obstacles,
-)
+from drake_pregrasp import BallReach, BallSolid, ContactStatus, InvalidArgumentError, Obstacles
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 
