@@ -17,9 +17,9 @@ from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import CLEAN_IN_WORDS
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
 from drake_pregrasp.studies.static_versus_dynamic.trial_pictures import PICTURES, STRIPS, TRACKING
-from drake_pregrasp.studies.sweep.command import STUDY
 from drake_pregrasp.studies.sweep.measures import MEASURES, SweepRun
 from drake_pregrasp.studies.sweep.study_file import StudyConfig, load_study
+from drake_pregrasp.studies.sweep.sweep_command import STUDY
 
 DOCS = Path(__file__).parent.parent / "docs"
 

@@ -8,8 +8,8 @@ import pytest
 
 from drake_pregrasp import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.summary import MEASURES
-from drake_pregrasp.studies.paper_cases import TABLE_2, TABLE_3, case_job, run_cases
-from drake_pregrasp.studies.reproduce import DURATION
+from drake_pregrasp.studies.paper.paper_cases import TABLE_2, TABLE_3, case_job, run_cases
+from drake_pregrasp.studies.paper.reproduce import DURATION
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")

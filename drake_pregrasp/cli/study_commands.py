@@ -10,15 +10,15 @@ _STUDIES = "drake_pregrasp.studies"
 # Of each command, a module with `add_options(parser)`, or the function of a study whose only
 # option is --out; and its line of help.
 _COMMANDS = {
-    "reproduce": ("reproduce", "reproduce the paper's tables and figures"),
-    "sweep": ("sweep.command", "simulate a scenario with many values of its fields"),
+    "reproduce": ("paper.reproduce", "reproduce the paper's tables and figures"),
+    "sweep": ("sweep.sweep_command", "simulate a scenario with many values of its fields"),
     "bench": ("bench.bench", "measure how long planning takes"),
 }
 _STUDY_COMMANDS = {
     "gallery": ("gallery:make_gallery", "pictures of the shipped scenarios, with their measures"),
     "grasps": ("grasp_pictures:picture_grasps", "pictures of the shipped hands"),
     "lookahead": (
-        "lookahead:study_lookahead",
+        "lookahead.lookahead:study_lookahead",
         "what goals for a later pose gain on fast objects",
     ),
     "shapes": (

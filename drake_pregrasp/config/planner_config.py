@@ -46,8 +46,8 @@ class EstimatorConfig:
     # free flight.
     gravity: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
 
-    # Seconds by which the estimate, and with it the goals, are predicted ahead. Measures and errors
-    # still compare them with the object's pose at the present time.
+    # Seconds by which the estimate, and with it the goals, are predicted ahead. Measures still take
+    # the object's present pose; position errors compare poses of the same time.
     lookahead: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
 
     # Mahalanobis distance from its prediction beyond which a measured position or orientation is an

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.contacts.quality_guard import Measure, keep_quality
 from drake_pregrasp.contacts.selection_input import ContactGoals, ContactStatus, SelectionInput
 from drake_pregrasp.errors import InvalidArgumentError
@@ -312,6 +312,12 @@ def with_returning_contacts(
     return goals
 
 
+# By whether a contact is active, and what limits it.
+_STATUS = np.array([1.0 + np.array(Limit)] * 2)
+_STATUS[0] *= -1
+_STATUS[0, Limit.NONE] = ContactStatus.INACTIVE
+
+
 def judged_goals(
     selection: SelectionInput,
     goals: FloatArray,
@@ -350,27 +356,9 @@ def judged_goals(
         if active[pair.first] and active[pair.second] and pair.error(goals) > pair.tolerance:
             for contact, partner in ((pair.first, pair.second), (pair.second, pair.first)):
                 limits[contact], causes[contact] = Limit.PARTNER, partner
-    status = contact_status(active, regions.lost, limits)
-    return ContactGoals(goals, status, causes.astype(float))
-
-
-# By whether a contact is active, and what limits it.
-_STATUS = np.array([1.0 + np.array(Limit)] * 2)
-_STATUS[0] *= -1
-_STATUS[0, Limit.NONE] = ContactStatus.INACTIVE
-
-
-def contact_status(active: BoolArray, lost: BoolArray, limits: IntArray) -> FloatArray:
-    """Returns the `ContactStatus` of contacts, shape (n,).
-
-    Args:
-        active: Mask of those that are active, shape (n,).
-        lost: Mask of those whose finger is gone, shape (n,).
-        limits: The `Limit` of each, shape (n,).
-    """
     status: FloatArray = _STATUS[active.astype(np.int64), limits]
-    status[lost] = ContactStatus.LOST
-    return status
+    status[regions.lost] = ContactStatus.LOST
+    return ContactGoals(goals, status, causes.astype(float))
 
 
 def limit_at(selection: SelectionInput, contact: int, p_OCi: FloatArray) -> tuple[int, int]:

@@ -14,13 +14,13 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.sampling import unit_normals
 
 CONTACT_TOLERANCE = 1e-4
-"""Farthest a contact may be off the surface to count as on it, in metres."""
+"""Largest distance from the surface of a contact that counts as on it, in metres."""
 
 _ROUNDING = 1 + 1e-9
 
 FLAT_CORNER = 1e-12
-"""Square of the sine at a corner below which a triangle is taken for its edges: rounding would
-decide on which side of them a point is."""
+"""Squared sine of a corner below which a triangle counts as its edges: rounding would decide on
+which side of them a point is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +31,8 @@ class ForbiddenPoints:
         points: z_j, shape (m, d), in metres, d = 3 unless regions use more coordinates; the
             frame is named by whoever holds them.
         radii: R_j, shape (m,), in metres.
-        normals: Outward unit normals of the ground they stand for, shape (m, d); zero, as by
-            default, for points that stand for none.
+        normals: Outward unit normals of the surface that the points sample, shape (m, d); zero, as
+            by default, for points that sample no surface.
     """
 
     points: FloatArray
@@ -100,8 +100,7 @@ class ObjectSurface:
         clear = np.ones(len(self.p_OQ), dtype=bool)
         for radius in np.unique(self.forbidden.radii):
             points = self.forbidden.points[self.forbidden.radii == radius]
-            distances, _ = cKDTree(points).query(self.p_OQ)
-            clear &= distances > radius
+            clear &= cKDTree(points).query(self.p_OQ)[0] > radius
         return clear
 
     @property
@@ -217,8 +216,7 @@ class ObjectSurface:
     @cached_property
     def _centroids(self) -> FloatArray:
         """Centroids of the triangles, shape (T, 3), in metres."""
-        centroids: FloatArray = np.mean(self.patches, axis=1)
-        return centroids
+        return np.asarray(np.mean(self.patches, axis=1))
 
     @cached_property
     def _triangle_radius(self) -> float:
@@ -290,7 +288,7 @@ class RememberedProjection:
     """Projects points as `ObjectSurface.project` does, but the same point only once.
 
     Args:
-        surface: Onto which.
+        surface: Surface onto which points are projected.
     """
 
     def __init__(self, surface: ObjectSurface) -> None:
@@ -304,7 +302,5 @@ class RememberedProjection:
         if new:
             found = zip(*self._surface.project(p_OP[new]), strict=True)
             self._known.update(zip((keys[index] for index in new), found, strict=True))
-        if not keys:
-            return np.empty((0, 3)), np.empty((0, 3))
-        points, normals = zip(*(self._known[key] for key in keys), strict=True)
-        return np.array(points), np.array(normals)
+        points, normals = np.reshape([self._known[key] for key in keys], (-1, 2, 3)).swapaxes(0, 1)
+        return points.copy(), normals.copy()

@@ -55,7 +55,7 @@ def make_gallery(out: str | Path, *, on_progress: OnProgress = lambda done, tota
         "`drake-pregrasp study gallery` makes the pictures and the numbers. Each row shows a"
         " scenario at its start, half-way and at its end, from a camera that is fixed in the world."
         " A region has the colour of its contact; grey surface is in no region."
-        " `drake-pregrasp run NAME` leaves a recording.",
+        " `drake-pregrasp run NAME` leaves a recording."
     ]
     for stem, title in _TITLES.items():
         parts.append(Heading(title))

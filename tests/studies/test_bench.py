@@ -4,7 +4,6 @@ import json
 import os
 import subprocess
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ import pytest
 from drake_pregrasp import PlannerConfig
 from drake_pregrasp.studies.bench import base_case, tick_times
 from drake_pregrasp.studies.bench import bench as bench_module
-from drake_pregrasp.studies.bench.base_case import PARTS, RunJob, time_run, time_starts
+from drake_pregrasp.studies.bench.base_case import RunJob, time_run, time_starts
 from drake_pregrasp.studies.bench.bench import BY_SIZE, bench, plan
 from drake_pregrasp.studies.bench.soak import drift, soak
 from drake_pregrasp.studies.bench.tick_times import (
@@ -56,13 +55,13 @@ def test_obstacles_limit_contacts_as_forbidden_points_do(forbidden):
         np.testing.assert_allclose(limited["reference"](p_OC), plain[BLAS](p_OC), atol=1e-10)
 
 
-@pytest.mark.parametrize("scene", [cube(12, contacts=7, forbidden=300), cube(12), SMALL_MESH])
-def test_scenes_have_the_numbers_they_are_asked_for(scene):
-    surface, starts = make_scene(scene)
-    assert starts.shape == (NUM_SETS, scene.contacts, 3)
-    assert len(surface.forbidden) == scene.forbidden
-    assert scene.shape == MESH or len(surface.p_OQ) == 4 * 12**2
-    np.testing.assert_allclose(surface.distance(starts[0]), 0, atol=1e-12)
+def test_scenes_have_the_numbers_they_are_asked_for():
+    for scene in (cube(12, contacts=7, forbidden=300), SMALL_MESH):
+        surface, starts = make_scene(scene)
+        assert starts.shape == (NUM_SETS, scene.contacts, 3)
+        assert len(surface.forbidden) == scene.forbidden
+        assert scene.shape == MESH or len(surface.p_OQ) == 4 * 12**2
+        np.testing.assert_allclose(surface.distance(starts[0]), 0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", implementations())
@@ -90,15 +89,6 @@ def test_ticks_are_timed_in_turn_until_time_is_up():
     assert all(0 < row["median [ms]"] <= row["99 % [ms]"] for row in rows)
     hasty = time_ticks(TickJob(BY_SIZE, cube(4), "position", rounds=12, seconds=0.0))
     assert {row["ticks"] for row in hasty} == {5}
-
-
-def test_parts_of_a_simulation_add_up():
-    rows = time_run(RunJob("reference", 0.05, 0.2, 1))
-    assert [row["part"] for row in rows] == list(PARTS)
-    assert {row["planning"] for row in rows} == {"20 Hz"}
-    # The processor's time of all parts is part of the time that the whole takes.
-    whole = 1e3 / rows[-1]["x real time"]
-    assert 0 < sum(row["added [ms]"] for row in rows) <= 1.05 * whole
 
 
 def test_parts_are_what_their_diagrams_take_more(monkeypatch):
@@ -130,11 +120,14 @@ def test_parts_are_what_their_diagrams_take_more(monkeypatch):
         np.testing.assert_allclose(np.diff(simulator.ends), 0.2)
 
 
-def test_fresh_processes_are_timed_and_find_the_callers_package(tmp_path, monkeypatch):
-    """One process compiles; the medians of the others are of each stage by itself."""
+@pytest.mark.slow
+def test_a_fresh_process_imports_the_callers_package(monkeypatch):
     monkeypatch.setattr(base_case, "implementations", lambda: ("reference",))
     (row,) = time_starts(1, compiling=False)
     assert min(list(row.values())[1:]) > 0
+
+
+def test_one_process_compiles_and_the_medians_of_the_others_are_of_each_stage(monkeypatch):
     seen = []
 
     def run(command, *, env, **others):
@@ -144,16 +137,15 @@ def test_fresh_processes_are_timed_and_find_the_callers_package(tmp_path, monkey
 
     monkeypatch.setattr(base_case, "implementations", lambda: ("numba",))
     monkeypatch.setattr(base_case.subprocess, "run", run)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setenv("PYTHONPATH", "mine")
     first, later = (list(row.values()) for row in time_starts(3, compiling=True))
     assert first == ["numba, nothing compiled yet", 9, 9]
     assert later == ["numba", 2, 2]
     assert len({environment["NUMBA_CACHE_DIR"] for environment in seen}) == 1
-    root, *others = seen[0]["PYTHONPATH"].split(os.pathsep)
-    assert (Path(root) / "drake_pregrasp").is_dir()
-    assert others == [str(tmp_path)]
+    assert seen[0]["PYTHONPATH"].endswith(f"{os.pathsep}mine")
 
 
+@pytest.mark.slow
 def test_hours_are_means_over_all_their_ticks():
     seen = []
     hours = soak(3, seconds=5.0, on_hour=seen.append)
@@ -171,9 +163,6 @@ def test_drift_is_the_slope_of_all_hours_but_the_first_quarter():
     slope, error = drift([{"x": value} for value in (100.0, 1.0, 3.0, 5.0, 7.0)], "x")
     assert slope == pytest.approx(2)
     assert error == pytest.approx(0, abs=1e-9)
-    noisy = 2.0 * np.arange(200) + np.random.default_rng(0).normal(size=200)
-    slope, error = drift([{"x": value} for value in noisy], "x")
-    assert abs(slope - 2) < 4 * error < 0.04
 
 
 def test_plans_differ_in_size_only():
@@ -183,22 +172,22 @@ def test_plans_differ_in_size_only():
     assert full[0] == "memory"
 
 
+@pytest.mark.slow
 def test_writes_its_files(tmp_path, monkeypatch):
     jobs = [
         ("ticks", partial(time_ticks, TickJob(BY_SIZE, cube(4), "vew", rounds=5))),
         ("ticks", partial(time_ticks, TickJob("contacts", cube(4), "gii", rounds=5))),
-        ("choices", partial(bench_module.compare_choices, 0, per_edge=6, ticks=2)),
         ("runs", partial(time_run, RunJob(implementations()[-1], 0.05, 0.1, 1))),
     ]
     monkeypatch.setattr(bench_module, "plan", lambda *, quick: jobs)
     monkeypatch.setattr(bench_module, "_GROWTH", {"contacts": "contacts"})
     steps = []
     path = bench(tmp_path / "b", quick=True, on_progress=lambda *step: steps.append(step))
-    assert steps == [(1, 4), (2, 4), (3, 4), (4, 4)]
+    assert steps == [(1, 3), (2, 3), (3, 3)]
     pictures = {"ticks.png", "growth.png", "base_case.png"}
     assert {file.name for file in path.parent.iterdir()} == {"bench.md", "bench.json", *pictures}
     content = json.loads((path.parent / "bench.json").read_text())
     assert {row["N"] for row in content["ticks"]} == {64}
     text = path.read_text()
-    for shown in ("### vew", "gii, reference", "planner: position", "20 Hz", *pictures):
+    for shown in ("### vew", "gii, reference", "20 Hz", *pictures):
         assert shown in text

@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.studies.lookahead import WANTED_SHARE, remaining_shares, study_lookahead
-from drake_pregrasp.studies.lookahead_runs import (
+from drake_pregrasp.studies.lookahead import lookahead
+from drake_pregrasp.studies.lookahead.lookahead_runs import (
     CASES,
     PERIOD,
     LookaheadRun,
@@ -21,7 +21,7 @@ def test_look_ahead_leaves_at_most_a_third_of_the_error(case):
     delay, start = 8, 8
     without, ahead = (run_lookahead(lookahead_scenario(case, t, 3)) for t in (0.0, delay * PERIOD))
     errors = [run.goal_errors(delay, start) for run in (without, ahead)]
-    assert np.median(errors[1]) < WANTED_SHARE * np.median(errors[0])
+    assert np.median(errors[1]) < lookahead.WANTED_SHARE * np.median(errors[0])
     squares = ahead.normalised_errors(delay, start)
     assert 0.1 < np.mean(squares) / 3 < 2
     assert np.mean(squares < 7.815) > 0.85
@@ -52,9 +52,10 @@ def test_look_back_is_nearer_to_the_truth():
         assert smoothed[name] < 0.8 * filtered[name]
 
 
+@pytest.mark.slow
 def test_the_report_says_what_the_rows_say(tmp_path):
     steps = []
-    report = study_lookahead(
+    report = lookahead.study_lookahead(
         tmp_path / "study",
         seeds=(0,),
         cases=("toss",),
@@ -65,11 +66,11 @@ def test_the_report_says_what_the_rows_say(tmp_path):
     rows = pd.read_csv(report.parent / "rows.csv")
     np.testing.assert_allclose(rows["lookahead"], [0, 0, 0.0375, 0.05, 0.0625])
     np.testing.assert_allclose(rows["delay"], [0, 0.05, 0.05, 0.05, 0.05])
-    (shares,) = remaining_shares(rows).to_numpy()
+    (shares,) = lookahead.remaining_shares(rows).to_numpy()
     median, p95 = (f"{100 * share:.1f} %" for share in shares)
     lines = [" ".join(line.split()) for line in text.splitlines()]
     assert f"| toss | 50 | {median} | {p95} | yes |" in lines
-    assert max(shares) < WANTED_SHARE
+    assert max(shares) < lookahead.WANTED_SHARE
     assert "![Goal error" in text
     assert (report.parent / "lookahead.png").stat().st_size > 10_000
     assert steps[-1] == (4, 4)

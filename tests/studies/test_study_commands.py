@@ -18,10 +18,12 @@ assert imported == [], imported
 """
 
 
+@pytest.mark.slow
 def test_list_and_run_import_no_study(tmp_path):
     subprocess.run([sys.executable, "-c", LIST_AND_RUN], cwd=tmp_path, check=True, timeout=120)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("command", "library"),
     [(["sweep", "tracking"], "seaborn"), (["study", "faults"], "jinja2"), (["bench"], "pandas")],

@@ -1,8 +1,5 @@
 """Figures of one seed: which seed, and what the pictures show where."""
 
-import functools
-import os
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,21 +8,19 @@ from hypothesis import strategies as st
 from made_up_trials import made_up_trial
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
-from pydrake.geometry import (
-    GeometryInstance,
-    MakeRenderEngineVtk,
-    PerceptionProperties,
-    RenderEngineVtkParams,
-    Rgba,
-    SceneGraph,
-    Sphere,
-)
+from pydrake.geometry import Rgba, SceneGraph, Sphere
 from pydrake.math import RigidTransform
 
 from drake_pregrasp.simulation.output import without_solver_chatter
-from drake_pregrasp.studies.pictures import camera_pose
+from drake_pregrasp.studies.pictures import (
+    Light,
+    camera_pose,
+    coloured,
+    lit_renderer,
+    take_picture,
+)
 from drake_pregrasp.studies.report_page import Picture
-from drake_pregrasp.studies.runner import StudyRows, run_jobs
+from drake_pregrasp.studies.runner import StudyRows
 from drake_pregrasp.studies.static_versus_dynamic import trial_pictures
 from drake_pregrasp.studies.static_versus_dynamic.comparison_command import trial_jobs
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
@@ -87,35 +82,25 @@ def tracked(job):
     ("seeds", "methods"), [(2, METHODS), (6, METHODS), (6, ["world", "stationary"])]
 )
 def test_figures_are_of_the_methods_there_are(tmp_path, monkeypatch, seeds, methods):
-    asked = []
+    tracked_jobs, pictured = [], []
 
-    def simulate(function, jobs, *, folder=None, modules=(), processes, on_progress):
-        asked.append(([job.method for job in jobs], {job.seed for job in jobs}, processes))
-        if folder is not None:
-            return StudyRows(rows_of(jobs, tracked), pd.DataFrame(), len(jobs), len(jobs))
-        return run_jobs(functools.partial(blank_pictures, tmp_path), jobs, processes=1)
+    def simulate(function, jobs, **options):
+        tracked_jobs.extend(jobs)
+        return StudyRows(rows_of(jobs, tracked), pd.DataFrame(), len(jobs), len(jobs))
 
     monkeypatch.setattr(trial_pictures, "run_jobs", simulate)
+    monkeypatch.setattr(
+        trial_pictures, "make_pictures", lambda path, shown, *options: pictured.append(shown)
+    )
     rows = rows_of(trial_jobs(CONDITIONS, methods, range(seeds)))
     parts = figures_of_one_seed(tmp_path, rows, 3, lambda *step: None)
-    pictures = [part for part in parts if isinstance(part, Picture)]
-    shown = [method for method in METHODS if method in PICTURED and method in methods]
-    expected = [shown, list(methods)][: len(pictures)]
-    assert len(pictures) == (2 if seeds >= trial_pictures.SEEDS_FOR_STRIPS else 1)
-    assert [jobs for jobs, _, _ in asked] == expected
-    (seed,) = set.union(*(seeds for _, seeds, _ in asked))
-    assert {processes for _, _, processes in asked} == {3}
-    assert all(f"Seed {seed}" in picture.caption for picture in pictures)
-    assert all(imread(picture.image).ndim == 3 for picture in pictures)
-
-
-def blank_pictures(folder, job):
-    """Returns rows as of pictures, which are those of a white page."""
-    file = folder / "white.png"
-    if not file.exists():
-        os.makedirs(folder, exist_ok=True)
-        trial_pictures.imsave(file, np.ones((4, 3, 3)))
-    return [{"file": str(file), "active": 5} for _ in range(4)]
+    (shown,) = pictured
+    (seed,) = set(shown["seed"])
+    assert set(shown["method"]) == set(PICTURED) & set(methods)
+    pictures, *strips = [part for part in parts if isinstance(part, Picture)]
+    assert len(strips) == (seeds >= trial_pictures.SEEDS_FOR_STRIPS)
+    assert tracked_jobs == [TrialJob("headline", method, seed) for method in methods if strips]
+    assert all(f"Seed {seed}" in picture.caption for picture in (pictures, *strips))
 
 
 def test_strips_show_each_method_in_its_colour(tmp_path):
@@ -142,17 +127,12 @@ def pixels_of(X_WK, p_WQ):
 @pytest.mark.parametrize("p_WQ", [[0.0, 0.0, 0.0], [-0.13, 0.07, 0.02]])
 def test_the_camera_sees_a_ball_where_it_is(p_WQ):
     scene = SceneGraph()
-    parameters = RenderEngineVtkParams(default_clear_color=[1.0, 1.0, 1.0])
-    scene.AddRenderer(CAMERA.core().renderer_name(), MakeRenderEngineVtk(parameters))
-    properties = PerceptionProperties()
-    properties.AddProperty("phong", "diffuse", Rgba(0, 0, 0))
-    ball = GeometryInstance(RigidTransform(p_WQ), Sphere(0.008), "ball")
-    ball.set_perception_properties(properties)
+    scene.AddRenderer(CAMERA.core().renderer_name(), lit_renderer([Light([0.0, 0.0, 1.0], 1.0)]))
+    ball = coloured(RigidTransform(p_WQ), Sphere(0.008), Rgba(0, 0, 0), "ball")
     scene.RegisterAnchoredGeometry(scene.RegisterSource("test"), ball)
     X_WK = camera_pose(np.array([0.02, 0.01, 0.05]), np.array([0.5, -0.4, 0.3]))
     query = scene.get_query_output_port().Eval(scene.CreateDefaultContext())
-    image = query.RenderColorImage(CAMERA, scene.world_frame_id(), X_WK).data
-    dark = np.argwhere(image[:, :, 0] < 100)[:, ::-1]
+    dark = np.argwhere(take_picture(query, CAMERA, X_WK)[:, :, 0] < 100)[:, ::-1]
     assert len(dark) > 50
     np.testing.assert_allclose(np.mean(dark, axis=0), pixels_of(X_WK, p_WQ)[0], atol=1.0)
 
@@ -227,6 +207,7 @@ def test_a_picture_shows_the_hand_and_leaves_no_trace(tracking):
     assert tracking.diagram.GetInputPort("close").Eval(tracking.context) == [0.0]
 
 
+@pytest.mark.slow
 def test_the_grid_has_a_row_for_each_method(tmp_path):
     jobs = [TrialJob("headline", method, 0) for method in ("fixed_plan", "stationary")]
     outcomes = rows_of(jobs).drop_duplicates("method")

@@ -28,7 +28,6 @@ from drake_pregrasp.studies.bench.tick_times import (
     implementations,
     time_ticks,
 )
-from drake_pregrasp.studies.global_choice import compare_choices
 from drake_pregrasp.studies.report_page import Heading, Part, Picture, Table, write_report
 from drake_pregrasp.studies.runner import OnProgress
 from drake_pregrasp.studies.study_options import add_out_option, step_bar
@@ -52,7 +51,7 @@ _GROWTH = {
     BY_FORBIDDEN: "forbidden",
     BY_OBSTACLES: "forbidden",
 }
-_SECTIONS = ("memory", "ticks", "choices", "runs", "starts")
+_SECTIONS = ("memory", "ticks", "runs", "starts")
 
 _WORDS = {
     BY_SIZE: "Planning tick over the number of candidates",
@@ -63,9 +62,6 @@ _WORDS = {
     BY_CONTACTS: "Medians in ms on the cube, N = 20,164, with 200 forbidden points.",
     BY_FORBIDDEN: "Medians in ms on the cube, N = 20,164, with 5 contacts.",
     BY_OBSTACLES: "The same with the forbidden points as obstacles in the world.",
-    "choices": "Medians and least values over cubes with 2,304 candidates, 200 forbidden points and"
-    " 5 random contacts. Q_MSV is at most sqrt(5) = 2.2361; margins are the normalised min-weight"
-    " margin at friction 0.7. The planner's values are those of its settled contacts.",
     "runs": "Simulated seconds in one second, with more and more parts of the simulation.",
     "added": "Milliseconds of processor time that a simulated second takes for each part.",
     "base_case": "Parts of a simulated second",
@@ -151,8 +147,6 @@ def plan(*, quick: bool) -> list[Job]:
         for strategy in strategies:
             job = TickJob(series, scene, strategy, series == BY_OBSTACLES, seconds=seconds)
             jobs.append(("ticks", functools.partial(time_ticks, job)))
-    for seed in range(2 if quick else 8):
-        jobs.append(("choices", functools.partial(compare_choices, seed)))
     for period, duration in periods.items():
         for implementation in implementations():
             run = RunJob(implementation, period, duration, 3 if quick else 7)
@@ -190,11 +184,6 @@ def report(machine: str, tables: Tables) -> list[Part]:
             own = ticks[ticks.series == series]
             table = _pivot(own, index, ["strategy", "implementation"])
             parts += [Heading(series.capitalize(), 3), _WORDS[series], table]
-    if "choices" in tables:
-        grouped = tables["choices"].groupby("method", sort=False)
-        least = grouped[["Q_MSV", "margin"]].min().add_suffix(", least")
-        found = grouped.median().join(least).map("{:,.5g}".format).reset_index()
-        parts += [Heading("Against choosing all contacts anew"), _WORDS["choices"], Table(found)]
     if "runs" in tables:
         parts.append(Heading("The base case, simulated"))
         for key, column in (("runs", "x real time"), ("added", "added [ms]")):

@@ -179,21 +179,20 @@ def goal_table(rows: pd.DataFrame) -> Table:
     for measure, condition, bound in goals:
         own = rows[(rows["condition"] == condition) & (rows["method"] == TESTED)]
         at_times = own.groupby("close_at")[measure].mean()
-        if measure in ("clean", "lifted"):
-            goal, value = f"{measure} ≥ {bound} of 30 at each closing time", 30 * at_times.min()
-            reached, found = value >= bound - 1e-9, f"{value:.3g} of 30 at the worst closing time"
-        elif measure == "goal_in_area":
-            goal, value = "no goal in the area at any tick", 100 * own[measure].max()
-            reached, found = value <= bound, f"{value:.2g} % of the ticks in the worst grasp"
+        if measure == "goal_in_area":
+            value, text = 100 * own[measure].max(), "{:.2g} % of the ticks in the worst grasp"
+            goal, reached = "no goal in the area at any tick", value <= bound
+        elif measure == "tip_in_area":
+            value, text = 100 * own[measure].mean(), "{:.2g} % on average"
+            goal, reached = f"fingertips in the area at < {bound} % of ticks", value < bound
         else:
-            goal, value = (
-                f"fingertips in the area at < {bound} % of ticks",
-                100 * own[measure].mean(),
-            )
-            reached, found = value < bound, f"{value:.2g} % on average"
+            value, text = 30 * at_times.min(), "{:.3g} of 30 at the worst closing time"
+            goal = f"{measure} ≥ {bound} of 30 at each closing time"
+            reached = value >= bound - 1e-9
         known = set(at_times.index) == {*CONDITIONS[condition].closing_times} and pd.notna(value)
         result = ("reached" if reached else "not reached") if known else "not run"
-        lines.append((CONDITIONS[condition].label, goal, found if known else None, result))
+        found = text.format(value) if known else None
+        lines.append((CONDITIONS[condition].label, goal, found, result))
     table = pd.DataFrame(lines, columns=["condition", "goal", "found", "result"])
     return _styled(table, f"Goals for {_TESTED}.")
 
@@ -212,18 +211,13 @@ def plot_clean_shares(rows: pd.DataFrame) -> Figure:
         times = sorted(own["close_at"].unique())
         for place, key in enumerate(methods):
             cells = own[own["method"] == key].groupby("close_at")["clean"]
-            share, bounds = (
-                cells.mean(),
-                100 * paired_statistics.exact_interval(cells.sum(), cells.size()),
-            )
-            panel.errorbar(
-                [times.index(t) + 0.78 * ((place + 0.5) / len(methods) - 0.5) for t in share.index],
-                100 * share,
-                yerr=np.abs([100 * share - bounds["low"], bounds["high"] - 100 * share]),
-                fmt=METHODS[key].marker,
-                color=METHODS[key].color,
-                label=_LABELS[key],
-            )
+            share = 100 * cells.mean()
+            bounds = 100 * paired_statistics.exact_interval(cells.sum(), cells.size())
+            ends = np.abs([share - bounds["low"], bounds["high"] - share])
+            shift = 0.78 * ((place + 0.5) / len(methods) - 0.5)
+            at = [times.index(time) + shift for time in share.index]
+            style = {"fmt": METHODS[key].marker, "color": METHODS[key].color}
+            panel.errorbar(at, share, yerr=ends, label=_LABELS[key], **style)
         panel.set(title=CONDITIONS[condition].label, ylim=(-4, 104), ylabel="clean grasps [%]")
         panel.set_xticks(range(len(times)), [f"{time:g} s" for time in times])
         panel.grid(axis="y", color="0.88")

@@ -4,6 +4,7 @@ A scenario is here what YAML makes of it, with every key, as `scenario_data` ret
 lists and scalars.
 """
 
+import copy
 import difflib
 import re
 from collections.abc import Iterator, Mapping
@@ -47,6 +48,18 @@ def set_field(data: Mapping[str, Any], path: str, value: Any, source: str) -> No
         holder[step] = value
 
 
+def with_fields(data: Mapping[str, Any], changes: Mapping[str, Any], source: str) -> dict[str, Any]:
+    """Returns a copy of a scenario in which fields are set, by their paths.
+
+    Raises:
+        ScenarioError: If there is no such field; the message has the nearest name.
+    """
+    changed = copy.deepcopy(dict(data))
+    for path, value in changes.items():
+        set_field(changed, str(path), value, source)
+    return changed
+
+
 def overlap(one: str, other: str) -> bool:
     """Whether a field is another one, or is inside it."""
     short, long = sorted((one, other), key=len)
@@ -71,21 +84,26 @@ def _find(data: Mapping[str, Any], path: str, source: str) -> tuple[Any, str | i
 
 
 def _unknown(data: Mapping[str, Any], path: str, source: str) -> ScenarioError:
-    known = list(_paths(data))
-    last = path.rpartition(".")[2]
-    near = [k for k in known if k.rpartition(".")[2] == last][:1]
+    known = [name for name, _ in walk(data)]
+    near = [k for k in known if k.rpartition(".")[2] == path.rpartition(".")[2]]
     near = difflib.get_close_matches(path, known, n=1) or near
     hint = f"did you mean {near[0]}?" if near else f"fields are: {', '.join(data)}"
     return ScenarioError(source, path, f"no such field in the scenario; {hint}")
 
 
-def _paths(value: Any, path: str = "") -> Iterator[str]:
+def walk(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yields the path and the value of a field and of all that are inside it.
+
+    Args:
+        value: The field's value.
+        path: Its path; empty for a whole scenario.
+    """
     if path:
-        yield path
+        yield path, value
     if isinstance(value, Mapping):
         for key, element in value.items():
             if key != TAG_KEY:
-                yield from _paths(element, f"{path}.{key}".lstrip("."))
+                yield from walk(element, f"{path}.{key}".lstrip("."))
     elif isinstance(value, list):
         for index, element in enumerate(value):
-            yield from _paths(element, f"{path}[{index}]")
+            yield from walk(element, f"{path}[{index}]")

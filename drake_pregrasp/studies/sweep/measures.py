@@ -1,7 +1,6 @@
 """One run of a sweep, and the numbers that its row has."""
 
-import copy
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,59 +15,47 @@ from drake_pregrasp.simulation.run_log import adapting_phase
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import scenario_from_data
 from drake_pregrasp.simulation.summary import force_closure_summary, summarize_grasp
-from drake_pregrasp.studies.sweep.field_path import set_field
+from drake_pregrasp.studies.sweep.field_path import with_fields
 from drake_pregrasp.studies.sweep.sweep_plan import SEED_FIELD, SweepPlan
 
 _QUALITIES = {"q_msv": "Q_MSV", "q_gii": "Q_GII", "q_vew": "Q_VEW"}
-_REDUCED: Mapping[str, Callable[[FloatArray], Any]] = {
-    "mean": np.mean,
-    "min": np.min,
-    "max": np.max,
-}
-_MARGINS = {
-    "force_closure_margin": "min-weight margin at the end",
-    "ferrari_canny": "Ferrari and Canny's radius at the end [N]",
-    "independent_region_share": "share of force-closed choices at the end",
-}
-# Of each, the key in the summary of a grasp.
-_GRASP = {
-    "grasp_lift_height": ("lift_height_mm", "lift height [mm]"),
-    "grasp_closing_motion": ("closing_motion_mm", "motion of the object in closing [mm]"),
-    "grasp_slip_hold": ("slip_hold_mm", "slip in the hold [mm]"),
-    "grasp_tracking_error_mean": (
-        "tracking_error_mean_mm",
-        "distance of the fingertips from their goals, mean [mm]",
-    ),
-}
-
-MEASURES: Mapping[str, str] = {
-    **{
-        f"{name}_{kind}": f"{label}, {kind}"
-        for name, label in _QUALITIES.items()
-        for kind in (*_REDUCED, "final")
-    },
+_EXTREMES = ("mean", "min", "max")  # Functions of numpy.
+_MOTION = {
     "motion_on_object": "motion over the object [mm/s]",
     "displacement": "motion in the world [mm/s]",
     "position_error_mean": "position error, mean [mm]",
     "position_error_max": "position error, maximum [mm]",
     "active_share": "share of active contacts",
     "ticks": "planning ticks",
+}
+_MARGINS = {
+    "force_closure_margin": "min-weight margin at the end",
+    "ferrari_canny": "Ferrari and Canny's radius at the end [N]",
+    "independent_region_share": "share of force-closed choices at the end",
+}
+# In the summary of a grasp, these end in `_mm`.
+_GRASP = {
+    "lift_height": "lift height [mm]",
+    "closing_motion": "motion of the object in closing [mm]",
+    "slip_hold": "slip in the hold [mm]",
+    "tracking_error_mean": "distance of the fingertips from their goals, mean [mm]",
+}
+
+MEASURES: Mapping[str, str] = {
+    **{
+        f"{name}_{kind}": f"{label}, {kind}"
+        for name, label in _QUALITIES.items()
+        for kind in (*_EXTREMES, "final")
+    },
+    **_MOTION,
     **_MARGINS,
     "grasp_holds": "object held at the end (0 or 1)",
-    **{name: label for name, (_, label) in _GRASP.items()},
+    **{f"grasp_{name}": label for name, label in _GRASP.items()},
 }
 """All measures and their labels. Means, extremes and shares are over the phase in which all
 contacts adapt."""
 
-DEFAULT_MEASURES = (
-    *(f"{name}_{kind}" for name in _QUALITIES for kind in ("mean", "final")),
-    "motion_on_object",
-    "displacement",
-    "position_error_mean",
-    "position_error_max",
-    "active_share",
-    "ticks",
-)
+DEFAULT_MEASURES = (*(f"{q}_{kind}" for q in _QUALITIES for kind in ("mean", "final")), *_MOTION)
 """The measures of a study that names none."""
 
 
@@ -94,15 +81,14 @@ class SweepRun:
 
     def __call__(self, job: Mapping[str, Any]) -> dict[str, float]:
         """Returns the measures of the run of a job, nan where there is nothing to measure."""
-        data = copy.deepcopy(dict(self.scenario))
-        for path, value in (self.plan.changes(job["index"]) | {SEED_FIELD: job["seed"]}).items():
-            set_field(data, path, value, self.source)
+        changes = self.plan.changes(job["index"]) | {SEED_FIELD: job["seed"]}
+        data = with_fields(self.scenario, changes, self.source)
         scenario = scenario_from_data(
             data, source=self.source, folder=self.folder, folders=self.folders
         )
-        logged = LoggedRun(scenario)
         with TemporaryDirectory(prefix="drake_pregrasp_") as folder:
-            logged.simulate(Path(folder))
+            logged = LoggedRun(scenario, Path(folder))
+            logged.simulate()
             return measure(scenario, logged, self.measures)
 
 
@@ -122,7 +108,7 @@ def measure(scenario: Scenario, logged: LoggedRun, names: Sequence[str]) -> dict
         values |= {name: margins[name]["final"] for name in _MARGINS}
     if logged.grasp_log is not None:
         grasp = summarize_grasp(scenario, logged.grasp_log)
-        values |= {name: grasp[key] for name, (key, _) in _GRASP.items()}
+        values |= {f"grasp_{name}": grasp[f"{name}_mm"] for name in _GRASP}
         values["grasp_holds"] = grasp["phase"] == "hold"
     found = {name: values.get(name) for name in names}
     return {name: np.nan if value is None else float(value) for name, value in found.items()}
@@ -137,8 +123,8 @@ def _of_log(scenario: Scenario, columns: Mapping[str, FloatArray]) -> dict[str, 
     if not len(time[phase]):
         return values
     for name in _QUALITIES:
-        for kind, reduce in _REDUCED.items():
-            values[f"{name}_{kind}"] = reduce(columns[name][phase])
+        for kind in _EXTREMES:
+            values[f"{name}_{kind}"] = getattr(np, kind)(columns[name][phase])
     contacts = range(scenario.num_contacts)
     active = np.stack([columns[f"c{i}_active"] for i in contacts], axis=1) > 0
     seconds = len(time[phase]) * scenario.planner.period

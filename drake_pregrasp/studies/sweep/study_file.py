@@ -1,7 +1,6 @@
 """Sweeps from YAML files, and the files that rows depend on."""
 
 import contextlib
-import copy
 import dataclasses
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -32,7 +31,7 @@ from drake_pregrasp.simulation.scenario_file import (
 from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.yaml_text import load_typed
 from drake_pregrasp.studies.package_digest import digest_files
-from drake_pregrasp.studies.sweep.field_path import set_field
+from drake_pregrasp.studies.sweep.field_path import walk, with_fields
 from drake_pregrasp.studies.sweep.measures import DEFAULT_MEASURES, MEASURES
 from drake_pregrasp.studies.sweep.sweep_plan import SweepPlan, grid_axis, random_axis
 from drake_pregrasp.systems.pose_sensor import MAX_SEED
@@ -151,10 +150,9 @@ def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
     base = scenario_data(
         load_scenario(config.scenario or None, file=config.file or None, folders=beside)
     )
-    for path, value in config.overrides.items():
-        set_field(base, str(path), value, f"{source}: overrides")
+    changed = with_fields(base, config.overrides, f"{source}: overrides")
     base = scenario_data(
-        scenario_from_data(base, source=source, folder=file.parent, folders=folders)
+        scenario_from_data(changed, source=source, folder=file.parent, folders=folders)
     )
     plan = SweepPlan(
         tuple(grid_axis(str(name), v, base, source) for name, v in config.grid.items()),
@@ -170,15 +168,11 @@ def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
 
 def _check_plain(source: str, key: str, value: Any) -> None:
     """Refuses what YAML has, and no field of a scenario: dates, bytes, sets."""
-    if isinstance(value, Mapping | list):
-        items = value.items() if isinstance(value, Mapping) else enumerate(value)
-        for name, part in items:
-            where = f"{key}[{name}]" if isinstance(value, list) else f"{key}.{name}"
-            _check_plain(source, where, name)
-            _check_plain(source, where, part)
-    elif not isinstance(value, str | int | float | None):
-        problem = f"{value!r} must be a number, a text, true, false, a list or a mapping"
-        raise ScenarioError(source, key, problem)
+    for path, part in walk(value, key):
+        for scalar in part if isinstance(part, Mapping) else [part]:
+            if not isinstance(scalar, str | int | float | list | None):
+                problem = f"{scalar!r} must be a number, a text, true, false, a list or a mapping"
+                raise ScenarioError(source, path, problem)
 
 
 def _find(name_or_file: str) -> Path:
@@ -217,28 +211,33 @@ def named_files(study: Study) -> dict[str, str]:
     for axis in study.plan.random:
         every += [dict.fromkeys(axis.fields, value) for value in axis.arguments]
     for changes in every:
-        data = copy.deepcopy(study.scenario)
-        try:
-            for path, value in changes.items():
-                set_field(data, path, value, study.source)
+        # A run that needs what can't be used fails with this error.
+        with contextlib.suppress(ScenarioError, InvalidArgumentError):
+            data = with_fields(study.scenario, changes, study.source)
             check_mapping(study.source, "", data, Scenario)
             scenario: Scenario = load_typed(Scenario, data, Scenario())
             make_paths_absolute(scenario, study.folder, allowed=allowed, source=study.source)
-        except ScenarioError:
-            continue  # Its runs will fail with this error.
-        found.update(map(Path, _paths(scenario)))
-        found.update(_hand_files(scenario.grasp.hand, allowed))
+            found.update(map(Path, _paths(scenario)))
+            hand = scenario.grasp.hand
+            model = load_hand(hand, folders=allowed).model if _is_file(hand) else ""
+            if _is_file(model):
+                found.update(checked_model(model_path(model), [Path(hand).parent, *allowed]).files)
     for mesh in [path for path in found if path.suffix.lower() == ".gltf"]:
-        found.update(_buffers(mesh))
-    return {str(path): digest for path in sorted(found) if (digest := _digest(path))}
+        with contextlib.suppress(InvalidArgumentError):
+            found.update(companions(mesh))
+    digests = {}
+    for path in sorted(found):
+        with contextlib.suppress(OSError):
+            if path.is_file() and path.stat().st_size <= MAX_BYTES:  # None that counts is larger.
+                digests[str(path)] = digest_files([path])
+    return digests
 
 
 def _paths(config: object) -> Iterator[str]:
     for f in dataclasses.fields(config) if dataclasses.is_dataclass(config) else ():
         value = getattr(config, f.name)
         if f.metadata.get("path"):
-            if _is_file(value):
-                yield value
+            yield from filter(_is_file, [value])
         else:
             for part in value if isinstance(value, list) else [value]:
                 yield from _paths(part)
@@ -246,28 +245,3 @@ def _paths(config: object) -> Iterator[str]:
 
 def _is_file(text: str) -> bool:
     return bool(text) and "://" not in text
-
-
-def _hand_files(hand: str, allowed: Sequence[Path]) -> list[Path]:
-    try:
-        model = load_hand(hand, folders=allowed).model if _is_file(hand) else ""
-        if not _is_file(model):
-            return []
-        return list(checked_model(model_path(model), [Path(hand).parent, *allowed]).files)
-    except (ScenarioError, InvalidArgumentError):
-        return []
-
-
-def _buffers(mesh: Path) -> list[Path]:
-    try:
-        return companions(mesh)
-    except InvalidArgumentError:
-        return []
-
-
-def _digest(path: Path) -> str:
-    """Returns a file's digest; nothing if it is no regular one, or larger than any may be."""
-    with contextlib.suppress(OSError):
-        if path.is_file() and path.stat().st_size <= MAX_BYTES:
-            return digest_files([path])
-    return ""

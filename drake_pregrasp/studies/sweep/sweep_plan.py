@@ -1,6 +1,5 @@
 """The swept fields of a study and their values, and its runs, each a function of its index."""
 
-import copy
 import json
 import math
 import zlib
@@ -10,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from drake_pregrasp.config.validation import scalar_problem
 from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.simulation.yaml_text import TAG_KEY
-from drake_pregrasp.studies.sweep.field_path import overlap, read_field, set_field
+from drake_pregrasp.studies.sweep.field_path import overlap, read_field, with_fields
 
 MOST_RUNS = 1_000_000
 """Largest number of runs of a sweep."""
@@ -20,14 +20,20 @@ MOST_RUNS = 1_000_000
 SEED_FIELD = "random_seed"
 """The field that differs between the runs of a point."""
 
-KINDS = ("uniform", "log_uniform", "integer", "choice")
+_WHOLE = np.iinfo(np.int64)
+_RANGES: Mapping[str, tuple[type, Mapping[str, Any]]] = {
+    "uniform": (float, {}),
+    "log_uniform": (float, {"above": 0}),
+    "integer": (int, {"at_least": _WHOLE.min, "at_most": _WHOLE.max}),
+}  # The type of both ends of a range, and what they must be.
+
+KINDS = (*_RANGES, "choice")
 """The distributions of random values."""
 
 Label = float | int | bool | str
 """A value as a row shows it."""
 
 _FIELDS = "fields"
-_WHOLE = np.iinfo(np.int64)
 
 
 @dataclass(frozen=True)
@@ -208,9 +214,7 @@ def grid_axis(name: str, values: Any, data: Mapping[str, Any], source: str) -> G
         problem = "must be a list of values, or a mapping from labels to what each sets; not empty"
         raise ScenarioError(source, key, problem)
     for label, change in zip(labels, changes, strict=True):
-        scratch = copy.deepcopy(data)
-        for path, value in change.items():
-            set_field(scratch, path, value, source_of or f"{source}: {key}.{label}")
+        with_fields(data, change, source_of or f"{source}: {key}.{label}")
     texts = [str(label) for label in labels]
     if twice := [text for text in texts if texts.count(text) > 1]:
         raise ScenarioError(source, key, f"{twice[0]} is there twice; give each value once")
@@ -242,27 +246,12 @@ def random_axis(name: str, entry: Any, data: Mapping[str, Any], source: str) -> 
         read_field(data, str(path), f"{source}: random")
     arguments = [_number(value) for value in entry[kind]]
     if kind != "choice":
-        _check_range(source, f"{key}.{kind}", kind, arguments)
+        type_, rules = _RANGES[kind]
+        fits = len(arguments) == 2 and not any(scalar_problem(e, type_, rules) for e in arguments)
+        if not fits or arguments[0] > arguments[1]:
+            problem = f"must be two, the lower first, each {scalar_problem(None, type_, rules)}"
+            raise ScenarioError(source, f"{key}.{kind}", f"{arguments} {problem}")
     return RandomAxis(name, tuple(map(str, fields)), kind, tuple(arguments))
-
-
-def _check_range(source: str, key: str, kind: str, ends: list[Any]) -> None:
-    allowed = int if kind == "integer" else int | float
-    right = (
-        len(ends) == 2
-        and all(isinstance(e, allowed) and not isinstance(e, bool) for e in ends)
-        and all(map(math.isfinite, ends))
-        and ends[0] <= ends[1]
-        and (kind != "log_uniform" or ends[0] > 0)
-        and (kind != "integer" or (_WHOLE.min <= ends[0] and ends[1] <= _WHOLE.max))
-    )
-    if not right:
-        what = {
-            "uniform": "numbers",
-            "log_uniform": "numbers above 0",
-            "integer": f"whole numbers from {_WHOLE.min} to {_WHOLE.max}",
-        }[kind]
-        raise ScenarioError(source, key, f"{ends} must be two {what}, the lower one first")
 
 
 def _label(value: Any) -> Label:

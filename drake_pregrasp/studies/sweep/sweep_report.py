@@ -1,6 +1,5 @@
 """The report of a sweep: for each axis a figure and a table of the measures."""
 
-import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -12,15 +11,7 @@ import seaborn as sns
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatter
 
-from drake_pregrasp.studies.report_page import (
-    NO_VALUE,
-    Details,
-    Heading,
-    Part,
-    Picture,
-    Table,
-    write_report,
-)
+from drake_pregrasp.studies.report_page import Details, Heading, Part, Picture, Table, write_report
 from drake_pregrasp.studies.runner import StudyRows, to_csv
 from drake_pregrasp.studies.sweep.measures import MEASURES
 from drake_pregrasp.studies.sweep.study_file import Study
@@ -132,11 +123,9 @@ def axis_table(
     median, low, high = (getattr(groups[list(measures)], n)() for n in ("median", "min", "max"))
     table = pd.DataFrame({"runs": groups.size()})
     for measure in measures:
-        spread = zip(median[measure], low[measure], high[measure], strict=True)
-        table[MEASURES[measure]] = [
-            NO_VALUE if math.isnan(m) else f"{m:.5g} ({least:.4g} to {most:.4g})"
-            for m, least, most in spread
-        ]
+        least, most = (part[measure].map("{:.4g}".format) for part in (low, high))
+        shown = median[measure].map("{:.5g}".format) + " (" + least + " to " + most + ")"
+        table[MEASURES[measure]] = shown.where(median[measure].notna())
     table.index = [f"{v:.6g}" if isinstance(v, float) else str(v) for v in table.index]
     return table.rename_axis(axis_label(axis.name)).reset_index()
 
@@ -163,16 +152,15 @@ def plot_axis(
         measures: The panels, by the names of measures.
         color: The axis that colours show, if any.
     """
-    data = rows[list(measures)].assign(x=rows[axis.name])
-    if color is not None:
-        data["color"] = rows[color.name]
-    data = data.melt([name for name in ("x", "color") if name in data], var_name="measure")
+    shown_by_color = axis.name if color is None else color.name
+    data = rows[list(measures)].assign(x=rows[axis.name], color=rows[shown_by_color])
+    data = data.melt(["x", "color"], var_name="measure")
     shared: dict[str, Any] = {"x": "x", "y": "value", "col": "measure", "height": 3.1}
     shared |= {"col_wrap": min(3, len(measures)), "aspect": 1.4}
     if color is not None:
         is_number = pd.api.types.is_numeric_dtype(data["color"])
-        shared |= {"hue": "color", "legend": "full"}
         palette = "viridis" if is_number else "colorblind"
+        shared |= {"hue": "color", "legend": "full"}
         shared["palette"] = sns.color_palette(palette, data["color"].nunique())
     middle = {"estimator": "median", "errorbar": ("pi", 50)}
     own_scales = {"sharex": False, "sharey": False}

@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from drake_pregrasp.simulation.output import writing
-from drake_pregrasp.studies.lookahead_runs import (
+from drake_pregrasp.studies.lookahead.lookahead_runs import (
     CASES,
     PERIOD,
     SETTLED,

@@ -14,8 +14,8 @@ from drake_pregrasp.errors import ScenarioError
 from drake_pregrasp.simulation.output import write_text, writing
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.summary import MEASURES
-from drake_pregrasp.studies.claims import STRATEGY_CASES, discretisation_costs, judge_claims
-from drake_pregrasp.studies.paper_cases import (
+from drake_pregrasp.studies.paper.claims import STRATEGY_CASES, discretisation_costs, judge_claims
+from drake_pregrasp.studies.paper.paper_cases import (
     LITERAL,
     SCENARIOS,
     SPACINGS,
@@ -27,7 +27,7 @@ from drake_pregrasp.studies.paper_cases import (
     run_cases,
     spacing_job,
 )
-from drake_pregrasp.studies.paper_figures import figure_2c, figure_4, figure_5, figure_6
+from drake_pregrasp.studies.paper.paper_figures import figure_2c, figure_4, figure_5, figure_6
 from drake_pregrasp.studies.report_page import Heading, Part, Picture, Table, write_report
 from drake_pregrasp.studies.runner import OnProgress
 from drake_pregrasp.studies.study_options import add_out_option, names, step_bar

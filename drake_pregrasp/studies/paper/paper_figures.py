@@ -15,7 +15,7 @@ from drake_pregrasp.contacts.strategies import make_strategy
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.safe_regions import NO_REGION, compute_safe_regions
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.studies.paper_cases import CaseLog
+from drake_pregrasp.studies.paper.paper_cases import CaseLog
 from drake_pregrasp.studies.pictures import ByteArray, render_goals
 
 # Okabe and Ito's colour-blind-safe set. Dashes show lines that run on top of each other.

@@ -6,12 +6,8 @@ from pathlib import Path
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.simulation.output import write_text
 from drake_pregrasp.simulation.yaml_text import dump_yaml
+from drake_pregrasp.studies import study_options
 from drake_pregrasp.studies.runner import OnProgress, StudyRows, run_jobs
-from drake_pregrasp.studies.study_options import (
-    add_out_option,
-    add_processes_option,
-    make_rows_and_report,
-)
 from drake_pregrasp.studies.sweep.measures import SweepRun
 from drake_pregrasp.studies.sweep.study_file import Study, load_study, named_files
 from drake_pregrasp.studies.sweep.sweep_report import write_sweep_report
@@ -26,8 +22,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
     parser.set_defaults(command=_command)
     parser.add_argument("study", metavar="STUDY", help="YAML file, or name of a shipped sweep")
-    add_out_option(parser, "sweeps", "a folder with the study's name")
-    add_processes_option(parser)
+    study_options.add_out_option(parser, "sweeps", "a folder with the study's name")
+    study_options.add_processes_option(parser)
     parser.add_argument(
         "--allow",
         action="append",
@@ -85,7 +81,7 @@ def _command(options: argparse.Namespace) -> int:
     if options.scheduler is not None and options.processes is not None:
         raise InvalidArgumentError("--processes: a cluster has its own; leave it out")
     study = load_study(options.study, options.allow)
-    return make_rows_and_report(
+    return study_options.make_rows_and_report(
         lambda on_progress: sweep(
             study,
             options.out,

@@ -1,0 +1,1 @@
+"""The study of look-ahead on fast objects."""

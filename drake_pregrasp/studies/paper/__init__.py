@@ -1,0 +1,1 @@
+"""The paper's ten cases, and its tables, figures and claims."""
