@@ -17,13 +17,12 @@ from typing import Self
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import SLACK, FloatArray
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.quality.grasp_quality import GraspQuality
 from drake_pregrasp.simulation.output import reading_back, writing
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
-from drake_pregrasp.ticks import SLACK
 
 _FLUSH_PERIOD = 1.0  # Largest amount of data that a killed run loses, in seconds.
 _LONGEST_ROW = 100_000  # Characters.
