@@ -1,7 +1,6 @@
-"""Array types, validation of values from users and input ports, and vector forms of dataclasses."""
+"""Array types, ticks, validation of values from users and ports, vector forms of dataclasses."""
 
 import math
-from dataclasses import is_dataclass
 from numbers import Integral, Real
 from typing import Any, TypeVar
 
@@ -25,7 +24,25 @@ LARGEST_VARIANCE = 100.0
 _ORTHONORMAL = 1e-5  # Largest error of a rotation, in Rᵀ R - I: as of one in single precision.
 _ASYMMETRY = 1e-9  # Share of the least variance by which a matrix may differ from its transpose.
 
+SLACK = 1e-6
+"""Share of a period by which rounding may move a tick: k * period must not count as k - 1."""
+
+_NEVER = -(10**18)
+
 Record = TypeVar("Record")
+
+
+def tick_index(time: float, period: float) -> int:
+    """Returns the number of the last tick at or before `time`.
+
+    The time -inf, which stands for never, comes before every tick.
+    """
+    return _NEVER if time == -math.inf else math.floor(time / period + SLACK)
+
+
+def first_tick(time: float, period: float) -> int:
+    """Returns the number of the first tick at or after `time`, which is finite."""
+    return math.ceil(time / period - SLACK)
 
 
 def number_or_nan(value: object) -> float:
@@ -161,15 +178,21 @@ def validated_covariance(covariance_W: FloatArray, R_WO: FloatArray, spread: flo
     return nearest
 
 
+_SCALAR = (int, float, np.generic)
+
+
 def pack(record: object) -> FloatArray:
     """Returns all fields of a dataclass in one vector, as discrete state; `unpack` is the inverse.
 
     Args:
         record: Dataclass instance of numbers, arrays, and dataclasses of such.
     """
-    parts = []
+    parts: list[Any] = []
     for value in vars(record).values():
-        parts.append(pack(value) if is_dataclass(value) else np.ravel(value))
+        if isinstance(value, np.ndarray):
+            parts.append(value.ravel())
+        else:
+            parts.append((value,) if isinstance(value, _SCALAR) else pack(value))
     return np.concatenate(parts, dtype=float)
 
 
@@ -180,16 +203,17 @@ def unpack(template: Record, vector: FloatArray) -> Record:
         template: Instance of the same class whose fields have the types and shapes to restore.
         vector: Packed instance, which is copied.
     """
-    vector, start = np.array(vector), 0
     fields: list[Any] = []
+    start = 0
     for value in vars(template).values():
-        stop = start + (len(pack(value)) if is_dataclass(value) else np.size(value))
-        part = vector[start:stop]
-        if is_dataclass(value):
-            fields.append(unpack(value, part))
-        elif isinstance(value, np.ndarray):
-            fields.append(part.reshape(value.shape).astype(value.dtype, copy=False))
+        if isinstance(value, np.ndarray):
+            stop = start + value.size
+            fields.append(vector[start:stop].reshape(value.shape).astype(value.dtype))
+        elif isinstance(value, _SCALAR):
+            stop = start + 1
+            fields.append(type(value)(vector[start]))
         else:
-            fields.append(type(value)(part[0]))
+            stop = start + len(pack(value))
+            fields.append(unpack(value, vector[start:stop]))
         start = stop
     return type(template)(*fields)

@@ -7,8 +7,8 @@ from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.strategies import BLEND, READINGS, STRATEGIES
 from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
 from drake_pregrasp.estimation.pose_tracker import TrackerSettings
-from drake_pregrasp.quality.contact_models import CONTACT_MODELS
 from drake_pregrasp.quality.force_closure import FRICTION, TORSIONAL_FRICTION
+from drake_pregrasp.quality.grasp_quality import CONTACT_MODELS
 from drake_pregrasp.regions.walls import WALL_TESTS
 
 MOST_LATE = 1000
@@ -46,8 +46,8 @@ class EstimatorConfig:
     # free flight.
     gravity: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
 
-    # Seconds by which the estimate, and with it the goals, are predicted ahead. Measures and errors
-    # still compare them with the object's pose at the present time.
+    # Seconds by which the estimate, and with it the goals, are predicted ahead. Measures still take
+    # the object's present pose; position errors compare poses of the same time.
     lookahead: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
 
     # Mahalanobis distance from its prediction beyond which a measured position or orientation is an

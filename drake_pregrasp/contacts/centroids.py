@@ -45,6 +45,13 @@ def gaussian_log_weights(q: FloatArray, mu: FloatArray, Sigma: FloatArray) -> Fl
     return log_b
 
 
+def position_tracking(selection: SelectionInput, i: int) -> FloatArray:
+    """Returns log(b_n) of the Gaussian about the centre of mass over region i, shape (k,)."""
+    surface = selection.surface
+    q = surface.p_OQ[selection.regions.members(i)]
+    return gaussian_log_weights(q, surface.p_OCoM, selection.covariance_O)
+
+
 def weighted_centroid(q: FloatArray, log_b: FloatArray, areas: FloatArray) -> FloatArray:
     """Returns the centroid c_i of points weighted by b_n and their areas, shape (3,) (Eq. 4).
 
@@ -77,10 +84,11 @@ def region_goals(
         contacts: Indices of k contacts whose regions are not empty.
         strategy: Weights of the candidates.
     """
-    surface, centroids = selection.surface, []
-    members = [selection.regions.members(i) for i in contacts]
-    for i, n in zip(contacts, members, strict=True):
+    surface, members, centroids = selection.surface, [], []
+    for i in contacts:
+        n = selection.regions.members(i)
         log_b = strategy(selection, i)
+        members.append(n)
         centroids.append(weighted_centroid(surface.p_OQ[n], log_b, surface.areas[n]))
     return surface.project_into(np.array(centroids), members)[0]
 
@@ -125,7 +133,7 @@ def select_contacts(
     regions = selection.regions
     if choose is None or best_point:
         choose = partial(best_points if best_point else region_goals, strategy=strategy)
-    active = np.flatnonzero(selection.active)
+    active = np.flatnonzero(regions.sizes() > 0)
     goals = selection.p_OC.copy()
     for movers in active[:, None] if in_turns else active[None]:
         if len(movers) == 0:

@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.contacts.quality_guard import Measure, keep_quality
-from drake_pregrasp.contacts.selection_input import ContactGoals, SelectionInput, contact_status
+from drake_pregrasp.contacts.selection_input import ContactGoals, ContactStatus, SelectionInput
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.regions.constraints import NO_CAUSE, Limit
@@ -62,12 +62,6 @@ class ContactLimits:
     pairs: tuple[CoupledPair, ...] = ()
     recover: bool = False
     guard: Measure | None = None
-
-    @property
-    def hold_nothing(self) -> bool:
-        """Whether goals become what strategies choose."""
-        free = self.max_step == np.inf and self.deadband == 0
-        return free and not self.pairs and self.guard is None
 
     def __post_init__(self) -> None:
         if not self.max_step > 0:
@@ -241,7 +235,9 @@ def limited_goals(
         limits: What holds goals back.
     """
     surface, regions, p_OC = selection.surface, selection.regions, selection.p_OC
-    if limits.hold_nothing and len(regions.constraints.tip_radii) == 0:
+    free = limits.max_step == np.inf and limits.deadband == 0
+    free &= not limits.pairs and limits.guard is None
+    if free and len(regions.constraints.tip_radii) == 0:
         return goals
     # A lost finger needs no partner any more.
     pairs = [p for p in limits.pairs if not (regions.lost[p.first] or regions.lost[p.second])]
@@ -316,6 +312,12 @@ def with_returning_contacts(
     return goals
 
 
+# By whether a contact is active, and what limits it.
+_STATUS = np.array([1.0 + np.array(Limit)] * 2)
+_STATUS[0] *= -1
+_STATUS[0, Limit.NONE] = ContactStatus.INACTIVE
+
+
 def judged_goals(
     selection: SelectionInput,
     goals: FloatArray,
@@ -332,7 +334,7 @@ def judged_goals(
     """
     regions = selection.regions
     constraints, limits, causes = regions.constraints, regions.limits.copy(), regions.causes.copy()
-    active = selection.active.copy()
+    active = regions.sizes() > 0
     unknown = np.flatnonzero(~on_ground)
     if len(unknown):
         nearest, _ = selection.project(goals[unknown])
@@ -354,7 +356,8 @@ def judged_goals(
         if active[pair.first] and active[pair.second] and pair.error(goals) > pair.tolerance:
             for contact, partner in ((pair.first, pair.second), (pair.second, pair.first)):
                 limits[contact], causes[contact] = Limit.PARTNER, partner
-    status = contact_status(active, regions.lost, limits)
+    status: FloatArray = _STATUS[active.astype(np.int64), limits]
+    status[regions.lost] = ContactStatus.LOST
     return ContactGoals(goals, status, causes.astype(float))
 
 

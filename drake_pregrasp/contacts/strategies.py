@@ -24,11 +24,11 @@ from functools import partial
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.contacts.centroids import gaussian_log_weights
+from drake_pregrasp.contacts.centroids import position_tracking
 from drake_pregrasp.contacts.selection_input import SelectionInput, WeightFunction
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.quality.contact_models import skew
 from drake_pregrasp.quality.force_closure import FRICTION, moved_least_norm_margin
+from drake_pregrasp.quality.grasp_quality import skew
 
 STRATEGIES = ("position", "msv", "gii", "vew", "margin")
 """Position tracking, the three measures of the grasp matrix, and the force-closure margin."""
@@ -44,13 +44,6 @@ FLAT = 1e-13
 
 Measure = Callable[[SelectionInput, int], FloatArray]
 """Maps a selection's input and the index of a contact to b_n of its region, shape (k,)."""
-
-
-def position_tracking(selection: SelectionInput, i: int) -> FloatArray:
-    """Returns log(b_n) of the Gaussian about the centre of mass over region i, shape (k,)."""
-    surface = selection.surface
-    q = surface.p_OQ[selection.regions.members(i)]
-    return gaussian_log_weights(q, surface.p_OCoM, selection.covariance_O)
 
 
 def hand_singular_values(r: FloatArray, q: FloatArray) -> FloatArray:

@@ -4,6 +4,7 @@ Drake's parser follows every name that a model holds, to anywhere on this machin
 a copy only: an XML tree of elements and attributes on a list, and meshes that are written anew.
 """
 
+import atexit
 import functools
 import logging
 import tempfile
@@ -390,8 +391,6 @@ def _numbers(element: Element) -> Iterator[float]:
 @functools.cache
 def _folder() -> str:
     """Returns a folder for meshes that is removed when this process ends."""
-    _kept.append(tempfile.TemporaryDirectory(prefix="drake_pregrasp-"))
-    return _kept[0].name
-
-
-_kept: list[tempfile.TemporaryDirectory[str]] = []
+    folder = tempfile.TemporaryDirectory(prefix="drake_pregrasp-")
+    atexit.register(folder.cleanup)
+    return folder.name

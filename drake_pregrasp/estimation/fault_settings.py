@@ -1,4 +1,4 @@
-"""Faults of pose measurements: their settings, and when they happen."""
+"""Settings of a pose sensor's faults, and the random times at which they act."""
 
 import functools
 import math
@@ -7,14 +7,14 @@ from enum import IntEnum
 
 import numpy as np
 
-from drake_pregrasp.ticks import first_tick
+from drake_pregrasp.arrays import first_tick
 
 
 class FaultChannel(IntEnum):
-    """What a fault's random numbers are for.
+    """Use of a stream of random numbers.
 
-    They start at 1: numpy takes the entropy (seed, tick, 0) for (seed, tick), which is that of the
-    measurement noise.
+    Values start at 1: numpy takes the entropy (seed, tick, 0) for (seed, tick), which is that of
+    the measurement noise.
     """
 
     TAILS = 1
@@ -30,20 +30,20 @@ def fault_generator(seed: int, tick: int, channel: FaultChannel) -> np.random.Ge
     """Returns a generator that starts anew: the same arguments give the same numbers.
 
     Args:
-        seed: At least 0.
+        seed: Seed of the random numbers, at least 0.
         tick: Index of the planning tick, of either sign.
-        channel: Different ones have independent numbers.
+        channel: Use of the numbers; channels are independent of each other.
     """
     return np.random.default_rng((seed, tick % 2**63, int(channel)))
 
 
 CUT_OFF = 5.0
-"""No burst is longer than this many mean lengths; a share of exp(-5) is cut to that."""
+"""Largest length of a burst, in mean lengths; a share of exp(-5) of the bursts is cut to it."""
 
 MAX_BURST_TICKS = 10_000
-"""How many ticks the longest burst may have: at each tick one looks back so far."""
+"""Largest length of a burst, in ticks, and so of the look-back at each tick."""
 
-_REMEMBERED = 4 * MAX_BURST_TICKS  # Draws that are kept, enough to look back in both channels.
+_REMEMBERED = 4 * MAX_BURST_TICKS  # Cached draws, enough to look back in both channels.
 
 
 def in_burst(
@@ -58,16 +58,16 @@ def in_burst(
     Queues", 1962), in discrete time: its busy share is 1 - Π_a (1 - p P(E > a period)) over the
     ages a = 0, 1, ... of a burst in ticks.
 
-    Being a function of the seed and the tick, it needs no memory, and is as busy at the first tick
-    as at any other.
+    The result is a function of the seed and the tick, so it needs no memory, and bursts are as
+    frequent at the first tick as at any other.
 
     Args:
         tick: Index of the planning tick.
         rate: Starts per second; 0 for no bursts.
         duration: Mean of the lengths before they are cut off, in seconds, greater than 0.
         period: Seconds between ticks.
-        seed: Of the random numbers.
-        channel: Of the random numbers.
+        seed: Seed of the random numbers.
+        channel: Use of the random numbers.
     """
     if not rate:
         return False
@@ -80,10 +80,10 @@ def in_burst(
 
 
 def burst_reach(duration: float, period: float) -> int:
-    """Returns how many ticks the longest burst covers.
+    """Returns the number of ticks that the longest burst covers.
 
     Args:
-        duration: See `in_burst`.
+        duration: Mean length of a burst before the cut-off, in seconds.
         period: Seconds between ticks.
     """
     return max(1, math.ceil(CUT_OFF * duration / period))
@@ -97,7 +97,7 @@ def _draws(seed: int, tick: int, channel: FaultChannel) -> tuple[float, float]:
 
 
 FOREVER = 1e7
-"""When faults end by default, in seconds: after any run."""
+"""Default end of faults, in seconds: after any run."""
 
 
 _VECTOR = {"length": 3, "at_least": -10, "at_most": 10}
@@ -114,7 +114,7 @@ def _zeros() -> list[float]:
 
 @dataclass
 class MeasurementFaults:
-    """Faults of a pose sensor. The default has none."""
+    """Faults of a pose sensor; by default it has no faults."""
 
     # Factor on the standard deviations of the noise.
     noise_factor: float = field(default=1.0, metadata={"at_least": 0, "at_most": 1000})
@@ -177,7 +177,7 @@ class MeasurementFaults:
 
     @property
     def need_memory(self) -> bool:
-        """Whether what a sensor emits depends on earlier measurements."""
+        """Whether the sensor's output depends on earlier measurements."""
         return any(
             (self.dropout_rate, self.delay, self.jitter, self.freeze_rate, self.sample_period)
         )
@@ -198,14 +198,14 @@ class MeasurementFaults:
         )
 
     def act_at(self, tick: int, period: float) -> bool:
-        """Returns whether they act on what is measured at a tick.
+        """Returns whether faults act on the measurement of a tick.
 
         Args:
-            tick: Its index; it is at tick * period.
+            tick: Index of the tick, which is at tick * period.
             period: Seconds between ticks.
         """
         return first_tick(self.start, period) <= tick < first_tick(self.end, period)
 
 
 MAX_DELAY_TICKS = 1000
-"""Largest delay of a measurement, jitter included, in ticks: so many are remembered at most."""
+"""Largest delay of a measurement, jitter included, in ticks, and so of the sensor's memory."""

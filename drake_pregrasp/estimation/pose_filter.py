@@ -8,7 +8,6 @@ expressed in W.
 import math
 import sys
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -202,7 +201,9 @@ def predict(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief
     if noise.gravity:
         fall = np.array([0.0, 0.0, -noise.gravity])
         p_WCoM, v_WCoM = p_WCoM + fall * (dt**2 / 2), v_WCoM + fall * dt
-    Q_position, Q_orientation = _process_noise(dt, noise)
+    # The covariance that white accelerations of unit density add in dt.
+    Q: FloatArray = dt**3 / 3 * _DRIFT + dt**2 / 2 * _MIXED + dt * _RATE
+    Q_position, Q_orientation = noise.acceleration**2 * Q, noise.angular_acceleration**2 * Q
     return PoseBelief(
         time=belief.time + dt,
         p_WCoM=p_WCoM,
@@ -327,13 +328,3 @@ def corrected(prior: PoseBelief, new: Innovation) -> PoseBelief:
         P_position=P_position,
         P_orientation=P_orientation,
     )
-
-
-@lru_cache(maxsize=256)  # As many differences as rounding makes between times a period apart.
-def _process_noise(dt: float, noise: PoseFilterNoise) -> tuple[FloatArray, FloatArray]:
-    """Returns the covariances that white accelerations add in dt, linear and angular, each (6, 6).
-
-    They are kept for the next tick, and must not be written to.
-    """
-    spread: FloatArray = dt**3 / 3 * _DRIFT + dt**2 / 2 * _MIXED + dt * _RATE
-    return noise.acceleration**2 * spread, noise.angular_acceleration**2 * spread

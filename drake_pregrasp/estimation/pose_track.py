@@ -6,9 +6,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray, pack, unpack
+from drake_pregrasp.arrays import SLACK, FloatArray, pack
 from drake_pregrasp.estimation.pose_filter import NO_BELIEF, NO_MEASUREMENT, PoseBelief
-from drake_pregrasp.ticks import SLACK
 
 
 class TrackingStatus(IntEnum):
@@ -33,7 +32,11 @@ class TrackingStatus(IntEnum):
     @property
     def is_followed(self) -> bool:
         """Whether goals may follow the estimate."""
-        return self in (TrackingStatus.TRACKING, TrackingStatus.COASTING)
+        return self in FOLLOWED
+
+
+FOLLOWED = (TrackingStatus.TRACKING, TrackingStatus.COASTING)
+"""Values of `TrackingStatus` with which goals may follow the estimate."""
 
 
 def tracking_status(
@@ -96,8 +99,6 @@ NO_ALTERNATIVE = pack(NO_BELIEF)
 MEASUREMENT_SIZE = len(pack(NO_MEASUREMENT))
 """Number of columns of `PoseTrack.steps` that hold the measurement; the belief comes after it."""
 
-_TOLERATED_EXCESS = 2.0  # Excess of the innovations' variance that may be chance.
-
 
 @dataclass(frozen=True, eq=False)
 class PoseTrack:
@@ -106,6 +107,7 @@ class PoseTrack:
     Attributes:
         steps: Newest measurements that were used, each with the belief after it, the oldest first,
             shape (memory, 104); empty rows come first and have the time -inf.
+        newest: Belief after the newest measurement that was used, which ends the last step.
         last_seen: Last valid measurement, whether used or not, shape (13,).
         alternative: Alternative hypothesis, shape (91,): the belief that follows from refused
             measurements that agree with each other; its time is -inf if there are none.
@@ -115,6 +117,8 @@ class PoseTrack:
             measurement of all counts as confirmed until another one contradicts it.
         noise_level: Measurement-noise estimate, as a share of the expected noise, from 0 to 1.
         excess: Measured variance of recent innovations, relative to their expected variance.
+        noise_factor: Measurement-noise estimate: variance of the sensor's noise over the assumed
+            one. It is the excess, or 1 if the excess may be chance.
         verdict: Result of the check of the last measurement.
         last_innovation: Innovation of the newest measurement that was used in time, shape (2, 3).
         innovation_squared: νᵀ S⁻¹ ν of position and orientation of the last measurement that was
@@ -122,6 +126,7 @@ class PoseTrack:
     """
 
     steps: FloatArray
+    newest: PoseBelief
     last_seen: FloatArray
     alternative: FloatArray
     support: int
@@ -129,6 +134,7 @@ class PoseTrack:
     is_locked: bool
     noise_level: float
     excess: float
+    noise_factor: float
     verdict: MeasurementVerdict
     last_innovation: FloatArray
     innovation_squared: FloatArray
@@ -142,6 +148,7 @@ class PoseTrack:
         """
         return PoseTrack(
             steps=np.tile(np.concatenate([pack(NO_MEASUREMENT), NO_ALTERNATIVE]), (memory, 1)),
+            newest=NO_BELIEF,
             last_seen=pack(NO_MEASUREMENT),
             alternative=NO_ALTERNATIVE,
             support=0,
@@ -149,17 +156,8 @@ class PoseTrack:
             is_locked=True,
             noise_level=0.0,
             excess=1.0,
+            noise_factor=1.0,
             verdict=MeasurementVerdict.NOTHING_NEW,
             last_innovation=np.zeros((2, 3)),
             innovation_squared=np.zeros(2),
         )
-
-    @property
-    def newest(self) -> PoseBelief:
-        """Belief after the newest measurement that was used."""
-        return unpack(NO_BELIEF, self.steps[-1, MEASUREMENT_SIZE:])
-
-    @property
-    def noise_factor(self) -> float:
-        """Measurement-noise estimate: variance of the sensor's noise over the assumed one."""
-        return self.excess if self.excess > _TOLERATED_EXCESS else 1.0

@@ -6,6 +6,7 @@ The pose filter estimates; the tracker decides which measurements it gets. Its s
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -42,6 +43,7 @@ OLDEST = 1e6
 _SLACK = 1e-6  # Seconds by which rounding may put a time ahead of the clock.
 _FORGETTING = 0.05  # Share of the newest innovation in the running means.
 _LARGEST_EXCESS = 9.0  # Largest excess of a single innovation: it may be an outlier.
+_TOLERATED_EXCESS = 2.0  # Excess of the innovations' variance that may be chance.
 _VAGUE = 1.0  # Radians: with a larger deviation a small turn can't correct the orientation.
 _NOISY = 0.25  # Noise level of a sensor without noise is below this.
 _DOUBT = 2  # Times `reacquire_after`: with so many outliers in excess the track is not locked.
@@ -70,7 +72,7 @@ class TrackerSettings:
     refuse_repeats: bool
     p_OCoM: FloatArray | None = None
 
-    @property
+    @cached_property
     def gate_squared(self) -> float:
         """Largest νᵀ S⁻¹ ν of a measurement that is used."""
         return self.gate * self.gate if self.gate > 0 else math.inf  # A power may overflow.
@@ -103,14 +105,30 @@ def update_track(
     is_repeated = settings.refuse_repeats and np.array_equal(track.last_seen[1:], last_seen[1:])
     if is_repeated and track.noise_level > _NOISY and _moves(newest):
         return replace(track, verdict=MeasurementVerdict.REPEATED)
-    if time < newest.time:
-        return _update_out_of_sequence(track, measurement, settings)
-    prior = predict(newest, time - newest.time, noise)
+    earlier, is_late = newest, time < newest.time
+    if is_late:
+        before = track.steps[track.steps[:, 0] < time]
+        if len(before) == 0 or before[-1, 0] == -math.inf:
+            return replace(track, verdict=MeasurementVerdict.TOO_LATE)
+        earlier = unpack(NO_BELIEF, before[-1, MEASUREMENT_SIZE:])
+    prior = predict(earlier, time - earlier.time, noise)
     variance = prior.P_orientation.diagonal()[:3].max()
-    if variance > _VAGUE**2 + noise.orientation**2:
+    if variance > _VAGUE**2 + noise.orientation**2 and not is_late:
         return _start(track, measurement, settings, prior)
-    new, after = _compare(track, prior, measurement, settings)
+    new = innovation(prior, measurement, noise, settings.p_OCoM, track.noise_factor)
+    excess = min(sum((track.noise_factor * new.squared).tolist()) / 6, _LARGEST_EXCESS)
+    excess = (1 - _FORGETTING) * track.excess + _FORGETTING * excess
+    after = replace(
+        track,
+        excess=excess,
+        noise_factor=excess if excess > _TOLERATED_EXCESS else 1.0,
+        innovation_squared=new.squared,
+    )
     is_expected = np.all(new.squared <= settings.gate_squared)
+    if is_late:
+        if not is_expected:
+            return replace(after, verdict=MeasurementVerdict.OUTLIER)
+        return _insert(track, after, corrected(prior, new), settings)
     alternative, support = NO_BELIEF, 0
     if not is_expected or (track.support and not track.is_locked):
         alternative, support, is_better = _next_alternative(
@@ -118,16 +136,16 @@ def update_track(
         )
         if is_better or not is_expected:
             return _refuse(after, alternative, support, measurement, settings)
-    steps = np.empty_like(track.steps)
-    steps[:-1] = track.steps[1:]
-    steps[-1] = np.concatenate([track.last_seen, pack(corrected(prior, new))])
+    posterior = corrected(prior, new)
+    step = np.concatenate([track.last_seen, pack(posterior)])
     # Noise makes an innovation differ from the one before it, by 2 S in the mean of the square. A
     # motion that the filter does not expect makes innovations that are like each other.
     changes = np.sum((new.nu - track.last_innovation) ** 2, axis=1)
     level = min(1.0, float(np.mean(changes / (2 * np.trace(new.S, axis1=1, axis2=2)))))
     return replace(
         after,
-        steps=steps,
+        steps=np.vstack([track.steps[1:], step]),
+        newest=posterior,
         alternative=pack(alternative),
         support=support,
         refused=max(0, track.refused - 1),
@@ -136,17 +154,6 @@ def update_track(
         noise_level=(1 - _FORGETTING) * track.noise_level + _FORGETTING * level,
         verdict=MeasurementVerdict.USED,
     )
-
-
-def _compare(
-    track: PoseTrack, prior: PoseBelief, measurement: PoseMeasurement, settings: TrackerSettings
-) -> tuple[Innovation, PoseTrack]:
-    """Returns a measurement's innovation, and the track with new statistics of the innovations."""
-    factor = track.noise_factor
-    new = innovation(prior, measurement, settings.noise, settings.p_OCoM, factor)
-    excess = min(sum((factor * new.squared).tolist()) / 6, _LARGEST_EXCESS)
-    mean = (1 - _FORGETTING) * track.excess + _FORGETTING * excess
-    return new, replace(track, excess=mean, innovation_squared=new.squared)
 
 
 def _moves(belief: PoseBelief) -> bool:
@@ -163,6 +170,7 @@ def _begin(
     return replace(
         track,
         steps=steps,
+        newest=belief,
         alternative=NO_ALTERNATIVE,
         support=0,
         refused=0,
@@ -192,29 +200,27 @@ def _start(
     return _begin(track, belief, MeasurementVerdict.STARTED, is_first)
 
 
-def _update_out_of_sequence(
-    track: PoseTrack, measurement: PoseMeasurement, settings: TrackerSettings
+def _insert(
+    track: PoseTrack, after: PoseTrack, belief: PoseBelief, settings: TrackerSettings
 ) -> PoseTrack:
-    steps, noise = track.steps[track.steps[:, 0] > -np.inf], settings.noise
-    count = int(np.searchsorted(steps[:, 0], measurement.time, side="right"))
-    if count == 0:
-        return replace(track, verdict=MeasurementVerdict.TOO_LATE)
-    belief = unpack(NO_BELIEF, steps[count - 1, MEASUREMENT_SIZE:])
-    prior = predict(belief, measurement.time - belief.time, noise)
-    new, after = _compare(track, prior, measurement, settings)
-    if not np.all(new.squared <= settings.gate_squared):
-        return replace(after, verdict=MeasurementVerdict.OUTLIER)
-    belief = corrected(prior, new)
+    """Returns the track with the last measurement in its place, and the later ones used again.
+
+    Args:
+        track: Track before the measurement, with the measurement as the last one seen.
+        after: The same track with new statistics of the innovations.
+        belief: Belief after the measurement.
+        settings: Settings of the checks.
+    """
+    is_later = track.steps[:, 0] > belief.time
     rows = [np.concatenate([track.last_seen, pack(belief)])]
-    for seen in steps[count:, :MEASUREMENT_SIZE]:
+    for seen in track.steps[is_later, :MEASUREMENT_SIZE]:
         later = unpack(NO_MEASUREMENT, seen)
-        prior = predict(belief, later.time - belief.time, noise)
-        new = innovation(prior, later, noise, settings.p_OCoM, track.noise_factor)
+        prior = predict(belief, later.time - belief.time, settings.noise)
+        new = innovation(prior, later, settings.noise, settings.p_OCoM, track.noise_factor)
         belief = corrected(prior, new)
         rows.append(np.concatenate([seen, pack(belief)]))
-    memory = len(track.steps)
-    kept = np.vstack([PoseTrack.empty(memory).steps, steps[:count], *rows])[-memory:]
-    return replace(after, steps=kept, verdict=MeasurementVerdict.USED_LATE)
+    steps = np.vstack([track.steps[~is_later], *rows])[1:]
+    return replace(after, steps=steps, newest=belief, verdict=MeasurementVerdict.USED_LATE)
 
 
 def _next_alternative(

@@ -1,4 +1,4 @@
-"""Poses over time, as a program or a camera records them."""
+"""Recorded poses of the object over time, and the reader of their files."""
 
 import csv
 import math
@@ -16,22 +16,22 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.resources import read_bounded_text
 
 COLUMNS = ("time", "x", "y", "z", "qw", "qx", "qy", "qz")
-"""Columns of a pose stream's CSV file: seconds, metres, and a unit quaternion."""
+"""Columns of a pose stream's CSV file: time in seconds, position in metres, unit quaternion."""
 
 MAX_ROWS = 200_000
-"""Most rows of a file: half an hour at 100 Hz."""
+"""Largest number of rows of a file: half an hour at 100 Hz."""
 
 MAX_BYTES = 100_000_000
-"""Bytes of a file: 500 for each of its rows."""
+"""Largest size of a file, in bytes: 500 for each row."""
 
 MAX_LINE = 10_000
-"""Characters of a line."""
+"""Largest number of characters of a line."""
 
 MAX_DISTANCE = 100.0
-"""Largest coordinate of a position, in metres: beyond it are millimetres by mistake."""
+"""Largest coordinate of a position, in metres: larger ones are probably in millimetres."""
 
 QUATERNION_TOLERANCE = 0.01
-"""By how much a quaternion's length may differ from 1: a few digits are enough."""
+"""Largest deviation of a quaternion's length from 1, so that a few digits are enough."""
 
 _SHOWN = 40  # Characters of a cell in a message.
 _POSITION, _QUATERNION = slice(1, 4), slice(4, 8)
@@ -42,9 +42,9 @@ class RecordedPoses:
     """Poses of the object O in the world W.
 
     Attributes:
-        times: Increasing, shape (k,), in seconds.
+        times: Times of the poses, increasing, shape (k,), in seconds.
         p_WO: Positions, shape (k, 3), in metres.
-        R_WO: The k orientations.
+        R_WO: Orientations, k of them.
     """
 
     times: FloatArray
@@ -71,11 +71,14 @@ class RecordedPoses:
 
 
 def read_recorded_poses(path: Path) -> RecordedPoses:
-    """Reads a CSV file with the columns `COLUMNS`, in any order, beside which there may be others.
+    """Reads a CSV file with the columns `COLUMNS`, in any order; others are ignored.
+
+    Args:
+        path: Path of the file.
 
     Raises:
-        InvalidArgumentError: If it can't be used; the line names file, row, column and value. Row 1
-            is the header.
+        InvalidArgumentError: If the file is invalid; the message names file, row, column and value.
+            Row 1 is the header.
     """
     try:
         rows = list(_rows(path, _lines(path)))

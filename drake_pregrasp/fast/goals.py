@@ -64,23 +64,26 @@ def projected(points, contacts, labels, q, patches, patch_starts, reach):  # typ
         patch_starts: Place of each candidate's first triangle, and T, shape (N + 1,).
         reach: No patch goes farther from its candidate than that.
     """
-    nearest = np.empty((len(points), 3))
-    away = np.empty(len(q))
-    for k in range(len(points)):
-        bound = np.inf
-        for j in range(len(q)):
-            if labels[j] == contacts[k]:
-                x, y, z = q[j, 0] - points[k, 0], q[j, 1] - points[k, 1], q[j, 2] - points[k, 2]
-                away[j] = math.sqrt(x * x + y * y + z * z)
-                bound = min(bound, away[j])
-        least = np.inf
-        for j in range(len(q)):
-            if labels[j] == contacts[k] and away[j] <= bound + reach:
-                for triangle in range(patch_starts[j], patch_starts[j + 1]):
-                    point, distance = closest_point(points[k], patches[triangle])
-                    if distance < least:
-                        least = distance
-                        nearest[k] = point
+    place = np.full(max(contacts.max(), labels.max()) + 1, -1)
+    place[contacts] = np.arange(len(contacts))
+    nearest, away = np.empty((len(points), 3)), np.empty(len(q))
+    bounds, least = np.full(len(points), np.inf), np.full(len(points), np.inf)
+    for j in range(len(q)):
+        if labels[j] >= 0 and place[labels[j]] >= 0:
+            k = place[labels[j]]
+            x, y, z = q[j, 0] - points[k, 0], q[j, 1] - points[k, 1], q[j, 2] - points[k, 2]
+            away[j] = math.sqrt(x * x + y * y + z * z)
+            bounds[k] = min(bounds[k], away[j])
+    for j in range(len(q)):
+        if labels[j] < 0 or place[labels[j]] < 0:
+            continue
+        k = place[labels[j]]
+        if away[j] <= bounds[k] + reach:
+            for triangle in range(patch_starts[j], patch_starts[j + 1]):
+                point, distance = closest_point(points[k], patches[triangle])
+                if distance < least[k]:
+                    least[k] = distance
+                    nearest[k] = point
     return nearest
 
 

@@ -70,7 +70,7 @@ def eigenvalue(sign, gap, p11, p12, p22, b1, b2):  # type: ignore[no-untyped-def
     d = 1.0 / (gap if gap > 0.0 else 1.0)
     a11, a12, a22 = p11 + sign * d * b1 * b1, p12 + sign * d * b1 * b2, p22 + sign * d * b2 * b2
     half = (a11 - a22) / 2.0
-    root = math.hypot(half, a12)
+    root = math.sqrt(half * half + a12 * a12)
     form = half * (b1 * b1 - b2 * b2) + 2.0 * a12 * b1 * b2
     along = (b1 * b1 + b2 * b2 + sign * form / (root if root > 0.0 else 1.0)) / 2.0
     return (a11 + a22) / 2.0 + sign * root, max(along, 0.0) * d * d

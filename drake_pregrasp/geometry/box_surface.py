@@ -57,31 +57,29 @@ def box_surface(
     _check_number(allowed_faces, half, "spacing", spacing, max_points)
     _check_number(forbidden_faces, half, "forbidden_spacing", forbidden_spacing, max_points)
 
-    points, normals, areas, patches = [], [], [], []
-    for face in allowed_faces:
-        centres, cell = _face_grid(face, half, spacing, corners=False)
-        points.append(centres)
-        normals.append(np.tile(face_normal(face), (len(centres), 1)))
-        areas.append(np.full(len(centres), np.prod(cell)))
-        patches.append(_cell_triangles(face, centres, cell))
-    fences, fence_normals = [np.empty((0, 3))], [np.empty((0, 3))]
-    for face in forbidden_faces:
-        fence, _ = _face_grid(face, half, forbidden_spacing, corners=True)
-        fences.append(fence)
-        fence_normals.append(np.tile(face_normal(face), (len(fence), 1)))
-    p_OZ, p_OQ = np.concatenate(fences), np.concatenate(points)
+    grids = [_face_grid(face, half, spacing, corners=False) for face in allowed_faces]
+    fences = [_face_grid(face, half, forbidden_spacing, corners=True) for face in forbidden_faces]
+    p_OQ, nhat_OQ = _joined(allowed_faces, [centres for centres, _ in grids])
+    p_OZ, nhat_OZ = _joined(forbidden_faces, [points for points, _ in fences])
     return ObjectSurface(
         p_OQ=p_OQ,
-        nhat_OQ=np.concatenate(normals),
-        areas=np.concatenate(areas),
-        forbidden=ForbiddenPoints(
-            p_OZ, np.full(len(p_OZ), forbidden_radius), np.concatenate(fence_normals)
-        ),
+        nhat_OQ=nhat_OQ,
+        areas=np.concatenate([np.full(len(p), np.prod(cell)) for p, cell in grids]),
+        forbidden=ForbiddenPoints(p_OZ, np.full(len(p_OZ), forbidden_radius), nhat_OZ),
         p_OCoM=np.zeros(3),
         mesh=box_shape(size).mesh,
-        patches=np.concatenate(patches),
+        patches=np.concatenate(
+            [_cell_triangles(f, *grid) for f, grid in zip(allowed_faces, grids, strict=True)]
+        ),
         patch_starts=2 * np.arange(len(p_OQ) + 1),
     )
+
+
+def _joined(faces: Sequence[str], points: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Returns the points of all faces and the normals there, each shape (k, 3)."""
+    normals = [np.tile(face_normal(f), (len(p), 1)) for f, p in zip(faces, points, strict=True)]
+    empty = np.empty((0, 3))
+    return np.concatenate([empty, *points]), np.concatenate([empty, *normals])
 
 
 def _check_number(

@@ -4,10 +4,8 @@ import itertools
 
 import numpy as np
 import trimesh
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
 
 MAX_COMPONENTS = 100
@@ -30,9 +28,9 @@ def orient_components(mesh: trimesh.Trimesh, what: str) -> None:
         what: Names the mesh in errors.
 
     Raises:
-        InvalidArgumentError: If two surfaces cross, so that ground of one lies inside the other.
+        InvalidArgumentError: If two surfaces cross, so that a part of one lies inside the other.
     """
-    labels = _face_components(mesh)
+    labels = trimesh.graph.connected_component_labels(mesh.face_adjacency, len(mesh.faces))
     count = int(np.max(labels)) + 1
     if count > MAX_COMPONENTS:
         raise InvalidArgumentError(
@@ -43,33 +41,29 @@ def orient_components(mesh: trimesh.Trimesh, what: str) -> None:
     bounds = [(part.min(axis=(0, 1)), part.max(axis=(0, 1))) for part in parts]
     depths = np.zeros(count, dtype=np.int64)
     points = [np.unique(part.reshape(-1, 3), axis=0) for part in parts if count > 1]
-    near: list[tuple[int, int, BoolArray]] = []
-    pairs = 0
+    near: dict[tuple[int, int], BoolArray] = {}
     for inner, outer in itertools.permutations(range(len(points)), 2):
         low, high = bounds[outer]
-        is_near = np.all((low <= points[inner]) & (points[inner] <= high), axis=1)
-        near.append((inner, outer, is_near))
-        pairs += int(np.sum(is_near)) * len(parts[outer])
+        near[inner, outer] = np.all((low <= points[inner]) & (points[inner] <= high), axis=1)
+    pairs = sum(int(np.sum(is_near)) * len(parts[outer]) for (_, outer), is_near in near.items())
     if pairs > MAX_PAIRS:
         raise InvalidArgumentError(
             f"{what} has closed surfaces in each other with {pairs} pairs of a point and a"
             f" triangle; at most {MAX_PAIRS}, simplify it or leave out its cavities"
         )
-    for inner, outer, is_near in near:
+    for (inner, outer), is_near in near.items():
         inside = is_inside(points[inner][is_near], parts[outer])
-        if np.any(inside) and not (np.all(inside) and np.all(is_near)):
+        is_within = np.all(inside) and np.all(is_near)
+        if np.any(inside) and not is_within:
             raise InvalidArgumentError(
                 f"{what} has closed surfaces that cross; unite them into one, for example with"
                 " trimesh.boolean.union"
             )
-        depths[inner] += bool(np.all(inside) and np.all(is_near))
+        depths[inner] += bool(is_within)
     volumes = np.bincount(labels, weights=np.linalg.det(triangles), minlength=count)
-    is_wrong = (volumes > 0) != (depths % 2 == 0)
-    flipped = is_wrong[labels]
+    flipped = ((volumes > 0) != (depths % 2 == 0))[labels]
     if np.any(flipped):
-        faces = np.array(mesh.faces)
-        faces[flipped] = faces[flipped, ::-1]
-        mesh.faces = faces
+        mesh.faces = np.where(flipped[:, None], mesh.faces[:, ::-1], mesh.faces)
 
 
 def is_inside(points: FloatArray, triangles: FloatArray) -> BoolArray:
@@ -94,12 +88,3 @@ def is_inside(points: FloatArray, triangles: FloatArray) -> BoolArray:
         total[start : start + step] = 2 * np.sum(np.arctan2(numerator, denominator), axis=1)
     inside: BoolArray = np.abs(total) > 2 * np.pi
     return inside
-
-
-def _face_components(mesh: trimesh.Trimesh) -> IntArray:
-    pairs = mesh.face_adjacency
-    count = len(mesh.faces)
-    links = csr_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(count, count))
-    _, labels = connected_components(links, directed=False)
-    found: IntArray = np.array(labels, dtype=np.int64)
-    return found

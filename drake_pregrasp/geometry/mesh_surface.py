@@ -138,31 +138,25 @@ def mesh_surface(
     allowed = triangles.chosen(~forbidden)
     if len(allowed.faces) == 0:
         raise NoGroundError(
-            "no ground is left for contacts: make the forbidden areas smaller, or the spacing,"
+            "no surface is left for contacts: make the forbidden areas smaller, or the spacing,"
             " since small triangles that reach into an area are forbidden as a whole"
         )
     generator = np.random.default_rng(seed)
     samples, owners = choose_evenly(allowed, _DISTANCE * spacing, generator)
+    untouched = triangles.chosen(forbidden)
+    fence, _ = choose_evenly(untouched, _DISTANCE * forbidden_spacing, generator)
     order = np.argsort(owners, kind="stable")
     return ObjectSurface(
         p_OQ=allowed.centroids[samples],
         nhat_OQ=allowed.normals[samples],
         areas=np.bincount(owners, weights=allowed.areas).astype(float),
-        forbidden=_forbidden_points(
-            triangles.chosen(forbidden), forbidden_spacing, forbidden_radius, generator
+        forbidden=ForbiddenPoints(
+            untouched.centroids[fence],
+            np.full(len(fence), forbidden_radius),
+            untouched.normals[fence],
         ),
         p_OCoM=shape.p_OCoM,
         mesh=mesh,
         patches=allowed.corners[order],
         patch_starts=np.concatenate([[0], np.cumsum(np.bincount(owners))]),
     )
-
-
-def _forbidden_points(
-    area: Triangles, spacing: float, radius: float, generator: np.random.Generator
-) -> ForbiddenPoints:
-    if len(area.faces) == 0:
-        return ForbiddenPoints.none()
-    samples, _ = choose_evenly(area, _DISTANCE * spacing, generator)
-    points: FloatArray = area.centroids[samples]
-    return ForbiddenPoints(points, np.full(len(points), radius), area.normals[samples])

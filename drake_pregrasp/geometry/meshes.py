@@ -1,8 +1,8 @@
-"""Mesh files of unknown origin.
+"""Readers of mesh files from untrusted sources.
 
-Only formats that are triangles and little else are read. Textures are not, so that no image is
-decoded, and the only other files that are opened are buffers of a glTF file and materials of an OBJ
-file, beside it.
+Only formats that hold little more than triangles are supported. Textures are skipped, so no image
+is decoded. The only other files that are opened are the buffers of a glTF file and the materials of
+an OBJ file, beside it.
 """
 
 import json
@@ -21,28 +21,28 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.resources import check_inside, read_bounded
 
 MAX_MESH_BYTES = 50_000_000
-"""Bytes of a mesh file, and of each buffer beside it."""
+"""Largest size of a mesh file, and of each buffer beside it, in bytes."""
 
 MAX_FACES = 200_000
-"""Triangles of a mesh: with more a simulation would crawl."""
+"""Largest number of triangles of a mesh, for the sake of the simulation's speed."""
 
 MAX_VERTICES = 3 * MAX_FACES
-"""Vertices of a mesh: those of triangles that share none."""
+"""Largest number of vertices of a mesh: that of triangles that share none."""
 
 MAX_PIECES = 1000
-"""Parts of a mesh file, each as often as it is placed."""
+"""Largest number of parts of a mesh file; a part counts once for each placement."""
 
 MAX_NAME = 200
-"""Characters of a part's name, and of a vertex; further ones are left out."""
+"""Largest number of characters of a part's name and of a vertex; the rest is left out."""
 
 MAX_MATERIAL_BYTES = 1_000_000
-"""Bytes of a material library of an OBJ file."""
+"""Largest size of a material library of an OBJ file, in bytes."""
 
 MAX_WORDS = 4_000_000
-"""Words of an OFF file, or of a PLY file in text; their readers take a microsecond for each."""
+"""Largest number of words of an OFF file or a PLY file in text: reading takes 1 µs per word."""
 
 MAX_VALUES = 500_000
-"""Values of the JSON of a glTF file."""
+"""Largest number of values in the JSON of a glTF file."""
 
 _MAX_NUMBERS = 20_000_000  # In the arrays of a glTF file, which may claim any count.
 
@@ -56,7 +56,7 @@ _OPTIONS: Mapping[str, Mapping[str, Any]] = {
 }
 
 MESH_SUFFIXES = tuple(_OPTIONS)
-"""Endings of the names of mesh files."""
+"""File name extensions of the supported formats."""
 
 _GLB_HEADER = struct.Struct("<4sIIII")  # Magic, version, length; the first chunk's length and kind.
 
@@ -81,12 +81,12 @@ def read_pieces(path: Path, *, colors: bool = False) -> list[Piece]:
     """Returns the named parts of a mesh file, each in the frame of the file.
 
     Args:
-        path: The file.
-        colors: Whether parts have their plain colours; parts of an OBJ file are then those of one
-            material each, instead of its named objects.
+        path: Path of the file.
+        colors: Whether to read plain colours. The parts of an OBJ file are then its materials
+            instead of its named objects.
 
     Raises:
-        InvalidArgumentError: If it can't be read, or is too much.
+        InvalidArgumentError: If the file can't be read or exceeds a limit.
     """
     kind = path.suffix.lower()
     if kind not in _OPTIONS:
@@ -141,9 +141,9 @@ def _parse_json(data: bytes) -> Any:
 
 
 def companions(path: Path) -> list[Path]:
-    """Returns the other files that a mesh file consists of, whether they are there or not.
+    """Returns the other files that a mesh file refers to, whether they exist or not.
 
-    Those are the buffers of a glTF file, and the first material library of an OBJ file.
+    They are the buffers of a glTF file, or the first material library of an OBJ file.
 
     Raises:
         InvalidArgumentError: If the file can't be read.
@@ -193,19 +193,17 @@ _OBJ_LINE = re.compile(rb"^(v|f|[og]|usemtl|mtllib) ([^\n]*)", re.MULTILINE)
 
 
 def _plain_obj(data: bytes, *, by_material: bool = False) -> tuple[bytes, str]:
-    """Returns an OBJ file with no more than vertices, faces and names, and its material library.
+    """Returns an OBJ file reduced to vertices, faces and names, and its material library.
 
     Args:
-        data: The file.
-        by_material: Whether parts have the names of their materials, instead of their own.
+        data: Content of the file.
+        by_material: Whether parts are named by their materials instead of their objects.
 
     Raises:
-        InvalidArgumentError: If it has too many vertices, triangles or parts.
+        InvalidArgumentError: If the file has too many vertices, triangles or parts.
     """
     data = b"\n" + data.translate(_SPACES).replace(b"\\\n", b" ")
-    for pair in (b"  ", b"\n "):
-        while pair in data:
-            data = data.replace(pair, pair[:1])
+    data = re.sub(rb" +", b" ", data).replace(b"\n ", b"\n")
     name = b"usemtl" if by_material else b"o"
     for key, most in ((b"v", MAX_VERTICES), (b"f", MAX_FACES), (name, MAX_PIECES)):
         count = data.count(b"\n" + key + b" ")
@@ -230,7 +228,7 @@ def _plain_obj(data: bytes, *, by_material: bool = False) -> tuple[bytes, str]:
 
 
 def _read_materials(folder: Path, library: str) -> dict[str, Color]:
-    """Returns the plain colours of a material library by name; none if there is no such file."""
+    """Returns the plain colours of a material library by name, empty without such a file."""
     path = folder / library
     check_inside(path, [folder])
     if not path.is_file():
@@ -251,10 +249,10 @@ def _read_materials(folder: Path, library: str) -> dict[str, Color]:
 
 
 def _plain_gltf(kind: str, data: bytes) -> bytes:
-    """Returns a glTF file with no more than triangles and plain colours.
+    """Returns a glTF file reduced to triangles and plain colours.
 
     Raises:
-        InvalidArgumentError: If it claims more than it can hold, or its nodes go in a circle.
+        InvalidArgumentError: If its arrays claim an impossible size, or its nodes are no tree.
     """
     rest = b""
     if kind == ".glb":
@@ -290,14 +288,14 @@ class _Beside(Resolver):
     """Opens the buffers of a glTF file, and no other file.
 
     Args:
-        folder: Where the glTF file is.
+        folder: Folder of the glTF file.
     """
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
 
     def get(self, key: str) -> bytes:
-        """Returns what the file of that name holds."""
+        """Returns the content of a buffer file."""
         path = self._folder / key
         if path.suffix.lower() != ".bin":
             raise InvalidArgumentError(f"{key} is not opened; buffers are files .bin beside it")
@@ -305,7 +303,7 @@ class _Beside(Resolver):
         return read_bounded(path, MAX_MESH_BYTES)
 
     def namespaced(self, namespace: str) -> "_Beside":
-        """Returns the same: there is one folder only."""
+        """Returns the resolver itself: there is only one folder."""
         return self
 
     def keys(self) -> list[str]:

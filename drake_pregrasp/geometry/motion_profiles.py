@@ -50,7 +50,4 @@ class VelocityProfile:
         row = int(self._times.searchsorted(time, side="right")) - 1
         since = time - self._times[row]
         velocities: FloatArray = self._velocities[row] + since * self._accelerations[row]
-        positions: FloatArray = (
-            self._positions[row] + since * (self._velocities[row] + velocities) / 2
-        )
-        return positions, velocities
+        return self._positions[row] + since * (self._velocities[row] + velocities) / 2, velocities

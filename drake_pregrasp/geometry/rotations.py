@@ -5,21 +5,13 @@ ten to forty times as long, which a filter at a kilohertz can't afford.
 """
 
 import math
+from functools import partial
 
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
 
 _SMALL = 1e-2  # Radians: below it the series are exact to rounding.
-
-
-def rotation_matrix(theta: FloatArray) -> FloatArray:
-    """Returns Exp(theta), shape (3, 3), by Rodrigues' formula.
-
-    Args:
-        theta: Rotation vector, shape (3,), in radians.
-    """
-    return _series(theta, 0)
 
 
 def rotation_vector(R: FloatArray) -> FloatArray:
@@ -49,20 +41,16 @@ def rotation_vector(R: FloatArray) -> FloatArray:
     return np.array([scale * x, scale * y, scale * z])
 
 
-def left_jacobian(theta: FloatArray) -> FloatArray:
-    """Returns J with Exp(theta + e) = Exp(J e) Exp(theta) to first order in e, shape (3, 3).
+def rotation_matrix(theta: FloatArray, *, order: int = 0) -> FloatArray:
+    """Returns Exp(theta), shape (3, 3), by Rodrigues' formula.
+
+    With an order above 0 it is the sum over k of [theta]x^k / (k + order)!, of which order 0 is the
+    exponential. In closed form that is I + a [theta]x + b [theta]x², with s = |theta| and a, b two
+    neighbours of sin(s)/s, (1 - cos(s))/s² and (s - sin(s))/s³.
 
     Args:
         theta: Rotation vector, shape (3,), in radians.
-    """
-    return _series(theta, 1)
-
-
-def _series(theta: FloatArray, order: int) -> FloatArray:
-    """Returns sum_k [theta]x^k / (k + order)!, shape (3, 3), the exponential for order 0.
-
-    In closed form it is I + a [theta]x + b [theta]x², with s = |theta| and a, b two neighbours of
-    sin(s)/s, (1 - cos(s))/s² and (s - sin(s))/s³.
+        order: Order of the series, 0 or 1.
     """
     x, y, z = theta.tolist()
     square = x * x + y * y + z * z
@@ -88,3 +76,7 @@ def _series(theta: FloatArray, order: int) -> FloatArray:
             [b * x * z - a * y, b * y * z + a * x, 1 - b * (x * x + y * y)],
         ]
     )
+
+
+left_jacobian = partial(rotation_matrix, order=1)
+"""Returns J with Exp(theta + e) = Exp(J e) Exp(theta) to first order in e, shape (3, 3)."""

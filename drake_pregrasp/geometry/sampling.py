@@ -1,4 +1,4 @@
-"""Even samples of a triangulated surface, each with the patch that it stands for."""
+"""Even samples of a triangulated surface, each with its own patch."""
 
 from dataclasses import dataclass
 
@@ -10,17 +10,17 @@ from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
 
 MAX_TRIANGLES = 2_000_000
-"""How many small triangles a surface may be split into: they need some 0.6 GB."""
+"""Largest number of triangles that a surface is split into: they need some 0.6 GB."""
 
 
 @dataclass(frozen=True, eq=False)
 class Triangles:
-    """Small triangles that together are a surface, or a part of one.
+    """Small triangles that form a surface or a part of one.
 
     Attributes:
-        corners: Shape (T, 3, 3), in metres.
+        corners: Corners, shape (T, 3, 3), in metres.
         normals: Outward unit normals, shape (T, 3).
-        faces: Index of the mesh's face that each is a piece of, shape (T,).
+        faces: Index of the mesh face that contains each triangle, shape (T,).
     """
 
     corners: FloatArray
@@ -29,25 +29,22 @@ class Triangles:
 
     @property
     def centroids(self) -> FloatArray:
-        """Shape (T, 3), in metres."""
-        centroids: FloatArray = np.mean(self.corners, axis=1)
-        return centroids
+        """Centroids, shape (T, 3), in metres."""
+        return np.asarray(np.mean(self.corners, axis=1))
 
     @property
     def areas(self) -> FloatArray:
-        """Shape (T,), in m²."""
-        areas: FloatArray = trimesh.triangles.area(self.corners)
-        return areas
+        """Areas, shape (T,), in m²."""
+        return np.asarray(trimesh.triangles.area(self.corners))
 
     @property
     def radii(self) -> FloatArray:
         """Distance from each centroid to its farthest corner, shape (T,), in metres."""
         away = np.linalg.norm(self.corners - self.centroids[:, None], axis=2)
-        radii: FloatArray = np.max(away, axis=1)
-        return radii
+        return np.asarray(np.max(away, axis=1))
 
     def chosen(self, mask: BoolArray) -> "Triangles":
-        """Returns those of a mask, shape (T,)."""
+        """Returns the triangles that a mask, shape (T,), selects."""
         return Triangles(self.corners[mask], self.normals[mask], self.faces[mask])
 
 
@@ -55,27 +52,28 @@ def split_triangles(corners: FloatArray, normals: FloatArray, longest_edge: floa
     """Halves triangles across their longest edge until no edge is longer than a limit.
 
     Args:
-        corners: Shape (F, 3, 3), in metres.
-        normals: Shape (F, 3).
-        longest_edge: The limit, in metres.
+        corners: Corners of the triangles, shape (F, 3, 3), in metres.
+        normals: Unit normals of the triangles, shape (F, 3).
+        longest_edge: Limit of the edges, in metres.
 
     Raises:
-        InvalidArgumentError: If that would take too many triangles.
+        InvalidArgumentError: If that would make more than `MAX_TRIANGLES`.
     """
     area = float(np.sum(trimesh.triangles.area(corners)))
-    if area > MAX_TRIANGLES * longest_edge**2 / 2:  # None is larger than half a square of its edge.
+    if (
+        area > MAX_TRIANGLES * longest_edge**2 / 2
+    ):  # A triangle's area is at most half the square of its longest edge.
         raise _too_fine(longest_edge)
-    done_corners, done_faces = [], []
-    faces = np.arange(len(corners))
-    done = 0
+    done_corners, done_faces = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int64)]
+    faces, done = np.arange(len(corners)), 0
     while len(corners):
         edges = np.roll(corners, -1, axis=1) - corners
         squares = np.einsum("tij,tij->ti", edges, edges)
         longest = np.argmax(squares, axis=1)
-        is_long = squares[np.arange(len(corners)), longest] > longest_edge**2
+        is_long = np.max(squares, axis=1) > longest_edge**2
         done_corners.append(corners[~is_long])
-        done += int(np.sum(~is_long))
         done_faces.append(faces[~is_long])
+        done += len(done_faces[-1])
         if done + 2 * int(np.sum(is_long)) > MAX_TRIANGLES:
             raise _too_fine(longest_edge)
         # With its longest edge from a to b, a triangle (a, b, c) becomes (a, m, c) and (m, b, c).
@@ -84,9 +82,8 @@ def split_triangles(corners: FloatArray, normals: FloatArray, longest_edge: floa
         middle = (a + b) / 2
         corners = np.concatenate([np.stack([a, middle, c], 1), np.stack([middle, b, c], 1)])
         faces = np.tile(faces[is_long], 2)
-    all_faces = np.concatenate(done_faces) if done_faces else np.empty(0, dtype=np.int64)
-    all_corners = np.concatenate(done_corners) if done_corners else np.empty((0, 3, 3))
-    return Triangles(all_corners, normals[all_faces], all_faces)
+    all_faces = np.concatenate(done_faces)
+    return Triangles(np.concatenate(done_corners), normals[all_faces], all_faces)
 
 
 def _too_fine(longest_edge: float) -> InvalidArgumentError:
@@ -97,23 +94,25 @@ def _too_fine(longest_edge: float) -> InvalidArgumentError:
 
 
 def unit_normals(corners: FloatArray) -> FloatArray:
-    """Returns the unit normals of triangles, shape (T, 3, 3), by their winding, shape (T, 3)."""
+    """Returns the unit normals of triangles by their winding, shape (T, 3).
+
+    Args:
+        corners: Corners, shape (T, 3, 3), in metres.
+    """
     crosses: FloatArray = trimesh.triangles.cross(corners)
     lengths = np.linalg.norm(crosses, axis=1, keepdims=True)
-    normals: FloatArray = crosses / np.maximum(lengths, np.finfo(float).tiny)
-    return normals
+    return np.asarray(crosses / np.maximum(lengths, np.finfo(float).tiny))
 
 
 def lifted(points: FloatArray, normals: FloatArray, length: float) -> FloatArray:
-    """Returns points with their normals, times a length, as three more coordinates, shape (k, 6).
+    """Returns points with their scaled normals as three more coordinates, shape (k, 6).
 
-    Distances between lifted points tell the two sides of a thin wall apart, which are two lengths
-    away from each other at least.
+    The two sides of a thin wall are then at least two lengths apart.
 
     Args:
-        points: Shape (k, 3), in metres.
+        points: Points, shape (k, 3), in metres.
         normals: Unit normals, shape (k, 3).
-        length: In metres.
+        length: Factor on the normals, in metres.
     """
     return np.hstack([points, length * normals])
 
@@ -121,19 +120,19 @@ def lifted(points: FloatArray, normals: FloatArray, length: float) -> FloatArray
 def choose_evenly(
     triangles: Triangles, distance: float, generator: np.random.Generator
 ) -> tuple[IntArray, IntArray]:
-    """Chooses triangles whose centroids are spread evenly: a Poisson-disk sample.
+    """Returns a maximal Poisson-disk sample of the triangles' centroids, and their owners.
 
-    No two are nearer to each other than `distance`, and none could be added. Distance is between
-    lifted points, so that each face and each side of a wall gets its own.
+    No two samples are nearer to each other than `distance`, and no further one would fit. Distances
+    are between lifted points, so that each side of a thin wall gets its own samples.
 
     Args:
-        triangles: What to choose from.
-        distance: In metres.
-        generator: Says in which order triangles are offered.
+        triangles: Triangles to choose from.
+        distance: Smallest distance of two samples, in metres.
+        generator: Generator of the order in which triangles are tried.
 
     Returns:
-        The indices of the chosen, shape (N,), ascending; and for each triangle the place in
-        them of the one nearest to it, shape (T,).
+        Indices of the chosen triangles, ascending, shape (N,); and for each triangle the place of
+        the nearest sample among them, shape (T,).
     """
     points = lifted(triangles.centroids, triangles.normals, distance)
     tree = cKDTree(points)
@@ -144,5 +143,4 @@ def choose_evenly(
             chosen.append(index)
             is_free[tree.query_ball_point(points[index], distance)] = False
     samples = np.sort(np.array(chosen, dtype=np.int64))
-    _, owners = cKDTree(points[samples]).query(points)
-    return samples, owners
+    return samples, cKDTree(points[samples]).query(points)[1]

@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import trimesh
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
@@ -15,22 +14,22 @@ from drake_pregrasp.geometry.closed_surfaces import orient_components
 from drake_pregrasp.geometry.meshes import read_pieces
 
 FACET_ERROR = 5e-5
-"""Farthest that facets are to be from the round surface they stand for, in metres."""
+"""Largest distance of facets from the round surface that they approximate, in metres."""
 
 MAX_EXTENT = 3.0
-"""Longest object that is believed, in metres: a file in millimetres is a thousand times too big."""
+"""Largest extent of an object, in metres: a file in millimetres is a thousand times too large."""
 
 MAX_COORDINATE = 100.0
-"""Farthest that a vertex may be from the origin of its file, along an axis, in metres."""
+"""Largest coordinate of a vertex in the frame of its file, in metres."""
 
 MIN_EXTENT = 1e-3
-"""Longest edge that an object's bounding box has to have, in metres."""
+"""Smallest extent of an object, the longest edge of its bounding box, in metres."""
 
-_SECTIONS = (24, 256)  # Fewest and most facets round a circle.
-_SUBDIVISIONS = (3, 6)  # Fewest and most, of the faces of an icosahedron.
+_SECTIONS = (24, 256)  # Smallest and largest number of facets round a circle.
+_SUBDIVISIONS = (3, 6)  # Smallest and largest number, from the faces of an icosahedron.
 
 _SUBDIVISION_ERROR = 0.292
-"""Farthest that the facets of a unit ball are off after k subdivisions, times 4^k, from above."""
+"""Upper bound of 4^k times the error of a unit ball's facets after k subdivisions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,8 +37,8 @@ class Shape:
     """An object's closed surface, in its frame O.
 
     Attributes:
-        mesh: Watertight, its normals outward, in metres.
-        part_names: Names of the parts that faces may belong to.
+        mesh: Watertight mesh with outward normals, in metres.
+        part_names: Names of the parts.
         face_parts: Index of each face's part, shape (F,).
     """
 
@@ -50,14 +49,13 @@ class Shape:
     @property
     def p_OCoM(self) -> FloatArray:
         """The centre of mass of the homogeneous body, shape (3,), in metres."""
-        center: FloatArray = np.array(self.mesh.center_mass)
-        return center
+        return np.array(self.mesh.center_mass)
 
     def part(self, name: str) -> int:
         """Returns the index of the part of that name.
 
         Raises:
-            InvalidArgumentError: If there is none; the message lists the names there are.
+            InvalidArgumentError: If there is no such part; the message lists the names.
         """
         if name not in self.part_names:
             raise InvalidArgumentError(
@@ -67,18 +65,31 @@ class Shape:
 
 
 def box_shape(size: Sequence[float]) -> Shape:
-    """Returns a box about the origin with those edge lengths, in metres."""
+    """Returns a box centred on the origin.
+
+    Args:
+        size: Edge lengths, in metres.
+    """
     return _one_part(trimesh.creation.box(extents=size))
 
 
 def cylinder_shape(radius: float, length: float) -> Shape:
-    """Returns a cylinder about the origin, its axis along z, all lengths in metres."""
+    """Returns a cylinder centred on the origin, with its axis along z.
+
+    Args:
+        radius: Radius, in metres.
+        length: Length, in metres.
+    """
     z = length / 2
     return revolved_shape([[0, -z], [radius, -z], [radius, z], [0, z]])
 
 
 def ball_shape(radius: float) -> Shape:
-    """Returns a ball about the origin, its radius in metres."""
+    """Returns a ball centred on the origin.
+
+    Args:
+        radius: Radius, in metres.
+    """
     fewest, most = _SUBDIVISIONS
     needed = np.ceil(np.log(_SUBDIVISION_ERROR * radius / FACET_ERROR) / np.log(4))
     subdivisions = int(np.clip(needed, fewest, most))
@@ -86,11 +97,11 @@ def ball_shape(radius: float) -> Shape:
 
 
 def revolved_shape(profile: Sequence[Sequence[float]]) -> Shape:
-    """Returns the solid that a line in the half-plane (r, z) encloses as it turns about z.
+    """Returns the solid of revolution of a profile about z.
 
     Args:
-        profile: Points (r, z) in metres, r >= 0, from the axis back to the axis, with z rising
-            along the outside; a line that doesn't end on the axis is closed into a ring.
+        profile: Points (r, z) of a line, r >= 0, in metres. A line whose ends are not both on the
+            axis is closed, which makes a ring.
 
     Raises:
         InvalidArgumentError: If the profile encloses no solid.
@@ -117,12 +128,12 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
     Named objects of the file become the shape's parts.
 
     Args:
-        path: The file.
-        scale: Metres for each unit of the file.
+        path: Path of the file.
+        scale: Length of the file's unit, in metres.
 
     Raises:
-        InvalidArgumentError: If it can't be read, isn't watertight, has no volume, or has a size
-            that no hand's object has; the message says what would help.
+        InvalidArgumentError: If the file can't be read, or the mesh is not watertight, has no
+            volume, or is too large or too small; the message says what would help.
     """
     if not path.is_file():
         raise InvalidArgumentError(f"{path}: no such file")
@@ -133,17 +144,14 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
     face_parts = np.concatenate(
         [np.full(len(piece.mesh.faces), part_names.index(piece.name)) for piece in pieces]
     )
+    whole = cast(trimesh.Trimesh, trimesh.util.concatenate([piece.mesh for piece in pieces]))
     with np.errstate(over="ignore"):
-        vertices = scale * np.concatenate([piece.mesh.vertices for piece in pieces])
+        vertices = scale * whole.vertices
     if not np.all(np.isfinite(vertices)):
         raise InvalidArgumentError(f"{path} has a vertex that is not finite")
     _check_size(vertices, str(path))
     # Pieces of one closed surface share their seams only once equal vertices are merged.
-    first_vertices = np.cumsum([0, *(len(piece.mesh.vertices) for piece in pieces[:-1])])
-    faces = np.concatenate(
-        [piece.mesh.faces + n for piece, n in zip(pieces, first_vertices, strict=True)]
-    )
-    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    mesh = trimesh.Trimesh(vertices, whole.faces, process=False)
     mesh.merge_vertices()
     return Shape(_checked(mesh, str(path)), part_names, face_parts)
 
@@ -153,7 +161,7 @@ def _one_part(mesh: trimesh.Trimesh) -> Shape:
 
 
 def _check_size(vertices: FloatArray, what: str) -> float:
-    """Returns the longest edge of the bounding box, in metres, if it is one that is believed."""
+    """Returns the longest edge of the bounding box, in metres, after checking its size."""
     low, high = np.min(vertices, axis=0), np.max(vertices, axis=0)
     with np.errstate(over="ignore"):
         longest = float(np.max(high - low))
@@ -175,7 +183,7 @@ def _check_size(vertices: FloatArray, what: str) -> float:
 
 
 def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
-    """Returns a mesh that encloses a volume, with its normals outward."""
+    """Checks that a mesh encloses a volume, and returns it with outward normals."""
     longest = _check_size(mesh.vertices, what)
     if not mesh.is_watertight:
         _, counts = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
@@ -201,10 +209,7 @@ def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
 
 
 def _with_one_winding(mesh: trimesh.Trimesh) -> IntArray:
-    """Returns the faces of a watertight mesh, turned so that neighbours agree, shape (F, 3).
-
-    Where faces had to be turned, they are outward; other closed surfaces of the mesh are kept.
-    """
+    """Returns the faces of a watertight mesh, turned so that neighbours agree, shape (F, 3)."""
     faces = np.array(mesh.faces, dtype=np.int64)
     pairs, edges = mesh.face_adjacency, mesh.face_adjacency_edges
     # Two faces agree if they run along their edge in opposite ways.
@@ -213,19 +218,10 @@ def _with_one_winding(mesh: trimesh.Trimesh) -> IntArray:
         for f in pairs.T
     ]
     differ = (runs[0] == runs[1]).astype(np.int64)
-    # Each face is there twice, as it is and turned; what belongs together is connected.
+    # Each face is there twice, as it is and turned; faces that agree are connected.
     count = len(faces)
     first = np.concatenate([pairs[:, 0], pairs[:, 0] + count])
     second = np.concatenate([pairs[:, 1] + count * differ, pairs[:, 1] + count * (1 - differ)])
-    graph = csr_array((np.ones(len(first)), (first, second)), shape=(2 * count, 2 * count))
-    _, labels = connected_components(graph, directed=False)
-    kept, turned = labels[:count], labels[count:]
-    is_turned = kept > turned
-    surfaces = np.minimum(kept, turned)
-    volumes = np.linalg.det(mesh.vertices[faces]) * np.where(is_turned, -1, 1)
-    for surface in np.unique(surfaces[is_turned]):
-        on_it = surfaces == surface
-        if np.sum(volumes[on_it]) < 0:
-            is_turned[on_it] = ~is_turned[on_it]
-    faces[is_turned] = faces[is_turned, ::-1]
-    return faces
+    labels = trimesh.graph.connected_component_labels(np.column_stack([first, second]), 2 * count)
+    is_turned = labels[:count] > labels[count:]
+    return np.where(is_turned[:, None], faces[:, ::-1], faces)

@@ -1,4 +1,4 @@
-"""Convex solids, for no-touch areas, obstacles and the reach of fingers."""
+"""Convex solids with signed distances: no-touch areas, obstacles, and the reach of fingers."""
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
@@ -10,25 +10,34 @@ from drake_pregrasp.errors import InvalidArgumentError
 
 
 class Solid(ABC):
-    """A closed convex set of points of a frame F, known by its signed distance."""
+    """A closed convex set of points in a frame F, described by its signed distance."""
 
     @abstractmethod
     def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the signed distances of points and the unit directions in which they grow.
+        """Returns the signed distances of points and their gradients.
 
         Args:
-            p_FP: Shape (k, 3), in metres.
+            p_FP: Points in F, shape (k, 3), in metres.
 
         Returns:
-            Distances, shape (k,), in metres: below zero inside; and gradients, shape (k, 3).
+            Distances, shape (k,), in metres, below zero inside; and unit gradients, shape (k, 3).
         """
 
     @abstractmethod
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "Solid":
-        """Returns the same solid expressed in a frame G, in which F has that pose."""
+        """Returns the same solid expressed in a frame G.
+
+        Args:
+            R_GF: Orientation of F in G, shape (3, 3).
+            p_GF: Origin of F in G, shape (3,), in metres.
+        """
 
     def distance(self, p_FP: FloatArray) -> FloatArray:
-        """Returns the signed distances of points, shape (k, 3), in metres: below zero inside."""
+        """Returns the signed distances of points, shape (k,), in metres, below zero inside.
+
+        Args:
+            p_FP: Points in F, shape (k, 3), in metres.
+        """
         return self.distance_and_gradient(p_FP)[0]
 
 
@@ -37,8 +46,8 @@ class BallSolid(Solid):
     """A ball.
 
     Attributes:
-        center: Shape (3,), in metres.
-        radius: In metres, at least zero.
+        center: Centre in F, shape (3,), in metres.
+        radius: Radius, at least zero, in metres.
     """
 
     center: FloatArray
@@ -47,14 +56,14 @@ class BallSolid(Solid):
     def __post_init__(self) -> None:
         if not self.radius >= 0:
             raise InvalidArgumentError(f"a ball's radius must be at least 0 m, not {self.radius}")
-        for name, numbers in (("radius", self.radius), ("center", self.center)):
-            _check_finite(f"a ball's {name}", numbers)
+        _check_finite("a ball's", radius=self.radius, center=self.center)
 
     def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `Solid`; at the centre the gradient is +z."""
         away = p_FP - self.center
         length = np.linalg.norm(away, axis=1)
-        return length - self.radius, _unit(away, length)
+        gradient = np.where(length[:, None] > 0, away, [0.0, 0.0, 1.0])
+        return length - self.radius, gradient / np.where(length > 0, length, 1)[:, None]
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "BallSolid":
         """See `Solid`."""
@@ -66,8 +75,8 @@ class BoxSolid(Solid):
     """A box.
 
     Attributes:
-        center: Shape (3,), in metres.
-        R_FB: Orientation of the box's axes, shape (3, 3).
+        center: Centre in F, shape (3,), in metres.
+        R_FB: Orientation of the box's axes in F, shape (3, 3).
         size: Edge lengths, shape (3,), in metres.
     """
 
@@ -80,8 +89,7 @@ class BoxSolid(Solid):
             raise InvalidArgumentError(
                 f"a box's edges must be at least 0 m long, not {list(self.size)}"
             )
-        for name, numbers in (("edges", self.size), ("center", self.center), ("R_FB", self.R_FB)):
-            _check_finite(f"a box's {name}", numbers)
+        _check_finite("a box's", edges=self.size, center=self.center, R_FB=self.R_FB)
 
     def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `Solid`."""
@@ -105,16 +113,15 @@ class HalfSpace(Solid):
     """All points on one side of a plane.
 
     Attributes:
-        point: A point of the plane, shape (3,), in metres.
-        normal: Points out of the solid, shape (3,); of any length but zero.
+        point: Point of the plane in F, shape (3,), in metres.
+        normal: Outward normal in F, shape (3,), of any length but zero; it is normalized.
     """
 
     point: FloatArray
     normal: FloatArray
 
     def __post_init__(self) -> None:
-        for name, numbers in (("point", self.point), ("normal", self.normal)):
-            _check_finite(f"a half-space's {name}", numbers)
+        _check_finite("a half-space's", point=self.point, normal=self.normal)
         length = float(np.linalg.norm(self.normal))
         if not length > 0:
             raise InvalidArgumentError("a half-space's normal must not be zero")
@@ -122,24 +129,15 @@ class HalfSpace(Solid):
 
     def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `Solid`."""
-        return self.distance(p_FP), np.tile(self.normal, (len(p_FP), 1))
-
-    def distance(self, p_FP: FloatArray) -> FloatArray:
-        """See `Solid`."""
-        distances: FloatArray = (p_FP - self.point) @ self.normal
-        return distances
+        return (p_FP - self.point) @ self.normal, np.tile(self.normal, (len(p_FP), 1))
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "HalfSpace":
         """See `Solid`."""
         return HalfSpace(R_GF @ self.point + p_GF, R_GF @ self.normal)
 
 
-def _check_finite(name: str, numbers: float | FloatArray) -> None:
-    if not np.all(np.isfinite(numbers)):
-        raise InvalidArgumentError(f"{name} must be finite, not {np.asarray(numbers).tolist()}")
-
-
-def _unit(vectors: FloatArray, lengths: FloatArray) -> FloatArray:
-    there = lengths[:, None] > 0
-    units: FloatArray = np.where(there, vectors, [0.0, 0.0, 1.0])
-    return units / np.where(there, lengths[:, None], 1)
+def _check_finite(owner: str, **fields: float | FloatArray) -> None:
+    for name, value in fields.items():
+        if not np.all(np.isfinite(value)):
+            given = np.asarray(value).tolist()
+            raise InvalidArgumentError(f"{owner} {name} must be finite, not {given}")

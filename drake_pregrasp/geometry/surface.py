@@ -14,13 +14,13 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.sampling import unit_normals
 
 CONTACT_TOLERANCE = 1e-4
-"""Farthest a contact may be off the surface to count as on it, in metres."""
+"""Largest distance from the surface of a contact that counts as on it, in metres."""
 
 _ROUNDING = 1 + 1e-9
 
 FLAT_CORNER = 1e-12
-"""Square of the sine at a corner below which a triangle is taken for its edges: rounding would
-decide on which side of them a point is."""
+"""Squared sine of a corner below which a triangle counts as its edges: rounding would decide on
+which side of them a point is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +31,8 @@ class ForbiddenPoints:
         points: z_j, shape (m, d), in metres, d = 3 unless regions use more coordinates; the
             frame is named by whoever holds them.
         radii: R_j, shape (m,), in metres.
-        normals: Outward unit normals of the ground they stand for, shape (m, d); zero, as by
-            default, for points that stand for none.
+        normals: Outward unit normals of the surface that the points sample, shape (m, d); zero, as
+            by default, for points that sample no surface.
     """
 
     points: FloatArray
@@ -100,8 +100,7 @@ class ObjectSurface:
         clear = np.ones(len(self.p_OQ), dtype=bool)
         for radius in np.unique(self.forbidden.radii):
             points = self.forbidden.points[self.forbidden.radii == radius]
-            distances, _ = cKDTree(points).query(self.p_OQ)
-            clear &= distances > radius
+            clear &= cKDTree(points).query(self.p_OQ)[0] > radius
         return clear
 
     @property
@@ -122,11 +121,13 @@ class ObjectSurface:
         Raises:
             InvalidArgumentError: If a point is not finite.
         """
+        if not np.isfinite(p_OP).all():
+            raise InvalidArgumentError(f"points must be finite, not {p_OP.tolist()}")
         # A candidate is on its patch, so that the nearest one bounds the distance to the surface.
-        bounds, _ = self._tree.query(_finite(p_OP))
+        bounds, _ = self._tree.query(p_OP)
         reach = bounds * _ROUNDING + self.patch_reach
         near = self._tree.query_ball_point(p_OP, reach, return_sorted=True)
-        point = np.repeat(np.arange(len(p_OP)), [len(own) for own in near])
+        point = np.repeat(np.arange(len(p_OP)), list(map(len, near)))
         candidates = np.fromiter(itertools.chain(*near), np.int64, len(point))
         return self._project_onto_patches(p_OP, point, candidates, bounds)
 
@@ -145,13 +146,15 @@ class ObjectSurface:
         Raises:
             InvalidArgumentError: If a point is not finite, or has no candidates.
         """
-        counts = np.array([len(own) for own in candidates], dtype=np.int64)
+        if not np.isfinite(p_OP).all():
+            raise InvalidArgumentError(f"points must be finite, not {p_OP.tolist()}")
+        counts = np.array(list(map(len, candidates)), dtype=np.int64)
         if not counts.all():
             raise InvalidArgumentError("a point has no candidates to be projected onto")
         if len(counts) == 0:
             return np.empty((0, 3)), np.empty((0, 3))
         point, own = np.repeat(np.arange(len(counts)), counts), np.concatenate(candidates)
-        away = self.p_OQ[own] - _finite(p_OP)[point]
+        away = self.p_OQ[own] - p_OP[point]
         distances = np.sqrt(np.einsum("ij,ij->i", away, away))
         bounds = np.minimum.reduceat(distances, np.cumsum(counts) - counts)
         near = distances <= (bounds * _ROUNDING + self.patch_reach)[point]
@@ -168,45 +171,36 @@ class ObjectSurface:
             candidates: Index of each pair's candidate, ascending for each point, shape (p,).
             bounds: Upper bound of each point's distance, shape (k,), in metres.
         """
-        point, triangles = self._near_triangles(p_OP, point, candidates, bounds)
-        closest = closest_points(self.patches[triangles], p_OP[point])
-        away = closest - p_OP[point]
-        squares = np.einsum("ij,ij->i", away, away)
-        starts = np.searchsorted(point, np.arange(len(p_OP) + 1))
-        best = [low + squares[low:high].argmin() for low, high in itertools.pairwise(starts)]
-        return closest[best].reshape(-1, 3), self._triangle_normals[triangles[best]].reshape(-1, 3)
-
-    def _near_triangles(
-        self, p_OP: FloatArray, point: IntArray, candidates: IntArray, distances: FloatArray
-    ) -> tuple[IntArray, IntArray]:
-        """Returns pairs of points and triangles of their patches that may be within a distance.
-
-        Args:
-            p_OP: Points in O, shape (k, 3), in metres.
-            point: Index of each pair's point, shape (p,).
-            candidates: Index of each pair's candidate, shape (p,).
-            distances: Distance from each point, shape (k,), in metres.
-        """
         ends = self.patch_starts[candidates + 1]
         counts = ends - self.patch_starts[candidates]
         point = np.repeat(point, counts)
         triangles = np.arange(len(point)) + np.repeat(ends - np.cumsum(counts), counts)
         away = self._centroids[triangles] - p_OP[point]
-        reach = (distances + self._triangle_radius) * _ROUNDING
+        reach = (bounds + self._triangle_radius) * _ROUNDING
         near = np.einsum("ij,ij->i", away, away) <= (reach**2)[point]
-        return point[near], triangles[near]
+        point, triangles = point[near], triangles[near]
+        closest = closest_points(self.patches[triangles], p_OP[point])
+        away = closest - p_OP[point]
+        squares = np.einsum("ij,ij->i", away, away)
+        starts = np.searchsorted(point, np.arange(len(p_OP)))
+        # Of equals the first counts: stable sorting keeps their order.
+        best = np.lexsort((squares, point))[starts] if len(p_OP) else starts
+        return closest[best], self._triangle_normals[triangles[best]]
 
     def candidates_within(self, p_OP: FloatArray, distance: float) -> IntArray:
         """Returns the candidates whose patches come that near to a point p_OP, or nearly, (k,)."""
-        reach = (distance + self._triangle_radius + self.patch_reach) * _ROUNDING
-        near = np.array(self._tree.query_ball_point(p_OP, reach, return_sorted=True), np.int64)
-        pairs = p_OP[None], np.zeros_like(near), near, np.array([distance])
-        return np.unique(self._owners[self._near_triangles(*pairs)[1]])
+        reach = (distance + self._triangle_radius) * _ROUNDING
+        return np.unique(self._owners[self._triangle_tree.query_ball_point(p_OP, reach)])
 
     @cached_property
     def _tree(self) -> cKDTree:
         """The candidates in a search tree."""
         return cKDTree(self.p_OQ)
+
+    @cached_property
+    def _triangle_tree(self) -> cKDTree:
+        """The centroids of the triangles in a search tree."""
+        return cKDTree(self._centroids)
 
     @cached_property
     def _owners(self) -> IntArray:
@@ -222,8 +216,7 @@ class ObjectSurface:
     @cached_property
     def _centroids(self) -> FloatArray:
         """Centroids of the triangles, shape (T, 3), in metres."""
-        centroids: FloatArray = np.mean(self.patches, axis=1)
-        return centroids
+        return np.asarray(np.mean(self.patches, axis=1))
 
     @cached_property
     def _triangle_radius(self) -> float:
@@ -291,17 +284,11 @@ def closest_points(triangles: FloatArray, points: FloatArray) -> FloatArray:
     return closest
 
 
-def _finite(p_OP: FloatArray) -> FloatArray:
-    if not np.isfinite(p_OP).all():
-        raise InvalidArgumentError(f"points must be finite, not {p_OP.tolist()}")
-    return p_OP
-
-
 class RememberedProjection:
     """Projects points as `ObjectSurface.project` does, but the same point only once.
 
     Args:
-        surface: Onto which.
+        surface: Surface onto which points are projected.
     """
 
     def __init__(self, surface: ObjectSurface) -> None:
@@ -315,7 +302,5 @@ class RememberedProjection:
         if new:
             found = zip(*self._surface.project(p_OP[new]), strict=True)
             self._known.update(zip((keys[index] for index in new), found, strict=True))
-        if not keys:
-            return np.empty((0, 3)), np.empty((0, 3))
-        points, normals = zip(*(self._known[key] for key in keys), strict=True)
-        return np.array(points), np.array(normals)
+        points, normals = np.reshape([self._known[key] for key in keys], (-1, 2, 3)).swapaxes(0, 1)
+        return points.copy(), normals.copy()

@@ -190,7 +190,7 @@ class GraspState:
             gripped=np.inf,
             height=Ramp(0.0, settings.approach_duration, settings.approach_height, 0.0),
             force=Ramp.at_rest(0.0),
-            standoffs=np.full(num_fingers, settings.standoff),
+            standoffs=np.full(num_fingers, settings.standoff, dtype=float),
             active=np.zeros(num_fingers, dtype=bool),
             touched=np.zeros(num_fingers, dtype=bool),
             forces=np.zeros((num_fingers, 3)),
@@ -223,8 +223,8 @@ class GraspState:
     @staticmethod
     def from_vector(vector: FloatArray) -> "GraspState":
         """Returns the state from a vector of `to_vector`."""
-        # Only the shapes of the first state matter.
-        anything = GraspSettings(0, 0, 0, 0, 0, 0, 0, 0, 0)
+        # Only types and shapes of the first state matter; an integer would round what is unpacked.
+        anything = GraspSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         single = len(GraspState.first(0, anything).to_vector())
         return unpack(GraspState.first((len(vector) - single) // 6, anything), vector)
 

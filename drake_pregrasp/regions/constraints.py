@@ -222,11 +222,11 @@ class RegionConstraints:
         return not blocked and all(reach is None for reach in self.reach)
 
     @cached_property
-    def has_bare_half_spaces(self) -> bool:
-        """Whether forbidden points alone bound the regions inside their cells."""
+    def add_half_spaces(self) -> bool:
+        """Whether more than all forbidden points bounds the regions inside their cells."""
         obstacles = self.obstacles.solids or len(self.obstacles.points)
         tips = np.any(self.tip_radii) or self.tip_gap > 0
-        return not obstacles and not tips and self.fencing is None
+        return bool(obstacles or tips or self.fencing is not None)
 
     def normals_of(self, candidates: IntArray) -> FloatArray:
         """Returns outward normals of candidates, shape (k, 3); zeros if there are no normals.

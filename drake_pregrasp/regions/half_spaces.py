@@ -26,15 +26,6 @@ class HalfSpaces:
     limits: IntArray
     causes: IntArray
 
-    def exclude(self, p_CQ: FloatArray) -> BoolArray:
-        """Returns which half-space excludes which of the points q - c_i, shape (m, k).
-
-        Args:
-            p_CQ: Points relative to the contact, shape (k, d), in metres.
-        """
-        excluded: BoolArray = self.normals @ p_CQ.T > self.bounds[:, None]
-        return excluded
-
     def chosen(self, mask: BoolArray) -> "HalfSpaces":
         """Returns the half-spaces of a mask, shape (m,)."""
         return HalfSpaces(

@@ -138,7 +138,9 @@ def compute_safe_regions(
     constraints = constraints or UNCONSTRAINED
     n = len(p_OC)
     lost = contact_weights == -np.inf
-    half_spaces = bounding_half_spaces(p_OC, contact_weights, forbidden, constraints)
+    half_spaces = point_half_spaces(p_OC, forbidden)
+    if constraints.add_half_spaces:
+        half_spaces = with_constraints(half_spaces, p_OC, contact_weights, constraints)
     labels = (label or label_candidates)(
         p_OQ, p_OC, contact_weights, half_spaces, constraints.same_side
     )
@@ -153,7 +155,7 @@ def compute_safe_regions(
     few = TINY_SHARE * len(p_OQ) / max(1, int(np.count_nonzero(~lost)))
     is_tiny = ~lost & (regions.sizes() < few)
     if is_tiny.any():
-        cells = voronoi_cells(p_OQ, p_OC, contact_weights, constraints.same_side)
+        cells = label_candidates(p_OQ, p_OC, contact_weights, same_side=constraints.same_side)
         for i in np.flatnonzero(is_tiny).tolist():
             regions.limits[i], regions.causes[i] = _limit_of_region(
                 i, p_OQ, p_OC, cells, half_spaces[i], constraints, few
@@ -161,12 +163,17 @@ def compute_safe_regions(
     return regions
 
 
-def voronoi_cells(
-    q: FloatArray, c: FloatArray, h: FloatArray, same_side: BoolArray | None = None
+def label_candidates(
+    q: FloatArray,
+    c: FloatArray,
+    h: FloatArray,
+    half_spaces: Sequence[HalfSpaces] = (),
+    same_side: BoolArray | None = None,
 ) -> IntArray:
-    """Returns the contact whose weighted Voronoi cell each candidate is in, shape (N,).
+    """Returns the region that each candidate lies in, or `NO_REGION`, shape (N,).
 
-    This is the left side of Eq. 1. Subtracting |q|² and halving,
+    This is the left side of Eq. 1, inside the half-spaces of `point_half_spaces`, its right side.
+    Subtracting |q|² and halving,
 
         |c_i - q|² - h_i <= |c_k - q|² - h_k   is   (|c_i|² - h_i)/2 - c_i·q  least for i.
 
@@ -174,36 +181,19 @@ def voronoi_cells(
         q: Candidate points, shape (N, d), in metres.
         c: Contact points c_i, shape (n, d), in metres.
         h: Weights h_i, shape (n,), in m².
+        half_spaces: For each contact, the half-spaces that bound its region inside its weighted
+            Voronoi cell; without any, the labels are those of the cells.
         same_side: Candidates that no wall hides from each contact, shape (n, N).
     """
     half_power = (np.sum(c**2, axis=1) - h)[:, None] / 2 - c @ q.T
     if same_side is not None:
         half_power[~same_side] = np.inf
-    cells: IntArray = np.argmin(half_power, axis=0)
-    cells[np.isposinf(np.min(half_power, axis=0))] = NO_REGION
-    return cells
-
-
-def label_candidates(
-    q: FloatArray,
-    c: FloatArray,
-    h: FloatArray,
-    half_spaces: Sequence[HalfSpaces],
-    same_side: BoolArray | None = None,
-) -> IntArray:
-    """Returns the region that each candidate lies in, or `NO_REGION`, shape (N,).
-
-    Args:
-        q: Candidate points, shape (N, d), in metres.
-        c: Contact points c_i, shape (n, d), in metres.
-        h: Weights h_i, shape (n,), in m².
-        half_spaces: For each contact, the half-spaces that bound its region inside its cell.
-        same_side: Candidates that no wall hides from each contact, shape (n, N).
-    """
-    labels = voronoi_cells(q, c, h, same_side)
-    for i, bounds in enumerate(half_spaces):
-        own = np.flatnonzero(labels == i)
-        labels[own[bounds.exclude(q[own] - c[i]).any(axis=0)]] = NO_REGION
+    labels: IntArray = np.argmin(half_power, axis=0)
+    labels[np.isposinf(np.min(half_power, axis=0))] = NO_REGION
+    for i, own in enumerate(half_spaces):
+        cell = np.flatnonzero(labels == i)
+        excluded = own.normals @ (q[cell] - c[i]).T > own.bounds[:, None]
+        labels[cell[excluded.any(axis=0)]] = NO_REGION
     return labels
 
 
@@ -240,39 +230,41 @@ def point_half_spaces(
     bounds = d * (d - points.radii - margins)
     limits = np.full(m, int(limit))
     causes = np.full(m, NO_CAUSE) if first_cause == NO_CAUSE else first_cause + np.arange(m)
-    return [HalfSpaces(n, b, limits, causes) for n, b in zip(normals, bounds, strict=True)]
+    return list(map(HalfSpaces, normals, bounds, [limits] * len(c), [causes] * len(c)))
 
 
-def bounding_half_spaces(
-    c: FloatArray, h: FloatArray, forbidden: ForbiddenPoints, constraints: RegionConstraints
+def with_constraints(
+    half_spaces: Sequence[HalfSpaces],
+    c: FloatArray,
+    h: FloatArray,
+    constraints: RegionConstraints,
 ) -> list[HalfSpaces]:
-    """Returns what bounds each region in its cell: forbidden points, fingertips, and obstacles.
+    """Returns the half-spaces of the regions with those of fingertips, solids and obstacle points.
 
     Args:
+        half_spaces: Those of the forbidden points, of each contact.
         c: Contacts, shape (n, d), in metres; their first three coordinates are places.
         h: Weights h_i, shape (n,), in m²; -inf for lost fingers.
-        forbidden: Points z_j and radii R_j, in O.
         constraints: Fingertips, obstacles, and the forbidden points that apply to each contact.
     """
-    half_spaces = point_half_spaces(c, forbidden)
-    if constraints.has_bare_half_spaces:
-        return half_spaces
+    obstacles = constraints.obstacles
     radii = constraints.tip_radii if len(constraints.tip_radii) else np.zeros(len(c))
-    margins, obstacles = radii + constraints.clearance, constraints.obstacles
-    near_points = point_half_spaces(
+    margins = radii + constraints.clearance
+    obstacle_points = point_half_spaces(
         c,
         obstacles.points,
         margins=margins[:, None],
         limit=Limit.OBSTACLE,
         first_cause=len(obstacles.solids),
     )
+    bounds = []
     for i, own in enumerate(half_spaces):
         parts = [own if constraints.fencing is None else own.chosen(constraints.fencing[i])]
         if radii[i] + constraints.tip_gap > 0:
             parts.append(neighbour_half_spaces(i, c, h, constraints))
-        parts += [solid_half_spaces(c[i], obstacles.solids, margins[i]), near_points[i]]
-        half_spaces[i] = joined(parts)
-    return half_spaces
+        parts += [solid_half_spaces(c[i], obstacles.solids, margins[i]), obstacle_points[i]]
+        bounds.append(joined(parts))
+    return bounds
 
 
 def _limit_of_region(
@@ -298,7 +290,7 @@ def _limit_of_region(
         few: Number of candidates below which a region is tiny.
     """
     own = np.flatnonzero(cells == i)
-    excluded = half_spaces.exclude(q[own] - c[i])
+    excluded = half_spaces.normals @ (q[own] - c[i]).T > half_spaces.bounds[:, None]
     point_limits, point_causes = constraints.limits_at(i, q[own, :3], constraints.normals_of(own))
     barred = point_limits != Limit.NONE
     if len(own) < few or not (barred.any() or excluded.any()):

@@ -22,8 +22,6 @@ from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 Problems = Iterator[tuple[str, str]]
 """Pairs of a key and the problem of its value. Only the first is certain to be right."""
 
-_MOMENTS = 4  # Number of times at which the arm's reach is checked.
-
 
 def raise_first(source: str, problems: Problems) -> None:
     """Raises a `ScenarioError` for the first problem, if there is one.
@@ -34,9 +32,9 @@ def raise_first(source: str, problems: Problems) -> None:
     """
     try:
         for key, problem in problems:
-            raise ScenarioError(source, key, problem)
-    except _KeyedError as error:
-        raise ScenarioError(source, error.key, str(error)) from error
+            raise ScenarioError("", key, problem)
+    except ScenarioError as error:
+        raise ScenarioError(source, error.key, error.problem) from error.__cause__
 
 
 @contextlib.contextmanager
@@ -45,13 +43,7 @@ def errors_at(key: str, prefix: str = "") -> Iterator[None]:
     try:
         yield
     except PregraspError as error:
-        raise _KeyedError(key, f"{prefix}{error}") from error
-
-
-class _KeyedError(Exception):
-    def __init__(self, key: str, problem: str) -> None:
-        super().__init__(problem)
-        self.key = key
+        raise ScenarioError("", key, f"{prefix}{error}") from error
 
 
 def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
@@ -74,8 +66,8 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         hand = load_hand(grasp.hand)
     if scenario.hand != HandConfig():
         yield "hand", "has no use beside grasp.hand, which says where it is"
-    fingers, count = len(hand.fingertips), scenario.num_contacts
-    if fingers != count:
+    fingers = len(hand.fingertips)
+    if fingers != (count := scenario.num_contacts):
         yield "grasp.hand", f"{fingers} fingertips must be {count}, one a contact"
     if plant.time_step > grasp.period:
         problem = f"{plant.time_step} must be at most {grasp.period}, the hand's period"
@@ -83,33 +75,28 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     if plant.discrete_contact_approximation == "tamsi":
         problem = "tamsi has no drives for a hand's joints; choose sap, similar or lagged"
         yield "plant_config.discrete_contact_approximation", problem
-    if lookahead := scenario.planner.estimator.lookahead:
-        problem = f"{lookahead} must be 0 for a hand; it looks ahead itself"
-        yield "planner.estimator.lookahead", problem
+    if ahead := scenario.planner.estimator.lookahead:
+        yield "planner.estimator.lookahead", f"{ahead} must be 0 for a hand; it looks ahead itself"
     with errors_at("grasp.hand", f"{grasp.hand}: "):
         model = load_hand_model(grasp.hand)
     with errors_at("grasp.wrist_range"):
-        yaw_range = model.yaw_range(grasp.yaw_range)
+        model.yaw_range(grasp.yaw_range)
     largest = np.min(grasp.make_settings(hand.fingertips).largest_force)
     if grasp.least_force > largest:
-        yield (
-            "grasp.least_force",
-            f"{grasp.least_force} must be at most {largest}, the largest force",
-        )
+        problem = f"{grasp.least_force} must be at most {largest}, the largest force"
+        yield "grasp.least_force", problem
     if grasp.touch_force >= grasp.least_force:
         problem = f"{grasp.touch_force} must be less than {grasp.least_force}, the least force"
         yield "grasp.touch_force", problem
     weight, lift = GRAVITY * scenario.object.mass, grasp.largest_lift(hand.fingertips)
     if lift < weight:
-        yield (
-            "grasp.largest_force",
-            f"{fingers} fingers of {grasp.largest_force} N hold {lift:.3g} N"
-            f" with friction {grasp.planned_friction}; the object weighs {weight:.3g} N",
-        )
+        problem = f"{fingers} fingers of {grasp.largest_force} N hold {lift:.3g} N with friction"
+        problem = f"{problem} {grasp.planned_friction}; the object weighs {weight:.3g} N"
+        yield "grasp.largest_force", problem
     with errors_at("initial_contacts"):
         p_OC = scenario.initial_p_OC(surface)
     yield from _face_problems(hand, surface, p_OC)
-    _check_arm(scenario, scenario.motion, model, yaw_range, p_OC)
+    _check_arm(scenario, scenario.motion, model, p_OC)
 
 
 def _face_problems(hand: HandDescription, surface: ObjectSurface, p_OC: FloatArray) -> Problems:
@@ -118,28 +105,20 @@ def _face_problems(hand: HandDescription, surface: ObjectSurface, p_OC: FloatArr
     for tip, point, normal in zip(hand.fingertips, p_OC, normals, strict=True):
         for face in tip.forbidden_faces:
             if AxisArea(face).holds(normal[None])[0]:
-                place = ", ".join(f"{x:.3g}" for x in point)
-                yield (
-                    "initial_contacts",
-                    f"the contact at ({place}) m is nearest to {tip.frame}, to which {face} is"
-                    f" forbidden; forbidden to it are: {', '.join(tip.forbidden_faces)}",
-                )
+                x, y, z = point
+                problem = f"the contact at ({x:.3g}, {y:.3g}, {z:.3g}) m is nearest to {tip.frame}"
+                rule = f"forbidden to it are: {', '.join(tip.forbidden_faces)}"
+                yield "initial_contacts", f"{problem}, to which {face} is forbidden; {rule}"
 
 
-def _check_arm(
-    scenario: Scenario,
-    motion: Conveyor,
-    model: HandModel,
-    yaw_range: tuple[float, float],
-    p_OC: FloatArray,
-) -> None:
+def _check_arm(scenario: Scenario, motion: Conveyor, model: HandModel, p_OC: FloatArray) -> None:
     """Raises an error unless the arm can reach the object all the time, and lift it."""
     grasp, settings = scenario.grasp, scenario.grasp.make_settings()
-    profile = VelocityProfile(motion.velocities())
+    profile, yaw_range = VelocityProfile(motion.velocities()), model.yaw_range(grasp.yaw_range)
     X_WO = initial_pose(motion, scenario.object)
     first = palm_turn(p_OC, model.azimuths, 0.0, yaw_range)
     end = min(scenario.simulation_duration, grasp.latest_rest(model.description.fingertips))
-    for time in np.linspace(0.0, end, _MOMENTS):
+    for time in np.linspace(0.0, end, 4):
         slid, turned = profile.at(time)[0]
         yaw = float(np.clip(first + turned, *yaw_range))
         for height in (0.0, max(settings.lift_height, settings.approach_height)):

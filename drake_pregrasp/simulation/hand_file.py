@@ -15,15 +15,12 @@ from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors, model_path
 from drake_pregrasp.diagrams.model_files import checked_model
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, first_line
-from drake_pregrasp.resources import (
-    MODELS_URL,
-    make_paths_absolute,
-    read_bounded_text,
-    resolve_path,
-)
+from drake_pregrasp.resources import MODELS_URL, make_paths_absolute, resolve_path
 from drake_pregrasp.robots.robot_models import ROBOTS_URL
 from drake_pregrasp.simulation.schema_check import check_mapping
-from drake_pregrasp.simulation.yaml_text import MAX_BYTES, load_typed, parse_yaml, without_private
+from drake_pregrasp.simulation.yaml_text import load_typed, read_yaml
+
+_VECTOR = {"length": 3, "at_least": -10, "at_most": 10}
 
 
 @dataclass
@@ -31,34 +28,22 @@ class HandConfig:
     """The hand's frame H, in which fingers have their reach."""
 
     # Where H is: relative to the object's estimated origin if it follows, else in W; in metres.
-    position: list[float] = field(
-        default_factory=zeros,
-        metadata={"length": 3, "at_least": -10, "at_most": 10},
-    )
+    position: list[float] = field(default_factory=zeros, metadata=_VECTOR)
 
     # Its orientation in W, as roll, pitch and yaw, in radians. It stays.
-    rpy: list[float] = field(
-        default_factory=zeros,
-        metadata={"length": 3, "at_least": -10, "at_most": 10},
-    )
+    rpy: list[float] = field(default_factory=zeros, metadata=_VECTOR)
 
     # Whether it follows the object.
     follow: bool = True
 
     # Where the fingertips are at the start in H, one row each, in metres. If given, each finger
     # gets the contact that makes all of them together travel least, so that no two cross.
-    fingertips: list[list[float]] = field(
-        default_factory=list, metadata={"elements": {"length": 3, "at_least": -10, "at_most": 10}}
-    )
+    fingertips: list[list[float]] = field(default_factory=list, metadata={"elements": _VECTOR})
 
     def initial_X_WH(self, X_WO: RigidTransform) -> RigidTransform:
         """Returns the pose of H in W when the object is at X_WO."""
         p_WH = np.array(self.position) + (X_WO.translation() if self.follow else 0)
         return RigidTransform(RollPitchYaw(self.rpy), p_WH)
-
-
-_OWN = (MODELS_URL, ROBOTS_URL)  # What models of this package start with.
-_KEPT = 2  # Models: one for looking at it, and one with the wrist's range.
 
 
 def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) -> HandDescription:
@@ -76,16 +61,12 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
         path = resolve_path(str(file), Path.cwd())
     except InvalidArgumentError as error:
         raise ScenarioError(str(file), "", str(error)) from error
-    try:
-        text = read_bounded_text(path, MAX_BYTES)
-    except InvalidArgumentError as error:
-        raise ScenarioError("", "", str(error)) from error
-    data = without_private(parse_yaml(str(path), text))
+    data = read_yaml(path)
     check_mapping(str(path), "", data, HandDescription)
     description: HandDescription = load_typed(HandDescription, data, HandDescription())
     allowed = None if folders is None else [path.parent, *map(Path, folders)]
     make_paths_absolute(description, path.parent, allowed=allowed, source=str(path))
-    if allowed is not None and not description.model.startswith(_OWN):
+    if allowed is not None and not description.model.startswith((MODELS_URL, ROBOTS_URL)):
         try:
             checked_model(model_path(description.model), allowed)
         except InvalidArgumentError as error:
@@ -125,7 +106,7 @@ def load_hand_model(file: str | Path, yaw_range: tuple[float, float] = FREE_TURN
     return _model(own, own.stat().st_mtime_ns, path, path.stat().st_mtime_ns, yaw_range)
 
 
-@functools.lru_cache(maxsize=_KEPT)
+@functools.lru_cache(maxsize=2)  # The model itself, and the one with the wrist's range.
 def _model(
     file: Path, changed: int, model: Path, model_changed: int, yaw_range: tuple[float, float]
 ) -> HandModel:

@@ -6,13 +6,12 @@ import numpy as np
 from pydrake.math import RollPitchYaw
 
 from drake_pregrasp.config.object_config import zeros
-from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace, Solid
 from drake_pregrasp.systems.sources import MovingSolid
 
 _POINT = {"length": 3, "at_least": -100, "at_most": 100}
 _SIZE = {"length": 3, "above": 0, "at_most": 100}
-_VELOCITY = {"length": 3, "at_least": -10, "at_most": 10}
+_VECTOR = {"length": 3, "at_least": -10, "at_most": 10}
 
 
 @dataclass
@@ -26,7 +25,7 @@ class BallObstacle:
     center: list[float] = field(default_factory=zeros, metadata=_POINT)
 
     # Its velocity in W, in m/s.
-    velocity: list[float] = field(default_factory=zeros, metadata=_VELOCITY)
+    velocity: list[float] = field(default_factory=zeros, metadata=_VECTOR)
 
     def make_solid(self) -> Solid:
         """Returns the ball at the start, in W."""
@@ -44,12 +43,10 @@ class BoxObstacle:
     center: list[float] = field(default_factory=zeros, metadata=_POINT)
 
     # Its orientation in W, as roll, pitch and yaw, in radians.
-    rpy: list[float] = field(
-        default_factory=zeros, metadata={"length": 3, "at_least": -10, "at_most": 10}
-    )
+    rpy: list[float] = field(default_factory=zeros, metadata=_VECTOR)
 
     # Its velocity in W, in m/s.
-    velocity: list[float] = field(default_factory=zeros, metadata=_VELOCITY)
+    velocity: list[float] = field(default_factory=zeros, metadata=_VECTOR)
 
     def make_solid(self) -> Solid:
         """Returns the box at the start, in W."""
@@ -68,7 +65,7 @@ class PlaneObstacle:
     normal: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
 
     # Its velocity in W, in m/s.
-    velocity: list[float] = field(default_factory=zeros, metadata=_VELOCITY)
+    velocity: list[float] = field(default_factory=zeros, metadata=_VECTOR)
 
     def make_solid(self) -> Solid:
         """Returns the half-space at the start, in W."""
@@ -81,12 +78,3 @@ ObstacleConfig = BallObstacle | BoxObstacle | PlaneObstacle
 def moving_solid(config: ObstacleConfig) -> MovingSolid:
     """Returns an obstacle with its velocity."""
     return MovingSolid(config.make_solid(), np.array(config.velocity))
-
-
-def check_obstacles(source: str, obstacles: list[ObstacleConfig]) -> None:
-    """Raises a `ScenarioError` unless all obstacles can be made."""
-    for index, obstacle in enumerate(obstacles):
-        try:
-            obstacle.make_solid()
-        except InvalidArgumentError as error:
-            raise ScenarioError(source, f"obstacles[{index}]", str(error)) from error

@@ -21,16 +21,12 @@ from drake_pregrasp.systems.status_labels import StatusLabels
 
 # Bright from all sides, so that the regions' colours can be told apart on every face, and a little
 # brighter from above, so that hollows and edges show.
-_LIGHTS = {
-    "AmbientLight": 1.7,
-    "PointLightNegativeX": 0.0,
-    "PointLightPositiveX": 8.0,
-}
+_LIGHTS = {"AmbientLight": 1.7, "PointLightNegativeX": 0.0, "PointLightPositiveX": 8.0}
 
 # Position of the camera relative to its target, for an object of unit size.
 _CAMERA = np.array([1.9, 1.65, 1.1])
 _ARM_CAMERA = np.array([0.9, -2.1, 1.1])  # Beside the arm, which stands behind along x.
-_ARM_RAISED = np.array([0.0, 0.0, 0.15])  # Part of an arm over its palm that is shown, in metres.
+_ARM_RAISED = 0.15  # Part of an arm over its palm that is shown, in metres.
 _VIEW = 0.5  # Share of a long path that counts as the object's size, so that all of it is shown.
 
 _LABEL_HOVER = 0.065  # Height of the labels over the object, in metres.
@@ -46,8 +42,8 @@ def start_meshcat() -> Meshcat:
         meshcat = Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
     except RuntimeError as error:
         raise OutputError(f"Meshcat can't start ({error}); run without a recording") from error
-    meshcat.SetProperty("/Grid", "visible", False)
-    meshcat.SetProperty("/Axes", "visible", False)
+    for name in ("/Grid", "/Axes"):
+        meshcat.SetProperty(name, "visible", False)
     meshcat.SetProperty("/Background", "top_color", [1.0, 1.0, 1.0])
     meshcat.SetProperty("/Background", "bottom_color", [0.86, 0.88, 0.91])
     for light, intensity in _LIGHTS.items():
@@ -87,45 +83,36 @@ def add_visualizers(
     """
     num_contacts, period = scenario.num_contacts, scenario.recording.publish_period
     path, direction = shown_path(scenario)
-    MeshcatVisualizer.AddToBuilder(
-        builder,
-        object_plant.GetOutputPort("query_object"),
-        meshcat,
-        MeshcatVisualizerParams(publish_period=period),
+    query, params = object_plant.GetOutputPort("query_object"), MeshcatVisualizerParams()
+    params.publish_period = period
+    MeshcatVisualizer.AddToBuilder(builder, query, meshcat, params)
+    visualizer = PregraspVisualizer(
+        meshcat=meshcat,
+        surface=surface,
+        tile_surface=scenario.make_surface(scenario.recording.tile_size),
+        num_contacts=num_contacts,
+        publish_period=period,
+        record=record,
     )
-    visualizer = builder.AddNamedSystem(
-        "pregrasp_visualizer",
-        PregraspVisualizer(
-            meshcat=meshcat,
-            surface=surface,
-            tile_surface=scenario.make_surface(scenario.recording.tile_size),
-            num_contacts=num_contacts,
-            publish_period=period,
-            record=record,
-        ),
-    )
+    builder.AddNamedSystem("pregrasp_visualizer", visualizer)
     drawn = ["X_WO_estimated", "p_WC", "contact_status", "safe_regions", "p_WO_covariance"]
     connect_named(builder, planner, visualizer, drawn)
-    labels = builder.AddNamedSystem(
-        "status_labels",
-        StatusLabels(
-            meshcat=meshcat,
-            num_contacts=num_contacts,
-            publish_period=period,
-            hover=_LABEL_HOVER + float(np.max(surface.mesh.vertices[:, 2])),
-            yaw=float(np.arctan2(direction[1], direction[0]) + np.pi / 2),
-            obstacle_names=scenario.obstacle_names,
-        ),
+    labels = StatusLabels(
+        meshcat=meshcat,
+        num_contacts=num_contacts,
+        publish_period=period,
+        hover=_LABEL_HOVER + float(np.max(surface.mesh.vertices[:, 2])),
+        yaw=float(np.arctan2(direction[1], direction[0]) + np.pi / 2),
+        obstacle_names=scenario.obstacle_names,
     )
+    builder.AddNamedSystem("status_labels", labels)
     labelled = ["X_WO_estimated", "contact_status", "contact_causes", "tracking_status"]
     connect_named(builder, planner, labels, labelled)
     extent = max(0.1, float(surface.mesh.extents.max()))
     meshcat.SetCameraPose(*camera_pose(path, extent, direction))
     if record:
         live = scenario.simulator_config.target_realtime_rate > 0
-        meshcat.StartRecording(
-            frames_per_second=1 / period, set_visualizations_while_recording=live
-        )
+        meshcat.StartRecording(1 / period, set_visualizations_while_recording=live)
 
 
 def shown_path(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
@@ -142,10 +129,9 @@ def shown_path(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
     duration = min(duration, grasp.latest_rest(hand.fingertips))
     path = expected_path(scenario.motion, duration, scenario.object)
     above = hand.palm_height + max(settings.lift_height, settings.approach_height)
-    raised: FloatArray = path + np.array([0.0, 0.0, above])
-    if not isinstance(hand.base, Arm):
-        return np.concatenate([path, raised[[0, -1]]]), _CAMERA
-    return np.concatenate([path, raised[[0, -1]] + _ARM_RAISED]), _ARM_CAMERA
+    has_arm = isinstance(hand.base, Arm)
+    raised = path[[0, -1]] + [0.0, 0.0, above + has_arm * _ARM_RAISED]
+    return np.concatenate([path, raised]), _ARM_CAMERA if has_arm else _CAMERA
 
 
 def camera_pose(
@@ -168,5 +154,4 @@ def recording_html(meshcat: Meshcat) -> str:
     """Ends the recording and returns it as one self-contained page."""
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    page: str = meshcat.StaticHtml()
-    return page
+    return str(meshcat.StaticHtml())

@@ -16,13 +16,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from drake_pregrasp.errors import OutputError, ScenarioError
-from drake_pregrasp.simulation.output import (
-    claimed,
-    replacing,
-    without_solver_chatter,
-    write_text,
-    writing,
-)
+from drake_pregrasp.simulation import output
 from drake_pregrasp.simulation.recording import recording_html, start_meshcat
 from drake_pregrasp.simulation.run_log import GraspLog, RunLog, static_end
 from drake_pregrasp.simulation.scenario import Scenario
@@ -30,18 +24,12 @@ from drake_pregrasp.simulation.scenario_check import check_recording
 from drake_pregrasp.simulation.scenario_file import check_scenario, dump_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.summary import plot_metrics, summarize, summarize_grasp
-from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
+from drake_pregrasp.systems.loggers import TickRecord
 
-RUN_FILES = (
-    "recording.html",
-    "log.csv",
-    "grasp.csv",
-    "summary.json",
-    "metrics.png",
-    "diagram.dot",
-    "diagram.svg",
-    "scenario.yaml",
-)
+_INPUT_FILES = ("scenario.yaml", "diagram.dot", "diagram.svg")
+_RESULTS = ("log.csv", "grasp.csv", "summary.json", "metrics.png", "recording.html")
+
+RUN_FILES = (*_INPUT_FILES, *_RESULTS)
 """Names of the files of a run folder. A new run replaces these and leaves other files alone."""
 
 
@@ -100,9 +88,9 @@ def run(
     if recording:
         check_recording("scenario", scenario, scenario.make_surface())
     folder, text = Path(out) / name, dump_scenario(name, scenario)
-    with writing(folder):
+    with output.writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
-    with claimed(folder):
+    with output.claimed(folder):
         earlier = [folder / file for file in RUN_FILES if (folder / file).exists()]
         if earlier and not overwrite and not _holds(folder / "scenario.yaml", text):
             raise OutputError(
@@ -110,16 +98,16 @@ def run(
                 " folder with --out, or replace it with --overwrite (in Python: out, overwrite)"
             )
         meshcat = start_meshcat() if recording else None
-        logged = LoggedRun(scenario, meshcat=meshcat, on_tick=on_tick)
-        with writing(folder):  # Not before everything else is known to be valid.
+        logged = LoggedRun(scenario, folder, meshcat=meshcat, on_tick=on_tick)
+        with output.writing(folder):  # Not before everything else is known to be valid.
             for file in earlier:
                 file.unlink()
-        write_text(folder / "scenario.yaml", text)
+        output.write_text(folder / "scenario.yaml", text)
         write_graphviz(logged.diagram, folder / "diagram.dot")
         _draw_graphviz(folder / "diagram.dot")
-        logged.simulate(folder, should_stop)
+        logged.simulate(should_stop)
         if meshcat is not None:
-            write_text(folder / "recording.html", recording_html(meshcat))
+            output.write_text(folder / "recording.html", recording_html(meshcat))
         summary = summarize(
             name,
             scenario,
@@ -130,16 +118,15 @@ def run(
         )
         if logged.grasp_log is not None:
             summary["grasp"] = summarize_grasp(scenario, logged.grasp_log)
-        write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
+        output.write_text(folder / "summary.json", json.dumps(summary, indent=2) + "\n")
         plot_metrics(folder / "metrics.png", name, scenario, logged.log, summary)
     return RunResult(folder=folder, summary=summary, replaced=bool(earlier))
 
 
 def _holds(file: Path, text: str) -> bool:
-    try:
+    with contextlib.suppress(OSError, UnicodeDecodeError):
         return file.read_text(encoding="utf-8") == text
-    except (OSError, UnicodeDecodeError):
-        return False
+    return False
 
 
 class LoggedRun:
@@ -147,10 +134,13 @@ class LoggedRun:
 
     Args:
         scenario: Scenario to simulate, which has been checked.
+        folder: Folder for `log.csv` and, with a hand, `grasp.csv`.
         meshcat: Viewer that records the simulation; None for no recording.
         on_tick: Function that is called with each planning tick.
 
     Attributes:
+        log: Log of the planning ticks.
+        grasp_log: Log of the control ticks; None without a hand.
         surface: Surface of the object.
         diagram: Diagram of the simulation.
         completed: Whether the simulation reached its end.
@@ -160,60 +150,44 @@ class LoggedRun:
     def __init__(
         self,
         scenario: Scenario,
+        folder: Path,
         *,
         meshcat: Meshcat | None = None,
         on_tick: Callable[[TickRecord], None] | None = None,
     ) -> None:
+        n, lookahead = scenario.num_contacts, scenario.planner.estimator.lookahead
+        end, has_hand = static_end(scenario), scenario.grasp.has_hand
+        self.log = log = RunLog(folder / "log.csv", n, static_end=end, lookahead=lookahead)
+        self.grasp_log = GraspLog(folder / "grasp.csv", n) if has_hand else None
         self._scenario = scenario
-        self._sinks = _Sinks(on_tick)
         self.surface = scenario.make_surface()
-        self.completed = False
-        self.wall_seconds = 0.0
+        self.completed, self.wall_seconds = False, 0.0
+
+        def add_tick(record: TickRecord) -> None:
+            # Holds no diagram: a reference cycle would keep it.
+            log.append(record)
+            if on_tick is not None:
+                on_tick(record)
+
         self.diagram = make_diagram(
             scenario,
             self.surface,
-            sink=self._sinks.add_tick,
-            grasp_sink=self._sinks.add_grasp,
+            sink=add_tick,
+            grasp_sink=self.grasp_log.append if self.grasp_log else None,
             meshcat=meshcat,
             record=True,
         )
 
-    @property
-    def log(self) -> RunLog:
-        """Log of the planning ticks, after `simulate`."""
-        return self._sinks.log
-
-    @property
-    def grasp_log(self) -> GraspLog | None:
-        """Log of the control ticks, after `simulate`; None without a hand."""
-        return self._sinks.grasp_log
-
-    def simulate(self, folder: Path, should_stop: Callable[[], bool] | None = None) -> None:
+    def simulate(self, should_stop: Callable[[], bool] | None = None) -> None:
         """Simulates the scenario, once.
 
         Args:
-            folder: Folder for `log.csv` and, with a hand, `grasp.csv`.
             should_stop: Function that is called after each step; if it returns true, the
                 simulation ends early.
 
         Raises:
             OutputError: If a log can't be written.
         """
-        scenario, count = self._scenario, self._scenario.num_contacts
-        with contextlib.ExitStack() as logs:
-            log = RunLog(
-                folder / "log.csv",
-                count,
-                static_end=static_end(scenario),
-                lookahead=scenario.planner.estimator.lookahead,
-            )
-            self._sinks.log = logs.enter_context(log)
-            if scenario.grasp.has_hand:
-                self._sinks.grasp_log = logs.enter_context(GraspLog(folder / "grasp.csv", count))
-                logs.enter_context(without_solver_chatter())
-            self._advance(should_stop)
-
-    def _advance(self, should_stop: Callable[[], bool] | None) -> None:
         simulator = Simulator(self.diagram)
         ApplySimulatorConfig(self._scenario.simulator_config, simulator)
         stopped = False
@@ -226,29 +200,16 @@ class LoggedRun:
             return EventStatus.DidNothing()
 
         simulator.set_monitor(monitor)
-        start = time.perf_counter()
-        simulator.Initialize()
-        simulator.AdvanceTo(self._scenario.simulation_duration)
+        with contextlib.ExitStack() as logs:
+            logs.enter_context(self.log)
+            if self.grasp_log is not None:
+                logs.enter_context(self.grasp_log)
+                logs.enter_context(output.without_solver_chatter())
+            start = time.perf_counter()
+            simulator.Initialize()
+            simulator.AdvanceTo(self._scenario.simulation_duration)
+            self.wall_seconds = time.perf_counter() - start
         self.completed = not stopped
-        self.wall_seconds = time.perf_counter() - start
-
-
-class _Sinks:
-    """Destination of the records; holds no diagram, since a reference cycle would keep both."""
-
-    def __init__(self, on_tick: Callable[[TickRecord], None] | None) -> None:
-        self._on_tick = on_tick
-        self.log: RunLog
-        self.grasp_log: GraspLog | None = None
-
-    def add_tick(self, record: TickRecord) -> None:
-        self.log.append(record)
-        if self._on_tick is not None:
-            self._on_tick(record)
-
-    def add_grasp(self, record: GraspRecord) -> None:
-        if self.grasp_log is not None:
-            self.grasp_log.append(record)
 
 
 def write_graphviz(diagram: Diagram, path: Path) -> None:
@@ -257,16 +218,13 @@ def write_graphviz(diagram: Diagram, path: Path) -> None:
     Raises:
         OutputError: If the file can't be written.
     """
-    write_text(path, diagram.GetGraphvizString(max_depth=2))
+    output.write_text(path, diagram.GetGraphvizString(max_depth=2))
 
 
 def _draw_graphviz(path: Path) -> None:
     """Draws a Graphviz file as SVG beside it, if Graphviz is installed."""
+    failure = subprocess.CalledProcessError
     if dot := shutil.which("dot"):
-        with (
-            contextlib.suppress(subprocess.CalledProcessError),
-            replacing(path.with_suffix(".svg")) as svg,
-        ):
-            subprocess.run(
-                [dot, "-Tsvg", "-o", str(svg), str(path)], check=True, capture_output=True
-            )
+        with contextlib.suppress(failure), output.replacing(path.with_suffix(".svg")) as svg:
+            command = [dot, "-Tsvg", "-o", str(svg), str(path)]
+            subprocess.run(command, check=True, capture_output=True)

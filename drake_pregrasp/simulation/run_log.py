@@ -5,6 +5,7 @@
 
 import contextlib
 import csv
+import itertools
 import os
 import time
 from array import array
@@ -16,13 +17,12 @@ from typing import Self
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import SLACK, FloatArray
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.quality.grasp_quality import GraspQuality
 from drake_pregrasp.simulation.output import reading_back, writing
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
-from drake_pregrasp.ticks import SLACK
 
 _FLUSH_PERIOD = 1.0  # Largest amount of data that a killed run loses, in seconds.
 _LONGEST_ROW = 100_000  # Characters.
@@ -31,7 +31,8 @@ _LONGEST_ROW = 100_000  # Characters.
 class CsvLog:
     """Writes rows to a CSV file as they come, so that an interrupted run keeps them.
 
-    Numbers are written with all digits: reading them back gives the same floats.
+    Numbers are written with all digits: reading them back gives the same floats. The file is open
+    inside a `with` block, which raises an `OutputError` if it can't be written.
 
     Args:
         path: File to write; an existing one is replaced.
@@ -40,9 +41,6 @@ class CsvLog:
     Attributes:
         columns: Names of the columns.
         num_rows: Number of rows written.
-
-    Raises:
-        OutputError: If the file can't be written.
     """
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
@@ -50,27 +48,23 @@ class CsvLog:
         self.num_rows = 0
         self._flushed = time.monotonic()
         self._path = path
-        with writing(path):
-            self._file = path.open("w", encoding="utf-8", newline="")
-            self._writer = csv.writer(self._file, lineterminator="\n")
-            self._writer.writerow(self.columns)
 
     def __enter__(self) -> Self:
+        with writing(self._path):
+            self._file = self._path.open("w", encoding="utf-8", newline="")
+            self._writer = csv.writer(self._file, lineterminator="\n")
+            self._writer.writerow(self.columns)
         return self
 
     def __exit__(self, *raised: object) -> None:
         try:
             with writing(self._path):
                 self._file.close()
-        finally:
-            self._drop_partial_row()
-
-    def _drop_partial_row(self) -> None:
-        """Removes the characters after the last complete row, which a full disk leaves."""
-        with contextlib.suppress(OSError), self._path.open("r+b") as file:
-            start = max(0, file.seek(0, os.SEEK_END) - _LONGEST_ROW)
-            file.seek(start)
-            file.truncate(start + file.read().rfind(b"\n") + 1)
+        finally:  # A full disk leaves a part of a row.
+            with contextlib.suppress(OSError), self._path.open("r+b") as file:
+                start = max(0, file.seek(0, os.SEEK_END) - _LONGEST_ROW)
+                file.seek(start)
+                file.truncate(start + file.read().rfind(b"\n") + 1)
 
     def write(self, row: FloatArray) -> None:
         """Adds a row."""
@@ -109,9 +103,6 @@ class RunLog(CsvLog):
         last_static: Last tick of the static phase, or None.
         last: Last tick of all, or None.
         tick_seconds: Computing time of each tick, in seconds.
-
-    Raises:
-        OutputError: If the file can't be written.
     """
 
     def __init__(
@@ -162,23 +153,14 @@ def log_columns(num_contacts: int) -> list[str]:
     look-ahead, and NaN until there is one.
     """
     contacts = range(num_contacts)
-    return [
-        "time",
-        *(f"c{i}_{axis}" for i in contacts for axis in "xyz"),
-        *(f"c{i}_active" for i in contacts),
-        *GraspQuality.names(),
-        "displacement",
-        "energy",
-        *(f"region{i}_size" for i in contacts),
-        *pose_columns("wo"),
-        "yaw_wo",
-        *pose_columns("wo_estimated"),
-        "position_error",
-        *(f"c{i}_status" for i in contacts),
-        *(f"c{i}_cause" for i in contacts),
-        "tracking_status",
-        "time_since_measurement",
-    ]
+    points = [f"c{i}_{axis}" for i in contacts for axis in "xyz"]
+    active = [f"c{i}_active" for i in contacts]
+    sizes = [f"region{i}_size" for i in contacts]
+    states = [f"c{i}_{state}" for state in ("status", "cause") for i in contacts]
+    poses = [*pose_columns("wo"), "yaw_wo", *pose_columns("wo_estimated"), "position_error"]
+    contact_columns = [*points, *active, *GraspQuality.names(), "displacement", "energy", *sizes]
+    tracking = ["tracking_status", "time_since_measurement"]
+    return ["time", *contact_columns, *poses, *states, *tracking]
 
 
 def pose_columns(frames: str) -> list[str]:
@@ -192,25 +174,14 @@ def _row(record: TickRecord, previous: TickRecord, error: FloatArray) -> FloatAr
     moved = active & is_active(previous.contact_status)
     squares = np.sum((record.p_WC - previous.p_WC)[moved] ** 2, axis=1)
     energy = squares.sum() / (2 * dt**2) if dt > 0 else 0.0
-    return np.hstack(
-        [
-            record.time,
-            record.p_WC.ravel(),
-            active,
-            record.grasp_quality,
-            np.sqrt(squares).sum(),
-            energy,
-            record.regions.sizes(),
-            pose_values(record.X_WO),
-            RollPitchYaw(record.X_WO.rotation()).yaw_angle(),
-            pose_values(record.X_WO_estimated),
-            np.sqrt(error @ error),
-            record.contact_status,
-            record.contact_causes,
-            record.tracking_status,
-            record.time_since_measurement,
-        ]
-    )
+    displacement, yaw = np.sqrt(squares).sum(), RollPitchYaw(record.X_WO.rotation()).yaw_angle()
+    contacts = (record.p_WC.ravel(), active, record.grasp_quality, displacement, energy)
+    true, estimated = pose_values(record.X_WO), pose_values(record.X_WO_estimated)
+    poses = (true, yaw, estimated, np.sqrt(error @ error))
+    states = (record.contact_status, record.contact_causes)
+    tracking = (record.tracking_status, record.time_since_measurement)
+    sizes = record.regions.sizes()
+    return np.hstack([record.time, *contacts, sizes, *poses, *states, *tracking])
 
 
 def pose_values(X: RigidTransform) -> FloatArray:
@@ -224,9 +195,6 @@ class GraspLog(CsvLog):
     Args:
         path: File to write; an existing one is replaced.
         num_fingers: Number of fingers n.
-
-    Raises:
-        OutputError: If the file can't be written.
     """
 
     def __init__(self, path: Path, num_fingers: int) -> None:
@@ -251,19 +219,10 @@ class GraspLog(CsvLog):
 
 def grasp_columns(num_fingers: int) -> list[str]:
     """Returns the names of the columns of `grasp.csv`, in their order."""
-    return [
-        "time",
-        "phase",
-        "phase_since",
-        "gave_up",
-        "gave_up_detail",
-        *_point_columns("tip", num_fingers),
-        *_point_columns("goal", num_fingers),
-        *_point_columns("force", num_fingers),
-        *pose_columns("wg"),
-        *pose_columns("wo"),
-        *pose_columns("wd"),
-    ]
+    report = ["time", "phase", "phase_since", "gave_up", "gave_up_detail"]
+    points = (_point_columns(kind, num_fingers) for kind in ("tip", "goal", "force"))
+    poses = (pose_columns(frames) for frames in ("wg", "wo", "wd"))
+    return [*report, *itertools.chain(*points, *poses)]
 
 
 def _point_columns(kind: str, num_fingers: int) -> list[str]:
@@ -281,9 +240,12 @@ def static_end(scenario: Scenario) -> float:
     Initial contacts are then released, or the first one is lost. The time is reduced by a small
     slack, so that no tick at that very time is before it by rounding.
     """
-    first_loss = min((event.at for event in scenario.damage), default=np.inf)
-    end = min(scenario.planner.static_duration, first_loss)
+    end = min(scenario.planner.static_duration, _first_loss(scenario))
     return float(end - SLACK * scenario.planner.period)
+
+
+def _first_loss(scenario: Scenario) -> float:
+    return min((event.at for event in scenario.damage), default=np.inf)
 
 
 def static_phase(scenario: Scenario, times: FloatArray) -> slice:
@@ -294,8 +256,7 @@ def static_phase(scenario: Scenario, times: FloatArray) -> slice:
 def adapting_phase(scenario: Scenario, times: FloatArray) -> slice:
     """Returns the ticks at which all initial contacts adapt."""
     start = ticks_from(scenario, times, scenario.planner.static_duration)
-    first_loss = min((event.at for event in scenario.damage), default=np.inf)
-    return slice(start, max(start, ticks_from(scenario, times, first_loss)))
+    return slice(start, max(start, ticks_from(scenario, times, _first_loss(scenario))))
 
 
 def last_phase(scenario: Scenario, times: FloatArray) -> slice:

@@ -162,16 +162,14 @@ class Scenario:
         if self.grasp.has_hand:
             hand = load_hand_model(self.grasp.hand)
             p_CoMC_W: FloatArray = (X_WO.rotation() @ (p_OC - surface.p_OCoM).T).T
+            azimuths = np.arctan2(p_CoMC_W[:, 1], p_CoMC_W[:, 0])
+            offsets, yaw_range = hand.largest_offsets, hand.yaw_range(self.grasp.yaw_range)
             order, _ = assign_fingers_round(
-                hand.azimuths,
-                np.arctan2(p_CoMC_W[:, 1], p_CoMC_W[:, 0]),
-                largest_offset=hand.largest_offsets,
-                yaw_range=hand.yaw_range(self.grasp.yaw_range),
+                hand.azimuths, azimuths, largest_offset=offsets, yaw_range=yaw_range
             )
             return np.array(p_OC[order])
         if not self.hand.fingertips:
             return p_OC
         X_OH = X_WO.inverse() @ self.hand.initial_X_WH(X_WO)
         p_OF: FloatArray = (X_OH @ np.array(self.hand.fingertips).T).T
-        assigned: FloatArray = p_OC[assign_fingers(p_OF, p_OC)]
-        return assigned
+        return np.array(p_OC[assign_fingers(p_OF, p_OC)])

@@ -1,7 +1,7 @@
 """Cross-field validation of scenarios."""
 
-import itertools
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -11,6 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from scipy.spatial.transform import Rotation
 
+from drake_pregrasp.arrays import SLACK, tick_index
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import Box, Conveyor, PoseStream, Push, Toss
 from drake_pregrasp.config.sensor_config import check_sensor
@@ -23,10 +24,8 @@ from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.resources import resolve_path
 from drake_pregrasp.simulation.grasp_check import Problems, errors_at, grasp_problems, raise_first
-from drake_pregrasp.simulation.obstacle_config import check_obstacles
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.simulation_diagram import hand_planner
-from drake_pregrasp.ticks import SLACK, tick_index
 
 MAX_TICKS = 5_000_000
 """Most planning ticks of a run, and control ticks of its hand: each is a row of a log."""
@@ -40,7 +39,7 @@ MAX_FRAMES = 100_000
 MAX_TILES = 100_000
 """Most tiles with which a recording draws regions."""
 
-_PROFILE_LIMITS = ((1, 10.0, "m/s"), (2, 100.0, "rad/s"))  # Column of a row, its limit, its unit.
+_LIMITS = ((10.0, "m/s"), (100.0, "rad/s"))  # Largest velocities of a motion profile.
 
 
 def validate(scenario: Scenario, source: str = "scenario") -> None:
@@ -54,12 +53,14 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
         ScenarioError: If the scenario can't be simulated.
     """
     surface = check_surface(source, scenario.object, scenario.surface)
-    check_obstacles(source, scenario.obstacles)
     check_sensor(source, scenario.sensor, scenario.planner.period)
     raise_first(source, _problems(scenario, surface))
 
 
 def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
+    for index, obstacle in enumerate(scenario.obstacles):
+        with errors_at(f"obstacles[{index}]"):
+            obstacle.make_solid()
     yield from _scenario_problems(scenario, surface)
     yield from grasp_problems(scenario, surface)
     limits = hand_planner(scenario).limits
@@ -76,14 +77,11 @@ def check_recording(source: str, scenario: Scenario, surface: ObjectSurface) -> 
         scenario: Scenario whose keys, types and ranges have been checked.
         surface: Surface of its object.
     """
-    raise_first(source, _recording_problems(scenario, surface))
-
-
-def _recording_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     period, tile = scenario.recording.publish_period, scenario.recording.tile_size
     frames, tiles = scenario.simulation_duration / period, float(surface.areas.sum()) / tile**2
-    yield from _count_problems("recording.publish_period", period, frames, MAX_FRAMES, "frames")
-    yield from _count_problems("recording.tile_size", tile, tiles, MAX_TILES, "tiles")
+    key = "recording.publish_period"
+    raise_first(source, _count_problems(key, period, frames, MAX_FRAMES, "frames"))
+    raise_first(source, _count_problems("recording.tile_size", tile, tiles, MAX_TILES, "tiles"))
 
 
 def _count_problems(key: str, value: float, count: float, most: int, what: str) -> Problems:
@@ -92,52 +90,48 @@ def _count_problems(key: str, value: float, count: float, most: int, what: str) 
         yield key, f"{problem}, or a shorter simulation_duration"
 
 
+def _length_problems(key: str, values: list[Any], n: int, what: str = "elements") -> Problems:
+    if len(values) not in (0, n):
+        yield key, f"{len(values)} {what} must be none or one for each of the {n} contacts"
+
+
+def _size_problems(key: str, size: float, largest: float, hint: str = "") -> Problems:
+    if size > largest:
+        yield key, f"{size} is more than the object's own {largest:.3g} m{hint}"
+
+
 def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
-    count, places = scenario.num_contacts, len(surface.p_OQ)
-    spacing, extent = scenario.surface.spacing, np.max(surface.mesh.extents)
-    if spacing > extent:
-        yield "surface.spacing", f"{spacing} is more than the object's own {extent:.3g} m"
+    planner, plant = scenario.planner, scenario.plant_config
+    count, places, extents = scenario.num_contacts, len(surface.p_OQ), surface.mesh.extents
+    yield from _size_problems("surface.spacing", scenario.surface.spacing, np.max(extents))
     if scenario.ring_contacts > places:
-        problem = f"{count} is more than the {places} places there are on this surface"
-        yield "ring_contacts", problem
-    rows = len(scenario.hand.fingertips)
-    if rows not in (0, count):
-        yield "hand.fingertips", f"{rows} rows must be none or one for each of the {count} contacts"
+        yield "ring_contacts", f"{count} is more than the {places} places there are on this surface"
+    yield from _length_problems("hand.fingertips", scenario.hand.fingertips, count, "rows")
     periods = [
-        ("planner.period", scenario.planner.period, MAX_TICKS, "ticks"),
-        ("plant_config.time_step", scenario.plant_config.time_step, MAX_STEPS, "steps"),
+        ("planner.period", planner.period, MAX_TICKS, "ticks"),
+        ("plant_config.time_step", plant.time_step, MAX_STEPS, "steps"),
     ]
     if scenario.grasp.has_hand:
         periods.append(("grasp.period", scenario.grasp.period, MAX_TICKS, "ticks"))
     for key, period, most, what in periods:
         yield from _count_problems(key, period, scenario.simulation_duration / period, most, what)
     if isinstance(scenario.object, Box) and not scenario.ring_contacts:
-        p_OC = np.array(scenario.initial_contacts) * surface.mesh.extents / 2
+        p_OC = np.array(scenario.initial_contacts) * extents / 2
         for index, distance in enumerate(np.abs(surface.distance(p_OC))):
             if distance > CONTACT_TOLERANCE:
-                yield (
-                    f"initial_contacts[{index}]",
-                    f"{scenario.initial_contacts[index]} is {1e3 * distance:.3g} mm off the"
-                    f" surface; at most {1e3 * CONTACT_TOLERANCE} mm, so one coordinate must be"
-                    " 1 or -1 and none beyond",
-                )
-    weights = scenario.contact_weights
-    if len(weights) not in (0, count):
-        problem = f"{weights} must be empty or one number for each of the {count} contacts"
-        yield "contact_weights", problem
+                problem = f"{scenario.initial_contacts[index]} is {1e3 * distance:.3g} mm off the"
+                rule = f"at most {1e3 * CONTACT_TOLERANCE} mm, so one coordinate must be 1 or -1"
+                yield f"initial_contacts[{index}]", f"{problem} surface; {rule} and none beyond"
+    yield from _length_problems("contact_weights", scenario.contact_weights, count, "numbers")
     yield from _damage_problems(scenario)
-    if not isinstance(scenario.object, Box) and scenario.plant_config.contact_model == "point":
-        yield (
-            "plant_config.contact_model",
-            "point contact fills what is hollow, and only boxes stand on it;"
-            " choose hydroelastic_with_fallback",
-        )
-    estimator = scenario.planner.estimator
-    if estimator.coast_after > estimator.lost_after:
-        problem = f"{estimator.coast_after} must be at most lost_after, {estimator.lost_after}"
-        yield "planner.estimator.coast_after", problem
+    if not isinstance(scenario.object, Box) and plant.contact_model == "point":
+        problem = "point contact fills what is hollow, and only boxes stand on it"
+        yield "plant_config.contact_model", f"{problem}; choose hydroelastic_with_fallback"
+    coast, lost = planner.estimator.coast_after, planner.estimator.lost_after
+    if coast > lost:
+        yield "planner.estimator.coast_after", f"{coast} must be at most lost_after, {lost}"
     yield from _motion_problems(scenario, surface)
-    if scenario.planner.strategy == BLEND and not any(vars(scenario.planner.blend).values()):
+    if planner.strategy == BLEND and not any(vars(planner.blend).values()):
         names = ", ".join(STRATEGIES)
         yield "planner.blend", f"all weights are 0; a {BLEND} needs one above 0 out of: {names}"
 
@@ -149,11 +143,8 @@ def _damage_problems(scenario: Scenario) -> Problems:
     for index, event in enumerate(scenario.damage):
         key = f"damage[{index}]"
         if event.at > last_tick + SLACK * period:
-            yield (
-                f"{key}.at",
-                f"{event.at} is after the end, the last tick is at {last_tick:g} s;"
-                f" simulation_duration is {duration}",
-            )
+            problem = f"{event.at} is after the end, the last tick is at {last_tick:g} s"
+            yield f"{key}.at", f"{problem}; simulation_duration is {duration}"
         for contact in event.contacts:
             if contact not in left:
                 names = ", ".join(map(str, sorted(left)))
@@ -185,65 +176,46 @@ def _motion_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
 
 
 def _profile_problems(profile: list[list[float]]) -> Problems:
-    key = "motion.profile"
-    if profile and profile[0][0] != 0:
-        yield f"{key}[0][0]", f"{profile[0][0]} must be 0, the first time"
-    for index, (row, following) in enumerate(itertools.pairwise(profile), start=1):
-        if not following[0] > row[0]:
-            problem = f"{following[0]} must be more than {row[0]}, the time before it"
-            yield f"{key}[{index}][0]", problem
-    for index, row in enumerate(profile):
-        for place, limit, unit in _PROFILE_LIMITS:
-            if abs(row[place]) > limit:
-                problem = f"{row[place]} must be from {-limit:g} to {limit:g} {unit}"
-                yield f"{key}[{index}][{place}]", problem
+    before = None
+    for index, (time, *velocities) in enumerate(profile):
+        key = f"motion.profile[{index}]"
+        if before is None and time != 0:
+            yield f"{key}[0]", f"{time} must be 0, the first time"
+        if before is not None and time <= before:
+            yield f"{key}[0]", f"{time} must be more than {before}, the time before it"
+        before = time
+        for place, (value, (limit, unit)) in enumerate(zip(velocities, _LIMITS, strict=True), 1):
+            if abs(value) > limit:
+                yield f"{key}[{place}]", f"{value} must be from {-limit:g} to {limit:g} {unit}"
 
 
 def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSurface) -> Problems:
     key, radii = "planner.limits", limits.tip_radii
-    longest, extent = np.linalg.norm(surface.mesh.extents), np.max(surface.mesh.extents)
+    longest, extent = float(np.linalg.norm(surface.mesh.extents)), np.max(surface.mesh.extents)
     for name in ("tip_radii", "reach", "forbidden_faces"):
-        count = len(getattr(limits, name))
-        if count not in (0, num_contacts):
-            yield (
-                f"{key}.{name}",
-                f"{count} elements must be none or one for each of the {num_contacts} contacts",
-            )
+        yield from _length_problems(f"{key}.{name}", getattr(limits, name), num_contacts)
     for index, reach in enumerate(limits.reach):
         with errors_at(f"{key}.reach[{index}]"):
             reach.make_reach()
     for name in ("tip_gap", "standoff"):
-        value = getattr(limits, name)
-        if value > 0 and not radii:
+        if (value := getattr(limits, name)) > 0 and not radii:
             yield f"{key}.{name}", f"{value} needs tip_radii, whose tips it keeps clear"
     for index, pair in enumerate(limits.pairs):
-        pair_key, distance_key = f"{key}.pairs[{index}]", f"{key}.pairs[{index}].distance"
-        for contact in (pair.first, pair.second):
-            if contact >= num_contacts:
-                yield pair_key, f"there is no contact {contact}; there are 0 to {num_contacts - 1}"
-        if pair.first == pair.second:
-            yield pair_key, f"contact {pair.first} can't follow itself"
-        if pair.distance > longest:
-            yield distance_key, f"{pair.distance} is more than the object's own {longest:.3g} m"
-        room = radii[pair.first] + radii[pair.second] if radii else 0.0
-        if pair.distance < room:
-            yield (
-                distance_key,
-                f"{pair.distance} contradicts tip_radii, which keep the two {room:.3g} m apart",
-            )
+        pair_key, first, second = f"{key}.pairs[{index}]", pair.first, pair.second
+        if (contact := max(first, second)) >= num_contacts:
+            yield pair_key, f"there is no contact {contact}; there are 0 to {num_contacts - 1}"
+        if first == second:
+            yield pair_key, f"contact {first} can't follow itself"
+        yield from _size_problems(f"{pair_key}.distance", pair.distance, longest)
+        if radii and pair.distance < (room := radii[first] + radii[second]):
+            problem = f"contradicts tip_radii, which keep the two {room:.3g} m apart"
+            yield f"{pair_key}.distance", f"{pair.distance} {problem}"
     with errors_at(f"{key}.pairs"):
         limits.make_limits(period=1.0, friction=1.0)
-    if limits.deadband > longest:
-        yield (
-            f"{key}.deadband",
-            f"{limits.deadband} is more than the object's own {longest:.3g} m: no goal would move",
-        )
+    yield from _size_problems(f"{key}.deadband", limits.deadband, longest, ": no goal would move")
     # Fingertips need room, if not on the allowed surface itself, then over its convex hull.
-    if radii and max(radii) > extent:
-        yield (
-            f"{key}.tip_radii",
-            f"{max(radii)} is more than the object's own {extent:.3g} m; radii are in metres",
-        )
+    hint = "; radii are in metres"
+    yield from _size_problems(f"{key}.tip_radii", max(radii, default=0.0), extent, hint)
 
 
 def _reach_problems(scenario: Scenario, limits: LimitsConfig, surface: ObjectSurface) -> Problems:

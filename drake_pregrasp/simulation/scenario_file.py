@@ -6,13 +6,13 @@ from typing import Any
 
 from pydrake.common.yaml import yaml_dump_typed
 
-from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, nearest, printable
-from drake_pregrasp.resources import make_paths_absolute, read_bounded_text, resource_folder
+from drake_pregrasp.errors import ScenarioError, nearest, printable
+from drake_pregrasp.resources import make_paths_absolute, resource_folder
 from drake_pregrasp.simulation.hand_file import check_hand_files
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import validate
 from drake_pregrasp.simulation.schema_check import add_tags, check_mapping
-from drake_pregrasp.simulation.yaml_text import MAX_BYTES, load_typed, parse_yaml, without_private
+from drake_pregrasp.simulation.yaml_text import load_typed, parse_entries, parse_yaml, read_yaml
 
 SCENARIO_TEXT = "scenario text"
 """Name of the text that overrides a scenario, for error messages."""
@@ -62,11 +62,9 @@ def load_scenario(
     Raises:
         ScenarioError: If the scenario can't be used; the message names file, key and value.
     """
-    if file is None:
-        if name is None:
-            raise ScenarioError("", "", "a scenario needs a name or a file")
-        file = find_scenario(name)
-    file = Path(file)
+    if file is None and name is None:
+        raise ScenarioError("", "", "a scenario needs a name or a file")
+    file = Path(find_scenario(str(name)) if file is None else file)
     entries = read_mapping(file)
     name = name or only_name(file)
     if name not in entries:
@@ -78,7 +76,7 @@ def load_scenario(
     try:
         if text is not None:
             make_paths_absolute(scenario, folder, allowed=allowed, source=source)
-            overrides = parse_mapping(SCENARIO_TEXT, text)
+            overrides = _checked_entries(SCENARIO_TEXT, parse_entries(SCENARIO_TEXT, text))
             check_mapping(SCENARIO_TEXT, "", overrides, Scenario)
             scenario = load_typed(Scenario, overrides, scenario)
             source, folder = f"{file} with {SCENARIO_TEXT}", Path.cwd()
@@ -97,12 +95,11 @@ def only_name(file: str | Path) -> str:
     Raises:
         ScenarioError: If the file has several entries, or none.
     """
-    entries = read_mapping(Path(file))
-    if len(entries) != 1:
-        raise ScenarioError(
-            str(file), "", f"choose one scenario by its name; there are: {', '.join(entries)}"
-        )
-    return next(iter(entries))
+    names = list(read_mapping(Path(file)))
+    if len(names) != 1:
+        problem = f"choose one scenario by its name; there are: {', '.join(names)}"
+        raise ScenarioError(str(file), "", problem)
+    return names[0]
 
 
 def scenario_data(scenario: Scenario) -> dict[str, Any]:
@@ -111,8 +108,7 @@ def scenario_data(scenario: Scenario) -> dict[str, Any]:
     A mapping of a type that is one of several has its tag under the key `_tag`, even if the type is
     the first one.
     """
-    entries = parse_mapping("scenario", dump_scenario("scenario", scenario))
-    data: dict[str, Any] = entries["scenario"]
+    data: dict[str, Any] = parse_yaml("scenario", dump_scenario("scenario", scenario))["scenario"]
     add_tags(data, scenario)
     return data
 
@@ -169,16 +165,10 @@ def read_mapping(file: Path) -> dict[str, Any]:
     Raises:
         ScenarioError: If the file can't be read, or is no mapping from names.
     """
-    try:
-        text = read_bounded_text(file, MAX_BYTES)
-    except InvalidArgumentError as error:
-        raise ScenarioError("", "", str(error)) from error
-    return parse_mapping(str(file), text)
+    return _checked_entries(str(file), read_yaml(file))
 
 
-def parse_mapping(source: str, text: str) -> dict[str, Any]:
-    """Returns the entries of a YAML text, as `read_mapping` does."""
-    data = without_private(parse_yaml(source, text))
+def _checked_entries(source: str, data: Any) -> dict[str, Any]:
     if not isinstance(data, dict):
         raise ScenarioError(source, "", "must be a mapping from names to values")
     for key in data:

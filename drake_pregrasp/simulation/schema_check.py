@@ -17,23 +17,19 @@ from collections.abc import Mapping
 from typing import Any
 
 from drake_pregrasp.config.validation import is_scalar, length_problem, scalar_problem
-from drake_pregrasp.errors import ScenarioError
+from drake_pregrasp.errors import ScenarioError, nearest
 from drake_pregrasp.simulation.yaml_text import TAG_KEY
 
 # What Drake's own classes would abort over, or what a run here can't do with.
-_DRAKE_RULES: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
-    "SimulatorConfig": {
-        "max_step_size": {"above": 0},
-        "accuracy": {"above": 0},
-        "start_time": {"at_least": 0, "at_most": 0},
-        "target_realtime_rate": {"at_least": 0},
-    },
-    "MultibodyPlantConfig": {
-        "time_step": {"at_least": 1e-5, "at_most": 0.1},
-        "penetration_allowance": {"above": 0},
-        "stiction_tolerance": {"above": 0},
-        "sap_near_rigid_threshold": {"at_least": 0},
-    },
+_DRAKE_RULES: Mapping[str, Mapping[str, Any]] = {
+    "max_step_size": {"above": 0},
+    "accuracy": {"above": 0},
+    "start_time": {"at_least": 0, "at_most": 0},
+    "target_realtime_rate": {"at_least": 0},
+    "time_step": {"at_least": 1e-5, "at_most": 0.1},
+    "penetration_allowance": {"above": 0},
+    "stiction_tolerance": {"above": 0},
+    "sap_near_rigid_threshold": {"at_least": 0},
 }
 
 
@@ -57,10 +53,9 @@ def check_mapping(source: str, key: str, data: object, schema: Any) -> None:
             raise ScenarioError(source, key, f"the tag {value} has no place here; leave it out")
         if not isinstance(name, str):
             raise ScenarioError(source, key, f"the key {_short(name)} must be a name")
-        path = f"{key}.{name}" if key else str(name)
+        path = f"{key}.{name}" if key else name
         if name not in fields:
-            close = difflib.get_close_matches(str(name), fields, n=1)
-            hint = f"did you mean {close[0]}?" if close else f"keys are: {', '.join(fields)}"
+            hint = nearest(name, fields, "keys are")
             raise ScenarioError(source, path, f"unknown key (value {_short(value)}); {hint}")
         _check_value(source, path, value, *fields[name])
 
@@ -82,9 +77,10 @@ def add_tags(data: object, config: object) -> None:
             if typing.get_origin(kind) is list:
                 (kind,) = typing.get_args(kind)
             if typing.get_origin(kind) in (typing.Union, types.UnionType):
-                several = isinstance(part, list)
-                parts, values = (part, value) if several else ([part], [value])
-                for element, mapping in zip(parts, values, strict=True):
+                pairs = [(part, value)]
+                if isinstance(part, list):
+                    pairs = list(zip(part, value, strict=True))
+                for element, mapping in pairs:
                     mapping[TAG_KEY] = f"!{type(element).__name__}"
 
 
@@ -92,8 +88,7 @@ def _fields(schema: Any) -> dict[str, tuple[Any, Mapping[str, Any]]]:
     if dataclasses.is_dataclass(schema):
         hints = typing.get_type_hints(schema)
         return {f.name: (hints[f.name], f.metadata) for f in dataclasses.fields(schema)}
-    rules = _DRAKE_RULES.get(schema.__name__, {})
-    return {f.name: (f.type, rules.get(f.name, {})) for f in schema.__fields__}
+    return {f.name: (f.type, _DRAKE_RULES.get(f.name, {})) for f in schema.__fields__}
 
 
 def _check_value(source: str, key: str, value: object, kind: Any, rules: Mapping[str, Any]) -> None:
@@ -139,11 +134,11 @@ def _check_variant(source: str, key: str, value: object, kinds: tuple[Any, ...])
 def _number(value: object, kind: Any) -> float | int | None:
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         return None
-    if isinstance(value, int) or kind is int:
-        return value if isinstance(value, int) else None
+    if isinstance(value, int):
+        return value
+    if kind is int or "_" in str(value):  # Python's own notation for thousands.
+        return None
     try:
-        if "_" in str(value):  # Python's own notation for thousands.
-            return None
         return float(value)  # YAML 1.1 reads 1e-3, without a point, as a text.
     except ValueError:
         return None

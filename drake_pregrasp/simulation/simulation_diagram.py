@@ -11,17 +11,11 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import hand_limits
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import Box, Conveyor
 from drake_pregrasp.config.planner_config import PlannerConfig
-from drake_pregrasp.diagrams.hand_station import (
-    TABLE,
-    DrivenHand,
-    HandStation,
-    add_driven_hand,
-)
+from drake_pregrasp.diagrams.hand_station import TABLE, DrivenHand, HandStation, add_driven_hand
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.geometry.surface import ObjectSurface
@@ -57,49 +51,45 @@ def make_diagram(
         record: Whether the viewer records the simulation instead of showing it live. A run at a
             real-time rate is shown live, too.
     """
-    config = hand_planner(scenario)
-    n = scenario.num_contacts
+    config, n = hand_planner(scenario), scenario.num_contacts
+    period, seed = config.period, scenario.random_seed
     builder = DiagramBuilder()
+    add = builder.AddNamedSystem
     p_OC = scenario.initial_p_OC(surface)
     hand = None
     if scenario.grasp.has_hand:
-        hand = add_hand(builder, scenario, surface, p_OC)
+        hand = add_driven_hand(
+            builder,
+            cast(Box, scenario.object),
+            cast(Conveyor, scenario.motion),
+            scenario.plant_config,
+            scenario.grasp,
+            load_hand_model(scenario.grasp.hand, scenario.grasp.yaw_range),
+            p_OCoM=surface.p_OCoM,
+            p_OC=p_OC,
+            target_period=period,
+        )
         object_plant: ObjectPlant | HandStation = hand.station
     else:
-        object_plant = builder.AddNamedSystem(
-            "object_plant", ObjectPlant(scenario.object, scenario.motion, scenario.plant_config)
-        )
-    noise = builder.AddNamedSystem(
-        "noise",
-        NoiseSource(
-            size=NoisyPoseSensor.NOISE_SIZE, period=config.period, seed=scenario.random_seed
-        ),
-    )
-    sensor = builder.AddNamedSystem(
-        "pose_sensor",
-        NoisyPoseSensor(scenario.sensor, period=config.period, seed=scenario.random_seed),
-    )
-    weights = builder.AddNamedSystem(
-        "contact_weights",
-        ContactWeights(
-            np.array(scenario.contact_weights or [0.0] * n),
-            [(event.at, event.contacts) for event in scenario.damage],
-        ),
-    )
-    planner = AddPregraspPlanner(
-        builder,
-        config,
-        surface,
-        p_OC,
-        fingertip_frames=None if hand is None else hand.tip_frames,
-    )
-    monitor = builder.AddNamedSystem(
-        "grasp_quality_monitor",
-        GraspQualityMonitor(scenario.measures, surface=surface, num_contacts=n),
-    )
+        object_plant = ObjectPlant(scenario.object, scenario.motion, scenario.plant_config)
+        add("object_plant", object_plant)
+    noise = add("noise", NoiseSource(size=NoisyPoseSensor.NOISE_SIZE, period=period, seed=seed))
+    sensor = add("pose_sensor", NoisyPoseSensor(scenario.sensor, period=period, seed=seed))
+    losses = [(event.at, event.contacts) for event in scenario.damage]
+    values = np.array(scenario.contact_weights or [0.0] * n)
+    weights = add("contact_weights", ContactWeights(values, losses))
+    frames = None if hand is None else hand.tip_frames
+    planner = AddPregraspPlanner(builder, config, surface, p_OC, fingertip_frames=frames)
+    monitor = GraspQualityMonitor(scenario.measures, surface=surface, num_contacts=n)
+    add("grasp_quality_monitor", monitor)
     _add_obstacles(builder, scenario, planner, hand, meshcat)
-    if config.limits.reach:
-        _connect_hand_frame(builder, scenario, planner, hand)
+    if config.limits.reach and hand is not None:
+        connect_named(builder, hand.controller, planner, ["X_WH"])
+    elif config.limits.reach:
+        X_WH = scenario.hand.initial_X_WH(RigidTransform())
+        pose = add("hand_pose", HandPose(X_WH, follow=scenario.hand.follow))
+        builder.Connect(planner.GetOutputPort("X_WO_estimated"), pose.get_input_port())
+        builder.Connect(pose.get_output_port(), planner.GetInputPort("X_WH"))
     if hand is not None:
         _connect_hand(builder, scenario, hand, planner, grasp_sink)
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
@@ -109,15 +99,9 @@ def make_diagram(
     connect_named(builder, object_plant, monitor, ["X_WO"])
     connect_named(builder, planner, monitor, ["p_WC", "contact_status"])
     if sink is not None:
-        logger = builder.AddNamedSystem(
-            "tick_logger",
-            TickLogger(
-                num_contacts=n,
-                quality_size=len(GraspQuality.names()),
-                period=config.period,
-                sink=sink,
-            ),
-        )
+        size = len(GraspQuality.names())
+        logger = TickLogger(num_contacts=n, quality_size=size, period=period, sink=sink)
+        add("tick_logger", logger)
         connect_named(builder, object_plant, logger, ["X_WO"])
         connect_named(builder, monitor, logger, ["grasp_quality"])
         connect_named(builder, planner, logger, ["p_WC", "contact_status", "contact_causes"])
@@ -130,43 +114,17 @@ def make_diagram(
     return diagram
 
 
-def add_hand(
-    builder: DiagramBuilder, scenario: Scenario, surface: ObjectSurface, p_OC: FloatArray
-) -> DrivenHand:
-    """Adds the plant and the controller of a scenario's hand, and connects them.
-
-    Args:
-        builder: Builder of the diagram.
-        scenario: Scenario with a hand.
-        surface: The object's surface.
-        p_OC: Initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
-    """
-    return add_driven_hand(
-        builder,
-        cast(Box, scenario.object),
-        cast(Conveyor, scenario.motion),
-        scenario.plant_config,
-        scenario.grasp,
-        load_hand_model(scenario.grasp.hand, scenario.grasp.yaw_range),
-        p_OCoM=surface.p_OCoM,
-        p_OC=p_OC,
-        target_period=scenario.planner.period,
-    )
-
-
 def hand_planner(scenario: Scenario) -> PlannerConfig:
     """Returns the planner's configuration, with the limits of the scenario's hand if it has one.
 
     Limits that the scenario sets take precedence over those of the hand. Faces that are forbidden
     to a finger are those of the scenario and those of the hand.
     """
-    config = scenario.planner
-    if not scenario.grasp.has_hand:
+    config, grasp = scenario.planner, scenario.grasp
+    if not grasp.has_hand:
         return config
     own, default = config.limits, LimitsConfig()
-    limits = hand_limits(
-        load_hand(scenario.grasp.hand), scenario.grasp, reach=scenario.grasp.use_reach
-    )
+    limits = hand_limits(load_hand(grasp.hand), grasp, reach=grasp.use_reach)
     given = {name: value for name, value in vars(own).items() if value != getattr(default, name)}
     if len(own.forbidden_faces) == len(limits.forbidden_faces):
         both = zip(own.forbidden_faces, limits.forbidden_faces, strict=True)
@@ -188,35 +146,14 @@ def _add_obstacles(
         connect_named(builder, applied, planner, ["obstacles"])
     if not solids:
         return
-    moving = builder.AddNamedSystem(
-        "moving_obstacles",
-        MovingObstacles(solids, lookahead=scenario.planner.estimator.lookahead),
-    )
-    user = planner if hand is None else hand.controller
-    connect_named(builder, moving, user, ["obstacles"])
+    moving = MovingObstacles(solids, lookahead=scenario.planner.estimator.lookahead)
+    builder.AddNamedSystem("moving_obstacles", moving)
+    connect_named(builder, moving, hand.controller if hand else planner, ["obstacles"])
     if meshcat is not None:
-        visualizer = ObstacleVisualizer(
-            meshcat=meshcat,
-            solids=[moving.solid for moving in solids],
-            publish_period=scenario.recording.publish_period,
-        )
+        shown, period = [o.solid for o in solids], scenario.recording.publish_period
+        visualizer = ObstacleVisualizer(meshcat=meshcat, solids=shown, publish_period=period)
         builder.AddNamedSystem("obstacle_visualizer", visualizer)
         connect_named(builder, moving, visualizer, ["obstacles"])
-
-
-def _connect_hand_frame(
-    builder: DiagramBuilder, scenario: Scenario, planner: PregraspPlanner, hand: DrivenHand | None
-) -> None:
-    """Connects the pose of the hand's frame H, in which fingers have their reach."""
-    if hand is not None:
-        connect_named(builder, hand.controller, planner, ["X_WH"])
-        return
-    pose = builder.AddNamedSystem(
-        "hand_pose",
-        HandPose(scenario.hand.initial_X_WH(RigidTransform()), follow=scenario.hand.follow),
-    )
-    builder.Connect(planner.GetOutputPort("X_WO_estimated"), pose.get_input_port())
-    builder.Connect(pose.get_output_port(), planner.GetInputPort("X_WH"))
 
 
 def _connect_hand(
@@ -236,10 +173,9 @@ def _connect_hand(
     builder.Connect(command.get_output_port(), controller.GetInputPort("close"))
     if sink is None:
         return
-    logger = builder.AddNamedSystem(
-        "grasp_logger",
-        GraspLogger(num_fingers=len(hand.tip_frames), period=scenario.grasp.period, sink=sink),
-    )
+    fingers, period = len(hand.tip_frames), scenario.grasp.period
+    logger = GraspLogger(num_fingers=fingers, period=period, sink=sink)
+    builder.AddNamedSystem("grasp_logger", logger)
     connect_named(builder, controller, logger, ["grasp_report", "p_GT", "p_WT", "f_T_W", "X_WG"])
     connect_named(builder, hand.station, logger, ["X_WO", "X_WD"])
 

@@ -10,7 +10,7 @@ from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
 from drake_pregrasp.estimation.recorded_poses import COLUMNS, read_recorded_poses
 from drake_pregrasp.simulation.output import write_text
 from drake_pregrasp.simulation.schema_check import check_mapping
-from drake_pregrasp.simulation.yaml_text import load_typed, parse_yaml, without_private
+from drake_pregrasp.simulation.yaml_text import load_typed, parse_entries
 
 VELOCITY_COLUMNS = ("vx", "vy", "vz", "wx", "wy", "wz")
 """Columns of the smoothed file beside `COLUMNS`: velocities of O in W, in m/s and rad/s."""
@@ -31,7 +31,7 @@ def load_estimator(text: str) -> EstimatorConfig:
         ScenarioError: If a key or a value is invalid.
     """
     source = "--estimator"
-    data = without_private(parse_yaml(source, text))
+    data = parse_entries(source, text)
     check_mapping(source, "", data, EstimatorConfig)
     config: EstimatorConfig = load_typed(EstimatorConfig, data, CARRIED)
     return config

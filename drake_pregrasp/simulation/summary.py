@@ -27,16 +27,9 @@ from drake_pregrasp.quality.force_closure import ferrari_canny, min_weight_margi
 from drake_pregrasp.quality.grasp_quality import GraspQuality, grasp_quality
 from drake_pregrasp.regions.independent_regions import force_closed_share
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
+from drake_pregrasp.simulation import run_log
 from drake_pregrasp.simulation.output import replacing, writing
-from drake_pregrasp.simulation.run_log import (
-    GraspLog,
-    RunLog,
-    adapting_phase,
-    last_phase,
-    pose_columns,
-    static_phase,
-    ticks_from,
-)
+from drake_pregrasp.simulation.run_log import GraspLog, RunLog
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.loggers import TickRecord
 from drake_pregrasp.version import __version__
@@ -66,14 +59,10 @@ def force_closure_summary(
     measures = scenario.measures
     model = "hard_finger" if measures.contact_model == "complete" else measures.contact_model
     columns = [_measure(scenario, surface, model, record) for record in (static, final)]
+    common = {"friction": measures.friction, "contact_model": model}
     return {
-        name: {
-            "friction": measures.friction,
-            "contact_model": model,
-            "static": columns[0][index],
-            "final": columns[1][index],
-        }
-        for index, name in enumerate(_MEASURES)
+        name: {**common, "static": first, "final": last}
+        for name, first, last in zip(_MEASURES, *columns, strict=True)
     }
 
 
@@ -84,10 +73,9 @@ def _measure(
         return (None,) * len(_MEASURES)
     measures, friction = scenario.measures, scenario.measures.friction
     cone: dict[str, Any] = {"model": model, "torsional_friction": measures.torsional_friction}
-    p_OC: FloatArray = (record.X_WO_estimated.inverse() @ record.p_WC.T).T
-    p_OC = p_OC[is_active(record.contact_status)]
-    _, nhat = surface.project(p_OC)
-    r = p_OC - surface.p_OCoM
+    p_WC = record.p_WC[is_active(record.contact_status)]
+    p_OC: FloatArray = (record.X_WO_estimated.inverse() @ p_WC.T).T
+    r, (_, nhat) = p_OC - surface.p_OCoM, surface.project(p_OC)
     length = measures.length or surface.longest_lever_arm
     generator = np.random.default_rng(scenario.random_seed)
     return (
@@ -127,9 +115,10 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
     tracking = (phase <= GraspPhase.TRACK) & (time > SETTLED)
     on_table = 1e3 * _seen_from(table_poses, object_poses[:, None, :3])
     on_object = 1e3 * _seen_from(object_poses, tips)
-    lifted = np.flatnonzero(phase == GraspPhase.LIFT)
-    if len(lifted):
-        presses = np.linalg.norm(forces[lifted[0]], axis=1) >= scenario.grasp.touch_force / 2
+    lifting = np.flatnonzero(phase == GraspPhase.LIFT)
+    lifted_z = object_poses[lifting[0] if len(lifting) else len(time) :, 2]
+    if len(lifting):
+        presses = np.linalg.norm(forces[lifting[0]], axis=1) >= scenario.grasp.touch_force / 2
         on_object = on_object[:, presses]
     return {
         "phase": GraspPhase(int(phase[-1])).name.lower(),
@@ -138,9 +127,7 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
         "tracking_error_max_mm": _reduced(np.max, errors[tracking]),
         "closing_motion_mm": _largest_motion(on_table, phase == GraspPhase.CLOSE),
         "squeeze_motion_mm": _largest_motion(on_table, phase == GraspPhase.SQUEEZE),
-        "lift_height_mm": _reduced(
-            lambda first: 1e3 * (object_poses[-1, 2] - object_poses[first[0], 2]), lifted
-        ),
+        "lift_height_mm": _reduced(lambda z: 1e3 * (z[-1] - z[0]), lifted_z),
         "slip_lift_mm": _largest_motion(on_object, phase == GraspPhase.LIFT),
         "slip_hold_mm": _largest_motion(on_object, phase == GraspPhase.HOLD),
         "tip_forces": np.linalg.norm(forces[-1], axis=1).tolist(),
@@ -149,16 +136,14 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
 
 def _shifted(time: FloatArray, points: FloatArray, lead: float) -> FloatArray:
     """Returns points that are given ahead of time by `lead`, at the times themselves."""
-    flat = points.reshape(len(time), -1)
-    columns = [np.interp(time, time + lead, column) for column in flat.T]
-    return np.stack(columns, axis=-1).reshape(points.shape)
+    columns = points.reshape(len(time), -1).T
+    return np.stack([np.interp(time, time + lead, c) for c in columns], -1).reshape(points.shape)
 
 
 def _seen_from(poses: FloatArray, p_WP: FloatArray) -> FloatArray:
     """Returns points in W, shape (ticks, k, 3), in the frames of poses, shape (ticks, 7)."""
     R = Rotation.from_quat(poses[:, [4, 5, 6, 3]]).as_matrix()
-    seen: FloatArray = np.einsum("tji,tkj->tki", R, p_WP - poses[:, None, :3])
-    return seen
+    return np.asarray(np.einsum("tji,tkj->tki", R, p_WP - poses[:, None, :3]))
 
 
 def _largest_motion(points: FloatArray, during: BoolArray) -> float | None:
@@ -183,10 +168,8 @@ def tracking_summary(status: FloatArray, time_since_measurement: FloatArray) -> 
         time_since_measurement: Age of the newest measurement at each tick, shape (k,), in seconds.
     """
     shares = {kind.name.lower(): _reduced(np.mean, status == kind) for kind in TrackingStatus}
-    return {
-        "share": shares,
-        "longest_without_measurement": _reduced(np.max, time_since_measurement),
-    }
+    longest = _reduced(np.max, time_since_measurement)
+    return {"share": shares, "longest_without_measurement": longest}
 
 
 MEASURES = ("q_msv", "q_gii", "q_vew")
@@ -214,13 +197,13 @@ def summarize(
     """
     time, *values = log.read("time", *MEASURES)
     measured = dict(zip(MEASURES, values, strict=True))
-    seconds = np.array(log.tick_seconds)
+    seconds, end = np.array(log.tick_seconds), float(time[-1]) if len(time) else 0.0
     fate = object_fate(scenario, surface, log)
     gone = min((at for at in fate.values() if at is not None), default=np.inf)
-    present = slice(ticks_from(scenario, time, gone))
+    present = slice(run_log.ticks_from(scenario, time, gone))
     final = _measures(measured, slice(-1, None), np.mean)
     measured = {name: column[present] for name, column in measured.items()}
-    static, adapting = static_phase(scenario, time), adapting_phase(scenario, time)
+    static, adapting = run_log.static_phase(scenario, time), run_log.adapting_phase(scenario, time)
     return {
         "scenario": name,
         "seed": scenario.random_seed,
@@ -237,11 +220,11 @@ def summarize(
         "inactive_contacts": inactive_contacts(scenario, log),
         "tracking": tracking_summary(*log.read("tracking_status", "time_since_measurement")),
         "ticks": log.num_rows,
-        "simulated_seconds": float(time[-1]) if len(time) else 0.0,
+        "simulated_seconds": end,
         "tick_time_p50_ms": _reduced(lambda t: 1e3 * np.percentile(t, 50), seconds),
         "tick_time_p99_ms": _reduced(lambda t: 1e3 * np.percentile(t, 99), seconds),
         "deadline_overruns": int(np.sum(seconds > scenario.planner.period)),
-        "real_time_factor": float(time[-1]) / wall_seconds if len(time) else 0.0,
+        "real_time_factor": end / wall_seconds if len(time) else 0.0,
     }
 
 
@@ -251,51 +234,37 @@ def object_fate(scenario: Scenario, surface: ObjectSurface, log: RunLog) -> dict
     - `object_left_at`: time at which its centre of mass was below the top of the table.
     - `object_lost_at`: time from which it was lost by the estimator up to the end.
     """
-    time, status, *pose = log.read("time", "tracking_status", *pose_columns("wo"))
+    names = ("time", "tracking_status", *run_log.pose_columns("wo"))
+    time, status, _, _, z, qw, qx, qy, qz = log.read(*names)
     has_table = getattr(scenario.motion, "table", not isinstance(scenario.motion, PoseStream))
-    _, _, z, qw, qx, qy, qz = pose
     z_of_R = 2 * np.stack([qx * qz - qw * qy, qy * qz + qw * qx, 0.5 - qx**2 - qy**2])
     left = time[(z + surface.p_OCoM @ z_of_R < 0) & has_table]
     found = np.flatnonzero(status != TrackingStatus.LOST)
     lost = time[found[-1] + 1 if len(found) else 0 :]
-    return {
-        "object_left_at": _reduced(np.min, left),
-        "object_lost_at": _reduced(np.min, lost),
-    }
+    return {"object_left_at": _reduced(np.min, left), "object_lost_at": _reduced(np.min, lost)}
 
 
 def inactive_contacts(scenario: Scenario, log: RunLog) -> dict[str, str]:
     """Returns the reasons why contacts that are not lost are inactive at the last tick."""
-    record = log.last
-    if record is None:
+    if log.last is None:
         return {}
-    without = ~is_active(record.contact_status) & (record.contact_status != ContactStatus.LOST)
+    status, causes = log.last.contact_status, log.last.contact_causes
     return {
-        str(contact): describe_status(
-            record.contact_status[contact],
-            record.contact_causes[contact],
-            scenario.obstacle_names,
-        )
-        for contact in np.flatnonzero(without).tolist()
+        str(contact): describe_status(status[contact], causes[contact], scenario.obstacle_names)
+        for contact in np.flatnonzero(~is_active(status) & (status != ContactStatus.LOST))
     }
 
 
 def _after_damage(
-    scenario: Scenario,
-    surface: ObjectSurface,
-    measured: dict[str, FloatArray],
-    time: FloatArray,
-) -> dict[str, dict[str, dict[str, float | None]]]:
+    scenario: Scenario, surface: ObjectSurface, measured: dict[str, FloatArray], time: FloatArray
+) -> dict[str, Any]:
     """Returns the measures after the last loss: of the remaining static contacts, and the best."""
     if not scenario.damage:
         return {}
-    static = remaining_static_quality(scenario, surface)
-    return {
-        "after_damage": {
-            "static": {name: getattr(static, name) for name in MEASURES},
-            "max": _measures(measured, last_phase(scenario, time), np.max),
-        }
-    }
+    quality = remaining_static_quality(scenario, surface)
+    static = {name: getattr(quality, name) for name in MEASURES}
+    best = _measures(measured, run_log.last_phase(scenario, time), np.max)
+    return {"after_damage": {"static": static, "max": best}}
 
 
 def remaining_static_quality(scenario: Scenario, surface: ObjectSurface) -> GraspQuality:
@@ -308,28 +277,19 @@ def remaining_static_quality(scenario: Scenario, surface: ObjectSurface) -> Gras
     return grasp_quality(p_OC[held.active] - surface.p_OCoM)
 
 
-def _measures(
-    measured: dict[str, FloatArray], ticks: slice, reduce: Any
-) -> dict[str, float | None]:
+def _measures(measured: dict[str, FloatArray], ticks: slice, reduce: Any) -> dict[str, Any]:
     return {name: _reduced(reduce, values[ticks]) for name, values in measured.items()}
 
 
 def _versions() -> dict[str, str]:
     # With numba, the last digits of a log differ from those without it.
     packages = ("drake", "numpy", "scipy", "trimesh", *(["numba"] if numba_is_installed() else []))
-    return {
-        "drake_pregrasp": __version__,
-        "python": platform.python_version(),
-        **{package: importlib.metadata.version(package) for package in packages},
-    }
+    own = {"drake_pregrasp": __version__, "python": platform.python_version()}
+    return own | {package: importlib.metadata.version(package) for package in packages}
 
 
 # Colours of Okabe and Ito's colour-blind-safe set.
-_PANELS = (
-    ("q_msv", "$Q_{MSV}$", "#0072B2"),
-    ("q_gii", "$Q_{GII}$", "#D55E00"),
-    ("q_vew", "$Q_{VEW}$", "#009E73"),
-)
+_COLORS = ("#0072B2", "#D55E00", "#009E73")
 
 
 def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary: Any) -> None:
@@ -345,26 +305,23 @@ def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary
     figure = Figure(figsize=(8.0, 7.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.subplots(4, 1, sharex=True)
-    time, displacement, *measured = log.read("time", "displacement", *(p[0] for p in _PANELS))
-    for axis, (measure, label, color), values in zip(axes, _PANELS, measured, strict=False):
+    time, displacement, *measured = log.read("time", "displacement", *MEASURES)
+    for axis, measure, color, values in zip(axes, MEASURES, _COLORS, measured, strict=False):
         axis.plot(time, values, color=color, linewidth=1.2)
-        static = summary["static"][measure]
-        if static is not None:
+        if (static := summary["static"][measure]) is not None:
             axis.axhline(static, color="0.35", linestyle="--", linewidth=1, label="static mean")
-        axis.set_ylabel(label)
+        axis.set_ylabel(f"$Q_{{{measure[2:].upper()}}}$")
         axis.ticklabel_format(axis="y", useOffset=False)
     axes[3].plot(time, 1e3 * displacement, color="#56B4E9", linewidth=1.0)
-    axes[3].set_ylabel("displacement\n[mm per tick]")
-    axes[3].set_xlabel("time [s]")
+    axes[3].set(ylabel="displacement\n[mm per tick]", xlabel="time [s]")
     for axis in axes:
         if scenario.planner.static_duration > 0:
             axis.axvspan(0, scenario.planner.static_duration, color="0.92", label="static phase")
         for index, event in enumerate(scenario.damage):
             name_once = None if index else "fingers lost"
             axis.axvline(event.at, color="#CC79A7", linestyle=":", linewidth=1.5, label=name_once)
-        axis.set_xlim(0, max(time[-1], scenario.planner.period))
+        axis.set(xlim=(0, max(time[-1], scenario.planner.period)), axisbelow=True)
         axis.grid(True, color="0.9", linewidth=0.6)
-        axis.set_axisbelow(True)
         axis.spines[["top", "right"]].set_visible(False)
     if axes[0].get_legend_handles_labels()[1]:
         axes[0].legend(loc="lower right", frameon=False)

@@ -5,12 +5,14 @@ written out, refuses duplicate keys, and keeps a mapping's tag under the key `_t
 loader does.
 """
 
+from pathlib import Path
 from typing import Any
 
 import yaml
 from pydrake.common.yaml import yaml_load_typed
 
-from drake_pregrasp.errors import ScenarioError
+from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.resources import read_bounded_text
 
 try:
     from yaml import CSafeDumper as SafeDumper
@@ -67,8 +69,22 @@ def parse_yaml(source: str, text: str) -> Any:
         raise ScenarioError(source, "", f"is no YAML: {problem}") from error
 
 
-def without_private(data: Any) -> Any:
-    """Returns data without a mapping's keys that start with `_`, which hold anchors only."""
+def read_yaml(path: Path) -> Any:
+    """Returns the content of a YAML file, as `parse_entries` does.
+
+    Raises:
+        ScenarioError: If the file can't be read, is not valid YAML, or exceeds a limit.
+    """
+    try:
+        text = read_bounded_text(path, MAX_BYTES)
+    except InvalidArgumentError as error:
+        raise ScenarioError("", "", str(error)) from error
+    return parse_entries(str(path), text)
+
+
+def parse_entries(source: str, text: str) -> Any:
+    """Returns the content of a YAML text without keys that start with `_`, which hold anchors."""
+    data = parse_yaml(source, text)
     if not isinstance(data, dict):
         return data
     return {key: value for key, value in data.items() if not str(key).startswith("_")}
@@ -76,8 +92,7 @@ def without_private(data: Any) -> Any:
 
 def dump_yaml(data: Any) -> str:
     """Returns data from `parse_yaml` as YAML text, in its order and with its tags."""
-    text: str = yaml.dump(data, Dumper=_Dumper, allow_unicode=True, sort_keys=False)
-    return text
+    return str(yaml.dump(data, Dumper=_Dumper, allow_unicode=True, sort_keys=False))
 
 
 def load_typed(schema: type, data: Any, defaults: Any) -> Any:
@@ -113,26 +128,23 @@ def _check_document(source: str, root: yaml.Node) -> None:
     def measure(node: yaml.Node) -> tuple[int, int]:
         """Returns the number of values with aliases written out, and the depth."""
         if node.tag not in known_tags and not isinstance(node, yaml.MappingNode):
-            problem = f"the tag {node.tag[:_SHOWN]} is of no mapping, as that of !Box {{}} is"
-            raise error(node, problem)
+            tag = node.tag[:_SHOWN]
+            raise error(node, f"the tag {tag} is of no mapping, as that of !Box {{}} is")
         if isinstance(node, yaml.ScalarNode):
             if node.tag == _INT and len(node.value) > MAX_DIGITS:
                 raise error(node, f"a whole number has more than {MAX_DIGITS} characters")
             return 1, 0
         if id(node) in sizes:
-            known = sizes[id(node)]
-            if known is None:
+            if (known := sizes[id(node)]) is None:
                 raise error(node, "an alias holds itself")
             return known
         sizes[id(node)] = None
         parts = node.value
         if isinstance(node, yaml.MappingNode):
-            refuse_bad_keys([key for key, _ in node.value])
-            parts = [part for pair in node.value for part in pair]
-        counts = [measure(part) for part in parts]
-        size = 1 + sum(count for count, _ in counts)
-        depth = 1 + max((depth for _, depth in counts), default=0)
-        sizes[id(node)] = size, depth
+            refuse_bad_keys([key for key, _ in parts])
+            parts = [part for pair in parts for part in pair]
+        counts, depths = zip(*map(measure, parts), strict=True) if parts else ((), (0,))
+        sizes[id(node)] = size, depth = 1 + sum(counts), 1 + max(depths)
         return size, depth
 
     def refuse_bad_keys(keys: list[yaml.Node]) -> None:

@@ -7,7 +7,12 @@ import pytest
 from thin_cup import CUP, RADIUS, WALL
 
 from drake_pregrasp import ContactStatus, InvalidArgumentError, box_surface
-from drake_pregrasp.contacts.centroids import gaussian_log_weights, select_contacts, verify_contacts
+from drake_pregrasp.contacts.centroids import (
+    gaussian_log_weights,
+    position_tracking,
+    select_contacts,
+    verify_contacts,
+)
 from drake_pregrasp.contacts.goal_limits import (
     ContactLimits,
     CoupledPair,
@@ -20,7 +25,6 @@ from drake_pregrasp.contacts.goal_limits import (
 )
 from drake_pregrasp.contacts.quality_guard import GUARDS, guard_measure, keep_quality
 from drake_pregrasp.contacts.selection_input import ContactGoals, SelectionInput
-from drake_pregrasp.contacts.strategies import position_tracking
 from drake_pregrasp.errors import ContactError
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.shapes import ball_shape, box_shape, cylinder_shape
@@ -269,13 +273,13 @@ def test_groups_are_the_pairs_and_each_other_contact():
 
 
 def test_a_pair_off_its_distance_goes_to_it_whatever_a_guard_says():
-    p_OC = paired_contacts(BALL, 4, PAIR.distance)
-    p_OC[1] = BALL.project(p_OC[1:2] + 0.2 * (p_OC[1] - p_OC[0]))[0][0]
-    assert PAIR.error(p_OC) > 4 * PAIR.tolerance
-    limits = ContactLimits(pairs=(PAIR,), guard=always_worse())
-    goals = select_contacts(selection(BALL, p_OC), position_tracking, limits=limits).p_OC
-    assert PAIR.error(goals) <= PAIR.tolerance
-    np.testing.assert_array_equal(goals[2:], p_OC[2:])
+    pair = CoupledPair(first=0, second=1, distance=0.06)
+    p_OC = CUBE.project(np.array([[0.06, 0.0, 0.0], [0.06, 0.02, 0.0], [-0.06, 0, 0]]))[0]
+    for guard in (None, always_worse()):
+        limits = ContactLimits(pairs=(pair,), guard=guard)
+        goals = select_contacts(selection(CUBE, p_OC), position_tracking, limits=limits).p_OC
+        assert pair.error(goals) <= pair.tolerance
+        assert np.any(goals[2] != p_OC[2]) == (guard is None)
 
 
 def test_a_pair_that_gets_nearer_to_its_distance_moves():

@@ -5,12 +5,12 @@ import pytest
 from drake_pregrasp import ContactStatus
 from drake_pregrasp.contacts.centroids import (
     gaussian_log_weights,
+    position_tracking,
     select_contacts,
     weighted_centroid,
 )
 from drake_pregrasp.contacts.goal_limits import hold_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
-from drake_pregrasp.contacts.strategies import position_tracking
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 
 

@@ -3,13 +3,12 @@ import printed_equations
 import pytest
 
 from drake_pregrasp import InvalidArgumentError, box_surface
-from drake_pregrasp.contacts.centroids import select_contacts
+from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import (
     READINGS,
     hand_margin,
     make_strategy,
-    position_tracking,
 )
 from drake_pregrasp.quality.force_closure import least_norm_margin, min_weight_margin
 from drake_pregrasp.quality.grasp_quality import grasp_quality

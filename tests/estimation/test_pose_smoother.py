@@ -2,6 +2,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from sampled_motion import measured, normalized_squares, sampled_motion
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
@@ -21,50 +22,18 @@ DT = 0.02
 
 
 def recording(seed, steps=40):
-    """Returns times, true positions and orientations, and measured ones, of a model's motion."""
+    """Returns the times, the true motion, and the measured positions and filtered beliefs."""
     rng = np.random.default_rng(seed)
-    p, v = np.zeros(3), rng.normal(scale=NOISE.initial_velocity, size=3)
-    R, w = Rotation.identity(), rng.normal(scale=NOISE.initial_angular_velocity, size=3)
-    L = np.linalg.cholesky(np.array([[DT**3 / 3, DT**2 / 2], [DT**2 / 2, DT]]))
-    truth, measured = [], []
-    for _ in range(steps):
-        z_R = Rotation.from_rotvec(rng.normal(scale=NOISE.orientation, size=3)) * R
-        truth.append((p, R))
-        measured.append((p + rng.normal(scale=NOISE.position, size=3), z_R))
-        dp, dv = NOISE.acceleration * L @ rng.normal(size=(2, 3))
-        fall = np.array([0, 0, -NOISE.gravity])
-        p, v = p + v * DT + fall * DT**2 / 2 + dp, v + fall * DT + dv
-        turn, dw = NOISE.angular_acceleration * L @ rng.normal(size=(2, 3))
-        R, w = Rotation.from_rotvec(w * DT + turn) * R, w + dw
-    return DT * np.arange(steps), truth, measured
-
-
-def filtered(times, measured):
-    p, R = np.array([p for p, _ in measured]), [R.as_matrix() for _, R in measured]
-    return filter_poses(times, p, np.array(R), NOISE)
-
-
-def test_the_newest_belief_stays_and_no_covariance_grows():
-    times, _, measured = recording(1)
-    beliefs = filtered(times, measured)
-    smoothed = smooth(beliefs, NOISE)
-    assert smoothed[-1] is beliefs[-1]
-    for before, after in zip(beliefs[:-1], smoothed[:-1], strict=True):
-        assert after.time == before.time
-        for name in ("P_position", "P_orientation"):
-            P, P_s = getattr(before, name), getattr(after, name)
-            scale = np.sqrt(np.diag(P))
-            gain = np.linalg.eigvalsh((P - P_s) / np.outer(scale, scale))
-            assert gain.min() > -1e-9
-            assert gain.max() > 0.1
-            assert np.linalg.eigvalsh(P_s).min() > 0
+    truth = sampled_motion(rng, NOISE, DT, steps)
+    p, R = measured(rng, truth[0], truth[2], NOISE)
+    times = DT * np.arange(steps)
+    return times, truth, p, filter_poses(times, p, R.as_matrix(), NOISE)
 
 
 def test_smoothed_positions_are_those_of_least_squares():
     """All states at once, from all measurements and all steps, weighted by their covariances."""
-    times, _, measured = recording(2, steps=6)
-    smoothed = smooth(filtered(times, measured), NOISE)
-    k = len(times)
+    times, _, p, beliefs = recording(2, steps=6)
+    smoothed, k = smooth(beliefs, NOISE), len(times)
     Q = NOISE.acceleration**2 * np.array([[DT**3 / 3, DT**2 / 2], [DT**2 / 2, DT]])
     W = np.linalg.inv(np.linalg.cholesky(Q))
     F = np.array([[1, DT], [0, 1]])
@@ -73,7 +42,7 @@ def test_smoothed_positions_are_those_of_least_squares():
         rows, values = [np.eye(2 * k)[1] / NOISE.initial_velocity], [0.0]
         for step in range(k):
             rows.append(np.eye(2 * k)[2 * step] / NOISE.position)
-            values.append(measured[step][0][axis] / NOISE.position)
+            values.append(p[step, axis] / NOISE.position)
             if step + 1 < k:
                 block = np.zeros((2, 2 * k))
                 block[:, 2 * step : 2 * step + 4] = np.hstack([-F, np.eye(2)])
@@ -91,26 +60,28 @@ def test_smoothed_positions_are_those_of_least_squares():
 
 
 def test_past_poses_come_closer_to_the_truth_by_what_the_covariance_says():
-    ratios, normalised = [], []
+    gains, squares = [], []
     for seed in range(12):
-        times, truth, measured = recording(seed)
-        beliefs = filtered(times, measured)
+        times, (p, v, R, w), _, beliefs = recording(seed)
         smoothed = smooth(beliefs, NOISE)
-        inner = range(5, len(times) - 5)
-        errors = np.array([[s[j].p_WCoM - truth[j][0] for j in inner] for s in (beliefs, smoothed)])
-        ratios.append(np.linalg.norm(errors[1]) / np.linalg.norm(errors[0]))
-        turns = np.array(
-            [
-                [(truth[j][1] * Rotation.from_matrix(s[j].R_WO).inv()).as_rotvec() for j in inner]
-                for s in (beliefs, smoothed)
-            ]
-        )
-        ratios.append(np.linalg.norm(turns[1]) / np.linalg.norm(turns[0]))
-        for error, turn, j in zip(errors[1], turns[1], inner, strict=True):
-            normalised.append(error @ np.linalg.solve(smoothed[j].P_position[:3, :3], error))
-            normalised.append(turn @ np.linalg.solve(smoothed[j].P_orientation[:3, :3], turn))
-    assert np.mean(ratios) < 0.8
-    assert np.mean(normalised) == pytest.approx(3, abs=0.4)
+        assert smoothed[-1] is beliefs[-1]
+        assert [belief.time for belief in smoothed] == times.tolist()
+        for k in range(5, len(times) - 5):
+            before, after = beliefs[k], smoothed[k]
+            squares.append(normalized_squares(after, p[k], v[k], R[k], w[k]))
+            errors = [np.linalg.norm(p[k] - b.p_WCoM) for b in (before, after)]
+            R_WO = Rotation.from_matrix([before.R_WO, after.R_WO])
+            gains.append([errors, (R[k].inv() * R_WO).magnitude()])
+            for name in ("P_position", "P_orientation"):
+                P, P_s = getattr(before, name), getattr(after, name)
+                scale = np.sqrt(np.outer(np.diag(P), np.diag(P)))
+                gain = np.linalg.eigvalsh((P - P_s) / scale)
+                assert gain.min() > -1e-9
+                assert gain.max() > 0.1
+                assert np.linalg.eigvalsh(P_s).min() > 0
+    before, after = np.sqrt(np.mean(np.square(gains), axis=0)).T
+    assert np.all(after < 0.8 * before)
+    np.testing.assert_allclose(np.mean(squares, axis=0), 6, atol=0.8)
 
 
 def test_an_exact_recording_stays_as_it_is():
@@ -129,8 +100,7 @@ def test_an_exact_recording_stays_as_it_is():
 
 
 def test_beliefs_out_of_order_are_refused_and_few_are_fine():
-    times, _, measured = recording(3, steps=3)
-    beliefs = filtered(times, measured)
+    *_, beliefs = recording(3, steps=3)
     with pytest.raises(InvalidArgumentError, match="in the order of time"):
         smooth(beliefs[::-1], NOISE)
     assert smooth([], NOISE) == []

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import MeasurementVerdict as Verdict
 from drake_pregrasp import PoseFilterNoise
-from drake_pregrasp.arrays import FARTHEST, pack, unpack
+from drake_pregrasp.arrays import FARTHEST, pack
 from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
 from drake_pregrasp.estimation.pose_filter import (
     NO_MEASUREMENT,
@@ -86,7 +86,7 @@ def test_good_measurements_in_time_are_what_the_filter_gets():
 def test_measurements_in_any_order_give_the_same_belief(order):
     rng = np.random.default_rng(1)
     head, tail = in_time(20, rng), in_time(8, rng, start=20)
-    now = 28 * DT
+    now = 28 * DT + 0.15  # No measurement is worth less for being late.
     in_order, _ = follow(head + [(now, z) for _, z in tail])
     shuffled, verdicts = follow(head + [(now, tail[k][1]) for k in order])
     np.testing.assert_allclose(pack(shuffled.newest), pack(in_order.newest), rtol=1e-9, atol=1e-12)
@@ -94,13 +94,6 @@ def test_measurements_in_any_order_give_the_same_belief(order):
     assert verdicts[20:] == [
         Verdict.USED_LATE if k < m else Verdict.USED for k, m in zip(order, newest, strict=True)
     ]
-
-
-def test_a_late_measurement_is_worth_as_much_as_one_in_time():
-    stream = in_time(40, np.random.default_rng(2))
-    delayed, _ = follow([(now + 0.15, z) for now, z in stream])
-    prompt, _ = follow(stream)
-    np.testing.assert_array_equal(pack(delayed.newest), pack(prompt.newest))
 
 
 def test_late_measurements_are_refused_if_they_are_too_old_or_too_far():
@@ -286,14 +279,6 @@ def test_the_innovation_is_chi_square_distributed():
     # The truth has no acceleration, so that the filter expects a little more than there is.
     means = np.mean(squares[100:], axis=0)
     assert np.all((means > 2) & (means < 3))
-
-
-def test_a_track_survives_as_a_vector():
-    rng = np.random.default_rng(11)
-    track, _ = follow(in_time(7, rng) + shifted(in_time(1, rng, start=7), 1.0))
-    again = unpack(PoseTrack.empty(20), pack(track))
-    np.testing.assert_array_equal(pack(again), pack(track))
-    assert again.verdict is track.verdict is Verdict.OUTLIER
 
 
 @pytest.mark.parametrize("factor", [1.0, 4.0])

@@ -91,6 +91,7 @@ def _timer() -> Iterator[None]:
 
 
 def _work(seed: int, first: int, last: int, folder: Path, connection: Connection) -> None:
+    tempfile.tempdir = str(folder)  # What this process leaves goes with it.
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     most = pages * resource.getpagesize() + MEMORY
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
@@ -116,6 +117,8 @@ def run(count: int, seed: int, first: int = 0, seconds: float = math.inf) -> Fou
 
 
 def _run(count: int, seed: int, first: int, seconds: float, folder: Path) -> Found:
+    scenario = load_scenario("a_base")
+    make_diagram(scenario, scenario.make_surface())  # Compiling counts for no file.
     counts: Counts = collections.Counter()
     failures: list[str] = []
     slowest, number, stop = (0.0, -1), first, first + count

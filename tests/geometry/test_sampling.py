@@ -7,9 +7,8 @@ from scipy.spatial import cKDTree
 from thin_cup import CUP
 
 from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.contacts.centroids import select_contacts, weighted_centroid
+from drake_pregrasp.contacts.centroids import position_tracking, select_contacts, weighted_centroid
 from drake_pregrasp.contacts.selection_input import SelectionInput
-from drake_pregrasp.contacts.strategies import position_tracking
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.sampling import choose_evenly, lifted, split_triangles
 from drake_pregrasp.geometry.shapes import Shape, ball_shape, box_shape, cylinder_shape
@@ -55,13 +54,6 @@ def test_samples_are_apart_and_none_could_be_added(distance):
     np.testing.assert_array_equal(owners[samples], np.arange(len(samples)))
 
 
-def test_lifted_points_tell_the_sides_of_a_wall_apart():
-    same = np.zeros((2, 3))
-    up = np.array([0, 0, 1.0])
-    both = lifted(same, np.array([up, -up]), 0.03)
-    assert np.linalg.norm(both[0] - both[1]) == pytest.approx(0.06)
-
-
 def surface_bytes(seed):
     surface = mesh_surface(CUP, spacing=0.008, seed=seed, no_touch=NO_ENDS)
     arrays = (surface.p_OQ, surface.areas, surface.patches, surface.forbidden.points)
@@ -82,22 +74,17 @@ def patch_owners(surface):
     return np.repeat(np.arange(len(surface.p_OQ)), np.diff(surface.patch_starts))
 
 
-def triangle_areas(corners):
-    sides = corners[:, 1:] - corners[:, :1]
-    return np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2
-
-
 def test_patches_partition_the_allowed_surface(cup):
     allowed = np.abs(CUP.mesh.face_normals[:, 2]) < 0.5
     area = np.sum(CUP.mesh.area_faces[allowed])
     assert np.sum(cup.areas) == pytest.approx(area, rel=1e-9)
     owners = patch_owners(cup)
-    np.testing.assert_allclose(
-        np.bincount(owners, weights=triangle_areas(cup.patches)), cup.areas, rtol=1e-9
-    )
+    areas = np.bincount(owners, weights=trimesh.triangles.area(cup.patches))
+    np.testing.assert_allclose(areas, cup.areas, rtol=1e-9)
     # All triangles together have the area, and no two are the same: so they don't overlap.
     centroids = np.mean(cup.patches, axis=1)
     assert np.min(cKDTree(centroids).query(centroids, k=2)[0][:, 1]) > 1e-5
+    assert np.max(np.linalg.norm(centroids - cup.p_OQ[owners], axis=1)) <= 0.75 * 0.008
 
 
 def test_each_candidate_lies_on_its_own_patch_with_its_normal(cup):
@@ -105,14 +92,6 @@ def test_each_candidate_lies_on_its_own_patch_with_its_normal(cup):
     nearest, normals = cup.project_into(cup.p_OQ, every)
     np.testing.assert_allclose(nearest, cup.p_OQ, atol=1e-12)
     np.testing.assert_allclose(normals, cup.nhat_OQ, atol=1e-9)
-
-
-def test_patches_are_nearer_to_their_candidate_than_to_others(cup):
-    """Up to what the choice among lifted points changes on bent ground."""
-    owners = patch_owners(cup)
-    centroids = np.mean(cup.patches, axis=1)
-    own = np.linalg.norm(centroids - cup.p_OQ[owners], axis=1)
-    assert np.max(own) <= 0.75 * 0.008
 
 
 def nearest_by_brute_force(triangles, point):
@@ -134,22 +113,22 @@ def test_projection_is_the_nearest_allowed_point_of_all(cup):
         assert abs(cup.distance(q[None])[0]) < 1e-9
 
 
-def test_projection_into_stays_on_the_ground_that_is_given(cup):
+def test_projection_into_stays_on_the_given_patches(cup):
     rng = np.random.default_rng(1)
     owners = patch_owners(cup)
     points = rng.uniform([-0.06, -0.06, -0.03], [0.06, 0.06, 0.12], (20, 3))
     chosen = [rng.choice(len(cup.p_OQ), size, replace=False) for size in [1, 2, 5, 40] * 5]
     nearest, normals = cup.project_into(points, chosen)
     for point, candidates, q, normal in zip(points, chosen, nearest, normals, strict=True):
-        ground = cup.patches[np.isin(owners, candidates)]
-        assert nearest_by_brute_force(ground, q) < 1e-9
+        patches = cup.patches[np.isin(owners, candidates)]
+        assert nearest_by_brute_force(patches, q) < 1e-9
         assert np.linalg.norm(q - point) == pytest.approx(
-            nearest_by_brute_force(ground, point), abs=1e-9
+            nearest_by_brute_force(patches, point), abs=1e-9
         )
         assert np.max(cup.nhat_OQ[candidates] @ normal) > 0.9
 
 
-def test_candidates_within_reach_hold_all_ground_that_near(cup):
+def test_candidates_within_reach_hold_all_patches_that_near(cup):
     point = np.array([0.035, 0.0, 0.05])
     near = cup.candidates_within(point, 0.01)
     owners = patch_owners(cup)
@@ -181,19 +160,12 @@ def test_at_a_sharp_edge_signs_tell_in_from_out():
     np.testing.assert_array_equal(surface.distance(points) < 0, inside)
 
 
-def test_signed_distances_of_a_ball_are_those_of_its_facets():
-    surface = mesh_surface(ball_shape(0.03), spacing=0.01)
-    points = np.random.default_rng(3).uniform(-0.05, 0.05, (40, 3))
-    expected = np.linalg.norm(points, axis=1) - 0.03
-    np.testing.assert_allclose(surface.distance(points), expected, atol=1e-4)
-
-
 SPACINGS = (0.012, 0.006, 0.003)
 
 
 @pytest.mark.parametrize("shape", [CUP, ball_shape(0.03)], ids=["cup", "ball"])
 def test_area_weighted_sums_approach_the_integral(shape):
-    """The centroid of the half of all ground with x > 0, against the mesh's own triangles."""
+    """The centroid of the half of the surface with x > 0, against the mesh's own triangles."""
     fine = pieces(shape, edge=0.001)
     half = fine.centroids[:, 0] > 0
     exact = np.average(fine.centroids[half], axis=0, weights=fine.areas[half])

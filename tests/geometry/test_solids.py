@@ -112,10 +112,15 @@ def test_at_special_points_gradients_are_units():
     np.testing.assert_allclose(np.linalg.norm(gradients, axis=1), 1)
 
 
-def test_solids_without_sense_are_refused():
-    with pytest.raises(InvalidArgumentError, match="radius must be at least 0 m, not -1"):
-        BallSolid(np.zeros(3), -1.0)
-    with pytest.raises(InvalidArgumentError, match="edges must be at least 0 m"):
-        BoxSolid(np.zeros(3), np.eye(3), np.array([1.0, -1, 1]))
-    with pytest.raises(InvalidArgumentError, match="normal must not be zero"):
-        HalfSpace(np.zeros(3), np.zeros(3))
+@pytest.mark.parametrize(
+    ("make", "problem"),
+    [
+        (lambda: BallSolid(np.zeros(3), -1.0), "radius must be at least 0 m, not -1"),
+        (lambda: BallSolid(np.full(3, np.nan), 1.0), "a ball's center must be finite"),
+        (lambda: BoxSolid(np.zeros(3), np.eye(3), -np.ones(3)), "edges must be at least 0 m"),
+        (lambda: HalfSpace(np.zeros(3), np.zeros(3)), "normal must not be zero"),
+    ],
+)
+def test_solids_without_sense_are_refused(make, problem):
+    with pytest.raises(InvalidArgumentError, match=problem):
+        make()

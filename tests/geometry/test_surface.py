@@ -9,23 +9,17 @@ SIZES = [(0.1, 0.1, 0.1), (0.07, 0.07, 0.075), (0.2, 0.2, 0.1), (0.03, 0.05, 0.1
 
 
 @pytest.mark.parametrize("size", SIZES)
-def test_areas_add_up_to_the_allowed_faces(size):
-    surface = box_surface(size, spacing=0.007, forbidden_faces=["-z", "+x"])
+def test_candidates_lie_on_allowed_faces_with_their_normals_and_areas(size):
+    surface = box_surface(size, spacing=0.006, forbidden_faces=["-z", "+x"])
     x, y, z = size
     assert np.sum(surface.areas) == pytest.approx(x * y + y * z + 2 * x * z, rel=1e-12)
-
-
-@pytest.mark.parametrize("size", SIZES)
-def test_candidates_lie_on_allowed_faces_with_their_normals(size):
-    surface = box_surface(size, spacing=0.006)
-    half = np.array(size) / 2
-    axis = np.argmax(np.abs(surface.nhat_OQ), axis=1)
-    rows = np.arange(len(axis))
-    np.testing.assert_allclose(
-        surface.p_OQ[rows, axis], surface.nhat_OQ[rows, axis] * half[axis], atol=1e-15
-    )
-    assert np.all(np.abs(surface.p_OQ) <= half + 1e-15)
-    assert set(axis) == {0, 1}
+    on_face = np.sum(surface.p_OQ * surface.nhat_OQ, axis=1)
+    np.testing.assert_allclose(on_face, np.abs(surface.nhat_OQ) @ size / 2, atol=1e-15)
+    assert np.all(np.abs(surface.p_OQ) <= np.array(size) / 2 + 1e-15)
+    assert {tuple(n) for n in surface.nhat_OQ} == {(-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1)}
+    nearest, normals = surface.project(surface.p_OQ)
+    np.testing.assert_allclose(nearest, surface.p_OQ, atol=1e-15)
+    np.testing.assert_allclose(normals, surface.nhat_OQ, atol=1e-15)
 
 
 def test_candidates_are_no_further_apart_than_the_spacing():
@@ -54,12 +48,6 @@ def test_projection_is_the_nearest_allowed_point(surface):
         assert abs(q[2]) <= 0.05 + 1e-12
 
 
-def test_projection_of_a_point_on_an_allowed_face_is_itself(surface):
-    nearest, normals = surface.project(surface.p_OQ)
-    np.testing.assert_allclose(nearest, surface.p_OQ, atol=1e-15)
-    np.testing.assert_allclose(normals, surface.nhat_OQ, atol=1e-15)
-
-
 def test_distance_counts_forbidden_faces_as_surface(surface):
     np.testing.assert_allclose(
         surface.distance(np.array([[0, 0, 0.05], [0, 0, 0.07], [0.04, 0, 0]])),
@@ -75,13 +63,13 @@ def test_unknown_and_exhausted_faces_are_refused():
         box_surface([0.1] * 3, spacing=0.01, forbidden_faces=["+x", "-x", "+y", "-y", "+z", "-z"])
 
 
-def test_forbidden_points_refuse_shapes_and_negative_radii():
+@pytest.mark.parametrize(
+    ("points", "radii", "normals"),
+    [((2,), [0, 0], None), ((2, 3), [0, 0], (1, 3)), ((2, 3), [0.0, -1.0], None)],
+)
+def test_forbidden_points_refuse_shapes_and_negative_radii(points, radii, normals):
     with pytest.raises(InvalidArgumentError):
-        ForbiddenPoints(np.zeros(2), np.zeros(2))
-    with pytest.raises(InvalidArgumentError):
-        ForbiddenPoints(np.zeros((2, 3)), np.zeros(2), np.zeros((1, 3)))
-    with pytest.raises(InvalidArgumentError):
-        ForbiddenPoints(np.zeros((2, 3)), np.array([0.0, -1.0]))
+        ForbiddenPoints(np.zeros(points), np.array(radii), normals and np.zeros(normals))
 
 
 def test_the_longest_lever_arm_reaches_the_farthest_corner():

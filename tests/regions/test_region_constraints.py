@@ -1,5 +1,7 @@
 """What limits safe regions beside Eq. 1, against slow transcriptions and as laws."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -478,15 +480,15 @@ def test_convex_bodies_have_no_walls_for_the_way_over_the_surface(surface):
     assert np.all(near[0][~opposite])
 
 
-def test_a_contact_between_candidates_sees_all_around_it():
-    """Ways over the surface go from candidate to candidate, and so are a bit longer."""
-    spacing = np.sqrt(np.mean(PLATE.areas))
-    between = ON_PLATE + 1e-3 * np.random.default_rng(0).normal(size=(3, 3)) * [1, 1, 0]
-    near = SurfaceGraph(PLATE).near_over_the_surface(between, np.tile([0.0, 0, 1.0], (3, 1)))
-    straight = np.linalg.norm(PLATE.p_OQ - between[:, None], axis=2)
-    around = (straight < 1.5 * spacing) & (PLATE.nhat_OQ[:, 2] > 0.9)
-    assert np.all(around.any(axis=1))
-    assert np.all(near[around])
+def test_a_small_hole_in_the_allowed_surface_is_no_wall():
+    """A grid lacks the candidates around a contact: ways lead round the hole, on the same side."""
+    x = np.arange(-5.5, 6)
+    grid = np.stack([*np.meshgrid(x, x), np.zeros((12, 12))], axis=-1).reshape(-1, 3)
+    grid = grid[np.linalg.norm(grid, axis=1) > 1.5]
+    up = np.tile([0.0, 0.0, 1.0], (len(grid), 1))
+    holed = replace(PLATE, p_OQ=1e-3 * grid, nhat_OQ=up, areas=np.full(len(grid), 1e-6))
+    near = SurfaceGraph(holed).near_over_the_surface(np.zeros((1, 3)), up[:1])
+    assert np.all(near)
 
 
 @pytest.mark.parametrize("surface", [PLATE, THIN_CUP], ids=["plate", "cup"])

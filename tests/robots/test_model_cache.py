@@ -64,6 +64,7 @@ def test_a_killed_one_is_not_taken_for_complete_and_swept_away_in_time():
     assert not partial.exists()
 
 
+@pytest.mark.slow
 def test_two_processes_at_once_get_the_same_complete_model(tmp_path):
     script = """if True:
         import time

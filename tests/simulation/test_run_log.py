@@ -65,4 +65,4 @@ def test_no_ticks_are_read_from_no_file(tmp_path):
 
 def test_a_log_that_cannot_be_written_says_so(tmp_path):
     with pytest.raises(OutputError, match=r"log\.csv: can't be written: .*"):
-        RunLog(tmp_path / "missing" / "log.csv", CONTACTS)
+        RunLog(tmp_path / "missing" / "log.csv", CONTACTS).__enter__()

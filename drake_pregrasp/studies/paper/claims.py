@@ -6,9 +6,8 @@ import numpy as np
 import pandas as pd
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.contacts.centroids import select_contacts
+from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
-from drake_pregrasp.contacts.strategies import position_tracking
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.safe_regions import compute_safe_regions

@@ -14,7 +14,6 @@ from pydrake.systems.primitives import ConstantValueSource, DiscreteTimeDelay
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.object_config import Conveyor
 from drake_pregrasp.config.planner_config import PlannerConfig
-from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus, is_active
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_station import TABLE, add_driven_hand
@@ -270,10 +269,7 @@ class Trial:
             return
         size, seed = NoisyPoseSensor.NOISE_SIZE, self._start.noise_seed
         noise = builder.AddSystem(NoiseSource(size=size, period=self._period, seed=seed))
-        given = self._scenario.sensor
-        sensor = builder.AddSystem(
-            NoisyPoseSensor(SensorConfig(given.position_std, given.orientation_std))
-        )
+        sensor = builder.AddSystem(NoisyPoseSensor(self._scenario.sensor))
         builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
         connect_named(builder, self.station, sensor, ["X_WO"])
         connect_named(builder, sensor, self.planner, ["X_WO_measured"])

@@ -86,9 +86,9 @@ class SweepRun:
         scenario = scenario_from_data(
             data, source=self.source, folder=self.folder, folders=self.folders
         )
-        logged = LoggedRun(scenario)
         with TemporaryDirectory(prefix="drake_pregrasp_") as folder:
-            logged.simulate(Path(folder))
+            logged = LoggedRun(scenario, Path(folder))
+            logged.simulate()
             return measure(scenario, logged, self.measures)
 
 

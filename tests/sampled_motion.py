@@ -1,0 +1,36 @@
+"""Motions of an object as the pose filter assumes them, and measurements of them."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+
+def sampled_motion(rng, noise, dt, steps=40):
+    """Returns positions, velocities, orientations and angular velocities at each step."""
+    L = np.linalg.cholesky(np.array([[dt**3 / 3, dt**2 / 2], [dt**2 / 2, dt]]))
+    fall = np.array([0, 0, -noise.gravity])
+    p, v = np.zeros(3), rng.normal(scale=noise.initial_velocity, size=3)
+    R, w = Rotation.identity(), rng.normal(scale=noise.initial_angular_velocity, size=3)
+    motion = []
+    for _ in range(steps):
+        motion.append((p, v, R, w))
+        dp, dv = noise.acceleration * L @ rng.normal(size=(2, 3))
+        turn, dw = noise.angular_acceleration * L @ rng.normal(size=(2, 3))
+        p, v = p + v * dt + fall * dt**2 / 2 + dp, v + fall * dt + dv
+        R, w = Rotation.from_rotvec(w * dt + turn) * R, w + dw
+    p, v, R, w = zip(*motion, strict=True)
+    return np.array(p), np.array(v), Rotation.concatenate(R), np.array(w)
+
+
+def measured(rng, p, R, noise):
+    """Returns measured positions and orientations."""
+    turns = Rotation.from_rotvec(rng.normal(scale=noise.orientation, size=p.shape))
+    return p + rng.normal(scale=noise.position, size=p.shape), turns * R
+
+
+def normalized_squares(belief, p, v, R, w):
+    """Returns eᵀ P⁻¹ e of the position with its velocity, and of the orientation with its rate."""
+    e = np.append(p - belief.p_WCoM, v - belief.v_WCoM)
+    theta = (R * Rotation.from_matrix(belief.R_WO).inv()).as_rotvec()
+    e_R = np.append(theta, w - belief.w_WO)
+    P, P_R = belief.P_position, belief.P_orientation
+    return e @ np.linalg.solve(P, e), e_R @ np.linalg.solve(P_R, e_R)
