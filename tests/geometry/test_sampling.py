@@ -181,6 +181,7 @@ def test_area_weighted_sums_approach_the_integral(shape):
     assert np.all(np.array(errors) < 0.25 * np.array(SPACINGS))
 
 
+@pytest.mark.slow
 def test_contacts_approach_a_limit_as_the_spacing_shrinks():
     """After some ticks of safe regions and position tracking, on the side of a can."""
     shape = cylinder_shape(0.035, 0.12)

@@ -43,6 +43,7 @@ def test_an_interrupted_one_leaves_nothing(error):
     assert (cached("arm-1", fill) / "model.urdf").read_text() == "complete"
 
 
+@pytest.mark.slow
 def test_a_killed_one_is_not_taken_for_complete_and_swept_away_in_time():
     script = """if True:
         import os

@@ -57,6 +57,7 @@ def test_an_object_that_is_lost_for_good_is_noticed(tmp_path, capsys):
     assert words(result, capsys)["object"].startswith(f"was lost for good at {lost:g} s")
 
 
+@pytest.mark.slow
 def test_a_sound_run_lost_nothing_and_a_best_value_below_static_is_said(base_run, capsys):
     assert base_run.summary["object_left_at"] is base_run.summary["object_lost_at"] is None
     static, best = base_run.summary["static"], base_run.summary["max"]
@@ -80,6 +81,7 @@ def test_position_error_compares_poses_of_the_same_time(lookahead, tmp_path):
     assert np.max(error[time > 0.3]) < 0.012  # In flight at 3 m/s.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("last", "shown"), [(1.0, "1.0"), (59.96, "60.0")])
 def test_the_bar_shows_the_time_of_the_last_tick(last, shown, tmp_path, capsys, monkeypatch):
     ticks = []

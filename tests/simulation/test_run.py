@@ -123,6 +123,7 @@ def test_a_recording_changes_no_byte_of_the_log(base_run, recorded_run):
     assert logs[0] == logs[1]
 
 
+@pytest.mark.slow
 def test_another_seed_is_another_run(base_run, tmp_path):
     result = run_text("a_base", "random_seed: 1, simulation_duration: 0.5", tmp_path)
     other, base = (run_log(r) for r in (result, base_run))
@@ -264,6 +265,7 @@ def test_a_run_that_is_stopped_keeps_its_log(tmp_path):
     assert result.summary["max"]["q_msv"] is None
 
 
+@pytest.mark.slow
 def test_a_bad_scenario_from_python_is_refused_before_anything_is_touched(tmp_path):
     folder = run_text("a_base", "simulation_duration: 0.2", tmp_path).folder
     before = {path.name: path.read_bytes() for path in folder.iterdir()}

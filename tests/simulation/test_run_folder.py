@@ -76,6 +76,7 @@ def test_two_runs_into_one_folder_exclude_each_other(tmp_path):
     short_run(tmp_path)
 
 
+@pytest.mark.slow
 def test_the_lock_of_a_killed_run_blocks_nobody(tmp_path):
     code = f"""
 import os, pathlib

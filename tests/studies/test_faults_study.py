@@ -79,6 +79,7 @@ def test_contacts_off_the_estimated_object_are_not_valid():
     assert found(off_surface=lambda t: np.nan if t > 15 else 0).valid == pytest.approx(301 / 401)
 
 
+@pytest.mark.slow
 def test_a_real_run_stays_valid_and_recovers_and_without_a_gate_outliers_do_harm():
     job = FaultJob("fault_outliers", 3)
     gated = run_faults(job)
