@@ -1,4 +1,4 @@
-"""Array types, validation of values from users and input ports, and vector forms of dataclasses."""
+"""Array types, ticks, validation of values from users and ports, vector forms of dataclasses."""
 
 import math
 from numbers import Integral, Real
@@ -24,7 +24,25 @@ LARGEST_VARIANCE = 100.0
 _ORTHONORMAL = 1e-5  # Largest error of a rotation, in Rᵀ R - I: as of one in single precision.
 _ASYMMETRY = 1e-9  # Share of the least variance by which a matrix may differ from its transpose.
 
+SLACK = 1e-6
+"""Share of a period by which rounding may move a tick: k * period must not count as k - 1."""
+
+_NEVER = -(10**18)
+
 Record = TypeVar("Record")
+
+
+def tick_index(time: float, period: float) -> int:
+    """Returns the number of the last tick at or before `time`.
+
+    The time -inf, which stands for never, comes before every tick.
+    """
+    return _NEVER if time == -math.inf else math.floor(time / period + SLACK)
+
+
+def first_tick(time: float, period: float) -> int:
+    """Returns the number of the first tick at or after `time`, which is finite."""
+    return math.ceil(time / period - SLACK)
 
 
 def number_or_nan(value: object) -> float:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from drake_pregrasp.quality.contact_models import grasp_matrix
+from drake_pregrasp.quality.grasp_quality import grasp_matrix
 
 
 def gaussian(q, mu, Sigma):

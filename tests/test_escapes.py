@@ -11,6 +11,8 @@ import trimesh
 from drake_pregrasp.cli import main
 from drake_pregrasp.resources import resource_folder
 
+pytestmark = pytest.mark.slow
+
 CANARY = "canary-of-another-folder"
 MODELS = resource_folder("models")
 BOX = trimesh.creation.box([0.1, 0.1, 0.1])

@@ -9,6 +9,7 @@ from pydrake.math import RigidTransform
 
 from drake_pregrasp import MeasurementVerdict, TrackingStatus, load_scenario, run
 from drake_pregrasp.cli import main
+from drake_pregrasp.estimation.recorded_poses import MAX_ROWS
 from drake_pregrasp.studies import runner
 from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS
 from drake_pregrasp.studies.runner import SETTINGS as SWEEP_SETTINGS
@@ -33,6 +34,12 @@ def block(page, language):
     return "".join(blocks(page, language))
 
 
+def executed(page, code):
+    names: dict[str, object] = {}
+    exec(compile(code, page, "exec"), names)
+    return names
+
+
 @pytest.fixture
 def thing(tmp_path, monkeypatch):
     """A mesh file in millimetres, in the working directory."""
@@ -46,8 +53,7 @@ def test_the_guide_to_meshes_is_followed_as_it_stands():
     result = run(load_scenario(file="mine.yaml"), name="mine", out="runs", recording=False)
     assert result.summary["final"]["q_msv"] > 2
     assert result.summary["inactive_contacts"] == {}
-    names: dict[str, object] = {}
-    exec(compile(block("own_mesh.md", "python"), "own_mesh.md", "exec"), names)
+    names = executed("own_mesh.md", block("own_mesh.md", "python"))
     surface = names["surface"]
     assert surface.patches[:, :, 2].min() >= 0.03
     context = names["diagram"].CreateDefaultContext()
@@ -57,24 +63,19 @@ def test_the_guide_to_meshes_is_followed_as_it_stands():
 
 
 def test_the_strong_finger_owns_what_asks_for_much():
-    names: dict[str, object] = {}
-    exec(compile(block("more_coordinates.md", "python"), "more_coordinates.md", "exec"), names)
+    names = executed("more_coordinates.md", block("more_coordinates.md", "python"))
     weak, strong = names["heights"]
     assert strong > weak + 0.02
 
 
 def test_the_guide_to_composing_lifts_the_cube(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    names: dict[str, object] = {}
-    code, _ = blocks("compose.md", "python")
-    exec(compile(code, "compose.md", "exec"), names)
+    names = executed("compose.md", blocks("compose.md", "python")[0])
     assert names["X_WO"].translation()[2] == pytest.approx(0.15, abs=2e-3)
 
 
 def test_the_estimator_alone_follows_until_the_object_is_lost(capsys):
-    names: dict[str, object] = {}
-    _, code = blocks("compose.md", "python")
-    exec(compile(code, "compose.md", "exec"), names)
+    names = executed("compose.md", blocks("compose.md", "python")[1])
     assert capsys.readouterr().out == "status at 3 s: LOST\n"
     estimates, measure = names["estimates"], names["measure"]
     statuses = [status for _, _, status in estimates]
@@ -166,3 +167,22 @@ def test_the_page_on_faults_has_a_row_for_each_verdict_and_status():
     rows = re.findall(r"^\| `([A-Z_]+)` \|", text, flags=re.MULTILINE)
     assert set(rows) == {*MeasurementVerdict.__members__, *TrackingStatus.__members__}
     assert len(rows) == len(set(rows))
+
+
+def test_the_pose_streams_file_and_scenario_run(tmp_path):
+    (tmp_path / "poses.csv").write_text(block("pose_stream.md", "csv"))
+    scenario = tmp_path / "mine.yaml"
+    scenario.write_text(block("pose_stream.md", "yaml"))
+    assert load_scenario(file=scenario).motion.file == str(tmp_path / "poses.csv")
+    command = ["run", "--scenario_file", str(scenario), "--out", str(tmp_path), "--no-recording"]
+    assert main([*command, "--simulation_duration", "0.2"]) == 0
+    assert main(["smooth", str(tmp_path / "poses.csv"), str(tmp_path / "smoothed.csv")]) == 0
+    assert f"{MAX_ROWS:,}" in (DOCS / "pose_stream.md").read_text(encoding="utf-8")
+
+
+def test_the_goals_of_a_pose_stream_follow(capsys):
+    names = executed("pose_stream.md", block("pose_stream.md", "python"))
+    assert capsys.readouterr().out.startswith("goals in W, 50 ms ahead:")
+    ahead = names["measure"](names["time"] + names["estimator"].lookahead)
+    p_OC = (ahead.inverse() @ names["p_WC"].T).T
+    assert np.max(names["surface"].distance(p_OC)) < 2e-3

@@ -1,9 +1,11 @@
-"""Keywords of earlier releases, folded into the configuration that a system now takes."""
+"""The checked configuration of a system, with keywords of earlier releases folded in."""
 
 import dataclasses
 import warnings
 from collections.abc import Mapping
 from typing import Any, TypeVar
+
+from drake_pregrasp.config.validation import check_fields
 
 Config = TypeVar("Config")
 
@@ -15,7 +17,7 @@ def config_with(
     owner: object,
     names: Mapping[str, str] | None = None,
 ) -> Config:
-    """Returns the configuration of a system, with its deprecated keywords folded in.
+    """Returns the configuration of a system after a check of its ranges.
 
     Args:
         config: Configuration that the caller gives, if any.
@@ -26,9 +28,12 @@ def config_with(
 
     Raises:
         TypeError: If a keyword is unknown, or given beside a configuration.
+        InvalidArgumentError: If a field is out of its range.
     """
     if not keywords:
-        return default if config is None else config
+        config = default if config is None else config
+        check_fields(config)
+        return config
     said = ", ".join(keywords)
     if config is not None:
         raise TypeError(f"{type(owner).__name__} takes {said} from its config, not beside it")
@@ -44,6 +49,7 @@ def config_with(
         DeprecationWarning,
         stacklevel=3,
     )
+    check_fields(default)
     return default
 
 

@@ -62,8 +62,7 @@ class BoxReach(_Incidence):
 
     # Edge lengths, in metres.
     size: list[float] = field(
-        default_factory=zeros,
-        metadata={"required": True, "length": 3, "above": 0, "at_most": 10},
+        default_factory=zeros, metadata={"required": True, "length": 3, "above": 0, "at_most": 10}
     )
 
     # Centre of the box in the hand frame H, in metres.

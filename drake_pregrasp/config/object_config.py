@@ -161,14 +161,12 @@ class Toss:
 
     # Its orientation at the start, as roll, pitch and yaw, in radians.
     rpy: list[float] = field(
-        default_factory=zeros,
-        metadata={"length": 3, "at_least": -10, "at_most": 10},
+        default_factory=zeros, metadata={"length": 3, "at_least": -10, "at_most": 10}
     )
 
     # Velocity of its centre of mass at the start, in W, in m/s.
     velocity: list[float] = field(
-        default_factory=zeros,
-        metadata={"length": 3, "at_least": -50, "at_most": 50},
+        default_factory=zeros, metadata={"length": 3, "at_least": -50, "at_most": 50}
     )
 
     # Angular velocity at the start, in W, in rad/s; constant for equal moments of inertia.

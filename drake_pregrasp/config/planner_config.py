@@ -7,8 +7,8 @@ from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.strategies import BLEND, READINGS, STRATEGIES
 from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
 from drake_pregrasp.estimation.pose_tracker import TrackerSettings
-from drake_pregrasp.quality.contact_models import CONTACT_MODELS
 from drake_pregrasp.quality.force_closure import FRICTION, TORSIONAL_FRICTION
+from drake_pregrasp.quality.grasp_quality import CONTACT_MODELS
 from drake_pregrasp.regions.walls import WALL_TESTS
 
 MOST_LATE = 1000

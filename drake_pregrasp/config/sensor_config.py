@@ -4,6 +4,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
+from drake_pregrasp.arrays import first_tick
 from drake_pregrasp.config.validation import check_fields
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
 from drake_pregrasp.estimation.fault_settings import (
@@ -12,7 +13,6 @@ from drake_pregrasp.estimation.fault_settings import (
     MeasurementFaults,
     burst_reach,
 )
-from drake_pregrasp.ticks import first_tick
 
 
 @dataclass

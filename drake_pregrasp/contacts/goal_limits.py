@@ -7,7 +7,7 @@ import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.contacts.quality_guard import Measure, keep_quality
-from drake_pregrasp.contacts.selection_input import ContactGoals, SelectionInput, contact_status
+from drake_pregrasp.contacts.selection_input import ContactGoals, ContactStatus, SelectionInput
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.regions.constraints import NO_CAUSE, Limit
@@ -314,6 +314,12 @@ def with_returning_contacts(
     return goals
 
 
+# Status by whether a contact is active (row), and by its limit (column).
+_STATUS = np.array([1.0 + np.array(Limit)] * 2)
+_STATUS[0] *= -1
+_STATUS[0, Limit.NONE] = ContactStatus.INACTIVE
+
+
 def judged_goals(
     selection: SelectionInput,
     goals: FloatArray,
@@ -330,7 +336,7 @@ def judged_goals(
     """
     regions = selection.regions
     constraints, limits, causes = regions.constraints, regions.limits.copy(), regions.causes.copy()
-    active = selection.active.copy()
+    active = regions.sizes() > 0
     unknown = np.flatnonzero(~on_surface)
     if len(unknown):
         nearest, _ = selection.project(goals[unknown])
@@ -352,7 +358,8 @@ def judged_goals(
         if active[pair.first] and active[pair.second] and pair.error(goals) > pair.tolerance:
             for contact, partner in ((pair.first, pair.second), (pair.second, pair.first)):
                 limits[contact], causes[contact] = Limit.PARTNER, partner
-    status = contact_status(active, regions.lost, limits)
+    status: FloatArray = _STATUS[active.astype(np.int64), limits]
+    status[regions.lost] = ContactStatus.LOST
     return ContactGoals(goals, status, causes.astype(float))
 
 

@@ -5,11 +5,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 from functools import cached_property
 
-import numpy as np
-
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.geometry.surface import ObjectSurface, RememberedProjection
-from drake_pregrasp.regions.constraints import Limit
 from drake_pregrasp.regions.safe_regions import SafeRegions
 
 
@@ -39,29 +36,10 @@ class ContactStatus(IntEnum):
     APART_FROM_PARTNER = 7
 
 
-# Status by whether a contact is active (row), and by its limit (column).
-_STATUS = np.array([1.0 + np.array(Limit)] * 2)
-_STATUS[0] *= -1
-_STATUS[0, Limit.NONE] = ContactStatus.INACTIVE
-
-
 def is_active(status: FloatArray) -> BoolArray:
     """Returns the mask of active contacts, given their `ContactStatus`, shape (n,)."""
     mask: BoolArray = status > 0
     return mask
-
-
-def contact_status(active: BoolArray, lost: BoolArray, limits: IntArray) -> FloatArray:
-    """Returns the `ContactStatus` of contacts, shape (n,).
-
-    Args:
-        active: Mask of those that are active, shape (n,).
-        lost: Mask of those whose finger is gone, shape (n,).
-        limits: The `Limit` of each, shape (n,).
-    """
-    status: FloatArray = _STATUS[active.astype(np.int64), limits]
-    status[lost] = ContactStatus.LOST
-    return status
 
 
 def describe_status(
@@ -117,8 +95,7 @@ class SelectionInput:
     @cached_property
     def active(self) -> BoolArray:
         """Mask of the contacts that have a region and take part in the grasp, shape (n,)."""
-        mask: BoolArray = (self.regions.sizes() > 0) & ~self.regions.lost
-        return mask
+        return self.regions.sizes() > 0
 
     def lever_arms(self, i: int) -> tuple[FloatArray, FloatArray]:
         """Returns lever arms of the other active contacts, and of the candidates in region i.

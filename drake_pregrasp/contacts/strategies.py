@@ -27,8 +27,8 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.centroids import position_tracking
 from drake_pregrasp.contacts.selection_input import SelectionInput, WeightFunction
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.quality.contact_models import skew
 from drake_pregrasp.quality.force_closure import FRICTION, moved_least_norm_margin
+from drake_pregrasp.quality.grasp_quality import skew
 
 STRATEGIES = ("position", "msv", "gii", "vew", "margin")
 """Position tracking, the three measures of the grasp matrix, and the force-closure margin."""

@@ -7,12 +7,13 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.inverse_kinematics import DifferentialInverseKinematicsSystem
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.planning import DofMask, JointLimits
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.assignment import mean_angle, turned_within
 from drake_pregrasp.diagrams.hand_model import HandModel, PalmCarrier
+from drake_pregrasp.diagrams.wiring import connect, export_inputs, export_outputs
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
@@ -201,7 +202,7 @@ class HandController(Diagram):
             home = hand.home(np.zeros(3), yaw)
             posture = CarrierPosture(**palm, home=home, carrier=base.joints, gain=POSTURE_GAIN)
             builder.AddNamedSystem("carrier_posture", posture)
-            goals = shaper.GetOutputPort("tip_goals")
+            goals: tuple[System, str] = (shaper, "tip_goals:desired_cartesian_poses")
         else:
             posture = ArmPosture(
                 **palm,
@@ -213,12 +214,11 @@ class HandController(Diagram):
                 lead=config.period + plant_time_step,
             )
             builder.AddNamedSystem("arm_posture", posture)
-            goals, masks = posture.GetOutputPort("goals"), {base.palm_frame: np.ones(6)}
+            masks = {base.palm_frame: np.ones(6)}
+            goals = (posture, "goals:desired_cartesian_poses")
         kinematics = builder.AddNamedSystem(
             "differential_ik", fingertip_kinematics(hand, masks, config.period)
         )
-        builder.Connect(shaper.GetOutputPort("tip_goals"), posture.GetInputPort("tip_goals"))
-        builder.Connect(goals, kinematics.GetInputPort("desired_cartesian_poses"))
         reference = builder.AddNamedSystem(
             "joint_reference",
             JointReference(hand.kinematics, period=config.period, initial=self.initial),
@@ -230,48 +230,37 @@ class HandController(Diagram):
                 config, fingertips=hand.description.fingertips, mass=mass, p_OCoM=p_OCoM
             ),
         )
-        for source, output, target, target_input in (
-            (sequencer, "X_WG", shaper, "X_WG"),
-            (sequencer, "V_WG", shaper, "V_WG"),
-            (sequencer, "standoffs", shaper, "standoffs"),
-            (sequencer, "hold_contacts", shaper, "hold_contacts"),
-            (sequencer, "X_WG", posture, "X_WG"),
-            (sequencer, "V_WG", posture, "V_WG"),
-            (sequencer, "fingers_hold", shaper, "fingers_hold"),
-            (posture, "X_WU", shaper, "X_WU"),
-            (posture, "nominal_posture", kinematics, "nominal_posture"),
-            (reference, "position", kinematics, "position"),
-            (kinematics, "commanded_velocity", reference, "commanded_velocity"),
-            (sequencer, "squeeze_forces", reference, "f_T_W"),
-            (shaper, "contact_frames", sequencer, "contact_frames"),
-            (sensor, "p_WT", sequencer, "p_WT"),
-            (sensor, "f_T_W", sequencer, "f_T_W"),
+        for source, names, targets in (
+            (shaper, "tip_goals", [posture]),
+            (*goals, [kinematics]),
+            (sequencer, "X_WG V_WG", [shaper, posture]),
+            (sequencer, "standoffs hold_contacts fingers_hold", [shaper]),
+            (posture, "X_WU", [shaper]),
+            (posture, "nominal_posture", [kinematics]),
+            (reference, "position", [kinematics]),
+            (kinematics, "commanded_velocity", [reference]),
+            (sequencer, "squeeze_forces:f_T_W", [reference]),
+            (shaper, "contact_frames", [sequencer]),
+            (sensor, "p_WT f_T_W", [sequencer]),
         ):
-            builder.Connect(source.GetOutputPort(output), target.GetInputPort(target_input))
-
-        builder.ExportInput(shaper.GetInputPort("fingertip_targets"), "fingertip_targets")
-        for name, (first, *others) in (
-            ("contact_status", (shaper, sequencer)),
-            ("X_WO_estimated", (shaper, sequencer, posture)),
-            ("V_WO_estimated", (sequencer,)),
-            ("close", (sequencer,)),
-            ("hand_state", (sensor,)),
-            ("net_actuation", (sensor,)),
-            ("obstacles", (shaper,)),
-            ("tracking_status", (shaper, sequencer)),
+            connect(builder, source, names, *targets)
+        for inputs, systems in (
+            ("fingertip_targets", [shaper]),
+            ("contact_status", [shaper, sequencer]),
+            ("X_WO_estimated", [shaper, sequencer, posture]),
+            ("V_WO_estimated close", [sequencer]),
+            ("hand_state net_actuation", [sensor]),
+            ("obstacles", [shaper]),
+            ("tracking_status", [shaper, sequencer]),
         ):
-            builder.ExportInput(first.GetInputPort(name), name)
-            for system in others:
-                builder.ConnectInput(name, system.GetInputPort(name))
-        for system, name in (
+            export_inputs(builder, inputs, *systems)
+        for system, outputs in (
             (reference, "desired_state"),
             (shaper, "p_GT"),
-            (sensor, "p_WT"),
-            (sensor, "f_T_W"),
+            (sensor, "p_WT f_T_W"),
             (sequencer, "X_WG"),
             (posture, "X_WH"),
-            (sequencer, "hold_contacts"),
-            (sequencer, "grasp_report"),
+            (sequencer, "hold_contacts grasp_report"),
         ):
-            builder.ExportOutput(system.GetOutputPort(name), name)
+            export_outputs(builder, system, outputs)
         builder.BuildInto(self)

@@ -20,6 +20,7 @@ from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
 from drake_pregrasp.diagrams.object_body import add_solid_collision
 from drake_pregrasp.diagrams.object_plant import add_conveyor
+from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.solids import BoxSolid, HalfSpace
 from drake_pregrasp.systems.sources import BodyPose, MovingSolid
 
@@ -212,9 +213,6 @@ def add_driven_hand(
             yaw_range=grasp.yaw_range,
         ),
     )
-    for name in ("hand_state", "net_actuation"):
-        builder.Connect(station.GetOutputPort(name), controller.GetInputPort(name))
-    builder.Connect(
-        controller.GetOutputPort("desired_state"), station.GetInputPort("desired_state")
-    )
+    connect(builder, station, "hand_state net_actuation", controller)
+    connect(builder, controller, "desired_state", station)
     return DrivenHand(station, controller, hand.kinematics.tip_frames)

@@ -105,9 +105,7 @@ def add_object_body(plant: MultibodyPlant, object_config: ObjectConfig) -> Rigid
         return plant.GetBodyByName("cube", cube)
     shape = object_config.make_shape()
     body = plant.AddRigidBody(
-        "object",
-        plant.AddModelInstance("object"),
-        _spatial_inertia(shape, object_config.mass),
+        "object", plant.AddModelInstance("object"), _spatial_inertia(shape, object_config.mass)
     )
     if plant.geometry_source_is_registered():
         text = shape.mesh.export(file_type="obj", digits=_DIGITS)
@@ -163,7 +161,5 @@ def _spatial_inertia(shape: Shape, mass: float) -> SpatialInertia:
     """Returns the inertia of a homogeneous body, about O and expressed in O."""
     I = shape.mesh.moment_inertia * (mass / shape.mesh.volume)  # noqa: E741
     return SpatialInertia.MakeFromCentralInertia(
-        mass,
-        shape.p_OCoM,
-        RotationalInertia(I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]),
+        mass, shape.p_OCoM, RotationalInertia(I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2])
     )

@@ -7,6 +7,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.planner_config import PlannerConfig
+from drake_pregrasp.diagrams.wiring import connect, export_inputs, export_outputs
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
@@ -82,33 +83,19 @@ class PregraspPlanner(Diagram):
             "centroid_selector",
             CentroidSelector(config, surface=surface, p_OC=p_OC, fingertip_frames=fingertip_frames),
         )
-        for source, output, target, target_input in (
-            (estimator, "X_WO_estimated", partitioner, "X_WO_estimated"),
-            (estimator, "V_WO_estimated", partitioner, "V_WO_estimated"),
-            (estimator, "X_WO_estimated", selector, "X_WO_estimated"),
-            (estimator, "p_WO_covariance", selector, "p_WO_covariance"),
-            (estimator, "tracking_status", selector, "tracking_status"),
-            (partitioner, "safe_regions", selector, "safe_regions"),
-            (selector, "p_WC_previous", partitioner, "p_WC"),
-        ):
-            builder.Connect(source.GetOutputPort(output), target.GetInputPort(target_input))
-        for system, names in (
-            (estimator, "X_WO_measured measurement_time"),
-            (partitioner, "contact_weights obstacles X_WH"),
-            (selector, "hold_contacts"),
-        ):
-            for name in names.split():
-                builder.ExportInput(system.GetInputPort(name), name)
-        for system, names in (
-            (selector, "p_WC contact_status fingertip_targets"),
-            (estimator, "X_WO_estimated V_WO_estimated p_WO_covariance"),
-            (partitioner, "safe_regions"),
-            (selector, "contact_causes p_WC_previous"),
-            (estimator, "tracking_status time_since_measurement"),
-            (estimator, "measurement_verdict innovation_squared"),
-        ):
-            for name in names.split():
-                builder.ExportOutput(system.GetOutputPort(name), name)
+        connect(builder, estimator, "X_WO_estimated V_WO_estimated", partitioner)
+        connect(builder, estimator, "X_WO_estimated p_WO_covariance tracking_status", selector)
+        connect(builder, partitioner, "safe_regions", selector)
+        connect(builder, selector, "p_WC_previous:p_WC", partitioner)
+        export_inputs(builder, "X_WO_measured measurement_time", estimator)
+        export_inputs(builder, "contact_weights obstacles X_WH", partitioner)
+        export_inputs(builder, "hold_contacts", selector)
+        export_outputs(builder, selector, "p_WC contact_status fingertip_targets")
+        export_outputs(builder, estimator, "X_WO_estimated V_WO_estimated p_WO_covariance")
+        export_outputs(builder, partitioner, "safe_regions")
+        export_outputs(builder, selector, "contact_causes p_WC_previous")
+        export_outputs(builder, estimator, "tracking_status time_since_measurement")
+        export_outputs(builder, estimator, "measurement_verdict innovation_squared")
         builder.BuildInto(self)
 
 

@@ -7,7 +7,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from drake_pregrasp.ticks import first_tick
+from drake_pregrasp.arrays import first_tick
 
 
 class FaultChannel(IntEnum):

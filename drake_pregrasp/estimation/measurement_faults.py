@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray, first_tick
 from drake_pregrasp.estimation.fault_settings import (
     FaultChannel,
     MeasurementFaults,
@@ -17,7 +17,6 @@ from drake_pregrasp.estimation.fault_settings import (
     in_burst,
 )
 from drake_pregrasp.geometry.rotations import rotation_matrix
-from drake_pregrasp.ticks import first_tick
 
 
 def faulty_disturbance(

@@ -6,9 +6,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray, pack
+from drake_pregrasp.arrays import SLACK, FloatArray, pack
 from drake_pregrasp.estimation.pose_filter import NO_BELIEF, NO_MEASUREMENT, PoseBelief
-from drake_pregrasp.ticks import SLACK
 
 
 class TrackingStatus(IntEnum):

@@ -138,7 +138,7 @@ def mesh_surface(
     allowed = triangles.chosen(~forbidden)
     if len(allowed.faces) == 0:
         raise NoGroundError(
-            "no ground is left for contacts: make the forbidden areas smaller, or the spacing,"
+            "no surface is left for contacts: make the forbidden areas smaller, or the spacing,"
             " since small triangles that reach into an area are forbidden as a whole"
         )
     generator = np.random.default_rng(seed)

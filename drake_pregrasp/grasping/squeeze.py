@@ -9,13 +9,13 @@ from scipy.optimize import nnls
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.rotations import rotation_matrix
-from drake_pregrasp.quality.contact_models import contact_axes
 from drake_pregrasp.quality.force_closure import (
     TORSIONAL_FRICTION,
     cone_edges,
     longest_arm,
     primitive_wrenches,
 )
+from drake_pregrasp.quality.grasp_quality import contact_axes
 
 _MODEL = "hard_finger"
 

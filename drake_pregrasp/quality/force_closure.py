@@ -10,7 +10,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.quality.contact_models import contact_blocks
+from drake_pregrasp.quality.grasp_quality import contact_blocks
 
 CONE_MODELS = ("hard_finger", "soft_finger", "frictionless")
 """The contact models with a cone of forces. The complete one pulls as well as it pushes."""

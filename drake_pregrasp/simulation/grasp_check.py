@@ -22,8 +22,6 @@ from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 Problems = Iterator[tuple[str, str]]
 """Pairs of a key and the problem of its value. Only the first is certain to be right."""
 
-_MOMENTS = 4  # Number of times at which the arm's reach is checked.
-
 
 def raise_first(source: str, problems: Problems) -> None:
     """Raises a `ScenarioError` for the first problem, if there is one.
@@ -69,9 +67,8 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     if scenario.hand != HandConfig():
         yield "hand", "has no use beside grasp.hand, which says where it is"
     fingers = len(hand.fingertips)
-    if fingers != scenario.num_contacts:
-        problem = f"{fingers} fingertips must be {scenario.num_contacts}, one a contact"
-        yield "grasp.hand", problem
+    if fingers != (count := scenario.num_contacts):
+        yield "grasp.hand", f"{fingers} fingertips must be {count}, one a contact"
     if plant.time_step > grasp.period:
         problem = f"{plant.time_step} must be at most {grasp.period}, the hand's period"
         yield "plant_config.time_step", problem
@@ -121,7 +118,7 @@ def _check_arm(scenario: Scenario, motion: Conveyor, model: HandModel, p_OC: Flo
     X_WO = initial_pose(motion, scenario.object)
     first = palm_turn(p_OC, model.azimuths, 0.0, yaw_range)
     end = min(scenario.simulation_duration, grasp.latest_rest(model.description.fingertips))
-    for time in np.linspace(0.0, end, _MOMENTS):
+    for time in np.linspace(0.0, end, 4):
         slid, turned = profile.at(time)[0]
         yaw = float(np.clip(first + turned, *yaw_range))
         for height in (0.0, max(settings.lift_height, settings.approach_height)):

@@ -46,10 +46,6 @@ class HandConfig:
         return RigidTransform(RollPitchYaw(self.rpy), p_WH)
 
 
-_OWN = (MODELS_URL, ROBOTS_URL)  # What models of this package start with.
-_KEPT = 2  # Models: one for looking at it, and one with the wrist's range.
-
-
 def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) -> HandDescription:
     """Loads the description of a hand, with its keys, types and ranges checked.
 
@@ -70,7 +66,7 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
     description: HandDescription = load_typed(HandDescription, data, HandDescription())
     allowed = None if folders is None else [path.parent, *map(Path, folders)]
     make_paths_absolute(description, path.parent, allowed=allowed, source=str(path))
-    if allowed is not None and not description.model.startswith(_OWN):
+    if allowed is not None and not description.model.startswith((MODELS_URL, ROBOTS_URL)):
         try:
             checked_model(model_path(description.model), allowed)
         except InvalidArgumentError as error:
@@ -110,7 +106,7 @@ def load_hand_model(file: str | Path, yaw_range: tuple[float, float] = FREE_TURN
     return _model(own, own.stat().st_mtime_ns, path, path.stat().st_mtime_ns, yaw_range)
 
 
-@functools.lru_cache(maxsize=_KEPT)
+@functools.lru_cache(maxsize=2)  # The model itself, and the one with the wrist's range.
 def _model(
     file: Path, changed: int, model: Path, model_changed: int, yaw_range: tuple[float, float]
 ) -> HandModel:

@@ -25,18 +25,9 @@ def interruptible() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def writing(path: Path) -> contextlib.AbstractContextManager[None]:
-    """Turns the operating system's errors into an `OutputError` that names the written file."""
-    return _naming(path, "written")
-
-
-def reading_back(path: Path) -> contextlib.AbstractContextManager[None]:
-    """Turns the operating system's errors into an `OutputError` that names the read file."""
-    return _naming(path, "read back")
-
-
 @contextlib.contextmanager
-def _naming(path: Path, what: str) -> Iterator[None]:
+def writing(path: Path, what: str = "written") -> Iterator[None]:
+    """Turns the operating system's errors into an `OutputError` that names the written file."""
     try:
         yield
     except OSError as error:
@@ -44,6 +35,11 @@ def _naming(path: Path, what: str) -> Iterator[None]:
         raise OutputError(f"{where}: can't be {what}: {why}") from error
     except UnicodeDecodeError as error:
         raise OutputError(f"{path}: can't be {what}: is no text in UTF-8") from error
+
+
+def reading_back(path: Path) -> contextlib.AbstractContextManager[None]:
+    """Turns the operating system's errors into an `OutputError` that names the read file."""
+    return writing(path, "read back")
 
 
 @contextlib.contextmanager

@@ -27,9 +27,9 @@ from drake_pregrasp.simulation.summary import plot_metrics, summarize, summarize
 from drake_pregrasp.systems.loggers import TickRecord
 
 _INPUT_FILES = ("scenario.yaml", "diagram.dot", "diagram.svg")
-_LOGS = ("log.csv", "grasp.csv")
+_RESULTS = ("log.csv", "grasp.csv", "summary.json", "metrics.png", "recording.html")
 
-RUN_FILES = (*_INPUT_FILES, *_LOGS, "recording.html", "summary.json", "metrics.png")
+RUN_FILES = (*_INPUT_FILES, *_RESULTS)
 """Names of the files of a run folder. A new run replaces these and leaves other files alone."""
 
 
@@ -161,8 +161,7 @@ class LoggedRun:
         self.grasp_log = GraspLog(folder / "grasp.csv", n) if has_hand else None
         self._scenario = scenario
         self.surface = scenario.make_surface()
-        self.completed = False
-        self.wall_seconds = 0.0
+        self.completed, self.wall_seconds = False, 0.0
 
         def add_tick(record: TickRecord) -> None:
             # Holds no diagram: a reference cycle would keep it.

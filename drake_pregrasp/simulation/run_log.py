@@ -17,13 +17,12 @@ from typing import Self
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import SLACK, FloatArray
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.quality.grasp_quality import GraspQuality
 from drake_pregrasp.simulation.output import reading_back, writing
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
-from drake_pregrasp.ticks import SLACK
 
 _FLUSH_PERIOD = 1.0  # Largest amount of data that a killed run loses, in seconds.
 _LONGEST_ROW = 100_000  # Characters.
@@ -177,8 +176,8 @@ def _row(record: TickRecord, previous: TickRecord, error: FloatArray) -> FloatAr
     energy = squares.sum() / (2 * dt**2) if dt > 0 else 0.0
     displacement, yaw = np.sqrt(squares).sum(), RollPitchYaw(record.X_WO.rotation()).yaw_angle()
     contacts = (record.p_WC.ravel(), active, record.grasp_quality, displacement, energy)
-    estimate = (pose_values(record.X_WO_estimated), np.sqrt(error @ error))
-    poses = (pose_values(record.X_WO), yaw, *estimate)
+    true, estimated = pose_values(record.X_WO), pose_values(record.X_WO_estimated)
+    poses = (true, yaw, estimated, np.sqrt(error @ error))
     states = (record.contact_status, record.contact_causes)
     tracking = (record.tracking_status, record.time_since_measurement)
     sizes = record.regions.sizes()

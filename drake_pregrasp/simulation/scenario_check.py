@@ -11,6 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from scipy.spatial.transform import Rotation
 
+from drake_pregrasp.arrays import SLACK, tick_index
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import Box, Conveyor, PoseStream, Push, Toss
 from drake_pregrasp.config.sensor_config import check_sensor
@@ -25,7 +26,6 @@ from drake_pregrasp.resources import resolve_path
 from drake_pregrasp.simulation.grasp_check import Problems, errors_at, grasp_problems, raise_first
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.simulation_diagram import hand_planner
-from drake_pregrasp.ticks import SLACK, tick_index
 
 MAX_TICKS = 5_000_000
 """Most planning ticks of a run, and control ticks of its hand: each is a row of a log."""
@@ -81,8 +81,7 @@ def check_recording(source: str, scenario: Scenario, surface: ObjectSurface) -> 
     frames, tiles = scenario.simulation_duration / period, float(surface.areas.sum()) / tile**2
     key = "recording.publish_period"
     raise_first(source, _count_problems(key, period, frames, MAX_FRAMES, "frames"))
-    key = "recording.tile_size"
-    raise_first(source, _count_problems(key, tile, tiles, MAX_TILES, "tiles"))
+    raise_first(source, _count_problems("recording.tile_size", tile, tiles, MAX_TILES, "tiles"))
 
 
 def _count_problems(key: str, value: float, count: float, most: int, what: str) -> Problems:

@@ -120,11 +120,10 @@ def hand_planner(scenario: Scenario) -> PlannerConfig:
     Limits that the scenario sets take precedence over those of the hand. Faces that are forbidden
     to a finger are those of the scenario and those of the hand.
     """
-    config = scenario.planner
-    if not scenario.grasp.has_hand:
+    config, grasp = scenario.planner, scenario.grasp
+    if not grasp.has_hand:
         return config
     own, default = config.limits, LimitsConfig()
-    grasp = scenario.grasp
     limits = hand_limits(load_hand(grasp.hand), grasp, reach=grasp.use_reach)
     given = {name: value for name, value in vars(own).items() if value != getattr(default, name)}
     if len(own.forbidden_faces) == len(limits.forbidden_faces):

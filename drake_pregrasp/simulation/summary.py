@@ -116,7 +116,7 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
     on_table = 1e3 * _seen_from(table_poses, object_poses[:, None, :3])
     on_object = 1e3 * _seen_from(object_poses, tips)
     lifting = np.flatnonzero(phase == GraspPhase.LIFT)
-    lifted_z = object_poses[lifting[0] :, 2] if len(lifting) else np.empty(0)
+    lifted_z = object_poses[lifting[0] if len(lifting) else len(time) :, 2]
     if len(lifting):
         presses = np.linalg.norm(forces[lifting[0]], axis=1) >= scenario.grasp.touch_force / 2
         on_object = on_object[:, presses]
@@ -143,8 +143,7 @@ def _shifted(time: FloatArray, points: FloatArray, lead: float) -> FloatArray:
 def _seen_from(poses: FloatArray, p_WP: FloatArray) -> FloatArray:
     """Returns points in W, shape (ticks, k, 3), in the frames of poses, shape (ticks, 7)."""
     R = Rotation.from_quat(poses[:, [4, 5, 6, 3]]).as_matrix()
-    seen: FloatArray = np.einsum("tji,tkj->tki", R, p_WP - poses[:, None, :3])
-    return seen
+    return np.asarray(np.einsum("tji,tkj->tki", R, p_WP - poses[:, None, :3]))
 
 
 def _largest_motion(points: FloatArray, during: BoolArray) -> float | None:
@@ -235,9 +234,9 @@ def object_fate(scenario: Scenario, surface: ObjectSurface, log: RunLog) -> dict
     - `object_left_at`: time at which its centre of mass was below the top of the table.
     - `object_lost_at`: time from which it was lost by the estimator up to the end.
     """
-    time, status, *pose = log.read("time", "tracking_status", *run_log.pose_columns("wo"))
+    names = ("time", "tracking_status", *run_log.pose_columns("wo"))
+    time, status, _, _, z, qw, qx, qy, qz = log.read(*names)
     has_table = getattr(scenario.motion, "table", not isinstance(scenario.motion, PoseStream))
-    _, _, z, qw, qx, qy, qz = pose
     z_of_R = 2 * np.stack([qx * qz - qw * qy, qy * qz + qw * qx, 0.5 - qx**2 - qy**2])
     left = time[(z + surface.p_OCoM @ z_of_R < 0) & has_table]
     found = np.flatnonzero(status != TrackingStatus.LOST)

@@ -92,8 +92,7 @@ def parse_entries(source: str, text: str) -> Any:
 
 def dump_yaml(data: Any) -> str:
     """Returns data from `parse_yaml` as YAML text, in its order and with its tags."""
-    text: str = yaml.dump(data, Dumper=_Dumper, allow_unicode=True, sort_keys=False)
-    return text
+    return str(yaml.dump(data, Dumper=_Dumper, allow_unicode=True, sort_keys=False))
 
 
 def load_typed(schema: type, data: Any, defaults: Any) -> Any:
@@ -142,8 +141,8 @@ def _check_document(source: str, root: yaml.Node) -> None:
         sizes[id(node)] = None
         parts = node.value
         if isinstance(node, yaml.MappingNode):
-            refuse_bad_keys([key for key, _ in node.value])
-            parts = [part for pair in node.value for part in pair]
+            refuse_bad_keys([key for key, _ in parts])
+            parts = [part for pair in parts for part in pair]
         counts, depths = zip(*map(measure, parts), strict=True) if parts else ((), (0,))
         sizes[id(node)] = size, depth = 1 + sum(counts), 1 + max(depths)
         return size, depth

@@ -7,19 +7,11 @@ from typing import Any
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.systems.framework import (
-    BasicVector,
-    BusValue,
-    Context,
-    DiscreteValues,
-    LeafSystem,
-    ValueProducer,
-)
+from pydrake.systems.framework import BusValue, Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import FloatArray, validated_covariance
+from drake_pregrasp.arrays import SLACK, FloatArray, tick_index, validated_covariance
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.planner_config import BlendConfig, PlannerConfig
-from drake_pregrasp.config.validation import check_fields
 from drake_pregrasp.contacts.centroids import select_contacts, verify_contacts
 from drake_pregrasp.contacts.goal_limits import hold_contacts
 from drake_pregrasp.contacts.selection_input import ContactGoals, ContactStatus, SelectionInput
@@ -29,8 +21,7 @@ from drake_pregrasp.fast import fast_goals
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.regions.constraints import NO_CAUSE
 from drake_pregrasp.regions.safe_regions import SafeRegions
-from drake_pregrasp.systems.pose_ports import BUS, POSE, LastPose, is_followed
-from drake_pregrasp.ticks import SLACK, tick_is_due
+from drake_pregrasp.systems.ports import BUS, POSE, REGIONS, LastPose, declare_cache, declare_output
 
 
 class CentroidSelector(LeafSystem):
@@ -118,7 +109,6 @@ class CentroidSelector(LeafSystem):
             deprecated["blend"] = BlendConfig(**deprecated["blend"] or {})
         default = PlannerConfig(static_duration=0.0) if deprecated else PlannerConfig()
         config = config_with(config, default, deprecated, self)
-        check_fields(config)
         p_OC = np.array(p_OC, dtype=float)
         if p_OC.ndim != 2 or p_OC.shape[1] != 3 or len(p_OC) == 0:
             raise InvalidArgumentError(f"p_OC must have shape (n, 3), n >= 1, not {p_OC.shape}")
@@ -153,51 +143,46 @@ class CentroidSelector(LeafSystem):
         self._causes_index = self.DeclareDiscreteState(np.full(n, float(NO_CAUSE)))
         self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
         self._p_WO_covariance = self.DeclareVectorInputPort("p_WO_covariance", 9)
-        self._safe_regions = self.DeclareAbstractInputPort(
-            "safe_regions", AbstractValue.Make(object())
-        )
+        self._safe_regions = self.DeclareAbstractInputPort("safe_regions", REGIONS)
         self._hold = self.DeclareVectorInputPort("hold_contacts", 1)
-        self._tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
-        self._pose = LastPose(self, self._X_WO_estimated)
-        self._goals = self.DeclareCacheEntry(
+        tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
+        self._pose = LastPose(self, self._X_WO_estimated, tracking_status)
+        self._goals = goals = declare_cache(
+            self,
             "contact goals at the Context's time",
-            ValueProducer(
-                lambda: AbstractValue.Make(ContactGoals(p_OC, np.zeros(n), np.zeros(n))),
-                self._calc_goals,
-            ),
-            {self.time_ticket(), self.xd_ticket(), self.all_input_ports_ticket()},
+            ContactGoals(p_OC, np.zeros(n), np.zeros(n)),
+            self._calc_goals,
+            self.time_ticket(),
+            self.xd_ticket(),
+            self.all_input_ports_ticket(),
         )
-        goals = {self._goals.ticket()}
-        posed_goals = goals | self._pose.tickets
-        self.DeclareVectorOutputPort("p_WC", 3 * n, self._calc_p_WC, posed_goals)
-        self.DeclareVectorOutputPort("contact_status", n, self._calc_status, goals)
-        self.DeclareAbstractOutputPort(
+        pose, stored = self._pose.source, self.discrete_state_ticket(self._p_OC_index)
+        declare_output(self, "p_WC", 3 * n, self._calc_p_WC, goals, pose)
+        declare_output(self, "contact_status", n, lambda c: goals.Eval(c).status, goals)
+        declare_output(
+            self,
             "fingertip_targets",
-            BUS.Clone,
+            BUS,
             self._calc_fingertip_targets,
-            posed_goals | {self._tracking_status.ticket()},
+            goals,
+            pose,
+            tracking_status,
         )
-        self.DeclareVectorOutputPort(
-            "p_WC_previous",
-            3 * n,
-            self._calc_p_WC_previous,
-            {self.discrete_state_ticket(self._p_OC_index), *self._pose.tickets},
-        )
-        self.DeclareVectorOutputPort("contact_causes", n, self._calc_causes, goals)
+        declare_output(self, "p_WC_previous", 3 * n, self._calc_p_WC_previous, stored, pose)
+        declare_output(self, "contact_causes", n, lambda c: goals.Eval(c).causes, goals)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._store_goals)
 
-    def _calc_goals(self, context: Context, output: AbstractValue) -> None:
+    def _calc_goals(self, context: Context) -> ContactGoals:
         config, time = self._config, context.get_time()
         stored_time = context.get_discrete_state(self._time_index)[0]
         p_OC = context.get_discrete_state(self._p_OC_index).value().reshape(-1, 3)
+        is_due = tick_index(time, config.period) != tick_index(stored_time, config.period)
         # NaN is not <= 0 either, so it holds the contacts.
-        held = self._hold.HasValue(context) and not self._hold.Eval(context)[0] <= 0
-        held = held or not self._is_tracked(context)
-        if held or not tick_is_due(time, stored_time, config.period):
+        is_held = self._hold.HasValue(context) and not self._hold.Eval(context)[0] <= 0
+        if not is_due or is_held or not self._pose.is_tracked(context):
             status = context.get_discrete_state(self._status_index).value()
             causes = context.get_discrete_state(self._causes_index).value()
-            output.set_value(ContactGoals(p_OC, status, causes))
-            return
+            return ContactGoals(p_OC, status, causes)
         regions = self._safe_regions.Eval(context)
         if not isinstance(regions, SafeRegions):
             raise InvalidArgumentError(
@@ -230,10 +215,7 @@ class CentroidSelector(LeafSystem):
             )
         if config.verify_contacts:
             verify_contacts(self._surface, goals)
-        output.set_value(goals)
-
-    def _is_tracked(self, context: Context) -> bool:
-        return is_followed(self._tracking_status, context) and self._pose.is_valid(context)
+        return goals
 
     def _store_goals(self, context: Context, discrete_state: DiscreteValues) -> None:
         goals: ContactGoals = self._goals.Eval(context)
@@ -243,26 +225,22 @@ class CentroidSelector(LeafSystem):
         discrete_state.set_value(self._causes_index, goals.causes)
         self._pose.store(context, discrete_state)
 
-    def _calc_p_WC(self, context: Context, output: BasicVector) -> None:
+    def _calc_p_WC(self, context: Context) -> FloatArray:
         p_OC: FloatArray = self._goals.Eval(context).p_OC
-        output.SetFromVector((self._pose.eval(context) @ p_OC.T).T.ravel())
+        p_WC: FloatArray = (self._pose.eval(context) @ p_OC.T).T
+        return p_WC
 
-    def _calc_p_WC_previous(self, context: Context, output: BasicVector) -> None:
+    def _calc_p_WC_previous(self, context: Context) -> FloatArray:
         p_OC = context.get_discrete_state(self._p_OC_index).value().reshape(-1, 3)
-        output.SetFromVector((self._pose.eval(context) @ p_OC.T).T.ravel())
+        p_WC: FloatArray = (self._pose.eval(context) @ p_OC.T).T
+        return p_WC
 
-    def _calc_status(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._goals.Eval(context).status)
-
-    def _calc_causes(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._goals.Eval(context).causes)
-
-    def _calc_fingertip_targets(self, context: Context, output: AbstractValue) -> None:
+    def _calc_fingertip_targets(self, context: Context) -> BusValue:
         goals: ContactGoals = self._goals.Eval(context)
         X_WO = self._pose.eval(context)
         _, normals = self._surface.project(goals.p_OC)
         p_OF = goals.p_OC
-        if not self._is_tracked(context):
+        if not self._pose.is_tracked(context):
             p_OF = p_OF + self._config.lost_standoff * normals
         targets = BusValue()
         for name, p_OFi, normal, status in zip(
@@ -271,7 +249,7 @@ class CentroidSelector(LeafSystem):
             if status != ContactStatus.LOST:
                 X_OF = RigidTransform(_frame_with_z_along(-normal), p_OFi)
                 targets.Set(name, AbstractValue.Make(X_WO @ X_OF))
-        output.set_value(targets)
+        return targets
 
 
 def _frame_with_z_along(z: FloatArray) -> RotationMatrix:

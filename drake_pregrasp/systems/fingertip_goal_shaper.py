@@ -6,17 +6,11 @@ from typing import Any
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import (
-    BusValue,
-    Context,
-    DiscreteValues,
-    LeafSystem,
-)
+from pydrake.systems.framework import BusValue, Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray, validated_numbers
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.grasp_config import GraspConfig
-from drake_pregrasp.config.validation import check_fields
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.rotations import rotation_matrix
@@ -24,12 +18,13 @@ from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.grasping.fingertip_paths import MOVING_CLEARANCE, TipPlaces, shape_goals
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.regions.obstacles import all_are_known, place_obstacles
-from drake_pregrasp.systems.pose_ports import (
+from drake_pregrasp.systems.ports import (
     BUS,
     OBSTACLES,
     POSE,
     VELOCITY,
     LastPose,
+    declare_output,
     eval_obstacles,
     is_followed,
     is_valid,
@@ -153,7 +148,6 @@ class FingertipGoalShaper(LeafSystem):
     ) -> None:
         super().__init__()
         config = config_with(config, GraspConfig(), deprecated, self, {"speed": "goal_speed"})
-        check_fields(config)
         n = len(tip_frames)
         if np.shape(p_GT) != (n, 3):
             raise InvalidArgumentError(f"p_GT must have shape ({n}, 3), not {np.shape(p_GT)}")
@@ -193,12 +187,8 @@ class FingertipGoalShaper(LeafSystem):
         self._fingers_hold = self.DeclareVectorInputPort("fingers_hold", n)
         self._tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
         self._pose = LastPose(self, self._X_WG)
-        self.DeclareAbstractOutputPort(
-            "tip_goals",
-            BUS.Clone,
-            self._calc_tip_goals,
-            {self.discrete_state_ticket(self._tips), *self._pose.tickets, self._V_WG.ticket()},
-        )
+        tips, pose = self.discrete_state_ticket(self._tips), self._pose.source
+        declare_output(self, "tip_goals", BUS, self._calc_tip_goals, tips, pose, self._V_WG)
         self.DeclareStateOutputPort("contact_frames", self._contacts)
         self.DeclareStateOutputPort("p_GT", self._tips)
         self.DeclarePeriodicDiscreteUpdateEvent(target_period, 0.0, self._sample_targets)
@@ -276,7 +266,7 @@ class FingertipGoalShaper(LeafSystem):
         R_GU: FloatArray = (R_GW @ self._X_WU.Eval(context).rotation()).matrix()
         return R_GU
 
-    def _calc_tip_goals(self, context: Context, output: AbstractValue) -> None:
+    def _calc_tip_goals(self, context: Context) -> BusValue:
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
         X_WG, V_WG = self._pose.eval(context), validated_velocity(self._V_WG.Eval(context))
         R_WG = rotation_matrix(V_WG.rotational() * self._lead) @ X_WG.rotation().matrix()
@@ -284,4 +274,4 @@ class FingertipGoalShaper(LeafSystem):
         goals = BusValue()
         for name, point in zip(self._tip_frames, p_WT, strict=True):
             goals.Set(name, AbstractValue.Make(RigidTransform(point)))
-        output.set_value(goals)
+        return goals

@@ -6,10 +6,11 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable, ModelInstanceIndex
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
 from drake_pregrasp.arrays import FloatArray, IntArray, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.systems.ports import declare_output
 
 _FORCE_DIRECTIONS = 3
 _DAMPING = 1e-10  # Added to J Jᵀ, in m², which is singular for a finger that is stretched out.
@@ -187,28 +188,23 @@ class FingertipSensor(LeafSystem):
             ),
             {self._state.ticket()},
         )
-        self.DeclareVectorOutputPort("p_WT", 3 * n, self._calc_positions, {self._posed.ticket()})
-        self.DeclareVectorOutputPort(
-            "f_T_W", 3 * n, self._calc_forces, {self._posed.ticket(), self._actuation.ticket()}
-        )
+        posed, actuation = self._posed, self._actuation
+        declare_output(self, "p_WT", 3 * n, self._calc_positions, posed)
+        declare_output(self, "f_T_W", 3 * n, self._calc_forces, posed, actuation)
 
     def _positions(self, context: Context) -> FloatArray:
         return validated_numbers(self._state.Eval(context)[: self._hand.num_positions])
 
     def _calc_posed(self, context: Context, output: AbstractValue) -> None:
-        q = self._positions(context)
-        self._hand.plant.SetPositions(output.get_mutable_value(), q)
+        self._hand.plant.SetPositions(output.get_mutable_value(), self._positions(context))
 
-    def _calc_positions(self, context: Context, output: BasicVector) -> None:
+    def _calc_positions(self, context: Context) -> FloatArray:
         if np.any(np.isnan(self._positions(context))):  # Drake aborts the process on NaN.
-            output.SetFromVector(np.full(output.size(), np.nan))
-            return
-        output.SetFromVector(self._hand.tip_positions(self._posed.Eval(context)).ravel())
+            return np.full((len(self._hand.tip_frames), 3), np.nan)
+        return self._hand.tip_positions(self._posed.Eval(context))
 
-    def _calc_forces(self, context: Context, output: BasicVector) -> None:
+    def _calc_forces(self, context: Context) -> FloatArray:
         actuation = validated_numbers(self._actuation.Eval(context))
         if np.any(np.isnan(actuation)) or np.any(np.isnan(self._positions(context))):
-            output.SetFromVector(np.full(output.size(), np.nan))
-            return
-        forces = self._hand.tip_forces(self._posed.Eval(context), actuation)
-        output.SetFromVector(forces.ravel())
+            return np.full((len(self._hand.tip_frames), 3), np.nan)
+        return self._hand.tip_forces(self._posed.Eval(context), actuation)

@@ -1,20 +1,18 @@
 """Quality of the grasp that the contact goals would make."""
 
+from dataclasses import astuple
 from typing import Any
 
 from pydrake.common.containers import namedview
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray, are_valid_points
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.planner_config import MeasuresConfig
-from drake_pregrasp.config.validation import check_fields
-from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.contact_models import NEED_NORMALS
-from drake_pregrasp.quality.grasp_quality import GraspQuality, grasp_quality
-from drake_pregrasp.systems.pose_ports import POSE, is_valid
+from drake_pregrasp.quality.grasp_quality import NEED_NORMALS, GraspQuality, grasp_quality
+from drake_pregrasp.systems.ports import POSE, declare_output, is_valid
 
 GraspQualityView = namedview("GraspQualityView", GraspQuality.names())
 """Names the elements of the port `grasp_quality`: `GraspQualityView(port.Eval(context)).q_msv`."""
@@ -66,26 +64,21 @@ class GraspQualityMonitor(LeafSystem):
     ) -> None:
         super().__init__()
         config = config_with(config, MeasuresConfig(), deprecated, self)
-        check_fields(config)
         self._surface, self._contact_model = surface, config.contact_model
         natural = 1.0 if config.contact_model == "complete" else surface.longest_lever_arm
         self._length = config.length or natural
         self._p_WC = self.DeclareVectorInputPort("p_WC", 3 * num_contacts)
         self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)
         self._contact_status = self.DeclareVectorInputPort("contact_status", num_contacts)
-        self.DeclareVectorOutputPort(
-            "grasp_quality",
-            len(GraspQuality.names()),
-            self._calc_quality,
-            {self.all_input_ports_ticket()},
-        )
+        size, inputs = len(GraspQuality.names()), self.all_input_ports_ticket()
+        declare_output(self, "grasp_quality", size, self._calc_quality, inputs)
 
-    def _calc_quality(self, context: Context, output: BasicVector) -> None:
+    def _calc_quality(self, context: Context) -> tuple[float, ...]:
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
         X_WO: RigidTransform = self._X_WO.Eval(context)
         counts = are_valid_points(p_WC)
         if self._contact_status.HasValue(context):
-            counts &= is_active(self._contact_status.Eval(context))
+            counts &= self._contact_status.Eval(context) > 0
         if not is_valid(X_WO):
             counts[:] = False
             X_WO = RigidTransform()
@@ -96,4 +89,4 @@ class GraspQualityMonitor(LeafSystem):
         quality = grasp_quality(
             p_OC - self._surface.p_OCoM, nhat_OC, model=self._contact_model, length=self._length
         )
-        output.SetFromVector(quality.to_vector())
+        return astuple(quality)

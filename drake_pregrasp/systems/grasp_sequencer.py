@@ -4,31 +4,24 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteValues,
-    LeafSystem,
-    ValueProducer,
-)
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, validated_numbers
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Fingertip
-from drake_pregrasp.config.validation import check_fields
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.grasping.grasp_phases import next_state
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, GraspView
 from drake_pregrasp.grasping.squeeze import Coasting, Squeeze, safest_squeeze
-from drake_pregrasp.systems.pose_ports import (
+from drake_pregrasp.systems.ports import (
     POSE,
     VELOCITY,
     LastPose,
-    is_followed,
+    declare_cache,
+    declare_output,
     validated_velocity,
 )
 
@@ -137,7 +130,6 @@ class GraspSequencer(LeafSystem):
         config = config_with(
             config, GraspConfig(), deprecated, self, {"friction": "planned_friction"}
         )
-        check_fields(config)
         n = len(fingertips)
         self._config, self._mass, self._p_OCoM = config, mass, np.array(p_OCoM)
         self._settings = settings or config.make_settings(fingertips)
@@ -152,46 +144,44 @@ class GraspSequencer(LeafSystem):
         self._V_WO = self.DeclareAbstractInputPort("V_WO_estimated", VELOCITY)
         self._p_WT = self.DeclareVectorInputPort("p_WT", 3 * n)
         self._f_T_W = self.DeclareVectorInputPort("f_T_W", 3 * n)
-        self._tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
-        self._pose = LastPose(self, self._X_WO)
-        stored = {self.xd_ticket()}
-        timed = stored | {self.time_ticket()}
-        self._remembered = self.DeclareCacheEntry(
-            "the state as an object",
-            ValueProducer(lambda: AbstractValue.Make(first), self._calc_remembered),
-            stored,
+        tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
+        self._pose = LastPose(self, self._X_WO, tracking_status)
+        stored, time = self.xd_ticket(), self.time_ticket()
+        self._remembered = state = declare_cache(
+            self, "the state as an object", first, self._calc_remembered, stored
         )
-        self._motion = self.DeclareCacheEntry(
+        self._motion = motion = declare_cache(
+            self,
             "pose and velocity of G",
-            ValueProducer(
-                lambda: AbstractValue.Make((RigidTransform(), SpatialVelocity())),
-                self._calc_motion,
-            ),
-            timed | {*self._pose.tickets, self._V_WO.ticket()},
+            (RigidTransform(), SpatialVelocity()),
+            self._calc_motion,
+            time,
+            stored,
+            self._pose.source,
+            self._V_WO,
         )
-        moving = {self._motion.ticket()}
-        self.DeclareAbstractOutputPort("X_WG", POSE.Clone, self._calc_X_WG, moving)
-        self.DeclareAbstractOutputPort("V_WG", VELOCITY.Clone, self._calc_V_WG, moving)
-        self.DeclareVectorOutputPort("standoffs", n, self._calc_standoffs, stored)
-        self.DeclareVectorOutputPort("hold_contacts", 1, self._calc_hold, stored)
-        self.DeclareVectorOutputPort("fingers_hold", n, self._calc_fingers_hold, timed)
-        self.DeclareVectorOutputPort(
-            "squeeze_forces", 3 * n, self._calc_forces, moving | {self._frames.ticket()}
+        declare_output(self, "X_WG", POSE, lambda c: motion.Eval(c)[0], motion)
+        declare_output(self, "V_WG", VELOCITY, lambda c: motion.Eval(c)[1], motion)
+        declare_output(self, "standoffs", n, lambda c: state.Eval(c).standoffs, state)
+        declare_output(self, "hold_contacts", 1, lambda c: state.Eval(c).holds_contacts, state)
+        declare_output(
+            self,
+            "fingers_hold",
+            n,
+            lambda c: state.Eval(c).fingers_hold(c.get_time()).astype(float),
+            state,
+            time,
         )
-        self.DeclareVectorOutputPort("grasp_report", 4, self._calc_report, stored)
+        declare_output(
+            self, "squeeze_forces", 3 * n, self._calc_forces, time, stored, motion, self._frames
+        )
+        declare_output(self, "grasp_report", 4, self._calc_report, state)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._advance)
 
-    def _calc_remembered(self, context: Context, output: AbstractValue) -> None:
-        state = context.get_discrete_state(self._state).value()
-        output.set_value(GraspState.from_vector(state))
+    def _calc_remembered(self, context: Context) -> GraspState:
+        return GraspState.from_vector(context.get_discrete_state(self._state).value())
 
-    def _calc_X_WG(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self._motion.Eval(context)[0])
-
-    def _calc_V_WG(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self._motion.Eval(context)[1])
-
-    def _calc_motion(self, context: Context, output: AbstractValue) -> None:
+    def _calc_motion(self, context: Context) -> tuple[RigidTransform, SpatialVelocity]:
         state: GraspState = self._remembered.Eval(context)
         time = context.get_time()
         if np.isinf(state.gripped):
@@ -206,7 +196,7 @@ class GraspSequencer(LeafSystem):
             R, p, w, v = RotationMatrix(now.R_WG), now.p_WG, now.w_WG, now.v_WG
         up = np.array([0.0, 0.0, 1.0])
         X_WG = RigidTransform(R, p + state.height.value(time) * up)
-        output.set_value((X_WG, SpatialVelocity(w=w, v=v + state.height.rate(time) * up)))
+        return X_WG, SpatialVelocity(w=w, v=v + state.height.rate(time) * up)
 
     def _contacts(self, context: Context) -> tuple[FloatArray, FloatArray]:
         p_OC, nhat = validated_numbers(self._frames.Eval(context)).reshape(2, -1, 3)
@@ -234,7 +224,7 @@ class GraspSequencer(LeafSystem):
             distances=distances,
             gaps=np.sum((p_GT - p_OC) * nhat, axis=1) - self._radius,
             presses=presses,
-            sees=is_followed(self._tracking_status, context) and self._pose.is_valid(context),
+            sees=self._pose.is_tracked(context),
         )
         after = next_state(
             state,
@@ -268,29 +258,19 @@ class GraspSequencer(LeafSystem):
         forces[active] = planned.forces
         return Squeeze(forces, planned.residual)
 
-    def _calc_standoffs(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._remembered.Eval(context).standoffs)
-
-    def _calc_hold(self, context: Context, output: BasicVector) -> None:
-        output[0] = self._remembered.Eval(context).holds_contacts
-
-    def _calc_fingers_hold(self, context: Context, output: BasicVector) -> None:
-        state: GraspState = self._remembered.Eval(context)
-        output.SetFromVector(state.fingers_hold(context.get_time()).astype(float))
-
-    def _calc_forces(self, context: Context, output: BasicVector) -> None:
+    def _calc_forces(self, context: Context) -> FloatArray:
         state: GraspState = self._remembered.Eval(context)
         share = state.force.value(context.get_time())
         if share == 0 and not np.any(state.touched):
-            output.SetZero()
-            return
+            return np.zeros_like(state.forces)
         _, nhat = self._contacts(context)
         # A finger that has touched the object keeps touching it until all fingers press.
         touch = -self._settings.touch_force * state.touched[:, None] * np.nan_to_num(nhat)
         f_T_G = (1 - share) * touch + share * state.forces
         X_WG, _ = self._motion.Eval(context)
-        output.SetFromVector((f_T_G @ X_WG.rotation().matrix().T).ravel())
+        f_T_W: FloatArray = f_T_G @ X_WG.rotation().matrix().T
+        return f_T_W
 
-    def _calc_report(self, context: Context, output: BasicVector) -> None:
+    def _calc_report(self, context: Context) -> list[float]:
         state: GraspState = self._remembered.Eval(context)
-        output.SetFromVector([state.phase, state.since, state.reason, state.detail])
+        return [state.phase, state.since, state.reason, state.detail]

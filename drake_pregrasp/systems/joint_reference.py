@@ -2,17 +2,12 @@
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteValues,
-    LeafSystem,
-    ValueProducer,
-)
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, ValueProducer
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, validated_numbers
+from drake_pregrasp.arrays import FloatArray, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.systems.fingertip_sensor import HandKinematics
+from drake_pregrasp.systems.ports import declare_output
 
 LARGEST_RATE = 10.0
 """Largest rate of any joint, in rad/s or m/s; near a singularity all joints slow down together."""
@@ -68,17 +63,17 @@ class JointReference(LeafSystem):
         self._v = self.DeclareDiscreteState(np.zeros(nq))
         self._commanded = self.DeclareVectorInputPort("commanded_velocity", nq)
         self._forces = self.DeclareVectorInputPort("f_T_W", 3 * n)
-        stored = {self.time_ticket(), self.xd_ticket()}
+        time, stored = self.time_ticket(), self.xd_ticket()
         self._posed = self.DeclareCacheEntry(
             "the hand's plant at the reference",
             ValueProducer(
                 lambda: AbstractValue.Make(hand.plant.CreateDefaultContext()), self._calc_posed
             ),
-            stored,
+            {time, stored},
         )
-        self.DeclareVectorOutputPort("position", nq, self._calc_position, stored)
-        self.DeclareVectorOutputPort(
-            "desired_state", 2 * nq, self._calc_desired, stored | {self._forces.ticket()}
+        declare_output(self, "position", nq, self._reference, time, stored)
+        declare_output(
+            self, "desired_state", 2 * nq, self._calc_desired, time, stored, self._forces
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
 
@@ -88,14 +83,6 @@ class JointReference(LeafSystem):
         v: FloatArray = context.get_discrete_state(self._v).value()
         reference: FloatArray = np.clip(q + elapsed * v, self._hand.lower, self._hand.upper)
         return reference
-
-    def _is_at_limit(self, context: Context) -> BoolArray:
-        """Returns which joints move beyond their limits, shape (nq,)."""
-        q = self._reference(context)
-        v: FloatArray = context.get_discrete_state(self._v).value()
-        above, below = q >= self._hand.upper, q <= self._hand.lower
-        at_limit: BoolArray = (above & (v > 0)) | (below & (v < 0))
-        return at_limit
 
     def _sample(self, context: Context, discrete_state: DiscreteValues) -> None:
         v = validated_numbers(self._commanded.Eval(context))
@@ -108,17 +95,15 @@ class JointReference(LeafSystem):
     def _calc_posed(self, context: Context, output: AbstractValue) -> None:
         self._hand.plant.SetPositions(output.get_mutable_value(), self._reference(context))
 
-    def _calc_position(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._reference(context))
-
-    def _calc_desired(self, context: Context, output: BasicVector) -> None:
+    def _calc_desired(self, context: Context) -> FloatArray:
         q = self._reference(context)
+        v = context.get_discrete_state(self._v).value()
+        above, below = q >= self._hand.upper, q <= self._hand.lower
+        is_at_limit = (above & (v > 0)) | (below & (v < 0))
         if self._forces.HasValue(context):
             f_T_W = validated_numbers(self._forces.Eval(context)).reshape(-1, 3)
             f_T_W[np.any(np.isnan(f_T_W), axis=1)] = 0.0
             if np.any(f_T_W):
                 jacobians = self._hand.tip_jacobians(self._posed.Eval(context))
                 q = q + np.einsum("nij,ni->j", jacobians, f_T_W) / self._hand.stiffness
-        v = context.get_discrete_state(self._v).value()
-        v = np.where(self._is_at_limit(context), 0.0, v)
-        output.SetFromVector(np.concatenate([q, v]))
+        return np.concatenate([q, np.where(is_at_limit, 0.0, v)])

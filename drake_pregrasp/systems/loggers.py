@@ -5,14 +5,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.regions.safe_regions import SafeRegions
-from drake_pregrasp.systems.pose_ports import POSE
+from drake_pregrasp.systems.ports import POSE, REGIONS, copied_inputs, declare_inputs
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,44 +87,36 @@ class TickLogger(LeafSystem):
         sink: Callable[[TickRecord], None],
     ) -> None:
         super().__init__()
-        self._sink = sink
-        self._p_WC = self.DeclareVectorInputPort("p_WC", 3 * num_contacts)
-        self._contact_status = self.DeclareVectorInputPort("contact_status", num_contacts)
-        self._grasp_quality = self.DeclareVectorInputPort("grasp_quality", quality_size)
-        self._safe_regions = self.DeclareAbstractInputPort(
-            "safe_regions", AbstractValue.Make(object())
+        n, self._sink = num_contacts, sink
+        self._inputs = declare_inputs(
+            self,
+            p_WC=3 * n,
+            contact_status=n,
+            grasp_quality=quality_size,
+            safe_regions=REGIONS,
+            X_WO=POSE,
+            X_WO_estimated=POSE,
+            contact_causes=n,
+            tracking_status=1,
+            time_since_measurement=1,
         )
-        self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)
-        self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
-        self._contact_causes = self.DeclareVectorInputPort("contact_causes", num_contacts)
-        self._tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
-        self._age = self.DeclareVectorInputPort("time_since_measurement", 1)
         self.DeclarePeriodicPublishEvent(period, 0.0, self._log)
 
     def _log(self, context: Context) -> EventStatus:
         start = time.perf_counter()
-        p_WC: FloatArray = self._p_WC.Eval(context)
+        self._inputs["p_WC"].Eval(context)
         wall_seconds = time.perf_counter() - start
-        regions: SafeRegions = self._safe_regions.Eval(context)
-        status, age = TrackingStatus.TRACKING, 0.0
-        if self._tracking_status.HasValue(context):
-            status = TrackingStatus(self._tracking_status.Eval(context)[0])
-        if self._age.HasValue(context):
-            age = float(self._age.Eval(context)[0])
-        # Copies, because Drake overwrites the values of ports at later ticks.
+        values = copied_inputs(self._inputs, context)
+        status = values.pop("tracking_status", [TrackingStatus.TRACKING])
         self._sink(
             TickRecord(
                 time=context.get_time(),
-                p_WC=p_WC.reshape(-1, 3).copy(),
-                contact_status=self._contact_status.Eval(context).copy(),
-                contact_causes=self._contact_causes.Eval(context).copy(),
-                grasp_quality=self._grasp_quality.Eval(context).copy(),
-                regions=regions,
-                X_WO=RigidTransform(self._X_WO.Eval(context)),
-                X_WO_estimated=RigidTransform(self._X_WO_estimated.Eval(context)),
+                p_WC=values.pop("p_WC").reshape(-1, 3),
+                regions=values.pop("safe_regions"),
                 wall_seconds=wall_seconds,
-                tracking_status=status,
-                time_since_measurement=age,
+                tracking_status=TrackingStatus(status[0]),
+                time_since_measurement=float(values.pop("time_since_measurement", [0.0])[0]),
+                **values,
             )
         )
         return EventStatus.Succeeded()
@@ -186,31 +177,23 @@ class GraspLogger(LeafSystem):
         self, *, num_fingers: int, period: float, sink: Callable[[GraspRecord], None]
     ) -> None:
         super().__init__()
-        n = num_fingers
-        self._sink = sink
-        self._report = self.DeclareVectorInputPort("grasp_report", 4)
-        self._p_GT = self.DeclareVectorInputPort("p_GT", 3 * n)
-        self._p_WT = self.DeclareVectorInputPort("p_WT", 3 * n)
-        self._f_T_W = self.DeclareVectorInputPort("f_T_W", 3 * n)
-        self._X_WG = self.DeclareAbstractInputPort("X_WG", POSE)
-        self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)
-        self._X_WD = self.DeclareAbstractInputPort("X_WD", POSE)
+        n, self._sink = num_fingers, sink
+        self._inputs = declare_inputs(
+            self,
+            grasp_report=4,
+            p_GT=3 * n,
+            p_WT=3 * n,
+            f_T_W=3 * n,
+            X_WG=POSE,
+            X_WO=POSE,
+            X_WD=POSE,
+        )
         self.DeclarePeriodicPublishEvent(period, 0.0, self._log)
 
     def _log(self, context: Context) -> EventStatus:
-        forces: FloatArray = np.zeros(self._f_T_W.size())
-        if self._f_T_W.HasValue(context):
-            forces = self._f_T_W.Eval(context).copy()
-        self._sink(
-            GraspRecord(
-                time=context.get_time(),
-                report=self._report.Eval(context).copy(),
-                p_WT=self._p_WT.Eval(context).reshape(-1, 3).copy(),
-                p_GT=self._p_GT.Eval(context).reshape(-1, 3).copy(),
-                f_T_W=forces.reshape(-1, 3),
-                X_WG=RigidTransform(self._X_WG.Eval(context)),
-                X_WO=RigidTransform(self._X_WO.Eval(context)),
-                X_WD=RigidTransform(self._X_WD.Eval(context)),
-            )
-        )
+        values = copied_inputs(self._inputs, context)
+        values.setdefault("f_T_W", np.zeros_like(values["p_WT"]))
+        points = {name: values.pop(name).reshape(-1, 3) for name in ("p_WT", "p_GT", "f_T_W")}
+        report = values.pop("grasp_report")
+        self._sink(GraspRecord(time=context.get_time(), report=report, **points, **values))
         return EventStatus.Succeeded()

@@ -9,7 +9,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace, Solid
 from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.systems.pose_ports import OBSTACLES
+from drake_pregrasp.systems.ports import OBSTACLES
 
 ROOT = "/drake/obstacles"
 """Meshcat path under which obstacles are drawn."""

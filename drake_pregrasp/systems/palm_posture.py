@@ -8,24 +8,23 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import (
-    BasicVector,
     BusValue,
     Context,
-    DependencyTicket,
     DiscreteStateIndex,
     DiscreteValues,
     LeafSystem,
-    ValueProducer,
 )
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.systems.pose_ports import (
+from drake_pregrasp.systems.ports import (
     BUS,
     POSE,
     VELOCITY,
     LastPose,
+    declare_cache,
+    declare_output,
     validated_poses,
     validated_velocity,
 )
@@ -105,6 +104,7 @@ class _PalmPosture(LeafSystem):
         finger_azimuths: Azimuths of the fingers at yaw 0, shape (n,), in radians.
         yaw_range: Smallest and largest angle of the palm, in radians.
         period: Seconds between ticks.
+        state: Initial state, with the palm's yaw in radians as its last element.
     """
 
     def __init__(
@@ -113,6 +113,7 @@ class _PalmPosture(LeafSystem):
         finger_azimuths: FloatArray,
         yaw_range: tuple[float, float],
         period: float,
+        state: FloatArray,
     ) -> None:
         super().__init__()
         if not period > 0:
@@ -120,27 +121,25 @@ class _PalmPosture(LeafSystem):
         self._tip_frames, self._azimuths = list(tip_frames), np.array(finger_azimuths)
         self._yaw_range, self._period = yaw_range, period
 
-    def _declare_inputs(self) -> None:
+        self._state: DiscreteStateIndex = self.DeclareDiscreteState(state)
         self._tip_goals = self.DeclareAbstractInputPort("tip_goals", BUS)
         self._X_WG = self.DeclareAbstractInputPort("X_WG", POSE)
         self._V_WG = self.DeclareAbstractInputPort("V_WG", VELOCITY)
         self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
         self._carrier, self._object = LastPose(self, self._X_WG), LastPose(self, self._X_WO)
 
-    def _declare_frames(self, state: DiscreteStateIndex) -> None:
-        """Declares `X_WH` and `X_WU`; the last element of the state is the palm's yaw."""
+    def _declare_frames(self) -> None:
+        for name, calc in (("X_WH", self._calc_X_WH), ("X_WU", self._calc_X_WU)):
+            stored = self.discrete_state_ticket(self._state)
+            declare_output(self, name, POSE, calc, stored, self._object.source)
 
-        def calc_H(context: Context, output: AbstractValue) -> None:
-            yaw = context.get_discrete_state(state).value()[-1]
-            output.set_value(reach_frame(self._object.eval(context), yaw, self._yaw_range))
+    def _calc_X_WH(self, context: Context) -> RigidTransform:
+        yaw = context.get_discrete_state(self._state).value()[-1]
+        return reach_frame(self._object.eval(context), yaw, self._yaw_range)
 
-        def calc_U(context: Context, output: AbstractValue) -> None:
-            yaw = context.get_discrete_state(state).value()[-1]
-            output.set_value(_upright_frame(self._object.eval(context), yaw))
-
-        placed: set[DependencyTicket] = {self.discrete_state_ticket(state), *self._object.tickets}
-        self.DeclareAbstractOutputPort("X_WH", POSE.Clone, calc_H, placed)
-        self.DeclareAbstractOutputPort("X_WU", POSE.Clone, calc_U, placed)
+    def _calc_X_WU(self, context: Context) -> RigidTransform:
+        yaw = context.get_discrete_state(self._state).value()[-1]
+        return _upright_frame(self._object.eval(context), yaw)
 
     def _goal_poses(self, context: Context) -> list[RigidTransform | None]:
         port = f"tip_goals of {self.get_name()}"
@@ -230,43 +229,42 @@ class CarrierPosture(_PalmPosture):
         period: float,
         yaw_range: tuple[float, float] = FREE_TURN,
     ) -> None:
-        super().__init__(tip_frames, finger_azimuths, yaw_range, period)
+        yaw = np.array(home, dtype=float)[[carrier[3]]]
+        super().__init__(tip_frames, finger_azimuths, yaw_range, period, yaw)
         if not gain > 0:
             raise InvalidArgumentError(f"gain must be greater than 0 1/s, not {gain}")
         self._home, self._lead = np.array(home, dtype=float), 1 / gain
         self._slides, self._turn = list(carrier[:3]), carrier[3]
-        self._yaw = self.DeclareDiscreteState(np.array([self._home[self._turn]]))
-        self._declare_inputs()
-        self._turned = self.DeclareCacheEntry(
-            "yaw",
-            ValueProducer(lambda: AbstractValue.Make(0.0), self._calc_yaw),
-            {self.xd_ticket(), self._tip_goals.ticket(), self._X_WG.ticket()},
+        stored, inputs = self.xd_ticket(), (self._tip_goals, self._X_WG)
+        self._turned = declare_cache(self, "yaw", 0.0, self._calc_yaw, stored, *inputs)
+        nq, turned = len(self._home), self._turned
+        declare_output(
+            self, "nominal_posture", nq, self._calc_posture, stored, turned, self._X_WG, self._V_WG
         )
-        self.DeclareVectorOutputPort("nominal_posture", len(self._home), self._calc_posture)
-        self._declare_frames(self._yaw)
+        self._declare_frames()
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store)
 
-    def _calc_yaw(self, context: Context, output: AbstractValue) -> None:
-        yaw = float(context.get_discrete_state(self._yaw)[0])
+    def _calc_yaw(self, context: Context) -> float:
+        yaw = float(context.get_discrete_state(self._state)[0])
         p_WT = [X.translation() for X in self._goal_poses(context) if X is not None]
         if len(p_WT) == len(self._tip_frames):
             p_GT_W = np.array(p_WT) - self._carrier.eval(context).translation()
             yaw = palm_turn(p_GT_W, self._azimuths, yaw, self._yaw_range)
-        output.set_value(yaw)
+        return yaw
 
     def _store(self, context: Context, discrete_state: DiscreteValues) -> None:
-        discrete_state.set_value(self._yaw, [self._turned.Eval(context)])
+        discrete_state.set_value(self._state, [self._turned.Eval(context)])
         self._carrier.store(context, discrete_state)
         self._object.store(context, discrete_state)
 
-    def _calc_posture(self, context: Context, output: BasicVector) -> None:
+    def _calc_posture(self, context: Context) -> FloatArray:
         V_WG = validated_velocity(self._V_WG.Eval(context))
         posture = self._home.copy()
         posture[self._slides] += self._carrier.eval(context).translation()
         posture[self._slides] += V_WG.translational() * self._lead
         yaw = self._turned.Eval(context) + V_WG.rotational()[2] * self._lead
         posture[self._turn] = np.clip(yaw, *self._yaw_range)
-        output.SetFromVector(posture)
+        return posture
 
 
 class ArmPosture(_PalmPosture):
@@ -331,33 +329,26 @@ class ArmPosture(_PalmPosture):
         period: float,
         yaw_range: tuple[float, float] = FREE_TURN,
     ) -> None:
-        super().__init__(tip_frames, finger_azimuths, yaw_range, period)
+        # The state is the smoothed position of G and yaw of the palm.
+        super().__init__(tip_frames, finger_azimuths, yaw_range, period, np.append(p_WG, yaw))
         self._palm_frame, self._X_GP, self._lead = palm_frame, X_GP, lead
         self._home = np.array(home, dtype=float)
-        # Smoothed position of G and yaw of the palm.
-        self._smooth = self.DeclareDiscreteState(np.append(p_WG, yaw))
-        self._declare_inputs()
-        inputs = {self._tip_goals.ticket(), self._X_WG.ticket(), self._V_WG.ticket()}
-        self._now = self.DeclareCacheEntry(
-            "smoothed position and yaw",
-            ValueProducer(lambda: AbstractValue.Make(np.zeros(4)), self._calc_now),
-            inputs | {self.xd_ticket()},
+        inputs = (self._tip_goals, self._X_WG, self._V_WG)
+        self._now = declare_cache(
+            self, "smoothed position", np.zeros(4), self._calc_now, self.xd_ticket(), *inputs
         )
-        self.DeclareAbstractOutputPort(
-            "goals", BUS.Clone, self._calc_goals, {self._now.ticket()} | inputs
-        )
-        self.DeclareVectorOutputPort(
-            "nominal_posture", len(self._home), self._calc_posture, {self.nothing_ticket()}
-        )
-        self._declare_frames(self._smooth)
+        declare_output(self, "goals", BUS, self._calc_goals, self._now, *inputs)
+        nq, nothing = len(self._home), self.nothing_ticket()
+        declare_output(self, "nominal_posture", nq, lambda c: self._home, nothing)
+        self._declare_frames()
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._advance)
 
     def _rates(self, context: Context) -> FloatArray:
         V_WG = validated_velocity(self._V_WG.Eval(context))
         return np.append(V_WG.translational(), V_WG.rotational()[2])
 
-    def _calc_now(self, context: Context, output: AbstractValue) -> None:
-        smooth: FloatArray = context.get_discrete_state(self._smooth).value()
+    def _calc_now(self, context: Context) -> FloatArray:
+        smooth: FloatArray = context.get_discrete_state(self._state).value()
         ahead = self._lead * self._rates(context)
         p_WG: FloatArray = self._carrier.eval(context).translation()
         p_WT = [X.translation() for X in self._goal_poses(context) if X is not None]
@@ -366,18 +357,18 @@ class ArmPosture(_PalmPosture):
             yaw = palm_turn(np.array(p_WT) - p_WG - ahead[:3], self._azimuths, yaw)
         share = min(1.0, self._period / SMOOTHING)
         now: FloatArray = smooth + share * (np.append(p_WG, yaw - ahead[3]) - smooth)
-        output.set_value(self._within(now))
+        return self._within(now)
 
     def _within(self, place: FloatArray) -> FloatArray:
         return np.append(place[:3], np.clip(place[3], *self._yaw_range))
 
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
         now = self._now.Eval(context) + self._period * self._rates(context)
-        discrete_state.set_value(self._smooth, self._within(now))
+        discrete_state.set_value(self._state, self._within(now))
         self._carrier.store(context, discrete_state)
         self._object.store(context, discrete_state)
 
-    def _calc_goals(self, context: Context, output: AbstractValue) -> None:
+    def _calc_goals(self, context: Context) -> BusValue:
         goals = BusValue()
         for name, X_WT in zip(self._tip_frames, self._goal_poses(context), strict=True):
             if X_WT is not None:
@@ -385,7 +376,4 @@ class ArmPosture(_PalmPosture):
         x, y, z, yaw = self._within(self._now.Eval(context) + self._lead * self._rates(context))
         X_WP = RigidTransform(RotationMatrix.MakeZRotation(yaw), [x, y, z]) @ self._X_GP
         goals.Set(self._palm_frame, AbstractValue.Make(X_WP))
-        output.set_value(goals)
-
-    def _calc_posture(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._home)
+        return goals

@@ -3,16 +3,9 @@
 from typing import Any
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.framework import (
-    BasicVector,
-    Context,
-    DiscreteValues,
-    LeafSystem,
-    ValueProducer,
-)
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import (
     FARTHEST,
@@ -20,17 +13,13 @@ from drake_pregrasp.arrays import (
     finite_vector,
     number_or_nan,
     pack,
+    tick_index,
     unpack,
 )
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
-from drake_pregrasp.config.validation import check_fields
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.pose_filter import (
-    NO_BELIEF,
-    PoseMeasurement,
-    predict,
-)
+from drake_pregrasp.estimation.pose_filter import NO_BELIEF, PoseBelief, PoseMeasurement, predict
 from drake_pregrasp.estimation.pose_track import (
     FOLLOWED,
     PoseTrack,
@@ -38,8 +27,7 @@ from drake_pregrasp.estimation.pose_track import (
     tracking_status,
 )
 from drake_pregrasp.estimation.pose_tracker import OLDEST, update_track
-from drake_pregrasp.systems.pose_ports import POSE, VELOCITY
-from drake_pregrasp.ticks import tick_index
+from drake_pregrasp.systems.ports import POSE, VELOCITY, declare_cache, declare_output
 
 WAITING_STD = 1.0
 """Standard deviation of the position before the first measurement, in metres."""
@@ -121,7 +109,6 @@ class PoseEstimator(LeafSystem):
     ) -> None:
         super().__init__()
         config = config_with(config, EstimatorConfig(), _unpacked(deprecated), self)
-        check_fields(config)
         if not config.coast_after <= config.lost_after:
             raise InvalidArgumentError(
                 f"coast_after must be at most lost_after, {config.lost_after} s, not"
@@ -137,115 +124,112 @@ class PoseEstimator(LeafSystem):
         self._noise = self._settings.noise
         # One more than may be newer than an out-of-sequence measurement: the belief before them.
         self._no_track = PoseTrack.empty(config.late_measurements + 1)
-        nothing = TrackingStatus.WAITING, NO_BELIEF
 
         self._time_index = self.DeclareDiscreteState(np.array([-np.inf]))
         self._track_index = self.DeclareDiscreteState(pack(self._no_track))
         self._X_WO_measured = self.DeclareAbstractInputPort("X_WO_measured", POSE)
         self._measurement_time = self.DeclareVectorInputPort("measurement_time", 1)
-        self._track = self.DeclareCacheEntry(
+        time = self.time_ticket()
+        self._track = track = declare_cache(
+            self,
             "track at the Context's last tick",
-            ValueProducer(lambda: AbstractValue.Make(self._no_track), self._calc_track),
-            {self.time_ticket(), self.xd_ticket(), self.all_input_ports_ticket()},
+            self._no_track,
+            self._calc_track,
+            time,
+            self.xd_ticket(),
+            self.all_input_ports_ticket(),
         )
-        tracked, timed = {self._track.ticket()}, {self.time_ticket(), self._track.ticket()}
-        self._estimate = self.DeclareCacheEntry(
+        self._estimate = estimate = declare_cache(
+            self,
             "status and belief at the Context's time",
-            ValueProducer(lambda: AbstractValue.Make(nothing), self._calc_estimate),
-            timed,
+            (TrackingStatus.WAITING, NO_BELIEF),
+            self._calc_estimate,
+            time,
+            track,
         )
-        estimated = {self._estimate.ticket()}
-        self.DeclareAbstractOutputPort("X_WO_estimated", POSE.Clone, self._calc_pose, estimated)
-        self.DeclareAbstractOutputPort(
-            "V_WO_estimated", VELOCITY.Clone, self._calc_velocity, estimated
+        declare_output(self, "X_WO_estimated", POSE, self._calc_pose, estimate)
+        declare_output(self, "V_WO_estimated", VELOCITY, self._calc_velocity, estimate)
+        declare_output(self, "p_WO_covariance", 9, self._calc_covariance, time, track, estimate)
+        declare_output(self, "tracking_status", 1, lambda c: estimate.Eval(c)[0], estimate)
+        declare_output(self, "time_since_measurement", 1, self._calc_age, time, track)
+        declare_output(self, "measurement_verdict", 1, lambda c: track.Eval(c).verdict, track)
+        declare_output(
+            self, "innovation_squared", 2, lambda c: track.Eval(c).innovation_squared, track
         )
-        self.DeclareVectorOutputPort("p_WO_covariance", 9, self._calc_covariance, estimated | timed)
-        self.DeclareVectorOutputPort("tracking_status", 1, self._calc_status, estimated)
-        self.DeclareVectorOutputPort("time_since_measurement", 1, self._calc_age, timed)
-        self.DeclareVectorOutputPort("measurement_verdict", 1, self._calc_verdict, tracked)
-        self.DeclareVectorOutputPort("innovation_squared", 2, self._calc_innovation, tracked)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_track)
 
-    def _calc_track(self, context: Context, output: AbstractValue) -> None:
+    def _calc_track(self, context: Context) -> PoseTrack:
         time = context.get_time()
         stored_time = context.get_discrete_state(self._time_index)[0]
         track = unpack(self._no_track, context.get_discrete_state(self._track_index).value())
-        if tick_index(time, self._period) != tick_index(stored_time, self._period):
-            if stored_time > time:  # The Context was set back.
-                track = self._no_track
-            X_WO: RigidTransform = self._X_WO_measured.Eval(context)
-            measured_at = time
-            if self._measurement_time.HasValue(context):
-                measured_at = float(self._measurement_time.Eval(context)[0])
-            p_OCoM = self._settings.p_OCoM
-            p_WCoM = X_WO.translation().copy() if p_OCoM is None else X_WO @ p_OCoM
-            measurement = PoseMeasurement(measured_at, p_WCoM, X_WO.rotation().matrix())
-            track = update_track(track, measurement, time, self._settings)
-        output.set_value(track)
+        if tick_index(time, self._period) == tick_index(stored_time, self._period):
+            return track
+        X_WO: RigidTransform = self._X_WO_measured.Eval(context)
+        measured_at = time
+        if self._measurement_time.HasValue(context):
+            measured_at = float(self._measurement_time.Eval(context)[0])
+        p_OCoM = self._settings.p_OCoM
+        p_WCoM = X_WO.translation().copy() if p_OCoM is None else X_WO @ p_OCoM
+        measurement = PoseMeasurement(measured_at, p_WCoM, X_WO.rotation().matrix())
+        is_set_back = stored_time > time
+        return update_track(
+            self._no_track if is_set_back else track, measurement, time, self._settings
+        )
 
     def _store_track(self, context: Context, discrete_state: DiscreteValues) -> None:
         discrete_state.set_value(self._time_index, [context.get_time()])
         discrete_state.set_value(self._track_index, pack(self._track.Eval(context)))
 
-    def _calc_estimate(self, context: Context, output: AbstractValue) -> None:
+    def _calc_estimate(self, context: Context) -> tuple[TrackingStatus, PoseBelief]:
         track: PoseTrack = self._track.Eval(context)
-        belief, config = track.newest, self._config
-        since = context.get_time() - belief.time
+        newest, config = track.newest, self._config
+        since = context.get_time() - newest.time
         status = tracking_status(since, self._period, config.coast_after, config.lost_after)
+        if status == TrackingStatus.WAITING:
+            return status, newest
         if status == TrackingStatus.TRACKING and not track.is_locked:
             status = TrackingStatus.COASTING
         if status == TrackingStatus.LOST:  # The pose stays where it was lost.
             since = self._period + config.lost_after
-        if status != TrackingStatus.WAITING:
-            belief = predict(belief, min(max(0.0, since), OLDEST), self._noise)
-            belief = predict(belief, config.lookahead, self._noise)
-            p_WO = belief.p_WCoM - belief.R_WO @ self._p_OCoM
-            if not np.abs([p_WO, belief.v_WCoM, belief.w_WO]).max() <= FARTHEST:
-                status, belief = TrackingStatus.LOST, track.newest
-        output.set_value((status, belief))
+        belief = self._predicted(newest, since)
+        p_WO = belief.p_WCoM - belief.R_WO @ self._p_OCoM
+        if not np.abs([p_WO, belief.v_WCoM, belief.w_WO]).max() <= FARTHEST:
+            return TrackingStatus.LOST, newest
+        return status, belief
 
-    def _calc_pose(self, context: Context, output: AbstractValue) -> None:
+    def _predicted(self, belief: PoseBelief, since: float) -> PoseBelief:
+        now = predict(belief, min(max(0.0, since), OLDEST), self._noise)
+        lookahead = self._config.lookahead
+        return predict(now, lookahead, self._noise) if lookahead else now
+
+    def _calc_pose(self, context: Context) -> RigidTransform:
         _, belief = self._estimate.Eval(context)
         R_WO = RotationMatrix.ProjectToRotationMatrix(belief.R_WO)
         p_OCoM = self._settings.p_OCoM
         p_WO = belief.p_WCoM if p_OCoM is None else belief.p_WCoM - R_WO @ p_OCoM
-        p_WO = np.clip(p_WO, -FARTHEST, FARTHEST)  # So that the pose is valid, if LOST.
-        output.set_value(RigidTransform(R_WO, p_WO))
+        # Clipped, so that the pose is valid, if LOST.
+        return RigidTransform(R_WO, np.clip(p_WO, -FARTHEST, FARTHEST))
 
-    def _calc_velocity(self, context: Context, output: AbstractValue) -> None:
+    def _calc_velocity(self, context: Context) -> SpatialVelocity:
         status, belief = self._estimate.Eval(context)
         if status not in FOLLOWED:
-            output.set_value(SpatialVelocity.Zero())
-            return
+            return SpatialVelocity.Zero()
         p_CoMO_W = -(belief.R_WO @ self._p_OCoM)
-        v_WO = belief.v_WCoM + np.cross(belief.w_WO, p_CoMO_W)
-        output.set_value(SpatialVelocity(w=belief.w_WO, v=v_WO))
+        return SpatialVelocity(w=belief.w_WO, v=belief.v_WCoM + np.cross(belief.w_WO, p_CoMO_W))
 
-    def _calc_covariance(self, context: Context, output: BasicVector) -> None:
+    def _calc_covariance(self, context: Context) -> FloatArray:
         status, belief = self._estimate.Eval(context)
-        if status == TrackingStatus.LOST:  # The pose stays, but its uncertainty grows on.
-            belief = self._track.Eval(context).newest
-            since = min(max(0.0, context.get_time() - belief.time), OLDEST)
-            belief = predict(
-                predict(belief, since, self._noise), self._config.lookahead, self._noise
-            )
-        covariance = belief.P_position[:3, :3]
         if status == TrackingStatus.WAITING:
-            covariance = WAITING_STD**2 * np.eye(3)
-        output.SetFromVector(covariance.ravel())
+            return WAITING_STD**2 * np.eye(3)
+        if status == TrackingStatus.LOST:  # The pose stays, but its uncertainty grows on.
+            newest = self._track.Eval(context).newest
+            belief = self._predicted(newest, context.get_time() - newest.time)
+        covariance: FloatArray = belief.P_position[:3, :3]
+        return covariance
 
-    def _calc_status(self, context: Context, output: BasicVector) -> None:
-        output[0] = self._estimate.Eval(context)[0]
-
-    def _calc_age(self, context: Context, output: BasicVector) -> None:
+    def _calc_age(self, context: Context) -> float:
         newest = self._track.Eval(context).newest.time
-        output[0] = max(0.0, context.get_time() - (newest if newest > -np.inf else 0.0))
-
-    def _calc_verdict(self, context: Context, output: BasicVector) -> None:
-        output[0] = self._track.Eval(context).verdict
-
-    def _calc_innovation(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._track.Eval(context).innovation_squared)
+        return float(max(0.0, context.get_time() - (newest if newest > -np.inf else 0.0)))
 
 
 def _unpacked(deprecated: dict[str, Any]) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from typing import Any
 
 import numpy as np
 from pydrake.common import RandomDistribution
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import (
     BasicVector,
@@ -15,13 +14,11 @@ from pydrake.systems.framework import (
     LeafSystem,
     NumericParameterIndex,
     PortDataType,
-    ValueProducer,
 )
 
-from drake_pregrasp.arrays import FloatArray, pack, unpack
+from drake_pregrasp.arrays import FloatArray, pack, tick_index, unpack
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.sensor_config import SensorConfig, check_faults
-from drake_pregrasp.config.validation import check_fields
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.measurement_faults import (
     SensorMemory,
@@ -29,8 +26,7 @@ from drake_pregrasp.estimation.measurement_faults import (
     next_memory,
 )
 from drake_pregrasp.geometry.rotations import rotation_matrix
-from drake_pregrasp.systems.pose_ports import POSE
-from drake_pregrasp.ticks import tick_index
+from drake_pregrasp.systems.ports import POSE, Source, declare_cache, declare_output
 
 MAX_SEED = 2**53
 """Largest seed: a numeric parameter is a float, which holds every integer up to this one."""
@@ -74,14 +70,13 @@ class NoiseSource(LeafSystem):
             raise InvalidArgumentError(f"period must be greater than 0 s, not {period}")
         self._period = period
         self._seed, seed_ticket = _declare_seed(self, seed)
-        self.DeclareVectorOutputPort(
-            "noise", size, self._calc_noise, {self.time_ticket(), seed_ticket}
-        )
+        self._size = size
+        declare_output(self, "noise", size, self._calc_noise, self.time_ticket(), seed_ticket)
 
-    def _calc_noise(self, context: Context, output: BasicVector) -> None:
+    def _calc_noise(self, context: Context) -> FloatArray:
         seed = int(context.get_numeric_parameter(self._seed)[0])
         tick = tick_index(context.get_time(), self._period) % 2**63
-        output.SetFromVector(np.random.default_rng((seed, tick)).standard_normal(output.size()))
+        return np.random.default_rng((seed, tick)).standard_normal(self._size)
 
 
 class NoisyPoseSensor(LeafSystem):
@@ -141,56 +136,44 @@ class NoisyPoseSensor(LeafSystem):
         if deprecated.get("faults", self) is None:
             del deprecated["faults"]
         config = config_with(config, SensorConfig(), deprecated, self)
-        check_fields(config)
         self._stds = config.position_std, config.orientation_std
         self._faults = config.faults if config.faults.are_any else None
         self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)
         self._noise = self.DeclareInputPort(
             "noise", PortDataType.kVectorValued, self.NOISE_SIZE, RandomDistribution.kGaussian
         )
-        self._memory: CacheEntry | None = None
-        sources = {self._X_WO.ticket(), self._noise.ticket()}
-        times = {self.time_ticket()}
+        time = self.time_ticket()
+        sources: list[Source] = [self._X_WO, self._noise]
         if self._faults is not None:
             if period is None or not period > 0:
                 raise InvalidArgumentError(f"faults need a period greater than 0 s, not {period}")
             check_faults(self._faults, period)
             self._period = period
             self._seed, seed_ticket = _declare_seed(self, seed)
-            sources |= {self.time_ticket(), seed_ticket}
-            if self._faults.need_memory:
-                self._memory = self._declare_memory(sources)
-                sources = times = {self._memory.ticket()}
-        emit = self._calc_arrived_pose if self._memory else self._calc_measured_pose
-        self.DeclareAbstractOutputPort("X_WO_measured", POSE.Clone, emit, sources)
-        self.DeclareVectorOutputPort("measurement_time", 1, self._calc_measurement_time, times)
-
-    def _declare_memory(self, sources: set[DependencyTicket]) -> CacheEntry:
-        assert self._faults is not None
+            sources += [time, seed_ticket]
+        if self._faults is None or not self._faults.need_memory:
+            declare_output(self, "X_WO_measured", POSE, self._measure, *sources)
+            declare_output(self, "measurement_time", 1, lambda c: c.get_time(), time)
+            return
         self._empty = SensorMemory.empty(self._faults, self._period)
         self._state = self.DeclareDiscreteState(pack(self._empty))
-        self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._store_memory)
-        return self.DeclareCacheEntry(
-            "memory at the Context's time",
-            ValueProducer(lambda: AbstractValue.Make(self._empty), self._calc_memory),
-            sources | {self.discrete_state_ticket(self._state)},
+        stored = self.discrete_state_ticket(self._state)
+        self._memory: CacheEntry = declare_cache(
+            self, "memory at the Context's time", self._empty, self._calc_memory, *sources, stored
         )
+        memory = self._memory
+        declare_output(self, "X_WO_measured", POSE, self._arrived, memory)
+        declare_output(self, "measurement_time", 1, lambda c: memory.Eval(c).stamp, memory)
+        self.DeclarePeriodicDiscreteUpdateEvent(self._period, 0.0, self._store_memory)
 
-    def _calc_arrived_pose(self, context: Context, output: AbstractValue) -> None:
-        assert self._memory is not None
-        memory: SensorMemory = self._memory.Eval(context)
-        X_WM = memory.pose.reshape(3, 4)
+    def _arrived(self, context: Context) -> RigidTransform:
+        """Returns the pose that arrived last."""
+        X_WM = self._memory.Eval(context).pose.reshape(3, 4)
         # NaN is no rotation matrix, and a checked constructor would raise an error.
-        R_WM = RotationMatrix.MakeUnchecked(X_WM[:, :3])
-        output.set_value(RigidTransform(R_WM, X_WM[:, 3]))
+        return RigidTransform(RotationMatrix.MakeUnchecked(X_WM[:, :3]), X_WM[:, 3])
 
-    def _calc_measurement_time(self, context: Context, output: BasicVector) -> None:
-        if self._memory is None:
-            output[0] = context.get_time()
-        else:
-            output[0] = self._memory.Eval(context).stamp
-
-    def _calc_measured_pose(self, context: Context, output: AbstractValue) -> None:
+    def _measure(self, context: Context) -> RigidTransform:
+        """Returns the pose that is measured now, whenever it arrives."""
         X_WO: RigidTransform = self._X_WO.Eval(context)
         noise: FloatArray = self._noise.Eval(context)
         position_std, orientation_std = self._stds
@@ -204,27 +187,24 @@ class NoisyPoseSensor(LeafSystem):
                     noise, *self._stds, self._faults, tick=tick, seed=seed
                 )
         R_WM = RotationMatrix.MakeUnchecked(turn) @ X_WO.rotation()
-        output.set_value(RigidTransform(R_WM, X_WO.translation() + offset))
+        return RigidTransform(R_WM, X_WO.translation() + offset)
 
-    def _calc_memory(self, context: Context, output: AbstractValue) -> None:
+    def _calc_memory(self, context: Context) -> SensorMemory:
         assert self._faults is not None
         memory = unpack(self._empty, context.get_discrete_state(self._state).value())
         time = context.get_time()
         tick = tick_index(time, self._period)
         if tick != memory.tick:
-            measured = POSE.Clone()
-            self._calc_measured_pose(context, measured)
             memory = next_memory(
                 memory,
-                measured.get_value().GetAsMatrix34().ravel(),
+                self._measure(context).GetAsMatrix34().ravel(),
                 time=time,
                 tick=tick,
                 faults=self._faults,
                 period=self._period,
                 seed=int(context.get_numeric_parameter(self._seed)[0]),
             )
-        output.set_value(memory)
+        return memory
 
     def _store_memory(self, context: Context, discrete_state: DiscreteValues) -> None:
-        assert self._memory is not None
         discrete_state.set_value(self._state, pack(self._memory.Eval(context)))

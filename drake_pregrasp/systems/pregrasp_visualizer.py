@@ -13,7 +13,7 @@ from drake_pregrasp.geometry.sampling import lifted, unit_normals
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions
 from drake_pregrasp.systems.drawing import NO_REGION_COLOR, contact_color, linear_rgb, tint
-from drake_pregrasp.systems.pose_ports import POSE
+from drake_pregrasp.systems.ports import POSE
 
 ROOT = "/drake/pregrasp"
 """Meshcat path under which everything is drawn."""

@@ -7,16 +7,10 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, LeafSystem
 
-from drake_pregrasp.arrays import (
-    FARTHEST,
-    FloatArray,
-    are_valid_points,
-    validated_weights,
-)
+from drake_pregrasp.arrays import FARTHEST, FloatArray, are_valid_points, validated_weights
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.planner_config import PlannerConfig
-from drake_pregrasp.config.validation import check_fields
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.fast import fast_labels
 from drake_pregrasp.geometry.rotations import rotation_matrix
@@ -32,10 +26,11 @@ from drake_pregrasp.regions.constraints import (
 from drake_pregrasp.regions.obstacles import place_obstacles
 from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
 from drake_pregrasp.regions.walls import SurfaceGraph, normals_agree
-from drake_pregrasp.systems.pose_ports import (
+from drake_pregrasp.systems.ports import (
     OBSTACLES,
     POSE,
     VELOCITY,
+    declare_output,
     eval_obstacles,
     is_valid,
     validated_velocity,
@@ -117,7 +112,6 @@ class SafeRegionPartitioner(LeafSystem):
             {"closed": "limits.forbidden_faces"}
             | {name: f"limits.{name}" for name in vars(LimitsConfig())},
         )
-        check_fields(config)
         limits = config.limits
         for name in ("tip_radii", "reach", "forbidden_faces"):
             count = len(getattr(limits, name))
@@ -148,22 +142,17 @@ class SafeRegionPartitioner(LeafSystem):
         self._obstacles = self.DeclareAbstractInputPort("obstacles", OBSTACLES)
         self._X_WH = self.DeclareAbstractInputPort("X_WH", POSE)
         self._V_WO = self.DeclareAbstractInputPort("V_WO_estimated", VELOCITY)
-        self.DeclareAbstractOutputPort(
-            "safe_regions",
-            lambda: AbstractValue.Make(self._no_regions()),
-            self._calc_regions,
-            {self.all_input_ports_ticket()},
-        )
+        model, inputs = AbstractValue.Make(self._no_regions()), self.all_input_ports_ticket()
+        declare_output(self, "safe_regions", model, self._calc_regions, inputs)
 
     def _no_regions(self) -> SafeRegions:
         labels = np.full(len(self._surface.p_OQ), NO_REGION)
         return SafeRegions.unlimited(labels, self._num_contacts)
 
-    def _calc_regions(self, context: Context, output: AbstractValue) -> None:
+    def _calc_regions(self, context: Context) -> SafeRegions:
         X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
         if not is_valid(X_WO):
-            output.set_value(self._no_regions())
-            return
+            return self._no_regions()
         X_OW = X_WO.inverse()
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
         weights = np.zeros(self._num_contacts)
@@ -179,15 +168,9 @@ class SafeRegionPartitioner(LeafSystem):
         if self._normal_length > 0:
             _, nhat_OC = self._surface.project(p_OC)
             p_OC = lifted(p_OC, nhat_OC, self._normal_length)
-        output.set_value(
-            compute_safe_regions(
-                self._points,
-                p_OC,
-                weights,
-                self._surface.forbidden,
-                constraints,
-                label=self._label,
-            )
+        forbidden, label = self._surface.forbidden, self._label
+        return compute_safe_regions(
+            self._points, p_OC, weights, forbidden, constraints, label=label
         )
 
     def _constraints(

@@ -11,7 +11,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialForce, SpatialVelocity
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import Context, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
@@ -19,7 +19,7 @@ from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.systems.pose_ports import OBSTACLES, POSE
+from drake_pregrasp.systems.ports import OBSTACLES, POSE, declare_output
 
 
 class BodyPose(LeafSystem):
@@ -43,16 +43,9 @@ class BodyPose(LeafSystem):
 
     def __init__(self, body_index: BodyIndex) -> None:
         super().__init__()
-        self._body_index = int(body_index)
-        self._body_poses = self.DeclareAbstractInputPort(
-            "body_poses", AbstractValue.Make([RigidTransform()])
-        )
-        self.DeclareAbstractOutputPort(
-            "X_WB", POSE.Clone, self._calc_pose, {self._body_poses.ticket()}
-        )
-
-    def _calc_pose(self, context: Context, output: AbstractValue) -> None:
-        output.set_value(self._body_poses.Eval(context)[self._body_index])
+        poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
+        index = int(body_index)
+        declare_output(self, "X_WB", POSE, lambda c: poses.Eval(c)[index], poses)
 
 
 class ObjectMotion(LeafSystem):
@@ -73,13 +66,10 @@ class ObjectMotion(LeafSystem):
 
     def __init__(self, profile: VelocityProfile) -> None:
         super().__init__()
-        self._profile = profile
-        self.DeclareVectorOutputPort(
-            "desired_state", 2 * profile.size, self._calc_desired_state, {self.time_ticket()}
+        time = self.time_ticket()
+        declare_output(
+            self, "desired_state", 2 * profile.size, lambda c: profile.at(c.get_time()), time
         )
-
-    def _calc_desired_state(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(np.concatenate(self._profile.at(context.get_time())))
 
 
 class PoseReplay(LeafSystem):
@@ -105,24 +95,19 @@ class PoseReplay(LeafSystem):
         super().__init__()
         self._poses = poses
         self._frame_id = FrameId.get_new_id() if frame_id is None else frame_id
-        timed = {self.time_ticket()}
-        self._pose = self.DeclareAbstractOutputPort("X_WO", POSE.Clone, self._calc_pose, timed)
-        self.DeclareAbstractOutputPort(
-            "geometry_pose",
-            lambda: AbstractValue.Make(FramePoseVector()),
-            self._calc_geometry_pose,
-            timed,
-        )
+        time, poses_model = self.time_ticket(), AbstractValue.Make(FramePoseVector())
+        self._pose = declare_output(self, "X_WO", POSE, self._calc_pose, time)
+        declare_output(self, "geometry_pose", poses_model, self._calc_geometry_pose, time)
 
-    def _calc_pose(self, context: Context, output: AbstractValue) -> None:
+    def _calc_pose(self, context: Context) -> RigidTransform:
         p_WO, R_WO = self._poses.at(context.get_time())
         x, y, z, w = R_WO.as_quat()
-        output.set_value(RigidTransform(RotationMatrix(Quaternion(w, x, y, z)), p_WO))
+        return RigidTransform(RotationMatrix(Quaternion(w, x, y, z)), p_WO)
 
-    def _calc_geometry_pose(self, context: Context, output: AbstractValue) -> None:
+    def _calc_geometry_pose(self, context: Context) -> FramePoseVector:
         poses = FramePoseVector()
         poses.set_value(self._frame_id, self._pose.Eval(context))
-        output.set_value(poses)
+        return poses
 
 
 class Launch(LeafSystem):
@@ -149,7 +134,7 @@ class Launch(LeafSystem):
 
     def __init__(self, plant: MultibodyPlant, body: RigidBody, V_WBcm: SpatialVelocity) -> None:
         super().__init__()
-        self._time_step = plant.time_step()
+        time_step = plant.time_step()
         context = plant.CreateDefaultContext()
         M_BBo_B = body.CalcSpatialInertiaInBodyFrame(context)
         p_BoBcm_B = M_BBo_B.get_com()
@@ -158,24 +143,18 @@ class Launch(LeafSystem):
         force = ExternallyAppliedSpatialForce()
         force.body_index = body.index()
         force.p_BoBq_B = p_BoBcm_B
-        force.F_Bq_W = SpatialForce(
-            M_BBcm_W.CopyToFullMatrix6() @ V_WBcm.get_coeffs() / self._time_step
-        )
-        self._force = force
-        self.DeclareAbstractOutputPort(
+        force.F_Bq_W = SpatialForce(M_BBcm_W.CopyToFullMatrix6() @ V_WBcm.get_coeffs() / time_step)
+        declare_output(
+            self,
             "spatial_forces",
-            lambda: AbstractValue.Make([ExternallyAppliedSpatialForce()]),
-            self._calc_forces,
-            {self.time_ticket()},
+            AbstractValue.Make([force]),
+            lambda c: [force] if c.get_time() < time_step / 2 else [],
+            self.time_ticket(),
         )
-
-    def _calc_forces(self, context: Context, output: AbstractValue) -> None:
-        first = context.get_time() < self._time_step / 2
-        output.set_value([self._force] if first else [])
 
 
 class ContactWeights(LeafSystem):
-    """Emits the contact weights h_i, and -inf for each finger from the time of its loss on.
+    """Emits the contacts' weights h_i, and -inf for each finger from the time of its loss on.
 
     .. pydrake_system::
 
@@ -204,16 +183,15 @@ class ContactWeights(LeafSystem):
                 raise InvalidArgumentError(
                     f"there is no contact {contact}; there are 0 to {len(self._weights) - 1}"
                 )
-        self.DeclareVectorOutputPort(
-            "contact_weights", len(self._weights), self._calc_weights, {self.time_ticket()}
-        )
+        n, time = len(self._weights), self.time_ticket()
+        declare_output(self, "contact_weights", n, self._calc_weights, time)
 
-    def _calc_weights(self, context: Context, output: BasicVector) -> None:
+    def _calc_weights(self, context: Context) -> FloatArray:
         weights = self._weights.copy()
         for time, contacts in self._losses:
             if context.get_time() >= time - 1e-9:  # A tick's time may be rounded down.
                 weights[contacts] = -np.inf
-        output.SetFromVector(weights)
+        return weights
 
 
 class HandPose(LeafSystem):
@@ -242,15 +220,13 @@ class HandPose(LeafSystem):
         super().__init__()
         self._X, self._follow = X_WH, follow
         self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
-        self.DeclareAbstractOutputPort(
-            "X_WH", POSE.Clone, self._calc_pose, {self._X_WO_estimated.ticket()}
-        )
+        declare_output(self, "X_WH", POSE, self._calc_pose, self._X_WO_estimated)
 
-    def _calc_pose(self, context: Context, output: AbstractValue) -> None:
+    def _calc_pose(self, context: Context) -> RigidTransform:
         p_WH = self._X.translation()
         if self._follow:
             p_WH = p_WH + self._X_WO_estimated.Eval(context).translation()
-        output.set_value(RigidTransform(self._X.rotation(), p_WH))
+        return RigidTransform(self._X.rotation(), p_WH)
 
 
 @dataclass(frozen=True, eq=False)
@@ -287,12 +263,10 @@ class MovingObstacles(LeafSystem):
     def __init__(self, obstacles: Sequence[MovingSolid], *, lookahead: float = 0.0) -> None:
         super().__init__()
         self._lookahead, self._moving = lookahead, tuple(obstacles)
-        self.DeclareAbstractOutputPort(
-            "obstacles", OBSTACLES.Clone, self._calc_obstacles, {self.time_ticket()}
-        )
+        declare_output(self, "obstacles", OBSTACLES, self._calc_obstacles, self.time_ticket())
 
-    def _calc_obstacles(self, context: Context, output: AbstractValue) -> None:
+    def _calc_obstacles(self, context: Context) -> Obstacles:
         time = context.get_time() + self._lookahead
         solids = tuple(m.solid.moved(np.eye(3), time * m.velocity) for m in self._moving)
         velocities = np.array([m.velocity for m in self._moving]).reshape(-1, 3)
-        output.set_value(Obstacles(solids, velocities=velocities))
+        return Obstacles(solids, velocities=velocities)

@@ -11,7 +11,7 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import ContactStatus, describe_status
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.systems.drawing import NO_REGION_COLOR, contact_color, text_board
-from drake_pregrasp.systems.pose_ports import POSE
+from drake_pregrasp.systems.ports import POSE
 
 ROOT = "/drake/contact_status"
 """Meshcat path of the labels."""

@@ -132,6 +132,7 @@ CASES = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_systems_understand_the_keywords_that_they_had(surface, p_OC, monkeypatch, name):
     module, make, expected = CASES[name]

@@ -26,6 +26,7 @@ def travel(tips, contacts, order):
     return np.sum(np.linalg.norm(tips - contacts[list(order)], axis=1))
 
 
+@pytest.mark.slow
 @given(seed=st.integers(0, 10**6), n=st.integers(1, 6))
 def test_all_fingers_together_travel_least(seed, n):
     tips, contacts = np.random.default_rng(seed).uniform(size=(2, n, 3))

@@ -400,6 +400,7 @@ def test_a_contact_held_on_forbidden_ground_is_inactive_and_says_so():
 # Recovery.
 
 
+@pytest.mark.slow
 def test_a_contact_without_a_region_comes_back_to_a_permitted_place_with_room():
     rng = np.random.default_rng(0)
     tips = np.full(5, 0.008)

@@ -131,6 +131,7 @@ def margin(surface, p_OC, friction=0.7):
     return min_weight_margin(p_OC - surface.p_OCoM, surface.project(p_OC)[1], friction)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [3, 4, 5])
 def test_the_margin_strategy_leads_any_start_to_force_closure(surface, count):
     rng = np.random.default_rng(0)
@@ -144,6 +145,7 @@ def test_the_margin_strategy_leads_any_start_to_force_closure(surface, count):
         assert moved < 0.005
 
 
+@pytest.mark.slow
 def test_singular_values_alone_end_far_from_the_best_margin(surface):
     """Four contacts, in turns: Q_MSV is content with a grasp that hardly closes."""
     rng = np.random.default_rng(1)

@@ -50,6 +50,7 @@ def last_touch(config, tips, distance):
 four = {"min_size": N, "max_size": N}
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.floats(0.01, 0.3), **four),
     st.lists(st.floats(0.002, 0.02), **four),

@@ -137,6 +137,7 @@ def test_it_drops_into_anybodys_diagram(surface, p_OC):
     assert np.all(np.isfinite(log.data()))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "change",
     [

@@ -95,6 +95,7 @@ def test_chance_hits_of_a_rotation_delay_the_lock_but_do_not_prevent_it(steps_a_
     assert last["tracking_status"][0] == TrackingStatus.TRACKING
 
 
+@pytest.mark.slow
 def test_two_poses_tell_a_twist_with_the_covariance_of_its_errors():
     rng = np.random.default_rng(1)
     dt, p_OCoM = 0.05, np.array([0.02, 0, 0.01])
@@ -120,6 +121,7 @@ def test_poses_at_the_same_time_tell_no_twist():
     np.testing.assert_array_equal(belief.P_position, first_belief(measurement, NOISE).P_position)
 
 
+@pytest.mark.slow
 def test_a_fast_conveyor_is_tracked_within_millimetres(tmp_path):
     text = (
         "{motion: {linear_velocity: 1.0, angular_velocity: 0.0}, simulation_duration: 3,"

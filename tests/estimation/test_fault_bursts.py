@@ -42,6 +42,7 @@ def test_the_busy_share_is_that_of_the_queue(rate, duration):
     assert error < 0.1 * busy
 
 
+@pytest.mark.slow
 def test_rare_bursts_have_the_stated_mean_length_and_none_is_longer_than_the_cut_off():
     mask = np.concatenate([covered(0.05, 0.3, seed) for seed in range(4)])
     found = lengths(mask)
@@ -55,6 +56,7 @@ def test_a_burst_has_a_tick_at_least_and_without_a_rate_there_is_none():
     assert not np.any(covered(0.0, 10.0, ticks=range(100)))
 
 
+@pytest.mark.slow
 def test_bursts_are_as_many_at_the_first_tick_as_later():
     """There is no start-up: occlusions may have begun before the run."""
     first = [covered(1.0, 0.5, seed, ticks=[0])[0] for seed in range(1500)]
@@ -62,6 +64,7 @@ def test_bursts_are_as_many_at_the_first_tick_as_later():
     assert np.mean(first) == pytest.approx(later, abs=4 * math.sqrt(later * (1 - later) / 1500))
 
 
+@pytest.mark.slow
 @settings(max_examples=25)
 @given(
     rate=st.floats(0.1, 5.0),

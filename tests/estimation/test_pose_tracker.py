@@ -82,6 +82,7 @@ def test_good_measurements_in_time_are_what_the_filter_gets():
     assert verdicts == [Verdict.STARTED] + [Verdict.USED] * 29
 
 
+@pytest.mark.slow
 @given(st.permutations(range(8)))
 def test_measurements_in_any_order_give_the_same_belief(order):
     rng = np.random.default_rng(1)
@@ -271,6 +272,7 @@ def test_a_frozen_value_is_refused_but_only_of_a_noisy_sensor_and_a_moving_objec
     assert verdict(track, replace(still[-1], time=40 * DT), 40 * DT) == Verdict.USED
 
 
+@pytest.mark.slow
 def test_the_innovation_is_chi_square_distributed():
     squares, track = [], PoseTrack.empty(3)
     for now, z in in_time(4000, np.random.default_rng(10)):

@@ -115,6 +115,7 @@ def goals_of(surface, p_OC, h, name, *, stretch, covariance, in_turns=False):
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", KINDS)
 @settings(max_examples=25)
 @given(

@@ -30,7 +30,7 @@ from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE
 from drake_pregrasp.regions.constraints import Limit
 from drake_pregrasp.regions.safe_regions import SafeRegions
-from drake_pregrasp.systems.pose_ports import is_valid
+from drake_pregrasp.systems.ports import is_valid
 
 BETWEEN = 0.4
 """Share of a period after a tick at which outputs are looked at again."""

@@ -9,6 +9,7 @@ from scenario_files import GOOD, load, run
 FEW = 150
 
 
+@pytest.mark.slow
 def test_files_are_accepted_or_refused_in_one_line():
     found = run(FEW, seed=0)
     assert found.failures == []

@@ -1,4 +1,4 @@
-"""No contact's ground lies in what is not to be touched."""
+"""No-touch areas hold no part of the allowed surface."""
 
 import numpy as np
 import pytest
@@ -98,7 +98,7 @@ def test_areas_add_up():
     assert not np.any(is_forbidden(triangles, CAN.face_parts, []))
 
 
-def test_with_all_ground_forbidden_there_is_none():
+def test_with_all_surface_forbidden_none_is_left():
     with pytest.raises(NoGroundError, match="make the forbidden areas smaller"):
         mesh_surface(CAN, spacing=0.01, no_touch=[BallSolid(np.zeros(3), 1.0)])
 
@@ -109,7 +109,7 @@ def test_spacings_are_lengths(spacings):
         mesh_surface(CAN, **spacings)
 
 
-def test_forbidden_points_are_spread_over_their_ground():
+def test_forbidden_points_are_spread_over_their_area():
     surface = mesh_surface(CAN, spacing=0.006, no_touch=[AxisArea("+z")], forbidden_spacing=0.01)
     forbidden = surface.forbidden
     np.testing.assert_allclose(forbidden.radii, 0.005)

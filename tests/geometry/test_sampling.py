@@ -165,7 +165,7 @@ SPACINGS = (0.012, 0.006, 0.003)
 
 @pytest.mark.parametrize("shape", [CUP, ball_shape(0.03)], ids=["cup", "ball"])
 def test_area_weighted_sums_approach_the_integral(shape):
-    """The centroid of the half of all ground with x > 0, against the mesh's own triangles."""
+    """The centroid of the half of the surface with x > 0, against the mesh's own triangles."""
     fine = pieces(shape, edge=0.001)
     half = fine.centroids[:, 0] > 0
     exact = np.average(fine.centroids[half], axis=0, weights=fine.areas[half])
@@ -181,6 +181,7 @@ def test_area_weighted_sums_approach_the_integral(shape):
     assert np.all(np.array(errors) < 0.25 * np.array(SPACINGS))
 
 
+@pytest.mark.slow
 def test_contacts_approach_a_limit_as_the_spacing_shrinks():
     """After some ticks of safe regions and position tracking, on the side of a can."""
     shape = cylinder_shape(0.035, 0.12)

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.quality.contact_models import (
+from drake_pregrasp.quality.grasp_quality import (
     CONTACT_MODELS,
     contact_axes,
     contact_blocks,

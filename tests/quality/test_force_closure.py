@@ -121,6 +121,7 @@ def test_the_radius_of_an_octahedron_of_wrenches_is_known():
     assert ferrari_canny(r, r / 0.05, 0.0, **options) == pytest.approx(1 / np.sqrt(3))
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @seeds
 def test_more_friction_holds_no_less(seed, n):
@@ -134,6 +135,7 @@ def test_more_friction_holds_no_less(seed, n):
     assert hard <= ferrari_canny(r, nhat, 0.7, length=0.05, model="soft_finger") + 1e-12
 
 
+@pytest.mark.slow
 @settings(max_examples=30)
 @seeds
 def test_the_radius_turns_with_the_object_as_far_as_pyramids_are_cones(seed, n):

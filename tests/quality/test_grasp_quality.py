@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drake_pregrasp.quality.contact_models import CONTACT_MODELS
-from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.quality.grasp_quality import CONTACT_MODELS, grasp_quality
 
 cases = given(seed=st.integers(0, 10**6), n=st.integers(1, 8))
 

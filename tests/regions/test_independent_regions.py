@@ -67,6 +67,7 @@ def test_what_the_bound_nearly_certifies_is_not_taken_for_closed():
             seen += 1
 
 
+@pytest.mark.slow
 def test_more_friction_closes_no_fewer_and_the_seed_decides(p_OC):
     regions = compute_safe_regions(SURFACE.p_OQ, p_OC, np.zeros(5), SURFACE.forbidden)
     shares = [share(regions, mu) for mu in (0.1, 0.3, 0.7, 1.2)]

@@ -43,6 +43,7 @@ def test_an_interrupted_one_leaves_nothing(error):
     assert (cached("arm-1", fill) / "model.urdf").read_text() == "complete"
 
 
+@pytest.mark.slow
 def test_a_killed_one_is_not_taken_for_complete_and_swept_away_in_time():
     script = """if True:
         import os
@@ -64,6 +65,7 @@ def test_a_killed_one_is_not_taken_for_complete_and_swept_away_in_time():
     assert not partial.exists()
 
 
+@pytest.mark.slow
 def test_two_processes_at_once_get_the_same_complete_model(tmp_path):
     script = """if True:
         import time

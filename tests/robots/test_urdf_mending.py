@@ -53,23 +53,17 @@ def link_with(inertia, mass=1.0):
     )
 
 
+KEYS = {"ixx": (0, 0), "iyy": (1, 1), "izz": (2, 2), "ixy": (0, 1), "ixz": (0, 2), "iyz": (1, 2)}
+
+
 @given(st.lists(moments, min_size=3, max_size=3), st.integers(0, 100))
 def test_inertias_of_bodies_stay_and_others_lose_their_products(squares, seed):
     # Of point masses on three axes, turned: always possible.
     x, y, z = squares
     R = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))[0]
-    I = R @ np.diag([y + z, x + z, x + y]) @ R.T  # noqa: E741
-    keys = {
-        "ixx": (0, 0),
-        "iyy": (1, 1),
-        "izz": (2, 2),
-        "ixy": (0, 1),
-        "ixz": (0, 2),
-        "iyz": (1, 2),
-    }
-    inertia = {key: float(I[place]) for key, place in keys.items()}
-    robot = link_with(inertia)
-    assert mend_inertias(robot) == []
+    moment = R @ np.diag([y + z, x + z, x + y]) @ R.T
+    inertia = {key: float(moment[place]) for key, place in KEYS.items()}
+    assert mend_inertias(link_with(inertia)) == []
     broken = link_with({**inertia, "ixy": inertia["ixx"] + inertia["iyy"]})
     assert mend_inertias(broken) == ["a"]
     assert broken.find("link/inertial/inertia").get("ixy") == "0"
@@ -77,7 +71,7 @@ def test_inertias_of_bodies_stay_and_others_lose_their_products(squares, seed):
 
 
 def test_links_without_mass_have_no_inertia():
-    robot = link_with(dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), 0.0), mass=0)
+    robot = link_with(dict.fromkeys(KEYS, 0.0), mass=0)
     assert mend_inertias(robot) == []
     assert robot.find("link/inertial") is None
 
@@ -93,13 +87,6 @@ def test_converted_meshes_have_the_same_shape_with_normals(tmp_path):
     np.testing.assert_allclose(again.bounds, cone.bounds, atol=1e-5)
 
 
-def test_a_file_that_is_no_mesh_is_refused_in_a_line(tmp_path):
-    (tmp_path / "no.stl").write_text("solid\nnothing")
-    with pytest.raises(InvalidArgumentError, match=r"no.stl can't be read as a mesh") as error:
-        convert_mesh(tmp_path / "no.stl", tmp_path / "part", colors=False)
-    assert "\n" not in str(error.value)
-
-
 @pytest.mark.parametrize("text", ["", "\n", "\nsecond\nthird"])
 def test_an_error_without_a_first_line_is_told_in_a_line_too(tmp_path, monkeypatch, text):
     def load_scene(source):
@@ -109,3 +96,10 @@ def test_an_error_without_a_first_line_is_told_in_a_line_too(tmp_path, monkeypat
     said = "second" if text.strip() else "ValueError"
     with pytest.raises(InvalidArgumentError, match=rf"mesh: {said}$"):
         convert_mesh(tmp_path / "no.stl", tmp_path / "part", colors=False)
+
+
+def test_a_file_that_is_no_mesh_is_refused_in_a_line(tmp_path):
+    (tmp_path / "no.stl").write_text("solid\nnothing")
+    with pytest.raises(InvalidArgumentError, match=r"no.stl can't be read as a mesh") as error:
+        convert_mesh(tmp_path / "no.stl", tmp_path / "part", colors=False)
+    assert "\n" not in str(error.value)

@@ -2,24 +2,20 @@
 
 import numpy as np
 import pytest
-from conftest import read_log
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import EventStatus
-from scipy.spatial.transform import Rotation
+from simulation_runs import check_gaps, run_text
 
 from drake_pregrasp import (
-    BoxSolid,
     HandModel,
     InvalidArgumentError,
     ScenarioError,
     load_hand,
     load_scenario,
     make_diagram,
-    run,
     without_solver_chatter,
 )
 from drake_pregrasp.cli import main
-from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.robots import allegro_panda
 from drake_pregrasp.systems.palm_posture import pose_error
@@ -27,12 +23,8 @@ from drake_pregrasp.systems.palm_posture import pose_error
 pytestmark = pytest.mark.slow
 NAME = "grasp_allegro_panda"
 FILE = "package://drake_pregrasp/allegro_panda.yaml"
-FAST = """{
-  motion: {linear_velocity: 0.05, angular_velocity: 0.2618},
-  grasp: {close_at: 2.5, gate_limit: 0.2},
-  simulation_duration: 6.5,
-  %s
-}"""
+FAST = """motion: {linear_velocity: 0.05, angular_velocity: 0.2618},
+  grasp: {close_at: 2.5, gate_limit: 0.2}, simulation_duration: 6.5, %s"""
 QUIET = "sensor: {position_std: 0.0, orientation_std: 0.0}"
 
 
@@ -43,8 +35,7 @@ def hand(allegro_panda):
 
 @pytest.fixture(scope="module")
 def fast_run(allegro_panda, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("allegro")
-    return run(load_scenario(NAME, text=FAST % QUIET), name=NAME, out=folder, recording=False)
+    return run_text(NAME, FAST % QUIET, tmp_path_factory.mktemp("allegro"))
 
 
 def test_it_follows_lifts_and_holds(fast_run):
@@ -58,28 +49,19 @@ def test_it_follows_lifts_and_holds(fast_run):
 
 
 def test_fingertips_keep_off_the_object_before_they_close(fast_run):
-    log = read_log(fast_run.folder / "grasp.csv")
-    cube = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.065))
-    R_OW = Rotation.from_quat(np.stack([log[f"q{axis}_wo"] for axis in "xyzw"], axis=-1)).inv()
-    p_WO = np.stack([log[f"{axis}_wo"] for axis in "xyz"], axis=-1)
-    for finger in range(4):
-        p_WT = np.stack([log[f"tip{finger}_{axis}"] for axis in "xyz"], axis=-1)
-        gaps = cube.distance(R_OW.apply(p_WT - p_WO)) - 0.012
-        assert np.min(gaps[log["phase"] < GraspPhase.CLOSE]) > 0.007
-        assert np.max(np.abs(gaps[log["phase"] == GraspPhase.HOLD])) < 1e-3
+    check_gaps(fast_run, 0.065, 0.012, 4)
 
 
 def test_two_fingers_and_the_thumb_lift_when_the_third_is_lost(allegro_panda, tmp_path):
-    lost = f"{{damage: [{{at: 2.0, contacts: [0]}}], {QUIET}, simulation_duration: 7.0}}"
-    result = run(load_scenario(NAME, text=lost), name="lost", out=tmp_path, recording=False)
-    grasp = result.summary["grasp"]
+    lost = f"damage: [{{at: 2.0, contacts: [0]}}], {QUIET}, simulation_duration: 7.0"
+    grasp = run_text(NAME, lost, tmp_path).summary["grasp"]
     assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
     assert grasp["lift_height_mm"] > 97
     assert grasp["tip_forces"][0] < 0.1 < 1.0 < min(grasp["tip_forces"][1:])
 
 
 def test_the_arm_holds_the_palm_and_the_hand_is_far_from_its_largest_torques(hand):
-    scenario = load_scenario(NAME, text=FAST % "sensor: {}")
+    scenario = load_scenario(NAME, text=f"{{{FAST % 'sensor: {}'}}}")
     diagram = make_diagram(scenario, scenario.make_surface())
     station = diagram.GetSubsystemByName("object_plant")
     controller = diagram.GetSubsystemByName("hand_controller")
@@ -152,11 +134,7 @@ def test_where_the_arm_does_not_reach_is_said_before_it_moves(hand):
         ("link_3.0_tip", "tip", r"hand has no frame tip; there are: panda_link0, [^_]*(?!_parent)"),
         ("palm: palm_link", "palm: hand", r"base.palm: there is no frame hand; there are: panda_"),
         ("panda_joint7]", "panda_joint8]", r"base.joints: panda_joint8 is weld; it must"),
-        (
-            "home: [0.0, -0.3,",
-            "home: [9.0, -0.3,",
-            r"base.home: 9 of panda_joint1 must be from",
-        ),
+        ("home: [0.0, -0.3,", "home: [9.0, -0.3,", r"base.home: 9 of panda_joint1 must be from"),
         ("home: [0.0, -0.3,", "home: [-0.3,", r"base.home: 6 positions must be 7, one a joint"),
     ],
 )

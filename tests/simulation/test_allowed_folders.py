@@ -40,6 +40,7 @@ def test_a_scenario_names_files_in_its_own_folder_or_in_allowed_ones(there, name
     assert scenario.motion.file == str(there / "other" / "poses.csv")
 
 
+@pytest.mark.slow
 def test_the_command_takes_the_advice(there, capsys):
     file = scenario_of(there, "../other/poses.csv")
     command = ["run", "--scenario_file", str(file), "--out", str(there), "--no-recording"]

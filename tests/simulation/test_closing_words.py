@@ -5,14 +5,10 @@ import re
 
 import numpy as np
 import pytest
-from conftest import read_log
+from simulation_runs import points, run_log, run_text
 
-from drake_pregrasp import load_scenario, run
+from drake_pregrasp import load_scenario
 from drake_pregrasp.cli.run_command import print_result, run_bar
-
-
-def ended(name, text, folder):
-    return run(load_scenario(name, text=text), name=name, out=folder, recording=False)
 
 
 def words(result, capsys):
@@ -20,9 +16,10 @@ def words(result, capsys):
     return dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
 
 
+@pytest.mark.slow
 def test_after_a_damage_they_are_of_the_time_after_it(tmp_path, capsys):
-    text = "{simulation_duration: 6.5, damage: [{at: 5.0, contacts: [3, 4]}]}"
-    result = ended("f_damage", text, tmp_path)
+    text = "simulation_duration: 6.5, damage: [{at: 5.0, contacts: [3, 4]}]"
+    result = run_text("f_damage", text, tmp_path)
     after = result.summary["after_damage"]
     said = words(result, capsys)
     assert "damage" in said
@@ -31,11 +28,12 @@ def test_after_a_damage_they_are_of_the_time_after_it(tmp_path, capsys):
     assert after["max"]["q_vew"] < 28
 
 
+@pytest.mark.slow
 def test_an_object_that_falls_off_the_table_is_noticed(tmp_path, capsys):
-    text = """{simulation_duration: 4.0, motion: {angular_velocity: 20},
-        planner: {static_duration: 1.0}}"""
-    result = ended("a_base", text, tmp_path)
-    log = read_log(result.folder / "log.csv")
+    text = """simulation_duration: 4.0, motion: {angular_velocity: 20},
+        planner: {static_duration: 1.0}"""
+    result = run_text("a_base", text, tmp_path)
+    log = run_log(result)
     left = result.summary["object_left_at"]
     assert left == log["time"][np.argmax(log["z_wo"] < 0)]
     assert log["z_wo"][log["time"] < left].min() > 0
@@ -45,19 +43,21 @@ def test_an_object_that_falls_off_the_table_is_noticed(tmp_path, capsys):
     assert words(result, capsys)["object"].startswith(f"left the table at {left:g} s")
 
 
+@pytest.mark.slow
 def test_an_object_that_is_lost_for_good_is_noticed(tmp_path, capsys):
-    text = """{simulation_duration: 4.0, planner: {static_duration: 1.0},
-        sensor: {faults: {nan_probability: 1.0, start: 2.0}}}"""
-    result = ended("a_base", text, tmp_path)
+    text = """simulation_duration: 4.0, planner: {static_duration: 1.0},
+        sensor: {faults: {nan_probability: 1.0, start: 2.0}}"""
+    result = run_text("a_base", text, tmp_path)
     assert result.summary["object_left_at"] is None
     lost = result.summary["object_lost_at"]
     assert 2.9 < lost < 3.2
-    log = read_log(result.folder / "log.csv")
+    log = run_log(result)
     before = (log["time"] > 0.99) & (log["time"] < lost)
     assert result.summary["mean"]["q_vew"] == pytest.approx(log["q_vew"][before].mean())
     assert words(result, capsys)["object"].startswith(f"was lost for good at {lost:g} s")
 
 
+@pytest.mark.slow
 def test_a_sound_run_lost_nothing_and_a_best_value_below_static_is_said(base_run, capsys):
     assert base_run.summary["object_left_at"] is base_run.summary["object_lost_at"] is None
     static, best = base_run.summary["static"], base_run.summary["max"]
@@ -68,27 +68,24 @@ def test_a_sound_run_lost_nothing_and_a_best_value_below_static_is_said(base_run
     assert said["worse"] == f"best Q_VEW is {static['q_vew'] - best['q_vew']:.2g} below static"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("lookahead", [0.05, 0.03, 0.17])
 def test_position_error_compares_poses_of_the_same_time(lookahead, tmp_path):
-    result = ended("toss", f"{{planner: {{estimator: {{lookahead: {lookahead}}}}}}}", tmp_path)
-    log = read_log(result.folder / "log.csv")
+    log = run_log(run_text("toss", f"planner: {{estimator: {{lookahead: {lookahead}}}}}", tmp_path))
     time, error = log["time"], log["position_error"]
     assert np.all(np.isnan(error) == (time < lookahead - 1e-9))
-    true, predicted = (
-        np.stack([log[f"{axis}_{frames}"] for axis in "xyz"], axis=-1)
-        for frames in ("wo", "wo_estimated")
-    )
+    true, predicted = points(log, "wo"), points(log, "wo_estimated")
     earlier = [np.interp(time, time + lookahead, column) for column in predicted.T]
     expected = np.linalg.norm(np.stack(earlier, axis=-1) - true, axis=1)[time >= lookahead - 1e-9]
     np.testing.assert_allclose(error[time >= lookahead - 1e-9], expected, atol=1e-12)
     assert np.max(error[time > 0.3]) < 0.012  # In flight at 3 m/s.
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("last", "shown"), [(1.0, "1.0"), (59.96, "60.0")])
 def test_the_bar_shows_the_time_of_the_last_tick(last, shown, tmp_path, capsys, monkeypatch):
     ticks = []
-    short = load_scenario("a_base", text="{simulation_duration: 0.05}")
-    run(short, name="a", out=tmp_path, recording=False, on_tick=ticks.append)
+    run_text("a_base", "simulation_duration: 0.05", tmp_path, on_tick=ticks.append)
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "120")
     with run_bar(load_scenario("a_base")) as on_tick:

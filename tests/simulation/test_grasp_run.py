@@ -7,12 +7,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import yaml
-from conftest import read_log
 from pydrake.systems.analysis import Simulator
-from scipy.spatial.transform import Rotation
+from simulation_runs import check_gaps, points, run_log, run_text
 
 from drake_pregrasp import (
-    BoxSolid,
     HalfSpace,
     ScenarioError,
     load_scenario,
@@ -26,26 +24,19 @@ from drake_pregrasp.simulation.summary import inactive_contacts
 
 NAME = "grasp_five_finger"
 QUIET = "sensor: {position_std: 0.0, orientation_std: 0.0}"
-SLOW = f"{{motion: {{linear_velocity: 0.001, angular_velocity: 0.0174}}, {QUIET}}}"
-FAST = f"{{motion: {{linear_velocity: 0.05, angular_velocity: 0.5236}}, {QUIET}}}"
-
-
-def grasp_run(folder, text="{}", **changes):
-    scenario = load_scenario(NAME, text=text)
-    for key, value in changes.items():
-        setattr(scenario, key, value)
-    return run(scenario, name="grasp", out=folder, recording=False)
+SLOW = f"motion: {{linear_velocity: 0.001, angular_velocity: 0.0174}}, {QUIET}"
+FAST = f"motion: {{linear_velocity: 0.05, angular_velocity: 0.5236}}, {QUIET}"
 
 
 @pytest.fixture(scope="module")
 def noisy_run(tmp_path_factory):
-    return grasp_run(tmp_path_factory.mktemp("noisy"))
+    return run_text(NAME, "", tmp_path_factory.mktemp("noisy"))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("text", "largest_error"), [(SLOW, 0.05), (FAST, 0.1)])
 def test_fingertips_follow_and_take_the_object(text, largest_error, tmp_path):
-    check_grasp(grasp_run(tmp_path, text).summary["grasp"], largest_error)
+    check_grasp(run_text(NAME, text, tmp_path).summary["grasp"], largest_error)
 
 
 @pytest.mark.slow
@@ -53,6 +44,7 @@ def test_they_do_so_by_noisy_poses(noisy_run):
     check_grasp(noisy_run.summary["grasp"], 0.3)
 
 
+@pytest.mark.slow
 def test_a_context_can_be_cloned_in_the_middle_of_a_run():
     scenario = load_scenario(NAME)
     diagram = make_diagram(scenario, scenario.make_surface())
@@ -79,33 +71,20 @@ def check_grasp(grasp, largest_error):
     assert 2.0 < min(grasp["tip_forces"]) < max(grasp["tip_forces"]) < 10.0
 
 
+@pytest.mark.slow
 def test_the_log_shows_all_phases_in_their_order(noisy_run):
-    log = read_log(noisy_run.folder / "grasp.csv")
-    assert list(dict.fromkeys(log["phase"])) == [
-        GraspPhase.APPROACH,
-        GraspPhase.TRACK,
-        GraspPhase.CLOSE,
-        GraspPhase.SQUEEZE,
-        GraspPhase.LIFT,
-        GraspPhase.HOLD,
-    ]
-    forces = np.stack([log[f"force{i}_{axis}"] for i in range(5) for axis in "xyz"], axis=-1)
-    held = forces[log["phase"] == GraspPhase.HOLD].reshape(-1, 5, 3).sum(axis=1)
+    log = run_log(noisy_run, "grasp.csv")
+    names = [GraspPhase(phase).name for phase in dict.fromkeys(log["phase"])]
+    assert names == ["APPROACH", "TRACK", "CLOSE", "SQUEEZE", "LIFT", "HOLD"]
+    held = sum(points(log, f"force{i}") for i in range(5))[log["phase"] == GraspPhase.HOLD]
     # They carry the object's weight together, and push it nowhere. Torques tell it to some 5 %,
     # for tips touch beside their centres.
     np.testing.assert_allclose(np.mean(held, axis=0), [0, 0, 0.4 * 9.81], atol=0.3)
 
 
+@pytest.mark.slow
 def test_fingertips_keep_off_the_object_before_they_close(noisy_run):
-    log = read_log(noisy_run.folder / "grasp.csv")
-    cube = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
-    X_OW = Rotation.from_quat(np.stack([log[f"q{axis}_wo"] for axis in "xyzw"], axis=-1)).inv()
-    p_WO = np.stack([log[f"{axis}_wo"] for axis in "xyz"], axis=-1)
-    for finger in range(5):
-        p_WT = np.stack([log[f"tip{finger}_{axis}"] for axis in "xyz"], axis=-1)
-        gaps = cube.distance(X_OW.apply(p_WT - p_WO)) - 0.009
-        assert np.min(gaps[log["phase"] < GraspPhase.CLOSE]) > 0.007
-        assert np.max(np.abs(gaps[log["phase"] == GraspPhase.HOLD])) < 1e-3
+    check_gaps(noisy_run, 0.1, 0.009, 5)
 
 
 @pytest.mark.slow
@@ -118,8 +97,8 @@ def test_the_same_scenario_gives_the_same_log(noisy_run, tmp_path):
 
 @pytest.mark.slow
 def test_a_hand_that_cannot_grasp_opens_and_says_why(tmp_path):
-    lost = "{damage: [{at: 3.0, contacts: [1, 3, 4]}], simulation_duration: 8.0}"
-    result = grasp_run(tmp_path, lost)
+    lost = "damage: [{at: 3.0, contacts: [1, 3, 4]}], simulation_duration: 8.0"
+    result = run_text(NAME, lost, tmp_path)
     written = json.loads((result.folder / "summary.json").read_text())
     assert written["grasp"]["gave_up"] == "only 2 active fingers"
     assert written["grasp"]["phase"] == "back_off"
@@ -128,21 +107,20 @@ def test_a_hand_that_cannot_grasp_opens_and_says_why(tmp_path):
 
 @pytest.mark.slow
 def test_a_slippery_object_is_set_down_again(tmp_path):
-    soft = "{grasp: {touch_force: 0.05, least_force: 0.1, planned_friction: 0.7, friction: 0.2}}"
-    grasp = grasp_run(tmp_path, soft).summary["grasp"]
+    soft = "grasp: {touch_force: 0.05, least_force: 0.1, planned_friction: 0.7, friction: 0.2}"
+    grasp = run_text(NAME, soft, tmp_path).summary["grasp"]
     assert "lost touch" in grasp["gave_up"]
     assert grasp["lift_height_mm"] < 5
 
 
 @pytest.mark.slow
 def test_an_obstacle_over_the_table_keeps_its_distance_from_fingertips(tmp_path):
-    obstacle = "{obstacles: [!BallObstacle {radius: 0.03, center: [0.12, 0.0, 0.05]}], %s}"
+    obstacle = "obstacles: [!BallObstacle {radius: 0.03, center: [0.12, 0.0, 0.05]}]"
     still = "motion: {linear_velocity: 0.0, angular_velocity: 0.3}, simulation_duration: 4.0"
-    result = grasp_run(tmp_path, obstacle % still)
-    log = read_log(result.folder / "grasp.csv")
+    log = run_log(run_text(NAME, f"{obstacle}, {still}", tmp_path), "grasp.csv")
     for finger in range(5):
-        tip = np.stack([log[f"tip{finger}_{axis}"] for axis in "xyz"], axis=-1)
-        assert np.min(np.linalg.norm(tip - [0.12, 0.0, 0.05], axis=1)) > 0.03 + 0.009
+        distances = np.linalg.norm(points(log, f"tip{finger}") - [0.12, 0.0, 0.05], axis=1)
+        assert np.min(distances) > 0.03 + 0.009
 
 
 @pytest.mark.parametrize("own", ["[]", "[!BallObstacle {radius: 0.03, center: [0.2, 0.0, 0.05]}]"])
@@ -173,8 +151,9 @@ def test_the_closing_words_call_the_table_by_its_name():
     }
 
 
+@pytest.mark.slow
 def test_nothing_is_printed(tmp_path, capfd):
-    grasp_run(tmp_path, simulation_duration=0.5)
+    run_text(NAME, "simulation_duration: 0.5", tmp_path)
     assert capfd.readouterr() == ("", "")
 
 

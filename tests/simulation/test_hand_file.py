@@ -6,10 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from drake_pregrasp import (
     HandModel,
     PregraspError,
+    Scenario,
     ScenarioError,
     load_hand,
     load_scenario,
@@ -24,8 +26,16 @@ from drake_pregrasp.simulation.hand_file import load_hand_model
 from drake_pregrasp.simulation.simulation_diagram import hand_planner
 
 MODELS = resource_folder("models")
+BAD = yaml.safe_load((Path(__file__).parent / "bad_hands.yaml").read_text())
 FORBIDDEN = "forbidden_faces: ['+x', '-y', '+y'], radius: 0.009"
 LIMITED = "closing: {force: 3.0, speed: 0.01}, radius: 0.009"
+
+
+SHIPPED = "package://drake_pregrasp/five_finger_hand.yaml"
+
+
+def own_model():
+    return shipped().replace("package://drake_pregrasp/five_finger_hand", "own")
 
 
 def shipped():
@@ -41,8 +51,13 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
+def grasp_with(path: Path) -> Scenario:
+    text = f"{{grasp: {{hand: '{path}'}}}}"
+    return load_scenario("grasp_five_finger", text=text, folders=[path.parent])
+
+
 def test_shipped_hands_are_what_their_files_say():
-    hand = load_hand("package://drake_pregrasp/five_finger_hand.yaml")
+    hand = load_hand(SHIPPED)
     assert isinstance(hand.base, Carrier)
     assert [tip.radius for tip in hand.fingertips] == [0.009] * 5
     assert all(isinstance(tip.reach, SectorReach) for tip in hand.fingertips)
@@ -54,14 +69,11 @@ def test_shipped_hands_are_what_their_files_say():
 
 def test_a_model_is_found_from_the_folder_of_its_description(tmp_path, monkeypatch):
     (tmp_path / "own.sdf").write_text((MODELS / "five_finger_hand.sdf").read_text())
-    path = write(tmp_path, shipped().replace("package://drake_pregrasp/five_finger_hand", "own"))
+    path = write(tmp_path, own_model())
     monkeypatch.chdir(tmp_path.parent)
     hand = load_hand(path)
     assert hand.model == str(tmp_path / "own.sdf")
-    np.testing.assert_array_equal(
-        HandModel(hand).azimuths,
-        HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml")).azimuths,
-    )
+    np.testing.assert_array_equal(HandModel(hand).azimuths, HandModel(load_hand(SHIPPED)).azimuths)
 
 
 @pytest.mark.parametrize(
@@ -80,49 +92,7 @@ def test_reach_may_be_a_ball_a_box_or_a_sector(tmp_path, reach):
     HandModel(hand)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("finger_0_tip", "thumb", r"hand has no frame thumb; there are: "),
-        ("finger_0_tip", "palm", r"hand::palm has 0 joints of its own"),
-        ("yaw]", "roll]", r"base.joints: there is no joint roll; there are: x, y, z, yaw"),
-        ("[x, y, z, yaw]", "[yaw, x, y, z]", r"base.joints: yaw is revolute; three prismatic"),
-        (
-            "home: [0.0, 0.9, 1.35], reach: !SectorReach {azimuth: 0.0,",
-            "home: [0.0, 0.9], reach: !SectorReach {azimuth: 0.0,",
-            r"fingertips\[0\].home: 2 positions must be 3, for the joints that move finger_0_tip",
-        ),
-        (
-            "home: [0.0, 0.9, 1.35], reach: !SectorReach {azimuth: 0.0,",
-            "home: [0.0, 0.9, 4.35], reach: !SectorReach {azimuth: 0.0,",
-            r"fingertips\[0\].home: 4.35 of .* must be from",
-        ),
-        (
-            SECTOR,
-            "!SectorReach {azimuth: 3.0, half_angle: 1.25}",
-            r"fingertips\[0\].reach: it must hold the finger's own home, where finger_0_tip is at",
-        ),
-        (
-            SECTOR,
-            "!BallReach {center: [1, 0, 0], radius: 0.1}",
-            r"fingertips\[0\].reach: it must hold the finger's own home",
-        ),
-        (
-            SECTOR,
-            "!BallReach {center: [0.07, 0, 0], radius: 0.1, incidence: 1.0}",
-            r"fingertips\[0\].reach: a reach with an angle needs a direction",
-        ),
-        ("/five_finger_hand.sdf", "/nothing.sdf", r"model: .*nothing.sdf: there is no such file"),
-        ("/five_finger_hand.sdf", "/package.xml", r"model: .* is no model of a hand"),
-        ("/five_finger_hand.sdf", "/cube.sdf", r"base.joints: there is no joint x; there are: "),
-        ("package://drake_pregrasp/five_finger_hand.sdf", "robots://me.urdf", r"no robot robots:"),
-        ("!Carrier {joints: [x, y, z, yaw], palm_height: 0.155}", "!Leg {}", r"no such tag !Leg; "),
-        ("radius: 0.009", "radius: 9", r"fingertips\[0\].radius: 9 must be a number above 0 and "),
-        ("frame: finger_0_tip, ", "", r"fingertips\[0\]: lacks the key frame"),
-        ("frame: finger_0_tip", "frames: a, frame: b", r"frames: unknown key .*mean frame\?"),
-        ("model:", "model: [", r"is no YAML"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "message"), BAD)
 def test_a_hand_that_is_not_as_described_is_refused_in_one_line(tmp_path, old, new, message):
     assert old in shipped()
     path = write(tmp_path, shipped().replace(old, new, 1))
@@ -130,9 +100,7 @@ def test_a_hand_that_is_not_as_described_is_refused_in_one_line(tmp_path, old, n
         HandModel(load_hand(path))
     assert "\n" not in str(error.value)
     with pytest.raises(ScenarioError, match=message) as error:
-        load_scenario(
-            "grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}", folders=[path.parent]
-        )
+        grasp_with(path)
     assert "grasp.hand: " in str(error.value)
     assert "\n" not in str(error.value)
 
@@ -144,29 +112,20 @@ def test_joints_that_are_nobodys_are_named(tmp_path):
 
 
 def test_closing_limits_come_before_what_a_scenario_asks_for(tmp_path):
-    text = shipped().replace("radius: 0.009", LIMITED, 1)
-    path = write(tmp_path, text)
-    scenario = load_scenario(
-        "grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}", folders=[path.parent]
-    )
+    path = write(tmp_path, shipped().replace("radius: 0.009", LIMITED, 1))
+    scenario = grasp_with(path)
     settings = scenario.grasp.make_settings(load_hand(path).fingertips)
     np.testing.assert_array_equal(settings.largest_force, [3, 12, 12, 12, 12])
     np.testing.assert_array_equal(settings.closing_speed, [0.01, 0.04, 0.04, 0.04, 0.04])
-    weak = path.read_text().replace("force: 3.0", "force: 2.0")
-    path.write_text(weak)
+    path.write_text(path.read_text().replace("force: 3.0", "force: 2.0"))
     with pytest.raises(ScenarioError, match=r"least_force: 2.5 must be at most 2.0"):
-        load_scenario(
-            "grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}", folders=[path.parent]
-        )
+        grasp_with(path)
 
 
 def test_a_contact_on_a_face_that_is_forbidden_to_its_finger_is_refused(tmp_path):
-    text = shipped().replace("radius: 0.009", FORBIDDEN, 1)
-    path = write(tmp_path, text)
+    path = write(tmp_path, shipped().replace("radius: 0.009", FORBIDDEN, 1))
     with pytest.raises(ScenarioError, match=r"nearest to finger_0_tip, to which [+-][xy] is for"):
-        load_scenario(
-            "grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}", folders=[path.parent]
-        )
+        grasp_with(path)
 
 
 MESH = "v 0 0 0\nv 0.01 0 0\nv 0 0.01 0\nv 0 0 0.01\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -189,7 +148,7 @@ def write_model(folder, package):
     assert link in text
     (folder / "models").mkdir(parents=True)
     (folder / "models" / "own.sdf").write_text(text.replace(link, link + VISUAL.format(package)))
-    own = shipped().replace("package://drake_pregrasp/five_finger_hand", "own")
+    own = own_model()
     return write(folder / "models", own)
 
 
@@ -201,11 +160,8 @@ def test_a_mesh_is_found_in_the_package_of_its_model(tmp_path):
 def test_a_mesh_is_found_in_a_package_of_ros(tmp_path, monkeypatch):
     write_package(tmp_path / "ros" / "elsewhere", "elsewhere")
     path = write_model(tmp_path / "own", "elsewhere")
-    with pytest.raises(
-        PregraspError, match=r"own.sdf names .*elsewhere/.*no such package"
-    ) as error:
+    with pytest.raises(PregraspError, match=r"^[^\n]*own.sdf names .*elsewhere/.*no such package"):
         HandModel(load_hand(path))
-    assert "\n" not in str(error.value)
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ros"))
     HandModel(load_hand(path))
 
@@ -214,9 +170,8 @@ def test_a_mesh_is_found_in_a_package_of_ros(tmp_path, monkeypatch):
 def test_a_file_has_to_hold_one_model(tmp_path, count):
     models = "".join(f'<model name="m{i}"><link name="a"/></model>' for i in range(count))
     (tmp_path / "own.sdf").write_text(f'<sdf version="1.9">{models}</sdf>')
-    text = shipped().replace("package://drake_pregrasp/five_finger_hand", "own")
     with pytest.raises(PregraspError, match=r"own\.sdf (must hold one|is no model)"):
-        HandModel(load_hand(write(tmp_path, text)))
+        HandModel(load_hand(write(tmp_path, own_model())))
 
 
 def limited_hand(folder, limit=0.1):
@@ -225,22 +180,19 @@ def limited_hand(folder, limit=0.1):
     assert text.count(wide) == 1
     limits = f"<lower>-{limit}</lower><upper>{limit}</upper>"
     (folder / "own.sdf").write_text(text.replace(wide, limits))
-    return write(folder, shipped().replace("package://drake_pregrasp/five_finger_hand", "own"))
+    return write(folder, own_model())
 
 
 def test_a_wrist_of_less_than_two_turns_is_limited_as_the_model_says(tmp_path):
-    assert HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml")).yaw_range() == (
-        FREE_TURN
-    )
+    assert HandModel(load_hand(SHIPPED)).yaw_range() == (FREE_TURN)
     for limit, expected in ((6.2, (-6.2, 6.2)), (6.3, FREE_TURN)):
         assert HandModel(load_hand(limited_hand(tmp_path, limit))).yaw_range() == expected
 
 
+@pytest.mark.slow
 def test_a_model_that_limits_its_wrist_is_as_good_as_a_scenario_that_does(tmp_path):
     path = limited_hand(tmp_path)
-    by_model = load_scenario(
-        "grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}", folders=[path.parent]
-    )
+    by_model = grasp_with(path)
     by_scenario = load_scenario("grasp_five_finger", text="{grasp: {wrist_range: [-0.1, 0.1]}}")
     turns, poses, contacts = [], [], []
     for scenario in (by_model, by_scenario):
@@ -294,7 +246,7 @@ def test_an_error_without_text_is_a_line_all_the_same(monkeypatch):
 
     monkeypatch.setattr(hand_parsing.Parser, "AddModels", fail)
     with pytest.raises(PregraspError, match=r"five_finger_hand.sdf is no model .*: RuntimeError$"):
-        HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
+        HandModel(load_hand(SHIPPED))
 
 
 @pytest.mark.parametrize(
@@ -309,8 +261,6 @@ def test_a_failed_demand_of_drakes_is_an_error_like_any_other(tmp_path, old, new
     model = (MODELS / "five_finger_hand.sdf").read_text()
     assert old in model
     (tmp_path / "own.sdf").write_text(model.replace(old, new, 1))
-    path = write(tmp_path, shipped().replace("package://drake_pregrasp/five_finger_hand", "own"))
+    path = write(tmp_path, own_model())
     with pytest.raises(ScenarioError, match=r"grasp.hand: .*own.sdf is no model of a hand: Fail"):
-        load_scenario(
-            "grasp_five_finger", text=f"{{grasp: {{hand: '{path}'}}}}", folders=[tmp_path]
-        )
+        grasp_with(path)

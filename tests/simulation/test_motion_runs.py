@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 from conftest import read_log, usable_scenarios
-from pydrake.common.eigen_geometry import Quaternion
-from pydrake.math import RigidTransform
+from simulation_runs import contacts, pose, run_log
 
 from drake_pregrasp import load_scenario, run, shipped_scenarios
 from drake_pregrasp.diagrams.expected_path import expected_path
@@ -17,15 +16,6 @@ MOTIONS = [name for name, (file, _) in shipped_scenarios().items() if file.stem 
 HALF_VIEW = np.radians(75 / 2)  # Of Meshcat's camera, upwards; it sees more to the sides.
 
 
-def pose(log, row, frames):
-    q = Quaternion(*(log[f"q{c}_{frames}"][row] for c in "wxyz"))
-    return RigidTransform(q, [log[f"{c}_{frames}"][row] for c in "xyz"])
-
-
-def goals(log, row):
-    return np.array([[log[f"c{i}_{axis}"][row] for axis in "xyz"] for i in range(5)])
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("name", MOTIONS)
 def test_shipped_motions_are_tracked(name, tmp_path):
@@ -33,7 +23,7 @@ def test_shipped_motions_are_tracked(name, tmp_path):
     scenario.simulation_duration = min(2.0, scenario.simulation_duration)
     result = run(scenario, name=name, out=tmp_path, recording=False)
     assert result.completed
-    log = read_log(result.folder / "log.csv")
+    log = run_log(result)
     late = log["time"] > 0.1
     assert np.max(log["position_error"][late]) < 5e-3
     assert np.all([log[f"c{i}_active"] for i in range(5)])
@@ -46,13 +36,13 @@ def test_goals_stay_within_the_surface_of_a_tossed_object(tmp_path):
         scenario = load_scenario("toss")
         scenario.planner.estimator.lookahead = lookahead
         result = run(scenario, name=f"toss_{lookahead}", out=tmp_path, recording=False)
-        log, surface = read_log(result.folder / "log.csv"), scenario.make_surface()
+        log, surface = run_log(result), scenario.make_surface()
         ahead = round(lookahead / scenario.planner.period)
         assert log["z_wo"].max() - log["z_wo"].min() > 0.4
         for row in range(10, len(log["time"]) - ahead):
-            believed = pose(log, row, "wo_estimated").inverse() @ goals(log, row).T
+            believed = pose(log, row, "wo_estimated").inverse() @ contacts(log, row).T
             assert np.max(np.abs(surface.distance(believed.T))) < 1e-9
-            true = pose(log, row + ahead, "wo").inverse() @ goals(log, row).T
+            true = pose(log, row + ahead, "wo").inverse() @ contacts(log, row).T
             assert np.max(np.abs(surface.distance(true.T))) < 3e-3
 
 
@@ -83,7 +73,7 @@ def test_a_pose_stream_is_run_again_from_its_run_folder(tmp_path):
     second = run(again, name="b", out=tmp_path / "other", recording=False)
     logs = [(result.folder / "log.csv").read_bytes() for result in (first, second)]
     assert logs[0] == logs[1]
-    assert read_log(first.folder / "log.csv")["x_wo"][-1] == pytest.approx(0.05)
+    assert run_log(first)["x_wo"][-1] == pytest.approx(0.05)
 
 
 def test_a_smoothed_file_is_a_stream_that_is_nearer_to_the_truth(tmp_path):

@@ -1,21 +1,11 @@
 import json
-import math
 
 import numpy as np
 import pytest
-from conftest import read_log
-from pydrake.common.eigen_geometry import Quaternion
-from pydrake.math import RigidTransform
 from scipy.spatial.transform import Rotation
+from simulation_runs import contacts, points, pose, run_log, run_text
 
-from drake_pregrasp import (
-    OutputError,
-    ScenarioError,
-    box_surface,
-    load_scenario,
-    run,
-    shipped_scenarios,
-)
+from drake_pregrasp import OutputError, ScenarioError, load_scenario, run, shipped_scenarios
 from drake_pregrasp.config.planner_config import filter_noise
 from drake_pregrasp.estimation.pose_filter import PoseMeasurement, first_belief, predict, update
 from drake_pregrasp.quality.force_closure import ferrari_canny, min_weight_margin
@@ -28,22 +18,9 @@ from drake_pregrasp.systems.pose_sensor import NoiseSource
 STATIC_PUBLISHED = {"q_msv": (2.2089, 0.001), "q_gii": (0.9749, 0.001), "q_vew": (125.4176, 0.005)}
 
 
-def contacts(log, row):
-    return np.array([[log[f"c{i}_{axis}"][row] for axis in "xyz"] for i in range(5)])
-
-
-def pose(log, row, frames):
-    q = Quaternion(*(log[f"q{c}_{frames}"][row] for c in "wxyz"))
-    return RigidTransform(q, [log[f"{c}_{frames}"][row] for c in "xyz"])
-
-
 def test_the_run_folder_is_complete(base_run):
     files = {path.name for path in base_run.folder.iterdir()}
-    assert files - {"diagram.svg"} == set(RUN_FILES) - {
-        "diagram.svg",
-        "recording.html",
-        "grasp.csv",
-    }
+    assert files | {"diagram.svg", "recording.html", "grasp.csv"} == set(RUN_FILES)
     assert json.loads((base_run.folder / "summary.json").read_text()) == base_run.summary
 
 
@@ -65,24 +42,20 @@ def test_adapting_phase_meets_table_2(base_run):
 def test_measures_follow_from_the_log_alone(base_log):
     """G_i = [[I, 0], [[r_i]x, I]] of the active contacts about the true centre, once more."""
     for row in range(0, len(base_log["time"]), 7):
-        centre = np.array([base_log[f"{c}_wo"][row] for c in "xyz"])
-        blocks = []
-        for i, (x, y, z) in enumerate(contacts(base_log, row) - centre):
-            if base_log[f"c{i}_active"][row]:
-                cross = [[0, -z, y], [z, 0, -x], [-y, x, 0]]
-                blocks.append(
-                    np.block([[np.eye(3), np.zeros((3, 3))], [np.array(cross), np.eye(3)]])
-                )
-        G = np.hstack(blocks)
-        sigma = np.sqrt(np.linalg.eigvalsh(G @ G.T))
-        assert base_log["q_msv"][row] == pytest.approx(sigma[0], rel=1e-9)
-        assert base_log["q_gii"][row] == pytest.approx(sigma[0] / sigma[-1], rel=1e-9)
-        volume = math.sqrt(np.linalg.det(G @ G.T))
-        assert base_log["q_vew"][row] == pytest.approx(volume, rel=1e-9)
+        active = [base_log[f"c{i}_active"][row] == 1 for i in range(5)]
+        r = (contacts(base_log, row) - points(base_log, "wo")[row])[active]
+        blocks = [np.block([[np.eye(3), np.zeros((3, 3))], [skew(p), np.eye(3)]]) for p in r]
+        sigma = np.linalg.svd(np.hstack(blocks), compute_uv=False)
+        expected = (sigma[-1], sigma[-1] / sigma[0], np.prod(sigma))
+        measured = [base_log[name][row] for name in STATIC_PUBLISHED]
+        np.testing.assert_allclose(measured, expected, rtol=1e-9)
 
 
-def test_active_contacts_lie_on_allowed_faces(base_log):
-    surface = box_surface([0.1, 0.1, 0.1], spacing=0.01)
+def skew(p):
+    return np.cross(np.eye(3), -p)
+
+
+def test_active_contacts_lie_on_allowed_faces(surface, base_log):
     for row in range(len(base_log["time"])):
         X_WO = pose(base_log, row, "wo_estimated")
         p_OC = (X_WO.inverse() @ contacts(base_log, row).T).T
@@ -109,16 +82,12 @@ def test_the_logged_estimate_is_the_filter_on_each_ticks_own_measurement(scenari
         n = source.get_output_port().Eval(context)
         X_WO = pose(base_log, row, "wo")
         p = X_WO.translation() + scenario.sensor.position_std * n[:3]
-        turn = Rotation.from_rotvec(scenario.sensor.orientation_std * n[3:])
-        R = turn * Rotation.from_matrix(X_WO.rotation().matrix())
+        turn = Rotation.from_rotvec(scenario.sensor.orientation_std * n[3:]).as_matrix()
+        measured = PoseMeasurement(time, p, turn @ X_WO.rotation().matrix())
         if belief is None:
-            belief = first_belief(PoseMeasurement(time, p, R.as_matrix()), noise)
+            belief = first_belief(measured, noise)
         else:
-            belief = update(
-                predict(belief, time - belief.time, noise),
-                PoseMeasurement(time, p, R.as_matrix()),
-                noise,
-            )
+            belief = update(predict(belief, time - belief.time, noise), measured, noise)
         estimate = pose(base_log, row, "wo_estimated")
         np.testing.assert_allclose(estimate.translation(), belief.p_WCoM, atol=1e-12)
         np.testing.assert_allclose(estimate.rotation().matrix(), belief.R_WO, atol=1e-10)
@@ -134,48 +103,47 @@ def test_displacement_and_energy_follow_from_the_contacts(base_log):
     assert base_log["displacement"][0] == base_log["energy"][0] == 0
 
 
-def test_yaw_is_the_turntables_angle(scenario, base_log):
+def test_ticks_and_yaw_are_those_of_the_scenario(scenario, base_run, base_log):
+    np.testing.assert_allclose(base_log["time"], 0.05 * np.arange(161), rtol=1e-12)
+    assert base_run.summary["ticks"] == 161
     w = scenario.motion.angular_velocity
     np.testing.assert_allclose(base_log["yaw_wo"], w * base_log["time"], atol=2e-3)
 
 
-def test_one_row_a_tick(base_run, base_log):
-    np.testing.assert_allclose(base_log["time"], 0.05 * np.arange(161), rtol=1e-12)
-    assert base_run.summary["ticks"] == 161
-
-
+@pytest.mark.slow
 def test_same_scenario_same_bytes(base_run, tmp_path):
     again = load_scenario(file=base_run.folder / "scenario.yaml")
     result = run(again, name="again", out=tmp_path, recording=False)
     assert (result.folder / "log.csv").read_bytes() == (base_run.folder / "log.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_recording_changes_no_byte_of_the_log(base_run, recorded_run):
     logs = [(result.folder / "log.csv").read_bytes() for result in (base_run, recorded_run)]
     assert logs[0] == logs[1]
 
 
+@pytest.mark.slow
 def test_another_seed_is_another_run(base_run, tmp_path):
-    scenario = load_scenario("a_base", text="{random_seed: 1, simulation_duration: 0.5}")
-    result = run(scenario, name="seeded", out=tmp_path, recording=False)
-    other, base = (read_log(r.folder / "log.csv") for r in (result, base_run))
+    result = run_text("a_base", "random_seed: 1, simulation_duration: 0.5", tmp_path)
+    other, base = (run_log(r) for r in (result, base_run))
     assert np.all(other["position_error"] != base["position_error"][:11])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["b_slower", "c_faster", "d_smaller", "e_bigger"])
 def test_other_cases_beat_their_static_contacts(name, tmp_path):
-    scenario = load_scenario(name, text="{simulation_duration: 6.0}")
-    summary = run(scenario, name=name, out=tmp_path, recording=False).summary
+    summary = run_text(name, "simulation_duration: 6.0", tmp_path).summary
     assert summary["max"]["q_msv"] > summary["static"]["q_msv"] + 0.01
     assert summary["max"]["q_gii"] > summary["static"]["q_gii"] + 0.01
     assert summary["force_closure_margin"]["final"] > summary["force_closure_margin"]["static"]
 
 
+@pytest.mark.slow
 def test_poor_start_recovers(base_run, tmp_path):
     """Row g of Table II: four contacts on one face to begin with, the fifth on forbidden ground."""
-    scenario = load_scenario("g_poor_start", text="{simulation_duration: 8.0}")
-    result = run(scenario, name="g", out=tmp_path, recording=False)
-    log = read_log(result.folder / "log.csv")
+    result = run_text("g_poor_start", "simulation_duration: 8.0", tmp_path)
+    log = run_log(result)
     static = log["time"] < 4
     assert np.all(log["c4_active"][static] == 0)
     assert log["c4_active"][-1] == 1
@@ -185,11 +153,12 @@ def test_poor_start_recovers(base_run, tmp_path):
         assert result.summary["max"][measure] > 0.99 * base_run.summary["max"][measure]
 
 
+@pytest.mark.slow
 def test_damage_is_recovered_from(tmp_path):
     """Row f of Table II: both sets are measured after the loss; Q_VEW can't be below 3³ = 27."""
-    text = "{simulation_duration: 9.0, damage: [{at: 7.0, contacts: [3, 4]}]}"
-    result = run(load_scenario("f_damage", text=text), name="f", out=tmp_path, recording=False)
-    log = read_log(result.folder / "log.csv")
+    text = "simulation_duration: 9.0, damage: [{at: 7.0, contacts: [3, 4]}]"
+    result = run_text("f_damage", text, tmp_path)
+    log = run_log(result)
     for contact, active in ((2, 1), (3, 0), (4, 0)):
         assert np.all(log[f"c{contact}_active"][log["time"] < 6.99] == 1)
         assert np.all(log[f"c{contact}_active"][log["time"] > 6.99] == active)
@@ -205,15 +174,16 @@ def test_damage_is_recovered_from(tmp_path):
     assert result.summary["max"]["q_msv"] > 2.2
 
 
+@pytest.mark.slow
 def test_the_margins_are_those_of_the_active_contacts(tmp_path):
-    text = """{simulation_duration: 8.0, damage: [{at: 5.0, contacts: [3, 4]}],
+    text = """simulation_duration: 8.0, damage: [{at: 5.0, contacts: [3, 4]}],
         measures: {contact_model: soft_finger, friction: 0.5, torsional_friction: 0.003,
-        length: 0.06}}"""
-    result = run(load_scenario("a_base", text=text), name="f", out=tmp_path, recording=False)
-    log = read_log(result.folder / "log.csv")
+        length: 0.06}"""
+    result = run_text("a_base", text, tmp_path)
+    log = run_log(result)
     X_OW = pose(log, -1, "wo_estimated").inverse()
     p_OC = (X_OW @ contacts(log, -1).T).T
-    surface = box_surface([0.1, 0.1, 0.1], spacing=0.005)
+    surface = load_scenario("a_base").make_surface()
     _, normals = surface.project(p_OC[:3])
     cone = {"model": "soft_finger", "torsional_friction": 0.003}
     weights = np.array([0, 0, 0, -np.inf, -np.inf])
@@ -222,10 +192,9 @@ def test_the_margins_are_those_of_the_active_contacts(tmp_path):
     expected = {
         "force_closure_margin": min_weight_margin(p_OC[:3], normals, 0.5, **cone),
         "ferrari_canny": ferrari_canny(p_OC[:3], normals, 0.5, length=0.06, **cone),
-        "independent_region_share": force_closed_share(
-            surface, regions, 0.5, generator=generator, **cone
-        ),
     }
+    share = force_closed_share(surface, regions, 0.5, generator=generator, **cone)
+    expected["independent_region_share"] = share
     quality = grasp_quality(p_OC[:3], normals, model="soft_finger", length=0.06)
     assert log["q_vew"][-1] == pytest.approx(quality.q_vew, rel=0.1)  # About the true centre.
     assert result.summary["contact_model"] == "soft_finger"
@@ -245,12 +214,13 @@ def test_measures_that_need_a_cone_take_the_hard_finger_for_the_complete_model(b
         assert measured["final"] > measured["static"] > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [name for name, (file, _) in shipped_scenarios().items() if file.stem == "measures"]
 )
 def test_scenarios_of_other_measures_run(name, base_run, tmp_path):
-    text = "{simulation_duration: 3.0, planner: {static_duration: 0.5}}"
-    summary = run(load_scenario(name, text=text), name=name, out=tmp_path, recording=False).summary
+    text = "simulation_duration: 3.0, planner: {static_duration: 0.5}"
+    summary = run_text(name, text, tmp_path).summary
     margin = summary["force_closure_margin"]
     if name == "frictionless":  # Five contacts that only push close nothing.
         assert margin["final"] == summary["final"]["q_msv"] == 0
@@ -260,26 +230,26 @@ def test_scenarios_of_other_measures_run(name, base_run, tmp_path):
         assert summary["final"]["q_gii"] > 0.3
 
 
+@pytest.mark.slow
 def test_contacts_on_forbidden_ground_are_not_left_of_the_static_set(tmp_path):
-    text = "{simulation_duration: 5.5, damage: [{at: 5.0, contacts: [1]}]}"
-    result = run(load_scenario("g_poor_start", text=text), name="g", out=tmp_path, recording=False)
+    text = "simulation_duration: 5.5, damage: [{at: 5.0, contacts: [1]}]"
+    result = run_text("g_poor_start", text, tmp_path)
     assert result.summary["after_damage"]["static"]["q_vew"] == pytest.approx(27, abs=0.2)
 
 
+@pytest.mark.slow
 def test_damage_ends_the_static_phase(tmp_path):
-    text = "{simulation_duration: 6.0, damage: [{at: 2.0, contacts: [3, 4]}]}"
-    summary = run(
-        load_scenario("a_base", text=text), name="a", out=tmp_path, recording=False
-    ).summary
+    text = "simulation_duration: 6.0, damage: [{at: 2.0, contacts: [3, 4]}]"
+    summary = run_text("a_base", text, tmp_path).summary
     assert summary["static"]["q_vew"] == pytest.approx(125.4157, abs=0.01)
     assert summary["max"]["q_vew"] is None
     assert summary["after_damage"]["max"]["q_vew"] < 28
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "q_vew"), [("h_msv", 125.4), ("i_gii", 125.4), ("j_vew", 125.5)])
 def test_metric_strategies_reach_table_3(name, q_vew, tmp_path):
-    scenario = load_scenario(name, text="{simulation_duration: 8.0}")
-    summary = run(scenario, name=name, out=tmp_path, recording=False).summary
+    summary = run_text(name, "simulation_duration: 8.0", tmp_path).summary
     assert summary["max"]["q_msv"] > 2.2260
     assert summary["max"]["q_gii"] > 0.9890
     assert summary["max"]["q_vew"] > q_vew
@@ -287,29 +257,23 @@ def test_metric_strategies_reach_table_3(name, q_vew, tmp_path):
 
 def test_a_run_that_is_stopped_keeps_its_log(tmp_path):
     ticks = []
-    result = run(
-        load_scenario("a_base"),
-        name="stopped",
-        out=tmp_path,
-        recording=False,
-        on_tick=ticks.append,
-        should_stop=lambda: len(ticks) >= 5,
-    )
+    stop = {"on_tick": ticks.append, "should_stop": lambda: len(ticks) >= 5}
+    result = run_text("a_base", "", tmp_path, **stop)
     assert not result.completed
-    log = read_log(result.folder / "log.csv")
+    log = run_log(result)
     assert len(log["time"]) == len(ticks) == result.summary["ticks"]
     assert result.summary["max"]["q_msv"] is None
 
 
+@pytest.mark.slow
 def test_a_bad_scenario_from_python_is_refused_before_anything_is_touched(tmp_path):
-    good = load_scenario("a_base", text="{simulation_duration: 0.2}")
-    folder = run(good, name="a", out=tmp_path, recording=False).folder
+    folder = run_text("a_base", "simulation_duration: 0.2", tmp_path).folder
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     for change in ({"period": -1.0}, {"static_duration": float("nan")}, {"strategy": "luck"}):
         bad = load_scenario("a_base")
         vars(bad.planner).update(change)
         with pytest.raises(ScenarioError, match=f"planner.{next(iter(change))}"):
-            run(bad, name="a", out=tmp_path, recording=False)
+            run(bad, name="a_base", out=tmp_path, recording=False)
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
 
 
@@ -318,18 +282,13 @@ def test_errors_of_a_callback_stay_what_they_are(tmp_path):
         raise OSError("mine")
 
     with pytest.raises(OSError, match=r"^mine$"):
-        run(load_scenario("a_base"), name="a", out=tmp_path, recording=False, on_tick=on_tick)
+        run_text("a_base", "", tmp_path, on_tick=on_tick)
 
 
-def test_any_description_can_be_plotted(tmp_path):
-    text = "{simulation_duration: 0.2, description: '$\\frac{$'}"
-    result = run(load_scenario("a_base", text=text), name="a", out=tmp_path, recording=False)
+def test_any_description_is_plotted_and_contacts_without_a_place_are_reported(tmp_path):
+    text = "description: '$\\frac{$', initial_contacts: [[0, 0, 1], [1, 0, 0]]"
+    result = run_text("a_base", f"simulation_duration: 0.2, {text}", tmp_path)
     assert (result.folder / "metrics.png").exists()
-
-
-def test_contacts_without_a_place_are_reported(tmp_path):
-    text = "{simulation_duration: 0.2, initial_contacts: [[0, 0, 1], [1, 0, 0]]}"
-    result = run(load_scenario("a_base", text=text), name="a", out=tmp_path, recording=False)
     assert result.summary["inactive_contacts"] == {"0": "no allowed ground"}
 
 

@@ -27,6 +27,7 @@ def short_run(out, text=SHORT, **options):
     return run(load_scenario("a_base", text=text), name="a", out=out, recording=False, **options)
 
 
+@pytest.mark.slow
 def test_the_same_scenario_replaces_its_run_and_nothing_else(tmp_path):
     first = short_run(tmp_path)
     (first.folder / "notes.txt").write_text("mine")
@@ -37,6 +38,7 @@ def test_the_same_scenario_replaces_its_run_and_nothing_else(tmp_path):
     assert (again.folder / "notes.txt").read_text() == "mine"
 
 
+@pytest.mark.slow
 def test_another_scenario_replaces_a_run_only_on_request(tmp_path, capsys):
     out = ["--out", str(tmp_path)]
     assert main([*COMMAND, SHORT, *out]) == 0
@@ -64,6 +66,7 @@ def test_files_of_someone_else_are_not_replaced(tmp_path, name):
     assert contents(tmp_path / "a") == {name: b"precious"}
 
 
+@pytest.mark.slow
 def test_two_runs_into_one_folder_exclude_each_other(tmp_path):
     folder = short_run(tmp_path).folder
     before = contents(folder)
@@ -73,6 +76,7 @@ def test_two_runs_into_one_folder_exclude_each_other(tmp_path):
     short_run(tmp_path)
 
 
+@pytest.mark.slow
 def test_the_lock_of_a_killed_run_blocks_nobody(tmp_path):
     code = f"""
 import os, pathlib

@@ -48,6 +48,7 @@ def test_what_is_refused_is_said_in_one_line(text, problem):
     assert str(caught.value).isprintable()
 
 
+@pytest.mark.slow
 def test_bounds_are_sharp():
     assert len(parse_yaml("file", "[" + "1," * (MAX_VALUES - 1) + "]")) == MAX_VALUES - 1
     parse_yaml("file", "[" * MAX_DEPTH + "]" * MAX_DEPTH)

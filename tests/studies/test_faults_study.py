@@ -79,6 +79,7 @@ def test_contacts_off_the_estimated_object_are_not_valid():
     assert found(off_surface=lambda t: np.nan if t > 15 else 0).valid == pytest.approx(301 / 401)
 
 
+@pytest.mark.slow
 def test_a_real_run_stays_valid_and_recovers_and_without_a_gate_outliers_do_harm():
     job = FaultJob("fault_outliers", 3)
     gated = run_faults(job)
@@ -126,7 +127,7 @@ def test_the_command_studies_what_it_is_asked_for(tmp_path, capsys, monkeypatch)
     assert "Valid contacts at all ticks: in 2 of 2 runs." in text
     assert "NEES" not in text
     monkeypatch.setattr(faults, "fault_scenarios", lambda: {"fault_nan": "no numbers"})
-    faults.study_faults(tmp_path, seeds=1, filter_seeds=2)
+    report = faults.study_faults(tmp_path / "filter", seeds=1, filter_seeds=2)[1]
     text = report.read_text(encoding="utf-8")
     assert all(f"| {name} " in text for name in FILTERS)
 

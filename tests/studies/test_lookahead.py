@@ -16,6 +16,7 @@ from drake_pregrasp.studies.lookahead.lookahead_runs import (
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", CASES)
 def test_look_ahead_leaves_at_most_a_third_of_the_error(case):
     delay, start = 8, 8

@@ -40,6 +40,7 @@ def one_test(pairs):
 pairs_of_grasps = st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, max_size=40)
 
 
+@pytest.mark.slow
 @settings(max_examples=20)
 @given(pairs_of_grasps)
 def test_the_paired_test_is_a_fair_coin_on_the_pairs_that_differ(pairs):

@@ -93,6 +93,7 @@ def test_limits_are_shares_of_all_ticks_in_the_order_of_their_first():
     assert named[1] == numbered[1].replace("obstacle 2", "the table")
 
 
+@pytest.mark.slow
 def test_the_gallery_shows_a_picture_and_numbers_of_each_scenario(tmp_path, monkeypatch):
     shown = {name: own for name, own in gallery.shipped_scenarios().items() if name == "box"}
     monkeypatch.setattr(gallery, "shipped_scenarios", lambda: shown)
@@ -102,6 +103,7 @@ def test_the_gallery_shows_a_picture_and_numbers_of_each_scenario(tmp_path, monk
     assert "Q_MSV 2.2151 static" in text
 
 
+@pytest.mark.slow
 def test_the_table_of_shapes_has_all_ticks_of_all_seeds(tmp_path, monkeypatch):
     monkeypatch.setattr(shape_study, "SHIPPED", ("box",))
     monkeypatch.setattr(shape_study, "unseen_meshes", dict)

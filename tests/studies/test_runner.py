@@ -48,6 +48,7 @@ def again(whole, tmp_path):
     return go_on
 
 
+@pytest.mark.slow
 def test_a_journal_cut_anywhere_is_completed_to_the_same_bytes(again, whole):
     assert set(whole) == {ROWS, JOURNAL, SETTINGS}
     journal = whole[JOURNAL]
@@ -66,6 +67,7 @@ def test_a_journal_cut_anywhere_is_completed_to_the_same_bytes(again, whole):
     )
 
 
+@pytest.mark.slow
 def test_a_failed_job_is_noted_stops_no_other_and_runs_again(again, whole, monkeypatch):
     monkeypatch.setenv("FAIL", "a2")
     found, folder = again(cut=0)
@@ -87,6 +89,7 @@ def test_without_a_folder_a_failed_job_is_an_error(monkeypatch):
         run_jobs(row, JOBS[:1])
 
 
+@pytest.mark.slow
 def test_a_job_may_have_several_rows_or_one_that_cannot_be_sent():
     found = run_jobs(functools.partial(rows_of, count=2), JOBS[:2], processes=1)
     assert found.rows["value"].tolist() == [0, 1, 0, 1]
@@ -109,6 +112,7 @@ def test_processes_are_renewed(monkeypatch):
     assert one == two != three
 
 
+@pytest.mark.slow
 def test_a_killed_process_costs_no_row_and_a_job_that_always_kills_is_given_up(again, tmp_path):
     found, _ = again(cut=0, jobs=JOBS[:4], function=Deadly(tmp_path, {0: 1, 1: 99}))
     assert found.made == 3
@@ -140,6 +144,7 @@ def test_a_folder_in_use_is_refused(again):
         run_jobs(constant_row, JOBS, folder=folder, settings={"a": {"b": 1}})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("number", "rows", "delay"),
     [

@@ -2,7 +2,7 @@
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BusValue
@@ -19,6 +19,7 @@ from drake_pregrasp import (
     HandModel,
     JointReference,
     LimitsConfig,
+    Obstacles,
     PlannerConfig,
     PoseEstimator,
     SafeRegionPartitioner,
@@ -35,6 +36,7 @@ PERIOD, CONTROL_PERIOD = 0.05, 0.02
 AROUND = 2 * np.pi * np.arange(N) / N
 RING = np.stack([np.cos(AROUND), np.sin(AROUND), 0 * AROUND], axis=1)
 SETTINGS = GraspConfig().make_settings()
+X_WO = RigidTransform(RollPitchYaw(0.2, -0.4, 1.0), [0.5, -0.3, 0.2])
 
 
 def planner_config(limits=None, **changes):
@@ -134,6 +136,15 @@ def plain(value):
     return np.array(value)
 
 
+def partition(surface, p_OC, inputs=None, X=X_WO, **settings):
+    """The safe regions of contacts at p_OC on an object at X."""
+    own = {k: settings.pop(k) for k in ("wall_test", "normal_length") if k in settings}
+    driven = Driven(make_partitioner(surface, len(p_OC), settings, **own))
+    driven.fix(X_WO_estimated=X, p_WC=(X @ p_OC.T).T.ravel())
+    driven.fix(**(inputs or {}))
+    return driven.eval("safe_regions")
+
+
 class Driven:
     """A system on its own whose inputs are set, and whose clock goes from tick to tick."""
 
@@ -145,7 +156,7 @@ class Driven:
 
     def fix(self, **inputs):
         for port, value in inputs.items():
-            if isinstance(value, BusValue):
+            if isinstance(value, BusValue | Obstacles):
                 value = AbstractValue.Make(value)
             self.system.GetInputPort(port).FixValue(self.context, value)
 

@@ -3,10 +3,9 @@
 import numpy as np
 import pytest
 from made_systems import CONTROL_PERIOD as PERIOD
-from made_systems import bus, make_arm
+from made_systems import Driven, bus, make_arm
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.systems.palm_posture import SMOOTHING
@@ -20,7 +19,7 @@ LEAD = 0.03
 
 
 def make_posture(**changes):
-    return make_arm(
+    arm = make_arm(
         tip_frames=FRAMES,
         palm_frame="hand::palm",
         finger_azimuths=AZIMUTHS,
@@ -29,98 +28,90 @@ def make_posture(**changes):
         lead=LEAD,
         **changes,
     )
+    return Driven(arm)
 
 
-def place(posture, context, p_WG, yaw, v=(0.0, 0.0, 0.0), w=0.0):
+def place(posture, p_WG, yaw, v=(0.0, 0.0, 0.0), w=0.0):
     """Puts G there, with goals of tips that are on the ring when they are due."""
-    posture.GetInputPort("X_WG").FixValue(context, RigidTransform(p_WG))
-    posture.GetInputPort("V_WG").FixValue(context, SpatialVelocity(w=[0, 0, w], v=v))
+    posture.fix(X_WG=RigidTransform(p_WG))
+    posture.fix(V_WG=SpatialVelocity(w=[0, 0, w], v=v))
     due = RotationMatrix.MakeZRotation(yaw + LEAD * w).matrix()
     goals = bus(RING @ due.T + p_WG + LEAD * np.array(v), names=FRAMES)
-    posture.GetInputPort("tip_goals").FixValue(context, goals)
+    posture.fix(tip_goals=goals)
 
 
-def palm_goal(posture, context):
-    return posture.GetOutputPort("goals").Eval(context).Find("hand::palm")
+def palm_goal(posture):
+    return posture.eval("goals").Find("hand::palm")
 
 
 def test_goals_of_tips_are_passed_on_and_the_posture_is_home():
     posture = make_posture()
-    context = posture.CreateDefaultContext()
-    place(posture, context, np.array([0.1, 0.2, 0.3]), 0.5)
-    goals = posture.GetOutputPort("goals").Eval(context)
-    asked = posture.GetInputPort("tip_goals").Eval(context)
+    place(posture, np.array([0.1, 0.2, 0.3]), 0.5)
+    goals = posture.eval("goals")
+    asked = posture.system.GetInputPort("tip_goals").Eval(posture.context)
     for name in FRAMES:
         assert goals.Find(name).IsExactlyEqualTo(asked.Find(name))
-    np.testing.assert_array_equal(posture.GetOutputPort("nominal_posture").Eval(context), HOME)
+    np.testing.assert_array_equal(posture.eval("nominal_posture"), HOME)
 
 
 def test_a_palm_over_a_steady_motion_is_where_it_belongs_when_the_goals_are_due():
     posture = make_posture()
-    simulator = Simulator(posture)
-    context = simulator.get_mutable_context()
     v, w = np.array([0.05, 0.0, 0.0]), 0.2618
     for index in range(100):
         time = index * PERIOD
-        place(posture, context, v * time, w * time, v, w)
+        place(posture, v * time, w * time, v, w)
         due = time + LEAD
         turn = RotationMatrix.MakeZRotation(w * due)
         expected = RigidTransform(turn, v * due) @ X_GP
-        assert palm_goal(posture, context).IsNearlyEqualTo(expected, 1e-9)
-        simulator.AdvanceTo(time + PERIOD / 2)  # The tick at that time is over.
+        assert palm_goal(posture).IsNearlyEqualTo(expected, 1e-9)
+        posture.simulator.AdvanceTo(time + PERIOD / 2)  # The tick at that time is over.
 
 
 def test_a_jump_is_taken_up_without_one():
     posture = make_posture()
-    simulator = Simulator(posture)
-    context = simulator.get_mutable_context()
-    place(posture, context, np.zeros(3), 0.0)
-    simulator.AdvanceTo(0.1)
+    place(posture, np.zeros(3), 0.0)
+    posture.simulator.AdvanceTo(0.1)
     jump = np.array([0.01, -0.02, 0.0, 0.1])  # Of the position of G, and of the yaw.
-    place(posture, context, jump[:3], jump[3])
+    place(posture, jump[:3], jump[3])
     # Of what is left of the jump, each tick takes up the same share.
     left = jump
     for index in range(5, 60):
         left = left * (1 - PERIOD / SMOOTHING)
-        X_WG = palm_goal(posture, context) @ X_GP.inverse()
+        X_WG = palm_goal(posture) @ X_GP.inverse()
         there = np.append(X_WG.translation(), RollPitchYaw(X_WG.rotation()).yaw_angle())
         np.testing.assert_allclose(jump - there, left, atol=1e-12)
-        simulator.AdvanceTo((index + 0.5) * PERIOD)  # The tick at that time is over.
+        posture.simulator.AdvanceTo((index + 0.5) * PERIOD)  # The tick at that time is over.
 
 
 @pytest.mark.parametrize("yaw", [-3.0, 0.0, 2.0, 3.1])
 def test_it_turns_on_past_half_a_turn(yaw):
     posture = make_posture(yaw=yaw)
-    simulator = Simulator(posture)
-    context = simulator.get_mutable_context()
     w = 1.0
     for index in range(200):
-        place(posture, context, np.zeros(3), yaw + w * index * PERIOD, w=w)
-        simulator.AdvanceTo((index + 0.5) * PERIOD)
-    turn = context.get_discrete_state(0).value()[3]
+        place(posture, np.zeros(3), yaw + w * index * PERIOD, w=w)
+        posture.simulator.AdvanceTo((index + 0.5) * PERIOD)
+    turn = posture.context.get_discrete_state(0).value()[3]
     assert turn == pytest.approx(yaw + w * 200 * PERIOD)
 
 
 def test_it_stays_in_its_range_and_says_where_the_hand_is():
     low, high = -0.5, 0.3
     posture = make_posture(yaw_range=(low, high))
-    simulator = Simulator(posture)
-    context = simulator.get_mutable_context()
     X_WO = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.1, 0.2, 0.3])
-    posture.GetInputPort("X_WO_estimated").FixValue(context, X_WO)
+    posture.fix(X_WO_estimated=X_WO)
     w, ticks = 0.5, 100
     assert w * ticks * PERIOD > high  # The object turns out of the range, and the palm stays in.
     for index in range(ticks):
-        place(posture, context, np.zeros(3), w * index * PERIOD, w=w)
-        simulator.AdvanceTo(index * PERIOD)
-    R_WG = palm_goal(posture, context).rotation() @ X_GP.rotation().inverse()
+        place(posture, np.zeros(3), w * index * PERIOD, w=w)
+        posture.simulator.AdvanceTo(index * PERIOD)
+    R_WG = palm_goal(posture).rotation() @ X_GP.rotation().inverse()
     assert RollPitchYaw(R_WG).yaw_angle() == pytest.approx(high)
-    X_WH = posture.GetOutputPort("X_WH").Eval(context)
+    X_WH = posture.eval("X_WH")
     # H is amid the range, wherever the palm is in it.
     middle = RotationMatrix.MakeZRotation((low + high) / 2)
     expected = RigidTransform(middle, X_WO.translation())
     assert X_WH.IsNearlyEqualTo(expected, 1e-12)
-    X_WU = posture.GetOutputPort("X_WU").Eval(context)
+    X_WU = posture.eval("X_WU")
     expected = RigidTransform(RotationMatrix.MakeZRotation(0.3), X_WO.translation())
     assert X_WU.IsNearlyEqualTo(expected, 1e-9)
 

@@ -7,6 +7,7 @@ from made_systems import (
     CONTROL_PERIOD,
     HAND,
     RADIUS,
+    SETTINGS,
     Driven,
     bus,
     make_carrier,
@@ -21,10 +22,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import BallSolid, HalfSpace, InvalidArgumentError, Obstacles
-from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn, wrapped
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor, HandKinematics
@@ -32,6 +31,7 @@ from drake_pregrasp.systems.joint_reference import LARGEST_RATE
 
 Q = HAND.home(np.array([0.1, -0.05, 0.05]), 0.4) + 0.05 * np.sin(np.arange(19))
 PERIOD = CONTROL_PERIOD
+STILL = SpatialVelocity.Zero()
 RING = 0.079 * UNIT_RING
 
 
@@ -43,129 +43,95 @@ def jacobians(q):
 
 
 def test_a_sensor_feels_what_fingers_press_with():
-    sensor = FingertipSensor(HAND.kinematics)
-    context = sensor.CreateDefaultContext()
     f_T_W = np.random.default_rng(1).normal(size=(5, 3))
     torques = np.einsum("nij,ni->j", jacobians(Q), f_T_W)
-    sensor.GetInputPort("hand_state").FixValue(context, np.concatenate([Q, 0 * Q]))
-    sensor.GetInputPort("net_actuation").FixValue(context, torques)
-    felt = sensor.GetOutputPort("f_T_W").Eval(context).reshape(5, 3)
-    np.testing.assert_allclose(felt, f_T_W, atol=1e-6)
-    p_WT = sensor.GetOutputPort("p_WT").Eval(context).reshape(5, 3)
-    np.testing.assert_allclose(p_WT, HAND.tips_at(Q), atol=1e-12)
-
-
-def reference_context(v, initial=Q):
-    reference = make_reference(initial)
-    simulator = Simulator(reference)
-    context = simulator.get_mutable_context()
-    reference.GetInputPort("commanded_velocity").FixValue(context, v)
-    simulator.Initialize()
-    return reference, simulator, context
+    sensor = Driven(FingertipSensor(HAND.kinematics))
+    sensor.fix(hand_state=np.concatenate([Q, 0 * Q]), net_actuation=torques)
+    np.testing.assert_allclose(sensor.array("f_T_W").reshape(5, 3), f_T_W, atol=1e-6)
+    np.testing.assert_allclose(sensor.array("p_WT").reshape(5, 3), HAND.tips_at(Q), atol=1e-12)
 
 
 def test_a_reference_moves_steadily_between_ticks():
     v = np.linspace(-0.2, 0.2, 19)
-    reference, simulator, context = reference_context(v)
-    simulator.AdvanceTo(PERIOD / 2)  # The first tick is over.
+    reference = Driven(make_reference(Q), commanded_velocity=v)
+    reference.advance(PERIOD / 2)  # The first tick is over.
     for time in (0.03, 0.04, 0.047, 0.06):
-        simulator.AdvanceTo(time)
-        q = reference.GetOutputPort("position").Eval(context)
+        reference.advance(time - reference.context.get_time())
+        q = reference.array("position")
         np.testing.assert_allclose(q, Q + v * time, atol=1e-12)
-        desired = reference.GetOutputPort("desired_state").Eval(context)
+        desired = reference.array("desired_state")
         np.testing.assert_allclose(desired, np.concatenate([q, v]), atol=1e-12)
 
 
 def test_a_reference_stays_within_limits_and_rates():
-    v = np.zeros(19)
-    v[5] = 100.0
-    reference, simulator, context = reference_context(v)
-    simulator.AdvanceTo(PERIOD)
-    desired = reference.GetOutputPort("desired_state").Eval(context)
-    assert desired[19 + 5] == LARGEST_RATE
-    simulator.AdvanceTo(1.0)
-    q = reference.GetOutputPort("position").Eval(context)
-    assert q[5] == HAND.kinematics.upper[5]
-    desired = reference.GetOutputPort("desired_state").Eval(context)
-    assert desired[19 + 5] == 0
+    reference = Driven(make_reference(Q), commanded_velocity=100.0 * np.eye(19)[5])
+    reference.tick()
+    assert reference.array("desired_state")[19 + 5] == LARGEST_RATE
+    reference.advance(1.0)
+    assert reference.array("position")[5] == HAND.kinematics.upper[5]
+    assert reference.array("desired_state")[19 + 5] == 0
 
 
 def test_a_reference_presses_by_its_stiffness():
-    reference, _, context = reference_context(np.zeros(19))
     f_T_W = np.random.default_rng(2).normal(size=(5, 3))
-    reference.GetInputPort("f_T_W").FixValue(context, f_T_W.ravel())
-    offset = reference.GetOutputPort("desired_state").Eval(context)[:19] - Q
-    torques = HAND.kinematics.stiffness * offset
+    reference = Driven(make_reference(Q), f_T_W=f_T_W.ravel())
+    torques = HAND.kinematics.stiffness * (reference.array("desired_state")[:19] - Q)
     np.testing.assert_allclose(torques, np.einsum("nij,ni->j", jacobians(Q), f_T_W), atol=1e-9)
-
-
-def test_a_palm_turns_with_the_goals_on_and_on():
-    posture = make_carrier(gain=5.0, carrier=HAND.base.joints)
-    simulator = Simulator(posture)
-    context = simulator.get_mutable_context()
-    posture.GetInputPort("V_WG").FixValue(context, SpatialVelocity.Zero())
-    for index, angle in enumerate(np.arange(0.0, 13.0, 0.3)):
-        p_WG = np.array([0.01 * index, 0.0, 0.1])
-        R = RotationMatrix.MakeZRotation(angle).matrix()
-        posture.GetInputPort("X_WG").FixValue(context, RigidTransform(p_WG))
-        posture.GetInputPort("tip_goals").FixValue(context, bus(RING @ R.T + p_WG))
-        simulator.AdvanceTo(index * PERIOD + 1e-3)
-        nominal = posture.GetOutputPort("nominal_posture").Eval(context)
-        assert nominal[3] == pytest.approx(angle)
-        np.testing.assert_allclose(nominal[:3] - [0, 0, 0.155], p_WG, atol=1e-12)
-
-
-def test_a_palm_that_lags_by_its_gain_is_asked_to_be_ahead():
-    posture = make_carrier(gain=4.0, carrier=HAND.base.joints)
-    context = posture.CreateDefaultContext()
-    posture.GetInputPort("X_WG").FixValue(context, RigidTransform())
-    posture.GetInputPort("tip_goals").FixValue(context, bus(RING))
-    V_WG = SpatialVelocity(w=[0, 0, 0.2], v=[0.04, 0.02, 0.0])
-    posture.GetInputPort("V_WG").FixValue(context, V_WG)
-    nominal = posture.GetOutputPort("nominal_posture").Eval(context)
-    np.testing.assert_allclose(nominal[:4], [0.01, 0.005, 0.155, 0.05], atol=1e-12)
 
 
 LIMITED = (-0.5, 0.3)
 
 
-def posture_of(yaw_range):
-    return make_carrier(carrier=HAND.base.joints, yaw_range=yaw_range)
+def posture_over(p_WG=(0.0, 0.0, 0.0), V_WG=STILL, **changes):
+    """A carrier's posture over a point, with goals on the ring."""
+    system = make_carrier(carrier=HAND.base.joints, **changes)
+    X_WG = RigidTransform(np.array(p_WG))
+    return Driven(system, X_WG=X_WG, V_WG=V_WG, tip_goals=bus(RING + p_WG))
+
+
+def turned(angle):
+    return RING @ RotationMatrix.MakeZRotation(angle).matrix().T
+
+
+def test_a_palm_turns_with_the_goals_on_and_on():
+    posture = posture_over()
+    for index, angle in enumerate(np.arange(0.0, 13.0, 0.3)):
+        p_WG = np.array([0.01 * index, 0.0, 0.1])
+        posture.fix(X_WG=RigidTransform(p_WG), tip_goals=bus(turned(angle) + p_WG))
+        posture.simulator.AdvanceTo(index * PERIOD + 1e-3)
+        nominal = posture.array("nominal_posture")
+        assert nominal[3] == pytest.approx(angle)
+        np.testing.assert_allclose(nominal[:3] - [0, 0, 0.155], p_WG, atol=1e-12)
+
+
+def test_a_palm_that_lags_by_its_gain_is_asked_to_be_ahead():
+    posture = posture_over(V_WG=SpatialVelocity(w=[0, 0, 0.2], v=[0.04, 0.02, 0.0]), gain=4.0)
+    nominal = posture.array("nominal_posture")
+    np.testing.assert_allclose(nominal[:4], [0.01, 0.005, 0.155, 0.05], atol=1e-12)
 
 
 def test_a_palm_of_limited_range_stays_in_it_and_comes_back_the_other_way_round():
-    posture = posture_of(LIMITED)
-    simulator = Simulator(posture)
-    context = simulator.get_mutable_context()
-    posture.GetInputPort("V_WG").FixValue(context, SpatialVelocity.Zero())
-    posture.GetInputPort("X_WG").FixValue(context, RigidTransform())
+    posture = posture_over(yaw_range=LIMITED)
     yaws = []
     for index, angle in enumerate(np.arange(0.0, 2 * np.pi, 0.2)):
-        R = RotationMatrix.MakeZRotation(angle).matrix()
-        posture.GetInputPort("tip_goals").FixValue(context, bus(RING @ R.T))
-        simulator.AdvanceTo(index * PERIOD + 1e-3)
-        yaws.append(posture.GetOutputPort("nominal_posture").Eval(context)[3])
-    assert max(yaws) == LIMITED[1]
-    assert min(yaws) == LIMITED[0]
+        posture.fix(tip_goals=bus(turned(angle)))
+        posture.simulator.AdvanceTo(index * PERIOD + 1e-3)
+        yaws.append(posture.array("nominal_posture")[3])
+    assert (min(yaws), max(yaws)) == LIMITED
     assert yaws[-1] == pytest.approx(6.2 - 2 * np.pi)
 
 
 @pytest.mark.parametrize(("yaw_range", "expected"), [(LIMITED, -0.1), (FREE_TURN, 0.4)])
 def test_the_hand_is_over_the_object_and_turned_as_its_palm_or_in_the_middle(yaw_range, expected):
-    posture = posture_of(yaw_range)
-    simulator = Simulator(posture)
-    context = simulator.get_mutable_context()
-    R = RotationMatrix.MakeZRotation(0.4)
-    posture.GetInputPort("V_WG").FixValue(context, SpatialVelocity.Zero())
-    posture.GetInputPort("X_WG").FixValue(context, RigidTransform([0.3, 0.2, 0.5]))
-    goals = RING @ R.matrix().T + [0.3, 0.2, 0.5]
-    posture.GetInputPort("tip_goals").FixValue(context, bus(goals))
+    p_WG = np.array([0.3, 0.2, 0.5])
+    posture = posture_over(p_WG, yaw_range=yaw_range)
+    posture.fix(tip_goals=bus(turned(0.4) + p_WG))
     X_WO = RigidTransform(RotationMatrix.MakeXRotation(0.2), [0.3, 0.2, 0.1])
-    posture.GetInputPort("X_WO_estimated").FixValue(context, X_WO)
-    simulator.AdvanceTo(PERIOD + 1e-3)
+    posture.fix(X_WO_estimated=X_WO)
+    posture.advance(PERIOD + 1e-3)
     for port, turn in (("X_WH", expected), ("X_WU", np.clip(0.4, *yaw_range))):
         expected_pose = RigidTransform(RotationMatrix.MakeZRotation(turn), [0.3, 0.2, 0.1])
-        assert posture.GetOutputPort(port).Eval(context).IsNearlyEqualTo(expected_pose, 1e-9)
+        assert posture.eval(port).IsNearlyEqualTo(expected_pose, 1e-9)
 
 
 @pytest.mark.parametrize(("name", "value"), [("period", 0.0), ("gain", -1.0), ("gain", np.nan)])
@@ -321,101 +287,82 @@ def test_fingers_that_have_let_go_heed_obstacles_again(let_go):
 
 
 def test_a_palm_of_limited_range_goes_to_its_goals_whoever_is_withdrawn():
-    shaper, posture = Shaper(CONTACTS), posture_of(LIMITED)
-    own = posture.CreateDefaultContext()
+    shaper, posture = Shaper(CONTACTS), posture_over(yaw_range=LIMITED)
     turn = RotationMatrix.MakeZRotation(0.25).matrix()
-    contacts = [(0.6 * p @ turn.T, turn @ p / 0.079) for p in RING]
-    shaper.contacts(contacts)
+    shaper.contacts([(0.6 * p @ turn.T, turn @ p / 0.079) for p in RING])
     shaper.fix(contact_status=np.array([1.0, 1, 1, ContactStatus.LOST, ContactStatus.LOST]))
-    for port, value in (
-        ("X_WO_estimated", RigidTransform()),
-        ("X_WG", RigidTransform()),
-        ("V_WG", SpatialVelocity.Zero()),
-    ):
-        posture.GetInputPort(port).FixValue(own, value)
+    posture.fix(X_WO_estimated=RigidTransform())
     for _ in range(200):
-        shaper.fix(X_WU=posture.GetOutputPort("X_WU").Eval(own))
+        shaper.fix(X_WU=posture.eval("X_WU"))
         goals = shaper.goals(PERIOD)
-        posture.GetInputPort("tip_goals").FixValue(own, bus(goals))
-        yaw = posture.GetOutputPort("nominal_posture").Eval(own)[3]
-        own.SetDiscreteState(0, [yaw])
+        posture.fix(tip_goals=bus(goals))
+        yaw = posture.array("nominal_posture")[3]
+        posture.context.SetDiscreteState(0, [yaw])
     assert yaw == pytest.approx(palm_turn(goals[:3], AROUND[:3], 0.0), abs=1e-3)
     aside = np.arctan2(goals[3:, 1], goals[3:, 0]) - AROUND[3:] - yaw
     np.testing.assert_allclose(wrapped(aside), 0, atol=1e-3)
 
 
+def sequencer_over(X_WO):
+    return Driven(
+        make_sequencer(),
+        close=[0.0],
+        contact_status=np.ones(5),
+        contact_frames=np.concatenate([POINTS, NORMALS]).ravel(),
+        X_WO_estimated=X_WO,
+        V_WO_estimated=SpatialVelocity(w=[0, 0, 0.1], v=[0.05, 0, 0]),
+        p_WT=(X_WO @ (POINTS + RADIUS * NORMALS).T).T.ravel(),
+        f_T_W=np.zeros(15),
+    )
+
+
 def test_fingers_hold_from_closing_until_they_let_go():
-    settings = GraspConfig().make_settings()
-    sequencer, simulator, context = sequencer_over(X_WO=RigidTransform([0.0, 0.0, 0.05]))
-
-    def held():
-        return sequencer.GetOutputPort("fingers_hold").Eval(context).copy()
-
-    simulator.AdvanceTo(settings.approach_duration + 0.1)
-    np.testing.assert_array_equal(held(), 0)
+    hand = sequencer_over(X_WO=RigidTransform([0.0, 0.0, 0.05]))
     felt = np.zeros((5, 3))
-    felt[0] = -2 * settings.touch_force * NORMALS[0]
-    sequencer.GetInputPort("f_T_W").FixValue(context, felt.ravel())
-    sequencer.GetInputPort("close").FixValue(context, [1.0])
-    simulator.AdvanceTo(context.get_time() + settings.gate_limit + 0.1)
-    np.testing.assert_array_equal(held(), 1)
-    sequencer.GetInputPort("close").FixValue(context, [0.0])
-    simulator.AdvanceTo(context.get_time() + PERIOD)
-    np.testing.assert_array_equal(held(), [1, 0, 0, 0, 0])
-    simulator.AdvanceTo(context.get_time() + settings.squeeze_duration)
-    np.testing.assert_array_equal(held(), 0)
-    assert sequencer.GetOutputPort("hold_contacts").Eval(context)[0] == 1
+    felt[0] = -2 * SETTINGS.touch_force * NORMALS[0]
+    for inputs, seconds, holding in (
+        ({}, SETTINGS.approach_duration + 0.1, [0] * 5),
+        ({"f_T_W": felt.ravel(), "close": [1.0]}, SETTINGS.gate_limit + 0.1, [1] * 5),
+        ({"close": [0.0]}, PERIOD, [1, 0, 0, 0, 0]),
+        ({}, SETTINGS.squeeze_duration, [0] * 5),
+    ):
+        hand.fix(**inputs)
+        hand.advance(seconds)
+        np.testing.assert_array_equal(hand.array("fingers_hold"), holding)
+    assert hand.array("hold_contacts")[0] == 1
 
 
 def test_who_has_touched_keeps_touching_and_all_together_carry_the_weight():
-    settings = GraspConfig().make_settings()
     R_WO = RotationMatrix.MakeXRotation(0.3)
-    sequencer, simulator, context = sequencer_over(RigidTransform(R_WO, [0.0, 0.0, 0.05]))
+    hand = sequencer_over(RigidTransform(R_WO, [0.0, 0.0, 0.05]))
     normals_W = NORMALS @ R_WO.matrix().T
-    sequencer.GetInputPort("close").FixValue(context, [1.0])
-    sequencer.GetInputPort("V_WO_estimated").FixValue(context, SpatialVelocity.Zero())
+    hand.fix(close=[1.0])
+    hand.fix(V_WO_estimated=SpatialVelocity.Zero())
     felt = np.zeros((5, 3))
-    felt[0] = -2 * settings.touch_force * normals_W[0]
-    sequencer.GetInputPort("f_T_W").FixValue(context, felt.ravel())
-    simulator.AdvanceTo(settings.approach_duration + settings.gate_limit + 0.1)
-    forces = sequencer.GetOutputPort("squeeze_forces").Eval(context).reshape(5, 3)
-    np.testing.assert_allclose(forces[0], -settings.touch_force * normals_W[0], atol=1e-12)
+    felt[0] = -2 * SETTINGS.touch_force * normals_W[0]
+    hand.fix(f_T_W=felt.ravel())
+    hand.simulator.AdvanceTo(SETTINGS.approach_duration + SETTINGS.gate_limit + 0.1)
+    forces = hand.array("squeeze_forces").reshape(5, 3)
+    np.testing.assert_allclose(forces[0], -SETTINGS.touch_force * normals_W[0], atol=1e-12)
     np.testing.assert_array_equal(forces[1:], 0)
-    sequencer.GetInputPort("f_T_W").FixValue(context, (-normals_W).ravel())
-    simulator.AdvanceTo(context.get_time() + settings.squeeze_duration + 0.1)
-    forces = sequencer.GetOutputPort("squeeze_forces").Eval(context).reshape(5, 3)
+    hand.fix(f_T_W=(-normals_W).ravel())
+    hand.advance(SETTINGS.squeeze_duration + 0.1)
+    forces = hand.array("squeeze_forces").reshape(5, 3)
     np.testing.assert_allclose(forces.sum(axis=0), [0, 0, 0.4 * 9.81], atol=0.01)
-    assert np.min(-np.sum(forces * normals_W, axis=1)) >= settings.least_force - 1e-3
-
-
-def sequencer_over(X_WO):
-    sequencer = make_sequencer()
-    simulator = Simulator(sequencer)
-    context = simulator.get_mutable_context()
-    for port, value in (
-        ("close", [0.0]),
-        ("contact_status", np.ones(5)),
-        ("contact_frames", np.concatenate([POINTS, NORMALS]).ravel()),
-        ("X_WO_estimated", X_WO),
-        ("V_WO_estimated", SpatialVelocity(w=[0, 0, 0.1], v=[0.05, 0, 0])),
-        ("p_WT", (X_WO @ (POINTS + RADIUS * NORMALS).T).T.ravel()),
-        ("f_T_W", np.zeros(15)),
-    ):
-        sequencer.GetInputPort(port).FixValue(context, value)
-    return sequencer, simulator, context
+    assert np.min(-np.sum(forces * normals_W, axis=1)) >= SETTINGS.least_force - 1e-3
 
 
 def test_the_carried_frame_comes_down_to_the_object():
     X_WO = RigidTransform(RotationMatrix.MakeZRotation(0.3), [0.1, 0.0, 0.05])
-    sequencer, simulator, context = sequencer_over(X_WO)
+    hand = sequencer_over(X_WO)
     heights, speeds = [], []
     for time in np.arange(0.0, 2.0, 0.1):
-        simulator.AdvanceTo(time)
-        X_WG = sequencer.GetOutputPort("X_WG").Eval(context)
+        hand.simulator.AdvanceTo(time)
+        X_WG = hand.eval("X_WG")
         np.testing.assert_array_equal(X_WG.rotation().matrix(), X_WO.rotation().matrix())
         heights.append(X_WG.translation()[2] - 0.05)
-        speeds.append(sequencer.GetOutputPort("V_WG").Eval(context).translational()[2])
-    assert heights[0] == pytest.approx(GraspConfig().make_settings().approach_height)
+        speeds.append(hand.eval("V_WG").translational()[2])
+    assert heights[0] == pytest.approx(SETTINGS.approach_height)
     assert heights[-1] == pytest.approx(0)
     assert np.all(np.diff(heights) <= 1e-12)
     np.testing.assert_allclose(speeds[1:-1], np.gradient(heights, 0.1)[1:-1], atol=0.01)

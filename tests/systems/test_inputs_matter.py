@@ -131,18 +131,12 @@ CASES = {
             "net_actuation": ([1] * NQ, [2] * NQ, ["f_T_W"]),
         },
     ),
-    "joint_reference": (
-        make_reference,
-        {"f_T_W": (np.zeros(15), np.ones(15), ["desired_state"])},
-    ),
+    "joint_reference": (make_reference, {"f_T_W": (np.zeros(15), np.ones(15), ["desired_state"])}),
     "carrier_posture": (make_carrier, followed_by("nominal_posture") | PALM),
     "arm_posture": (make_arm, followed_by("goals") | PALM),
     "shaper": (
         lambda: make_shaper(lead=0.03),
-        {
-            "X_WG": (X_A, X_B, ["tip_goals"]),
-            "V_WG": (V_A, V_B, ["tip_goals"]),
-        },
+        {"X_WG": (X_A, X_B, ["tip_goals"]), "V_WG": (V_A, V_B, ["tip_goals"])},
     ),
     "sequencer": (
         make_sequencer,

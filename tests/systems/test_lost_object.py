@@ -2,22 +2,15 @@
 
 import numpy as np
 import pytest
-from made_systems import PERIOD, Driven, make_partitioner, make_selector, points_of
+from made_systems import PERIOD, X_WO, Driven, make_selector, partition, points_of
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
-from drake_pregrasp import (
-    BallReach,
-    BallSolid,
-    ContactStatus,
-    InvalidArgumentError,
-    Obstacles,
-)
+from drake_pregrasp import BallReach, BallSolid, ContactStatus, InvalidArgumentError, Obstacles
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 
-X_WO = RigidTransform(RollPitchYaw(0.2, -0.4, 1.0), [0.5, -0.3, 0.2])
 LATER = RigidTransform(RollPitchYaw(0.1, 0.2, -0.7), [0.3, 0.1, 0.0])
 STANDOFF = 0.03
 NOT_FOLLOWED = [TrackingStatus.WAITING, TrackingStatus.LOST, np.nan, 17.0, -np.inf]
@@ -175,12 +168,6 @@ def test_a_senseless_standoff_is_refused(surface, p_OC, standoff):
         make_selector(surface, p_OC, lost_standoff=standoff)
 
 
-def partition(surface, p_OC, changes, **limits):
-    system = make_partitioner(surface, len(p_OC), limits)
-    inputs = {"X_WO_estimated": X_WO, "p_WC": (X_WO @ p_OC.T).T.ravel(), **changes}
-    return Driven(system, **inputs).eval("safe_regions")
-
-
 @pytest.mark.parametrize("name", NO_POSES)
 def test_without_a_pose_nobody_has_a_region(surface, p_OC, name):
     assert np.all(partition(surface, p_OC, {"X_WO_estimated": NO_POSES[name]}).sizes() == 0)
@@ -225,16 +212,16 @@ def test_a_contact_without_a_place_is_as_one_that_is_lost(surface, p_OC, number)
 def test_an_obstacle_without_a_place_obstructs_all(surface, p_OC):
     ball = BallSolid(np.array([9.0, 0.0, 0.0]), 0.1)
     obstacles = Obstacles((BallSolid(np.array([9.0, 1.0, 0.0]), 0.1), ball))
-    assert np.all(partition(surface, p_OC, {"obstacles": AbstractValue.Make(obstacles)}).sizes())
+    assert np.all(partition(surface, p_OC, {"obstacles": obstacles}).sizes())
     ball.center[0] = np.nan
-    regions = partition(surface, p_OC, {"obstacles": AbstractValue.Make(obstacles)})
+    regions = partition(surface, p_OC, {"obstacles": obstacles})
     assert np.all(regions.sizes() == 0)
     np.testing.assert_array_equal(regions.causes, 1)
 
 
 def test_an_object_of_unknown_velocity_is_taken_to_stay(surface, p_OC):
     ball = BallSolid(X_WO.translation() + 0.12 * np.eye(3)[2], 0.05)
-    obstacles = AbstractValue.Make(Obstacles((ball,), velocities=np.array([[0.0, 0, 0.01]])))
+    obstacles = Obstacles((ball,), velocities=np.array([[0.0, 0, 0.01]]))
     arguments = {"horizon": 0.5, "tip_radii": [0.009] * 5}
     changes = {"obstacles": obstacles, "V_WO_estimated": SpatialVelocity.Zero()}
     still = partition(surface, p_OC, changes, **arguments)

@@ -11,8 +11,7 @@ from pydrake.systems.analysis import Simulator
 from drake_pregrasp import ContactStatus, InvalidArgumentError, box_surface
 from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.estimation.pose_track import TrackingStatus
-from drake_pregrasp.quality.contact_models import CONTACT_MODELS
-from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.quality.grasp_quality import CONTACT_MODELS, grasp_quality
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor, GraspQualityView
 from drake_pregrasp.systems.loggers import TickLogger

@@ -6,7 +6,7 @@ import struct
 import numpy as np
 import pytest
 import trimesh
-from made_systems import Driven, make_partitioner, make_selector
+from made_systems import X_WO, make_selector, partition
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat, MeshcatParams, Rgba
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
@@ -14,7 +14,7 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import BallReach, ContactStatus, ForbiddenPoints, InvalidArgumentError
-from drake_pregrasp.contacts.selection_input import contact_status, describe_status
+from drake_pregrasp.contacts.selection_input import describe_status
 from drake_pregrasp.errors import ContactError
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.regions.constraints import NO_CAUSE, Limit, Obstacles
@@ -26,7 +26,6 @@ from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer
 from drake_pregrasp.systems.sources import HandPose, MovingObstacles, MovingSolid
 from drake_pregrasp.systems.status_labels import StatusLabels
 
-X_WO = RigidTransform(RollPitchYaw(0.2, -0.4, 1.0), [0.5, -0.3, 0.2])
 TILT = RollPitchYaw(0.1, 0.2, 0.3).ToRotationMatrix().matrix()
 SOLIDS = (
     BallSolid(np.array([0.1, 0.2, 0.3]), 0.02),
@@ -67,11 +66,10 @@ def test_over_a_horizon_regions_keep_clear_of_where_obstacles_will_be(surface, p
     # Tilted, so that the order of the rotations matters.
     X = RigidTransform(RollPitchYaw(0.5, -0.4, 0.3), [0.01, 0.0, 0.0])
     tips = {"tip_radii": [radius] * 5}
-    later = {} if V_WO is None else {"V_WO_estimated": V_WO}
-    labels = partition(
-        surface, p_OC, X=X, obstacles=obstacles, later=later, horizon=horizon, **tips
-    ).labels
-    without = partition(surface, p_OC, X=X, obstacles=obstacles, **tips).labels
+    inputs = {"obstacles": obstacles}
+    later = inputs if V_WO is None else inputs | {"V_WO_estimated": V_WO}
+    labels = partition(surface, p_OC, later, X=X, horizon=horizon, **tips).labels
+    without = partition(surface, p_OC, inputs, X=X, **tips).labels
     touched = np.zeros(len(labels), dtype=bool)
     for moment in np.linspace(0.0, horizon, 4):
         X_then = X
@@ -125,17 +123,6 @@ def test_a_hand_that_stays_stays():
 # The partitioner.
 
 
-def partition(surface, p_OC, *, X=X_WO, X_WH=None, obstacles=None, later=None, **settings):
-    own = {k: settings.pop(k) for k in ("wall_test", "normal_length") if k in settings}
-    system = make_partitioner(surface, len(p_OC), settings, **own)
-    driven = Driven(system, X_WO_estimated=X, p_WC=(X @ p_OC.T).T.ravel(), **(later or {}))
-    if X_WH is not None:
-        driven.fix(X_WH=X_WH)
-    if obstacles is not None:
-        driven.fix(obstacles=AbstractValue.Make(obstacles))
-    return driven.eval("safe_regions")
-
-
 def ball_reach(center, radius):
     return BallReach(center=list(center), radius=radius)
 
@@ -149,15 +136,15 @@ def test_reach_moves_with_the_hand(surface, p_OC):
     reach = [None, None, None, ball_reach([0.02, 0.0, 0.0], 0.05), None]
     X_OH = RigidTransform(RollPitchYaw(0.4, 0.1, 0.5), p_OC[3] - [0.02, 0.01, 0])
     free = partition(surface, p_OC)
-    here = partition(surface, p_OC, X=RigidTransform(), X_WH=X_OH, reach=reach)
-    there = partition(surface, p_OC, X_WH=X_WO @ X_OH, reach=reach)
+    here = partition(surface, p_OC, {"X_WH": X_OH}, X=RigidTransform(), reach=reach)
+    there = partition(surface, p_OC, {"X_WH": X_WO @ X_OH}, reach=reach)
     assert differ(here, there) < 0.01
     p_OR = X_OH @ np.array([0.02, 0.0, 0.0])
     inside = np.linalg.norm(surface.p_OQ - p_OR, axis=1) <= 0.05
     expected = np.where((free.labels == 3) & ~inside, NO_REGION, free.labels)
     assert 0 < there.sizes()[3] < free.sizes()[3]
     assert np.mean(there.labels != expected) < 0.01
-    away = partition(surface, p_OC, X_WH=RigidTransform([9.0, 0, 0]), reach=reach)
+    away = partition(surface, p_OC, {"X_WH": RigidTransform([9.0, 0, 0])}, reach=reach)
     assert (away.sizes()[3], away.limits[3]) == (0, Limit.REACH)
 
 
@@ -165,7 +152,7 @@ def test_without_a_hand_reach_is_in_the_world(surface, p_OC):
     reach = [ball_reach(X_WO @ p_OC[0], 0.03)] + [None] * 4
     in_world = partition(surface, p_OC, reach=reach)
     assert in_world.sizes()[0] > 0
-    as_hand = partition(surface, p_OC, reach=reach, X_WH=RigidTransform())
+    as_hand = partition(surface, p_OC, {"X_WH": RigidTransform()}, reach=reach)
     np.testing.assert_array_equal(in_world.labels, as_hand.labels)
 
 
@@ -177,8 +164,8 @@ def test_obstacles_in_the_world_are_those_in_the_object(surface, p_OC):
     in_O = Obstacles(solids, ForbiddenPoints(np.array([[-0.06, 0, 0]]), np.array([0.005])))
     in_W = in_O.moved(X_WO.rotation().matrix(), X_WO.translation())
     tips = {"tip_radii": [0.004] * 5, "clearance": 0.003}
-    here = partition(surface, p_OC, X=RigidTransform(), obstacles=in_O, **tips)
-    there = partition(surface, p_OC, obstacles=in_W, **tips)
+    here = partition(surface, p_OC, {"obstacles": in_O}, X=RigidTransform(), **tips)
+    there = partition(surface, p_OC, {"obstacles": in_W}, **tips)
     assert differ(here, there) < 0.01
     np.testing.assert_array_equal(here.limits, there.limits)
     assert differ(here, partition(surface, p_OC, **tips)) > 0.03
@@ -188,8 +175,8 @@ def test_obstacles_in_the_world_are_those_in_the_object(surface, p_OC):
 def test_clearance_and_fingertips_set_regions_back_from_obstacles(surface, p_OC, arguments):
     up = X_WO.rotation().matrix()[:, 2]
     obstacles = Obstacles((HalfSpace(X_WO @ np.array([0.0, 0.0, -0.03]), up),))
-    before = partition(surface, p_OC, obstacles=obstacles)
-    after = partition(surface, p_OC, obstacles=obstacles, **arguments)
+    before = partition(surface, p_OC, {"obstacles": obstacles})
+    after = partition(surface, p_OC, {"obstacles": obstacles}, **arguments)
     lowest = [np.min(surface.p_OQ[r.labels != NO_REGION, 2]) for r in (before, after)]
     assert lowest[1] >= -0.03 + 0.02 - 1e-9 > lowest[0]
 
@@ -246,7 +233,7 @@ def select(surface, p_OC, regions, **settings):
 def test_the_selector_says_what_has_become_of_each_contact_and_why(surface, p_OC):
     ball = Obstacles((BallSolid(np.array([9.0, 0, 0]), 0.1), BallSolid(X_WO @ p_OC[1], 0.05)))
     reach = [None, None, ball_reach([9.0, 0, 0], 0.1), None, None]
-    regions = partition(surface, p_OC, obstacles=ball, reach=reach)
+    regions = partition(surface, p_OC, {"obstacles": ball}, reach=reach)
     system, context, emitted = select(surface, p_OC, regions)
     status, causes, p_WC = emitted()
     assert (status[1], causes[1]) == (ContactStatus.OBSTRUCTED, 1)
@@ -447,18 +434,6 @@ def test_every_status_has_words(status):
     named = status.name.startswith(("CROWDED", "OBSTRUCTED", "NEARLY_OBSTRUCTED", "APART"))
     assert words.endswith("7") == named
     assert len({describe_status(float(s), 7.0) for s in ContactStatus}) == len(ContactStatus)
-
-
-@pytest.mark.parametrize("limit", Limit)
-def test_a_status_says_what_limits_and_whether_it_is_active(limit):
-    active, lost = np.array([True, False, True, False]), np.array([False, False, True, True])
-    status = contact_status(active, lost, np.full(4, int(limit)))
-    if limit == Limit.NONE:
-        assert list(status[:2]) == [ContactStatus.ACTIVE, ContactStatus.INACTIVE]
-    else:
-        assert status[0] == -status[1] > 1
-        assert status[0] in {float(kind) for kind in ContactStatus}
-    assert list(status[2:]) == [ContactStatus.LOST] * 2
 
 
 def test_longer_words_make_wider_boards_of_the_same_height():

@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context, EventStatus
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, pack
+from drake_pregrasp.arrays import BoolArray, FloatArray, pack, tick_index
 from drake_pregrasp.config.planner_config import filter_noise
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.estimation.pose_filter import PoseBelief
@@ -20,7 +20,6 @@ from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.ticks import tick_index
 
 PERIOD = 0.0125
 """Seconds between planning ticks; the hand's delays are multiples of it."""

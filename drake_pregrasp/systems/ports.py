@@ -1,0 +1,238 @@
+"""Declaration of ports and cache entries, and validation of the values that enter through ports."""
+
+import copy
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TypeAlias
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.systems.framework import (
+    BusValue,
+    CacheEntry,
+    Context,
+    DependencyTicket,
+    DiscreteStateIndex,
+    DiscreteValues,
+    InputPort,
+    LeafSystem,
+    OutputPort,
+    ValueProducer,
+)
+
+from drake_pregrasp.arrays import is_valid_pose, validated_rates
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.estimation.pose_track import FOLLOWED
+from drake_pregrasp.regions.constraints import Obstacles
+
+POSE = AbstractValue.Make(RigidTransform())
+"""Model value of a port with a `RigidTransform`."""
+
+VELOCITY = AbstractValue.Make(SpatialVelocity())
+"""Model value of a port with a `SpatialVelocity`."""
+
+BUS = AbstractValue.Make(BusValue())
+"""Model value of a port with a `BusValue`."""
+
+OBSTACLES = AbstractValue.Make(Obstacles())
+"""Model value of a port with `Obstacles`."""
+
+REGIONS = AbstractValue.Make(object())
+"""Model value of a port with `SafeRegions`."""
+
+Model: TypeAlias = AbstractValue | int
+"""Model value of a port; or its size, for a vector."""
+
+Source: TypeAlias = InputPort | CacheEntry | DependencyTicket
+"""Something that a computation depends on."""
+
+
+def declare_inputs(system: LeafSystem, **models: Model) -> dict[str, InputPort]:
+    """Declares input ports in the order of the keywords, and returns them by name.
+
+    Args:
+        system: System that is being built.
+        models: Model value or size of each port.
+    """
+    return {
+        name: system.DeclareVectorInputPort(name, model)
+        if isinstance(model, int)
+        else system.DeclareAbstractInputPort(name, model)
+        for name, model in models.items()
+    }
+
+
+def copied_inputs(ports: Mapping[str, InputPort], context: Context) -> dict[str, Any]:
+    """Returns the values of connected ports by name.
+
+    Vectors and poses are copies, because Drake overwrites the values of ports later.
+    """
+    values = {name: port.Eval(context) for name, port in ports.items() if port.HasValue(context)}
+    return {
+        name: copy.copy(value) if isinstance(value, np.ndarray | RigidTransform) else value
+        for name, value in values.items()
+    }
+
+
+def declare_output(
+    system: LeafSystem, name: str, model: Model, calc: Callable[[Context], Any], *sources: Source
+) -> OutputPort:
+    """Declares an output port that emits the value that a function returns.
+
+    Args:
+        system: System that is being built.
+        name: Name of the port.
+        model: Model value or size of the port.
+        calc: Function that computes the value in a Context, for a vector of any shape.
+        sources: Everything that the value depends on.
+    """
+    tickets = _tickets(sources)
+    if isinstance(model, int):
+        return system.DeclareVectorOutputPort(
+            name,
+            model,
+            lambda context, output: output.SetFromVector(np.ravel(calc(context))),
+            tickets,
+        )
+    return system.DeclareAbstractOutputPort(
+        name, model.Clone, lambda context, output: output.set_value(calc(context)), tickets
+    )
+
+
+def declare_cache(
+    system: LeafSystem,
+    description: str,
+    model: Any,
+    calc: Callable[[Context], Any],
+    *sources: Source,
+) -> CacheEntry:
+    """Declares a cache entry for the value that a function returns.
+
+    Args:
+        system: System that is being built.
+        description: Content of the entry.
+        model: Value of the same type.
+        calc: Function that computes the value in a Context.
+        sources: Everything that the value depends on.
+    """
+    producer = ValueProducer(
+        lambda: AbstractValue.Make(model), lambda context, output: output.set_value(calc(context))
+    )
+    return system.DeclareCacheEntry(description, producer, _tickets(sources))
+
+
+def _tickets(sources: Sequence[Source]) -> set[DependencyTicket]:
+    return {s if isinstance(s, DependencyTicket) else s.ticket() for s in sources}
+
+
+class LastPose:
+    """Reads poses at a port of a system, and falls back on the last valid one.
+
+    The last valid pose is a discrete state of the system, which the system stores at its updates.
+    It is the identity at first. A pose is valid if it is finite and its rotation is a rotation.
+
+    Args:
+        system: System that has the port, and is being built.
+        port: Port that accepts a `RigidTransform`.
+        tracking_status: Optional port that accepts a `TrackingStatus`; only `is_tracked` uses it.
+
+    Attributes:
+        source: Cache entry that everything computed from the pose depends on.
+    """
+
+    def __init__(
+        self, system: LeafSystem, port: InputPort, tracking_status: InputPort | None = None
+    ) -> None:
+        self._port, self._tracking_status = port, tracking_status
+        self._index: DiscreteStateIndex = system.DeclareDiscreteState(
+            RigidTransform().GetAsMatrix34().ravel()
+        )
+        self.source = declare_cache(
+            system,
+            f"valid pose of {port.get_name()}",
+            (RigidTransform(), True),
+            self._calc_valid,
+            port,
+            system.discrete_state_ticket(self._index),
+        )
+
+    def _calc_valid(self, context: Context) -> tuple[RigidTransform, bool]:
+        X: RigidTransform = self._port.Eval(context)
+        if is_valid(X):
+            return RigidTransform(X), True  # A copy: Drake overwrites port values.
+        stored = context.get_discrete_state(self._index).value()
+        return RigidTransform(stored.reshape(3, 4)), False
+
+    def is_tracked(self, context: Context) -> bool:
+        """Returns whether the pose at the port is valid and goals may follow it."""
+        is_valid_pose: bool = self.source.Eval(context)[1]
+        port = self._tracking_status
+        return is_valid_pose and (port is None or is_followed(port, context))
+
+    def eval(self, context: Context) -> RigidTransform:
+        """Returns the pose at the port if it is valid, else the stored one."""
+        X: RigidTransform = self.source.Eval(context)[0]
+        return X
+
+    def store(self, context: Context, discrete_state: DiscreteValues) -> None:
+        """Stores the last valid pose, if the port is connected."""
+        if self._port.HasValue(context):
+            X = self.eval(context)
+            discrete_state.set_value(self._index, X.GetAsMatrix34().ravel())
+
+
+def validated_poses(bus: BusValue, names: Sequence[str], port: str) -> list[RigidTransform | None]:
+    """Returns the poses of a bus by name, and None for each that is missing or invalid.
+
+    Args:
+        bus: Bus of `RigidTransform` values.
+        names: Names of the poses.
+        port: Name of the port that accepted the bus, for the message.
+
+    Raises:
+        InvalidArgumentError: If an entry has another type.
+    """
+    poses: list[RigidTransform | None] = []
+    for name in names:
+        X = bus.Find(name)
+        if X is not None and not isinstance(X, RigidTransform):
+            raise InvalidArgumentError(
+                f"port {port} accepts a RigidTransform for {name}, not a {type(X).__name__}"
+            )
+        poses.append(X if X is not None and is_valid(X) else None)
+    return poses
+
+
+def validated_velocity(V: SpatialVelocity) -> SpatialVelocity:
+    """Returns a velocity if it is finite and not too large, else zero."""
+    rates = V.get_coeffs()
+    return V if validated_rates(rates) is rates else SpatialVelocity.Zero()
+
+
+def is_valid(X: RigidTransform) -> bool:
+    """Returns whether a pose is finite, not too far away, and has a valid rotation."""
+    Rp = X.GetAsMatrix34()
+    return is_valid_pose(Rp[:, :3], Rp[:, 3])
+
+
+def eval_obstacles(system: LeafSystem, port: InputPort, context: Context) -> Obstacles:
+    """Returns the obstacles at a port in W; none if the port is unconnected.
+
+    Raises:
+        InvalidArgumentError: If the value has another type.
+    """
+    if not port.HasValue(context):
+        return Obstacles()
+    obstacles = port.Eval(context)
+    if not isinstance(obstacles, Obstacles):
+        raise InvalidArgumentError(
+            f"port {port.get_name()} of {system.get_name()} accepts an Obstacles,"
+            f" not a {type(obstacles).__name__}"
+        )
+    return obstacles
+
+
+def is_followed(port: InputPort, context: Context) -> bool:
+    """Returns whether goals may follow the estimate, by an optional port `tracking_status`."""
+    return not port.HasValue(context) or port.Eval(context)[0] in FOLLOWED
