@@ -56,25 +56,23 @@ def compact_blocks(q: FloatArray) -> list[IntArray]:
 
 @compiled()
 def cutting_half_spaces(  # type: ignore[no-untyped-def]
-    first, end, normals, bounds, center, half, cutting
+    first, end, normals, bounds, slack, c, center, half, cutting
 ):
     """Writes which half-spaces do not contain a whole box, and returns their number.
 
     One that excludes the whole box is the only one then.
     """
+    x, y, z = center[0] - c[0], center[1] - c[1], center[2] - c[2]
     count = 0
     for j in range(first, end):
         nx, ny, nz = normals[j, 0], normals[j, 1], normals[j, 2]
-        over = nx * center[0] + ny * center[1] + nz * center[2] - bounds[j]
+        over = nx * x + ny * y + nz * z - bounds[j]
         reach = abs(nx) * half[0] + abs(ny) * half[1] + abs(nz) * half[2]
-        slack = abs(nx * center[0]) + abs(ny * center[1]) + abs(nz * center[2])
-        slack = _SLACK * (slack + abs(bounds[j]) + reach)
-        if over - reach > slack:
+        if over - reach > slack[j]:
             cutting[0] = j
             return 1
-        if over + reach > -slack:
-            cutting[count] = j
-            count += 1
+        cutting[count] = j
+        count += over + reach > -slack[j]
     return count
 
 
@@ -104,6 +102,8 @@ def label_blocks(  # type: ignore[no-untyped-def]
     owners = np.empty(BLOCK, dtype=np.int64)
     cutting = np.empty(len(bounds), dtype=np.int64)
     owns = np.empty(len(c), dtype=np.bool_)
+    extent = np.max(np.abs(centers) + halves) + np.max(np.abs(c))
+    slack = _SLACK * (np.abs(bounds) + extent * np.sum(np.abs(normals), axis=1))
     for block in range(len(centers)):
         start, size = starts[block], starts[block + 1] - starts[block]
         owns[:] = False
@@ -125,7 +125,9 @@ def label_blocks(  # type: ignore[no-untyped-def]
                 first[i + 1],
                 normals,
                 bounds,
-                centers[block] - c[i],
+                slack,
+                c[i],
+                centers[block],
                 halves[block],
                 cutting,
             )
