@@ -156,7 +156,7 @@ def select_contacts(
 def _permitted(
     selection: SelectionInput, contact: int, goal: FloatArray, members: IntArray
 ) -> FloatArray:
-    """Returns a goal, or the member nearest to it if the constraints forbid what lies between."""
+    """Returns a goal, or the candidate nearest to it if the constraints forbid the goal."""
     if limit_at(selection, contact, goal)[0] == Limit.NONE:
         return goal
     points = selection.surface.p_OQ[members]
@@ -179,10 +179,10 @@ def verify_contacts(surface: ObjectSurface, goals: ContactGoals) -> None:
         return
     p_OC = goals.p_OC[contacts]
     nearest, _ = surface.project(p_OC)
-    off_ground = np.linalg.norm(nearest - p_OC, axis=1)
-    for contact, height, way in zip(contacts, surface.distance(p_OC), off_ground, strict=True):
+    off_surface = np.linalg.norm(nearest - p_OC, axis=1)
+    for contact, height, off in zip(contacts, surface.distance(p_OC), off_surface, strict=True):
         if not abs(height) <= CONTACT_TOLERANCE:
             side = "inside" if height < 0 else "off"
             raise ContactError(f"contact {contact} is {1e3 * abs(height):.3g} mm {side} the object")
-        if not way <= CONTACT_TOLERANCE:
-            raise ContactError(f"contact {contact} is {1e3 * way:.3g} mm off the allowed surface")
+        if not off <= CONTACT_TOLERANCE:
+            raise ContactError(f"contact {contact} is {1e3 * off:.3g} mm off the allowed surface")

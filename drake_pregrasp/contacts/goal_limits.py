@@ -15,24 +15,24 @@ from drake_pregrasp.regions.safe_regions import SafeRegions
 from drake_pregrasp.regions.walls import normals_agree
 
 ROUNDING = 1e-9
-"""Overlap of fingertips that is none, in metres."""
+"""Overlap of fingertips, in metres, and share of a step, that count as rounding."""
 
 Projection = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Maps points, shape (k, 3), to the nearest ones on a surface and the normals there."""
 
-_HALVINGS = 12  # Of a step that comes out too long; then it is left out.
-_ROUNDS = 40  # To bring a pair to its distance.
+_HALVINGS = 12  # Times that a step is halved if it comes out too long; then it is left out.
+_ROUNDS = 40  # Largest number of projections that bring a pair to its distance.
 
 
 @dataclass(frozen=True)
 class CoupledPair:
-    """Two contacts of one finger, as its tip and a joint before it, at a fixed distance.
+    """Two contacts of one finger, such as its tip and a joint, at a fixed distance.
 
     Attributes:
         first: Index of the contact that moves freely.
         second: Index of the contact that follows it.
-        distance: Between the two, in metres.
-        tolerance: By which it may be off, in metres.
+        distance: Distance between the two contacts, in metres.
+        tolerance: Largest error of the distance, in metres.
     """
 
     first: int
@@ -41,19 +41,19 @@ class CoupledPair:
     tolerance: float = 5e-4
 
     def error(self, p_OC: FloatArray) -> float:
-        """Returns by how much the distance is off, in metres."""
+        """Returns the error of the distance, in metres."""
         return abs(float(np.linalg.norm(p_OC[self.first] - p_OC[self.second])) - self.distance)
 
 
 @dataclass(frozen=True)
 class ContactLimits:
-    """What holds goals back; by default nothing does.
+    """Limits on the motion of goals; none by default.
 
     Attributes:
-        max_step: Longest way of a goal over the object in one tick, in metres.
-        deadband: A goal stays as long as what it should move to is nearer than that, in metres.
-        pairs: Contacts that keep a distance.
-        recover: Whether a contact whose region is empty moves to the nearest place it may have.
+        max_step: Longest step of a goal over the object in one tick, in metres.
+        deadband: Distance below which a goal does not move, in metres.
+        pairs: Pairs of contacts that keep a distance.
+        recover: Whether a contact whose region is empty moves to the nearest permitted candidate.
         guard: Measures of the grasp that no step may make worse.
     """
 
@@ -83,18 +83,18 @@ def groups_of(pairs: Sequence[CoupledPair], num_contacts: int) -> list[list[int]
 def step_toward(
     surface: ObjectSurface, p_OCi: FloatArray, goal: FloatArray, max_step: float
 ) -> FloatArray:
-    """Returns the point over the allowed ground near the way to a goal, at most a step away.
+    """Returns a point of the allowed surface towards a goal, at most a step away.
 
-    A contact that isn't on allowed ground goes there at once. No step leads through a wall.
+    A contact that is off the allowed surface returns to it at once. No step leads through a wall.
 
     Args:
         surface: The object's surface.
-        p_OCi: Where the contact is, shape (3,), in metres.
-        goal: Where it should be, on the surface, shape (3,).
-        max_step: In metres.
+        p_OCi: Contact, shape (3,), in metres.
+        goal: Goal on the surface, shape (3,), in metres.
+        max_step: Longest step, in metres.
     """
-    way = goal - p_OCi
-    length = float(np.linalg.norm(way))
+    offset = goal - p_OCi
+    length = float(np.linalg.norm(offset))
     starts, normals = surface.project(p_OCi[None])
     if length <= max_step and normals_agree(normals, surface.project(goal[None])[1])[0, 0]:
         return goal
@@ -104,9 +104,11 @@ def step_toward(
     near = surface.candidates_within(p_OCi, max_step)
     near = near[normals_agree(normals, surface.nhat_OQ[near])[0]]
     step = min(max_step, length)
-    longest = max_step * (1 + ROUNDING)  # On a flat face the point is a whole step away.
+    longest = max_step * (1 + ROUNDING)  # On a flat face the point is exactly a step away.
     for _ in range(_HALVINGS if len(near) else 0):
-        point: FloatArray = surface.project_into((p_OCi + step / length * way)[None], [near])[0][0]
+        point: FloatArray = surface.project_into((p_OCi + step / length * offset)[None], [near])[0][
+            0
+        ]
         if np.linalg.norm(point - p_OCi) <= longest:
             return point
         step /= 2
@@ -121,17 +123,17 @@ def follow_pairs(
     p_OC_before: FloatArray,
     max_step: float,
 ) -> FloatArray:
-    """Moves the second contact of each pair to where the distance holds, in its own region.
+    """Moves the second contact of each pair, in its own region, to its distance from the first.
 
-    A pair whose distance can't be met, or is met worse than before, stays where it was.
+    A pair stays if its distance is neither met nor closer to being met than before.
 
     Args:
         surface: The object's surface.
         regions: The contacts' regions.
         pairs: The pairs.
         p_OC: Goals, shape (n, 3), in metres.
-        p_OC_before: Goals of the tick before, shape (n, 3).
-        max_step: In metres.
+        p_OC_before: Goals of the previous tick, shape (n, 3), in metres.
+        max_step: Longest step, in metres.
     """
     p_OC = p_OC.copy()
     for pair in pairs:
@@ -154,16 +156,16 @@ def follow_pairs(
 def tip_gaps(
     p_OC: FloatArray, nhat_OC: FloatArray, tip_radii: FloatArray, gap: float = 0.0
 ) -> FloatArray:
-    """Returns what is to spare between fingertips that touch at the contacts, shape (n, n).
+    """Returns the gaps between fingertips that touch at the contacts, shape (n, n).
 
     Args:
         p_OC: Contacts, shape (n, 3), in metres.
-        nhat_OC: Outward unit normals there, shape (n, 3).
-        tip_radii: Shape (n,), in metres.
-        gap: That there has to be between them, in metres.
+        nhat_OC: Outward unit normals at the contacts, shape (n, 3).
+        tip_radii: Radii of the fingertips, shape (n,), in metres.
+        gap: Required gap, which is subtracted, in metres.
 
     Returns:
-        In metres, below zero where tips are too near; infinite on the diagonal.
+        Gaps in metres, below zero where tips are too near; infinite on the diagonal.
     """
     centres = p_OC + tip_radii[:, None] * nhat_OC
     distances = np.linalg.norm(centres[:, None] - centres, axis=2)
@@ -181,18 +183,18 @@ def hold_where_tips_meet(
     gap: float,
     pairs: Sequence[CoupledPair],
 ) -> FloatArray:
-    """Takes steps back until no two fingertips are too near that weren't so before.
+    """Undoes steps until no two fingertips are too near that were not so before.
 
-    Holding all is always a way out, so the search ends; coupled contacts are held together.
+    Undoing all of them always helps, so the search ends. Coupled contacts are held together.
 
     Args:
-        project: Of the object's surface.
+        project: Projection onto the object's surface.
         p_OC: Goals, shape (n, 3), in metres.
-        p_OC_before: Goals of the tick before, shape (n, 3).
-        active: Contacts that take part, shape (n,).
-        tip_radii: Shape (n,), in metres.
-        gap: Between tips, in metres.
-        pairs: Coupled contacts.
+        p_OC_before: Goals of the previous tick, shape (n, 3), in metres.
+        active: Mask of the contacts with a region, shape (n,).
+        tip_radii: Radii of the fingertips, shape (n,), in metres.
+        gap: Required gap between fingertips, in metres.
+        pairs: Pairs of coupled contacts.
     """
     both_active = active[:, None] & active
     before = tip_gaps(p_OC_before, project(p_OC_before)[1], tip_radii, gap)
@@ -215,10 +217,10 @@ def hold_where_tips_meet(
 def hold_contacts(selection: SelectionInput) -> ContactGoals:
     """Returns goals that stay where they are on the object.
 
-    Active are those that have a safe region and lie on the allowed surface.
+    Contacts that have a safe region and lie on the allowed surface are active.
 
     Args:
-        selection: Surface, contacts and regions; the estimate is not used.
+        selection: Surface, contacts and regions of this tick; the estimate is not used.
     """
     unknown = np.zeros(len(selection.p_OC), dtype=bool)
     return judged_goals(selection, selection.p_OC, unknown, ContactLimits())
@@ -227,19 +229,19 @@ def hold_contacts(selection: SelectionInput) -> ContactGoals:
 def limited_goals(
     selection: SelectionInput, goals: FloatArray, limits: ContactLimits
 ) -> FloatArray:
-    """Returns how far contacts get towards their goals in one tick, shape (n, 3), in metres.
+    """Returns the places that contacts reach towards their goals in one tick, shape (n, 3).
 
     Args:
-        selection: Surface, contacts and regions.
-        goals: What the strategy has chosen, shape (n, 3), in metres; overwritten.
-        limits: What holds goals back.
+        selection: Surface, contacts and regions of this tick.
+        goals: Goals that the strategy has chosen, shape (n, 3), in metres; overwritten.
+        limits: Limits on the motion of goals.
     """
     surface, regions, p_OC = selection.surface, selection.regions, selection.p_OC
     free = limits.max_step == np.inf and limits.deadband == 0
     free &= not limits.pairs and limits.guard is None
     if free and len(regions.constraints.tip_radii) == 0:
         return goals
-    # A lost finger needs no partner any more.
+    # The partner of a lost finger moves alone.
     pairs = [p for p in limits.pairs if not (regions.lost[p.first] or regions.lost[p.second])]
     may_stay = np.zeros(len(goals), dtype=bool)
     if limits.deadband > 0 or limits.guard is not None:
@@ -252,7 +254,7 @@ def limited_goals(
     if pairs:
         goals = follow_pairs(surface, regions, pairs, goals, p_OC, limits.max_step)
     guarded = may_stay.copy()
-    for pair in pairs:  # If one of them has to go, or both to their distance, both go.
+    for pair in pairs:  # If one of them has to move, or both to their distance, both may.
         both = [pair.first, pair.second]
         guarded[both] &= np.all(may_stay[both]) and pair.error(p_OC) <= pair.tolerance
     if limits.guard is not None:
@@ -270,7 +272,7 @@ def limited_goals(
             regions.constraints.tip_gap,
             pairs,
         )
-        # Steps that are taken back one by one can leave the rest worse than all of them held.
+        # Undoing some of the steps can leave a worse grasp than undoing all of them.
         if limits.guard is not None and np.any(apart != goals):
             everybody = [range(len(goals))]
             apart = keep_quality(surface, apart, p_OC, guarded, limits.guard, everybody)
@@ -281,10 +283,10 @@ def limited_goals(
 def with_returning_contacts(
     selection: SelectionInput, goals: FloatArray, max_step: float
 ) -> FloatArray:
-    """Sends each contact without a region to the nearest candidate that it may have.
+    """Moves each contact without a region towards the nearest permitted candidate.
 
-    That is on its own side of a wall, if there is one, since no step leads through; and with room
-    beside the others, wherever these are held.
+    The candidate is on the contact's own side of a wall if there is one, since no step leads
+    through, and has room beside the other fingertips.
     """
     surface, regions = selection.surface, selection.regions
     constraints, goals = regions.constraints, goals.copy()
@@ -312,7 +314,7 @@ def with_returning_contacts(
     return goals
 
 
-# By whether a contact is active, and what limits it.
+# Status by whether a contact is active (row), and by its limit (column).
 _STATUS = np.array([1.0 + np.array(Limit)] * 2)
 _STATUS[0] *= -1
 _STATUS[0, Limit.NONE] = ContactStatus.INACTIVE
@@ -321,21 +323,21 @@ _STATUS[0, Limit.NONE] = ContactStatus.INACTIVE
 def judged_goals(
     selection: SelectionInput,
     goals: FloatArray,
-    on_ground: BoolArray,
+    on_surface: BoolArray,
     contact_limits: ContactLimits,
 ) -> ContactGoals:
-    """Says which goals are active: with a region, on allowed ground, permitted, and with room.
+    """Returns goals with their status: active are those with a region, permitted and with room.
 
     Args:
-        selection: Surface and regions.
-        goals: Shape (n, 3), in metres.
-        on_ground: Those that are known to be on allowed ground, shape (n,).
-        contact_limits: With the pairs.
+        selection: Surface and regions of this tick.
+        goals: Goals, shape (n, 3), in metres.
+        on_surface: Mask of the goals that are known to be on the allowed surface, shape (n,).
+        contact_limits: Limits on the goals, for the pairs.
     """
     regions = selection.regions
     constraints, limits, causes = regions.constraints, regions.limits.copy(), regions.causes.copy()
     active = regions.sizes() > 0
-    unknown = np.flatnonzero(~on_ground)
+    unknown = np.flatnonzero(~on_surface)
     if len(unknown):
         nearest, _ = selection.project(goals[unknown])
         off = unknown[np.linalg.norm(nearest - goals[unknown], axis=1) > CONTACT_TOLERANCE]
@@ -362,7 +364,7 @@ def judged_goals(
 
 
 def limit_at(selection: SelectionInput, contact: int, p_OCi: FloatArray) -> tuple[int, int]:
-    """Returns what keeps a contact from a point on the surface, shape (3,), and its cause."""
+    """Returns the limit that keeps a contact from a point of the surface, and its cause."""
     constraints = selection.regions.constraints
     if constraints.leaves_every_point:
         return Limit.NONE, NO_CAUSE

@@ -12,13 +12,13 @@ from drake_pregrasp.quality.force_closure import min_weight_margin
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 
 GUARDS = ("q_msv", "q_gii", "q_vew", "margin")
-"""What may not become worse: a measure of the complete grasp matrix, or the margin."""
+"""Measures that can be guarded: those of the complete grasp matrix, and the margin."""
 
 Measure = Callable[[FloatArray, FloatArray], Iterable[float]]
-"""Maps lever arms and normals of active contacts, shapes (n, 3), to qualities, one by one: who has
-seen one that is too low need not wait for the others."""
+"""Maps lever arms and normals of active contacts, shapes (n, 3), to measures, one by one: a caller
+that has seen one that is too low does not compute the others."""
 
-_REMEMBERED = 8  # Margins. Contacts that stay have the same as at the tick before.
+_REMEMBERED = 8  # Margins in the cache. Contacts that stay have that of the previous tick.
 
 
 def guard_measure(names: Sequence[str], friction: float) -> Measure | None:
@@ -27,11 +27,11 @@ def guard_measure(names: Sequence[str], friction: float) -> Measure | None:
     The margin comes last: it is a linear programme, and the others are not.
 
     Args:
-        names: Out of `GUARDS`.
+        names: Names out of `GUARDS`.
         friction: Coulomb's coefficient, for the margin.
 
     Raises:
-        InvalidArgumentError: If there is none of a name.
+        InvalidArgumentError: If a name is not in `GUARDS`.
     """
     for name in names:
         if name not in GUARDS:
@@ -63,18 +63,18 @@ def keep_quality(
     measure: Measure,
     groups: Sequence[Sequence[int]],
 ) -> FloatArray:
-    """Lets contacts move one after another, each only if the grasp doesn't become worse by it.
+    """Moves contacts one after another, each only if no measure of the grasp falls.
 
     Args:
         surface: The object's surface.
-        goals: Where the contacts would go, shape (n, 3), in metres.
-        p_OC_before: Where they are, shape (n, 3).
-        active: Those that take part in the grasp, shape (n,); the others move freely.
-        measure: Of the active contacts; none of its values may fall.
-        groups: Contacts that move together; each contact is in one group.
+        goals: Goals of the contacts, shape (n, 3), in metres.
+        p_OC_before: Contacts before the step, shape (n, 3), in metres.
+        active: Mask of the contacts in the grasp, shape (n,); the others move freely.
+        measure: Measures of the active contacts, none of which may fall.
+        groups: Groups of contacts that move together; each contact is in one group.
 
     Returns:
-        Shape (n, 3). Each measure is at least that of `p_OC_before`.
+        Contacts, shape (n, 3), in metres. Each measure is at least that of `p_OC_before`.
     """
     # Each contact is either where it was or at its goal, so that its normal is one of two.
     normals_before, normals_there = surface.project(p_OC_before)[1], surface.project(goals)[1]

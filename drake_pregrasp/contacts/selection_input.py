@@ -11,10 +11,10 @@ from drake_pregrasp.regions.safe_regions import SafeRegions
 
 
 class ContactStatus(IntEnum):
-    """What has become of a contact at a tick.
+    """Status of a contact at a tick.
 
     Above zero it is active: the goal lies on the allowed surface, has a safe region and counts in
-    G. From two on in size, the name says what leaves it a tiny region, or none.
+    G. Values from two on in size name the limit that leaves it a tiny region, or an empty one.
     """
 
     LOST = -1
@@ -37,7 +37,7 @@ class ContactStatus(IntEnum):
 
 
 def is_active(status: FloatArray) -> BoolArray:
-    """Returns which contacts take part, of their `ContactStatus`, shape (n,)."""
+    """Returns the mask of active contacts, given their `ContactStatus`, shape (n,)."""
     mask: BoolArray = status > 0
     return mask
 
@@ -50,7 +50,7 @@ def describe_status(
     Args:
         status: A `ContactStatus`.
         cause: Index of the contact or obstacle behind it, or `NO_CAUSE`.
-        obstacle_names: What obstacles are called, by their index, that have a name.
+        obstacle_names: Names of obstacles by their index.
     """
     index = int(cause)
     obstacle = (obstacle_names or {}).get(index, f"obstacle {index}")
@@ -118,7 +118,7 @@ class SelectionInput:
 
     @cached_property
     def known_limits(self) -> dict[tuple[int, bytes], tuple[int, int]]:
-        """What keeps a contact from a point, and its cause, where that has been asked for."""
+        """Limits and causes of contacts at points that `limit_at` has found."""
         return {}
 
 

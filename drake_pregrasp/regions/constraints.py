@@ -20,18 +20,18 @@ def _z() -> FloatArray:
 
 @dataclass(frozen=True, eq=False)
 class FingerReach:
-    """What a finger can reach, expressed in a frame F: all that passes each test that is asked for.
+    """Reach of a finger, expressed in a frame F: the contacts that pass every given test.
 
     Attributes:
-        solid: In which the contact has to be, or None.
-        direction: The way in which the finger stands off the hand's axis, shape (3,), of any length
-            but zero; None if neither angle below is asked for.
-        half_angle: Between `direction` and the way from the axis to the tip at its standoff, both
-            level, at most; in radians.
-        incidence: Between `direction` and the outward normal at the contact, at most; in radians. A
-            finger that stands far off a normal reaches round an edge, and touches with a link.
-        origin: A point of the hand's axis, shape (3,), in metres.
-        axis: Of the hand, a unit vector, shape (3,).
+        solid: Solid that has to contain the contact, or None.
+        direction: Direction in which the finger points away from the hand's axis, shape (3,), of
+            any length but zero; None if neither angle below is limited.
+        half_angle: Largest angle between `direction` and the vector from the axis to the fingertip
+            at its standoff, both projected across the axis, in radians.
+        incidence: Largest angle between `direction` and the outward normal at the contact, in
+            radians. Beyond it, a finger reaches round an edge and touches with a link.
+        origin: Point of the hand's axis, shape (3,), in metres.
+        axis: Axis of the hand, a unit vector, shape (3,).
     """
 
     solid: Solid | None = None
@@ -57,9 +57,9 @@ class FingerReach:
         """Returns which contacts the finger reaches, shape (k,).
 
         Args:
-            contacts: In F, shape (k, 3), in metres.
-            normals: Outward unit normals there, shape (k, 3).
-            tips: Centres of a fingertip at its standoff from each, shape (k, 3), in metres.
+            contacts: Contacts in F, shape (k, 3), in metres.
+            normals: Outward unit normals at the contacts, shape (k, 3).
+            tips: Centres of the fingertip at its standoff from each, shape (k, 3), in metres.
         """
         permitted = np.ones(len(contacts), dtype=bool)
         if self.solid is not None:
@@ -67,9 +67,9 @@ class FingerReach:
         if self.direction is None:
             return permitted
         if self.half_angle < np.pi:
-            ways, middle = self._level(tips - self.origin), self._level(self.direction)
-            lengths = np.linalg.norm(ways, axis=1) * np.linalg.norm(middle)
-            permitted &= ways @ middle >= np.cos(self.half_angle) * lengths
+            outward, middle = self._level(tips - self.origin), self._level(self.direction)
+            lengths = np.linalg.norm(outward, axis=1) * np.linalg.norm(middle)
+            permitted &= outward @ middle >= np.cos(self.half_angle) * lengths
         if self.incidence < np.pi:
             permitted &= normals @ self.direction >= np.cos(self.incidence)
         return permitted
@@ -91,21 +91,21 @@ class FingerReach:
 
 
 NO_CAUSE = -1
-"""Stands for no contact and no obstacle."""
+"""Cause of a limit that neither a contact nor an obstacle is behind."""
 
 OPPOSITE = -0.5
-"""Cosine between outward normals below which ground faces opposite ways: 120 degrees."""
+"""Cosine between outward normals below which they count as opposite: 120 degrees."""
 
-_ALONG = (0.0, 0.5, 1.0)  # Of the way from contact to standoff: where tips stay off obstacles.
+_ALONG = (0.0, 0.5, 1.0)  # Shares of the standoff at which fingertips stay clear of obstacles.
 
 
 class Limit(IntEnum):
-    """What leaves a contact an empty or a tiny region."""
+    """Limit that leaves a contact an empty or a tiny region."""
 
     NONE = 0
-    """Nothing: the region is neither."""
+    """No limit: the region is neither empty nor tiny."""
     FORBIDDEN = 1
-    """Forbidden ground of the object."""
+    """Forbidden points, or a part of the surface that is forbidden to the contact."""
     CROWDED = 2
     """Another contact, whose index is the cause."""
     REACH = 3
@@ -113,26 +113,27 @@ class Limit(IntEnum):
     OBSTACLE = 4
     """An obstacle, whose index is the cause."""
     WALL = 5
-    """The ground near the contact is on the other side of a wall."""
+    """The candidates near the contact are on the other side of a wall."""
     PARTNER = 6
-    """Not a limit of the region: the goal isn't at its distance from the contact that is the cause,
-    with which it is coupled."""
+    """The distance to the coupled contact, which is the cause, is not met. It limits the goal and
+    not the region."""
 
 
 @dataclass(frozen=True, eq=False)
 class Obstacles:
-    """Obstacles in the world, or in another frame that is named by whoever holds them.
+    """Obstacles, in the world or in another frame that their holder names.
 
-    Their indices count the solids first, then the points.
+    The index of an obstacle counts the solids first, then the points.
 
     Attributes:
         solids: Convex solids.
         points: Points z_j with radii R_j.
-        velocities: Of the solids, shape (k, 3), in m/s; empty if they don't move. Points don't.
+        velocities: Velocities of the solids, shape (k, 3), in m/s; empty if they do not move.
+            Points do not move.
 
     Raises:
-        InvalidArgumentError: If velocities are neither none nor one a solid, or a number isn't
-            finite.
+        InvalidArgumentError: If there are velocities, but not one for each solid, or a number is
+            not finite.
     """
 
     solids: tuple[Solid, ...] = ()
@@ -156,12 +157,12 @@ class Obstacles:
                 )
 
     def after(self, seconds: float) -> "Obstacles":
-        """Returns where they are some time later."""
+        """Returns the obstacles at their places some seconds later."""
         if not np.any(self.velocities):
             return self
-        ways = seconds * self.velocities
-        moved = zip(self.solids, ways, strict=True)
-        return replace(self, solids=tuple(solid.moved(np.eye(3), way) for solid, way in moved))
+        shifts = seconds * self.velocities
+        moved = zip(self.solids, shifts, strict=True)
+        return replace(self, solids=tuple(solid.moved(np.eye(3), shift) for solid, shift in moved))
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "Obstacles":
         """Returns the same obstacles expressed in a frame G, in which F has that pose."""
@@ -178,28 +179,28 @@ class Obstacles:
 
 @dataclass(frozen=True, eq=False)
 class RegionConstraints:
-    """What limits the regions of n contacts, expressed in O; by default nothing does.
+    """Constraints of the regions of n contacts, expressed in O; none by default.
 
     Attributes:
-        obstacles: Regions end at the plane across the way from c_i to an obstacle's nearest point,
-            set back by the fingertip's radius and the clearance; and no region has a candidate
-            whose fingertip would be nearer than that to an obstacle, on its way from the standoff.
-        later: Where obstacles will be, in O as it will be then, while contacts are still in use: a
-            region has no candidate either whose fingertip would be near one of these.
-        clearance: Between fingertips and obstacles, in metres.
-        tip_radii: Of the fingertips, balls that touch the surface from outside, shape (n,), in
-            metres; empty for points. Regions are set back by them from their common boundary.
-        tip_gap: Between fingertips, at least, in metres.
-        standoff: How far from the surface tips wait, along the normal, in metres.
+        obstacles: Obstacles now. A region ends at the plane through an obstacle's point nearest to
+            c_i, set back by the fingertip's radius and the clearance. It contains no candidate at
+            which the fingertip would be nearer to an obstacle, between surface and standoff.
+        later: Obstacles at later times, in O as predicted for these times. No region contains a
+            candidate at which the fingertip would be too near to one of them.
+        clearance: Least distance between fingertips and obstacles, in metres.
+        tip_radii: Radii of the fingertips, balls that touch the surface from outside, shape (n,),
+            in metres; empty for points. Regions are set back by them from their common boundary.
+        tip_gap: Least gap between fingertips, in metres.
+        standoff: Distance from the surface, along the normal, at which fingertips wait, in metres.
         nhat_OQ: Outward unit normals at the candidates, shape (N, 3); needed for fingertips.
-        nhat_OC: The same at the contacts, shape (n, 3). Contacts that face opposite ways, as on
-            the two sides of a plate, need no room from each other.
-        reach: What the finger of each contact reaches, or None; empty for no limit.
-        closed: For each contact the ground, in O, that is forbidden to it but not to others; empty
+        nhat_OC: Outward unit normals at the contacts, shape (n, 3). Contacts with opposite normals,
+            as on the two sides of a plate, need no room from each other.
+        reach: Reach of each contact's finger, or None; empty for no limit.
+        closed: For each contact the areas, in O, that are forbidden to it but not to others; empty
             for none.
         same_side: Candidates that no wall hides from each contact, shape (n, N). Those behind a
             wall belong to the nearest contact on their own side.
-        fencing: Which of the object's forbidden points fence each contact in, shape (n, m).
+        fencing: Mask of the object's forbidden points that apply to each contact, shape (n, m).
     """
 
     obstacles: Obstacles = field(default_factory=Obstacles)
@@ -217,7 +218,7 @@ class RegionConstraints:
 
     @cached_property
     def leaves_every_point(self) -> bool:
-        """Whether no point by itself is kept from any contact."""
+        """Whether `limits_at` permits every point to every contact."""
         blocked = self.obstacles.solids or len(self.obstacles.points) or any(self.closed)
         return not blocked and all(reach is None for reach in self.reach)
 
@@ -243,15 +244,15 @@ class RegionConstraints:
     def limits_at(
         self, contact: int, points: FloatArray, normals: FloatArray
     ) -> tuple[IntArray, IntArray]:
-        """Returns what keeps a contact from points: a `Limit` each, and its cause.
+        """Returns the `Limit` that keeps a contact from each point, and its cause, shape (k,) each.
 
-        Only what holds for a point by itself is asked: first closed ground, then reach, then
-        obstacles in their order.
+        These limits hold for a point by itself: first forbidden areas, then reach, then obstacles
+        in their order.
 
         Args:
-            contact: Its index.
-            points: In O, shape (k, 3), in metres.
-            normals: Outward unit normals there, shape (k, 3).
+            contact: Index of the contact.
+            points: Points in O, shape (k, 3), in metres.
+            normals: Outward unit normals at the points, shape (k, 3).
         """
         limits = np.full(len(points), int(Limit.NONE))
         causes = np.full(len(points), NO_CAUSE)
@@ -264,7 +265,7 @@ class RegionConstraints:
             unreached = ~reach.permits(points, normals, tips)
             limits[unreached & (limits == Limit.NONE)] = Limit.REACH
         for index, gap in self._obstacle_gaps(points + radius * normals, normals):
-            # What has no distance may be near.
+            # A distance that is not a number counts as too near.
             touched = ~(gap >= radius + self.clearance) & (limits == Limit.NONE)
             limits[touched], causes[touched] = Limit.OBSTACLE, index
         return limits, causes
@@ -272,9 +273,9 @@ class RegionConstraints:
     def _obstacle_gaps(
         self, centres: FloatArray, normals: FloatArray
     ) -> Iterator[tuple[int, FloatArray]]:
-        """Yields each obstacle's index, and its distances from tips' centres, shape (k,).
+        """Yields each obstacle's index, and its least distances from fingertips, shape (k,).
 
-        The least one counts, between where the tip touches and its standoff, now and later.
+        The distances are from the tips' centres, between surface and standoff, now or later.
         """
         shares = _ALONG if self.standoff > 0 else _ALONG[:1]
         k = len(centres)

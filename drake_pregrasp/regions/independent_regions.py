@@ -1,7 +1,7 @@
-"""Independent contact regions: does it matter where in its region each contact ends up?
+"""Independent contact regions: the share of choices in safe regions with force closure.
 
-Regions are independent if every choice of one point a region is force-closed (Nguyen, 1988). Safe
-regions are not made that way; what can be said of them is the share of choices that are.
+Regions are independent if every choice of one point in each has force closure (Nguyen, 1988). Safe
+regions do not guarantee that, so this measures the share of choices that have it.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ from drake_pregrasp.quality.force_closure import (
 )
 from drake_pregrasp.regions.safe_regions import SafeRegions
 
-_LEAST_MARGIN = 1e-7  # What the linear programme returns for nothing may differ from zero by less.
+_LEAST_MARGIN = 1e-7  # The linear programme returns a margin of zero up to this error.
 
 
 def force_closed_share(
@@ -28,19 +28,19 @@ def force_closed_share(
     model: str = "hard_finger",
     torsional_friction: float = TORSIONAL_FRICTION,
 ) -> float:
-    """Returns which share of sampled choices, one candidate a region, has force closure, in [0, 1].
+    """Returns the share of sampled choices, one candidate per region, with force closure.
 
-    Candidates are drawn by the areas they stand for. The bound in closed form decides the good
-    choices; the linear programme is run for what is left. Contacts without a region take no part.
+    Candidates are sampled by the areas they stand for. The bound in closed form decides the good
+    choices, and a linear programme the others. Contacts without a region are ignored.
 
     Args:
         surface: The object's surface.
         regions: The contacts' safe regions over its candidates.
         friction: Coulomb's coefficient.
-        generator: What draws; it is left advanced.
-        samples: Number of choices.
+        generator: Random generator; its state advances.
+        samples: Number of sampled choices.
         model: One of `CONE_MODELS`.
-        torsional_friction: Of the soft finger, in metres.
+        torsional_friction: Torsional friction of the soft finger, in metres.
 
     Raises:
         InvalidArgumentError: As of `min_weight_margin`.

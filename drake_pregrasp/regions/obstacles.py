@@ -1,4 +1,4 @@
-"""Obstacles seen from another frame, whatever their numbers are."""
+"""Obstacles expressed in another frame, whatever their numbers are."""
 
 import numpy as np
 
@@ -9,42 +9,41 @@ from drake_pregrasp.geometry.surface import ForbiddenPoints
 from drake_pregrasp.regions.constraints import Obstacles
 
 ANYWHERE = BallSolid(np.zeros(3), FARTHEST)
-"""Stands for an obstacle that nobody knows the place of: no ground is clear of it."""
+"""Replaces an obstacle whose place is unknown: no candidate is clear of it."""
 
 
 def place_obstacles(
     obstacles: Obstacles, R_GF: FloatArray, p_GF: FloatArray, *, seconds: float = 0.0
 ) -> Obstacles:
-    """Returns where obstacles are in a frame G some time later, in which F has that pose then.
+    """Returns obstacles at a later time, expressed in a frame G.
 
-    Solids and points are refused when they are made of numbers that aren't finite. Where they
-    became so later, each such one is `ANYWHERE`, so that contacts keep off it and their status
-    says which one it is.
+    Obstacles with numbers that are not finite cannot be made. If one's numbers stop being finite
+    later, `ANYWHERE` replaces it: all regions are then empty, and contacts' status names it.
 
     Args:
-        obstacles: In F.
-        R_GF: Shape (3, 3).
-        p_GF: Shape (3,), in metres.
-        seconds: From now.
+        obstacles: Obstacles in a frame F.
+        R_GF: Rotation of F in G at the later time, shape (3, 3).
+        p_GF: Position of F in G at the later time, shape (3,), in metres.
+        seconds: Seconds from now to the later time.
     """
     solids = []
-    with np.errstate(all="ignore"):  # What comes of such numbers is looked at below.
-        ways = seconds * obstacles.velocities
+    with np.errstate(all="ignore"):  # Results that are not finite are replaced.
+        shifts = seconds * obstacles.velocities
         for index, solid in enumerate(obstacles.solids):
-            way = ways[index] if np.any(ways) else None
-            solids.append(_placed(solid, R_GF, p_GF, way))
+            shift = shifts[index] if np.any(shifts) else None
+            solids.append(_placed(solid, R_GF, p_GF, shift))
         points = _placed_points(obstacles.points, R_GF, p_GF)
     return Obstacles(tuple(solids), points)
 
 
 def all_are_known(obstacles: Obstacles) -> bool:
-    """Returns whether of all placed obstacles the places are known."""
+    """Returns whether the places of all placed obstacles are known."""
     return ANYWHERE not in obstacles.solids and bool(np.all(obstacles.points.radii < FARTHEST))
 
 
-def _placed(solid: Solid, R_GF: FloatArray, p_GF: FloatArray, way: FloatArray | None) -> Solid:
+def _placed(solid: Solid, R_GF: FloatArray, p_GF: FloatArray, shift: FloatArray | None) -> Solid:
     try:
-        moved = solid if way is None else solid.moved(np.eye(3), way)
+        moved = solid if shift is None else solid.moved(np.eye(3), shift)
         moved = moved.moved(R_GF, p_GF)
     except InvalidArgumentError:
         return ANYWHERE

@@ -1,4 +1,4 @@
-"""Which ground lies on a contact's own side of a thin wall."""
+"""Tests for candidates on the contact's own side of a thin wall."""
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -10,10 +10,10 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.constraints import OPPOSITE
 
 WALL_TESTS = ("none", "normals", "surface")
-"""No test; by the angle between outward normals; by the way over the surface."""
+"""No test; by the angle between outward normals; by paths over the surface."""
 
 _DETOUR = 2.5
-"""How much longer the way over the surface may be than the straight one. Half round a ball it is
+"""Largest ratio of a path over the surface to the straight line. Half round a ball it is
 1.6, round the edge of a box at most 1.4, from face to face of a cube 2, of a plate much more."""
 
 _LINK = 2.0
@@ -21,11 +21,11 @@ _LINK = 2.0
 
 
 def normals_agree(nhat_OC: FloatArray, normals: FloatArray) -> BoolArray:
-    """Returns which ground faces no way opposite to a contact's, shape (n, k).
+    """Returns which normals are not opposite to those at the contacts, shape (n, k).
 
     Args:
         nhat_OC: Outward unit normals at the contacts, shape (n, 3).
-        normals: Of the ground, shape (k, 3); zero for what is no ground, which always passes.
+        normals: Outward unit normals, shape (k, 3); a zero vector always passes.
     """
     agrees: BoolArray = nhat_OC @ normals.T >= OPPOSITE
     return agrees
@@ -54,16 +54,16 @@ class SurfaceGraph:
         )
 
     def near_over_the_surface(self, p_OC: FloatArray, nhat_OC: FloatArray) -> BoolArray:
-        """Returns the candidates to which the way over the surface is no long detour, (n, N).
+        """Returns the candidates to which the path over the surface is no long detour, (n, N).
 
         Args:
             p_OC: Contacts, shape (n, 3), in metres.
-            nhat_OC: Outward unit normals there, shape (n, 3).
+            nhat_OC: Outward unit normals at the contacts, shape (n, 3).
         """
         straight = np.linalg.norm(self._p_OQ - p_OC[:, None], axis=2)
-        # The candidate that stands for a contact is on its side: the other side is a bit farther.
+        # Paths start at the nearest candidate on the contact's side: the other is a bit farther.
         penalty = np.where(normals_agree(nhat_OC, self._normals), 0.0, np.inf)
         starts = np.argmin(straight + penalty, axis=1)
-        ways = dijkstra(self._links, directed=False, indices=starts)
-        near: BoolArray = ways <= _DETOUR * straight + _LINK * self._spacing
+        paths = dijkstra(self._links, directed=False, indices=starts)
+        near: BoolArray = paths <= _DETOUR * straight + _LINK * self._spacing
         return near
