@@ -33,6 +33,7 @@ def test_run_says_where_the_results_are(tmp_path, capsys):
     assert json.loads((tmp_path / "a_base" / "summary.json").read_text())["ticks"] == 11
 
 
+@pytest.mark.slow
 def test_run_from_a_file_with_drakes_flags(tmp_path):
     file = tmp_path / "mine.yaml"
     file.write_text("_hidden: &d {description: anchored}\none: {<<: *d}\ntwo: {<<: *d}\n")

@@ -47,6 +47,7 @@ def thing(tmp_path, monkeypatch):
     trimesh.creation.cone(radius=40, height=110).export("thing.stl")
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("thing")
 def test_the_guide_to_meshes_is_followed_as_it_stands():
     Path("mine.yaml").write_text(block("own_mesh.md", "yaml"))
@@ -68,6 +69,7 @@ def test_the_strong_finger_owns_what_asks_for_much():
     assert strong > weak + 0.02
 
 
+@pytest.mark.slow
 def test_the_guide_to_composing_lifts_the_cube(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     names = executed("compose.md", blocks("compose.md", "python")[0])
@@ -88,6 +90,7 @@ def test_the_estimator_alone_follows_until_the_object_is_lost(capsys):
             assert X_WO.IsNearlyEqualTo(measure(time), 1e-9)
 
 
+@pytest.mark.slow
 def test_the_guide_to_a_hand_of_your_own_grasps_with_it(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my_hand.yaml").write_text(block("own_hand.md", "yaml"))
@@ -136,6 +139,7 @@ def test_the_page_on_the_study_names_its_options(capsys):
     assert set(re.findall(r"`(--\w+)", text)) == known
 
 
+@pytest.mark.slow
 def test_the_study_in_the_guide_to_sweeps_makes_its_runs(tmp_path):
     (tmp_path / "my_study.yaml").write_text(block("sweeps.md", "yaml"))
     study = load_study(str(tmp_path / "my_study.yaml"))
@@ -169,6 +173,7 @@ def test_the_page_on_faults_has_a_row_for_each_verdict_and_status():
     assert len(rows) == len(set(rows))
 
 
+@pytest.mark.slow
 def test_the_pose_streams_file_and_scenario_run(tmp_path):
     (tmp_path / "poses.csv").write_text(block("pose_stream.md", "csv"))
     scenario = tmp_path / "mine.yaml"

@@ -29,6 +29,7 @@ def numbers(cell: str) -> list[float | None]:
     return [None if word == "—" else float(word) for word in cell.split()]
 
 
+@pytest.mark.slow
 def test_the_python_lines_run(tmp_path, monkeypatch):
     (code,) = blocks("python")
     monkeypatch.chdir(tmp_path)

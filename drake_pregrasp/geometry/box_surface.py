@@ -87,7 +87,7 @@ def _check_number(
 ) -> None:
     count = 0.0  # A float, as integers could overflow.
     for face in faces:
-        first, second = 2 * half[face_normal(face) == 0]
+        first, second = (2 * half[face_normal(face) == 0]).tolist()  # Overflows to inf in silence.
         count += (first / spacing + 1) * (second / spacing + 1)
     if count > max_points:
         raise InvalidArgumentError(

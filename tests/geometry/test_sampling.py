@@ -163,6 +163,7 @@ def test_at_a_sharp_edge_signs_tell_in_from_out():
 SPACINGS = (0.012, 0.006, 0.003)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", [CUP, ball_shape(0.03)], ids=["cup", "ball"])
 def test_area_weighted_sums_approach_the_integral(shape):
     """The centroid of the half of the surface with x > 0, against the mesh's own triangles."""

@@ -59,6 +59,7 @@ def test_tips_that_are_too_near_come_apart_evenly_and_off_the_table():
     assert np.min(TABLE.distance(moved)) >= 0.013 - 1e-6
 
 
+@pytest.mark.slow
 @given(
     st.tuples(coordinates, coordinates, coordinates),
     st.tuples(coordinates, coordinates, coordinates),

@@ -18,6 +18,7 @@ from drake_pregrasp.systems.pose_sensor import NoiseSource
 STATIC_PUBLISHED = {"q_msv": (2.2089, 0.001), "q_gii": (0.9749, 0.001), "q_vew": (125.4176, 0.005)}
 
 
+@pytest.mark.slow
 def test_the_run_folder_is_complete(base_run):
     files = {path.name for path in base_run.folder.iterdir()}
     assert files | {"diagram.svg", "recording.html", "grasp.csv"} == set(RUN_FILES)

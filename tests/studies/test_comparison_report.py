@@ -139,6 +139,7 @@ def text_of(page):
     return re.sub(r"(?<=base64,)[^\"]+", "", page.read_text())
 
 
+@pytest.mark.slow
 def test_the_page_is_self_contained_and_all_text_is_escaped(tmp_path):
     Image.new("RGB", (4, 3), "red").save(tmp_path / "red.png")
     figures = [Picture(tmp_path / "red.png", 'It is "red" & <small>.')]
@@ -152,6 +153,7 @@ def test_the_page_is_self_contained_and_all_text_is_escaped(tmp_path):
         assert text not in page
 
 
+@pytest.mark.slow
 def test_a_study_without_rows_has_a_page(tmp_path):
     page = text_of(write_comparison(tmp_path, pd.DataFrame(), NO_FAILURES, {}))
     assert "There are no grasps yet." in page

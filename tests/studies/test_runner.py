@@ -83,6 +83,7 @@ def test_a_failed_job_is_noted_stops_no_other_and_runs_again(again, whole, monke
     assert files(folder) == whole
 
 
+@pytest.mark.slow
 def test_without_a_folder_a_failed_job_is_an_error(monkeypatch):
     monkeypatch.setenv("FAIL", "b0")
     with pytest.raises(OutputError, match="no <b>luck"):
@@ -105,6 +106,7 @@ def unpicklable(job):
     return {"value": lambda: job}
 
 
+@pytest.mark.slow
 def test_processes_are_renewed(monkeypatch):
     monkeypatch.setattr(workers, "JOBS_A_WORKER", 2)
     rows = run_jobs(row, JOBS[:5:2], processes=1).rows.sort_values("seed")
@@ -122,6 +124,7 @@ def test_a_killed_process_costs_no_row_and_a_job_that_always_kills_is_given_up(a
     assert len(list(tmp_path.glob("1_*"))) == 3
 
 
+@pytest.mark.slow
 def test_rows_of_other_settings_are_never_mixed(again, whole):
     with pytest.raises(OutputError, match=r"other settings \(study\.a\.b, study\.c\); choose"):
         again(settings={"a": {"b": 2}, "c": 1})
@@ -206,12 +209,14 @@ def cluster():
 on_dask = pytest.mark.filterwarnings("ignore")
 
 
+@pytest.mark.slow
 @on_dask
 def test_a_cluster_makes_the_same_bytes_and_goes_on(again, whole, cluster):
     _, folder = again(cut=len(whole[JOURNAL]) // 2, scheduler=cluster.scheduler_address)
     assert files(folder) == whole
 
 
+@pytest.mark.slow
 @on_dask
 def test_a_killed_worker_costs_no_row_and_a_job_that_always_kills_is_given_up(
     again, cluster, tmp_path
@@ -223,6 +228,7 @@ def test_a_killed_worker_costs_no_row_and_a_job_that_always_kills_is_given_up(
     assert found.failed["error"].str.contains("KilledWorker").tolist() == [True]
 
 
+@pytest.mark.slow
 @on_dask
 def test_workers_with_another_package_are_refused(again, cluster, monkeypatch):
     monkeypatch.setattr(workers, "differences", lambda theirs, ours: f"source {theirs['source']}")

@@ -1,6 +1,7 @@
 """Where the planner's contacts settle."""
 
 import numpy as np
+import pytest
 
 from drake_pregrasp import PlannerConfig
 from drake_pregrasp.studies import settled_margins
@@ -26,6 +27,7 @@ def test_the_margin_strategy_settles_at_a_better_margin(surface, p_OC):
     assert settled_margin(surface, p_OC, config, ticks=3) > margin_of(surface, p_OC)
 
 
+@pytest.mark.slow
 def test_it_prints_a_line_for_each_strategy(monkeypatch, capsys):
     monkeypatch.setattr(settled_margins, "CASES", [(3, 1, (0.1, 0.1, 0.1), 0.02)])
     settled_margins.main()

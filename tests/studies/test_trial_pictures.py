@@ -78,6 +78,7 @@ def tracked(job):
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seeds", "methods"), [(2, METHODS), (6, METHODS), (6, ["world", "stationary"])]
 )
@@ -103,6 +104,7 @@ def test_figures_are_of_the_methods_there_are(tmp_path, monkeypatch, seeds, meth
     assert all(f"Seed {seed}" in picture.caption for picture in (pictures, *strips))
 
 
+@pytest.mark.slow
 def test_strips_show_each_method_in_its_colour(tmp_path):
     jobs = [TrialJob("headline", method, 0) for method in ("fixed_plan", "stationary")]
     sizes = []

@@ -260,6 +260,7 @@ def state_of(trial):
     return np.concatenate([[trial.context.get_time()], *groups])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_each_method_can_be_tracked_and_set_back(method, capfd):
     trial = Trial(TrialJob("headline", method, 3))
