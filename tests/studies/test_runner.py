@@ -94,7 +94,7 @@ def test_without_a_folder_a_failed_job_is_an_error(monkeypatch):
 def test_a_job_may_have_several_rows_or_one_that_cannot_be_sent():
     found = run_jobs(functools.partial(rows_of, count=2), JOBS[:2], processes=1)
     assert found.rows["value"].tolist() == [0, 1, 0, 1]
-    with pytest.raises(OutputError, match="pickle"):
+    with pytest.raises(OutputError, match="unpicklable"):
         run_jobs(unpicklable, JOBS[:1])
 
 
