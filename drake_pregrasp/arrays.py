@@ -1,7 +1,7 @@
 """Array types, ticks, validation of values from users and ports, vector forms of dataclasses."""
 
 import math
-from numbers import Integral, Real
+from numbers import Real
 from typing import Any, TypeVar
 
 import numpy as np
@@ -53,17 +53,6 @@ def number_or_nan(value: object) -> float:
         return float(value)
     except OverflowError:  # An integer may be too large for a float.
         return math.nan
-
-
-def is_integer(value: object, least: int, most: float = math.inf) -> bool:
-    """Returns whether a value has an integer type and lies within limits; the float 2.0 does not.
-
-    Args:
-        value: Any object.
-        least: Lower limit.
-        most: Upper limit.
-    """
-    return isinstance(value, Integral) and least <= int(value) <= most
 
 
 def finite_vector(value: object, size: int) -> FloatArray | None:

@@ -133,7 +133,7 @@ def wrapped(angles: FloatArray) -> FloatArray:
 
 
 _FACING = 0.5
-"""Cosine of the angle between a normal and the way outwards up to which ground faces a finger."""
+"""Cosine of the largest angle between a normal and the outward direction of a finger."""
 
 
 def ring_contacts(surface: ObjectSurface, count: int) -> FloatArray:
@@ -155,7 +155,7 @@ def ring_contacts(surface: ObjectSurface, count: int) -> FloatArray:
     """
     if not 1 <= count <= len(surface.p_OQ):
         raise InvalidArgumentError(
-            f"there is ground for 1 to {len(surface.p_OQ)} contacts, not for {count}"
+            f"there are candidates for 1 to {len(surface.p_OQ)} contacts, not for {count}"
         )
     angles = 2 * np.pi * np.arange(count) / count
     p_OC = np.empty((count, 3))
@@ -167,7 +167,7 @@ def ring_contacts(surface: ObjectSurface, count: int) -> FloatArray:
         across = np.linalg.norm(r - along[:, None] * outward, axis=1)
         facing = is_free & (surface.nhat_OQ @ outward >= _FACING) & (along > 0)
         choices = np.flatnonzero(facing if np.any(facing) else is_free)
-        # Of ground that is equally near to the ray, the outermost is what a finger meets first.
+        # Of candidates equally near to the ray, a finger meets the outermost first.
         best = choices[np.argmin(across[choices] - 1e-3 * along[choices])]
         p_OC[index] = surface.p_OQ[best]
         is_free[best] = False

@@ -114,11 +114,10 @@ def arrival_tick(tick: int, faults: MeasurementFaults, period: float, seed: int)
 
 def is_frozen(tick: int, faults: MeasurementFaults, period: float, seed: int) -> bool:
     """Returns whether the sensor repeats an old value at a tick; arguments as in `arrival_tick`."""
-    rate, duration = faults.freeze_rate, faults.freeze_duration
     return faults.act_at(tick, period) and in_burst(
         tick,
-        rate=rate,
-        duration=duration,
+        rate=faults.freeze_rate,
+        duration=faults.freeze_duration,
         period=period,
         seed=seed,
         channel=FaultChannel.FREEZING,
@@ -127,11 +126,10 @@ def is_frozen(tick: int, faults: MeasurementFaults, period: float, seed: int) ->
 
 def is_occluded(tick: int, faults: MeasurementFaults, period: float, seed: int) -> bool:
     """Returns whether a measurement at a tick is lost; arguments as in `arrival_tick`."""
-    rate, duration = faults.dropout_rate, faults.dropout_duration
     return faults.act_at(tick, period) and in_burst(
         tick,
-        rate=rate,
-        duration=duration,
+        rate=faults.dropout_rate,
+        duration=faults.dropout_duration,
         period=period,
         seed=seed,
         channel=FaultChannel.DROPOUTS,

@@ -68,7 +68,7 @@ class ForbiddenPoints:
 
 @dataclass(frozen=True, eq=False)
 class ObjectSurface:
-    """Where contacts may be on an object O, in its frame.
+    """The allowed surface of an object O for contacts, in the object frame.
 
     The allowed surface is divided into patches of triangles, one for each candidate, so that a
     point can be projected onto the patches of some candidates only. The arrays are never written to
@@ -96,7 +96,7 @@ class ObjectSurface:
 
     @cached_property
     def is_clear_of_forbidden_points(self) -> BoolArray:
-        """Which candidates are out of the balls R_j around the forbidden points, shape (N,)."""
+        """Mask of the candidates outside the balls R_j around forbidden points, shape (N,)."""
         clear = np.ones(len(self.p_OQ), dtype=bool)
         for radius in np.unique(self.forbidden.radii):
             points = self.forbidden.points[self.forbidden.radii == radius]

@@ -25,7 +25,7 @@ PACKAGE = "example-robot-data"
 """The distribution, as pip knows it."""
 
 MODELS_URL = f"package://{PACKAGE}/"
-"""What names of meshes start with in its models."""
+"""Prefix of the names of meshes in its models."""
 
 _LANDMARK = f"{PACKAGE}/package.xml"
 

@@ -80,7 +80,7 @@ def _sweep(parent: Path) -> None:
 
 
 ROBOTS_URL = "robots://"
-"""What names of these models start with."""
+"""Prefix of the names of these models."""
 
 _Writer = Callable[[RobotData, Path, Callable[[int, int], None]], Path]
 _WRITERS: Mapping[str, _Writer] = {"allegro_panda.urdf": write_allegro_panda}

@@ -1,4 +1,4 @@
-"""What a URDF made for other simulators lacks for Drake, and what Drake can't use."""
+"""Adds what Drake needs to a URDF that was made for other simulators, and removes the rest."""
 
 import copy
 from collections.abc import Iterable
@@ -17,7 +17,7 @@ _SLACK = 1e-12  # Of moments of inertia, in kg m².
 
 @dataclass(frozen=True)
 class Drive:
-    """How a joint is driven to desired positions.
+    """Drive of a joint to desired positions.
 
     Attributes:
         stiffness: Gain of the position, in N m/rad.

@@ -36,7 +36,7 @@ RECOVERED = 4.0
 """Standard deviations of the sensor within which an estimate has recovered."""
 
 PREFIX = "fault_"
-"""What the names of the scenarios begin with."""
+"""Prefix of the names of the scenarios."""
 
 
 class FaultJob(NamedTuple):

@@ -1,4 +1,4 @@
-"""What the rows of a study depend on besides its jobs: versions, and digests of the source."""
+"""Versions and digests of the source, on which the rows of a study depend besides its jobs."""
 
 import functools
 import hashlib

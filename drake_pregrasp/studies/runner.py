@@ -120,7 +120,7 @@ def run_jobs(
 
 
 class _Journal(dict[str, dict[str, Any]]):
-    """What jobs have come to, by their keys, and the file that says so."""
+    """Results of jobs by their keys, and the file that stores them."""
 
     def __init__(self, folder: Path | None, jobs: Sequence[Job]) -> None:
         super().__init__()

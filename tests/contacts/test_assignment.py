@@ -96,7 +96,7 @@ def test_a_ring_may_fill_all_ground_and_no_more():
     count = len(surface.p_OQ)
     assert len(np.unique(ring_contacts(surface, count), axis=0)) == count
     for bad in (0, count + 1):
-        with pytest.raises(InvalidArgumentError, match=f"ground for 1 to {count} contacts"):
+        with pytest.raises(InvalidArgumentError, match=f"candidates for 1 to {count} contacts"):
             ring_contacts(surface, bad)
 
 

@@ -34,7 +34,7 @@ CASES: dict[str, Any] = yaml.safe_load(
 
 
 class LookaheadRun(NamedTuple):
-    """What K ticks of a run have shown; all positions are in the world frame, in metres.
+    """Records of K ticks of a run; all positions are in the world frame, in metres.
 
     Attributes:
         p_WC: Goals of the n contacts, shape (K, n, 3).

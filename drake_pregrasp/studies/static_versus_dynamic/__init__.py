@@ -1,1 +1,1 @@
-"""Whether hands grasp better when contacts are planned anew while the object moves: a study."""
+"""A study that compares grasps with contacts planned once and contacts that adapt."""
