@@ -206,25 +206,3 @@ def test_keys_of_version_0_1_still_work(monkeypatch, capsys):
     assert [job.method for job in jobs] == ["fixed_plan", "dynamic"]
     assert main(["study", "static-versus-dynamic", "--arms", "luck"]) == 2
     assert "luck: no such method" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("arguments", "problem"),
-    [
-        (["--methods", "carried,luck"], "luck: no such method; there are: world,carried"),
-        (["--conditions", ""], ": no such condition; there are: nominal,one_lost"),
-        (["--seeds", "0"], "--seeds: 0 must be 1 or more"),
-        (["--first_seed", "-1"], "--first_seed: -1 must be 0 or more"),
-        (["--processes", "0"], "--processes: 0 must be 1 or more"),
-    ],
-)
-def test_bad_options_are_one_line_and_status_2(arguments, problem, capsys):
-    try:
-        status = main(["study", "static-versus-dynamic", *arguments])
-    except SystemExit as end:
-        status = end.code
-    assert status == 2
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert problem in captured.err
-    assert captured.err.count("\n") == 1
