@@ -171,14 +171,18 @@ def validated_covariance(covariance_W: FloatArray, R_WO: FloatArray, spread: flo
     return nearest
 
 
+_PLAIN = (np.ndarray, int, float, np.generic)  # Types of the fields that are no dataclasses.
+
+
 def pack(record: "DataclassInstance") -> FloatArray:
     """Returns all fields of a dataclass in one vector, as discrete state; `unpack` is the inverse.
 
     Args:
-        record: Dataclass instance of numbers and arrays.
+        record: Dataclass instance of numbers, arrays, and dataclasses of such.
     """
-    values = [np.ravel(getattr(record, field.name)) for field in dataclasses.fields(record)]
-    return np.concatenate(values, dtype=float)
+    values = [getattr(record, field.name) for field in dataclasses.fields(record)]
+    parts = [np.ravel(v) if isinstance(v, _PLAIN) else pack(v) for v in values]
+    return np.concatenate(parts, dtype=float)
 
 
 def unpack(template: Record, vector: FloatArray) -> Record:
@@ -195,8 +199,11 @@ def unpack(template: Record, vector: FloatArray) -> Record:
         if isinstance(value, np.ndarray):
             stop = start + value.size
             values.append(vector[start:stop].reshape(value.shape).astype(value.dtype))
-        else:
+        elif isinstance(value, _PLAIN):
             stop = start + 1
             values.append(type(value)(vector[start]))
+        else:
+            stop = start + len(pack(value))
+            values.append(unpack(value, vector[start:stop]))
         start = stop
     return type(template)(*values)
