@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from driven import Driven
 from made_systems import CONTROL_PERIOD as PERIOD
-from made_systems import Driven, bus, make_arm
+from made_systems import bus, make_arm
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
+from driven import Driven
 from made_systems import (
     AROUND,
     CONTROL_PERIOD,
     HAND,
     RADIUS,
     SETTINGS,
-    Driven,
     bus,
     make_carrier,
     make_reference,

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from made_systems import PERIOD, X_WO, Driven, make_selector, partition, points_of
+from driven import Driven
+from made_systems import PERIOD, X_WO, make_selector, partition, points_of
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
@@ -36,7 +37,7 @@ class Selector(Driven):
 
     def __init__(self, surface, p_OC, **settings):
         system = make_selector(surface, p_OC, lost_standoff=STANDOFF, **settings)
-        super().__init__(system, PERIOD)
+        super().__init__(system)
         self.surface, self.n = surface, len(p_OC)
         self.fix(X_WO_estimated=X_WO, p_WO_covariance=np.diag([1e-6, 4e-6, 1e-6]).ravel())
         self.set_regions()
@@ -53,9 +54,7 @@ class Selector(Driven):
         return self.context.get_discrete_state(1).value().reshape(-1, 3).copy()
 
     def tick(self):
-        update = self.system.EvalUniquePeriodicDiscreteUpdate(self.context)
-        self.context.SetDiscreteState(update)
-        self.context.SetTime(self.context.get_time() + PERIOD)
+        super().tick()
         self.set_regions()
 
     def targets(self):

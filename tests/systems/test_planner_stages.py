@@ -2,7 +2,8 @@ import dataclasses
 
 import numpy as np
 import pytest
-from made_systems import PERIOD, X_WO, Driven, make_selector, partition
+from driven import Driven
+from made_systems import PERIOD, X_WO, make_selector, partition
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw
 
