@@ -39,6 +39,9 @@ class Driven:
             changed = self.system.EvalUniquePeriodicDiscreteUpdate(self.context)
             self.context.SetDiscreteState(changed)
 
+    def publish(self):
+        self.system.ForcedPublish(self.context)
+
     def advance(self, seconds):
         self.simulator.AdvanceTo(self.context.get_time() + seconds)
 

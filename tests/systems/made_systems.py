@@ -39,6 +39,7 @@ from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
+from drake_pregrasp.systems.sources import HandPose
 
 HAND_FILE = "package://drake_pregrasp/five_finger_hand.yaml"
 HAND = HandModel(load_hand(HAND_FILE))
@@ -221,6 +222,7 @@ CASES = {
             "tracking_status": TRACKED,
         },
     ),
+    "hand pose": (lambda: HandPose(X_G), {"X_WO_estimated": POSES}),
     "fingertip_sensor": (
         lambda: FingertipSensor(HAND.kinematics),
         {
