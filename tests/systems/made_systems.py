@@ -68,8 +68,8 @@ def make_partitioner(surface, num_contacts=N, limits=None, **changes):
     return SafeRegionPartitioner(config, surface=surface, num_contacts=num_contacts)
 
 
-def make_estimator(p_OCoM=None, **changes):
-    return PoseEstimator(EstimatorConfig(**changes), period=PERIOD, p_OCoM=p_OCoM)
+def make_estimator(period=PERIOD, p_OCoM=None, **changes):
+    return PoseEstimator(EstimatorConfig(**changes), period=period, p_OCoM=p_OCoM)
 
 
 def make_shaper(*, fixed=(), p_GT=1.2 * 0.079 * RING, target_period=PERIOD, lead=0.0, **changes):
