@@ -1,6 +1,7 @@
 """Array types, ticks, validation of values from users and ports, vector forms of dataclasses."""
 
 import math
+from collections.abc import Iterator
 from numbers import Real
 from typing import Any, TypeVar
 
@@ -176,13 +177,17 @@ def pack(record: object) -> FloatArray:
     Args:
         record: Dataclass instance of numbers, arrays, and dataclasses of such.
     """
-    parts: list[Any] = []
+    return np.concatenate(list(_parts(record)), dtype=float)
+
+
+def _parts(record: object) -> Iterator[Any]:
     for value in vars(record).values():
         if isinstance(value, np.ndarray):
-            parts.append(value.ravel())
+            yield value.ravel()
+        elif isinstance(value, _SCALAR):
+            yield (value,)
         else:
-            parts.append((value,) if isinstance(value, _SCALAR) else pack(value))
-    return np.concatenate(parts, dtype=float)
+            yield from _parts(value)
 
 
 def unpack(template: Record, vector: FloatArray) -> Record:
@@ -192,17 +197,21 @@ def unpack(template: Record, vector: FloatArray) -> Record:
         template: Instance of the same class whose fields have the types and shapes to restore.
         vector: Packed instance, which is copied.
     """
+    return _unpacked(template, vector.copy(), 0)[0]
+
+
+def _unpacked(template: Record, vector: FloatArray, start: int) -> tuple[Record, int]:
+    """Returns the instance whose fields begin at an element, and the element after them."""
     fields: list[Any] = []
-    start = 0
     for value in vars(template).values():
         if isinstance(value, np.ndarray):
-            stop = start + value.size
-            fields.append(vector[start:stop].reshape(value.shape).astype(value.dtype))
+            part = vector[start : start + value.size].reshape(value.shape)
+            fields.append(part.astype(value.dtype, copy=False))
+            start += value.size
         elif isinstance(value, _SCALAR):
-            stop = start + 1
             fields.append(type(value)(vector[start]))
+            start += 1
         else:
-            stop = start + len(pack(value))
-            fields.append(unpack(value, vector[start:stop]))
-        start = stop
-    return type(template)(*fields)
+            field, start = _unpacked(value, vector, start)
+            fields.append(field)
+    return type(template)(*fields), start
