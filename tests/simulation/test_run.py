@@ -241,7 +241,7 @@ def test_a_run_that_is_stopped_keeps_its_log_and_any_description_is_plotted(tmp_
     assert not result.completed
     assert len(run_log(result)["time"]) == len(ticks) == result.summary["ticks"]
     assert result.summary["max"]["q_msv"] is None
-    assert result.summary["inactive_contacts"] == {"0": "no allowed ground"}
+    assert result.summary["inactive_contacts"] == {"0": "no allowed surface"}
     assert (result.folder / "metrics.png").exists()
 
 
