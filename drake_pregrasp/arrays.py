@@ -1,12 +1,15 @@
 """Array types, ticks, validation of values from users and ports, vector forms of dataclasses."""
 
+import dataclasses
 import math
-from collections.abc import Iterator
 from numbers import Real
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -30,7 +33,7 @@ SLACK = 1e-6
 
 _NEVER = -(10**18)
 
-Record = TypeVar("Record")
+Record = TypeVar("Record", bound="DataclassInstance")
 
 
 def tick_index(time: float, period: float) -> int:
@@ -168,26 +171,18 @@ def validated_covariance(covariance_W: FloatArray, R_WO: FloatArray, spread: flo
     return nearest
 
 
-_SCALAR = (int, float, np.generic)
+_PLAIN = (np.ndarray, int, float, np.generic)  # Types of the fields that are no dataclasses.
 
 
-def pack(record: object) -> FloatArray:
+def pack(record: "DataclassInstance") -> FloatArray:
     """Returns all fields of a dataclass in one vector, as discrete state; `unpack` is the inverse.
 
     Args:
         record: Dataclass instance of numbers, arrays, and dataclasses of such.
     """
-    return np.concatenate(list(_parts(record)), dtype=float)
-
-
-def _parts(record: object) -> Iterator[Any]:
-    for value in vars(record).values():
-        if isinstance(value, np.ndarray):
-            yield value.ravel()
-        elif isinstance(value, _SCALAR):
-            yield (value,)
-        else:
-            yield from _parts(value)
+    values = [getattr(record, field.name) for field in dataclasses.fields(record)]
+    parts = [np.ravel(v) if isinstance(v, _PLAIN) else pack(v) for v in values]
+    return np.concatenate(parts, dtype=float)
 
 
 def unpack(template: Record, vector: FloatArray) -> Record:
@@ -197,21 +192,18 @@ def unpack(template: Record, vector: FloatArray) -> Record:
         template: Instance of the same class whose fields have the types and shapes to restore.
         vector: Packed instance, which is copied.
     """
-    return _unpacked(template, vector.copy(), 0)[0]
-
-
-def _unpacked(template: Record, vector: FloatArray, start: int) -> tuple[Record, int]:
-    """Returns the instance whose fields begin at an element, and the element after them."""
-    fields: list[Any] = []
-    for value in vars(template).values():
+    values: list[Any] = []
+    start = 0
+    for field in dataclasses.fields(template):
+        value = getattr(template, field.name)
         if isinstance(value, np.ndarray):
-            part = vector[start : start + value.size].reshape(value.shape)
-            fields.append(part.astype(value.dtype, copy=False))
-            start += value.size
-        elif isinstance(value, _SCALAR):
-            fields.append(type(value)(vector[start]))
-            start += 1
+            stop = start + value.size
+            values.append(vector[start:stop].reshape(value.shape).astype(value.dtype))
+        elif isinstance(value, _PLAIN):
+            stop = start + 1
+            values.append(type(value)(vector[start]))
         else:
-            field, start = _unpacked(value, vector, start)
-            fields.append(field)
-    return type(template)(*fields), start
+            stop = start + len(pack(value))
+            values.append(unpack(value, vector[start:stop]))
+        start = stop
+    return type(template)(*values)

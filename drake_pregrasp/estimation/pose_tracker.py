@@ -146,7 +146,6 @@ def update_track(
     return replace(
         after,
         steps=np.vstack([track.steps[1:], step]),
-        newest=posterior,
         alternative=pack(alternative),
         support=support,
         refused=max(0, track.refused - 1),
@@ -171,7 +170,6 @@ def _begin(
     return replace(
         track,
         steps=steps,
-        newest=belief,
         alternative=NO_ALTERNATIVE,
         support=0,
         refused=0,
@@ -221,7 +219,7 @@ def _insert(
         belief = corrected(prior, new)
         rows.append(np.concatenate([seen, pack(belief)]))
     steps = np.vstack([track.steps[~is_later], *rows])[1:]
-    return replace(after, steps=steps, newest=belief, verdict=MeasurementVerdict.USED_LATE)
+    return replace(after, steps=steps, verdict=MeasurementVerdict.USED_LATE)
 
 
 def _next_alternative(

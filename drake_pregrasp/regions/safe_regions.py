@@ -6,7 +6,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -96,10 +95,6 @@ class SafeRegions:
 
     def sizes(self) -> IntArray:
         """Returns the number of candidates in each region, shape (n,)."""
-        return self._sizes
-
-    @cached_property
-    def _sizes(self) -> IntArray:
         counts: IntArray = np.bincount(self.labels - NO_REGION, minlength=1 + len(self.lost))[1:]
         return counts
 

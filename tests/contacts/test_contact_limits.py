@@ -296,7 +296,7 @@ def test_held_contacts_are_inactive_on_forbidden_ground_or_an_active_fingertip_a
     regions = given_regions(CUBE, *members, tip_radii=np.full(4, 0.01))
     goals = hold_contacts(SelectionInput(CUBE, p_OC, regions, np.eye(3)))
     active, crowded = ContactStatus.ACTIVE, ContactStatus.CROWDED_OUT
-    assert list(goals.status) == [active, crowded, active, ContactStatus.NO_ALLOWED_GROUND]
+    assert list(goals.status) == [active, crowded, active, ContactStatus.NO_ALLOWED_SURFACE]
     assert goals.causes[1] == 0
 
 

@@ -121,7 +121,7 @@ def test_held_contacts_on_forbidden_ground_are_inactive(surface, p_OC):
     p_OC = np.vstack([[0.0, 0.0, 0.05], p_OC[1:]])
     open_top = dataclasses.replace(surface, forbidden=ForbiddenPoints.none())
     status = selector_at(open_top, p_OC, static_duration=1.0).array("contact_status")
-    assert list(status) == [ContactStatus.NO_ALLOWED_GROUND, 1, 1, 1, 1]
+    assert list(status) == [ContactStatus.NO_ALLOWED_SURFACE, 1, 1, 1, 1]
 
 
 def test_a_lost_contact_has_no_fingertip_target(surface, p_OC):
