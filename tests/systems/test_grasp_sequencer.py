@@ -33,11 +33,7 @@ def test_fingers_hold_from_closing_until_they_let_go():
     touching = {"f_T_W": felt_by_first(RING).ravel(), "close": [1.0]}
     for inputs, seconds, holding in (
         ({}, SETTINGS.approach_duration + 0.1, [0] * N),
-        (
-            {"f_T_W": felt_by_first(RING).ravel(), "close": [1.0]},
-            SETTINGS.gate_limit + 0.1,
-            [1] * N,
-        ),
+        (touching, SETTINGS.gate_limit + 0.1, [1] * N),
         ({"close": [0.0]}, CONTROL_PERIOD, [1, 0, 0, 0, 0]),
         ({}, SETTINGS.squeeze_duration, [0] * N),
     ):
