@@ -1,11 +1,15 @@
 """Array types, ticks, validation of values from users and ports, vector forms of dataclasses."""
 
+import dataclasses
 import math
 from numbers import Real
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -29,7 +33,7 @@ SLACK = 1e-6
 
 _NEVER = -(10**18)
 
-Record = TypeVar("Record")
+Record = TypeVar("Record", bound="DataclassInstance")
 
 
 def tick_index(time: float, period: float) -> int:
@@ -167,21 +171,17 @@ def validated_covariance(covariance_W: FloatArray, R_WO: FloatArray, spread: flo
     return nearest
 
 
-_SCALAR = (int, float, np.generic)
+_PLAIN = (np.ndarray, int, float, np.generic)  # Types of the fields that are no dataclasses.
 
 
-def pack(record: object) -> FloatArray:
+def pack(record: "DataclassInstance") -> FloatArray:
     """Returns all fields of a dataclass in one vector, as discrete state; `unpack` is the inverse.
 
     Args:
         record: Dataclass instance of numbers, arrays, and dataclasses of such.
     """
-    parts: list[Any] = []
-    for value in vars(record).values():
-        if isinstance(value, np.ndarray):
-            parts.append(value.ravel())
-        else:
-            parts.append((value,) if isinstance(value, _SCALAR) else pack(value))
+    values = [getattr(record, field.name) for field in dataclasses.fields(record)]
+    parts = [np.ravel(v) if isinstance(v, _PLAIN) else pack(v) for v in values]
     return np.concatenate(parts, dtype=float)
 
 
@@ -192,17 +192,18 @@ def unpack(template: Record, vector: FloatArray) -> Record:
         template: Instance of the same class whose fields have the types and shapes to restore.
         vector: Packed instance, which is copied.
     """
-    fields: list[Any] = []
+    values: list[Any] = []
     start = 0
-    for value in vars(template).values():
+    for field in dataclasses.fields(template):
+        value = getattr(template, field.name)
         if isinstance(value, np.ndarray):
             stop = start + value.size
-            fields.append(vector[start:stop].reshape(value.shape).astype(value.dtype))
-        elif isinstance(value, _SCALAR):
+            values.append(vector[start:stop].reshape(value.shape).astype(value.dtype))
+        elif isinstance(value, _PLAIN):
             stop = start + 1
-            fields.append(type(value)(vector[start]))
+            values.append(type(value)(vector[start]))
         else:
             stop = start + len(pack(value))
-            fields.append(unpack(value, vector[start:stop]))
+            values.append(unpack(value, vector[start:stop]))
         start = stop
-    return type(template)(*fields)
+    return type(template)(*values)

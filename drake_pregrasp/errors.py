@@ -22,7 +22,7 @@ class InvalidArgumentError(PregraspError, ValueError):
     """An argument of a function, a class or a port is invalid."""
 
 
-class NoGroundError(InvalidArgumentError):
+class NoSurfaceError(InvalidArgumentError):
     """No part of an object's surface is allowed for contacts."""
 
 

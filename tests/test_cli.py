@@ -55,7 +55,8 @@ BAD = yaml.safe_load((Path(__file__).parent / "bad_commands.yaml").read_text())
 
 
 @pytest.mark.parametrize(("line", "problem"), BAD)
-def test_bad_input_is_one_line_and_status_2(line, problem, capsys):
+def test_bad_input_is_one_line_and_status_2(line, problem, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
     try:
         status = main(shlex.split(line))
     except SystemExit as error:
@@ -65,6 +66,7 @@ def test_bad_input_is_one_line_and_status_2(line, problem, capsys):
     assert captured.out == ""
     assert problem in captured.err
     assert captured.err.count("\n") == 1
+    assert not list(tmp_path.iterdir())
 
 
 def test_smooth_writes_a_stream_and_says_so(tmp_path, capsys):

@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.math import RollPitchYaw
 
 from drake_pregrasp.config.object_config import Box, Mesh, ObjectConfig, zeros
-from drake_pregrasp.errors import InvalidArgumentError, NoGroundError, ScenarioError
+from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError, ScenarioError
 from drake_pregrasp.geometry.box_surface import BOX_FACES, box_surface
 from drake_pregrasp.geometry.mesh_surface import (
     AxisArea,
@@ -215,7 +215,7 @@ def check_surface(source: str, config: ObjectConfig, surface: SurfaceConfig) -> 
             raise ScenarioError(source, f"surface.no_touch[{index}]", str(error)) from error
     try:
         return surface.make_surface(config)
-    except NoGroundError as error:
+    except NoSurfaceError as error:
         key = "no_touch" if surface.no_touch else "forbidden_faces"
         raise ScenarioError(source, f"surface.{key}", str(error)) from error
     except InvalidArgumentError as error:

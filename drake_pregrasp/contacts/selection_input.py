@@ -1,16 +1,29 @@
 """Input and result of the selection of contact goals, and the status of contacts."""
 
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import EnumType, IntEnum
 from functools import cached_property
+from typing import Any
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.geometry.surface import ObjectSurface, RememberedProjection
 from drake_pregrasp.regions.safe_regions import SafeRegions
 
 
-class ContactStatus(IntEnum):
+class _DeprecatedNames(EnumType):
+    """Finds members by the names that they had before."""
+
+    def __getattr__(cls, name: str) -> Any:
+        new = name.replace("_GROUND", "_SURFACE")
+        if new == name or new not in cls.__members__:
+            raise AttributeError(f"{cls.__name__} has no member {name}", name=name, obj=cls)
+        warnings.warn(f"{name} is now {new}", DeprecationWarning, stacklevel=2)
+        return cls.__members__[new]
+
+
+class ContactStatus(IntEnum, metaclass=_DeprecatedNames):
     """Status of a contact at a tick.
 
     Above zero it is active: the goal lies on the allowed surface, has a safe region and counts in
@@ -23,8 +36,8 @@ class ContactStatus(IntEnum):
     """Nothing has been planned yet."""
     ACTIVE = 1
     """The goal has a region of its own."""
-    NO_ALLOWED_GROUND = -2
-    LITTLE_ALLOWED_GROUND = 2
+    NO_ALLOWED_SURFACE = -2
+    LITTLE_ALLOWED_SURFACE = 2
     CROWDED_OUT = -3
     CROWDED = 3
     OUT_OF_REACH = -4
@@ -61,8 +74,8 @@ _DESCRIPTIONS = {
     ContactStatus.LOST: "lost",
     ContactStatus.INACTIVE: "not planned yet",
     ContactStatus.ACTIVE: "active",
-    ContactStatus.NO_ALLOWED_GROUND: "no allowed ground",
-    ContactStatus.LITTLE_ALLOWED_GROUND: "little allowed ground",
+    ContactStatus.NO_ALLOWED_SURFACE: "no allowed surface",
+    ContactStatus.LITTLE_ALLOWED_SURFACE: "little allowed surface",
     ContactStatus.CROWDED_OUT: "crowded out by contact {}",
     ContactStatus.CROWDED: "crowded by contact {}",
     ContactStatus.OUT_OF_REACH: "out of reach",

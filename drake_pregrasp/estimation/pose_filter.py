@@ -252,7 +252,7 @@ def position_covariance(
 class Innovation:
     """Difference of a measured pose from the prior, and its covariance.
 
-    Position and orientation are stacked in one array, so that one call solves both.
+    Position and orientation are stacked in one array, so that one call solves for both.
 
     Attributes:
         nu: Difference of the centre of mass, in metres, and rotation vector from the prior to the
@@ -260,6 +260,7 @@ class Innovation:
         P: Covariances of the prior, shape (2, 6, 6).
         R: Covariances of the measured position and orientation, shape (2, 3, 3), in m² and rad².
         S: Covariances of `nu`, of prior and measurement together, shape (2, 3, 3).
+        K_T: Transposed Kalman gains S⁻¹ P[:, :3], shape (2, 3, 6).
         squared: νᵀ S⁻¹ ν of position and orientation, shape (2,): each chi-square of 3 degrees.
     """
 
@@ -267,6 +268,7 @@ class Innovation:
     P: FloatArray
     R: FloatArray
     S: FloatArray
+    K_T: FloatArray
     squared: FloatArray
 
 
@@ -296,9 +298,9 @@ def innovation(
     if p_OCoM is not None:
         R[0] = position_covariance(prior.R_WO, noise, p_OCoM)
     S = P[:, :3, :3] + R
-    solved = np.linalg.solve(S, nu[:, :, np.newaxis])[:, :, 0]
-    squared = np.array([nu[0] @ solved[0], nu[1] @ solved[1]])
-    return Innovation(nu, P, R, S, squared)
+    solved = np.linalg.solve(S, np.concatenate([P[:, :3], nu[:, :, np.newaxis]], axis=2))
+    squared = np.einsum("ij,ij->i", nu, solved[:, :, 6])
+    return Innovation(nu, P, R, S, solved[:, :, :6], squared)
 
 
 def update(
@@ -313,12 +315,11 @@ def update(
 
 def corrected(prior: PoseBelief, new: Innovation) -> PoseBelief:
     """Returns the posterior for an innovation, with Joseph's form of the covariance."""
-    K_T = np.linalg.solve(new.S, new.P[:, :3])
-    K = K_T.transpose(0, 2, 1)
+    K = new.K_T.transpose(0, 2, 1)
     A = np.array([_I6, _I6])
     A[:, :, :3] -= K
     dx, de = K[0] @ new.nu[0], K[1] @ new.nu[1]
-    P_position, P_orientation = A @ new.P @ A.transpose(0, 2, 1) + K @ new.R @ K_T
+    P_position, P_orientation = A @ new.P @ A.transpose(0, 2, 1) + K @ new.R @ new.K_T
     return PoseBelief(
         time=prior.time,
         p_WCoM=prior.p_WCoM + dx[:3],

@@ -3,10 +3,11 @@
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import cached_property
 
 import numpy as np
 
-from drake_pregrasp.arrays import SLACK, FloatArray, pack
+from drake_pregrasp.arrays import SLACK, FloatArray, pack, unpack
 from drake_pregrasp.estimation.pose_filter import NO_BELIEF, NO_MEASUREMENT, PoseBelief
 
 
@@ -107,7 +108,6 @@ class PoseTrack:
     Attributes:
         steps: Newest measurements that were used, each with the belief after it, the oldest first,
             shape (memory, 104); empty rows come first and have the time -inf.
-        newest: Belief after the newest measurement that was used, which ends the last step.
         last_seen: Last valid measurement, whether used or not, shape (13,).
         alternative: Alternative hypothesis, shape (91,): the belief that follows from refused
             measurements that agree with each other; its time is -inf if there are none.
@@ -126,7 +126,6 @@ class PoseTrack:
     """
 
     steps: FloatArray
-    newest: PoseBelief
     last_seen: FloatArray
     alternative: FloatArray
     support: int
@@ -139,6 +138,11 @@ class PoseTrack:
     last_innovation: FloatArray
     innovation_squared: FloatArray
 
+    @cached_property
+    def newest(self) -> PoseBelief:
+        """Belief after the newest measurement that was used, which ends the last step."""
+        return unpack(NO_BELIEF, self.steps[-1, MEASUREMENT_SIZE:])
+
     @staticmethod
     def empty(memory: int) -> "PoseTrack":
         """Returns the track before the first measurement.
@@ -148,7 +152,6 @@ class PoseTrack:
         """
         return PoseTrack(
             steps=np.tile(np.concatenate([pack(NO_MEASUREMENT), NO_ALTERNATIVE]), (memory, 1)),
-            newest=NO_BELIEF,
             last_seen=pack(NO_MEASUREMENT),
             alternative=NO_ALTERNATIVE,
             support=0,

@@ -124,7 +124,7 @@ def update_track(
         noise_factor=excess if excess > _TOLERATED_EXCESS else 1.0,
         innovation_squared=new.squared,
     )
-    is_expected = np.all(new.squared <= settings.gate_squared)
+    is_expected = new.squared.max() <= settings.gate_squared
     if is_late:
         if not is_expected:
             return replace(after, verdict=MeasurementVerdict.OUTLIER)
@@ -140,12 +140,12 @@ def update_track(
     step = np.concatenate([track.last_seen, pack(posterior)])
     # Noise makes an innovation differ from the one before it, by 2 S in the mean of the square. A
     # motion that the filter does not expect makes innovations that are like each other.
-    changes = np.sum((new.nu - track.last_innovation) ** 2, axis=1)
-    level = min(1.0, float(np.mean(changes / (2 * np.trace(new.S, axis1=1, axis2=2)))))
+    change = new.nu - track.last_innovation
+    shares = np.einsum("ij,ij->i", change, change) / np.einsum("ijj->i", new.S)
+    level = min(1.0, float(shares.sum()) / 4)
     return replace(
         after,
         steps=np.vstack([track.steps[1:], step]),
-        newest=posterior,
         alternative=pack(alternative),
         support=support,
         refused=max(0, track.refused - 1),
@@ -170,7 +170,6 @@ def _begin(
     return replace(
         track,
         steps=steps,
-        newest=belief,
         alternative=NO_ALTERNATIVE,
         support=0,
         refused=0,
@@ -220,7 +219,7 @@ def _insert(
         belief = corrected(prior, new)
         rows.append(np.concatenate([seen, pack(belief)]))
     steps = np.vstack([track.steps[~is_later], *rows])[1:]
-    return replace(after, steps=steps, newest=belief, verdict=MeasurementVerdict.USED_LATE)
+    return replace(after, steps=steps, verdict=MeasurementVerdict.USED_LATE)
 
 
 def _next_alternative(

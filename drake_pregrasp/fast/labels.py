@@ -1,6 +1,6 @@
 """Labels of candidates in compact blocks: whole blocks are decided by their bounding boxes."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numba
@@ -56,7 +56,7 @@ def compact_blocks(q: FloatArray) -> list[IntArray]:
 
 @compiled()
 def cutting_half_spaces(  # type: ignore[no-untyped-def]
-    first, end, normals, bounds, slack, c, center, half, cutting
+    normals, bounds, slack, c, center, half, cutting
 ):
     """Writes which half-spaces do not contain a whole box, and returns their number.
 
@@ -64,7 +64,7 @@ def cutting_half_spaces(  # type: ignore[no-untyped-def]
     """
     x, y, z = center[0] - c[0], center[1] - c[1], center[2] - c[2]
     count = 0
-    for j in range(first, end):
+    for j in range(len(bounds)):
         nx, ny, nz = normals[j, 0], normals[j, 1], normals[j, 2]
         over = nx * x + ny * y + nz * z - bounds[j]
         reach = abs(nx) * half[0] + abs(ny) * half[1] + abs(nz) * half[2]
@@ -77,11 +77,11 @@ def cutting_half_spaces(  # type: ignore[no-untyped-def]
 
 
 @compiled(
-    "i8[::1](f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], i8[::1],"
-    " f8[:,::1], f8[::1], b1[:,::1])"
+    "i8[::1](f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1],"
+    " f8[:,:,::1], f8[:,::1], b1[:,::1])"
 )
 def label_blocks(  # type: ignore[no-untyped-def]
-    q, order, starts, centers, halves, c, half_power, first, normals, bounds, same_side
+    q, order, starts, centers, halves, c, half_power, normals, bounds, same_side
 ):
     """Returns the label of each candidate, in their own order, shape (N,).
 
@@ -93,17 +93,16 @@ def label_blocks(  # type: ignore[no-untyped-def]
         halves: Half edges of those boxes, shape (B, 3).
         c: Contacts, shape (n, 3).
         half_power: (|c_i|² - h_i)/2, shape (n,); infinite for lost fingers.
-        first: Row of each contact's first half-space, and their number, shape (n + 1,).
-        normals: Normals of all half-spaces, shape (m, 3).
-        bounds: Bounds of all half-spaces, shape (m,), for points relative to the contact.
+        normals: Normals of the half-spaces, shape (n, m, 3).
+        bounds: Bounds of the half-spaces, shape (n, m), for points relative to the contact.
         same_side: Candidates that each contact sees, shape (n, N), or empty for all.
     """
     labels = np.empty(len(q), dtype=np.int64)
     owners = np.empty(BLOCK, dtype=np.int64)
-    cutting = np.empty(len(bounds), dtype=np.int64)
+    cutting = np.empty(bounds.shape[1], dtype=np.int64)
     owns = np.empty(len(c), dtype=np.bool_)
     extent = np.max(np.abs(centers) + halves) + np.max(np.abs(c))
-    slack = _SLACK * (np.abs(bounds) + extent * np.sum(np.abs(normals), axis=1))
+    slack = _SLACK * (np.abs(bounds) + extent * np.sum(np.abs(normals), axis=2))
     for block in range(len(centers)):
         start, size = starts[block], starts[block + 1] - starts[block]
         owns[:] = False
@@ -121,11 +120,9 @@ def label_blocks(  # type: ignore[no-untyped-def]
                 continue
             cx, cy, cz = c[i, 0], c[i, 1], c[i, 2]
             count = cutting_half_spaces(
-                first[i],
-                first[i + 1],
-                normals,
-                bounds,
-                slack,
+                normals[i],
+                bounds[i],
+                slack[i],
                 c[i],
                 centers[block],
                 halves[block],
@@ -137,7 +134,8 @@ def label_blocks(  # type: ignore[no-untyped-def]
                 x, y, z = q[start + k, 0] - cx, q[start + k, 1] - cy, q[start + k, 2] - cz
                 for p in range(count):
                     j = cutting[p]
-                    if normals[j, 0] * x + normals[j, 1] * y + normals[j, 2] * z > bounds[j]:
+                    over = normals[i, j, 0] * x + normals[i, j, 1] * y + normals[i, j, 2] * z
+                    if over > bounds[i, j]:
                         owners[k] = NO_REGION
                         break
         for k in range(size):
@@ -166,7 +164,7 @@ class CompactCandidates:
         q: FloatArray,
         c: FloatArray,
         h: FloatArray,
-        half_spaces: Sequence[HalfSpaces],
+        half_spaces: HalfSpaces | None = None,
         same_side: BoolArray | None = None,
     ) -> IntArray:
         """Returns what `label_candidates` does.
@@ -175,7 +173,7 @@ class CompactCandidates:
             q: The same candidates as in the constructor, shape (N, 3).
             c: Contact points, as for `label_candidates`, and so the other arguments.
             h: Weights of the contacts.
-            half_spaces: Bounds of each contact's region.
+            half_spaces: Bounds of the regions inside the cells.
             same_side: Candidates that no wall hides from each contact.
 
         Raises:
@@ -192,9 +190,8 @@ class CompactCandidates:
             self._halves,
             np.array(c, dtype=float, order="C"),
             (np.sum(c**2, axis=1) - h) / 2,
-            np.cumsum([0, *(len(own.bounds) for own in half_spaces)]),
-            np.concatenate([own.normals for own in half_spaces]),
-            np.concatenate([own.bounds for own in half_spaces]),
+            np.empty((len(c), 0, 3)) if half_spaces is None else half_spaces.normals,
+            np.empty((len(c), 0)) if half_spaces is None else half_spaces.bounds,
             np.array(seen, dtype=bool, order="C"),
         )
         return labels

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.errors import InvalidArgumentError, NoGroundError
+from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError
 from drake_pregrasp.geometry.shapes import box_shape
 from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
 
@@ -41,7 +41,7 @@ def box_surface(
     Raises:
         InvalidArgumentError: If a length is not above 0, a face has no such name, or there would be
             more than `max_points`.
-        NoGroundError: If no face is left for contacts.
+        NoSurfaceError: If no face is left for contacts.
     """
     if len(size) != 3 or not all(length > 0 for length in size):
         raise InvalidArgumentError(f"size must be three lengths above 0 m, not {list(size)}")
@@ -52,7 +52,7 @@ def box_surface(
             raise InvalidArgumentError(f"{face!r} is no face of a box: {', '.join(BOX_FACES)}")
     allowed_faces = [face for face in BOX_FACES if face not in forbidden_faces]
     if not allowed_faces:
-        raise NoGroundError("all faces of the box are forbidden: none is left for contacts")
+        raise NoSurfaceError("all faces of the box are forbidden: none is left for contacts")
     half = np.asarray(size) / 2
     _check_number(allowed_faces, half, "spacing", spacing, max_points)
     _check_number(forbidden_faces, half, "forbidden_spacing", forbidden_spacing, max_points)

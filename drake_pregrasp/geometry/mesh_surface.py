@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.errors import InvalidArgumentError, NoGroundError
+from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError
 from drake_pregrasp.geometry.sampling import Triangles, choose_evenly, split_triangles
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.solids import Solid
@@ -125,7 +125,7 @@ def mesh_surface(
     Raises:
         InvalidArgumentError: If a length is not above 0, or the spacing is so fine that the
             triangles would not fit into memory.
-        NoGroundError: If no surface is left for contacts.
+        NoSurfaceError: If no surface is left for contacts.
     """
     if not (spacing > 0 and forbidden_spacing > 0):
         raise InvalidArgumentError("spacings must be above 0 m")
@@ -137,7 +137,7 @@ def mesh_surface(
     forbidden = is_forbidden(triangles, shape.face_parts, no_touch)
     allowed = triangles.chosen(~forbidden)
     if len(allowed.faces) == 0:
-        raise NoGroundError(
+        raise NoSurfaceError(
             "no surface is left for contacts: make the forbidden areas smaller, or the spacing,"
             " since small triangles that reach into an area are forbidden as a whole"
         )

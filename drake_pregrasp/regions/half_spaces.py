@@ -1,22 +1,22 @@
-"""Half-spaces that bound a safe region, and those of solids and of neighbouring fingertips."""
+"""Half-spaces that bound the safe regions, and those of solids and of neighbouring fingertips."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.geometry.solids import Solid
-from drake_pregrasp.regions.constraints import OPPOSITE, Limit, RegionConstraints
+from drake_pregrasp.regions.constraints import OPPOSITE, Limit
 
 
 @dataclass(frozen=True, eq=False)
 class HalfSpaces:
-    """Half-spaces n_j·(q - c_i) <= b_j that bound the region of a contact at c_i.
+    """Half-spaces n_ij·(q - c_i) <= b_ij that bound the regions of n contacts c_i.
 
     Attributes:
-        normals: Normals n_j, of any length, shape (m, d), in metres.
-        bounds: Bounds b_j, shape (m,), in m² for normals in metres.
+        normals: Normals n_ij, of any length, shape (n, m, d), in metres.
+        bounds: Bounds b_ij, shape (n, m), in m² for normals in metres; inf where nothing is bound.
         limits: The `Limit` that each half-space stands for, shape (m,).
         causes: Index of the contact or obstacle behind each, or `NO_CAUSE`, shape (m,).
     """
@@ -26,65 +26,65 @@ class HalfSpaces:
     limits: IntArray
     causes: IntArray
 
-    def chosen(self, mask: BoolArray) -> "HalfSpaces":
-        """Returns the half-spaces of a mask, shape (m,)."""
-        return HalfSpaces(
-            self.normals[mask], self.bounds[mask], self.limits[mask], self.causes[mask]
-        )
-
 
 def joined(parts: Sequence[HalfSpaces]) -> HalfSpaces:
-    """Returns the union of several sets of half-spaces."""
+    """Returns the union of several sets of half-spaces of the same contacts."""
     return HalfSpaces(
-        np.concatenate([part.normals for part in parts]),
-        np.concatenate([part.bounds for part in parts]),
+        np.concatenate([part.normals for part in parts], axis=1),
+        np.concatenate([part.bounds for part in parts], axis=1),
         np.concatenate([part.limits for part in parts]),
         np.concatenate([part.causes for part in parts]),
     )
 
 
-def solid_half_spaces(c_i: FloatArray, solids: Sequence[Solid], margin: float) -> HalfSpaces:
-    """Returns, for each solid, the half-space that touches it at its point nearest to a contact.
+def solid_half_spaces(c: FloatArray, solids: Sequence[Solid], margins: FloatArray) -> HalfSpaces:
+    """Returns the half-spaces that touch each solid at its points nearest to the contacts.
 
-    The half-space is set back by the margin, so that the whole convex solid is on its far side,
-    at least as far off as that.
+    A half-space is set back by the margin, so that the whole convex solid is on its far side, at
+    least as far off as that.
 
     Args:
-        c_i: Contact, shape (d,), in metres; its first three coordinates are its place.
+        c: Contacts, shape (n, d), in metres; their first three coordinates are places.
         solids: Convex obstacles.
-        margin: Distance by which half-spaces are set back, in metres.
+        margins: Distance by which the half-spaces of each contact are set back, shape (n,), in
+            metres.
     """
-    distances, gradients = np.empty(len(solids)), np.zeros((len(solids), len(c_i)))
-    for index, solid in enumerate(solids):
-        distance, gradient = solid.distance_and_gradient(c_i[None, :3])
-        distances[index], gradients[index, :3] = distance[0], gradient[0]
+    bounds, normals = np.empty((len(c), len(solids))), np.zeros((len(c), len(solids), c.shape[1]))
+    for j, solid in enumerate(solids):
+        distances, gradients = solid.distance_and_gradient(c[:, :3])
+        bounds[:, j], normals[:, j, :3] = distances - margins, -gradients
     limits = np.full(len(solids), int(Limit.OBSTACLE))
-    return HalfSpaces(-gradients, distances - margin, limits, np.arange(len(solids)))
+    return HalfSpaces(normals, bounds, limits, np.arange(len(solids)))
 
 
 def neighbour_half_spaces(
-    i: int, c: FloatArray, h: FloatArray, constraints: RegionConstraints
+    c: FloatArray, h: FloatArray, setbacks: FloatArray, nhat_OC: FloatArray
 ) -> HalfSpaces:
-    """Returns the boundaries of a contact's Voronoi cell, set back to leave room for fingertips.
+    """Returns the boundaries of the Voronoi cells, set back to leave room for fingertips.
 
     The boundary towards c_k is (c_k - c_i)·(q - c_i) <= (d² + h_i - h_k)/2, d = |c_k - c_i|.
     Setting it back by r_i on one side and by r_k on the other, and by half a gap on both, keeps
     the tips r_i + r_k and the gap apart. Weights h_i alone cannot: equal ones cancel.
 
     Args:
-        i: Index of the contact.
-        c: All contacts, shape (n, d), in metres; distances are between their first three
-            coordinates.
+        c: Contacts, shape (n, d), in metres; distances are between their first three coordinates.
         h: Weights h_i, shape (n,), in m²; -inf for lost fingers, which need no room.
-        constraints: The fingertips' radii and gap, and the normals at the contacts.
+        setbacks: Distance by which the boundaries of each contact are set back, shape (n,), in
+            metres: r_i and half the gap. At zero, the boundary of the cell is enough.
+        nhat_OC: Outward unit normals at the contacts, shape (n, 3), or empty. Contacts with
+            opposite normals need no room from each other.
     """
-    normals = c - c[i]
-    normals[:, 3:] = 0
-    d = np.linalg.norm(normals, axis=1)
-    needs_room = (d > 0) & np.isfinite(h)
-    if len(constraints.nhat_OC):
-        needs_room &= constraints.nhat_OC @ constraints.nhat_OC[i] >= OPPOSITE
-    k = np.flatnonzero(needs_room)
-    setback = constraints.tip_radius(i) + constraints.tip_gap / 2
-    bounds = (d[k] ** 2 + h[i] - h[k]) / 2 - d[k] * setback
-    return HalfSpaces(normals[k], bounds, np.full(len(k), int(Limit.CROWDED)), k)
+    normals = c - c[:, None]
+    normals[:, :, 3:] = 0
+    d = np.linalg.norm(normals, axis=2)
+    needs_room = (d > 0) & (setbacks > 0)[:, None] & np.isfinite(h)
+    if len(nhat_OC):
+        needs_room &= nhat_OC @ nhat_OC.T >= OPPOSITE
+    h = np.where(np.isfinite(h), h, 0.0)
+    bounds = (d**2 + h[:, None] - h) / 2 - d * setbacks[:, None]
+    return HalfSpaces(
+        normals,
+        np.where(needs_room, bounds, np.inf),
+        np.full(len(c), int(Limit.CROWDED)),
+        np.arange(len(c)),
+    )

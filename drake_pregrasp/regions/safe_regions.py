@@ -4,8 +4,8 @@
 `compute_safe_regions`: the same inequalities as half-spaces, and further constraints beside them.
 """
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -100,7 +100,7 @@ class SafeRegions:
 
 
 LabelCandidates = Callable[
-    [FloatArray, FloatArray, FloatArray, Sequence[HalfSpaces], BoolArray | None], IntArray
+    [FloatArray, FloatArray, FloatArray, HalfSpaces | None, BoolArray | None], IntArray
 ]
 """An implementation of `label_candidates`."""
 
@@ -158,7 +158,7 @@ def compute_safe_regions(
         cells = label_candidates(p_OQ, p_OC, contact_weights, same_side=constraints.same_side)
         for i in np.flatnonzero(is_tiny).tolist():
             regions.limits[i], regions.causes[i] = _limit_of_region(
-                i, p_OQ, p_OC, cells, half_spaces[i], constraints, few
+                i, p_OQ, p_OC, cells, half_spaces, constraints, few
             )
     return regions
 
@@ -167,7 +167,7 @@ def label_candidates(
     q: FloatArray,
     c: FloatArray,
     h: FloatArray,
-    half_spaces: Sequence[HalfSpaces] = (),
+    half_spaces: HalfSpaces | None = None,
     same_side: BoolArray | None = None,
 ) -> IntArray:
     """Returns the region that each candidate lies in, or `NO_REGION`, shape (N,).
@@ -181,8 +181,8 @@ def label_candidates(
         q: Candidate points, shape (N, d), in metres.
         c: Contact points c_i, shape (n, d), in metres.
         h: Weights h_i, shape (n,), in m².
-        half_spaces: For each contact, the half-spaces that bound its region inside its weighted
-            Voronoi cell; without any, the labels are those of the cells.
+        half_spaces: Bounds of the regions inside the weighted Voronoi cells; without any, the
+            labels are those of the cells.
         same_side: Candidates that no wall hides from each contact, shape (n, N).
     """
     half_power = (np.sum(c**2, axis=1) - h)[:, None] / 2 - c @ q.T
@@ -190,10 +190,13 @@ def label_candidates(
         half_power[~same_side] = np.inf
     labels: IntArray = np.argmin(half_power, axis=0)
     labels[np.isposinf(np.min(half_power, axis=0))] = NO_REGION
-    for i, own in enumerate(half_spaces):
-        cell = np.flatnonzero(labels == i)
-        excluded = own.normals @ (q[cell] - c[i]).T > own.bounds[:, None]
-        labels[cell[excluded.any(axis=0)]] = NO_REGION
+    if half_spaces is not None:
+        for i, (normals, bounds) in enumerate(
+            zip(half_spaces.normals, half_spaces.bounds, strict=True)
+        ):
+            cell = np.flatnonzero(labels == i)
+            excluded = normals @ (q[cell] - c[i]).T > bounds[:, None]
+            labels[cell[excluded.any(axis=0)]] = NO_REGION
     return labels
 
 
@@ -204,8 +207,8 @@ def point_half_spaces(
     margins: FloatArray | float = 0.0,
     limit: Limit = Limit.FORBIDDEN,
     first_cause: int = NO_CAUSE,
-) -> list[HalfSpaces]:
-    """Returns, for each contact, the half-spaces that keep its region from forbidden points.
+) -> HalfSpaces:
+    """Returns the half-spaces that keep the region of each contact from forbidden points.
 
     This is the right side of Eq. 1, with w_ij of Eq. 2 and d = |z_j - c_i|. Subtracting |q|²,
 
@@ -228,25 +231,24 @@ def point_half_spaces(
     normals[:, :, :size] = points.points - c[:, None, :size]
     d = np.sqrt(np.einsum("imk,imk->im", normals, normals))
     bounds = d * (d - points.radii - margins)
-    limits = np.full(m, int(limit))
     causes = np.full(m, NO_CAUSE) if first_cause == NO_CAUSE else first_cause + np.arange(m)
-    return list(map(HalfSpaces, normals, bounds, [limits] * len(c), [causes] * len(c)))
+    return HalfSpaces(normals, bounds, np.full(m, int(limit)), causes)
 
 
 def with_constraints(
-    half_spaces: Sequence[HalfSpaces],
-    c: FloatArray,
-    h: FloatArray,
-    constraints: RegionConstraints,
-) -> list[HalfSpaces]:
+    half_spaces: HalfSpaces, c: FloatArray, h: FloatArray, constraints: RegionConstraints
+) -> HalfSpaces:
     """Returns the half-spaces of the regions with those of fingertips, solids and obstacle points.
 
     Args:
-        half_spaces: Those of the forbidden points, of each contact.
+        half_spaces: Those of the forbidden points.
         c: Contacts, shape (n, d), in metres; their first three coordinates are places.
         h: Weights h_i, shape (n,), in m²; -inf for lost fingers.
         constraints: Fingertips, obstacles, and the forbidden points that apply to each contact.
     """
+    if constraints.fencing is not None:
+        bounds = np.where(constraints.fencing, half_spaces.bounds, np.inf)
+        half_spaces = replace(half_spaces, bounds=bounds)
     obstacles = constraints.obstacles
     radii = constraints.tip_radii if len(constraints.tip_radii) else np.zeros(len(c))
     margins = radii + constraints.clearance
@@ -257,14 +259,15 @@ def with_constraints(
         limit=Limit.OBSTACLE,
         first_cause=len(obstacles.solids),
     )
-    bounds = []
-    for i, own in enumerate(half_spaces):
-        parts = [own if constraints.fencing is None else own.chosen(constraints.fencing[i])]
-        if radii[i] + constraints.tip_gap > 0:
-            parts.append(neighbour_half_spaces(i, c, h, constraints))
-        parts += [solid_half_spaces(c[i], obstacles.solids, margins[i]), obstacle_points[i]]
-        bounds.append(joined(parts))
-    return bounds
+    setbacks = radii + constraints.tip_gap / 2
+    return joined(
+        [
+            half_spaces,
+            neighbour_half_spaces(c, h, setbacks, constraints.nhat_OC),
+            solid_half_spaces(c, obstacles.solids, margins),
+            obstacle_points,
+        ]
+    )
 
 
 def _limit_of_region(
@@ -285,12 +288,12 @@ def _limit_of_region(
         q: Candidate points, shape (N, d), in metres.
         c: Contact points, shape (n, d), in metres.
         cells: Contact whose cell each candidate is in, shape (N,).
-        half_spaces: Bounds of the contact's region inside its cell.
+        half_spaces: Bounds of the regions inside the cells.
         constraints: Constraints of the region.
         few: Number of candidates below which a region is tiny.
     """
     own = np.flatnonzero(cells == i)
-    excluded = half_spaces.normals @ (q[own] - c[i]).T > half_spaces.bounds[:, None]
+    excluded = half_spaces.normals[i] @ (q[own] - c[i]).T > half_spaces.bounds[i][:, None]
     point_limits, point_causes = constraints.limits_at(i, q[own, :3], constraints.normals_of(own))
     barred = point_limits != Limit.NONE
     if len(own) < few or not (barred.any() or excluded.any()):

@@ -18,7 +18,7 @@ from drake_pregrasp.errors import InvalidArgumentError, OutputError, first_line,
 from drake_pregrasp.studies.package_digest import differences, package_digest
 
 ATTEMPTS = 3
-"""Times that a job is started whose process is killed."""
+"""Times that a job is tried alone whose process is killed."""
 
 JOBS_A_WORKER = 100
 """Jobs after which a process is replaced: Drake's Python systems are never freed."""
@@ -98,23 +98,23 @@ class _Dispatcher:
     interrupted: threading.Event
 
     def call_locally(self, workers: int) -> None:
-        waiting = deque(range(len(self.jobs)))
+        untried = deque(range(len(self.jobs)))
+        suspects: deque[int] = deque()
         kills: Counter[int] = Counter()
-        again: list[int] = []
+        killed: list[int] = []
 
         def on_end(index: int, future: "Future[Any]") -> None:
-            kills[index] += _is_broken(future)
-            if _is_broken(future) and kills[index] < ATTEMPTS:
-                again.append(index)
+            if _is_broken(future):
+                killed.append(index)
             else:
                 self.on_result(index, _result(future))
 
-        while waiting:
-            # A job whose process was killed, or one beside it, is next tried alone: no other is
-            # blamed.
-            alone = kills[waiting[0]] > 0
-            most = 1 if alone else min(len(waiting), JOBS_A_WORKER * workers)
-            batch = deque(waiting.popleft() for _ in range(most))
+        while untried or suspects:
+            # One of several jobs in a broken pool killed its process, or never started: they are
+            # tried alone later, and only kills of a job that ran alone count.
+            source = untried or suspects
+            most = min(len(untried), JOBS_A_WORKER * workers) or 1
+            batch = deque(source.popleft() for _ in range(most))
             # Threads don't survive a fork, so processes are spawned.
             context = multiprocessing.get_context("spawn")
             processes = min(workers, most)
@@ -125,8 +125,14 @@ class _Dispatcher:
                 except BaseException:
                     pool.shutdown(wait=False, cancel_futures=True)
                     raise
-            waiting.extendleft(reversed([*again, *batch]))
-            again.clear()
+            source.extendleft(reversed(batch))
+            for index in killed:
+                kills[index] += most == 1
+                if kills[index] < ATTEMPTS:
+                    suspects.append(index)
+                else:
+                    self.on_result(index, Failure(f"its process was killed, {ATTEMPTS} times"))
+            killed.clear()
 
     def call_on_cluster(self, address: str) -> None:
         with _connected(address, self.call) as client:
@@ -232,8 +238,6 @@ def _check_workers(client: Any, address: str, call: _Call) -> None:
 def _result(future: "Future[Any]") -> Any:
     try:
         return future.result()
-    except BrokenProcessPool:
-        return Failure(f"its process was killed, {ATTEMPTS} times")
     except Exception as error:  # A result that can't be pickled, or Dask's own.
         return Failure(one_line(error))
 

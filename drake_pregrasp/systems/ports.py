@@ -95,9 +95,7 @@ def declare_output(
             lambda context, output: output.SetFromVector(np.ravel(calc(context))),
             tickets,
         )
-    return system.DeclareAbstractOutputPort(
-        name, model.Clone, lambda context, output: output.set_value(calc(context)), tickets
-    )
+    return system.DeclareAbstractOutputPort(name, model.Clone, _setting_value(calc), tickets)
 
 
 def declare_cache(
@@ -116,10 +114,12 @@ def declare_cache(
         calc: Function that computes the value in a Context.
         sources: Everything that the value depends on.
     """
-    producer = ValueProducer(
-        lambda: AbstractValue.Make(model), lambda context, output: output.set_value(calc(context))
-    )
+    producer = ValueProducer(lambda: AbstractValue.Make(model), _setting_value(calc))
     return system.DeclareCacheEntry(description, producer, _tickets(sources))
+
+
+def _setting_value(calc: Callable[[Context], Any]) -> Callable[[Context, AbstractValue], None]:
+    return lambda context, output: output.set_value(calc(context))
 
 
 def _tickets(sources: Sequence[Source]) -> set[DependencyTicket]:

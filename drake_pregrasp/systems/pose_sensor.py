@@ -153,7 +153,7 @@ class NoisyPoseSensor(LeafSystem):
             sources += [time, seed_ticket]
         if self._faults is None or not self._faults.need_memory:
             declare_output(self, "X_WO_measured", POSE, self._measure, *sources)
-            declare_output(self, "measurement_time", 1, lambda c: c.get_time(), time)
+            declare_output(self, "measurement_time", 1, Context.get_time, time)
             return
         self._empty = SensorMemory.empty(self._faults, self._period)
         self._state = self.DeclareDiscreteState(pack(self._empty))

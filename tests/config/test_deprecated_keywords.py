@@ -7,6 +7,7 @@ from drake_pregrasp import (
     BallReach,
     BallSolid,
     CentroidSelector,
+    ContactStatus,
     EstimatorConfig,
     FingertipGoalShaper,
     GraspConfig,
@@ -164,3 +165,11 @@ def test_systems_understand_the_keywords_that_they_had(surface, p_OC, monkeypatc
         )
         assert config.wall_test == new.wall_test
         SafeRegionPartitioner(new, surface=surface, num_contacts=5)
+
+
+def test_former_names_of_statuses_warn():
+    for name in ("NO_ALLOWED", "LITTLE_ALLOWED"):
+        with pytest.warns(DeprecationWarning, match=f"now {name}_SURFACE"):
+            assert getattr(ContactStatus, f"{name}_GROUND") == ContactStatus[f"{name}_SURFACE"]
+    with pytest.raises(AttributeError, match="no member GROUND"):
+        ContactStatus.GROUND  # noqa: B018

@@ -394,7 +394,7 @@ def test_a_contact_held_on_forbidden_ground_is_inactive_and_says_so():
     p_OC = np.array([[0.05, 0.0, 0.0], [0.0, 0.0, 0.05]])
     regions = SafeRegions.unlimited(np.arange(len(CUBE.p_OQ)) % 2, 2)
     goals = hold_contacts(SelectionInput(CUBE, p_OC, regions, np.eye(3)))
-    assert list(goals.status) == [ContactStatus.ACTIVE, ContactStatus.NO_ALLOWED_GROUND]
+    assert list(goals.status) == [ContactStatus.ACTIVE, ContactStatus.NO_ALLOWED_SURFACE]
 
 
 # Recovery.

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.errors import NoGroundError
+from drake_pregrasp.errors import NoSurfaceError
 from drake_pregrasp.geometry.mesh_surface import (
     AxisArea,
     FacingArea,
@@ -99,7 +99,7 @@ def test_areas_add_up():
 
 
 def test_with_all_surface_forbidden_none_is_left():
-    with pytest.raises(NoGroundError, match="make the forbidden areas smaller"):
+    with pytest.raises(NoSurfaceError, match="make the forbidden areas smaller"):
         mesh_surface(CAN, spacing=0.01, no_touch=[BallSolid(np.zeros(3), 1.0)])
 
 

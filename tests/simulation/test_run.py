@@ -290,7 +290,7 @@ def test_any_description_is_plotted_and_contacts_without_a_place_are_reported(tm
     text = "description: '$\\frac{$', initial_contacts: [[0, 0, 1], [1, 0, 0]]"
     result = run_text("a_base", f"simulation_duration: 0.2, {text}", tmp_path)
     assert (result.folder / "metrics.png").exists()
-    assert result.summary["inactive_contacts"] == {"0": "no allowed ground"}
+    assert result.summary["inactive_contacts"] == {"0": "no allowed surface"}
 
 
 def test_an_unwritable_folder_is_refused_and_keeps_what_is_there(tmp_path):

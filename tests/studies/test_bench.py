@@ -15,9 +15,9 @@ from drake_pregrasp.studies.bench.base_case import RunJob, time_run, time_starts
 from drake_pregrasp.studies.bench.bench import BY_SIZE, bench, plan
 from drake_pregrasp.studies.bench.soak import drift, soak
 from drake_pregrasp.studies.bench.tick_times import (
-    BLAS,
     MESH,
     NUM_SETS,
+    WITHOUT_PORTS,
     Scene,
     TickJob,
     cube,
@@ -28,7 +28,7 @@ from drake_pregrasp.studies.bench.tick_times import (
     time_ticks,
 )
 
-ALL = (*implementations(), BLAS)
+ALL = (*implementations(), WITHOUT_PORTS)
 SMALL_MESH = Scene(0.02, forbidden=10, shape=MESH)
 
 
@@ -38,7 +38,7 @@ def test_all_implementations_plan_the_same(scene, strategy):
     ticks, (_, starts) = make_ticks(TickJob("", scene, strategy)), make_scene(scene)
     assert tuple(ticks) == ALL
     for p_OC in starts[:3]:
-        expected = ticks[BLAS](p_OC)
+        expected = ticks[WITHOUT_PORTS](p_OC)
         assert np.max(np.abs(expected - p_OC)) > 1e-3
         for name in implementations():
             np.testing.assert_allclose(ticks[name](p_OC), expected, atol=1e-10, err_msg=name)
@@ -52,7 +52,9 @@ def test_obstacles_limit_contacts_as_forbidden_points_do(forbidden):
     assert np.all(surface.is_clear_of_forbidden_points)
     plain, limited = (make_ticks(TickJob("", scene, "gii", obstacles)) for obstacles in (0, 1))
     for p_OC in starts:
-        np.testing.assert_allclose(limited["reference"](p_OC), plain[BLAS](p_OC), atol=1e-10)
+        np.testing.assert_allclose(
+            limited["reference"](p_OC), plain[WITHOUT_PORTS](p_OC), atol=1e-10
+        )
 
 
 def test_scenes_have_the_numbers_they_are_asked_for():

@@ -89,31 +89,6 @@ def test_a_real_run_stays_valid_and_recovers_and_without_a_gate_outliers_do_harm
     assert run_faults(job, "{planner: {estimator: {gate: 0.0}}}")["position_error"] > 1e-2
 
 
-@pytest.mark.parametrize(
-    ("option", "problem"),
-    [
-        (
-            ["--faults", "fault_nan,nan"],
-            "faults: 'nan' is no scenario with faults; there are: fault_white_noise, ",
-        ),
-        (["--seeds", "0"], "--seeds: 0 must be 1 or more"),
-        (["--seeds", "1000000000"], "--seeds: 1000000000 must be 10000 or less"),
-        (["--seeds", "many"], "--seeds: invalid whole number value: 'many'"),
-        (["--processes", "-1"], "--processes: -1 must be 1 or more"),
-    ],
-)
-def test_options_that_cannot_be_used_are_said_in_one_line(option, problem, tmp_path, capsys):
-    try:
-        status = main(["study", "faults", "--out", str(tmp_path / "out"), *option])
-    except SystemExit as error:
-        status = error.code
-    said = capsys.readouterr().err
-    assert status == 2
-    assert problem in said
-    assert said.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
 @pytest.mark.slow
 def test_the_command_studies_what_it_is_asked_for(tmp_path, capsys, monkeypatch):
     flags = ["--faults", "fault_nan, fault_bias", "--seeds", "1", "--processes", "1"]

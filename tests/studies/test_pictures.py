@@ -15,6 +15,7 @@ from drake_pregrasp.studies.grasp_pictures import picture_grasp
 from drake_pregrasp.studies.pictures import (
     WHITE,
     Light,
+    camera_pose,
     color_camera,
     coloured,
     drawn_mesh,
@@ -26,16 +27,17 @@ from drake_pregrasp.studies.shape_study import study_shapes
 FORWARD = [0.0, 0.0, 1.0]
 MIDDLE, CORNER = (10, 10), (0, 0)
 BALL = Sphere(0.1)
+AHEAD = RigidTransform()
 
 
-def picture(light, background=WHITE, shape=BALL):
-    """Returns a picture of something red, a metre before the camera."""
+def picture(light, background=WHITE, shape=BALL, p_WS=(0.0, 0.0, 1.0), X_WK=AHEAD):
+    """Returns a picture of a red shape S, for a camera that looks along z a metre before it."""
     scene = SceneGraph()
     scene.AddRenderer("vtk", lit_renderer([light], background))
-    red = coloured(RigidTransform([0, 0, 1]), shape, Rgba(0.8, 0.1, 0.1), "red")
+    red = coloured(RigidTransform(p_WS), shape, Rgba(0.8, 0.1, 0.1), "red")
     scene.RegisterAnchoredGeometry(scene.RegisterSource("test"), red)
     query = scene.get_query_output_port().Eval(scene.CreateDefaultContext())
-    return take_picture(query, color_camera((21, 21), 0.5), RigidTransform())
+    return take_picture(query, color_camera((21, 21), 0.5), X_WK)
 
 
 def test_a_picture_has_its_background_colours_and_lights():
@@ -47,6 +49,16 @@ def test_a_picture_has_its_background_colours_and_lights():
     assert bright[0] > dim[0] > max(dim[1:])
     ahead, back = (picture(Light([0, 0, z], 1.0, "world"))[MIDDLE] for z in (1.0, -1.0))
     assert int(ahead[0]) > int(back[0])
+
+
+def test_a_camera_looks_at_its_target_and_keeps_upright():
+    """10 cm higher is 5.6 pixels higher: a focal length of 41, times 9 cm aside over 66 cm off."""
+    x, y, z = target = np.array([0.02, 0.01, 0.05])
+    look = {"shape": Sphere(0.05), "X_WK": camera_pose(target, np.array([0.5, -0.4, 0.3]))}
+    for height, above in ((0.0, 0.0), (0.1, 5.6)):
+        image = picture(Light(FORWARD, 1.0), p_WS=[x, y, z + height], **look)
+        row, column = np.mean(np.argwhere(image[..., 1] < 128), axis=0)
+        assert (row, column) == pytest.approx((10 - above, 10), abs=0.8)
 
 
 def test_a_mesh_is_drawn_where_its_triangles_are_lifted_to():

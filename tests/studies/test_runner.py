@@ -120,8 +120,8 @@ def test_a_killed_process_costs_no_row_and_a_job_that_always_kills_is_given_up(a
     assert found.made == 3
     (failed,) = found.failed.to_dict("records")
     assert (failed["name"], failed["seed"]) == ("a", 1)
-    assert failed["error"] == "its process was killed, 3 times"
-    assert len(list(tmp_path.glob("1_*"))) == 3
+    assert failed["error"] == f"its process was killed, {workers.ATTEMPTS} times"
+    assert len(list(tmp_path.glob("1_*"))) >= workers.ATTEMPTS
 
 
 @pytest.mark.slow

@@ -125,32 +125,6 @@ def test_the_command_sweeps_and_goes_on(tmp_path, capsys):
     assert (folder / ROWS).read_bytes() == before
 
 
-@pytest.mark.parametrize(
-    ("arguments", "problem"),
-    [
-        (["none.yaml"], "none.yaml: can't be read"),
-        (
-            ["trakking"],
-            "no such sweep; give a file that ends in .yaml, or one of: tracking",
-        ),
-        (["{study}", "--processes", "0"], "--processes: 0 must be 1 or more"),
-        (["{study}", "--processes", "2", "--scheduler", "x"], "--processes: a cluster has its own"),
-        (["{study}", "--out", "/dev/null/x"], "/dev/null/x/mine: can't be written"),
-    ],
-)
-def test_bad_input_is_one_line_and_status_2(arguments, problem, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    file = write_study(tmp_path)
-    try:
-        status = main(["sweep", *(argument.format(study=file) for argument in arguments)])
-    except SystemExit as error:
-        status = error.code
-    captured = capsys.readouterr()
-    assert (status, captured.out) == (2, "")
-    assert problem in captured.err
-    assert captured.err.count("\n") == 1
-
-
 EVIL = "rate <script>alert(1)</script> $x^{$ [Hz]"
 GRID = {
     "motion.linear_velocity": [0.0, 0.001, 0.1],

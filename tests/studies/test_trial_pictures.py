@@ -5,20 +5,11 @@ import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from made_up_trials import made_up_trial
+from made_up_trials import rows_of
 from matplotlib.colors import to_rgb
 from matplotlib.image import imread
-from pydrake.geometry import Rgba, SceneGraph, Sphere
-from pydrake.math import RigidTransform
 
 from drake_pregrasp.simulation.output import without_solver_chatter
-from drake_pregrasp.studies.pictures import (
-    Light,
-    camera_pose,
-    coloured,
-    lit_renderer,
-    take_picture,
-)
 from drake_pregrasp.studies.report_page import Picture
 from drake_pregrasp.studies.runner import StudyRows
 from drake_pregrasp.studies.static_versus_dynamic import trial_pictures
@@ -27,22 +18,7 @@ from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import TrialJob
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
 from drake_pregrasp.studies.static_versus_dynamic.trial import Trial
-from drake_pregrasp.studies.static_versus_dynamic.trial_pictures import (
-    CAMERA,
-    PICTURED,
-    camera_over,
-    closing_contacts,
-    figures_of_one_seed,
-    make_pictures,
-    photograph,
-    plot_strips,
-    representative_seed,
-)
 from drake_pregrasp.systems.drawing import contact_color
-
-
-def rows_of(jobs, trial=made_up_trial):
-    return pd.DataFrame([job._asdict() | row for job in jobs for row in trial(job)])
 
 
 @given(st.dictionaries(st.integers(0, 9), st.tuples(st.booleans(), st.booleans()), min_size=1))
@@ -53,19 +29,24 @@ def test_the_seed_is_the_first_that_represents_the_most_methods(clean):
     shares = rows.groupby("method")["clean"].mean()
     usual = [bool(shares[method] >= 0.5) for method in "ab"]
     typical = {seed: sum(np.equal(of, usual)) for seed, of in clean.items()}
-    seed, rule = representative_seed(rows)
+    seed, rule = trial_pictures.representative_seed(rows)
     assert typical[seed] == max(typical.values())
     assert all(count < typical[seed] for other, count in typical.items() if other < seed)
     assert f"Seed {seed} is the first of {len(clean)} for which, in {typical[seed]} of 2" in rule
+
+
+def no_progress(done, total):
+    pass
 
 
 def test_without_a_seed_of_all_methods_there_are_no_figures(tmp_path):
     for jobs in (
         trial_jobs(["nominal"], METHODS, range(6)),
         trial_jobs(["headline"], ["world", "carried"], range(6)),
-        [TrialJob("headline", method, k) for k, method in enumerate(PICTURED)],
+        [TrialJob("headline", method, k) for k, method in enumerate(trial_pictures.PICTURED)],
     ):
-        assert figures_of_one_seed(tmp_path, rows_of(jobs), None, lambda *step: None) == []
+        rows = rows_of(jobs)
+        assert trial_pictures.figures_of_one_seed(tmp_path, rows, None, no_progress) == []
     assert not list(tmp_path.iterdir())
 
 
@@ -90,14 +71,12 @@ def test_figures_are_of_the_methods_there_are(tmp_path, monkeypatch, seeds, meth
         return StudyRows(rows_of(jobs, tracked), pd.DataFrame(), len(jobs), len(jobs))
 
     monkeypatch.setattr(trial_pictures, "run_jobs", simulate)
-    monkeypatch.setattr(
-        trial_pictures, "make_pictures", lambda path, shown, *options: pictured.append(shown)
-    )
+    monkeypatch.setattr(trial_pictures, "make_pictures", lambda *given: pictured.append(given[1]))
     rows = rows_of(trial_jobs(CONDITIONS, methods, range(seeds)))
-    parts = figures_of_one_seed(tmp_path, rows, 3, lambda *step: None)
+    parts = trial_pictures.figures_of_one_seed(tmp_path, rows, 3, no_progress)
     (shown,) = pictured
     (seed,) = set(shown["seed"])
-    assert set(shown["method"]) == set(PICTURED) & set(methods)
+    assert set(shown["method"]) == set(trial_pictures.PICTURED) & set(methods)
     pictures, *strips = [part for part in parts if isinstance(part, Picture)]
     assert len(strips) == (seeds >= trial_pictures.SEEDS_FOR_STRIPS)
     assert tracked_jobs == [TrialJob("headline", method, seed) for method in methods if strips]
@@ -109,7 +88,7 @@ def test_strips_show_each_method_in_its_colour(tmp_path):
     jobs = [TrialJob("headline", method, 0) for method in ("fixed_plan", "stationary")]
     sizes = []
     for some in (jobs, jobs[:1]):
-        plot_strips(rows_of(some, tracked)).savefig(tmp_path / "strips.png")
+        trial_pictures.plot_strips(rows_of(some, tracked)).savefig(tmp_path / "strips.png")
         image = imread(tmp_path / "strips.png")[..., :3]
         sizes.append(len(image))
         for job in some:
@@ -120,23 +99,10 @@ def test_strips_show_each_method_in_its_colour(tmp_path):
 
 def pixels_of(X_WK, p_WQ):
     """Returns where points are seen, shape (k, 2), by the equations of a pinhole camera."""
-    info = CAMERA.core().intrinsics()
+    info = trial_pictures.CAMERA.core().intrinsics()
     p_KQ = (X_WK.inverse() @ np.atleast_2d(p_WQ).T).T
     centre, focal = [info.center_x(), info.center_y()], [info.focal_x(), info.focal_y()]
     return centre + np.array(focal) * p_KQ[:, :2] / p_KQ[:, 2:]
-
-
-@pytest.mark.parametrize("p_WQ", [[0.0, 0.0, 0.0], [-0.13, 0.07, 0.02]])
-def test_the_camera_sees_a_ball_where_it_is(p_WQ):
-    scene = SceneGraph()
-    scene.AddRenderer(CAMERA.core().renderer_name(), lit_renderer([Light([0.0, 0.0, 1.0], 1.0)]))
-    ball = coloured(RigidTransform(p_WQ), Sphere(0.008), Rgba(0, 0, 0), "ball")
-    scene.RegisterAnchoredGeometry(scene.RegisterSource("test"), ball)
-    X_WK = camera_pose(np.array([0.02, 0.01, 0.05]), np.array([0.5, -0.4, 0.3]))
-    query = scene.get_query_output_port().Eval(scene.CreateDefaultContext())
-    dark = np.argwhere(take_picture(query, CAMERA, X_WK)[:, :, 0] < 100)[:, ::-1]
-    assert len(dark) > 50
-    np.testing.assert_allclose(np.mean(dark, axis=0), pixels_of(X_WK, p_WQ)[0], atol=1.0)
 
 
 @pytest.fixture(scope="module")
@@ -158,9 +124,11 @@ def likeness(pixels):
 
 
 def test_a_picture_shows_contacts_and_regions_where_they_are(tracking):
-    bare, marked = (photograph(tracking, annotate=on).astype(int) for on in (False, True))
-    X_WK = camera_over(tracking)
-    X_WC = closing_contacts(tracking)
+    bare, marked = (
+        trial_pictures.photograph(tracking, annotate=on).astype(int) for on in (False, True)
+    )
+    X_WK = trial_pictures.camera_over(tracking)
+    X_WC = trial_pictures.closing_contacts(tracking)
     points = np.array([X.translation() for X in X_WC])
     normals = np.array([X.rotation().matrix()[:, 2] for X in X_WC])
     seen = np.sum((X_WK.translation() - points) * normals, axis=1) > 0.1
@@ -186,7 +154,7 @@ def test_a_picture_shows_contacts_and_regions_where_they_are(tracking):
 
 def test_a_picture_leaves_no_trace(tracking):
     before, scene = tracking.context.Clone(), tracking.station.scene_graph
-    photograph(tracking, annotate=True)
+    trial_pictures.photograph(tracking, annotate=True)
     assert scene.RendererCount(scene.GetMyContextFromRoot(tracking.context)) == 0
     assert tracking.context.get_time() == before.get_time()
     for index in range(before.num_discrete_state_groups()):
@@ -199,7 +167,7 @@ def test_a_picture_leaves_no_trace(tracking):
 def test_the_grid_has_a_row_for_each_method(tmp_path):
     jobs = [TrialJob("headline", method, 0) for method in ("fixed_plan", "stationary")]
     outcomes = rows_of(jobs).drop_duplicates("method")
-    make_pictures(tmp_path / "grid.png", outcomes, (0.1,))
+    trial_pictures.make_pictures(tmp_path / "grid.png", outcomes, (0.1,))
     grid = imread(tmp_path / "grid.png")
     # One wall in each of the two rows and columns: what is much redder than green.
     red = grid[..., 0] - grid[..., 1] > 0.15

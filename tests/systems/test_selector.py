@@ -209,7 +209,7 @@ def test_held_contacts_on_the_forbidden_surface_are_inactive(surface, p_OC):
     p_OC = np.vstack([[0.0, 0.0, 0.05], p_OC[1:]])
     open_top = dataclasses.replace(surface, forbidden=ForbiddenPoints.none())
     status = Selector(open_top, p_OC, static_duration=1.0).array("contact_status")
-    assert list(status) == [ContactStatus.NO_ALLOWED_GROUND, 1, 1, 1, 1]
+    assert list(status) == [ContactStatus.NO_ALLOWED_SURFACE, 1, 1, 1, 1]
 
 
 @pytest.mark.parametrize("hold", [1.0, np.nan])

@@ -20,8 +20,8 @@ from drake_pregrasp.simulation.output import write_text, writing
 from drake_pregrasp.studies.bench.base_case import PARTS, RunJob, time_run, time_starts
 from drake_pregrasp.studies.bench.soak import drift, soak
 from drake_pregrasp.studies.bench.tick_times import (
-    BLAS,
     MESH,
+    WITHOUT_PORTS,
     Scene,
     TickJob,
     cube,
@@ -43,7 +43,11 @@ GROWTH_STRATEGIES = ("position", "gii")
 Job = tuple[str, Callable[[], list[dict[str, Any]]]]
 Tables = dict[str, pd.DataFrame]
 
-_STYLES = {BLAS: ("#E69F00", "v--"), "reference": ("#0072B2", "s-"), "numba": ("#009E73", "o-")}
+_STYLES = {
+    WITHOUT_PORTS: ("#E69F00", "v--"),
+    "reference": ("#0072B2", "s-"),
+    "numba": ("#009E73", "o-"),
+}
 _PART_COLORS = ("#000000", "#E69F00", "#0072B2", "#CC79A7")
 _GROWTH = {
     ON_A_MESH: "N",
@@ -57,7 +61,7 @@ _WORDS = {
     BY_SIZE: "Planning tick over the number of candidates",
     "growth": "Planning tick on a mesh, and over the numbers of contacts and forbidden points",
     "ticks": "Medians / 99th percentiles in ms, for 5 contacts and 200 forbidden points on a cube"
-    " of 0.1 m. *BLAS*: all points times all planes as one matrix product, without ports.",
+    " of 0.1 m. *no ports*: the reference's functions alone.",
     ON_A_MESH: f"Medians in ms on `{MESH}`, with 5 contacts and up to 200 forbidden points.",
     BY_CONTACTS: "Medians in ms on the cube, N = 20,164, with 200 forbidden points.",
     BY_FORBIDDEN: "Medians in ms on the cube, N = 20,164, with 5 contacts.",

@@ -29,8 +29,8 @@ from drake_pregrasp.simulation.scenario_file import load_scenario
 Tick = Callable[[FloatArray], FloatArray]
 """Plans once: maps contacts to goals, both in O, shape (n, 3), in metres."""
 
-BLAS = "BLAS"
-"""Rival of the implementations: all points times all planes as one matrix product."""
+WITHOUT_PORTS = "no ports"
+"""Stands for the reference's functions, called without systems and ports."""
 
 CUBE = "cube"
 EDGE = 0.1
@@ -115,13 +115,13 @@ def make_tick(
 
     Args:
         surface: The object's surface.
-        implementation: One of `implementations()`, or `BLAS`, which goes through no ports.
+        implementation: One of `implementations()`, or `WITHOUT_PORTS`.
         p_OC: Contacts to start from, in O, shape (n, 3), in metres.
         config: Settings of the planner; contacts adapt from the start.
         obstacles: Obstacles in the world.
     """
-    if implementation == BLAS:
-        return _matrix_product_tick(surface, config)
+    if implementation == WITHOUT_PORTS:
+        return _tick_without_ports(surface, config)
     config = replace(config, static_duration=0.0)
     with chosen(implementation):
         planner = PregraspPlanner(config, surface, p_OC)
@@ -144,7 +144,7 @@ def make_tick(
     return tick
 
 
-def _matrix_product_tick(surface: ObjectSurface, config: PlannerConfig) -> Tick:
+def _tick_without_ports(surface: ObjectSurface, config: PlannerConfig) -> Tick:
     weigh, covariance = make_strategy(config.strategy), config.position_spread**2 * np.eye(3)
 
     def tick(p_OC: FloatArray) -> FloatArray:
@@ -189,10 +189,10 @@ def make_scene(scene: Scene) -> tuple[ObjectSurface, FloatArray]:
 
 
 def make_ticks(job: TickJob) -> dict[str, Tick]:
-    """Returns the tick of each implementation and of `BLAS`, by name."""
+    """Returns the tick of each implementation and of `WITHOUT_PORTS`, by name."""
     surface, starts = make_scene(job.scene)
     obstacles = None
-    names = [*implementations(), BLAS]
+    names = [*implementations(), WITHOUT_PORTS]
     if job.obstacles:
         obstacles, names = Obstacles(points=surface.forbidden), names[:-1]
         surface = replace(surface, forbidden=ForbiddenPoints.none())
