@@ -122,18 +122,13 @@ class CentroidSelector(LeafSystem):
         self._fingertip_frames = list(fingertip_frames or [f"fingertip_{i}" for i in range(n)])
         if len(self._fingertip_frames) != n:
             raise InvalidArgumentError(f"{n} contacts need {n} fingertip frames")
-        options = {k: getattr(config, k) for k in ("reading", "stretch", "power", "friction")}
+        options = {name: getattr(config, name) for name in ("reading", "stretch", "power")}
+        self._fast_goals = fast_goals(surface, config.strategy, **options)
+        options["friction"] = config.friction
         if config.strategy == BLEND:
             self._strategy = make_blend(asdict(config.blend), **options)
         else:
             self._strategy = make_strategy(config.strategy, **options)
-        self._fast_goals = fast_goals(
-            surface,
-            config.strategy,
-            reading=config.reading,
-            stretch=config.stretch,
-            power=config.power,
-        )
         self._config, self._surface = config, surface
         self._limits = limits or config.limits.make_limits(config.period, config.friction)
 
