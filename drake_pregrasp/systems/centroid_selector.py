@@ -17,7 +17,6 @@ from drake_pregrasp.contacts.goal_limits import hold_contacts
 from drake_pregrasp.contacts.selection_input import (
     ContactGoals,
     ContactStatus,
-    GoalFunction,
     SelectionInput,
     WeightFunction,
 )
@@ -132,16 +131,16 @@ class CentroidSelector(LeafSystem):
         self._fingertip_frames = list(fingertip_frames or [f"fingertip_{i}" for i in range(n)])
         if len(self._fingertip_frames) != n:
             raise InvalidArgumentError(f"{n} contacts need {n} fingertip frames")
-        options = {k: getattr(config, k) for k in ("reading", "stretch", "power", "friction")}
-        self._fast_goals: GoalFunction | None = None
-        if weight_function is not None:
-            self._strategy = weight_function
-        elif config.strategy == BLEND:
-            self._strategy = make_blend(asdict(config.blend), **options)
-        else:
-            self._strategy = make_strategy(config.strategy, **options)
-            del options["friction"]
+        options = {name: getattr(config, name) for name in ("reading", "stretch", "power")}
+        self._fast_goals = None
+        if weight_function is None:
             self._fast_goals = fast_goals(surface, config.strategy, **options)
+            options["friction"] = config.friction
+            if config.strategy == BLEND:
+                weight_function = make_blend(asdict(config.blend), **options)
+            else:
+                weight_function = make_strategy(config.strategy, **options)
+        self._strategy = weight_function
         self._config, self._surface = config, surface
         self._limits = limits or config.limits.make_limits(config.period, config.friction)
 
