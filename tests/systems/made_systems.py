@@ -1,32 +1,45 @@
-"""Systems with small settings, and a driver for a system on its own."""
+"""Systems with small settings, and values for their inputs."""
 
 import numpy as np
+from driven import Driven
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BusValue
 
 from drake_pregrasp import (
     ArmPosture,
+    BallReach,
     BoxSolid,
     CarrierPosture,
     CentroidSelector,
     EstimatorConfig,
     FingertipGoalShaper,
+    FingertipSensor,
+    ForbiddenPoints,
     GraspConfig,
+    GraspQualityMonitor,
     GraspSequencer,
+    HalfSpace,
     HandModel,
     JointReference,
     LimitsConfig,
+    MeasurementFaults,
+    NoisyPoseSensor,
     Obstacles,
     PlannerConfig,
     PoseEstimator,
     SafeRegionPartitioner,
+    TrackingStatus,
+    box_surface,
     load_hand,
+    load_scenario,
 )
 from drake_pregrasp.config.hand_description import Fingertip
-from drake_pregrasp.regions.safe_regions import SafeRegions
+from drake_pregrasp.config.planner_config import MeasuresConfig
+from drake_pregrasp.config.sensor_config import SensorConfig
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
+from drake_pregrasp.systems.sources import HandPose
 
 HAND_FILE = "package://drake_pregrasp/five_finger_hand.yaml"
 HAND = HandModel(load_hand(HAND_FILE))
@@ -55,8 +68,8 @@ def make_partitioner(surface, num_contacts=N, limits=None, **changes):
     return SafeRegionPartitioner(config, surface=surface, num_contacts=num_contacts)
 
 
-def make_estimator(p_OCoM=None, **changes):
-    return PoseEstimator(EstimatorConfig(**changes), period=PERIOD, p_OCoM=p_OCoM)
+def make_estimator(period=PERIOD, p_OCoM=None, **changes):
+    return PoseEstimator(EstimatorConfig(**changes), period=period, p_OCoM=p_OCoM)
 
 
 def make_shaper(*, fixed=(), p_GT=1.2 * 0.079 * RING, target_period=PERIOD, lead=0.0, **changes):
@@ -122,18 +135,10 @@ def points_of(value, names=FRAMES):
     return np.array([X.translation() for X in found if X is not None])
 
 
-def plain(value):
-    """A port's value as an array."""
-    if isinstance(value, RigidTransform):
-        return value.GetAsMatrix34()
-    if isinstance(value, SpatialVelocity):
-        return value.get_coeffs().copy()
-    if isinstance(value, SafeRegions):
-        return value.labels.copy()
-    if isinstance(value, BusValue):
-        found = [value.Find(name) for name in (*FRAMES, "palm")]
-        return np.array([X.GetAsMatrix34() for X in found if X is not None])
-    return np.array(value)
+def regions_of(surface, p_OC, weights=None):
+    """The safe regions of contacts in the object's frame."""
+    weights = np.zeros(len(p_OC)) if weights is None else weights
+    return compute_safe_regions(surface.p_OQ, p_OC, weights, surface.forbidden)
 
 
 def partition(surface, p_OC, inputs=None, X=X_WO, **settings):
@@ -145,36 +150,144 @@ def partition(surface, p_OC, inputs=None, X=X_WO, **settings):
     return driven.eval("safe_regions")
 
 
-class Driven:
-    """A system on its own whose inputs are set, and whose clock goes from tick to tick."""
+# A sound value for every input of each system, and another one that its outputs follow.
 
-    def __init__(self, system, period=CONTROL_PERIOD, **inputs):
-        self.system, self.period = system, period
-        self.simulator = Simulator(system)
-        self.context = self.simulator.get_mutable_context()
-        self.fix(**inputs)
+SURFACE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
+P_OC = load_scenario("a_base").initial_p_OC(SURFACE)
+OTHER = P_OC * [1, -1, 1]
+GOALS = P_OC.ravel(), OTHER.ravel()
+X_G = RigidTransform([0.3, -0.2, 0.1])
+X_B = RigidTransform(RollPitchYaw(0.1, -0.2, 0.3), [0.02, 0.03, 0.01])
+POSES, GRASP_POSES = (RigidTransform(), X_B), (X_G, X_G @ X_B)
+SLOW = SpatialVelocity(w=[0, 0.01, 0], v=[0.01, 0, 0])
+VELOCITIES = SLOW, SpatialVelocity(w=[0, 0, 0.5], v=[0.1, 0, 0])
+STATUS = np.ones(N), np.array([1.0, 1, 1, 1, 0])
+TRACKED = [TrackingStatus.TRACKING], [TrackingStatus.LOST]
+REACH = {"reach": [BallReach(center=[0, 0, 0], radius=0.06)] * N}
+AHEAD = {"tip_radii": [RADIUS] * N, "horizon": 1.0}
+FAULTS = MeasurementFaults(dropout_rate=1e-9)
 
-    def fix(self, **inputs):
-        for port, value in inputs.items():
-            if isinstance(value, BusValue | Obstacles):
-                value = AbstractValue.Make(value)
-            self.system.GetInputPort(port).FixValue(self.context, value)
 
-    def advance(self, seconds):
-        self.simulator.AdvanceTo(self.context.get_time() + seconds)
+def ring(radius):
+    """Points of the fingers at a radius from the origin of G, in W."""
+    return (X_G @ (radius * RING).T).T
 
-    def tick(self, count=1):
-        self.advance(count * self.period)
 
-    def eval(self, port):
-        return self.system.GetOutputPort(port).Eval(self.context)
+def point(x):
+    return Obstacles(points=ForbiddenPoints(np.array([[x, 0.0, 0.0]]), np.array([0.03])))
 
-    def array(self, port):
-        return plain(self.eval(port)).copy()
 
-    def numbers(self):
-        """All outputs as one vector."""
-        ports = [
-            self.system.get_output_port(i).get_name() for i in range(self.system.num_output_ports())
-        ]
-        return np.concatenate([self.array(port).ravel() for port in ports])
+def wall(x):
+    return Obstacles((HalfSpace(np.array([x, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])),))
+
+
+SENSED = {"X_WO": POSES, "noise": (np.zeros(6), np.ones(6))}
+REGIONS = {"X_WO_estimated": POSES, "p_WC": GOALS}
+PALM = {
+    "tip_goals": (bus(ring(0.08), RING), bus(P_OC, RING)),
+    "X_WG": GRASP_POSES,
+    "V_WG": VELOCITIES,
+    "X_WO_estimated": GRASP_POSES,
+}
+CASES = {
+    "sensor": (lambda: NoisyPoseSensor(SensorConfig(0.1, 0.1)), SENSED),
+    "sensor with memory": (
+        lambda: NoisyPoseSensor(SensorConfig(0.1, 0.1, FAULTS), period=0.1),
+        SENSED,
+    ),
+    "estimator": (
+        make_estimator,
+        {"X_WO_measured": POSES, "measurement_time": ([0.0], [-np.inf])},
+    ),
+    "partitioner": (
+        lambda: make_partitioner(SURFACE, limits=REACH),
+        REGIONS
+        | {
+            "contact_weights": (np.zeros(N), np.array([0, 0, 0, 0, 1e-2])),
+            "obstacles": (point(9.0), point(0.06)),
+            "X_WH": POSES,
+        },
+    ),
+    "partitioner that looks ahead": (
+        lambda: make_partitioner(SURFACE, limits=AHEAD),
+        REGIONS | {"obstacles": (wall(0.06), wall(0.12)), "V_WO_estimated": VELOCITIES},
+    ),
+    "selector": (
+        lambda: make_selector(SURFACE, P_OC),
+        {
+            "X_WO_estimated": POSES,
+            "p_WO_covariance": (1e-6 * np.eye(3).ravel(), 1e-2 * np.eye(3).ravel()),
+            "safe_regions": (regions_of(SURFACE, P_OC), regions_of(SURFACE, OTHER)),
+            "hold_contacts": ([0.0], [1.0]),
+            "tracking_status": TRACKED,
+        },
+    ),
+    "hand pose": (lambda: HandPose(X_G), {"X_WO_estimated": POSES}),
+    "fingertip_sensor": (
+        lambda: FingertipSensor(HAND.kinematics),
+        {
+            "hand_state": (np.zeros(2 * NQ), np.full(2 * NQ, 0.1)),
+            "net_actuation": (np.ones(NQ), np.full(NQ, 2.0)),
+        },
+    ),
+    "reference": (
+        make_reference,
+        {
+            "commanded_velocity": (np.full(NQ, 0.1), np.zeros(NQ)),
+            "f_T_W": (np.ones(3 * N), np.zeros(3 * N)),
+        },
+    ),
+    "carrier": (lambda: make_carrier(np.zeros(NQ)), PALM),
+    "arm": (lambda: make_arm(p_WG=X_G.translation()), PALM),
+    "shaper": (
+        lambda: make_shaper(lead=0.03, target_period=CONTROL_PERIOD),
+        {
+            "fingertip_targets": (bus(ring(0.05), RING), bus(ring(0.06), RING)),
+            "contact_status": STATUS,
+            "X_WO_estimated": GRASP_POSES,
+            "X_WG": GRASP_POSES,
+            "V_WG": VELOCITIES,
+            "standoffs": (np.full(N, 0.02), np.zeros(N)),
+            "hold_contacts": ([0.0], [1.0]),
+            "X_WU": GRASP_POSES,
+            "fingers_hold": (np.zeros(N), np.ones(N)),
+            "tracking_status": TRACKED,
+        },
+    ),
+    "sequencer": (
+        make_sequencer,
+        {
+            "close": ([0.0], [1.0]),
+            "contact_status": STATUS,
+            "contact_frames": (
+                np.concatenate([0.05 * RING, RING]).ravel(),
+                -np.concatenate([0.05 * RING, RING]).ravel(),
+            ),
+            "X_WO_estimated": GRASP_POSES,
+            "V_WO_estimated": VELOCITIES,
+            "p_WT": (ring(0.05 + RADIUS + 0.02).ravel(), ring(0.05).ravel()),
+            "f_T_W": (np.zeros(3 * N), np.ones(3 * N)),
+            "tracking_status": TRACKED,
+        },
+    ),
+    "monitor": (
+        lambda: GraspQualityMonitor(
+            MeasuresConfig(contact_model="hard_finger"), surface=SURFACE, num_contacts=N
+        ),
+        {
+            "p_WC": (ring(0.05).ravel(), ring(0.03).ravel()),
+            "X_WO": GRASP_POSES,
+            "contact_status": STATUS,
+        },
+    ),
+}
+
+
+def sound_inputs(name):
+    return {port: sound for port, (sound, _) in CASES[name][1].items()}
+
+
+def driven(name):
+    """A system with sound inputs."""
+    make, _ = CASES[name]
+    return Driven(make(), **sound_inputs(name))
