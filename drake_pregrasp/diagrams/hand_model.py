@@ -2,7 +2,7 @@
 
 import contextlib
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from pydrake.common import Parallelism
@@ -17,6 +17,7 @@ from drake_pregrasp.config.limits_config import SectorReach
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.systems.fingertip_sensor import HandKinematics, frame_names
 from drake_pregrasp.systems.palm_posture import ArmKinematics, pose_error
 
@@ -107,12 +108,8 @@ class PalmArm:
                 f"base.palm: there is no frame {config.palm}; there are: {there}"
             )
         lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-        for name, joint, value in zip(config.joints, self.joints, config.home, strict=True):
-            if not lower[joint] <= value <= upper[joint]:
-                raise InvalidArgumentError(
-                    f"base.home: {value:g} of {name} must be from {lower[joint]:g} to"
-                    f" {upper[joint]:g}"
-                )
+        own = self.joints
+        _check_home("base.home", config.joints, config.home, lower[own], upper[own])
         palm = plant.GetFrameByName(config.palm, hand)
         self.palm_frame = palm.scoped_name().get_full()
         self._plant = plant
@@ -185,6 +182,16 @@ def _positions(plant: MultibodyPlant, hand: ModelInstanceIndex, names: list[str]
                 f"base.joints: {joint.name()} is {joint.type_name()}; it must slide or turn"
             )
     return [joint.position_start() for joint in joints]
+
+
+def _check_home(
+    key: str, names: Iterable[str], home: list[float], lower: FloatArray, upper: FloatArray
+) -> None:
+    for name, value, least, most in zip(names, home, lower, upper, strict=True):
+        if not least <= value <= most:
+            raise InvalidArgumentError(
+                f"{key}: {value:g} of {name} must be from {least:g} to {most:g}"
+            )
 
 
 _TWO_TURNS = 4 * np.pi
@@ -277,6 +284,26 @@ class HandModel:
             return asked
         return (low, high) if high - low < _TWO_TURNS else FREE_TURN
 
+    def check_contacts(self, p_OC: FloatArray, normals: FloatArray) -> None:
+        """Checks that no contact is on a face that is forbidden to its finger.
+
+        Args:
+            p_OC: Contacts in O, in the order of the fingers, shape (n, 3), in metres.
+            normals: Outward unit normals of the surface at them, in O, shape (n, 3).
+
+        Raises:
+            InvalidArgumentError: If one is.
+        """
+        for tip, point, normal in zip(self.description.fingertips, p_OC, normals, strict=True):
+            for face in tip.forbidden_faces:
+                if AxisArea(face).holds(normal[None])[0]:
+                    x, y, z = point
+                    raise InvalidArgumentError(
+                        f"the contact at ({x:.3g}, {y:.3g}, {z:.3g}) m is nearest to {tip.frame},"
+                        f" to which {face} is forbidden; forbidden to it are:"
+                        f" {', '.join(tip.forbidden_faces)}"
+                    )
+
     @property
     def relaxed(self) -> FloatArray:
         """Home positions of an arm and of the fingers, shape (nq,)."""
@@ -320,11 +347,7 @@ class HandModel:
                 )
             home[own], left[own] = tip.home, False
             lower, upper = kinematics.lower[own], kinematics.upper[own]
-            for name, value, least, most in zip(names[own], tip.home, lower, upper, strict=True):
-                if not least <= value <= most:
-                    raise InvalidArgumentError(
-                        f"{key}: {value:g} of {name} must be from {least:g} to {most:g}"
-                    )
+            _check_home(key, names[own], tip.home, lower, upper)
         if np.any(left):
             raise InvalidArgumentError(
                 f"{', '.join(names[left])}: neither of base.joints, nor of one finger alone"

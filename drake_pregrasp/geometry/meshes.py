@@ -8,6 +8,7 @@ an OBJ file, beside it.
 import json
 import re
 import struct
+from collections import Counter
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
@@ -17,6 +18,7 @@ import numpy as np
 import trimesh
 from trimesh.resolvers import Resolver
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.resources import check_inside, read_bounded
 
@@ -191,7 +193,7 @@ def _placed_pieces(scene: trimesh.Scene) -> list[Piece]:
 
 
 _SPACES = bytes.maketrans(b"\r\t\v\f", b"\n   ")
-_OBJ_LINE = re.compile(rb"^(v|f|[og]|usemtl|mtllib) ([^\n]*)", re.MULTILINE)
+_OBJ_LINE = re.compile(rb"^ *+(v|f|[og]|usemtl|mtllib) ([^\n]*)", re.MULTILINE)
 
 
 def _plain_obj(data: bytes, *, by_material: bool = False) -> tuple[bytes, str]:
@@ -204,25 +206,24 @@ def _plain_obj(data: bytes, *, by_material: bool = False) -> tuple[bytes, str]:
     Raises:
         InvalidArgumentError: If the file has too many vertices, triangles or parts.
     """
-    data = b"\n" + data.translate(_SPACES).replace(b"\\\n", b" ")
-    data = re.sub(rb" +", b" ", data).replace(b"\n ", b"\n")
+    data = data.translate(_SPACES).replace(b"\\\n", b" ")
     name = b"usemtl" if by_material else b"o"
-    for key, most in ((b"v", MAX_VERTICES), (b"f", MAX_FACES), (name, MAX_PIECES)):
-        _check_count(data.count(b"\n" + key + b" "), f"lines {key.decode()}", most)
-    lines, library, triangles = [], "", 0
+    most = {b"v": MAX_VERTICES, b"f": MAX_FACES, name: MAX_PIECES}
+    lines, library, counts = [], "", Counter[bytes]()
     for match in _OBJ_LINE.finditer(data):
-        key, rest = match[1], match[2].strip()
+        key, words = match[1], match[2].split(None, MAX_FACES + 2)
+        rest = b" ".join(words)[:MAX_NAME]
         if key == b"f":
-            triangles += rest.count(b" ") - 1
-            if triangles > MAX_FACES:
-                raise InvalidArgumentError(f"it has more than {MAX_FACES} triangles; simplify it")
-            lines.append(b"f " + re.sub(rb"/[^ ]*", b"", rest))
-        elif key == b"v":
-            lines.append(b"v " + rest[:MAX_NAME])
-        elif key == name:
-            lines.append(b"o " + rest[:MAX_NAME])
+            counts[key] += max(len(words) - 2, 1)  # Triangles.
+            lines.append(b"f " + b" ".join(word.partition(b"/")[0] for word in words))
+        elif key in most:
+            counts[key] += 1
+            lines.append((b"v " if key == b"v" else b"o ") + rest)
         elif key == b"mtllib":
-            library = library or rest[:MAX_NAME].decode(errors="replace")
+            library = library or rest.decode(errors="replace")
+        if counts[key] > most.get(key, 0):
+            what = {b"v": "vertices", b"f": "triangles"}.get(key, f"lines {key.decode()}")
+            raise InvalidArgumentError(f"it has more than {most[key]} {what}; simplify it")
     return b"\n".join(lines).decode(errors="replace").encode(), library
 
 
@@ -232,19 +233,18 @@ def _read_materials(folder: Path, library: str) -> dict[str, Color]:
     check_inside(path, [folder])
     if not path.is_file():
         return {}
-    colors: dict[str, Color] = {}
+    colors: dict[str, FloatArray] = {}
     name = ""
     for line in read_bounded(path, MAX_MATERIAL_BYTES).decode(errors="replace").splitlines():
         key, _, value = line.strip().partition(" ")
         if key == "newmtl":
             name = value.strip()[:MAX_NAME]
         elif key in ("Kd", "d"):
-            numbers = tuple(
-                np.clip(np.nan_to_num([float(n) for n in value.split()]), 0, 1).tolist()
-            )
-            color = colors.get(name, (0.8, 0.8, 0.8, 1.0))
-            colors[name] = (*numbers[:3], color[3]) if key == "Kd" else (*color[:3], numbers[0])
-    return colors
+            color = colors.setdefault(name, np.array([0.8, 0.8, 0.8, 1.0]))
+            first, count = (0, 3) if key == "Kd" else (3, 1)
+            numbers = np.array(value.split()[:count], dtype=float)
+            color[first : first + count] = np.clip(np.nan_to_num(numbers), 0, 1)
+    return {name: tuple(color.tolist()) for name, color in colors.items()}
 
 
 def _plain_gltf(kind: str, data: bytes) -> bytes:

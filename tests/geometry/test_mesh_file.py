@@ -83,11 +83,33 @@ def test_materials_of_an_obj_file_are_not_looked_for(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
+    ("material", "color"),
+    [
+        ("Kd 1 0.5 0 9\nd 0.25 9", (1.0, 0.5, 0.0, 0.25)),
+        ("d -1\nKd 0.5", (0.5, 0.5, 0.5, 0.0)),
+        ("Kd nan inf 7", (0.0, 1.0, 1.0, 1.0)),
+        ("Kd 1 0.5", None),
+        ("d", None),
+        ("Kd spectral own.rfl", None),
+    ],
+)
+def test_colors_of_a_material_library_are_whole_or_refused(tmp_path, material, color):
+    file = tmp_path / "box.obj"
+    file.write_text("mtllib box.mtl\nusemtl a\n" + box().export(file_type="obj"))
+    (tmp_path / "box.mtl").write_text(f"newmtl a\n{material}\n")
+    if color is None:
+        with pytest.raises(InvalidArgumentError, match=r"box\.obj can't be read as a mesh"):
+            read_pieces(file, colors=True)
+    else:
+        assert read_pieces(file, colors=True)[0].color == color
+
+
+@pytest.mark.parametrize(
     ("name", "data", "problem"),
     [
         ("a.obj", b"v 0 0 0\nf" + b" 1 1" * 100_002, "more than 200000 triangles"),
-        ("a.obj", b"v 0 0 0\n" * 600_001, "has 600001 lines v; at most 600000"),
-        ("a.obj", b"v 0 0 0\ro a\r" * 1001, "has 1001 lines o; at most 1000"),
+        ("a.obj", b"v 0 0 0\n" * 600_001, "more than 600000 vertices"),
+        ("a.obj", b"v 0 0 0\ro a\r" * 1001, "more than 1000 lines o"),
         ("a.obj", b"vt 0 0\n" * 1_000_000, "holds no triangles"),
         ("a.off", b"OFF\n" + b"0 " * 4_000_000, "has 4000001 words"),
         ("a.ply", b"ply\nformat ascii 1.0\n" + b"\t" * 4_000_000, "at most 4000000, simplify"),

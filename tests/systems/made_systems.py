@@ -1,32 +1,44 @@
-"""Systems with small settings, and a driver for a system on its own."""
+"""Systems with small settings, and values for their inputs."""
 
 import numpy as np
+from driven import Driven
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BusValue
 
 from drake_pregrasp import (
     ArmPosture,
+    BallReach,
     BoxSolid,
     CarrierPosture,
     CentroidSelector,
     EstimatorConfig,
     FingertipGoalShaper,
+    FingertipSensor,
     GraspConfig,
+    GraspQualityMonitor,
     GraspSequencer,
+    HalfSpace,
     HandModel,
     JointReference,
     LimitsConfig,
+    MeasurementFaults,
+    NoisyPoseSensor,
     Obstacles,
     PlannerConfig,
     PoseEstimator,
     SafeRegionPartitioner,
+    TrackingStatus,
+    box_surface,
     load_hand,
+    load_scenario,
 )
 from drake_pregrasp.config.hand_description import Fingertip
-from drake_pregrasp.regions.safe_regions import SafeRegions
+from drake_pregrasp.config.planner_config import MeasuresConfig
+from drake_pregrasp.config.sensor_config import SensorConfig
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
+from drake_pregrasp.systems.sources import HandPose
 
 HAND_FILE = "package://drake_pregrasp/five_finger_hand.yaml"
 HAND = HandModel(load_hand(HAND_FILE))
@@ -55,8 +67,8 @@ def make_partitioner(surface, num_contacts=N, limits=None, **changes):
     return SafeRegionPartitioner(config, surface=surface, num_contacts=num_contacts)
 
 
-def make_estimator(p_OCoM=None, **changes):
-    return PoseEstimator(EstimatorConfig(**changes), period=PERIOD, p_OCoM=p_OCoM)
+def make_estimator(period=PERIOD, p_OCoM=None, **changes):
+    return PoseEstimator(EstimatorConfig(**changes), period=period, p_OCoM=p_OCoM)
 
 
 def make_shaper(*, fixed=(), p_GT=1.2 * 0.079 * RING, target_period=PERIOD, lead=0.0, **changes):
@@ -122,18 +134,10 @@ def points_of(value, names=FRAMES):
     return np.array([X.translation() for X in found if X is not None])
 
 
-def plain(value):
-    """A port's value as an array."""
-    if isinstance(value, RigidTransform):
-        return value.GetAsMatrix34()
-    if isinstance(value, SpatialVelocity):
-        return value.get_coeffs().copy()
-    if isinstance(value, SafeRegions):
-        return value.labels.copy()
-    if isinstance(value, BusValue):
-        found = [value.Find(name) for name in (*FRAMES, "palm")]
-        return np.array([X.GetAsMatrix34() for X in found if X is not None])
-    return np.array(value)
+def regions_of(surface, p_OC, weights=None):
+    """The safe regions of contacts in the object's frame."""
+    weights = np.zeros(len(p_OC)) if weights is None else weights
+    return compute_safe_regions(surface.p_OQ, p_OC, weights, surface.forbidden)
 
 
 def partition(surface, p_OC, inputs=None, X=X_WO, **settings):
@@ -145,36 +149,85 @@ def partition(surface, p_OC, inputs=None, X=X_WO, **settings):
     return driven.eval("safe_regions")
 
 
-class Driven:
-    """A system on its own whose inputs are set, and whose clock goes from tick to tick."""
+# Systems of an object at X_G, with two values for each port: a sound one, and another.
 
-    def __init__(self, system, period=CONTROL_PERIOD, **inputs):
-        self.system, self.period = system, period
-        self.simulator = Simulator(system)
-        self.context = self.simulator.get_mutable_context()
-        self.fix(**inputs)
+SURFACE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
+P_OC = load_scenario("a_base").initial_p_OC(SURFACE)
+OTHER = P_OC * [1, -1, 1]
+X_G = RigidTransform([0.3, -0.2, 0.1])
+TURNED = RigidTransform(RollPitchYaw(0.1, -0.2, 0.3), [0.02, 0.03, 0.01])
+SLOW = SpatialVelocity(w=[0, 0.01, 0], v=[0.01, 0, 0])
+FAST = SpatialVelocity(w=[0, 0, 0.5], v=[0.1, 0, 0])
+LIMITS = {
+    "reach": [BallReach(center=[0, 0, 0], radius=0.06)] * N,
+    "tip_radii": [RADIUS] * N,
+    "horizon": 1.0,
+}
+FAULTS = MeasurementFaults(dropout_rate=1e-9)
+MEASURES = MeasuresConfig(contact_model="hard_finger")
+MAKERS = {
+    "sensor": lambda: NoisyPoseSensor(SensorConfig(0.1, 0.1)),
+    "sensor with memory": lambda: NoisyPoseSensor(SensorConfig(0.1, 0.1, FAULTS), period=0.1),
+    "estimator": make_estimator,
+    "partitioner": lambda: make_partitioner(SURFACE, limits=LIMITS),
+    "selector": lambda: make_selector(SURFACE, P_OC),
+    "hand pose": lambda: HandPose(X_G),
+    "fingertip sensor": lambda: FingertipSensor(HAND.kinematics),
+    "reference": make_reference,
+    "carrier": lambda: make_carrier(np.zeros(NQ)),
+    "arm": lambda: make_arm(p_WG=X_G.translation()),
+    "shaper": lambda: make_shaper(lead=0.03, target_period=CONTROL_PERIOD),
+    "sequencer": make_sequencer,
+    "monitor": lambda: GraspQualityMonitor(MEASURES, surface=SURFACE, num_contacts=N),
+}
 
-    def fix(self, **inputs):
-        for port, value in inputs.items():
-            if isinstance(value, BusValue | Obstacles):
-                value = AbstractValue.Make(value)
-            self.system.GetInputPort(port).FixValue(self.context, value)
 
-    def advance(self, seconds):
-        self.simulator.AdvanceTo(self.context.get_time() + seconds)
+def in_world(p_GQ):
+    return (X_G @ p_GQ.T).T
 
-    def tick(self, count=1):
-        self.advance(count * self.period)
 
-    def eval(self, port):
-        return self.system.GetOutputPort(port).Eval(self.context)
+def ring(radius):
+    """Points of the fingers at a radius from the origin of G, in W."""
+    return in_world(radius * RING)
 
-    def array(self, port):
-        return plain(self.eval(port)).copy()
 
-    def numbers(self):
-        """All outputs as one vector."""
-        ports = [
-            self.system.get_output_port(i).get_name() for i in range(self.system.num_output_ports())
-        ]
-        return np.concatenate([self.array(port).ravel() for port in ports])
+def wall(x):
+    """A wall at x in G."""
+    return Obstacles((HalfSpace(X_G @ np.array([x, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])),))
+
+
+FRAME_NAMES = ("X_WO", "X_WO_estimated", "X_WO_measured", "X_WG", "X_WH", "X_WU")
+CONTACT_FRAMES = np.concatenate([0.05 * RING, RING]).ravel()
+VALUES = {
+    **dict.fromkeys(FRAME_NAMES, (X_G, X_G @ TURNED)),
+    "V_WO_estimated": (SLOW, FAST),
+    "V_WG": (SLOW, FAST),
+    "noise": (np.zeros(6), np.ones(6)),
+    "measurement_time": ([0.0], [-np.inf]),
+    "p_WO_covariance": (1e-6 * np.eye(3).ravel(), 1e-2 * np.eye(3).ravel()),
+    "tracking_status": ([TrackingStatus.TRACKING], [TrackingStatus.LOST]),
+    "contact_weights": (np.zeros(N), np.array([0, 0, 0, 0, 1e-2])),
+    "obstacles": (wall(0.12), wall(0.06)),
+    "safe_regions": (regions_of(SURFACE, P_OC), regions_of(SURFACE, OTHER)),
+    "p_WC": (in_world(P_OC).ravel(), in_world(OTHER).ravel()),
+    "contact_status": (np.ones(N), np.array([1.0, 1, 1, 1, 0])),
+    "hold_contacts": ([0.0], [1.0]),
+    "fingertip_targets": (bus(ring(0.05), RING), bus(ring(0.06), RING)),
+    "tip_goals": (bus(ring(0.08), RING), bus(in_world(P_OC), RING)),
+    "standoffs": (np.full(N, 0.02), np.zeros(N)),
+    "fingers_hold": (np.zeros(N), np.ones(N)),
+    "close": ([0.0], [1.0]),
+    "contact_frames": (CONTACT_FRAMES, -CONTACT_FRAMES),
+    "p_WT": (ring(0.05 + RADIUS + 0.02).ravel(), ring(0.05).ravel()),
+    "f_T_W": (np.zeros(3 * N), np.ones(3 * N)),
+    "hand_state": (np.zeros(2 * NQ), np.full(2 * NQ, 0.1)),
+    "net_actuation": (np.ones(NQ), np.full(NQ, 2.0)),
+    "commanded_velocity": (np.full(NQ, 0.1), np.zeros(NQ)),
+}
+
+
+def driven(name):
+    """A system with a sound value at each of its ports."""
+    system = MAKERS[name]()
+    ports = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
+    return Driven(system, **{port: VALUES[port][0] for port in ports})

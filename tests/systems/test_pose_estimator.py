@@ -1,116 +1,93 @@
+"""The estimator while it sees the object: it does what the filter does, and when."""
+
 import numpy as np
 import pytest
+from driven import Driven
 from made_systems import PERIOD, make_estimator
 from pydrake.math import RigidTransform, RollPitchYaw
-from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp import MeasurementVerdict as Verdict
 from drake_pregrasp.config.planner_config import MOST_LATE, EstimatorConfig, filter_noise
 from drake_pregrasp.estimation.pose_filter import PoseMeasurement, first_belief, predict, update
-from drake_pregrasp.systems.pose_estimator import PoseEstimator
 
 NOISE = filter_noise(EstimatorConfig())
 X_0 = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.1, 0.2, 0.3])
 X_1 = RigidTransform(RollPitchYaw(0.1, 0.2, 0.31), [0.101, 0.2, 0.3])
 
 
-def estimator_and_context(X_WO_measured, time=0.0, **arguments):
-    estimator = make_estimator(**arguments)
-    context = estimator.CreateDefaultContext()
-    context.SetTime(time)
-    estimator.GetInputPort("X_WO_measured").FixValue(context, X_WO_measured)
-    return estimator, context
+def first_seen(**arguments):
+    """An estimator before its first tick, at which the object is at X_0."""
+    return Driven(make_estimator(**arguments), X_WO_measured=X_0)
 
 
-def tick(estimator, context):
-    context.SetDiscreteState(estimator.EvalUniquePeriodicDiscreteUpdate(context))
+def seen_twice(**arguments):
+    """An estimator before its second tick, at which the object is at X_1."""
+    estimator = first_seen(**arguments)
+    estimator.update()
+    estimator.at(PERIOD, X_WO_measured=X_1)
+    return estimator
 
 
-def pose(estimator, context):
-    return estimator.GetOutputPort("X_WO_estimated").Eval(context)
+def pose(estimator):
+    return RigidTransform(estimator.eval("X_WO_estimated"))
 
 
 @pytest.mark.parametrize("time", [0.0, -1.0])
 def test_before_any_tick_the_first_measurement_is_the_estimate(time):
-    estimator, context = estimator_and_context(X_0, time)
-    assert pose(estimator, context).IsNearlyEqualTo(X_0, 1e-12)
+    estimator = first_seen()
+    estimator.at(time)
+    assert pose(estimator).IsNearlyEqualTo(X_0, 1e-12)
 
 
 @pytest.mark.parametrize("p_OCoM", [np.zeros(3), np.array([0.01, -0.02, 0.03])])
 def test_ticks_do_what_the_filter_does(p_OCoM):
-    estimator, context = estimator_and_context(X_0, p_OCoM=p_OCoM)
-    belief = first_belief(PoseMeasurement(0, X_0 @ p_OCoM, X_0.rotation().matrix()), NOISE, p_OCoM)
-    tick(estimator, context)
-    context.SetTime(PERIOD)
-    estimator.GetInputPort("X_WO_measured").FixValue(context, X_1)
-    prior = predict(belief, PERIOD, NOISE)
-    belief = update(prior, PoseMeasurement(0, X_1 @ p_OCoM, X_1.rotation().matrix()), NOISE, p_OCoM)
-    np.testing.assert_allclose(pose(estimator, context) @ p_OCoM, belief.p_WCoM, atol=1e-15)
-    V_WO = estimator.GetOutputPort("V_WO_estimated").Eval(context)
+    first, second = (PoseMeasurement(0, X @ p_OCoM, X.rotation().matrix()) for X in (X_0, X_1))
+    prior = predict(first_belief(first, NOISE, p_OCoM), PERIOD, NOISE)
+    belief = update(prior, second, NOISE, p_OCoM)
+    estimator = seen_twice(p_OCoM=p_OCoM)
+    np.testing.assert_allclose(pose(estimator) @ p_OCoM, belief.p_WCoM, atol=1e-15)
+    V_WO = estimator.eval("V_WO_estimated")
     np.testing.assert_allclose(V_WO.rotational(), belief.w_WO, atol=1e-15)
-    p_OCoM_W = belief.R_WO @ p_OCoM
-    v_WCoM = V_WO.translational() + np.cross(belief.w_WO, p_OCoM_W)
+    v_WCoM = V_WO.translational() + np.cross(belief.w_WO, belief.R_WO @ p_OCoM)
     np.testing.assert_allclose(v_WCoM, belief.v_WCoM, atol=1e-15)
-    covariance = estimator.GetOutputPort("p_WO_covariance").Eval(context).reshape(3, 3)
+    covariance = estimator.array("p_WO_covariance").reshape(3, 3)
     np.testing.assert_allclose(covariance, belief.P_position[:3, :3], rtol=1e-12)
 
 
-def rotation(X):
-    return Rotation.from_matrix(X.rotation().matrix())
-
-
 def test_a_measurement_is_used_once():
-    estimator, context = estimator_and_context(X_0)
-    tick(estimator, context)
-    estimator.GetInputPort("X_WO_measured").FixValue(context, X_1)  # The same tick: ignored.
-    assert pose(estimator, context).IsNearlyEqualTo(X_0, 1e-12)
+    estimator = first_seen()
+    estimator.update()
+    estimator.fix(X_WO_measured=X_1)  # The same tick: ignored.
+    assert pose(estimator).IsNearlyEqualTo(X_0, 1e-12)
 
 
 def test_between_ticks_the_estimate_moves_on_with_the_estimated_twist():
-    estimator, context = estimator_and_context(X_0)
-    for k, X in enumerate([X_0, X_1]):
-        context.SetTime(k * PERIOD)
-        estimator.GetInputPort("X_WO_measured").FixValue(context, X)
-        tick(estimator, context)
-    at_tick = RigidTransform(pose(estimator, context))
-    V_WO = estimator.GetOutputPort("V_WO_estimated").Eval(context)
-    context.SetTime(1.5 * PERIOD)
-    moved = pose(estimator, context).translation() - at_tick.translation()
-    np.testing.assert_allclose(moved, V_WO.translational() * PERIOD / 2, atol=1e-15)
+    estimator = seen_twice()
+    estimator.update()
+    p_WO, V_WO = pose(estimator).translation(), estimator.eval("V_WO_estimated")
+    expected = p_WO + V_WO.translational() * PERIOD / 2
+    estimator.at(1.5 * PERIOD)
+    np.testing.assert_allclose(pose(estimator).translation(), expected, atol=1e-15)
 
 
 def test_a_context_that_is_set_back_in_time_starts_afresh():
-    estimator, context = estimator_and_context(X_0)
-    for k in range(200):
-        context.SetTime(k * PERIOD)
-        tick(estimator, context)
-    context.SetTime(0.0)
-    estimator.GetInputPort("X_WO_measured").FixValue(context, X_1)
-    assert pose(estimator, context).IsNearlyEqualTo(X_1, 1e-12)
-    covariance = estimator.GetOutputPort("p_WO_covariance").Eval(context).reshape(3, 3)
-    np.testing.assert_allclose(covariance, NOISE.position**2 * np.eye(3), rtol=1e-12)
-    tick(estimator, context)
-    assert pose(estimator, context).IsNearlyEqualTo(X_1, 1e-12)
+    estimator = first_seen()
+    estimator.tick(200)
+    estimator.at(0.0, X_WO_measured=X_1)
+    for _ in range(2):
+        assert pose(estimator).IsNearlyEqualTo(X_1, 1e-12)
+        covariance = estimator.array("p_WO_covariance").reshape(3, 3)
+        np.testing.assert_allclose(covariance, NOISE.position**2 * np.eye(3), rtol=1e-12)
+        estimator.update()
 
 
 def test_lookahead_is_prediction_with_a_grown_covariance():
-    (now, context), (ahead, _) = (estimator_and_context(X_0, lookahead=t) for t in (0.0, 0.2))
-    later = ahead.CreateDefaultContext()
-    ahead.GetInputPort("X_WO_measured").FixValue(later, X_0)
-    for system, c in ((now, context), (ahead, later)):
-        tick(system, c)
-        c.SetTime(PERIOD)
-        system.GetInputPort("X_WO_measured").FixValue(c, X_1)
-        tick(system, c)
-    context.SetTime(PERIOD + 0.2 - 1e-9)
-    context_pose = now.GetOutputPort("X_WO_estimated")
-    V_WO = now.GetOutputPort("V_WO_estimated")
-    context.SetTime(PERIOD)
-    expected = context_pose.Eval(context).translation() + 0.2 * V_WO.Eval(context).translational()
-    np.testing.assert_allclose(pose(ahead, later).translation(), expected, atol=1e-12)
-    grown = ahead.GetOutputPort("p_WO_covariance").Eval(later)
-    assert grown[0] > now.GetOutputPort("p_WO_covariance").Eval(context)[0]
+    now, ahead = seen_twice(), seen_twice(lookahead=0.2)
+    shift = 0.2 * now.eval("V_WO_estimated").translational()
+    expected = pose(now).translation() + shift
+    np.testing.assert_allclose(pose(ahead).translation(), expected, atol=1e-12)
+    assert ahead.eval("p_WO_covariance")[0] > now.eval("p_WO_covariance")[0]
 
 
 NO_NUMBERS = (np.nan, -np.inf, -1.0, "abc", None, [1.0, 2.0], 1j)
@@ -131,10 +108,8 @@ REFUSED = {
     ("name", "value"), [(name, value) for name, values in REFUSED.items() for value in values]
 )
 def test_bad_arguments_are_refused_by_name(name, value):
-    arguments = {"period": PERIOD, name: value}
-    make = PoseEstimator if name in ("period", "p_OCoM") else make_estimator
     with pytest.raises(InvalidArgumentError, match=name):
-        make(**(arguments if make is PoseEstimator else {name: value}))
+        make_estimator(**{name: value})
 
 
 @pytest.mark.parametrize(
@@ -149,9 +124,6 @@ def test_bad_arguments_are_refused_by_name(name, value):
     ],
 )
 def test_the_ends_of_ranges_are_taken_and_estimates_follow(arguments):
-    estimator, context = estimator_and_context(X_0, **arguments)
-    tick(estimator, context)
-    context.SetTime(PERIOD)
-    estimator.GetInputPort("X_WO_measured").FixValue(context, X_1)
-    assert estimator.GetOutputPort("measurement_verdict").Eval(context)[0] == Verdict.USED
-    assert np.all(np.isfinite(pose(estimator, context).GetAsMatrix34()))
+    estimator = seen_twice(**arguments)
+    assert estimator.eval("measurement_verdict")[0] == Verdict.USED
+    assert np.all(np.isfinite(estimator.numbers()))

@@ -1,5 +1,8 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from driven import Driven
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from drake_pregrasp import InvalidArgumentError, MeasurementFaults, NoisyPoseSensor
@@ -7,7 +10,7 @@ from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.geometry.rotations import rotation_matrix
 
 T = 0.05
-STD = SensorConfig(0.01, 0.02)
+STDS = 0.01, 0.02
 NOISE = np.random.default_rng(0).standard_normal((200, 6))
 ALL = MeasurementFaults(
     noise_factor=2.0,
@@ -29,79 +32,67 @@ WITHOUT_MEMORY = MeasurementFaults(
 )
 
 
-def faulty(faults, seed=3):
-    return NoisyPoseSensor(SensorConfig(0.01, 0.02, faults), period=T, seed=seed)
+KINDS = pytest.mark.parametrize("faults", [WITHOUT_MEMORY, ALL], ids=["without memory", "all"])
+MEMORIES = pytest.mark.parametrize("freeze_rate", [0.0, 1e-9], ids=["no memory", "memory"])
 
 
 def true_pose(tick):
     return RigidTransform(RollPitchYaw(0.1, 0.2, 0.03 * tick), [0.01 * tick, 0.2, 0.3])
 
 
-def set_inputs(sensor, context, tick, X_WO=None):
-    sensor.GetInputPort("X_WO").FixValue(context, X_WO or true_pose(tick))
-    sensor.GetInputPort("noise").FixValue(context, NOISE[tick])
+class Sensor(Driven):
+    """A sensor of an object that moves from tick to tick."""
+
+    def __init__(self, faults, seed=3):
+        super().__init__(NoisyPoseSensor(SensorConfig(*STDS, faults), period=T, seed=seed))
+
+    def at_tick(self, tick, X_WO=None):
+        self.at(tick * T, X_WO=X_WO or true_pose(tick), noise=NOISE[int(tick)])
+
+    def set_seed(self, seed):
+        self.context.get_mutable_numeric_parameter(0).SetAtIndex(0, seed)
+
+    def emitted(self, ticks=range(100)):
+        """Returns what is emitted at the ticks, one row each: the pose and the time."""
+        rows = []
+        for tick in ticks:
+            self.at_tick(tick)
+            rows.append(self.numbers())
+            self.update()
+        return np.array(rows)
 
 
-def outputs(sensor, context):
-    X_WM = sensor.GetOutputPort("X_WO_measured").Eval(context)
-    (stamp,) = sensor.GetOutputPort("measurement_time").Eval(context)
-    return np.array([stamp, *X_WM.GetAsMatrix34().ravel()])
-
-
-def update(sensor, context):
-    if context.num_discrete_state_groups():
-        context.SetDiscreteState(sensor.EvalUniquePeriodicDiscreteUpdate(context))
-
-
-def emitted(sensor, ticks=range(100), context=None):
-    """Returns what is emitted at the ticks, one row each: the stamp and the pose."""
-    context = context or sensor.CreateDefaultContext()
-    rows = []
-    for tick in ticks:
-        context.SetTime(tick * T)
-        set_inputs(sensor, context, tick)
-        rows.append(outputs(sensor, context))
-        update(sensor, context)
-    return np.array(rows)
+NO_FAULTS = MeasurementFaults()
 
 
 def test_without_faults_it_is_the_same_to_the_bit_and_there_is_neither_state_nor_parameter():
-    for sensor in (NoisyPoseSensor(STD), faulty(MeasurementFaults(start=1.0))):
-        context = sensor.CreateDefaultContext()
+    for faults in (NO_FAULTS, MeasurementFaults(start=1.0)):
+        sensor = Sensor(faults)
+        context = sensor.context
         assert context.num_total_states() == context.num_numeric_parameter_groups() == 0
-        for row, tick in zip(emitted(sensor), range(100), strict=True):
-            X_WO = true_pose(tick)
-            turn = RotationMatrix(rotation_matrix(0.02 * NOISE[tick, 3:]))
-            X_WM = RigidTransform(
-                turn @ X_WO.rotation(), X_WO.translation() + 0.01 * NOISE[tick, :3]
-            )
-            np.testing.assert_array_equal(row[1:], X_WM.GetAsMatrix34().ravel())
-            assert row[0] == tick * T
+        for tick, row in enumerate(sensor.emitted()):
+            X_WO, (position_std, orientation_std) = true_pose(tick), STDS
+            turn = RotationMatrix(rotation_matrix(orientation_std * NOISE[tick, 3:]))
+            p_WM = X_WO.translation() + position_std * NOISE[tick, :3]
+            X_WM = RigidTransform(turn @ X_WO.rotation(), p_WM)
+            np.testing.assert_array_equal(row, [*X_WM.GetAsMatrix34().ravel(), tick * T])
 
 
 TIMING = {"dropout_rate", "delay", "jitter", "freeze_rate", "sample_period"}
-ALONE = TIMING | {
-    "noise_factor",
-    "position_bias",
-    "orientation_bias",
-    "degrees_of_freedom",
-    "outlier_probability",
-    "sign_flip_probability",
-    "nan_probability",
-}
+CHANGED = {name for name, value in vars(ALL).items() if value != getattr(NO_FAULTS, name)}
 
 
-@pytest.mark.parametrize("name", sorted(ALONE))
+@pytest.mark.parametrize("name", sorted(CHANGED - {"out_of_order"}))
 def test_each_fault_alone_is_one_and_only_what_concerns_time_has_state(name):
-    context = faulty(MeasurementFaults(**{name: vars(ALL)[name]})).CreateDefaultContext()
+    context = Sensor(MeasurementFaults(**{name: vars(ALL)[name]})).context
     assert context.num_numeric_parameter_groups() == 1
     assert context.num_discrete_state_groups() == (name in TIMING)
 
 
-@pytest.mark.parametrize("faults", [WITHOUT_MEMORY, ALL], ids=["without memory", "all"])
+@KINDS
 def test_outside_of_their_time_faults_change_no_bit(faults):
-    window = {**vars(faults), "start": 1.0, "end": 2.0}
-    found, expected = emitted(faulty(MeasurementFaults(**window))), emitted(NoisyPoseSensor(STD))
+    window = replace(faults, start=1.0, end=2.0)
+    found, expected = Sensor(window).emitted(), Sensor(NO_FAULTS).emitted()
     inside = np.arange(100) // 20 == 1
     late = np.arange(100) // 5 == 8  # What was measured at the end of the window still arrives.
     settled = ~inside & ~late
@@ -111,78 +102,69 @@ def test_outside_of_their_time_faults_change_no_bit(faults):
 
 def test_at_a_tick_outputs_are_the_same_before_and_after_its_update():
     """Even though the plant's own update of that time may have moved the object on."""
-    sensor = faulty(ALL)
-    context = sensor.CreateDefaultContext()
+    sensor = Sensor(ALL)
     for tick in range(60):
-        context.SetTime(tick * T)
-        set_inputs(sensor, context, tick)
-        before = outputs(sensor, context)
-        update(sensor, context)
-        np.testing.assert_array_equal(outputs(sensor, context), before)
-        set_inputs(sensor, context, tick, true_pose(tick + 9))
-        np.testing.assert_array_equal(outputs(sensor, context), before)
-        context.SetTime((tick + 0.7) * T)
-        np.testing.assert_array_equal(outputs(sensor, context), before)
+        sensor.at_tick(tick)
+        before = sensor.numbers()
+        sensor.update()
+        np.testing.assert_array_equal(sensor.numbers(), before)
+        sensor.at_tick(tick, true_pose(tick + 9))
+        np.testing.assert_array_equal(sensor.numbers(), before)
+        sensor.at((tick + 0.7) * T)
+        np.testing.assert_array_equal(sensor.numbers(), before)
 
 
 def test_a_context_that_is_copied_or_set_back_repeats():
-    sensor = faulty(ALL)
-    context = sensor.CreateDefaultContext()
-    first = emitted(sensor, range(30), context)
-    copy = context.Clone()
-    rest = emitted(sensor, range(30, 60), context)
-    np.testing.assert_array_equal(emitted(sensor, range(30, 60), copy), rest)
+    sensor, other = Sensor(ALL), Sensor(ALL)
+    first = sensor.emitted(range(30))
+    other.context.SetTimeStateAndParametersFrom(sensor.context)
+    rest = sensor.emitted(range(30, 60))
+    np.testing.assert_array_equal(other.emitted(range(30, 60)), rest)
     # Set back in time alone, it forgets what it can't have measured yet.
-    np.testing.assert_array_equal(emitted(sensor, range(30), context), first)
+    np.testing.assert_array_equal(sensor.emitted(range(30)), first)
 
 
 def test_an_estimate_at_a_tick_depends_on_no_earlier_question():
-    sensor = faulty(ALL)
-    asked = sensor.CreateDefaultContext()
+    asked = Sensor(ALL)
     for tick in range(40):
-        for context_time in (tick * T, (tick + 0.5) * T):
-            asked.SetTime(context_time)
-            set_inputs(sensor, asked, tick)
-            outputs(sensor, asked)
-        asked.SetTime(tick * T)
-        update(sensor, asked)
-    asked.SetTime(40 * T)
-    set_inputs(sensor, asked, 40)
-    np.testing.assert_array_equal(outputs(sensor, asked), emitted(sensor, range(41))[-1])
+        for time in (tick, tick + 0.5):
+            asked.at_tick(time)
+            asked.numbers()
+        asked.at(tick * T)
+        asked.update()
+    asked.at_tick(40)
+    np.testing.assert_array_equal(asked.numbers(), Sensor(ALL).emitted(range(41))[-1])
 
 
-@pytest.mark.parametrize("faults", [WITHOUT_MEMORY, ALL], ids=["without memory", "all"])
+@KINDS
 def test_faults_are_a_function_of_the_seed_which_a_context_may_set(faults):
-    sensor, other = faulty(faults, seed=3), faulty(faults, seed=4)
-    found = emitted(sensor)
-    np.testing.assert_array_equal(found, emitted(faulty(faults, seed=3)))
-    assert not np.array_equal(found, emitted(other), equal_nan=True)
-    context = sensor.CreateDefaultContext()
-    context.get_mutable_numeric_parameter(0).SetAtIndex(0, 4)
-    np.testing.assert_array_equal(emitted(sensor, context=context), emitted(other))
+    found, other = Sensor(faults, seed=3).emitted(), Sensor(faults, seed=4).emitted()
+    np.testing.assert_array_equal(found, Sensor(faults, seed=3).emitted())
+    assert not np.array_equal(found, other, equal_nan=True)
+    sensor = Sensor(faults, seed=3)
+    sensor.set_seed(4)
+    np.testing.assert_array_equal(sensor.emitted(), other)
 
 
 def test_nothing_has_arrived_before_the_delay():
-    found = emitted(faulty(MeasurementFaults(delay=0.2)), range(8))
-    assert np.all(found[:4, 0] == -np.inf)
-    assert np.all(np.isnan(found[:4, 1:]))
-    np.testing.assert_array_equal(found[4:, 0], np.arange(4) * T)
-    np.testing.assert_array_equal(found[4:, 1:], emitted(NoisyPoseSensor(STD))[:4, 1:])
+    found = Sensor(MeasurementFaults(delay=0.2)).emitted(range(8))
+    assert np.all(found[:4, -1] == -np.inf)
+    assert np.all(np.isnan(found[:4, :-1]))
+    np.testing.assert_array_equal(found[4:], Sensor(NO_FAULTS).emitted(range(4)))
 
 
-@pytest.mark.parametrize("freeze_rate", [0.0, 1e-9], ids=["without memory", "with memory"])
+@MEMORIES
 def test_what_is_not_a_number_is_emitted_as_it_is_with_its_time(freeze_rate):
     faults = MeasurementFaults(nan_probability=1.0, freeze_rate=freeze_rate)
-    found = emitted(faulty(faults), range(5))
-    assert np.all(np.isnan(found[:, 1:]))
-    np.testing.assert_array_equal(found[:, 0], np.arange(5) * T)
+    found = Sensor(faults).emitted(range(5))
+    assert np.all(np.isnan(found[:, :-1]))
+    np.testing.assert_array_equal(found[:, -1], np.arange(5) * T)
 
 
 def test_measured_rotations_are_rotations():
-    found = emitted(faulty(ALL))
-    rotations = [RotationMatrix(X[:, :3]) for X in found[:, 1:].reshape(-1, 3, 4)]
-    valid = [R.IsValid() for R in rotations]
-    np.testing.assert_array_equal(valid, ~np.isnan(found[:, 1]))
+    found = Sensor(ALL).emitted()
+    valid = [RotationMatrix(X[:, :3]).IsValid() for X in found[:, :-1].reshape(-1, 3, 4)]
+    np.testing.assert_array_equal(valid, ~np.isnan(found[:, 0]))
     assert 50 < sum(valid) < 100
 
 
@@ -200,21 +182,19 @@ def test_unusable_arguments_are_named(arguments, message):
         NoisyPoseSensor(SensorConfig(faults=MeasurementFaults(sample_period=0.08)), **arguments)
 
 
-@pytest.mark.parametrize("freeze_rate", [0.0, 1e-9], ids=["without memory", "with memory"])
+@MEMORIES
 def test_outputs_follow_a_seed_that_is_changed(freeze_rate):
-    sensor = faulty(MeasurementFaults(degrees_of_freedom=2.0, freeze_rate=freeze_rate))
-    context = sensor.CreateDefaultContext()
-    set_inputs(sensor, context, 0)
-    before = outputs(sensor, context)
-    context.get_mutable_numeric_parameter(0).SetAtIndex(0, 4)
-    assert not np.array_equal(outputs(sensor, context), before)
+    sensor = Sensor(MeasurementFaults(degrees_of_freedom=2.0, freeze_rate=freeze_rate))
+    sensor.at_tick(0)
+    before = sensor.numbers()
+    sensor.set_seed(4)
+    assert not np.array_equal(sensor.numbers(), before)
 
 
 def test_outputs_follow_a_state_that_is_changed():
-    sensor = faulty(MeasurementFaults(delay=0.2))
-    context = sensor.CreateDefaultContext()
-    emitted(sensor, range(10), context)
-    assert outputs(sensor, context)[0] == pytest.approx(5 * T)
-    empty = sensor.CreateDefaultContext().get_discrete_state(0).value()
-    context.SetDiscreteState(0, empty)
-    assert outputs(sensor, context)[0] == -np.inf
+    sensor = Sensor(MeasurementFaults(delay=0.2))
+    empty = sensor.context.get_discrete_state(0).CopyToVector()
+    sensor.emitted(range(10))
+    assert sensor.numbers()[-1] == pytest.approx(5 * T)
+    sensor.context.SetDiscreteState(0, empty)
+    assert sensor.numbers()[-1] == -np.inf

@@ -1,5 +1,9 @@
+"""Sources of a scenario and the pose sensor without faults."""
+
 import numpy as np
 import pytest
+from driven import Driven
+from made_systems import X_WO
 from pydrake.common import RandomGenerator
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
@@ -8,44 +12,52 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import AddRandomInputs
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp import BallSolid, BoxSolid, HalfSpace, InvalidArgumentError, Obstacles
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
-from drake_pregrasp.systems.sources import BodyPose, ContactWeights, ObjectMotion, PoseReplay
+from drake_pregrasp.systems.sources import (
+    BodyPose,
+    ContactWeights,
+    HandPose,
+    MovingObstacles,
+    MovingSolid,
+    ObjectMotion,
+    PoseReplay,
+)
+
+TILT = RollPitchYaw(0.1, 0.2, 0.3).ToRotationMatrix().matrix()
+SOLIDS = (
+    BallSolid(np.array([0.1, 0.2, 0.3]), 0.02),
+    BoxSolid(np.array([0.0, 0.1, 0.0]), TILT, np.array([0.1, 0.2, 0.3])),
+    HalfSpace(np.array([0.0, 0.0, -0.2]), np.array([0.0, 0.0, 1.0])),
+)
+VELOCITIES = np.array([[0.1, 0.0, 0.0], [0.0, -0.2, 0.05], [0.0, 0.0, 0.03]])
+MOVING = [MovingSolid(solid, v) for solid, v in zip(SOLIDS, VELOCITIES, strict=True)]
+PROBES = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 3))
 
 
-def noise_at(source, time, seed=None):
-    context = source.CreateDefaultContext()
-    context.SetTime(time)
+def emitted(source, time, seed=None):
+    """What the only port of a source emits at a time, after it has been asked at another."""
+    driven = Driven(source)
+    source.get_output_port().Eval(driven.context)
+    driven.at(time)
     if seed is not None:
-        context.get_mutable_numeric_parameter(0).SetAtIndex(0, seed)
-    return source.get_output_port().Eval(context)
-
-
-def commanded(motion, time):
-    context = motion.CreateDefaultContext()
-    context.SetTime(time)
-    return motion.get_output_port().Eval(context)
+        driven.context.get_mutable_numeric_parameter(0).SetAtIndex(0, seed)
+    return source.get_output_port().Eval(driven.context)
 
 
 def test_a_constant_motion_commands_position_and_rate():
     motion = ObjectMotion(VelocityProfile([[0.0, 0.1, -0.5]]))
-    np.testing.assert_array_equal(commanded(motion, 3.0), [0.1 * 3.0, -0.5 * 3.0, 0.1, -0.5])
-
-
-def recorded(times=(1.0, 2.0, 4.0)):
-    p = np.array([[0.0, 0, 0], [1, 0, 0], [1, 2, 0]])
-    return RecordedPoses(
-        np.array(times), p, Rotation.from_rotvec([[0, 0, 0], [0, 0, 1], [0, 0, -1]])
-    )
+    np.testing.assert_array_equal(emitted(motion, 3.0), [0.1 * 3.0, -0.5 * 3.0, 0.1, -0.5])
 
 
 def test_a_replay_passes_through_the_recorded_poses_and_stands_still_outside():
-    replay = PoseReplay(recorded())
-    context = replay.CreateDefaultContext()
-    for time, p_WO, yaw in (
+    p_WO = np.array([[0.0, 0, 0], [1, 0, 0], [1, 2, 0]])
+    R_WO = Rotation.from_rotvec([[0, 0, 0], [0, 0, 1], [0, 0, -1]])
+    replay = Driven(PoseReplay(RecordedPoses(np.array([1.0, 2.0, 4.0]), p_WO, R_WO)))
+    for time, p, yaw in (
         (0.0, [0, 0, 0], 0.0),
         (1.0, [0, 0, 0], 0.0),
         (1.5, [0.5, 0, 0], 0.5),
@@ -53,26 +65,23 @@ def test_a_replay_passes_through_the_recorded_poses_and_stands_still_outside():
         (3.5, [1, 1.5, 0], -0.5),
         (9.0, [1, 2, 0], -1.0),
     ):
-        context.SetTime(time)
-        X_WO = replay.GetOutputPort("X_WO").Eval(context)
-        np.testing.assert_allclose(X_WO.translation(), p_WO, atol=1e-12)
+        replay.at(time)
+        X_WO = replay.eval("X_WO")
+        np.testing.assert_allclose(X_WO.translation(), p, atol=1e-12)
         assert RollPitchYaw(X_WO.rotation()).yaw_angle() == pytest.approx(yaw, abs=1e-12)
-        poses = replay.GetOutputPort("geometry_pose").Eval(context)
+        poses = replay.eval("geometry_pose")
         (frame_id,) = poses.ids()
         assert poses.value(frame_id).IsExactlyEqualTo(X_WO)
 
 
 def test_body_pose_picks_its_body():
     poses = [RigidTransform(np.full(3, float(k))) for k in range(3)]
-    system = BodyPose(BodyIndex(2))
-    context = system.CreateDefaultContext()
-    system.get_input_port().FixValue(context, AbstractValue.Make(poses))
-    assert system.get_output_port().Eval(context).IsExactlyEqualTo(poses[2])
+    body = Driven(BodyPose(BodyIndex(2)), body_poses=AbstractValue.Make(poses))
+    assert body.eval("X_WB").IsExactlyEqualTo(poses[2])
 
 
 def test_fingers_are_lost_from_their_time_on():
     weights = ContactWeights(np.array([1.0, 2.0, 3.0]), [(2.0, [1]), (3.0, [0])])
-    context = weights.CreateDefaultContext()
     rounded = 2.0 - 4e-16  # As a tick's time may be.
     for time, expected in (
         (0.0, [1, 2, 3]),
@@ -80,8 +89,7 @@ def test_fingers_are_lost_from_their_time_on():
         (2.0, [1, -np.inf, 3]),
         (9.0, [-np.inf, -np.inf, 3]),
     ):
-        context.SetTime(time)
-        np.testing.assert_array_equal(weights.get_output_port().Eval(context), expected)
+        np.testing.assert_array_equal(emitted(weights, time), expected)
 
 
 def test_a_finger_that_is_not_there_cannot_be_lost():
@@ -89,60 +97,76 @@ def test_a_finger_that_is_not_there_cannot_be_lost():
         ContactWeights(np.zeros(3), [(1.0, [3])])
 
 
+def assert_same_solids(solids, others):
+    for one, other in zip(solids, others, strict=True):
+        np.testing.assert_allclose(one.distance(PROBES), other.distance(PROBES), atol=1e-12)
+
+
+@pytest.mark.parametrize("time", [0.0, 0.5, 7.0])
+def test_obstacles_move_steadily_without_turning_and_tell_where_they_will_be(time):
+    ahead = MovingObstacles(MOVING, lookahead=0.1)
+    expected = [
+        s.moved(np.eye(3), (time + 0.1) * v) for s, v in zip(SOLIDS, VELOCITIES, strict=True)
+    ]
+    assert_same_solids(emitted(ahead, time).solids, expected)
+    assert_same_solids(emitted(ahead, 0.0).after(time).solids, expected)
+    R, p = X_WO.rotation().matrix(), X_WO.translation()
+    moved = emitted(ahead, 0.0).moved(R, p).after(time)
+    assert_same_solids(moved.solids, Obstacles(tuple(expected)).moved(R, p).solids)
+
+
+def test_obstacles_have_no_velocities_or_one_a_solid():
+    assert Obstacles(SOLIDS).after(1.0).solids == SOLIDS
+    with pytest.raises(InvalidArgumentError, match=r"shape \(3, 3\), one a solid, not \(2, 3\)"):
+        Obstacles(SOLIDS, velocities=np.ones((2, 3)))
+
+
+@pytest.mark.parametrize("follow", [False, True])
+def test_a_hand_keeps_its_orientation_and_its_place_by_the_object_or_in_the_world(follow):
+    X = RigidTransform(RollPitchYaw(0.3, 0.1, -2.0), [0.1, 0.0, 0.2])
+    X_WH = Driven(HandPose(X, follow=follow), X_WO_estimated=X_WO).eval("X_WH")
+    np.testing.assert_allclose(X_WH.translation(), X.translation() + follow * X_WO.translation())
+    np.testing.assert_array_equal(X_WH.rotation().matrix(), X.rotation().matrix())
+
+
 def test_noise_holds_for_a_period_and_then_changes():
     source = NoiseSource(size=4, period=0.05, seed=3)
-    np.testing.assert_array_equal(noise_at(source, 0.15), noise_at(source, 3 * 0.05))
-    np.testing.assert_array_equal(noise_at(source, 0.15), noise_at(source, 0.1999))
-    assert np.all(noise_at(source, 0.15) != noise_at(source, 0.2))
+    np.testing.assert_array_equal(emitted(source, 0.15), emitted(source, 3 * 0.05))
+    np.testing.assert_array_equal(emitted(source, 0.15), emitted(source, 0.1999))
+    assert np.all(emitted(source, 0.15) != emitted(source, 0.2))
 
 
 def test_noise_is_a_function_of_the_seed_which_a_context_may_set():
-    source = NoiseSource(size=4, period=0.05, seed=3)
-    other = NoiseSource(size=4, period=0.05, seed=4)
-    assert np.all(noise_at(source, 0.1) != noise_at(other, 0.1))
-    np.testing.assert_array_equal(noise_at(source, 0.1, seed=4), noise_at(other, 0.1))
+    source, other = (NoiseSource(size=4, period=0.05, seed=seed) for seed in (3, 4))
+    assert np.all(emitted(source, 0.1) != emitted(other, 0.1))
+    np.testing.assert_array_equal(emitted(source, 0.1, seed=4), emitted(other, 0.1))
 
 
 def test_noise_is_standard_normal_and_independent():
     source = NoiseSource(size=6, period=0.1)
-    x = np.array([noise_at(source, 0.1 * k) for k in range(2000)])
+    x = np.array([emitted(source, 0.1 * k) for k in range(2000)])
     np.testing.assert_allclose(np.cov(x.T), np.eye(6), atol=0.12)
     np.testing.assert_allclose(x.mean(axis=0), 0, atol=0.1)
     assert abs(np.mean(x[1:] * x[:-1])) < 0.05
 
 
-def measured(sensor, X_WO, noise):
-    context = sensor.CreateDefaultContext()
-    sensor.GetInputPort("X_WO").FixValue(context, X_WO)
-    sensor.GetInputPort("noise").FixValue(context, noise)
-    return sensor.GetOutputPort("X_WO_measured").Eval(context)
-
-
-X_WO = RigidTransform(RollPitchYaw(0.3, -0.2, 2.0), [0.4, 0.5, 0.6])
-
-
-def test_sensor_without_noise_measures_the_truth():
-    sensor = NoisyPoseSensor(SensorConfig(0.1, 0.1))
-    assert measured(sensor, X_WO, np.zeros(6)).IsNearlyEqualTo(X_WO, 1e-15)
-
-
-def test_sensor_adds_noise_in_the_world_frame():
-    sensor = NoisyPoseSensor(SensorConfig(0.1, 0.2))
-    X_WM = measured(sensor, X_WO, np.array([1.0, 0, -1, 0, 0, 0.5]))
+def test_a_sensor_adds_noise_in_the_world_frame():
+    sensor = Driven(NoisyPoseSensor(SensorConfig(0.1, 0.2)), X_WO=X_WO, noise=np.zeros(6))
+    assert sensor.eval("X_WO_measured").IsNearlyEqualTo(X_WO, 1e-15)
+    sensor.fix(noise=[1.0, 0, -1, 0, 0, 0.5])
+    X_WM = sensor.eval("X_WO_measured")
     np.testing.assert_allclose(X_WM.translation() - X_WO.translation(), [0.1, 0, -0.1], atol=1e-15)
     expected = RotationMatrix.MakeZRotation(0.1) @ X_WO.rotation()
     assert (X_WM.rotation().inverse() @ expected).IsNearlyIdentity(1e-12)
 
 
-def test_sensor_takes_drakes_random_inputs():
+def test_a_sensor_takes_drakes_random_inputs():
     builder = DiagramBuilder()
     sensor = builder.AddSystem(NoisyPoseSensor(SensorConfig(0.1, 0.2)))
     builder.ExportInput(sensor.GetInputPort("X_WO"), "X_WO")
     builder.ExportOutput(sensor.GetOutputPort("X_WO_measured"), "X_WM")
     assert AddRandomInputs(0.1, builder) == 1
-    diagram = builder.Build()
-    context = diagram.CreateDefaultContext()
-    diagram.SetRandomContext(context, RandomGenerator(5))
-    diagram.GetInputPort("X_WO").FixValue(context, X_WO)
-    X_WM = diagram.GetOutputPort("X_WM").Eval(context)
-    assert np.linalg.norm(X_WM.translation() - X_WO.translation()) == pytest.approx(0.2, abs=0.19)
+    measured = Driven(builder.Build(), X_WO=X_WO)
+    measured.system.SetRandomContext(measured.context, RandomGenerator(5))
+    away = measured.eval("X_WM").translation() - X_WO.translation()
+    assert np.linalg.norm(away) == pytest.approx(0.2, abs=0.19)

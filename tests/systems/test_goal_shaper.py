@@ -1,0 +1,172 @@
+"""Goals of fingertips around a cube: where they come, and what they keep clear of."""
+
+import numpy as np
+import pytest
+from driven import Driven
+from made_systems import AROUND, HAND, RADIUS, N, bus, make_carrier, make_shaper, points_of
+from made_systems import CONTROL_PERIOD as PERIOD
+from made_systems import RING as UNIT_RING
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.math import SpatialVelocity
+
+from drake_pregrasp import BallSolid, HalfSpace, Obstacles
+from drake_pregrasp.contacts.assignment import palm_turn, wrapped
+from drake_pregrasp.contacts.selection_input import ContactStatus
+
+STILL, AT_ORIGIN = SpatialVelocity.Zero(), RigidTransform()
+RING = 0.079 * UNIT_RING
+TABLE = HalfSpace(np.array([0, 0, -0.05]), np.array([0, 0, 1.0]))
+X, Y = np.eye(3)[:2]
+POINTS = np.array(
+    [[0.05, -0.01, 0], [0.02, 0.05, 0], [-0.03, 0.05, 0.02], [-0.05, -0.02, 0], [0, -0.05, 0.01]]
+)
+NORMALS = np.array([X, Y, Y, -X, -Y])
+OUT = 0.029 * NORMALS  # From a contact to the centre of a tip that stands off.
+
+
+class Shaper(Driven):
+    """A shaper around a cube on a table, whose goals stand off contacts on the cube."""
+
+    def __init__(self, p_OC=POINTS, normals=NORMALS, **more):
+        super().__init__(
+            make_shaper(fixed=[TABLE], **more),
+            fingertip_targets=bus(p_OC, normals),
+            contact_status=np.full(N, float(ContactStatus.ACTIVE)),
+            X_WO_estimated=AT_ORIGIN,
+            X_WG=AT_ORIGIN,
+            V_WG=STILL,
+        )
+
+    def goals(self, seconds):
+        self.advance(seconds)
+        return points_of(self.eval("tip_goals"))
+
+    @property
+    def contacts(self):
+        """Points and normals of the contacts that tips are for."""
+        return self.array("contact_frames").reshape(2, N, 3)
+
+    def set_status(self, status, *fingers):
+        self.fix(contact_status=np.where(np.isin(np.arange(N), fingers), float(status), 1.0))
+
+
+def with_first(value, values):
+    return np.vstack([[value], values[1:]])
+
+
+def test_goals_come_to_stand_off_their_contacts():
+    np.testing.assert_allclose(Shaper(standoff=0.02).goals(1.0), POINTS + OUT, atol=1e-9)
+
+
+def test_goals_are_carried_ahead_with_the_frame():
+    shaper = Shaper(lead=0.03)
+    still = shaper.goals(1.0)
+    R_WG = RotationMatrix.MakeZRotation(0.3)
+    shaper.fix(X_WG=RigidTransform(R_WG, [0.1, 0.2, 0.3]))
+    shaper.fix(V_WG=SpatialVelocity(w=[0, 0, 0.5], v=[0.05, 0, 0]))
+    ahead = RotationMatrix.MakeZRotation(0.3 + 0.015).matrix()
+    expected = still @ ahead.T + [0.1 + 0.0015, 0.2, 0.3]
+    np.testing.assert_allclose(shaper.goals(0.0), expected, atol=1e-12)
+
+
+def test_held_contacts_stay_when_goals_move_on():
+    shaper = Shaper()
+    before = shaper.goals(1.0)
+    moved = with_first([0.05, 0.04, 0.03], POINTS)
+    shaper.fix(hold_contacts=[1.0], fingertip_targets=bus(moved, NORMALS))
+    shaper.set_status(ContactStatus.OBSTRUCTED, 4)
+    np.testing.assert_allclose(shaper.goals(0.5), before, atol=1e-9)
+    shaper.fix(standoffs=np.array([-0.001, 0.02, 0.02, 0.02, 0.02]))
+    pressed = shaper.goals(0.5)
+    np.testing.assert_allclose(pressed[0] - before[0], [-0.021, 0, 0], atol=1e-9)
+
+
+def test_fingers_without_a_contact_wait_above():
+    shaper = Shaper(POINTS[:4], NORMALS[:4])
+    shaper.set_status(ContactStatus.LOST, 4)
+    goals = shaper.goals(2.0)
+    assert goals[4, 2] >= 0.05 + RADIUS + 0.02 - 1e-9
+    np.testing.assert_allclose(goals[:4], (POINTS + OUT)[:4], atol=1e-9)
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.7, -2.0])
+def test_fingers_without_a_contact_wait_at_their_own_azimuths_in_the_hand(yaw):
+    shaper = Shaper()
+    shaper.set_status(ContactStatus.OUT_OF_REACH, *range(N))
+    X_WG = RigidTransform(RotationMatrix.MakeZRotation(1.1), [0.2, 0.1, 0.3])
+    X_WU = RigidTransform(RotationMatrix.MakeZRotation(yaw), [0.2, 0.1, 0.05])
+    shaper.fix(X_WG=X_WG, X_WU=X_WU)
+    away = shaper.goals(3.0) - X_WG.translation()
+    azimuths = np.arctan2(away[:, 1], away[:, 0])
+    np.testing.assert_allclose(wrapped(azimuths - AROUND - yaw), 0, atol=1e-6)
+    np.testing.assert_allclose(away[:, 2], 0.05 + RADIUS + 0.02, atol=1e-9)
+
+
+def test_a_tip_on_the_axis_has_a_way_out():
+    shaper = Driven(make_shaper(p_GT=np.array([*RING[:2], [0.0, 0.0, 0.2], *RING[3:]])))
+    frames = shaper.array("contact_frames").reshape(2, N, 3)
+    np.testing.assert_allclose(frames[1, 2], UNIT_RING[2], atol=1e-12)
+
+
+def test_a_contact_without_room_is_shifted_along_the_surface_only():
+    point, normal = np.array([0.05, -0.01, -0.04]), np.array([0.8, 0.0, -0.6])
+    shaper = Shaper(with_first(point, POINTS), with_first(normal, NORMALS))
+    shaper.advance(1.0)
+    contacts, normals = shaper.contacts
+    shift = contacts[0] - point
+    assert np.linalg.norm(shift) > 1e-3
+    assert shift @ normal == pytest.approx(0, abs=1e-9)
+    np.testing.assert_allclose(normals[0], normal, atol=1e-9)
+
+
+def test_a_contact_too_low_for_a_tip_is_shifted_up():
+    shaper = Shaper(with_first([0.05, -0.01, -0.049], POINTS))
+    goals = shaper.goals(1.0)
+    assert goals[0, 2] == pytest.approx(-0.05 + RADIUS + 0.004)
+    np.testing.assert_allclose(shaper.contacts[0, 0], [0.05, -0.01, goals[0, 2]], atol=1e-9)
+    shaper.fix(hold_contacts=[1.0])
+    np.testing.assert_allclose(shaper.goals(0.5), goals, atol=1e-9)
+
+
+def test_obstacles_push_goals_away_but_not_what_is_held():
+    shaper = Shaper()
+    before = shaper.goals(1.0)
+    ball = BallSolid(before[0] + [0.0, 0.03, 0.0], 0.02)
+    shaper.fix(obstacles=Obstacles((ball,)))
+    pushed = shaper.goals(0.5)
+    assert ball.distance(pushed)[0] >= RADIUS + 0.004 - 1e-6
+    contacts, normals = shaper.contacts
+    nearer = BallSolid(before[0] + [0.0, 0.01, 0.0], 0.02)
+    shaper.fix(hold_contacts=[1.0], obstacles=Obstacles((nearer,)))
+    np.testing.assert_allclose(shaper.goals(0.5), contacts + 0.029 * normals, atol=1e-9)
+    np.testing.assert_array_equal(shaper.contacts, [contacts, normals])
+
+
+@pytest.mark.parametrize("let_go", [0, 3])
+def test_fingers_that_have_let_go_avoid_obstacles_again(let_go):
+    shaper = Shaper()
+    before = shaper.goals(1.0)
+    balls = tuple(BallSolid(p + np.array([0.0, 0.0, 0.02]), 0.015) for p in before)
+    holds = np.arange(N) != let_go
+    shaper.fix(hold_contacts=[1.0], fingers_hold=holds, obstacles=Obstacles(balls))
+    goals = shaper.goals(0.5)
+    assert balls[let_go].distance(goals)[let_go] >= RADIUS + 0.004 - 1e-6
+    np.testing.assert_allclose(goals[holds], before[holds])
+
+
+def test_a_palm_of_limited_range_goes_to_its_goals_whoever_is_withdrawn():
+    turn = RotationMatrix.MakeZRotation(0.25).matrix().T
+    shaper = Shaper(0.6 * RING @ turn, UNIT_RING @ turn)
+    shaper.set_status(ContactStatus.LOST, 3, 4)
+    carrier = make_carrier(carrier=HAND.base.joints, yaw_range=(-0.5, 0.3))
+    posture = Driven(carrier, X_WG=AT_ORIGIN, V_WG=STILL, tip_goals=bus(RING))
+    posture.fix(X_WO_estimated=AT_ORIGIN)
+    for _ in range(200):
+        shaper.fix(X_WU=posture.eval("X_WU"))
+        goals = shaper.goals(PERIOD)
+        posture.fix(tip_goals=bus(goals))
+        yaw = posture.array("nominal_posture")[3]
+        posture.update()
+    assert yaw == pytest.approx(palm_turn(goals[:3], AROUND[:3], 0.0), abs=1e-3)
+    aside = np.arctan2(goals[3:, 1], goals[3:, 0]) - AROUND[3:] - yaw
+    np.testing.assert_allclose(wrapped(aside), 0, atol=1e-3)

@@ -1,0 +1,73 @@
+"""The sequencer of a grasp: its frame, its forces, and who holds."""
+
+import numpy as np
+import pytest
+from driven import Driven
+from made_systems import CONTROL_PERIOD, RADIUS, RING, SETTINGS, N, make_sequencer
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.math import SpatialVelocity
+
+AT_TABLE = RigidTransform(RotationMatrix.MakeXRotation(0.3), [0.0, 0.0, 0.05])
+
+
+def sequencer_over(X_WO):
+    return Driven(
+        make_sequencer(),
+        close=[0.0],
+        contact_status=np.ones(N),
+        contact_frames=np.concatenate([0.05 * RING, RING]).ravel(),
+        X_WO_estimated=X_WO,
+        V_WO_estimated=SpatialVelocity.Zero(),
+        p_WT=(X_WO @ ((0.05 + RADIUS) * RING).T).T.ravel(),
+        f_T_W=np.zeros(3 * N),
+    )
+
+
+def felt_by_first(nhat_W):
+    """Forces that the first finger feels when it touches."""
+    return np.where(np.arange(N) == 0, -2 * SETTINGS.touch_force, 0.0)[:, None] * nhat_W
+
+
+def test_fingers_hold_from_closing_until_they_let_go():
+    hand = sequencer_over(RigidTransform([0.0, 0.0, 0.05]))
+    touching = {"f_T_W": felt_by_first(RING).ravel(), "close": [1.0]}
+    for inputs, seconds, holding in (
+        ({}, SETTINGS.approach_duration + 0.1, [0] * N),
+        (touching, SETTINGS.gate_limit + 0.1, [1] * N),
+        ({"close": [0.0]}, CONTROL_PERIOD, [1, 0, 0, 0, 0]),
+        ({}, SETTINGS.squeeze_duration, [0] * N),
+    ):
+        hand.fix(**inputs)
+        hand.advance(seconds)
+        np.testing.assert_array_equal(hand.array("fingers_hold"), holding)
+    assert hand.array("hold_contacts")[0] == 1
+
+
+def test_fingers_that_have_touched_keep_touching_and_all_together_carry_the_weight():
+    hand = sequencer_over(AT_TABLE)
+    nhat_W = RING @ AT_TABLE.rotation().matrix().T
+    hand.fix(close=[1.0], f_T_W=felt_by_first(nhat_W).ravel())
+    hand.advance(SETTINGS.approach_duration + SETTINGS.gate_limit + 0.1)
+    forces = hand.array("squeeze_forces").reshape(N, 3)
+    np.testing.assert_allclose(forces, felt_by_first(nhat_W) / 2, atol=1e-12)
+    hand.fix(f_T_W=(-nhat_W).ravel())
+    hand.advance(SETTINGS.squeeze_duration + 0.1)
+    forces = hand.array("squeeze_forces").reshape(N, 3)
+    np.testing.assert_allclose(forces.sum(axis=0), [0, 0, 0.4 * 9.81], atol=0.01)
+    assert np.min(-np.sum(forces * nhat_W, axis=1)) >= SETTINGS.least_force - 1e-3
+
+
+def test_the_carried_frame_comes_down_to_the_object():
+    X_WO = RigidTransform(RotationMatrix.MakeZRotation(0.3), [0.1, 0.0, 0.05])
+    hand = sequencer_over(X_WO)
+    heights, speeds = [], []
+    for time in np.arange(0.0, 2.0, 0.1):
+        hand.simulator.AdvanceTo(time)
+        X_WG = hand.eval("X_WG")
+        np.testing.assert_array_equal(X_WG.rotation().matrix(), X_WO.rotation().matrix())
+        heights.append(X_WG.translation()[2] - 0.05)
+        speeds.append(hand.eval("V_WG").translational()[2])
+    assert heights[0] == pytest.approx(SETTINGS.approach_height)
+    assert heights[-1] == pytest.approx(0)
+    assert np.all(np.diff(heights) <= 1e-12)
+    np.testing.assert_allclose(speeds[1:-1], np.gradient(heights, 0.1)[1:-1], atol=0.01)

@@ -1,0 +1,91 @@
+"""Systems of a hand's joints: what fingertips feel, and the reference of the joints."""
+
+import numpy as np
+import pytest
+from driven import Driven
+from made_systems import CONTROL_PERIOD, HAND, NQ, N, make_reference
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+
+from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp.systems.fingertip_sensor import FingertipSensor, HandKinematics
+from drake_pregrasp.systems.joint_reference import LARGEST_RATE
+
+Q = HAND.home(np.array([0.1, -0.05, 0.05]), 0.4) + 0.05 * np.sin(np.arange(NQ))
+FORCES = np.random.default_rng(1).normal(size=(N, 3))
+
+
+def joint_torques(forces):
+    """J^T f at Q."""
+    plant = HAND.kinematics.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, Q)
+    return np.einsum("nij,ni->j", HAND.kinematics.tip_jacobians(context), forces)
+
+
+def test_a_sensor_feels_what_fingers_press_with():
+    inputs = {"hand_state": np.append(Q, 0 * Q), "net_actuation": joint_torques(FORCES)}
+    sensor = Driven(FingertipSensor(HAND.kinematics), **inputs)
+    np.testing.assert_allclose(sensor.array("f_T_W").reshape(N, 3), FORCES, atol=1e-6)
+    np.testing.assert_allclose(sensor.array("p_WT").reshape(N, 3), HAND.tips_at(Q), atol=1e-12)
+
+
+def test_a_reference_moves_steadily_between_ticks():
+    v = np.linspace(-0.2, 0.2, NQ)
+    reference = Driven(make_reference(Q), commanded_velocity=v)
+    reference.advance(CONTROL_PERIOD / 2)  # The first tick is over.
+    for time in (0.03, 0.04, 0.047, 0.06):
+        reference.simulator.AdvanceTo(time)
+        q = reference.array("position")
+        np.testing.assert_allclose(q, Q + v * time, atol=1e-12)
+        desired = reference.array("desired_state")
+        np.testing.assert_allclose(desired, np.concatenate([q, v]), atol=1e-12)
+
+
+def test_a_reference_stays_within_limits_and_rates():
+    reference = Driven(make_reference(Q), commanded_velocity=100.0 * np.eye(NQ)[5])
+    reference.tick()
+    assert reference.array("desired_state")[NQ + 5] == LARGEST_RATE
+    reference.advance(1.0)
+    assert reference.array("position")[5] == HAND.kinematics.upper[5]
+    assert reference.array("desired_state")[NQ + 5] == 0
+
+
+def test_a_reference_presses_by_its_stiffness():
+    reference = Driven(make_reference(Q), f_T_W=FORCES.ravel())
+    torques = HAND.kinematics.stiffness * (reference.array("desired_state")[:NQ] - Q)
+    np.testing.assert_allclose(torques, joint_torques(FORCES), atol=1e-9)
+
+
+LINK = """<link name="{}"><inertial><mass value="1"/>
+  <inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial></link>"""
+JOINT = """<joint name="{}" type="revolute"><parent link="{}"/><child link="{}"/>
+  <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>"""
+DRIVE = """<transmission><type>transmission_interface/SimpleTransmission</type>
+  <joint name="{0}"/><actuator name="{0}_drive">{1}</actuator></transmission>"""
+GAINS = '<drake:controller_gains p="1" d="1"/>'
+LINKS = [LINK.format(name) for name in ("palm", "a", "b")]
+JOINTS = [JOINT.format("j1", "palm", "a"), JOINT.format("j2", "a", "b")]
+
+
+@pytest.mark.parametrize(
+    ("drives", "message"),
+    [
+        ([("j1", GAINS), ("j2", "")], "joint j2 isn't driven"),
+        ([("j2", GAINS), ("j1", GAINS)], "j1_drive must come in the order of the joints"),
+    ],
+)
+def test_joints_must_be_driven_in_their_order(drives, message):
+    plant = MultibodyPlant(0.01)
+    parts = "".join([*LINKS, *JOINTS, *(DRIVE.format(*drive) for drive in drives)])
+    text = f'<robot name="hand" xmlns:drake="drake.mit.edu">{parts}</robot>'
+    Parser(plant).AddModelsFromString(text, "urdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("palm"))
+    plant.Finalize()
+    with pytest.raises(InvalidArgumentError, match=message):
+        HandKinematics(plant, ["hand::b"])
+
+
+def test_a_model_instance_that_is_not_there_is_named():
+    with pytest.raises(InvalidArgumentError, match="no model instance 'foot'"):
+        HandKinematics(HAND.kinematics.plant, ["foot::tip"])
