@@ -9,6 +9,7 @@ from drake_pregrasp.contacts.assignment import ring_contacts
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.hand_parsing import add_hand_model
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
@@ -21,6 +22,7 @@ from drake_pregrasp.geometry.mesh_surface import mesh_surface
 from drake_pregrasp.geometry.shapes import load_shape
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
+from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.hand_file import load_hand
@@ -60,7 +62,9 @@ __all__ = [
     "FingertipGoalShaper",
     "FingertipSensor",
     "ForbiddenPoints",
+    "GiveUp",
     "GraspConfig",
+    "GraspPhase",
     "GraspQualityMonitor",
     "GraspQualityView",
     "GraspSequencer",
@@ -95,6 +99,7 @@ __all__ = [
     "SectorReach",
     "TrackingStatus",
     "__version__",
+    "add_hand_model",
     "box_surface",
     "compute_safe_regions",
     "hand_limits",

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import settings
+from selections import selection_of
 
 from drake_pregrasp import (
     RunResult,
@@ -15,6 +16,7 @@ from drake_pregrasp import (
     run,
     shipped_scenarios,
 )
+from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.robots.allegro_panda import find_robot_data
@@ -38,6 +40,12 @@ def surface() -> ObjectSurface:
 @pytest.fixture(scope="session")
 def p_OC(scenario: Scenario, surface: ObjectSurface) -> np.ndarray:
     return scenario.initial_p_OC(surface)
+
+
+@pytest.fixture(scope="session")
+def chosen(surface: ObjectSurface, p_OC: np.ndarray) -> SelectionInput:
+    """The selection's input of the first tick of the base case, in plain Eq. 1-2."""
+    return selection_of(surface, p_OC)
 
 
 @pytest.fixture(scope="session")

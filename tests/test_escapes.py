@@ -4,9 +4,11 @@
 import base64
 import json
 import re
+from pathlib import Path
 
 import pytest
 import trimesh
+import yaml
 
 from drake_pregrasp.cli import main
 from drake_pregrasp.resources import resource_folder
@@ -90,76 +92,14 @@ def case(text):
     return {"theirs.yaml": f"case: {text}\n"}
 
 
-# `@` is the folder of the secrets; a link in it leads to one of them.
-URIS = (
-    *("@/secret.obj", "../secret.obj", "./../own/../secret.obj", "file://@/secret.obj"),
-    *("file://localhost@/secret.obj", "FILE://@/secret.obj", "file:@/secret.obj", "link.obj"),
-    *(
-        "package://own/../secret.obj",
-        "package://drake_pregrasp/../../../../../../../..@/secret.obj",
-    ),
-    *(
-        "model://own/../secret.obj",
-        "package://../secret.obj",
-        "link/secret.obj",
-        "~/../..@/secret.obj",
-    ),
-    *("@<!-- -->/../@/secret.obj", "<![CDATA[@/secret.obj]]>", "@/secret.<!-- a -->obj"),
-    *(
-        "&#46;&#46;/secret.obj",
-        "%2e%2e/secret.obj",
-        "\n\t../secret.obj\n",
-        "own.obj</uri><uri>@/secret.obj",
-    ),
-    *("https://localhost/secret.obj", "own.obj\0../secret.obj", "..\\secret.obj", "@/secret.txt"),
-    "@/secret.obj<!-- -->/../own/own.obj",
-)
-LIBRARIES = (
-    *(
-        "mtllib @/secret.mtl",
-        "# mtllib @/secret.mtl",
-        "o mtllib @/secret.mtl",
-        "mtllib ../secret.mtl",
-    ),
-    *(
-        "mtllib @/secret.txt own.mtl",
-        "mtllib own.mtl @/secret.txt",
-        "mtllib link.mtl",
-        " mtllib @/secret.mtl",
-    ),
-    *(
-        "v 0 0 0\rmtllib @/secret.mtl",
-        "mtl\\\nlib @/secret.mtl",
-        "\tmtllib\t@/secret.mtl",
-        "g mtllib @/secret.txt",
-    ),
-    *(
-        "usemtl mtllib @/secret.txt",
-        "maplib @/secret.mtl",
-        "call @/secret.obj",
-        "csh cat @/secret.txt",
-    ),
-)
-MAPS = (
-    *("newmtl own\nmap_Kd @/secret.png", "newmtl own\nKd 1 1 1\rmap_Kd @/secret.png"),
-    *(
-        "newmtl own\nmap_Kd -s 1 1 1 ../secret.png",
-        "newmtl own\nbump @/secret.png",
-        "# map_Kd @/secret.png",
-    ),
-    *(
-        "newmtl own\nmap_Kd link.png",
-        "newmtl map_Kd @/secret.png",
-        "newmtl own\n\tnorm\t@/secret.png",
-    ),
-)
+NAMES = yaml.safe_load((Path(__file__).parent / "escapes.yaml").read_text())
 SCRIPT = "<script><uri>@/secret.txt</uri><name>a</name></script>"
 XI = "http://www.w3.org/2001/XInclude"
 ENTITY = '<!DOCTYPE sdf [<!ENTITY e SYSTEM "file://@/secret.txt">]>'
 ESCAPES = {
-    **{f"uri {uri}": palm(URI.format(uri)) for uri in URIS},
-    **{f"obj {text}": library(text) for text in LIBRARIES},
-    **{f"mtl {text}": material(text) for text in MAPS},
+    **{f"uri {uri}": palm(URI.format(uri)) for uri in NAMES["uris"]},
+    **{f"obj {text}": library(text) for text in NAMES["libraries"]},
+    **{f"mtl {text}": material(text) for text in NAMES["maps"]},
     "script": palm(MATERIAL.format(SCRIPT)),
     "diffuse_map": palm(MATERIAL.format("<drake:diffuse_map>@/secret.png</drake:diffuse_map>")),
     "albedo": palm(MATERIAL.format("<pbr><metal><albedo_map>@/secret.png</albedo_map></metal></pbr>")),

@@ -129,8 +129,9 @@ class HandController(Diagram):
         plant_time_step: Time step of the hand's plant, in seconds.
 
     Raises:
-        InvalidArgumentError: If an argument or a field of `config` is out of its range, or an arm
-            cannot hold the palm over the object.
+        InvalidArgumentError: If an argument or a field of `config` is out of its range, an initial
+            contact is on a face that is forbidden to its finger, or an arm cannot hold the palm
+            over the object.
     """
 
     initial: FloatArray
@@ -163,6 +164,7 @@ class HandController(Diagram):
                 f"touch_force must be less than least_force, {config.least_force}, not"
                 f" {config.touch_force}"
             )
+        hand.check_contacts(p_OC, object_solid.distance_and_gradient(p_OC)[1])
         builder = DiagramBuilder()
         tip_frames = hand.kinematics.tip_frames
         settings = config.make_settings(hand.description.fingertips)

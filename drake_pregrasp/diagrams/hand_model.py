@@ -17,6 +17,7 @@ from drake_pregrasp.config.limits_config import SectorReach
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.systems.fingertip_sensor import HandKinematics, frame_names
 from drake_pregrasp.systems.palm_posture import ArmKinematics, pose_error
 
@@ -276,6 +277,26 @@ class HandModel:
                 )
             return asked
         return (low, high) if high - low < _TWO_TURNS else FREE_TURN
+
+    def check_contacts(self, p_OC: FloatArray, normals: FloatArray) -> None:
+        """Checks that no contact is on a face that is forbidden to its finger.
+
+        Args:
+            p_OC: Contacts in O, in the order of the fingers, shape (n, 3), in metres.
+            normals: Outward unit normals of the surface at them, in O, shape (n, 3).
+
+        Raises:
+            InvalidArgumentError: If one is.
+        """
+        for tip, point, normal in zip(self.description.fingertips, p_OC, normals, strict=True):
+            for face in tip.forbidden_faces:
+                if AxisArea(face).holds(normal[None])[0]:
+                    x, y, z = point
+                    raise InvalidArgumentError(
+                        f"the contact at ({x:.3g}, {y:.3g}, {z:.3g}) m is nearest to {tip.frame},"
+                        f" to which {face} is forbidden; forbidden to it are:"
+                        f" {', '.join(tip.forbidden_faces)}"
+                    )
 
     @property
     def relaxed(self) -> FloatArray:

@@ -8,6 +8,7 @@ an OBJ file, beside it.
 import json
 import re
 import struct
+from collections import Counter
 from collections.abc import Mapping
 from io import BytesIO
 from pathlib import Path
@@ -189,7 +190,7 @@ def _placed_pieces(scene: trimesh.Scene) -> list[Piece]:
 
 
 _SPACES = bytes.maketrans(b"\r\t\v\f", b"\n   ")
-_OBJ_LINE = re.compile(rb"^(v|f|[og]|usemtl|mtllib) ([^\n]*)", re.MULTILINE)
+_OBJ_LINE = re.compile(rb"^ *+(v|f|[og]|usemtl|mtllib) ([^\n]*)", re.MULTILINE)
 
 
 def _plain_obj(data: bytes, *, by_material: bool = False) -> tuple[bytes, str]:
@@ -202,28 +203,24 @@ def _plain_obj(data: bytes, *, by_material: bool = False) -> tuple[bytes, str]:
     Raises:
         InvalidArgumentError: If the file has too many vertices, triangles or parts.
     """
-    data = b"\n" + data.translate(_SPACES).replace(b"\\\n", b" ")
-    data = re.sub(rb" +", b" ", data).replace(b"\n ", b"\n")
+    data = data.translate(_SPACES).replace(b"\\\n", b" ")
     name = b"usemtl" if by_material else b"o"
-    for key, most in ((b"v", MAX_VERTICES), (b"f", MAX_FACES), (name, MAX_PIECES)):
-        count = data.count(b"\n" + key + b" ")
-        if count > most:
-            what = f"it has {count} lines {key.decode()}; at most {most}"
-            raise InvalidArgumentError(f"{what}, simplify it")
-    lines, library, triangles = [], "", 0
+    most = {b"v": MAX_VERTICES, b"f": MAX_FACES, name: MAX_PIECES}
+    lines, library, counts = [], "", Counter[bytes]()
     for match in _OBJ_LINE.finditer(data):
-        key, rest = match[1], match[2].strip()
+        key, words = match[1], match[2].split(None, MAX_FACES + 2)
+        rest = b" ".join(words)[:MAX_NAME]
         if key == b"f":
-            triangles += rest.count(b" ") - 1
-            if triangles > MAX_FACES:
-                raise InvalidArgumentError(f"it has more than {MAX_FACES} triangles; simplify it")
-            lines.append(b"f " + re.sub(rb"/[^ ]*", b"", rest))
-        elif key == b"v":
-            lines.append(b"v " + rest[:MAX_NAME])
-        elif key == name:
-            lines.append(b"o " + rest[:MAX_NAME])
+            counts[key] += max(len(words) - 2, 1)  # Triangles.
+            lines.append(b"f " + b" ".join(word.partition(b"/")[0] for word in words))
+        elif key in most:
+            counts[key] += 1
+            lines.append((b"v " if key == b"v" else b"o ") + rest)
         elif key == b"mtllib":
-            library = library or rest[:MAX_NAME].decode(errors="replace")
+            library = library or rest.decode(errors="replace")
+        if counts[key] > most.get(key, 0):
+            what = {b"v": "vertices", b"f": "triangles"}.get(key, f"lines {key.decode()}")
+            raise InvalidArgumentError(f"it has more than {most[key]} {what}; simplify it")
     return b"\n".join(lines).decode(errors="replace").encode(), library
 
 

@@ -9,8 +9,8 @@ from scipy.spatial import cKDTree
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
 
-MAX_TRIANGLES = 2_000_000
-"""Largest number of triangles that a surface is split into: they need some 0.6 GB."""
+MAX_TRIANGLES = 1_000_000
+"""Largest number of triangles that a surface is split into: they take some 0.3 GB and 5 s."""
 
 
 @dataclass(frozen=True, eq=False)

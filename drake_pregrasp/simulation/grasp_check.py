@@ -6,13 +6,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.object_config import Box, Conveyor
 from drake_pregrasp.contacts.assignment import palm_turn
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import PregraspError, ScenarioError
-from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand, load_hand_model
@@ -95,20 +93,8 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         yield "grasp.largest_force", problem
     with errors_at("initial_contacts"):
         p_OC = scenario.initial_p_OC(surface)
-    yield from _face_problems(hand, surface, p_OC)
+        model.check_contacts(p_OC, surface.project(p_OC)[1])
     _check_arm(scenario, scenario.motion, model, p_OC)
-
-
-def _face_problems(hand: HandDescription, surface: ObjectSurface, p_OC: FloatArray) -> Problems:
-    """Finds initial contacts on faces that are forbidden to their fingers."""
-    _, normals = surface.project(p_OC)
-    for tip, point, normal in zip(hand.fingertips, p_OC, normals, strict=True):
-        for face in tip.forbidden_faces:
-            if AxisArea(face).holds(normal[None])[0]:
-                x, y, z = point
-                problem = f"the contact at ({x:.3g}, {y:.3g}, {z:.3g}) m is nearest to {tip.frame}"
-                rule = f"forbidden to it are: {', '.join(tip.forbidden_faces)}"
-                yield "initial_contacts", f"{problem}, to which {face} is forbidden; {rule}"
 
 
 def _check_arm(scenario: Scenario, motion: Conveyor, model: HandModel, p_OC: FloatArray) -> None:

@@ -1,6 +1,6 @@
 """Which finger goes where, and where contacts start."""
 
-from itertools import combinations, permutations
+from itertools import permutations
 
 import numpy as np
 import pytest
@@ -22,52 +22,26 @@ from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.shapes import ball_shape, cylinder_shape
 
 
-def travel(tips, contacts, order):
-    return np.sum(np.linalg.norm(tips - contacts[list(order)], axis=1))
-
-
-@pytest.mark.slow
-@given(seed=st.integers(0, 10**6), n=st.integers(1, 6))
+@given(seed=st.integers(0, 10**6), n=st.integers(1, 5))
 def test_all_fingers_together_travel_least(seed, n):
     tips, contacts = np.random.default_rng(seed).uniform(size=(2, n, 3))
+
+    def travel(order):
+        return np.sum(np.linalg.norm(tips - contacts[list(order)], axis=1))
+
+    least = min(map(travel, permutations(range(n))))
     order = assign_fingers(tips, contacts)
     assert sorted(order) == list(range(n))
-    least = min(travel(tips, contacts, p) for p in permutations(range(n)))
-    assert travel(tips, contacts, order) == pytest.approx(least, rel=1e-12)
+    assert travel(order) == pytest.approx(least, rel=1e-12)
 
 
-def cross(a, b, c, d):
-    """Whether the ways from a to b and from c to d cross, in a plane."""
-
-    def side(p, q, r):
-        return np.sign((q[0] - p[0]) * (r[1] - p[1]) - (q[1] - p[1]) * (r[0] - p[0]))
-
-    return side(a, b, c) != side(a, b, d) and side(c, d, a) != side(c, d, b)
-
-
-@given(seed=st.integers(0, 10**6))
-def test_ways_in_a_plane_never_cross(seed):
-    tips, contacts = np.random.default_rng(seed).uniform(size=(2, 7, 3))
-    tips[:, 2] = contacts[:, 2] = 0
-    goals = contacts[assign_fingers(tips, contacts)]
-    assert not any(
-        cross(tips[i], goals[i], tips[k], goals[k]) for i, k in combinations(range(7), 2)
-    )
-
-
-def test_each_finger_needs_its_contact():
-    with pytest.raises(InvalidArgumentError, match="3 fingertips can't be assigned to 2 contacts"):
-        assign_fingers(np.zeros((3, 3)), np.zeros((2, 3)))
-
-
-def can():
-    no_touch = [AxisArea("+z"), AxisArea("-z")]
-    return mesh_surface(cylinder_shape(0.03, 0.1), spacing=0.006, no_touch=no_touch)
-
-
-@pytest.mark.parametrize(
-    "surface", [can(), box_surface([0.1, 0.06, 0.12], spacing=0.008)], ids=["can", "box"]
+CAN = mesh_surface(
+    cylinder_shape(0.03, 0.1), spacing=0.006, no_touch=[AxisArea("+z"), AxisArea("-z")]
 )
+BOX = box_surface([0.1, 0.06, 0.12], spacing=0.008)
+
+
+@pytest.mark.parametrize("surface", [CAN, BOX], ids=["can", "box"])
 @pytest.mark.parametrize("count", [1, 2, 5, 9])
 def test_a_ring_is_of_distinct_allowed_places_level_with_the_centre(surface, count):
     p_OC = ring_contacts(surface, count)
@@ -116,18 +90,6 @@ def test_fingers_keep_their_order_round_the_palm(fingers, contacts):
     assert np.all((np.diff(np.append(ranks, ranks[0])) - 1) % 5 == 0)
 
 
-@given(azimuths, azimuths, st.permutations(range(5)))
-def test_the_order_of_the_contacts_does_not_matter(fingers, contacts, shuffled):
-    order, yaw = assign_fingers_round(fingers, contacts)
-    again, yaw_again = assign_fingers_round(fingers, contacts[shuffled])
-
-    def worst(azimuths, turn):
-        return np.max(np.abs(wrapped(azimuths - fingers - turn)))
-
-    offsets = worst(contacts[order], yaw), worst(contacts[shuffled][again], yaw_again)
-    assert offsets[0] == pytest.approx(offsets[1])
-
-
 @given(azimuths, azimuths, arrays(float, 5, elements=st.floats(0.05, 3.1)))
 def test_an_assignment_is_refused_only_if_none_is_within_each_fingers_own_bound(
     fingers, contacts, allowed
@@ -162,16 +124,15 @@ def test_turning_within_a_range_goes_as_near_as_it_can(yaw, middle, half):
     choices = np.linspace(*yaw_range, 200)
     assert yaw_range[0] <= turned <= yaw_range[1]
     assert abs(wrapped(turned - yaw)) <= np.min(np.abs(wrapped(choices - yaw))) + 1e-9
+    assert turned_within(yaw, FREE_TURN) == yaw
 
 
-def test_an_endless_range_leaves_angles_alone():
-    assert turned_within(7.0, FREE_TURN) == 7.0
-
-
-def test_an_assignment_out_of_reach_is_refused():
+def test_contacts_out_of_reach_or_too_few_are_refused():
     fingers = 2 * np.pi * np.arange(5) / 5
     crowded = np.array([0.0, 0.1, 0.2, 0.3, 3.0])
     with pytest.raises(InvalidArgumentError, match=r"no finger reaches contact \d: it is"):
         assign_fingers_round(fingers, crowded, largest_offset=0.5)
     with pytest.raises(InvalidArgumentError, match="5 fingers can't be assigned to 4 contacts"):
         assign_fingers_round(fingers, crowded[:4])
+    with pytest.raises(InvalidArgumentError, match="3 fingertips can't be assigned to 2 contacts"):
+        assign_fingers(np.zeros((3, 3)), np.zeros((2, 3)))

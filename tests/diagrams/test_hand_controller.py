@@ -59,6 +59,15 @@ def test_what_makes_no_sense_is_refused(config, changes, problem):
         controller(config, **changes)
 
 
+def test_contacts_on_faces_that_a_finger_may_not_have_are_refused(monkeypatch):
+    tip = MODEL.description.fingertips[0]
+    monkeypatch.setattr(tip, "forbidden_faces", ["-z", "-x"])
+    controller()
+    monkeypatch.setattr(tip, "forbidden_faces", ["-z", "+x"])
+    with pytest.raises(InvalidArgumentError, match=r"finger_0_tip, to which \+x is forbidden"):
+        controller()
+
+
 def targets(point=0.0):
     """Contact goals on the object, of which one may be anywhere."""
     bus = BusValue()

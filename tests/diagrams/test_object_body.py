@@ -1,24 +1,29 @@
 """The object as a body: its inertia, and how it stands on a table and is carried."""
 
+import xml.etree.ElementTree as ET
+
 import numpy as np
 import pytest
-from pydrake.geometry import SceneGraph
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.math import RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import UnitInertia
 from pydrake.systems.analysis import Simulator
+from thin_cup import PROFILE
 
 from drake_pregrasp import ObjectPlant
-from drake_pregrasp.config.limits_config import BallReach, BoxReach, LimitsConfig, Pair
 from drake_pregrasp.config.object_config import Ball, Box, Conveyor, Cylinder, Mesh, Revolved
-from drake_pregrasp.diagrams.object_body import add_object_body, standing_position
+from drake_pregrasp.diagrams.object_body import (
+    add_object_body,
+    resized_box_sdf,
+    standing_position,
+)
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.resources import resource_folder
 
-CUP_PROFILE = [[0, 0], [0.035, 0], [0.035, 0.09], [0.032, 0.09], [0.032, 0.003], [0, 0.003]]
+CUBE = resource_folder("models") / "cube.sdf"
 OBJECTS = {
     "box": Box(size=[0.05, 0.06, 0.1]),
-    "cup": Revolved(profile=CUP_PROFILE, mass=0.2),
+    "cup": Revolved(profile=PROFILE, mass=0.2),
     "can": Cylinder(),
     "mug": Mesh(file=str(resource_folder("models") / "mug.obj")),
     "bracket": Mesh(file=str(resource_folder("models") / "bracket.obj"), mass=0.25),
@@ -27,14 +32,16 @@ OBJECTS = {
 STANDING = ["cup", "can", "mug", "bracket"]
 
 
-@pytest.mark.parametrize("name", OBJECTS)
-def test_the_body_has_the_inertia_of_its_mesh(name):
-    config = OBJECTS[name]
-    scene_graph, plant = SceneGraph(), MultibodyPlant(0.01)
-    plant.RegisterAsSourceForSceneGraph(scene_graph)
+def spatial_inertia(config):
+    plant = MultibodyPlant(0.01)
     body = add_object_body(plant, config)
     plant.Finalize()
-    M_O = body.CalcSpatialInertiaInBodyFrame(plant.CreateDefaultContext())
+    return body.CalcSpatialInertiaInBodyFrame(plant.CreateDefaultContext())
+
+
+@pytest.mark.parametrize("name", OBJECTS)
+def test_the_body_has_the_inertia_of_its_mesh(name):
+    config, M_O = OBJECTS[name], spatial_inertia(OBJECTS[name])
     mesh = config.make_shape().mesh
     assert M_O.get_mass() == pytest.approx(config.mass)
     np.testing.assert_allclose(M_O.get_com(), mesh.center_mass, atol=1e-9)
@@ -44,11 +51,7 @@ def test_the_body_has_the_inertia_of_its_mesh(name):
 
 
 def test_a_ball_has_the_inertia_of_a_ball_up_to_its_facets():
-    config = Ball(radius=0.04, mass=2.0)
-    plant = MultibodyPlant(0.01)
-    body = add_object_body(plant, config)
-    plant.Finalize()
-    I_O = body.CalcSpatialInertiaInBodyFrame(plant.CreateDefaultContext()).CalcRotationalInertia()
+    I_O = spatial_inertia(Ball(radius=0.04, mass=2.0)).CalcRotationalInertia()
     exact = 2.0 * UnitInertia.SolidSphere(0.04).CopyToFullMatrix3()
     np.testing.assert_allclose(I_O.CopyToFullMatrix3(), exact, atol=0.005 * exact[0, 0])
 
@@ -56,93 +59,80 @@ def test_a_ball_has_the_inertia_of_a_ball_up_to_its_facets():
 def carried(config, plant_config, v, w, times):
     plant = ObjectPlant(config, Conveyor(v, w), plant_config)
     simulator = Simulator(plant)
-    poses = []
     for time in times:
         simulator.AdvanceTo(time)
-        pose = plant.GetOutputPort("X_WO").Eval(simulator.get_context())
-        poses.append(RigidTransform(pose))  # What Eval returns changes with the Context.
-    return poses
+        yield plant.GetOutputPort("X_WO").Eval(simulator.get_context())
+
+
+def yaw(X_WO):
+    return RollPitchYaw(X_WO.rotation()).yaw_angle()
 
 
 @pytest.mark.parametrize("name", STANDING)
-def test_it_stands_still_on_the_table(scenario, name):
-    (X_WO,) = carried(OBJECTS[name], scenario.plant_config, 0.0, 0.0, [1.0])
-    start = standing_position(OBJECTS[name])
+def test_it_stands_still_on_the_table_at_its_lowest_point(scenario, name):
+    config, shape = OBJECTS[name], OBJECTS[name].make_shape()
+    start = standing_position(config)
+    assert start[2] == pytest.approx(-np.min(shape.mesh.vertices[:, 2]), abs=2e-6)
+    np.testing.assert_allclose((start + shape.p_OCoM)[:2], 0, atol=1e-12)
+    (X_WO,) = carried(config, scenario.plant_config, 0.0, 0.0, [1.0])
     np.testing.assert_allclose(X_WO.translation(), start, atol=1e-5)
-    tilt = X_WO.rotation().matrix()[2, 2]
-    assert np.arccos(min(tilt, 1.0)) < 1e-4
-    assert abs(RollPitchYaw(X_WO.rotation()).yaw_angle()) < 1e-6
+    assert np.arccos(min(X_WO.rotation().matrix()[2, 2], 1.0)) < 1e-4
+    assert abs(yaw(X_WO)) < 1e-6
 
 
 @pytest.mark.parametrize("name", STANDING)
 def test_the_conveyor_carries_it_at_its_speed(scenario, name):
-    v = 0.02
-    early, late = carried(OBJECTS[name], scenario.plant_config, v, 0.0, [0.2, 1.0])
-    step = scenario.plant_config.time_step
-    way = late.translation() - early.translation()
-    np.testing.assert_allclose(way, [0.8 * v, 0, 0], atol=5e-5)
+    v, step = 0.02, scenario.plant_config.time_step
+    places = carried(OBJECTS[name], scenario.plant_config, v, 0.0, [0.2, 1.0])
+    early, late = (X_WO.translation().copy() for X_WO in places)
+    np.testing.assert_allclose(late - early, [0.8 * v, 0, 0], atol=5e-5)
     # It starts from rest, and so lags by one step.
-    gone = late.translation()[0] - standing_position(OBJECTS[name])[0]
+    gone = late[0] - standing_position(OBJECTS[name])[0]
     assert gone == pytest.approx(v * (1 - step), abs=5e-5)
 
 
-@pytest.mark.parametrize("name", STANDING)
-def test_it_stands_as_high_as_its_lowest_point_is_deep(name):
-    lowest = np.min(OBJECTS[name].make_shape().mesh.vertices[:, 2])
-    position = standing_position(OBJECTS[name])
-    assert position[2] == pytest.approx(-lowest, abs=2e-6)
-    p_OCoM = OBJECTS[name].make_shape().p_OCoM
-    np.testing.assert_allclose((position + p_OCoM)[:2], 0, atol=1e-12)
+@pytest.mark.parametrize(
+    ("size", "v", "w"),
+    [
+        ([0.1, 0.1, 0.1], 0.0, 0.0),
+        ([0.1, 0.1, 0.1], 0.001, 0.0174),
+        ([0.2, 0.2, 0.1], 0.02, -0.2),
+        ([0.07, 0.07, 0.075], 0.0, 0.0),
+    ],
+)
+def test_the_table_carries_a_box_on_its_feet(scenario, size, v, w):
+    (X_WO,) = carried(Box(size=size), scenario.plant_config, v, w, [3.0])
+    step = scenario.plant_config.time_step  # The box starts from rest.
+    moves = v != 0
+    slip = 2 * abs(v) * step + moves * 1e-4 + 1e-8
+    np.testing.assert_allclose(X_WO.translation()[:2], [3 * v, 0], atol=slip)
+    assert X_WO.translation()[2] == pytest.approx(size[2] / 2, abs=1e-3)
+    assert yaw(X_WO) == pytest.approx(3 * w, abs=2 * abs(w) * step + 1e-3)
 
 
-# The keys of what limits contacts.
+@pytest.mark.parametrize("size", [[0.1, 0.1, 0.1], [0.2, 0.2, 0.1], [0.07, 0.07, 0.075]])
+def test_the_feet_of_a_box_are_at_the_corners_of_its_underside(size):
+    model = ET.fromstring(resized_box_sdf(CUBE, size, 1.0))
+    radius = float(model.find(".//sphere/radius").text)
+    poses = [collision.find("pose").text.split() for collision in model.iter("collision")]
+    feet = np.array(poses, dtype=float)[:, :3]
+    np.testing.assert_allclose(np.abs(feet) + radius, np.tile(np.array(size) / 2, (4, 1)))
+    assert np.all(feet[:, 2] < 0)
+    assert len(np.unique(np.sign(feet), axis=0)) == 4
 
 
-def test_reaches_are_solids_of_the_hand():
-    ball = BallReach(center=[0.1, 0, 0], radius=0.05).make_reach().solid
-    np.testing.assert_allclose(ball.distance(np.zeros((1, 3))), [0.05])
-    box = (
-        BoxReach(size=[0.2, 0.02, 0.02], center=[0, 0, 0.1], rpy=[0, 0, np.pi / 4])
-        .make_reach()
-        .solid
+def test_the_shipped_cube_is_the_base_case():
+    texts = CUBE.read_text(), resized_box_sdf(CUBE, Box().size, Box().mass)
+    shipped, resized = (
+        [float(word) for part in ET.fromstring(text).itertext() for word in part.split()]
+        for text in texts
     )
-    diagonal = 0.09 * np.sqrt(0.5)  # Along which the box, turned, is long.
-    probes = np.array([[diagonal, diagonal, 0.1], [diagonal, -diagonal, 0.1]])
-    np.testing.assert_allclose(box.distance(probes), [-0.01, 0.08], atol=1e-12)
+    np.testing.assert_allclose(shipped, resized, rtol=1e-12)
 
 
-def test_the_shorter_of_speed_and_step_limits_steps():
-    def step(**keys):
-        return LimitsConfig(**keys).make_limits(period=0.1, friction=0.7).max_step
-
-    assert step() == np.inf
-    assert step(max_speed=0.02) == pytest.approx(0.002)
-    assert step(max_step=0.003) == 0.003
-    assert step(max_speed=0.02, max_step=0.003) == pytest.approx(0.002)
-    assert step(max_speed=0.02, max_step=0.001) == 0.001
-
-
-def test_all_keys_reach_the_limits():
-    pair = Pair(first=1, second=0, distance=0.03, tolerance=0.002)
-    config = LimitsConfig(deadband=0.001, pairs=[pair], guard=["margin", "q_vew"], recover=True)
-    limits = config.make_limits(period=0.1, friction=0.7)
-    assert (limits.deadband, limits.recover) == (0.001, True)
-    (coupled,) = limits.pairs
-    assert (coupled.first, coupled.second, coupled.distance, coupled.tolerance) == (
-        1,
-        0,
-        0.03,
-        0.002,
-    )
-    p_CoMC = 0.03 * np.array([[1.0, 0, 0], [-0.5, 0.87, 0], [-0.5, -0.87, 0], [0, 0, 1]])
-    nhat = p_CoMC / np.linalg.norm(p_CoMC, axis=1, keepdims=True)
-    slippery = config.make_limits(period=0.1, friction=0.0)
-    margins = [list(each.guard(p_CoMC, nhat))[-1] for each in (limits, slippery)]
-    assert margins[0] > margins[1]
-    assert LimitsConfig().make_limits(period=0.1, friction=0.7).guard is None
-
-
-def test_contradicting_pairs_are_refused():
-    pairs = [Pair(first=0, second=1, distance=0.03), Pair(first=1, second=2, distance=0.03)]
-    with pytest.raises(InvalidArgumentError, match="in two pairs"):
-        LimitsConfig(pairs=pairs).make_limits(period=0.1, friction=0.7)
+def test_a_model_that_is_no_box_is_refused(tmp_path):
+    for text, problem in (("<sdf", "can't be read"), ("<sdf version='1.9'/>", "no visual named")):
+        file = tmp_path / "bad.sdf"
+        file.write_text(text)
+        with pytest.raises(InvalidArgumentError, match=problem):
+            resized_box_sdf(file, [0.1, 0.1, 0.1], 1.0)

@@ -28,43 +28,40 @@ def planner_and_context(surface, p_OC, config=CONFIG):
     return planner, context
 
 
+def ticks(planner, context, poses):
+    """Yields the goals of each tick, before the update."""
+    for k, X_WO in enumerate(poses):
+        context.SetTime(k * CONFIG.period)
+        planner.GetInputPort("X_WO_measured").FixValue(context, X_WO)
+        yield planner.GetOutputPort("p_WC").Eval(context).copy()
+        context.SetDiscreteState(planner.EvalUniquePeriodicDiscreteUpdate(context))
+
+
 def goals_in_estimate(planner, context):
     X_WO = planner.GetOutputPort("X_WO_estimated").Eval(context)
     p_WC = planner.GetOutputPort("p_WC").Eval(context).reshape(-1, 3)
     return (X_WO.inverse() @ p_WC.T).T
 
 
-def tick(planner, context):
-    context.SetDiscreteState(planner.EvalUniquePeriodicDiscreteUpdate(context))
-
-
-def test_a_measurement_shapes_the_goals_of_its_own_tick(surface, p_OC):
+def test_a_measurement_shapes_the_goals_of_its_own_tick_and_they_ride_on_the_object(surface, p_OC):
     planner, context = planner_and_context(surface, p_OC)
-    for k, X_WO in enumerate([X_0, X_1]):
-        context.SetTime(k * CONFIG.period)
-        planner.GetInputPort("X_WO_measured").FixValue(context, X_WO)
-        before_update = planner.GetOutputPort("p_WC").Eval(context).copy()
-        tick(planner, context)
-        np.testing.assert_allclose(
-            planner.GetOutputPort("p_WC").Eval(context), before_update, atol=1e-15
-        )
+    *_, before_update = ticks(planner, context, [X_0, X_1])
+    p_WC = planner.GetOutputPort("p_WC").Eval(context).copy()
+    np.testing.assert_allclose(p_WC, before_update, atol=1e-15)
     estimate = planner.GetOutputPort("X_WO_estimated").Eval(context)
     # The first two measurements fix position and velocity, so the second one is nearly adopted.
     np.testing.assert_allclose(estimate.translation(), X_1.translation(), atol=1e-4)
     p_OC_now = goals_in_estimate(planner, context)
-    nearest, _ = surface.project(p_OC_now)
-    np.testing.assert_allclose(p_OC_now, nearest, atol=1e-12)
-    assert 0.005 < np.mean(before_update.reshape(-1, 3)[:, 0] - 0.1) < 0.03
+    np.testing.assert_allclose(p_OC_now, surface.project(p_OC_now)[0], atol=1e-12)
+    assert 0.005 < np.mean(p_WC.reshape(-1, 3)[:, 0] - 0.1) < 0.03
+    context.SetTime(1.5 * CONFIG.period)  # Between two ticks.
+    np.testing.assert_allclose(goals_in_estimate(planner, context), p_OC_now, atol=1e-12)
+    assert np.max(np.abs(planner.GetOutputPort("p_WC").Eval(context) - p_WC)) > 1e-3
 
 
 def test_goals_settle_on_the_object(surface, p_OC):
     planner, context = planner_and_context(surface, p_OC)
-    previous = None
-    for k in range(60):
-        context.SetTime(k * CONFIG.period)
-        tick(planner, context)
-        previous, now = goals_in_estimate(planner, context) if k == 58 else previous, None
-    now = goals_in_estimate(planner, context)
+    *_, previous, now = ticks(planner, context, [X_0] * 60)
     np.testing.assert_allclose(now, previous, atol=1e-12)
     assert np.all(planner.GetOutputPort("contact_status").Eval(context) == ContactStatus.ACTIVE)
 
@@ -77,11 +74,8 @@ def test_the_planner_moves_with_the_world(surface, p_OC, strategy):
     goals, tips = [], []
     for X in (RigidTransform(), X_VW):
         planner, context = planner_and_context(surface, p_OC, config)
-        for k, X_WO in enumerate([X_0, X_1]):
-            context.SetTime(k * config.period)
-            planner.GetInputPort("X_WO_measured").FixValue(context, X @ X_WO)
-            tick(planner, context)
-        p = planner.GetOutputPort("p_WC").Eval(context).reshape(-1, 3)
+        *_, p_WC = ticks(planner, context, [X @ X_0, X @ X_1])
+        p = p_WC.reshape(-1, 3)
         goals.append((X.inverse() @ p.T).T)
         target = planner.GetOutputPort("fingertip_targets").Eval(context).Find("fingertip_2")
         tips.append((X.inverse() @ target).GetAsMatrix34())
@@ -90,27 +84,12 @@ def test_the_planner_moves_with_the_world(surface, p_OC, strategy):
     np.testing.assert_allclose(tips[1], tips[0], atol=2e-3)
 
 
-def test_between_ticks_goals_ride_on_the_object(surface, p_OC):
-    planner, context = planner_and_context(surface, p_OC)
-    for k, X_WO in enumerate([X_0, X_1]):
-        context.SetTime(k * CONFIG.period)
-        planner.GetInputPort("X_WO_measured").FixValue(context, X_WO)
-        tick(planner, context)
-    on_object = goals_in_estimate(planner, context)
-    at_tick = planner.GetOutputPort("p_WC").Eval(context).copy()
-    context.SetTime(1.5 * CONFIG.period)
-    np.testing.assert_allclose(goals_in_estimate(planner, context), on_object, atol=1e-12)
-    assert np.max(np.abs(planner.GetOutputPort("p_WC").Eval(context) - at_tick)) > 1e-3
-
-
 def test_a_lost_finger_reaches_the_planner_through_its_port(surface, p_OC):
     planner, context = planner_and_context(surface, p_OC)
     weights = planner.GetInputPort("contact_weights")
     weights.FixValue(context, np.zeros(5))
-    tick(planner, context)
-    context.SetTime(CONFIG.period)
-    weights.FixValue(context, [0, -np.inf, 0, 0, 0])
-    tick(planner, context)
+    for _ in ticks(planner, context, [X_0, X_0]):
+        weights.FixValue(context, [0, -np.inf, 0, 0, 0])
     status = planner.GetOutputPort("contact_status").Eval(context)
     assert list(status) == [1, ContactStatus.LOST, 1, 1, 1]
 

@@ -4,52 +4,57 @@ import argparse
 import collections
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-Counts = collections.Counter[tuple[str, str]]
 
-
-class Found(NamedTuple):
-    """What came of many cases.
+class Result(NamedTuple):
+    """What came of a case.
 
     Attributes:
-        counts: How many there were of each kind with each outcome.
-        failures: Some of those that are not as they should be, in words.
-        failed: How many of those there are.
-        slowest: How long the slowest took, in seconds of processor time, and its number.
+        number: Number of the case.
+        kind: How it was made.
+        outcome: What came of it, in a few words.
+        failure: The case and the error if it is not as it should be, else empty.
+        seconds: Processor time that it took.
     """
 
-    counts: Counts
-    failures: list[str]
-    failed: int
-    slowest: tuple[float, int]
+    number: int
+    kind: str
+    outcome: str
+    failure: str
+    seconds: float
 
 
-def main(description: str | None, cases: str, run: Callable[[int, int, int, float], Found]) -> int:
-    """Prints the counts and the failures; returns 1 if there are any.
+def main(description: str | None, results: Callable[[int, int, int], Iterator[Result]]) -> int:
+    """Prints failures, and how many cases had which outcome; returns 1 if any failed.
 
     Args:
-        description: Of the harness.
-        cases: What the cases are called.
-        run: Tries so many cases of a seed, from a number on, for so many seconds.
+        description: Description of the harness.
+        results: Function that yields the results of a seed, from a number up to another.
     """
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--count", type=int, default=10_000, help=f"how many {cases}")
-    parser.add_argument("--seed", type=int, default=0, help="the same one makes the same ones")
-    parser.add_argument("--first", type=int, default=0, help="number of the first")
-    parser.add_argument("--minutes", type=float, default=math.inf, help="end after these")
+    parser.add_argument("--count", type=int, default=10_000, help="number of cases")
+    parser.add_argument("--seed", type=int, default=0, help="the same one makes the same cases")
+    parser.add_argument("--first", type=int, default=0, help="number of the first case")
+    parser.add_argument("--minutes", type=float, default=math.inf, help="time after which to end")
     options = parser.parse_args()
-    start = time.perf_counter()
-    found = run(options.count, options.seed, options.first, 60 * options.minutes)
-    for (kind, outcome), number in sorted(found.counts.items()):
+    counts: collections.Counter[tuple[str, str]] = collections.Counter()
+    failed, slowest, start = 0, (0.0, -1), time.perf_counter()
+    for result in results(options.seed, options.first, options.first + options.count):
+        counts[result.kind, result.outcome] += 1
+        slowest = max(slowest, (result.seconds, result.number))
+        if result.failure:
+            failed += 1
+            print(
+                f"--- {result.number} {result.kind} {result.outcome}\n{result.failure}", flush=True
+            )
+        if time.perf_counter() - start > 60 * options.minutes:
+            break
+    for (kind, outcome), number in sorted(counts.items()):
         print(f"{kind:8} {outcome:30} {number}")
-    for failure in found.failures:
-        print(failure)
-    longest, number = found.slowest
-    seconds = time.perf_counter() - start
-    print(f"{sum(found.counts.values())} {cases} in {seconds:.0f} s;", end=" ")
-    print(f"{number} took {longest:.2f} s; {found.failed} failures")
-    return 1 if found.failed else 0
+    print(f"{sum(counts.values())} cases in {time.perf_counter() - start:.0f} s;", end=" ")
+    print(f"{slowest[1]} took {slowest[0]:.2f} s; {failed} failures")
+    return 1 if failed else 0

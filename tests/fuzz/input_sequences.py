@@ -6,19 +6,18 @@ After each tick all outputs are to be finite, active goals on the allowed surfac
 the limits, whatever came in; and nothing is to raise an error.
 """
 
-import collections
-import math
 import sys
 import time
 import traceback
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from command_line import Counts, Found, main
+from command_line import Result, main
 from input_cases import Case, make_case, make_value
 from input_variants import PERIOD, Variant, make_variant
 from pydrake.math import RigidTransform
@@ -167,23 +166,14 @@ def outcome(case: Case) -> tuple[str, str]:
     return KEPT, ""
 
 
-def run(count: int, seed: int, first: int = 0, seconds: float = math.inf) -> Found:
-    """Returns what came of so many sequences from a number on, with one a failure."""
-    counts: Counts = collections.Counter()
-    failures: dict[tuple[str, str], str] = {}
-    slowest, end = (0.0, -1), time.perf_counter() + seconds
-    for number in range(first, first + count):
-        if time.perf_counter() > end:
-            break
+def results(seed: int, first: int, end: int) -> Iterator[Result]:
+    """Yields what came of the sequences of a seed from a number up to another."""
+    for number in range(first, end):
         case, start = make_case(seed, number), time.process_time()
         kind, words = outcome(case)
-        slowest = max(slowest, (time.process_time() - start, number))
-        counts[case.variant, kind] += 1
-        if kind != KEPT and (case.variant, kind) not in failures:
-            failures[case.variant, kind] = f"--- {number} {kind}\n{case}\n{words}"
-    failed = sum(number for (_, kind), number in counts.items() if kind != KEPT)
-    return Found(counts, list(failures.values()), failed, slowest)
+        failure = "" if kind == KEPT else f"{case}\n{words}"
+        yield Result(number, case.variant, kind, failure, time.process_time() - start)
 
 
 if __name__ == "__main__":
-    sys.exit(main(__doc__, "sequences", run))
+    sys.exit(main(__doc__, results))

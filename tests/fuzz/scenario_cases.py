@@ -39,12 +39,14 @@ _MORE = (b"\xff", b"\xef\xbb\xbf", b"\x1b[2J", b"---\n", b"...\n", b"%YAML 9\n",
 _GRASP = (resource_folder("scenarios") / "hands.yaml").read_bytes()
 _GRASP = _GRASP.replace(b"package://drake_pregrasp/five_finger_hand.yaml", b"x.yaml")
 _MESHES: Mapping[str, bytes] = {
-    "x.obj": _DATA["bracket.obj"],
-    **{f"x.{kind}": _exported(kind) for kind in ("stl", "off", "glb")},
+    "x.obj": b"mtllib x.mtl\nusemtl m\n" + _DATA["bracket.obj"],
+    "text.stl": _exported("stl_ascii"),
+    **{f"x.{kind}": _exported(kind) for kind in ("stl", "off", "glb", "ply")},
     "x.gltf": _exported("gltf", embed_buffers=True),
-    "x.ply": _exported("ply", encoding="ascii"),
+    "text.ply": _exported("ply", encoding="ascii"),
     "x.dae": _DATA["bracket.obj"],
 }
+_MATERIALS = b"newmtl m\nKd 1 0.5 0\nd 0.5\nmap_Kd x.png\n"
 _NUMBER = re.compile(rb"-?\d+\.?\d*(?:e-?\d+)?")
 _NUMBERS = (*b"nan inf -1 0 1e308 -1e308 1e-320 99999999999 1e5".split(), b"")
 _URDF = """<robot name="r" xmlns:drake="http://drake.mit.edu"><link name="a"><inertial><mass
@@ -67,7 +69,10 @@ name="b" childclass="c"><freejoint/><geom mass="1"/><geom type="capsule" size="1
 1"/></body></body></worldbody><actuator><position joint="j" kp="1" kv="1"/><motor joint="j"/>
 </actuator><equality><weld body1="a" body2="b"/></equality><contact><exclude body1="a" body2="b"/>
 </contact></mujoco>"""
-_BODIES = {"sdf": _DATA["five_finger_hand.sdf"].decode(), "urdf": _URDF, "xml": _MJCF}
+_MESH = "<visual name='x'><geometry><mesh><uri>x.obj</uri></mesh></geometry></visual>"
+_SDF = _DATA["five_finger_hand.sdf"].decode()
+_SDF = _SDF.replace('<link name="palm">', '<link name="palm">' + _MESH)
+_BODIES = {"sdf": _SDF, "urdf": _URDF, "xml": _MJCF}
 
 
 @dataclass
@@ -129,16 +134,28 @@ def _bomb(kind: str, rng: random.Random) -> Case:
 
 
 def _mesh(kind: str, rng: random.Random) -> Case:
+    name, files = _mesh_files(rng)
+    return Case(kind, f"case: {{object: !Mesh {{file: {name}}}}}\n".encode(), None, files)
+
+
+def _mesh_files(rng: random.Random) -> tuple[str, dict[str, bytes]]:
+    """Returns the name of a mesh that is changed, and the files."""
     name = rng.choice(list(_MESHES))
     data = _MESHES[name]
-    text = f"case: {{object: !Mesh {{file: {name}}}}}\n".encode()
-    if name == "x.gltf" and rng.random() < 0.7:
-        data = json.dumps(_altered(json.loads(data), rng)).encode()
-    elif name.endswith((".obj", ".off", ".gltf")) or name == "x.ply":
+    if name.endswith(("gltf", "glb")) and rng.random() < 0.7:
+        tree, rest = data, b""
+        if name.endswith("glb"):  # Its header ends with the length and the kind of the tree.
+            length = int.from_bytes(data[12:16], "little")
+            tree, rest = data[20 : 20 + length], data[20 + length :]
+        tree = json.dumps(_altered(json.loads(tree), rng)).encode()
+        if name.endswith("glb"):
+            tree = data[:12] + len(tree).to_bytes(4, "little") + data[16:20] + tree
+        data = tree + rest
+    elif name.startswith("text") or name.endswith((".obj", ".off", ".gltf")):
         data = _changed(data, rng)
     else:
         data = mutated(data, rng)
-    return Case(kind, text, None, {name: data})
+    return name, {name: data, "x.mtl": _changed(_MATERIALS, rng)}
 
 
 def _altered(tree: Any, rng: random.Random) -> Any:
@@ -169,9 +186,11 @@ def _hand(kind: str, rng: random.Random) -> Case:
     way = rng.random()
     if way < 0.6:
         model = _altered_model(model, rng)
-    data = _changed(model.encode(), rng) if way > 0.4 else model.encode()
-    files = {"x.yaml": _changed(hand, rng) if way > 0.8 else hand, f"own.{suffix}": data}
-    return Case(kind, _GRASP, "grasp_five_finger", {**files, "x.obj": _DATA["bracket.obj"]})
+    data = _changed(model.encode(), rng) if 0.4 < way < 0.9 else model.encode()
+    mesh, files = _mesh_files(rng) if way > 0.9 else ("x.obj", {"x.obj": _MESHES["x.obj"]})
+    data = data.replace(b"x.obj", mesh.encode())
+    files |= {"x.yaml": _changed(hand, rng) if 0.8 < way < 0.9 else hand, f"own.{suffix}": data}
+    return Case(kind, _GRASP, "grasp_five_finger", files)
 
 
 def _altered_model(text: str, rng: random.Random) -> str:
@@ -197,9 +216,17 @@ def _altered_model(text: str, rng: random.Random) -> str:
 
 
 def _changed(data: bytes, rng: random.Random) -> bytes:
-    """Returns text with other numbers in places, or other bytes."""
-    if rng.random() < 0.3:
+    """Returns text with other numbers, bytes or lines."""
+    way = rng.random()
+    if way < 0.3:
         return mutated(data, rng)
+    if way < 0.5:
+        lines = data.splitlines(keepends=True)
+        start, end = sorted(rng.choices(range(len(lines) + 1), k=2))
+        moved = lines[start:end] * rng.choice((0, 1, 2, 20))
+        rest = lines[:start] + lines[end:]
+        place = rng.randrange(len(rest) + 1)
+        return b"".join(rest[:place] + moved + rest[place:])
     places = list(_NUMBER.finditer(data))
     for match in sorted(
         rng.sample(places, min(len(places), rng.choice((1, 1, 3)))), key=lambda m: -m.start()
@@ -229,11 +256,11 @@ def mutated(data: bytes, rng: random.Random) -> bytes:
 
 
 _KINDS: Mapping[str, tuple[Callable[[str, random.Random], Case], float]] = {
-    "made": (_made, 0.15),
-    "spoilt": (_spoilt, 0.25),
-    "bytes": (_bytes, 0.25),
-    "bomb": (_bomb, 0.1),
-    "mesh": (_mesh, 0.12),
-    "stream": (_stream, 0.05),
-    "hand": (_hand, 0.08),
+    "made": (_made, 0.1),
+    "spoilt": (_spoilt, 0.15),
+    "bytes": (_bytes, 0.15),
+    "bomb": (_bomb, 0.05),
+    "mesh": (_mesh, 0.3),
+    "stream": (_stream, 0.1),
+    "hand": (_hand, 0.15),
 }

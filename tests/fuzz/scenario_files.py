@@ -5,9 +5,7 @@
 Each is to be accepted, or refused in one printable line, within a time and a memory.
 """
 
-import collections
 import contextlib
-import math
 import multiprocessing
 import os
 import resource
@@ -22,7 +20,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parent))
 
-from command_line import Counts, Found, main
+from command_line import Result, main
 from scenario_cases import Case, make_case
 
 from drake_pregrasp.errors import LONGEST_KEY, LONGEST_MESSAGE, PregraspError
@@ -90,74 +88,48 @@ def _timer() -> Iterator[None]:
         signal.signal(signal.SIGPROF, before)
 
 
-def _work(seed: int, first: int, last: int, folder: Path, connection: Connection) -> None:
+def _work(seed: int, first: int, end: int, folder: Path, connection: Connection) -> None:
     tempfile.tempdir = str(folder)  # What this process leaves goes with it.
     pages = int(Path("/proc/self/statm").read_text().split()[0])
     most = pages * resource.getpagesize() + MEMORY
     resource.setrlimit(resource.RLIMIT_AS, (most, most))
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())  # Drake's parser is chatty.
-    for number in range(first, last):
-        case = make_case(seed, number)
-        connection.send((number, case.kind, "died", "", ""))
-        start = time.process_time()
+    for number in range(first, end):
+        case, start = make_case(seed, number), time.process_time()
         # The kernel ends a process that heeds no timer.
         resource.setrlimit(resource.RLIMIT_CPU, (int(start + _LAST), resource.RLIM_INFINITY))
-        build = number % BUILT == 0
-        outcome, said = load(case, folder, build=build)
-        took = time.process_time() - start
-        text = "" if outcome in GOOD else repr(case)
-        connection.send((number, case.kind, outcome, said, text, took))
+        outcome, said = load(case, folder, build=number % BUILT == 0)
+        failure = "" if outcome in GOOD else f"{case}\n{said}"
+        connection.send(Result(number, case.kind, outcome, failure, time.process_time() - start))
 
 
-def run(count: int, seed: int, first: int = 0, seconds: float = math.inf) -> Found:
-    """Returns what came of so many files from a number on, or of those that there was time for."""
-    shared = Path("/dev/shm")  # In memory, where there is such a folder.
-    with tempfile.TemporaryDirectory(dir=shared if shared.is_dir() else None) as folder:
-        return _run(count, seed, first, seconds, Path(folder))
-
-
-def _run(count: int, seed: int, first: int, seconds: float, folder: Path) -> Found:
+def results(seed: int, first: int, end: int) -> Iterator[Result]:
+    """Yields what came of the files of a seed from a number up to another."""
     scenario = load_scenario("a_base")
     make_diagram(scenario, scenario.make_surface())  # Compiling counts for no file.
-    counts: Counts = collections.Counter()
-    failures: list[str] = []
-    slowest, number, stop = (0.0, -1), first, first + count
     context = multiprocessing.get_context("fork")
-    end = time.perf_counter() + seconds
-    while number < stop and time.perf_counter() < end:
-        ours, theirs = context.Pipe(duplex=False)
-        last = min(stop, number + BATCH)
-        process = context.Process(target=_work, args=(seed, number, last, folder, theirs))
-        process.start()
-        theirs.close()
-        begun = None
-        try:
-            while ours.poll(_PATIENCE):
-                message = ours.recv()
-                if len(message) == 5:
-                    begun = message
-                    continue
-                begun = None
-                number, kind, outcome, said, text, took = message
-                counts[kind, outcome] += 1
-                slowest = max(slowest, (took, number))
-                if outcome not in GOOD:
-                    failures.append(f"--- {number} {kind} {outcome}\n{text}\n{said}")
-                number += 1
-                if time.perf_counter() > end:
-                    break
-        except EOFError:
-            pass
-        process.kill()
-        process.join()
-        if begun is not None:
-            number, kind, outcome = begun[0] + 1, begun[1], begun[2]
-            counts[kind, outcome] += 1
-            failures.append(f"--- {begun[0]} {kind} died\n{make_case(seed, begun[0])}")
-        elif number < last and time.perf_counter() < end:
-            number += 1
-    return Found(counts, failures, len(failures), slowest)
+    shared = Path("/dev/shm")  # In memory, where there is such a folder.
+    with tempfile.TemporaryDirectory(dir=shared if shared.is_dir() else None) as folder:
+        while first < end:
+            ours, theirs = context.Pipe(duplex=False)
+            last = min(end, first + BATCH)
+            process = context.Process(target=_work, args=(seed, first, last, Path(folder), theirs))
+            process.start()
+            theirs.close()
+            try:
+                while first < last and ours.poll(_PATIENCE):
+                    yield ours.recv()
+                    first += 1
+            except EOFError:
+                pass
+            finally:
+                process.kill()
+                process.join()
+            if first < last:
+                case = make_case(seed, first)
+                yield Result(first, case.kind, "died", f"{case}\nstatus {process.exitcode}", _LAST)
+                first += 1
 
 
 if __name__ == "__main__":
-    sys.exit(main(__doc__, "files", run))
+    sys.exit(main(__doc__, results))

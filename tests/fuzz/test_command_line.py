@@ -3,23 +3,28 @@
 import sys
 
 import pytest
-from command_line import Counts, Found, main
+from command_line import Result, main
 
 
-@pytest.mark.parametrize("failed", [0, 2])
-def test_the_status_says_whether_anything_failed(monkeypatch, capsys, failed):
+@pytest.mark.parametrize("failure", ["", "what was broken"])
+def test_the_status_says_whether_anything_failed(monkeypatch, capsys, failure):
     asked = []
 
-    def run(*arguments):
+    def results(*arguments):
         asked.append(arguments)
-        counts = Counts({("made", "kept"): 7, ("made", "broken"): failed})
-        return Found(counts, ["--- 11 broken"] * min(failed, 1), failed, (0.25, 8))
+        yield Result(5, "made", "kept", "", 0.25)
+        yield Result(6, "made", "broken" if failure else "kept", failure, 0.1)
 
-    options = ["--count", "9", "--seed", "3", "--first", "5", "--minutes", "0.5"]
-    monkeypatch.setattr(sys, "argv", ["fuzz", *options])
-    assert main("What it does.", "cases", run) == (1 if failed else 0)
-    assert asked == [(9, 3, 5, 30.0)]
+    monkeypatch.setattr(sys, "argv", ["fuzz", "--count", "9", "--seed", "3", "--first", "5"])
+    assert main("What it does.", results) == (1 if failure else 0)
+    assert asked == [(3, 5, 14)]
     said = capsys.readouterr().out
-    assert ("--- 11 broken" in said) == (failed > 0)
-    assert f"{7 + failed} cases in " in said
-    assert f"8 took 0.25 s; {failed} failures" in said
+    assert ("--- 6 made broken\nwhat was broken" in said) == bool(failure)
+    assert "2 cases in " in said
+    assert f"5 took 0.25 s; {1 if failure else 0} failures" in said
+
+
+def test_the_time_is_limited(monkeypatch, capsys):
+    monkeypatch.setattr(sys, "argv", ["fuzz", "--minutes", "0"])
+    assert main("What it does.", lambda *_: (Result(i, "a", "b", "", 0.0) for i in range(9))) == 0
+    assert "1 cases in " in capsys.readouterr().out

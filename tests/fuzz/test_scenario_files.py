@@ -4,17 +4,17 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scenario_cases import Case
-from scenario_files import GOOD, load, run
+from scenario_files import GOOD, load, results
 
 FEW = 150
 
 
 @pytest.mark.slow
 def test_files_are_accepted_or_refused_in_one_line():
-    found = run(FEW, seed=0)
-    assert found.failures == []
-    assert sum(found.counts.values()) == FEW
-    assert {outcome for _, outcome in found.counts} == set(GOOD)
+    found = list(results(0, 0, FEW))
+    assert [result.failure for result in found if result.failure] == []
+    assert [result.number for result in found] == list(range(FEW))
+    assert {result.outcome for result in found} == set(GOOD)
 
 
 @pytest.fixture(scope="module")

@@ -4,15 +4,14 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import cKDTree
+from selections import selection_of
 from thin_cup import CUP
 
 from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.contacts.centroids import position_tracking, select_contacts, weighted_centroid
-from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.sampling import choose_evenly, lifted, split_triangles
 from drake_pregrasp.geometry.shapes import Shape, ball_shape, box_shape, cylinder_shape
-from drake_pregrasp.regions.safe_regions import compute_safe_regions
 
 NO_ENDS = (AxisArea("+z"), AxisArea("-z"))
 
@@ -54,15 +53,14 @@ def test_samples_are_apart_and_none_could_be_added(distance):
     np.testing.assert_array_equal(owners[samples], np.arange(len(samples)))
 
 
-def surface_bytes(seed):
-    surface = mesh_surface(CUP, spacing=0.008, seed=seed, no_touch=NO_ENDS)
-    arrays = (surface.p_OQ, surface.areas, surface.patches, surface.forbidden.points)
-    return [array.tobytes() for array in arrays]
-
-
 def test_the_same_seed_gives_the_same_bytes_and_another_one_others():
-    assert surface_bytes(3) == surface_bytes(3)
-    assert surface_bytes(3)[0] != surface_bytes(4)[0]
+    one, again, other = (
+        mesh_surface(CUP, spacing=0.008, seed=seed, no_touch=NO_ENDS) for seed in (3, 3, 4)
+    )
+    for name in ("p_OQ", "areas", "patches"):
+        assert getattr(one, name).tobytes() == getattr(again, name).tobytes()
+    assert one.forbidden.points.tobytes() == again.forbidden.points.tobytes()
+    assert one.p_OQ.tobytes() != other.p_OQ.tobytes()
 
 
 @pytest.fixture(scope="module")
@@ -100,31 +98,20 @@ def nearest_by_brute_force(triangles, point):
     return np.min(np.linalg.norm(closest - point, axis=1))
 
 
-def test_projection_is_the_nearest_allowed_point_of_all(cup):
-    rng = np.random.default_rng(0)
+@pytest.mark.parametrize("size", [None, 1, 2, 5, 40])
+def test_projection_is_the_nearest_point_of_the_allowed_or_of_the_given_patches(cup, size):
+    rng, owners = np.random.default_rng(0), patch_owners(cup)
     points = rng.uniform([-0.06, -0.06, -0.03], [0.06, 0.06, 0.12], (40, 3))
-    nearest, normals = cup.project(points)
-    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1)
-    for point, q in zip(points, nearest, strict=True):
-        assert np.linalg.norm(q - point) == pytest.approx(
-            nearest_by_brute_force(cup.patches, point), abs=1e-9
-        )
-        assert nearest_by_brute_force(np.array(CUP.mesh.triangles), q) < 1e-9
-        assert abs(cup.distance(q[None])[0]) < 1e-9
-
-
-def test_projection_into_stays_on_the_given_patches(cup):
-    rng = np.random.default_rng(1)
-    owners = patch_owners(cup)
-    points = rng.uniform([-0.06, -0.06, -0.03], [0.06, 0.06, 0.12], (20, 3))
-    chosen = [rng.choice(len(cup.p_OQ), size, replace=False) for size in [1, 2, 5, 40] * 5]
-    nearest, normals = cup.project_into(points, chosen)
+    count = len(cup.p_OQ)
+    chosen = [np.sort(rng.choice(count, size or count, replace=False)) for _ in points]
+    nearest, normals = cup.project_into(points, chosen) if size else cup.project(points)
+    np.testing.assert_allclose(cup.distance(nearest), 0, atol=1e-9)
     for point, candidates, q, normal in zip(points, chosen, nearest, normals, strict=True):
         patches = cup.patches[np.isin(owners, candidates)]
+        least = nearest_by_brute_force(patches, point)
+        assert np.linalg.norm(q - point) == pytest.approx(least, abs=1e-9)
         assert nearest_by_brute_force(patches, q) < 1e-9
-        assert np.linalg.norm(q - point) == pytest.approx(
-            nearest_by_brute_force(patches, point), abs=1e-9
-        )
+        assert np.linalg.norm(normal) == pytest.approx(1)
         assert np.max(cup.nhat_OQ[candidates] @ normal) > 0.9
 
 
@@ -138,8 +125,8 @@ def test_candidates_within_reach_hold_all_patches_that_near(cup):
     assert np.max(np.linalg.norm(cup.p_OQ[near] - point, axis=1)) < 0.03
 
 
-def test_signed_distances_of_a_box_are_exact():
-    surface = mesh_surface(box_shape([0.04, 0.06, 0.1]), spacing=0.02)
+def test_signed_distances_of_a_box_are_exact_also_from_forbidden_faces():
+    surface = mesh_surface(box_shape([0.04, 0.06, 0.1]), spacing=0.02, no_touch=NO_ENDS)
     points = np.random.default_rng(2).uniform(-0.08, 0.08, (60, 3))
     beyond = np.abs(points) - [0.02, 0.03, 0.05]
     expected = np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(axis=1), 0)
@@ -148,19 +135,19 @@ def test_signed_distances_of_a_box_are_exact():
     assert np.isnan(surface.distance(np.array([[np.nan, 0, 0]]))[0])
 
 
+def extruded(points, faces, height):
+    mesh = trimesh.creation.extrude_triangulation(points, faces, height)
+    return Shape(mesh, ("body",), np.zeros(len(mesh.faces), dtype=np.int64))
+
+
 def test_at_a_sharp_edge_signs_tell_in_from_out():
     """Beyond the edge of a thin wedge, points are behind the one face and before the other."""
     corners = 0.1 * np.array([[0, 0], [1, -0.1], [1, 0.1]])
-    mesh = trimesh.creation.extrude_triangulation(corners, [[0, 1, 2]], 0.1)
-    shape = Shape(mesh, ("body",), np.zeros(len(mesh.faces), dtype=np.int64))
-    surface = mesh_surface(shape, spacing=0.02)
+    surface = mesh_surface(extruded(corners, [[0, 1, 2]], 0.1), spacing=0.02)
     points = np.random.default_rng(4).uniform([-0.01, -0.01, 0.02], [0.04, 0.01, 0.08], (200, 3))
     inside = np.abs(points[:, 1]) < 0.1 * points[:, 0]
     assert 0 < np.sum(inside) < len(points)
     np.testing.assert_array_equal(surface.distance(points) < 0, inside)
-
-
-SPACINGS = (0.012, 0.006, 0.003)
 
 
 @pytest.mark.slow
@@ -170,16 +157,14 @@ def test_area_weighted_sums_approach_the_integral(shape):
     fine = pieces(shape, edge=0.001)
     half = fine.centroids[:, 0] > 0
     exact = np.average(fine.centroids[half], axis=0, weights=fine.areas[half])
-    errors = []
-    for spacing in SPACINGS:
+    spacings, errors = np.array([0.012, 0.006, 0.003]), []
+    for spacing in spacings:
         surface = mesh_surface(shape, spacing=spacing)
         mine = surface.p_OQ[:, 0] > 0
-        centroid = weighted_centroid(
-            surface.p_OQ[mine], np.zeros(np.sum(mine)), surface.areas[mine]
-        )
+        centroid = np.average(surface.p_OQ[mine], axis=0, weights=surface.areas[mine])
         errors.append(np.linalg.norm(centroid - exact))
     assert errors[-1] < 0.4 * errors[0]
-    assert np.all(np.array(errors) < 0.25 * np.array(SPACINGS))
+    assert np.all(np.array(errors) < 0.25 * spacings)
 
 
 @pytest.mark.slow
@@ -193,9 +178,7 @@ def test_contacts_approach_a_limit_as_the_spacing_shrinks():
         surface = mesh_surface(shape, spacing=spacing, no_touch=NO_ENDS)
         p_OC, _ = surface.project(start)
         for _ in range(6):
-            regions = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(3), surface.forbidden)
-            selection = SelectionInput(surface, p_OC, regions, 0.04**2 * np.eye(3))
-            p_OC = select_contacts(selection, position_tracking).p_OC
+            p_OC = select_contacts(selection_of(surface, p_OC), position_tracking).p_OC
         ends.append(p_OC)
     errors = [np.max(np.linalg.norm(end - ends[-1], axis=1)) for end in ends[:-1]]
     assert errors[2] < 0.5 * errors[0]
@@ -208,10 +191,8 @@ def test_uneven_sampling_does_not_pull_centroids():
     points = np.array([[x, y] for x in xs for y in (-0.02, 0.02)])
     cells = 2 * np.arange(len(xs) - 1)[:, None]
     faces = np.concatenate([cells + np.array([0, 2, 1]), cells + np.array([1, 2, 3])])
-    mesh = trimesh.creation.extrude_triangulation(points, faces, 0.01)
-    shape = Shape(mesh, ("body",), np.zeros(len(mesh.faces), dtype=np.int64))
-    surface = mesh_surface(shape, spacing=0.006)
+    surface = mesh_surface(extruded(points, faces, 0.01), spacing=0.006)
     top = np.flatnonzero(surface.nhat_OQ[:, 2] > 0.9)
-    centroid = weighted_centroid(surface.p_OQ[top], np.zeros(len(top)), surface.areas[top])
+    centroid = np.average(surface.p_OQ[top], axis=0, weights=surface.areas[top])
     np.testing.assert_allclose(centroid[:2], 0, atol=6e-4)
     assert np.mean(surface.p_OQ[top, 0] > 0) == pytest.approx(0.5, abs=0.12)

@@ -37,25 +37,6 @@ def test_forbidden_points_reach_the_rims_of_forbidden_faces_only():
     )
 
 
-def test_projection_is_the_nearest_allowed_point(surface):
-    rng = np.random.default_rng(3)
-    points = rng.uniform(-0.12, 0.12, (50, 3))
-    nearest, normals = surface.project(points)
-    dense = box_surface([0.1, 0.1, 0.1], spacing=0.002).p_OQ
-    for p, q, n in zip(points, nearest, normals, strict=True):
-        assert np.linalg.norm(q - p) <= np.min(np.linalg.norm(dense - p, axis=1)) + 1e-12
-        assert n @ q == pytest.approx(0.05, abs=1e-12)
-        assert abs(q[2]) <= 0.05 + 1e-12
-
-
-def test_distance_counts_forbidden_faces_as_surface(surface):
-    np.testing.assert_allclose(
-        surface.distance(np.array([[0, 0, 0.05], [0, 0, 0.07], [0.04, 0, 0]])),
-        [0, 0.02, -0.01],
-        atol=1e-15,
-    )
-
-
 def test_unknown_and_exhausted_faces_are_refused():
     with pytest.raises(InvalidArgumentError, match="'top' is no face"):
         box_surface([0.1] * 3, spacing=0.01, forbidden_faces=["top"])

@@ -1,19 +1,18 @@
+"""The share of choices from regions that close a grasp by force."""
+
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
+from selections import given_regions, nearest_candidate, regions_of
 
 from drake_pregrasp import box_surface
 from drake_pregrasp.quality.force_closure import least_norm_margin, min_weight_margin
 from drake_pregrasp.regions.independent_regions import force_closed_share
-from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
 
 SURFACE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
-
-
-def regions_of(*members):
-    labels = np.full(len(SURFACE.p_OQ), NO_REGION)
-    for contact, q in enumerate(members):
-        labels[q] = contact
-    return SafeRegions.unlimited(labels, len(members))
+regions_at, nearest = partial(given_regions, SURFACE), partial(nearest_candidate, SURFACE)
 
 
 def share(regions, friction=0.7, *, seed=0, **options):
@@ -21,37 +20,28 @@ def share(regions, friction=0.7, *, seed=0, **options):
     return force_closed_share(SURFACE, regions, friction, generator=generator, **options)
 
 
-def nearest(p):
-    return int(np.argmin(np.linalg.norm(SURFACE.p_OQ - p, axis=1)))
-
-
 def test_single_points_of_a_force_closed_set_always_close():
     around = [nearest([0.05, 0, 0]), nearest([-0.05, 0, 0]), nearest([0, 0.05, 0])]
-    assert share(regions_of(*around)) == 1
-    assert share(regions_of(*around[:2])) == 0  # Free to turn about their line.
-    assert share(regions_of(*around[:2]), model="soft_finger") == 1
+    assert share(regions_at(*around)) == 1
+    assert share(regions_at(*around[:2])) == 0  # Free to turn about their line.
+    assert share(regions_at(*around[:2]), model="soft_finger") == 1
 
 
-def test_points_of_one_face_never_close():
+def test_points_of_one_face_and_empty_regions_never_close():
     face = np.flatnonzero(SURFACE.nhat_OQ[:, 0] > 0.5)
-    assert share(regions_of(*np.array_split(face, 4))) == 0
-
-
-def test_no_region_no_share():
-    assert share(regions_of([], [])) == 0
+    assert share(regions_at(*np.array_split(face, 4))) == 0
+    assert share(regions_at([], [])) == 0
 
 
 @pytest.mark.parametrize("friction", [0.7, 0.25])
 def test_it_is_the_share_that_the_linear_programme_finds(p_OC, friction):
     """Every choice once more, without the bound that decides most of them first."""
-    regions = compute_safe_regions(SURFACE.p_OQ, p_OC, np.zeros(5), SURFACE.forbidden)
+    regions = regions_of(SURFACE, p_OC)
     rng = np.random.default_rng(3)
     members = [regions.members(i) for i in range(5)]
     picks = np.stack([rng.choice(q, size=60, p=np.full(len(q), 1 / len(q))) for q in members])
-    closed = [
-        min_weight_margin(SURFACE.p_OQ[pick], SURFACE.nhat_OQ[pick], friction) > 1e-7
-        for pick in picks.T
-    ]
+    margins = [min_weight_margin(SURFACE.p_OQ[q], SURFACE.nhat_OQ[q], friction) for q in picks.T]
+    closed = np.array(margins) > 1e-7
     assert 0 < np.mean(closed) < 1
     assert share(regions, friction, seed=3, samples=60) == np.mean(closed)
 
@@ -63,13 +53,13 @@ def test_what_the_bound_nearly_certifies_is_not_taken_for_closed():
         q = rng.choice(len(SURFACE.p_OQ), 3, replace=False)
         points = SURFACE.p_OQ[q], SURFACE.nhat_OQ[q], 0.7
         if -1 < least_norm_margin(*points) < 0 and min_weight_margin(*points) < 1e-9:
-            assert share(regions_of(*q), samples=1) == 0
+            assert share(regions_at(*q), samples=1) == 0
             seen += 1
 
 
 @pytest.mark.slow
 def test_more_friction_closes_no_fewer_and_the_seed_decides(p_OC):
-    regions = compute_safe_regions(SURFACE.p_OQ, p_OC, np.zeros(5), SURFACE.forbidden)
+    regions = regions_of(SURFACE, p_OC)
     shares = [share(regions, mu) for mu in (0.1, 0.3, 0.7, 1.2)]
     assert shares == sorted(shares)
     assert shares[0] < shares[-1]
@@ -78,14 +68,13 @@ def test_more_friction_closes_no_fewer_and_the_seed_decides(p_OC):
 
 def test_candidates_count_by_their_areas():
     pair = [nearest([0.05, 0.02, 0]), nearest([0.05, -0.02, 0])]
-    closing, spoiling = nearest([-0.05, 0, 0]), nearest([0.05, 0, 0.02])  # All on one face.
+    closing, spoiling = nearest([-0.05, 0, 0]), nearest([0.05, 0, 0.02])  # On the pair's face.
     areas = SURFACE.areas.copy()
     areas[spoiling] = 3 * areas[closing]
-    weighed = box_surface([0.1, 0.1, 0.1], spacing=0.01)
-    object.__setattr__(weighed, "areas", areas)
-    assert share(regions_of(*pair, closing)) == 1
-    assert share(regions_of(*pair, spoiling)) == 0
+    weighed = replace(SURFACE, areas=areas)
+    assert share(regions_at(*pair, closing)) == 1
+    assert share(regions_at(*pair, spoiling)) == 0
     generator = np.random.default_rng(0)
-    regions = regions_of(*pair, [closing, spoiling])
+    regions = regions_at(*pair, [closing, spoiling])
     found = force_closed_share(weighed, regions, 0.7, generator=generator, samples=400)
     assert found == pytest.approx(0.25, abs=0.08)

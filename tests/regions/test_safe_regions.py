@@ -5,17 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drake_pregrasp import ForbiddenPoints, InvalidArgumentError, box_surface
-from drake_pregrasp.geometry.solids import BallSolid
-from drake_pregrasp.regions.constraints import FingerReach, Limit, RegionConstraints
-from drake_pregrasp.regions.safe_regions import (
-    NO_REGION,
-    TINY_SHARE,
-    compute_safe_regions,
-    safe_region_labels,
-)
-
-CUBE = box_surface([0.1, 0.1, 0.1], spacing=0.01, forbidden_faces=[])
+from drake_pregrasp import ForbiddenPoints, InvalidArgumentError
+from drake_pregrasp.regions.safe_regions import NO_REGION, compute_safe_regions, safe_region_labels
 
 
 def random_case(seed, n, m, d=3):
@@ -111,54 +102,7 @@ def test_labels_scale_turn_and_permute_with_the_scene(seed, scale):
     assert np.mean(np.append(order, NO_REGION)[moved] != labels) <= 1 / 60
 
 
-def test_more_obstacles_never_enlarge_a_region(surface, p_OC):
-    few = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(5), surface.forbidden)
-    extra = ForbiddenPoints(np.array([[0.06, 0.0, 0.0]]), np.array([0.02]))
-    more = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(5), surface.forbidden.joined(extra))
-    changed = few.labels != more.labels
-    assert np.any(changed)
-    assert np.all(more.labels[changed] == NO_REGION)
-
-
-def test_a_lost_contact_is_shared_out_among_the_others(surface, p_OC):
-    without = np.array([0, 0, -np.inf, 0, 0])
-    lost = compute_safe_regions(surface.p_OQ, p_OC, without, surface.forbidden)
-    others = compute_safe_regions(
-        surface.p_OQ, np.delete(p_OC, 2, axis=0), np.zeros(4), surface.forbidden
-    )
-    np.testing.assert_array_equal(lost.sizes(), np.insert(others.sizes(), 2, 0))
-    np.testing.assert_array_equal(lost.lost, [False, False, True, False, False])
-
-
-@pytest.mark.parametrize("n", [1, 3])
-def test_with_all_contacts_lost_there_is_no_region(surface, p_OC, n):
-    weights = np.full(n, -np.inf)
-    regions = compute_safe_regions(surface.p_OQ, p_OC[:n], weights, surface.forbidden)
-    assert np.all(regions.labels == NO_REGION)
-
-
-def limit_with(size, weights):
-    """The limit of a contact whose reach leaves it that many of 600 candidates."""
-    c = np.array([[0.05, 0.0, 0.0], [-0.05, 0.0, 0.0], [0.0, 0.05, 0.0], [0.0, -0.05, 0.0]])
-    c = c + 1e-4 * np.random.default_rng(0).normal(size=(4, 3))
-    away = np.sort(np.linalg.norm(CUBE.p_OQ - c[0], axis=1))
-    reach = [FingerReach(BallSolid(c[0], (away[size - 1] + away[size]) / 2)), None, None, None]
-    limits = RegionConstraints(reach=reach)
-    regions = compute_safe_regions(CUBE.p_OQ, c, weights, ForbiddenPoints.none(), limits)
-    assert regions.sizes()[0] == size
-    return regions.limits[0]
-
-
-def test_a_region_is_tiny_below_a_share_of_what_each_contact_that_is_left_would_have():
-    assert len(CUBE.p_OQ) == 600
-    for weights, sharing in ((np.zeros(4), 4), (np.array([0, -np.inf, 0, -np.inf]), 2)):
-        least = math.ceil(TINY_SHARE * 600 / sharing)
-        assert least in (8, 15)
-        assert limit_with(least, weights) == Limit.NONE
-        assert limit_with(least - 1, weights) == Limit.REACH
-
-
 def test_contacts_that_are_not_finite_are_refused():
     c = np.array([[0.0, np.nan, 0.0]])
     with pytest.raises(InvalidArgumentError, match="contacts must be finite"):
-        compute_safe_regions(CUBE.p_OQ, c, np.zeros(1), ForbiddenPoints.none())
+        compute_safe_regions(c, c, np.zeros(1), ForbiddenPoints.none())

@@ -16,36 +16,36 @@ from drake_pregrasp.robots.robot_models import robot_model
 TIPS = [f"link_{i}.0_tip" for i in (3, 7, 11, 15)]
 
 
-@pytest.fixture(scope="module")
-def urdf(allegro_panda):
-    return allegro_panda
-
-
-@pytest.fixture(scope="module")
-def loaded(urdf):
+def load(urdf):
     plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.01)
     Parser(plant).AddModels(str(urdf))
     plant.Finalize()
-    return plant, scene_graph
+    return plant, scene_graph.model_inspector()
 
 
-def test_drake_loads_it_without_a_word(urdf, capfd):
+@pytest.fixture(scope="module")
+def plant(allegro_panda):
+    return load(allegro_panda)[0]
+
+
+def test_drake_loads_it_without_a_word_with_few_solid_collision_shapes(
+    allegro_panda, capfd, caplog
+):
     logger = logging.getLogger("drake")
-    records = []
-    handler = logging.Handler()
-    handler.emit = records.append
-    logger.addHandler(handler)
+    logger.addHandler(caplog.handler)
     try:
-        plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.01)
-        Parser(plant).AddModels(str(urdf))
+        _, inspector = load(allegro_panda)
     finally:
-        logger.removeHandler(handler)
-    assert [record.getMessage() for record in records] == []
+        logger.removeHandler(caplog.handler)
+    assert caplog.messages == []
     assert capfd.readouterr() == ("", "")
+    geometries = inspector.GetAllGeometryIds(Role.kProximity)
+    shapes = [type(inspector.GetShape(geometry)).__name__ for geometry in geometries]
+    assert shapes.count("Convex") + shapes.count("Mesh") == 8  # Of the arm's links.
+    assert (shapes.count("Box"), shapes.count("Sphere"), len(shapes)) == (17, 4, 29)
 
 
-def test_every_joint_is_driven_in_the_order_of_the_joints(loaded):
-    plant, _ = loaded
+def test_every_joint_is_driven_in_the_order_of_the_joints(plant):
     drives = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
     assert [drive.joint().position_start() for drive in drives] == list(range(23))
     assert all(drive.has_controller() and drive.default_rotor_inertia() > 0 for drive in drives)
@@ -54,8 +54,7 @@ def test_every_joint_is_driven_in_the_order_of_the_joints(loaded):
     np.testing.assert_array_equal(efforts[:7], [87, 87, 87, 87, 12, 12, 12])
 
 
-def test_the_palm_faces_down_where_the_flange_does(loaded):
-    plant, _ = loaded
+def test_the_palm_faces_down_where_the_flange_does(plant):
     context = plant.CreateDefaultContext()
     q = np.zeros(23)
     q[:7] = [0.0, 0.1, 0.0, -2.2, 0.0, 2.3, 0.0]  # The flange is straight down.
@@ -68,8 +67,7 @@ def test_the_palm_faces_down_where_the_flange_does(loaded):
     np.testing.assert_allclose(base.translation(), [-0.55, 0, 0])
 
 
-def test_all_bodies_are_possible_and_none_is_of_the_gripper(loaded):
-    plant, _ = loaded
+def test_all_bodies_are_possible_and_none_is_of_the_gripper(plant):
     context = plant.CreateDefaultContext()
     indices = plant.GetBodyIndices(plant.GetModelInstanceByName("allegro_panda"))
     bodies = {plant.get_body(index).name(): plant.get_body(index) for index in indices}
@@ -79,20 +77,7 @@ def test_all_bodies_are_possible_and_none_is_of_the_gripper(loaded):
         assert body.CalcSpatialInertiaInBodyFrame(context).IsPhysicallyValid()
 
 
-def test_collision_shapes_are_solid_and_few(loaded):
-    _, scene_graph = loaded
-    inspector = scene_graph.model_inspector()
-    shapes = [
-        type(inspector.GetShape(geometry)).__name__
-        for geometry in inspector.GetAllGeometryIds(Role.kProximity)
-    ]
-    assert shapes.count("Convex") + shapes.count("Mesh") == 8  # Of the arm's links.
-    assert shapes.count("Box") == 17
-    assert shapes.count("Sphere") == 4
-    assert len(shapes) == 29
-
-
-def test_masses_and_moving_parts_are_those_of_the_package(urdf):
+def test_masses_and_moving_parts_are_those_of_the_package(allegro_panda):
     def links(file):
         root = ElementTree.parse(file).getroot()
         return {
@@ -104,7 +89,7 @@ def test_masses_and_moving_parts_are_those_of_the_package(urdf):
     data = find_robot_data()
     package = links(data.find("robots/panda_description/urdf/panda.urdf"))
     package |= links(data.find("robots/allegro_hand_description/urdf/allegro_right_hand.urdf"))
-    ours = links(urdf)
+    ours = links(allegro_panda)
     assert ours
     assert all(package[name] == mass for name, mass in ours.items())
 

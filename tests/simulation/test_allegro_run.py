@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from hand_files import write_hand
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import EventStatus
 from simulation_runs import check_gaps, run_text
@@ -140,10 +141,9 @@ def test_where_the_arm_does_not_reach_is_said_before_it_moves(hand):
 )
 def test_an_arm_that_is_not_as_described_is_refused(allegro_panda, tmp_path, old, new, message):
     text = (resource_folder("models") / "allegro_panda.yaml").read_text()
-    assert old in text
-    (tmp_path / "hand.yaml").write_text(text.replace(old, new, 1))
+    path = write_hand(tmp_path, old, new, text=text)
     with pytest.raises(InvalidArgumentError, match=message) as error:
-        HandModel(load_hand(tmp_path / "hand.yaml"))
+        HandModel(load_hand(path))
     assert "_parent" not in str(error.value)
     assert "\n" not in str(error.value)
 

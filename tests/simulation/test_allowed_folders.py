@@ -3,14 +3,14 @@
 import re
 
 import pytest
+from hand_files import write_hand
 
 from drake_pregrasp import ScenarioError, load_hand, load_scenario
 from drake_pregrasp.cli import main
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.resources import resolve_path, resource_folder
+from drake_pregrasp.resources import resolve_path
 
 STREAM = "time,x,y,z,qw,qx,qy,qz\n0,0,0,0.3,1,0,0,0\n1,0,0,0.4,1,0,0,0\n"
-MODELS = resource_folder("models")
 
 
 @pytest.fixture
@@ -42,16 +42,12 @@ def test_a_scenario_names_files_in_its_own_folder_or_in_allowed_ones(there, name
 
 @pytest.mark.slow
 def test_the_command_takes_the_advice(there, capsys):
-    file = scenario_of(there, "../other/poses.csv")
-    command = ["run", "--scenario_file", str(file), "--out", str(there), "--no-recording"]
-    command += ["--simulation_duration", "0.1"]
-    assert main(command) == 2
-    said = capsys.readouterr().err
-    assert said.count("\n") == 1
-    assert main([*command, "--allow", str(there / "other")]) == 0
-    again = ["run", "--scenario_file", str(there / "case" / "scenario.yaml"), *command[3:]]
-    assert main(again) == 2
-    assert main([*again, "--allow", str(there / "other")]) == 0
+    options = ["--out", str(there), "--no-recording", "--simulation_duration", "0.1"]
+    allowed = [*options, "--allow", str(there / "other")]
+    for file in (scenario_of(there, "../other/poses.csv"), there / "case" / "scenario.yaml"):
+        assert main(["run", "--scenario_file", str(file), *options]) == 2
+        assert capsys.readouterr().err.count("\n") == 1
+        assert main(["run", "--scenario_file", str(file), *allowed]) == 0
 
 
 def test_a_text_names_files_in_the_working_directory(there, monkeypatch):
@@ -99,13 +95,9 @@ MESH = '<visual name="v"><geometry><mesh><uri>{}</uri></mesh></geometry></visual
 )
 def test_a_models_files_are_near_it(tmp_path, model, problem):
     folder = tmp_path / "a" / "b"
-    folder.mkdir(parents=True)
+    hand = write_hand(folder, model=model)
     (folder / "m.obj").write_text("mtllib ../../x.mtl\n")
     (folder / "m.gltf").write_text('{"buffers": [{"uri": "../../x.bin"}]}')
-    (folder / "own.sdf").write_text(model)
-    text = (MODELS / "five_finger_hand.yaml").read_text()
-    hand = folder / "hand.yaml"
-    hand.write_text(text.replace("package://drake_pregrasp/five_finger_hand", "own"))
     with pytest.raises(ScenarioError, match=problem):
         load_hand(hand, folders=[])
     scenario = folder / "mine.yaml"

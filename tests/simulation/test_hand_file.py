@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from hand_files import MODEL, SHIPPED, SHIPPED_TEXT, write_hand
 
 from drake_pregrasp import (
     HandModel,
     PregraspError,
-    Scenario,
     ScenarioError,
     load_hand,
     load_scenario,
@@ -21,38 +21,16 @@ from drake_pregrasp.config.hand_description import Arm, Carrier
 from drake_pregrasp.config.limits_config import BallReach, BoxReach, SectorReach
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams import hand_parsing
-from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.hand_file import load_hand_model
 from drake_pregrasp.simulation.simulation_diagram import hand_planner
 
-MODELS = resource_folder("models")
 BAD = yaml.safe_load((Path(__file__).parent / "bad_hands.yaml").read_text())
-FORBIDDEN = "forbidden_faces: ['+x', '-y', '+y'], radius: 0.009"
-LIMITED = "closing: {force: 3.0, speed: 0.01}, radius: 0.009"
+FIRST_RADIUS = "radius: 0.009"
+FIRST_SECTOR = re.search(r"!SectorReach \{azimuth: 0.0,[^}]*\}", SHIPPED_TEXT).group()
 
 
-SHIPPED = "package://drake_pregrasp/five_finger_hand.yaml"
-
-
-def own_model():
-    return shipped().replace("package://drake_pregrasp/five_finger_hand", "own")
-
-
-def shipped():
-    return (MODELS / "five_finger_hand.yaml").read_text()
-
-
-SECTOR = re.search(r"!SectorReach \{azimuth: 0.0,[^}]*\}", shipped()).group()
-
-
-def write(folder: Path, text: str) -> Path:
-    path = folder / "hand.yaml"
-    path.write_text(text)
-    return path
-
-
-def grasp_with(path: Path) -> Scenario:
-    text = f"{{grasp: {{hand: '{path}'}}}}"
+def scenario_with(path, text=""):
+    text = f"{{grasp: {{hand: '{path}'}}, {text}}}"
     return load_scenario("grasp_five_finger", text=text, folders=[path.parent])
 
 
@@ -68,8 +46,7 @@ def test_shipped_hands_are_what_their_files_say():
 
 
 def test_a_model_is_found_from_the_folder_of_its_description(tmp_path, monkeypatch):
-    (tmp_path / "own.sdf").write_text((MODELS / "five_finger_hand.sdf").read_text())
-    path = write(tmp_path, own_model())
+    path = write_hand(tmp_path, model=MODEL)
     monkeypatch.chdir(tmp_path.parent)
     hand = load_hand(path)
     assert hand.model == str(tmp_path / "own.sdf")
@@ -77,55 +54,62 @@ def test_a_model_is_found_from_the_folder_of_its_description(tmp_path, monkeypat
 
 
 @pytest.mark.parametrize(
-    "reach",
+    ("kind", "keys"),
     [
-        "!BallReach {center: [0.07, 0.0, 0.0], radius: 0.05}",
-        "!BoxReach {center: [0.07, 0.0, 0.0], size: [0.1, 0.1, 0.2]}",
-        "!SectorReach {azimuth: 0.5, half_angle: 0.6}",
+        (BallReach, "{center: [0.07, 0.0, 0.0], radius: 0.05}"),
+        (BoxReach, "{center: [0.07, 0.0, 0.0], size: [0.1, 0.1, 0.2]}"),
+        (SectorReach, "{azimuth: 0.5, half_angle: 0.6}"),
     ],
 )
-def test_reach_may_be_a_ball_a_box_or_a_sector(tmp_path, reach):
-    text = shipped().replace(SECTOR, reach)
-    hand = load_hand(write(tmp_path, text))
-    kinds = {kind.__name__: kind for kind in (BallReach, BoxReach, SectorReach)}
-    assert isinstance(hand.fingertips[0].reach, kinds[reach.split()[0].removeprefix("!")])
+def test_reach_may_be_a_ball_a_box_or_a_sector(tmp_path, kind, keys):
+    hand = load_hand(write_hand(tmp_path, FIRST_SECTOR, f"!{kind.__name__} {keys}"))
+    assert isinstance(hand.fingertips[0].reach, kind)
     HandModel(hand)
 
 
 @pytest.mark.parametrize(("old", "new", "message"), BAD)
 def test_a_hand_that_is_not_as_described_is_refused_in_one_line(tmp_path, old, new, message):
-    assert old in shipped()
-    path = write(tmp_path, shipped().replace(old, new, 1))
-    with pytest.raises(PregraspError, match=message) as error:
+    path = write_hand(tmp_path, old, new)
+    with pytest.raises(PregraspError, match=message) as alone:
         HandModel(load_hand(path))
-    assert "\n" not in str(error.value)
-    with pytest.raises(ScenarioError, match=message) as error:
-        grasp_with(path)
-    assert "grasp.hand: " in str(error.value)
-    assert "\n" not in str(error.value)
+    with pytest.raises(ScenarioError, match=message) as in_scenario:
+        scenario_with(path)
+    assert "grasp.hand: " in str(in_scenario.value)
+    assert "\n" not in f"{alone.value}{in_scenario.value}"
 
 
 def test_joints_that_are_nobodys_are_named(tmp_path):
-    text = "\n".join(line for line in shipped().splitlines() if "finger_4_tip" not in line)
+    path = write_hand(tmp_path, text=re.sub(r".*finger_4_tip.*\n", "", SHIPPED_TEXT))
     with pytest.raises(PregraspError, match=r"finger_4_\w+, .*: neither of base.joints, nor of"):
-        HandModel(load_hand(write(tmp_path, text)))
+        HandModel(load_hand(path))
 
 
 def test_closing_limits_come_before_what_a_scenario_asks_for(tmp_path):
-    path = write(tmp_path, shipped().replace("radius: 0.009", LIMITED, 1))
-    scenario = grasp_with(path)
-    settings = scenario.grasp.make_settings(load_hand(path).fingertips)
+    limited = "closing: {force: 3.0, speed: 0.01}, radius: 0.009"
+    path = write_hand(tmp_path, FIRST_RADIUS, limited)
+    settings = scenario_with(path).grasp.make_settings(load_hand(path).fingertips)
     np.testing.assert_array_equal(settings.largest_force, [3, 12, 12, 12, 12])
     np.testing.assert_array_equal(settings.closing_speed, [0.01, 0.04, 0.04, 0.04, 0.04])
-    path.write_text(path.read_text().replace("force: 3.0", "force: 2.0"))
+    path = write_hand(tmp_path, FIRST_RADIUS, limited.replace("3.0", "2.0"))
     with pytest.raises(ScenarioError, match=r"least_force: 2.5 must be at most 2.0"):
-        grasp_with(path)
+        scenario_with(path)
 
 
-def test_a_contact_on_a_face_that_is_forbidden_to_its_finger_is_refused(tmp_path):
-    path = write(tmp_path, shipped().replace("radius: 0.009", FORBIDDEN, 1))
+def test_faces_are_forbidden_by_the_scenario_and_by_the_hand(tmp_path):
+    path = write_hand(tmp_path, FIRST_RADIUS, "forbidden_faces: [-z], radius: 0.009", count=5)
+    own = [["+z"], [], ["-z"], [], ["+z", "-z"]]
+    scenario = scenario_with(path, f"planner: {{limits: {{forbidden_faces: {own}}}}}")
+    forbidden = [set(faces) for faces in hand_planner(scenario).limits.forbidden_faces]
+    assert forbidden == [{*faces, "-z"} for faces in own]
+    path = write_hand(tmp_path, FIRST_RADIUS, "forbidden_faces: ['+x', '-y', '+y'], radius: 0.009")
     with pytest.raises(ScenarioError, match=r"nearest to finger_0_tip, to which [+-][xy] is for"):
-        grasp_with(path)
+        scenario_with(path)
+
+
+def test_limits_of_a_scenario_are_checked_with_those_of_its_hand():
+    text = "{planner: {limits: {standoff: 0.03, tip_gap: 0.01}}}"
+    limits = hand_planner(load_scenario("grasp_five_finger", text=text)).limits
+    assert (limits.standoff, limits.tip_gap, limits.tip_radii) == (0.03, 0.01, [0.009] * 5)
 
 
 MESH = "v 0 0 0\nv 0.01 0 0\nv 0 0.01 0\nv 0 0 0.01\nf 1 3 2\nf 1 2 4\nf 1 4 3\nf 2 3 4\n"
@@ -133,54 +117,37 @@ VISUAL = """<visual name="own"><geometry><mesh><uri>package://{}/meshes/own.obj<
 </visual>"""
 
 
-def write_package(folder, name):
-    (folder / "meshes").mkdir(parents=True)
-    (folder / "meshes" / "own.obj").write_text(MESH)
-    (folder / "package.xml").write_text(
-        f'<package format="2"><name>{name}</name><version>0.0.1</version></package>'
-    )
-
-
-def write_model(folder, package):
-    """Writes a hand with a mesh of a package to the folder `models`, and its description."""
-    text = (MODELS / "five_finger_hand.sdf").read_text()
-    link = '<link name="palm">'
-    assert link in text
-    (folder / "models").mkdir(parents=True)
-    (folder / "models" / "own.sdf").write_text(text.replace(link, link + VISUAL.format(package)))
-    own = own_model()
-    return write(folder / "models", own)
-
-
-def test_a_mesh_is_found_in_the_package_of_its_model(tmp_path):
-    write_package(tmp_path / "own", "own_hand_of_mine")
-    HandModel(load_hand(write_model(tmp_path / "own", "own_hand_of_mine")))
-
-
-def test_a_mesh_is_found_in_a_package_of_ros(tmp_path, monkeypatch):
-    write_package(tmp_path / "ros" / "elsewhere", "elsewhere")
-    path = write_model(tmp_path / "own", "elsewhere")
+def test_a_mesh_is_found_in_the_package_of_its_model_or_in_one_of_ros(tmp_path, monkeypatch):
+    hands = {}
+    for name in ("mine", "elsewhere"):
+        (tmp_path / name / "meshes").mkdir(parents=True)
+        (tmp_path / name / "meshes" / "own.obj").write_text(MESH)
+        xml = f'<package format="2"><name>{name}</name><version>0.0.1</version></package>'
+        (tmp_path / name / "package.xml").write_text(xml)
+        link = '<link name="palm">'
+        model = MODEL.replace(link, link + VISUAL.format(name))
+        assert model != MODEL
+        hands[name] = load_hand(write_hand(tmp_path / "mine" / name, model=model))
+    HandModel(hands["mine"])
     with pytest.raises(PregraspError, match=r"^[^\n]*own.sdf names .*elsewhere/.*no such package"):
-        HandModel(load_hand(path))
-    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "ros"))
-    HandModel(load_hand(path))
+        HandModel(hands["elsewhere"])
+    monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
+    HandModel(hands["elsewhere"])
 
 
 @pytest.mark.parametrize("count", [0, 2])
 def test_a_file_has_to_hold_one_model(tmp_path, count):
     models = "".join(f'<model name="m{i}"><link name="a"/></model>' for i in range(count))
-    (tmp_path / "own.sdf").write_text(f'<sdf version="1.9">{models}</sdf>')
+    path = write_hand(tmp_path, model=f'<sdf version="1.9">{models}</sdf>')
     with pytest.raises(PregraspError, match=r"own\.sdf (must hold one|is no model)"):
-        HandModel(load_hand(write(tmp_path, own_model())))
+        HandModel(load_hand(path))
 
 
 def limited_hand(folder, limit=0.1):
-    text = (MODELS / "five_finger_hand.sdf").read_text()
     wide = "<lower>-31.4</lower><upper>31.4</upper>"
-    assert text.count(wide) == 1
+    assert MODEL.count(wide) == 1
     limits = f"<lower>-{limit}</lower><upper>{limit}</upper>"
-    (folder / "own.sdf").write_text(text.replace(wide, limits))
-    return write(folder, own_model())
+    return write_hand(folder, model=MODEL.replace(wide, limits))
 
 
 def test_a_wrist_of_less_than_two_turns_is_limited_as_the_model_says(tmp_path):
@@ -191,8 +158,7 @@ def test_a_wrist_of_less_than_two_turns_is_limited_as_the_model_says(tmp_path):
 
 @pytest.mark.slow
 def test_a_model_that_limits_its_wrist_is_as_good_as_a_scenario_that_does(tmp_path):
-    path = limited_hand(tmp_path)
-    by_model = grasp_with(path)
+    by_model = scenario_with(limited_hand(tmp_path))
     by_scenario = load_scenario("grasp_five_finger", text="{grasp: {wrist_range: [-0.1, 0.1]}}")
     turns, poses, contacts = [], [], []
     for scenario in (by_model, by_scenario):
@@ -221,25 +187,6 @@ def test_a_model_is_made_once_until_one_of_its_files_changes(tmp_path):
         assert load_hand_model(path) is not before
 
 
-def test_limits_of_a_scenario_are_checked_with_those_of_its_hand():
-    scenario = load_scenario(
-        "grasp_five_finger", text="{planner: {limits: {standoff: 0.03, tip_gap: 0.01}}}"
-    )
-    limits = hand_planner(scenario).limits
-    assert (limits.standoff, limits.tip_gap, limits.tip_radii) == (0.03, 0.01, [0.009] * 5)
-
-
-def test_faces_are_forbidden_by_the_scenario_and_by_the_hand(tmp_path):
-    forbidden = shipped().replace("radius: 0.009", "forbidden_faces: [-z], radius: 0.009")
-    path = write(tmp_path, forbidden)
-    text = "{grasp: {hand: '%s'}, planner: {limits: {forbidden_faces: %s}}}"
-    own = [["+z"], [], ["-z"], [], ["+z", "-z"]]
-    limits = hand_planner(
-        load_scenario("grasp_five_finger", text=text % (path, own), folders=[tmp_path])
-    ).limits
-    assert [set(faces) for faces in limits.forbidden_faces] == [{*faces, "-z"} for faces in own]
-
-
 def test_an_error_without_text_is_a_line_all_the_same(monkeypatch):
     def fail(*arguments):
         raise RuntimeError
@@ -258,9 +205,7 @@ def test_an_error_without_text_is_a_line_all_the_same(monkeypatch):
     ],
 )
 def test_a_failed_demand_of_drakes_is_an_error_like_any_other(tmp_path, old, new):
-    model = (MODELS / "five_finger_hand.sdf").read_text()
-    assert old in model
-    (tmp_path / "own.sdf").write_text(model.replace(old, new, 1))
-    path = write(tmp_path, own_model())
+    assert old in MODEL
+    path = write_hand(tmp_path, model=MODEL.replace(old, new, 1))
     with pytest.raises(ScenarioError, match=r"grasp.hand: .*own.sdf is no model of a hand: Fail"):
-        grasp_with(path)
+        scenario_with(path)

@@ -36,6 +36,13 @@ def failing_trial(job: TrialJob) -> Rows:
     return made_up_trial(job)
 
 
+def state_of(context):
+    """Returns the time and the discrete state of a diagram."""
+    groups = range(context.num_discrete_state_groups())
+    values = [context.get_discrete_state(group).value() for group in groups]
+    return np.concatenate([[context.get_time()], *values])
+
+
 def rows_of(jobs: Sequence[TrialJob], trial: Callable[[TrialJob], Rows] = made_up_trial):
     """Returns the table of all rows of trials."""
     return pd.DataFrame([job._asdict() | row for job in jobs for row in trial(job)])

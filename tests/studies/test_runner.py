@@ -21,6 +21,8 @@ from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS, SETTINGS, run_j
 distributed = pytest.importorskip("distributed")
 dask = pytest.importorskip("dask")
 
+QUIET = {"dashboard_address": None, "silence_logs": 50}
+
 
 def files(folder):
     return {path.name: path.read_bytes() for path in folder.iterdir()}
@@ -37,13 +39,13 @@ def whole(tmp_path_factory):
 def again(whole, tmp_path):
     """Goes on in a folder, after its files were changed."""
 
-    def go_on(folder="study", *, cut=None, function=constant_row, **options):
-        folder = tmp_path / folder
+    def go_on(*, cut=None, function=constant_row, **options):
+        folder = tmp_path / "study"
         folder.mkdir(exist_ok=True)
         for name, content in whole.items():
             (folder / name).write_bytes(content[:cut] if name == JOURNAL else content)
-        options = {"settings": {"a": {"b": 1}}, "processes": 2, **options}
-        return run_jobs(function, options.pop("jobs", JOBS), folder=folder, **options), folder
+        options = {"jobs": JOBS, "settings": {"a": {"b": 1}}, "processes": 2, **options}
+        return run_jobs(function, folder=folder, **options), folder
 
     return go_on
 
@@ -84,34 +86,25 @@ def test_a_failed_job_is_noted_stops_no_other_and_runs_again(again, whole, monke
 
 
 @pytest.mark.slow
-def test_without_a_folder_a_failed_job_is_an_error(monkeypatch):
+def test_without_a_folder_rows_are_returned_and_a_failed_job_is_an_error(monkeypatch):
+    monkeypatch.setattr(workers, "JOBS_A_WORKER", 2)
+    count_rows = functools.partial(rows_of, count=2)
+    rows = run_jobs(count_rows, JOBS[:5:2], processes=1).rows
+    assert rows["value"].tolist() == [0, 1] * 3
+    one, two, three = rows["process"][::2]  # Which is renewed after two jobs.
+    assert one == two != three
     monkeypatch.setenv("FAIL", "b0")
-    with pytest.raises(OutputError, match="no <b>luck"):
-        run_jobs(row, JOBS[:1])
-
-
-@pytest.mark.slow
-def test_a_job_may_have_several_rows_or_one_that_cannot_be_sent():
-    found = run_jobs(functools.partial(rows_of, count=2), JOBS[:2], processes=1)
-    assert found.rows["value"].tolist() == [0, 1, 0, 1]
-    with pytest.raises(OutputError, match="unpicklable"):
-        run_jobs(unpicklable, JOBS[:1])
+    for function, problem in ((row, "no <b>luck"), (unpicklable, "unpicklable")):
+        with pytest.raises(OutputError, match=problem):
+            run_jobs(function, JOBS[:1])
 
 
 def rows_of(job, count):
-    return [{"value": value} for value in range(count)]
+    return [{"value": value, "process": os.getpid()} for value in range(count)]
 
 
 def unpicklable(job):
     return {"value": lambda: job}
-
-
-@pytest.mark.slow
-def test_processes_are_renewed(monkeypatch):
-    monkeypatch.setattr(workers, "JOBS_A_WORKER", 2)
-    rows = run_jobs(row, JOBS[:5:2], processes=1).rows.sort_values("seed")
-    one, two, three = rows["process"]
-    assert one == two != three
 
 
 @pytest.mark.slow
@@ -157,15 +150,14 @@ def test_a_folder_in_use_is_refused(again):
         (signal.SIGKILL, 3, 0.0),
     ],
 )
-def test_a_study_that_is_ended_keeps_its_rows_and_goes_on(tmp_path, number, rows, delay):
+def test_a_study_that_is_ended_keeps_its_rows_and_says_so(tmp_path, number, rows, delay):
     """A terminal interrupts all processes, those too that have only just begun."""
-    file = write_study(tmp_path, seeds=10)
-    command = [sys.executable, "-m", "drake_pregrasp", "sweep", file, "--processes", "2", "--out"]
-    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    command = [sys.executable, "-m", "drake_pregrasp", "sweep", write_study(tmp_path, seeds=10)]
     folder = tmp_path / "out" / "mine"
+    journal = folder / JOURNAL
     with subprocess.Popen(
-        [*command, str(tmp_path / "out")],
-        env=environment,
+        [*command, "--processes", "2", "--out", str(folder.parent)],
+        env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
         # Whoever runs the tests in the background may have had interrupts ignored.
         preexec_fn=functools.partial(signal.signal, signal.SIGINT, signal.SIG_DFL),
         start_new_session=True,
@@ -174,7 +166,6 @@ def test_a_study_that_is_ended_keeps_its_rows_and_goes_on(tmp_path, number, rows
         text=True,
     ) as process:
         deadline = time.monotonic() + 100
-        journal = folder / JOURNAL
         while time.monotonic() < deadline and not (
             journal.exists() and journal.read_text().count("\n") >= rows
         ):
@@ -189,19 +180,13 @@ def test_a_study_that_is_ended_keeps_its_rows_and_goes_on(tmp_path, number, rows
             f"drake-pregrasp: interrupted: the runs so far are in {folder / ROWS};"
             " the same command goes on from there\n"
         )
-    kept = [line for line in journal.read_text().splitlines(keepends=True) if line[-1] == "\n"]
-    assert rows <= len(kept) < 40
+    assert rows <= journal.read_text().count("\n") < 40
 
 
 @pytest.fixture(scope="module")
 def cluster():
     few = dask.config.set({"distributed.scheduler.allowed-failures": 1})
-    with (
-        few,
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
-        ) as running,
-    ):
+    with few, distributed.LocalCluster(n_workers=2, threads_per_worker=1, **QUIET) as running:
         yield running
 
 
@@ -251,9 +236,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(address, tmp_path, monkeyp
 def test_a_scheduler_without_workers_is_said_to_have_none(again, monkeypatch):
     monkeypatch.setattr(workers, "TIMEOUT", 0.5)
     with (
-        distributed.LocalCluster(
-            n_workers=0, processes=False, dashboard_address=None, silence_logs=50
-        ) as empty,
+        distributed.LocalCluster(n_workers=0, processes=False, **QUIET) as empty,
         pytest.raises(InvalidArgumentError, match="has no workers; start some: dask worker"),
     ):
         again(scheduler=empty.scheduler_address)

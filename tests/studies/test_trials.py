@@ -4,6 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from made_up_trials import state_of
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
@@ -198,66 +199,51 @@ def good_grasp(**last):
 
 
 def test_a_grasp_is_read_from_what_was_seen():
+    expected = {
+        "clean": True,
+        "fingers": 4,
+        "waited_s": 0.3,
+        "pushed_before_mm": 1,
+        "pushed_closing_mm": 2,
+        "slip_mm": 2,
+        "residual_n": 0,
+        "goal_in_area": np.nan,
+        "tip_in_area": np.nan,
+    }
     outcome = outcome_of(good_grasp())
-    assert outcome.clean
-    assert outcome.fingers == 4
-    assert outcome.waited_s == pytest.approx(0.3)
-    assert outcome.pushed_before_mm == pytest.approx(1)
-    assert outcome.pushed_closing_mm == pytest.approx(2)
-    assert outcome.slip_mm == pytest.approx(2)
-    assert outcome.residual_n < 1e-3
-    assert np.isnan(outcome.goal_in_area)
-    assert np.isnan(outcome.tip_in_area)
+    found = {name: getattr(outcome, name) for name in expected}
+    assert found == pytest.approx(expected, abs=1e-3, nan_ok=True)
 
 
-def test_what_falls_tilts_or_slips_is_not_clean():
-    for last, lifted, level in (
-        ({"lift": 0.07}, False, True),
-        ({"tilt": 0.5}, True, False),
-        ({"slip": 0.006}, True, True),
-    ):
-        outcome = outcome_of(good_grasp(**last))
-        assert (outcome.lifted, outcome.level, outcome.clean) == (lifted, level, False)
-
-
-def test_each_bound_of_a_clean_grasp_counts():
+def test_what_falls_tilts_or_exceeds_a_bound_is_not_clean():
+    fallen, tilted = outcome_of(good_grasp(lift=0.07)), outcome_of(good_grasp(tilt=0.5))
+    assert (fallen.lifted, tilted.level) == (False, False)
     good = outcome_of(good_grasp())
-    for name, bound in CLEAN_BELOW.items():
-        assert dataclasses.replace(good, **{name: bound - 0.01}).clean, name
-        for value in (bound, np.nan):
-            assert not dataclasses.replace(good, **{name: value}).clean, name
+    bounds = {name: (bound - 0.01, bound, np.nan) for name, bound in CLEAN_BELOW.items()}
+    for name, values in {**bounds, "lifted": (True, False), "level": (True, False)}.items():
+        verdicts = [dataclasses.replace(good, **{name: value}).clean for value in values]
+        assert verdicts == [True, False, False][: len(values)], name
 
 
-def test_measures_of_contacts_need_that_all_fingers_have_touched():
-    ended = [*good_grasp()[:3], record(3.0, GraspPhase.BACK_OFF)]
-    early = [*good_grasp()[:2], record(3.0, GraspPhase.BACK_OFF)]  # At the gate: none touched.
-    for records, reason, touched in (
-        (ended, GiveUp.NONE, False),
-        (ended, GiveUp.OUT_OF_BALANCE, True),
-        (early, GiveUp.OUT_OF_BALANCE, False),
-    ):
-        outcome = outcome_of(records, reason=reason)
-        assert not outcome.lifted
-        assert np.isnan(outcome.slip_mm)
-        measures = [outcome.residual_n, outcome.q_msv, outcome.q_gii]
-        assert np.isfinite(measures).tolist() == [touched] * 3
+@pytest.mark.parametrize(
+    ("phases", "reason", "touched"),  # With two phases it is at the gate: none has touched.
+    [(3, GiveUp.NONE, False), (3, GiveUp.OUT_OF_BALANCE, True), (2, GiveUp.OUT_OF_BALANCE, False)],
+)
+def test_measures_of_contacts_need_that_all_fingers_have_touched(phases, reason, touched):
+    records = [*good_grasp()[:phases], record(3.0, GraspPhase.BACK_OFF)]
+    outcome = outcome_of(records, reason=reason)
+    assert not outcome.lifted
+    assert np.isnan(outcome.slip_mm)
+    measures = [outcome.residual_n, outcome.q_msv, outcome.q_gii]
+    assert np.isfinite(measures).tolist() == [touched] * 3
 
 
 def test_shares_in_the_area_are_those_of_the_ticks():
-    samples = [
-        GoalSample(0.1, 5 - k, k, distance) for k, distance in enumerate((0.01, -0.001, 0.02, 0.03))
-    ]
-    records = good_grasp()
-    outcome = outcome_of(records, "wall", samples)
-    assert outcome.goal_in_area == 0.25
-    assert outcome.withdrawn == 1.5
-    assert outcome.tip_in_area == 1.0  # A fingertip is at y = 59 mm, the wall at 40 mm.
-
-
-def state_of(trial):
-    state = trial.context.get_discrete_state()
-    groups = [state.get_vector(k).value() for k in range(state.num_groups())]
-    return np.concatenate([[trial.context.get_time()], *groups])
+    distances = (0.01, -0.001, 0.02, 0.03)
+    samples = [GoalSample(0.1, 5 - k, k, distance) for k, distance in enumerate(distances)]
+    outcome = outcome_of(good_grasp(), "wall", samples)
+    # A fingertip is at y = 59 mm, the wall at 40 mm.
+    assert (outcome.goal_in_area, outcome.withdrawn, outcome.tip_in_area) == (0.25, 1.5, 1.0)
 
 
 @pytest.mark.slow
@@ -266,13 +252,14 @@ def test_each_method_can_be_tracked_and_set_back(method, capfd):
     trial = Trial(TrialJob("headline", method, 3))
     trial.track(0.2)
     assert len(trial.samples) == 4
-    saved, before = trial.context.Clone(), state_of(trial)
+    saved, before = trial.context.Clone(), state_of(trial.context)
     trial.track(0.4)
-    assert not np.array_equal(state_of(trial), before)
+    assert not np.array_equal(state_of(trial.context), before)
     trial.context.SetTimeStateAndParametersFrom(saved)
-    np.testing.assert_array_equal(state_of(trial), before)
-    assert all(sample.distance >= 0 for sample in trial.samples)  # Of active goals.
-    assert all(sample.active + sample.withdrawn == 5 for sample in trial.samples)
+    np.testing.assert_array_equal(state_of(trial.context), before)
+    for sample in trial.samples:
+        assert sample.distance >= 0  # Of active goals.
+        assert sample.active + sample.withdrawn == 5
     capfd.readouterr()
 
 

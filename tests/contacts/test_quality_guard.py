@@ -1,0 +1,61 @@
+"""Goals that move only as far as no guarded measure of the grasp falls."""
+
+import numpy as np
+import pytest
+from selections import CUBE, always_worse, goals_towards, lengths, spread_contacts, wander
+
+from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp.contacts.goal_limits import ContactLimits
+from drake_pregrasp.contacts.quality_guard import GUARDS, guard_measure
+from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
+from drake_pregrasp.geometry.shapes import cylinder_shape
+
+CAN = mesh_surface(
+    cylinder_shape(0.035, 0.12), spacing=0.008, no_touch=[AxisArea("+z"), AxisArea("-z")]
+)
+
+
+def qualities(surface, p_OC):
+    measured = guard_measure(GUARDS, 0.7)(p_OC - surface.p_OCoM, surface.project(p_OC)[1])
+    return np.array(list(measured))
+
+
+@pytest.mark.parametrize("names", [("q_msv",), ("q_gii", "q_vew"), ("margin",), GUARDS])
+@pytest.mark.parametrize("tips", [np.empty(0), np.full(4, 0.008)], ids=["points", "tips"])
+def test_guarded_measures_never_fall(names, tips):
+    limits = ContactLimits(guard=guard_measure(names, 0.7), max_step=0.01)
+    guarded = [GUARDS.index(name) for name in names]
+    moved, p_OC = 0.0, spread_contacts(CAN, 4, 0.04)
+    for _, before, goals in wander(CAN, p_OC, limits, 15, seed=4, tip_radii=tips):
+        assert np.all(goals.active)
+        gain = qualities(CAN, goals.p_OC) - qualities(CAN, before)
+        assert np.all(gain[guarded] >= -1e-9)
+        moved += np.sum(lengths(goals.p_OC - before))
+    assert moved > 0.001
+    free = ContactLimits(max_step=0.01)
+    values = [qualities(CAN, g.p_OC)[guarded] for _, _, g in wander(CAN, p_OC, free, 15, seed=4)]
+    assert np.min(np.diff(values, axis=0)) < -1e-4
+
+
+def test_a_step_that_is_taken_back_takes_back_what_paid_only_with_it():
+    """The measure is the product of two heights; the first contact meets a fingertip."""
+    before = np.array([[0.05, -0.015, 0.005], [0.05, 0.005, -0.035], [0.05, 0.035, 0.005]])
+    after = before + np.array([[0, 0.04, 0], [0, 0.04, 0], [0, 0, 0]])
+    for radius, expected in ((1e-3, after), (0.01, before)):
+        goals = goals_towards(
+            after, before, radius, guard=lambda p_CoMC, nhat: p_CoMC[:1, 1] * p_CoMC[1, 1]
+        )
+        np.testing.assert_allclose(goals, expected, atol=1e-12)
+
+
+def test_a_step_that_leaves_the_grasp_as_good_is_taken():
+    before = spread_contacts(CUBE, 4, 0.03)
+    after = np.roll(before, 1, axis=0)
+    for guard, expected in ((lambda p_CoMC, nhat: [1.0], after), (always_worse(), before)):
+        np.testing.assert_allclose(goals_towards(after, before, guard=guard), expected, atol=1e-12)
+
+
+def test_an_unknown_guard_is_refused_and_no_guard_is_none():
+    with pytest.raises(InvalidArgumentError, match="no guard 'luck'; there are: q_msv, q_gii"):
+        guard_measure(["luck"], 0.7)
+    assert guard_measure([], 0.7) is None

@@ -1,0 +1,92 @@
+"""Regions and goals of some contacts, as a tick makes them, and what drives and holds goals."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from drake_pregrasp import box_surface
+from drake_pregrasp.contacts.centroids import (
+    gaussian_log_weights,
+    position_tracking,
+    select_contacts,
+)
+from drake_pregrasp.contacts.goal_limits import ContactLimits
+from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.regions.constraints import RegionConstraints
+from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
+
+CUBE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
+
+
+def regions_of(surface, p_OC, weights=None, **constraints):
+    weights = np.zeros(len(p_OC)) if weights is None else np.array(weights)
+    limits = RegionConstraints(**constraints)
+    return compute_safe_regions(surface.p_OQ, p_OC, weights, surface.forbidden, limits)
+
+
+def selection_of(surface, p_OC, weights=None, **constraints):
+    regions = regions_of(surface, p_OC, weights, **constraints)
+    return SelectionInput(surface, p_OC, regions, 0.04**2 * np.eye(3))
+
+
+def nearest_candidate(surface, place):
+    return int(np.argmin(np.linalg.norm(surface.p_OQ - place, axis=1)))
+
+
+def given_regions(surface, *members, **constraints):
+    """Regions of which the candidates are given, one set of indices a contact."""
+    labels = np.full(len(surface.p_OQ), NO_REGION)
+    for contact, candidates in enumerate(members):
+        labels[candidates] = contact
+    regions = SafeRegions.unlimited(labels, len(members))
+    return replace(regions, constraints=RegionConstraints(**constraints))
+
+
+def spread_contacts(surface, n, distance, seed=0, first=()):
+    """Random candidates that are apart, after some that are given."""
+    chosen = list(first)
+    for p in np.random.default_rng(seed).permutation(surface.p_OQ):
+        if all(np.linalg.norm(p - other) > distance for other in chosen):
+            chosen.append(p)
+    assert len(chosen) >= n
+    return np.array(chosen[:n])
+
+
+class Wandering:
+    """A strategy that is drawn to another place each time."""
+
+    def __init__(self, seed, size=0.06, spread=0.01):
+        self.rng, self.size, self.spread = np.random.default_rng(seed), size, spread
+
+    def __call__(self, chosen, i):
+        mean = self.rng.uniform(-self.size, self.size, 3)
+        q = chosen.surface.p_OQ[chosen.regions.members(i)]
+        return gaussian_log_weights(q, mean, self.spread**2 * np.eye(3))
+
+
+def wander(surface, p_OC, limits, ticks, seed=0, **constraints):
+    """Yields the selection, contacts before and goals of each tick."""
+    strategy = Wandering(seed)
+    for _ in range(ticks):
+        chosen = selection_of(surface, p_OC, **constraints)
+        goals = select_contacts(chosen, strategy, limits=limits)
+        yield chosen, p_OC, goals
+        p_OC = goals.p_OC
+
+
+def goals_towards(places, p_OC, tip_radius=1e-3, surface=CUBE, **limits):
+    """Goals where each region is the candidate nearest to a place, or empty if that is None."""
+    members = [[] if place is None else nearest_candidate(surface, place) for place in places]
+    regions = given_regions(surface, *members, tip_radii=np.full(len(p_OC), tip_radius))
+    chosen = SelectionInput(surface, p_OC, regions, np.eye(3))
+    return select_contacts(chosen, position_tracking, limits=ContactLimits(**limits)).p_OC
+
+
+def lengths(vectors):
+    return np.linalg.norm(vectors, axis=1)
+
+
+def always_worse():
+    """A measure of which each value is below those before it, so that no step is accepted."""
+    values = iter(range(0, -1000, -1))
+    return lambda p_CoMC, nhat: np.array([next(values)])
