@@ -18,6 +18,7 @@ import numpy as np
 import trimesh
 from trimesh.resolvers import Resolver
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.resources import check_inside, read_bounded
 
@@ -230,19 +231,18 @@ def _read_materials(folder: Path, library: str) -> dict[str, Color]:
     check_inside(path, [folder])
     if not path.is_file():
         return {}
-    colors: dict[str, Color] = {}
+    colors: dict[str, FloatArray] = {}
     name = ""
     for line in read_bounded(path, MAX_MATERIAL_BYTES).decode(errors="replace").splitlines():
         key, _, value = line.strip().partition(" ")
         if key == "newmtl":
             name = value.strip()[:MAX_NAME]
         elif key in ("Kd", "d"):
-            numbers = tuple(
-                np.clip(np.nan_to_num([float(n) for n in value.split()]), 0, 1).tolist()
-            )
-            color = colors.get(name, (0.8, 0.8, 0.8, 1.0))
-            colors[name] = (*numbers[:3], color[3]) if key == "Kd" else (*color[:3], numbers[0])
-    return colors
+            color = colors.setdefault(name, np.array([0.8, 0.8, 0.8, 1.0]))
+            first, count = (0, 3) if key == "Kd" else (3, 1)
+            numbers = np.array(value.split()[:count], dtype=float)
+            color[first : first + count] = np.clip(np.nan_to_num(numbers), 0, 1)
+    return {name: tuple(color.tolist()) for name, color in colors.items()}
 
 
 def _plain_gltf(kind: str, data: bytes) -> bytes:
