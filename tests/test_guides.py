@@ -5,11 +5,31 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import BusValue, DiagramBuilder
 
-from drake_pregrasp import MeasurementVerdict, TrackingStatus, load_scenario, run
+from drake_pregrasp import (
+    AddPregraspPlanner,
+    BoxSolid,
+    ContactStatus,
+    GraspConfig,
+    HandController,
+    HandModel,
+    MeasurementVerdict,
+    PlannerConfig,
+    TrackingStatus,
+    box_surface,
+    load_hand,
+    load_scenario,
+    ring_contacts,
+    run,
+)
 from drake_pregrasp.cli import main
 from drake_pregrasp.estimation.recorded_poses import MAX_ROWS
+from drake_pregrasp.simulation.run_log import grasp_columns, log_columns
 from drake_pregrasp.studies import runner
 from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS
 from drake_pregrasp.studies.runner import SETTINGS as SWEEP_SETTINGS
@@ -76,8 +96,54 @@ def test_the_guide_to_composing_lifts_the_cube(monkeypatch, tmp_path):
     assert names["X_WO"].translation()[2] == pytest.approx(0.15, abs=2e-3)
 
 
+@pytest.mark.slow
+def test_the_robot_in_a_plant_of_ones_own_stays_where_the_controller_holds_it():
+    add_robot = executed("compose.md", blocks("compose.md", "python")[1])["add_robot"]
+    hand = HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
+    box, X_WO = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)), RigidTransform([0, 0, 0.05])
+    builder = DiagramBuilder()
+    controller = HandController(
+        GraspConfig(),
+        hand,
+        object_solid=box,
+        object_top=0.05,
+        mass=0.4,
+        p_OCoM=np.zeros(3),
+        fixed=[],
+        X_WO=X_WO,
+        p_OC=ring_contacts(box_surface(box.size, spacing=0.01), 5),
+        target_period=0.05,
+        plant_time_step=0.01,
+    )
+    builder.AddSystem(controller)
+    plant, _ = add_robot(builder, controller, hand.description)
+    simulator = Simulator(builder.Build())
+    context = simulator.get_mutable_context()
+    own = controller.GetMyMutableContextFromRoot(context)
+    for name, value in (
+        ("fingertip_targets", AbstractValue.Make(BusValue())),
+        ("contact_status", np.full(5, float(ContactStatus.LOST))),
+        ("X_WO_estimated", X_WO),
+        ("V_WO_estimated", SpatialVelocity.Zero()),
+        ("close", [0.0]),
+    ):
+        controller.GetInputPort(name).FixValue(own, value)
+    simulator.AdvanceTo(0.1)
+    q = plant.GetPositions(plant.GetMyContextFromRoot(context))
+    np.testing.assert_allclose(q[:4], controller.initial[:4], atol=0.02)
+
+
+@pytest.mark.slow
+def test_the_live_view_shows_the_whole_run(capsys):
+    code = block("live_view.md", "python").replace("target_realtime_rate: 1.0", "")
+    names = executed("live_view.md", code)
+    assert f"open {names['meshcat'].web_url()}\n" in capsys.readouterr().out
+    assert names["meshcat"].HasPath("/drake/pregrasp")
+    assert names["simulator"].get_context().get_time() == names["scenario"].simulation_duration
+
+
 def test_the_estimator_alone_follows_until_the_object_is_lost(capsys):
-    names = executed("compose.md", blocks("compose.md", "python")[1])
+    names = executed("compose.md", blocks("compose.md", "python")[2])
     assert capsys.readouterr().out == "status at 3 s: LOST\n"
     estimates, measure = names["estimates"], names["measure"]
     statuses = [status for _, _, status in estimates]
@@ -164,6 +230,33 @@ def test_the_guide_to_sweeps_names_what_there_is(capsys):
         main(["sweep", "--help"])
     for option in set(re.findall(r"--\w+", capsys.readouterr().out)) - {"--help"}:
         assert option in text
+
+
+def test_the_strategy_that_contributing_shows_is_planned_with(surface, p_OC):
+    strategy = executed("CONTRIBUTING", block("../CONTRIBUTING.md", "python"))["high_contacts"]
+    heights = []
+    for weight_function in (None, strategy):
+        config = PlannerConfig(static_duration=0.0)
+        planner = AddPregraspPlanner(
+            DiagramBuilder(), config, surface, p_OC, weight_function=weight_function
+        )
+        context = planner.CreateDefaultContext()
+        planner.GetInputPort("X_WO_measured").FixValue(context, RigidTransform())
+        heights.append(planner.GetOutputPort("p_WC").Eval(context)[2::3])
+    assert np.all(heights[1] >= heights[0])
+    assert np.mean(heights[1] - heights[0]) > 0.01
+
+
+def test_the_page_on_run_folders_explains_every_column_and_key(base_run):
+    text = (DOCS / "run_folder.md").read_text(encoding="utf-8")
+    log, grasp, summary = (
+        re.findall(r"`([^`]+)`", " ".join(re.findall(r"^\| (`.*?`) \| ", part, flags=re.MULTILINE)))
+        for part in text.split("\n## ")[1:]
+    )
+    for shown, columns in ((log, log_columns(2)), (grasp, grasp_columns(2))):
+        named = {name.format(i=i) for name in shown for i in range(2)}
+        assert named == set(columns)
+    assert set(summary) == {*base_run.summary, "after_damage", "grasp"}
 
 
 def test_the_page_on_faults_has_a_row_for_each_verdict_and_status():

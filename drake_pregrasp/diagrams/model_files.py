@@ -363,7 +363,7 @@ class _Copier:
         parts = [part for shape in collision.iter("geometry") for part in shape.iter()]
         size = max((abs(n) for part in parts for n in _numbers(part)), default=0.0)
         for hint in collision.iter("drake:mesh_resolution_hint"):
-            self._cells += sum((size / max(n, 1e-9)) ** 2 for n in _numbers(hint))
+            self._cells += sum(min(size / max(n, 1e-9), 1e9) ** 2 for n in _numbers(hint))
         if any("_hydroelastic" in part.tag for part in collision.iter()):
             uris = [uri for part in parts for uri in (part.text, part.get("filename")) if uri]
             self._cells += sum(self._faces.get(uri, 0) for uri in uris) / 10

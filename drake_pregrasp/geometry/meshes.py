@@ -18,6 +18,7 @@ import numpy as np
 import trimesh
 from trimesh.resolvers import Resolver
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.resources import check_inside, read_bounded
 
@@ -127,17 +128,20 @@ def read_pieces(path: Path, *, colors: bool = False) -> list[Piece]:
         raise InvalidArgumentError(f"{path} can't be read as a mesh: {problem}") from error
 
 
+def _check_count(count: int, what: str, most: int) -> None:
+    if count > most:
+        raise InvalidArgumentError(f"it has {count} {what}; at most {most}, simplify it")
+
+
 def _check_words(data: bytes) -> None:
     characters = np.frombuffer(data, dtype=np.uint8)
     words = np.count_nonzero((characters <= ord(" ")) | (characters > ord("~")))
-    if words > MAX_WORDS:
-        raise InvalidArgumentError(f"it has {words} words; at most {MAX_WORDS}, simplify it")
+    _check_count(int(words), "words", MAX_WORDS)
 
 
 def _parse_json(data: bytes) -> Any:
     values = sum(data.count(mark) for mark in (b",", b":", b"[", b"{"))
-    if values > MAX_VALUES:
-        raise InvalidArgumentError(f"it has {values} values; at most {MAX_VALUES}, simplify it")
+    _check_count(values, "values", MAX_VALUES)
     return json.loads(data)
 
 
@@ -168,8 +172,7 @@ def _placed_pieces(scene: trimesh.Scene) -> list[Piece]:
     pieces: list[Piece] = []
     faces = 0
     nodes = scene.graph.nodes_geometry
-    if len(nodes) > MAX_PIECES:
-        raise InvalidArgumentError(f"it has {len(nodes)} parts; at most {MAX_PIECES}")
+    _check_count(len(nodes), "parts", MAX_PIECES)
     for node in nodes:
         transform, name = scene.graph[node]
         geometry = scene.geometry[name]
@@ -230,19 +233,18 @@ def _read_materials(folder: Path, library: str) -> dict[str, Color]:
     check_inside(path, [folder])
     if not path.is_file():
         return {}
-    colors: dict[str, Color] = {}
+    colors: dict[str, FloatArray] = {}
     name = ""
     for line in read_bounded(path, MAX_MATERIAL_BYTES).decode(errors="replace").splitlines():
         key, _, value = line.strip().partition(" ")
         if key == "newmtl":
             name = value.strip()[:MAX_NAME]
         elif key in ("Kd", "d"):
-            numbers = tuple(
-                np.clip(np.nan_to_num([float(n) for n in value.split()]), 0, 1).tolist()
-            )
-            color = colors.get(name, (0.8, 0.8, 0.8, 1.0))
-            colors[name] = (*numbers[:3], color[3]) if key == "Kd" else (*color[:3], numbers[0])
-    return colors
+            color = colors.setdefault(name, np.array([0.8, 0.8, 0.8, 1.0]))
+            first, count = (0, 3) if key == "Kd" else (3, 1)
+            numbers = np.array(value.split()[:count], dtype=float)
+            color[first : first + count] = np.clip(np.nan_to_num(numbers), 0, 1)
+    return {name: tuple(color.tolist()) for name, color in colors.items()}
 
 
 def _plain_gltf(kind: str, data: bytes) -> bytes:
@@ -262,8 +264,7 @@ def _plain_gltf(kind: str, data: bytes) -> bytes:
     if min(counts, default=0) < 0 or sum(counts) > _MAX_NUMBERS // 16:
         raise InvalidArgumentError("its arrays claim too many elements, or fewer than none")
     nodes = tree.get("nodes", [])
-    if len(nodes) > MAX_PIECES:
-        raise InvalidArgumentError(f"it has {len(nodes)} nodes; at most {MAX_PIECES}")
+    _check_count(len(nodes), "nodes", MAX_PIECES)
     children = [child for node in nodes for child in node.get("children", [])]
     if len(set(children)) != len(children):
         raise InvalidArgumentError("a node is the child of two; nodes must be a tree")

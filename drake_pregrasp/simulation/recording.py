@@ -33,22 +33,15 @@ _LABEL_HOVER = 0.065  # Height of the labels over the object, in metres.
 
 
 def start_meshcat() -> Meshcat:
-    """Starts a viewer for this machine only, at any free port, with lights and background.
+    """Starts a viewer for this machine only, at any free port.
 
     Raises:
         OutputError: If Drake may not open a port.
     """
     try:
-        meshcat = Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
+        return Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
     except RuntimeError as error:
         raise OutputError(f"Meshcat can't start ({error}); run without a recording") from error
-    for name in ("/Grid", "/Axes"):
-        meshcat.SetProperty(name, "visible", False)
-    meshcat.SetProperty("/Background", "top_color", [1.0, 1.0, 1.0])
-    meshcat.SetProperty("/Background", "bottom_color", [0.86, 0.88, 0.91])
-    for light, intensity in _LIGHTS.items():
-        meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
-    return meshcat
 
 
 def connect_named(
@@ -69,7 +62,7 @@ def add_visualizers(
     *,
     record: bool,
 ) -> None:
-    """Adds visualizers of the plant and the planner, sets the camera, and may start a recording.
+    """Adds visualizers of plant and planner, sets lights and camera, and may start a recording.
 
     Args:
         builder: Builder of the diagram.
@@ -109,6 +102,12 @@ def add_visualizers(
     labelled = ["X_WO_estimated", "contact_status", "contact_causes", "tracking_status"]
     connect_named(builder, planner, labels, labelled)
     extent = max(0.1, float(surface.mesh.extents.max()))
+    for name in ("/Grid", "/Axes"):
+        meshcat.SetProperty(name, "visible", False)
+    meshcat.SetProperty("/Background", "top_color", [1.0, 1.0, 1.0])
+    meshcat.SetProperty("/Background", "bottom_color", [0.86, 0.88, 0.91])
+    for light, intensity in _LIGHTS.items():
+        meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
     meshcat.SetCameraPose(*camera_pose(path, extent, direction))
     if record:
         live = scenario.simulator_config.target_realtime_rate > 0

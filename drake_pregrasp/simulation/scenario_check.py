@@ -1,6 +1,5 @@
 """Cross-field validation of scenarios."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,11 +17,8 @@ from drake_pregrasp.config.sensor_config import check_sensor
 from drake_pregrasp.config.surface_config import check_surface
 from drake_pregrasp.contacts.strategies import BLEND, STRATEGIES
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors
-from drake_pregrasp.diagrams.object_plant import push_direction
 from drake_pregrasp.errors import first_line
-from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
-from drake_pregrasp.resources import resolve_path
 from drake_pregrasp.simulation.grasp_check import Problems, errors_at, grasp_problems, raise_first
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.simulation_diagram import hand_planner
@@ -90,9 +86,9 @@ def _count_problems(key: str, value: float, count: float, most: int, what: str) 
         yield key, f"{problem}, or a shorter simulation_duration"
 
 
-def _length_problems(key: str, values: list[Any], n: int, what: str = "elements") -> Problems:
+def _length_problems(key: str, values: list[Any], n: int) -> Problems:
     if len(values) not in (0, n):
-        yield key, f"{len(values)} {what} must be none or one for each of the {n} contacts"
+        yield key, f"has {len(values)}; give one for each of the {n} contacts, or none"
 
 
 def _size_problems(key: str, size: float, largest: float, hint: str = "") -> Problems:
@@ -106,7 +102,7 @@ def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     yield from _size_problems("surface.spacing", scenario.surface.spacing, np.max(extents))
     if scenario.ring_contacts > places:
         yield "ring_contacts", f"{count} is more than the {places} places there are on this surface"
-    yield from _length_problems("hand.fingertips", scenario.hand.fingertips, count, "rows")
+    yield from _length_problems("hand.fingertips", scenario.hand.fingertips, count)
     periods = [
         ("planner.period", planner.period, MAX_TICKS, "ticks"),
         ("plant_config.time_step", plant.time_step, MAX_STEPS, "steps"),
@@ -122,7 +118,7 @@ def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
                 problem = f"{scenario.initial_contacts[index]} is {1e3 * distance:.3g} mm off the"
                 rule = f"at most {1e3 * CONTACT_TOLERANCE} mm, so one coordinate must be 1 or -1"
                 yield f"initial_contacts[{index}]", f"{problem} surface; {rule} and none beyond"
-    yield from _length_problems("contact_weights", scenario.contact_weights, count, "numbers")
+    yield from _length_problems("contact_weights", scenario.contact_weights, count)
     yield from _damage_problems(scenario)
     if not isinstance(scenario.object, Box) and plant.contact_model == "point":
         problem = "point contact fills what is hollow, and only boxes stand on it"
@@ -166,13 +162,13 @@ def _motion_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
             problem = f"{motion.position[2]} must be at least {below:.4g}, to start above the table"
             yield "motion.position[2]", problem
     elif isinstance(motion, Push):
-        rear = -float(np.min((surface.mesh.vertices - surface.p_OCoM) @ push_direction(motion)))
+        rear = -float(np.min((surface.mesh.vertices - surface.p_OCoM) @ motion.unit_vector()))
         if motion.start_distance < rear:
             problem = f"{motion.start_distance} must be at least {rear:.4g}, where the object ends"
             yield "motion.start_distance", problem
     elif isinstance(motion, PoseStream):
         with errors_at("motion.file"):
-            read_recorded_poses(resolve_path(motion.file, Path.cwd()))
+            motion.read()
 
 
 def _profile_problems(profile: list[list[float]]) -> Problems:

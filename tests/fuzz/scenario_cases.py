@@ -187,7 +187,9 @@ def _hand(kind: str, rng: random.Random) -> Case:
     if way < 0.6:
         model = _altered_model(model, rng)
     data = _changed(model.encode(), rng) if 0.4 < way < 0.9 else model.encode()
-    mesh, files = _mesh_files(rng) if way > 0.9 else ("x.obj", {"x.obj": _MESHES["x.obj"]})
+    mesh, files = "x.obj", {"x.obj": _MESHES["x.obj"], "x.mtl": _MATERIALS}
+    if way > 0.9:
+        mesh, files = _mesh_files(rng)
     data = data.replace(b"x.obj", mesh.encode())
     files |= {"x.yaml": _changed(hand, rng) if 0.8 < way < 0.9 else hand, f"own.{suffix}": data}
     return Case(kind, _GRASP, "grasp_five_finger", files)
@@ -202,7 +204,7 @@ def _altered_model(text: str, rng: random.Random) -> str:
         way = rng.randrange(6)
         if way == 0 and len(parent):
             parent.remove(rng.choice(list(parent)))
-        elif way == 1 and len(other) < 20:
+        elif way == 1 and sum(1 for _ in other.iter()) < 50:
             parent.extend([copy.deepcopy(other)] * rng.choice((1, 1, 2, 50, 500)))
         elif way == 2:
             parent.tag = rng.choice((other.tag, "include", "mesh", "uri", "x"))

@@ -83,6 +83,28 @@ def test_materials_of_an_obj_file_are_not_looked_for(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
+    ("material", "color"),
+    [
+        ("Kd 1 0.5 0 9\nd 0.25 9", (1.0, 0.5, 0.0, 0.25)),
+        ("d -1\nKd 0.5", (0.5, 0.5, 0.5, 0.0)),
+        ("Kd nan inf 7", (0.0, 1.0, 1.0, 1.0)),
+        ("Kd 1 0.5", None),
+        ("d", None),
+        ("Kd spectral own.rfl", None),
+    ],
+)
+def test_colors_of_a_material_library_are_whole_or_refused(tmp_path, material, color):
+    file = tmp_path / "box.obj"
+    file.write_text("mtllib box.mtl\nusemtl a\n" + box().export(file_type="obj"))
+    (tmp_path / "box.mtl").write_text(f"newmtl a\n{material}\n")
+    if color is None:
+        with pytest.raises(InvalidArgumentError, match=r"box\.obj can't be read as a mesh"):
+            read_pieces(file, colors=True)
+    else:
+        assert read_pieces(file, colors=True)[0].color == color
+
+
+@pytest.mark.parametrize(
     ("name", "data", "problem"),
     [
         ("a.obj", b"v 0 0 0\nf" + b" 1 1" * 100_002, "more than 200000 triangles"),

@@ -114,6 +114,7 @@ SOFT = f"<collision name='c'>{BALL}<drake:proximity_properties>{HINT}</drake:pro
         (f"<link>{SOFT.format(0.001)}</collision></link>", "of 1000000 cells; at most 1000"),
         (f"<link>{SOFT.format(-1e-300)}</collision></link>", "cells; at most 1000"),
         (f"<link>{SOFT.format('nan')}</collision></link>", "of nan cells"),
+        (f"<link>{SOFT.format(1)}</collision></link>".replace(">1<", ">1e308<", 1), "at most 1000"),
     ],
 )
 def test_what_is_too_much_is_refused_by_number(tmp_path, inside, problem):

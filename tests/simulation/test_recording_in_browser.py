@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from matplotlib.image import imread
+from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import load_scenario, make_diagram
-from drake_pregrasp.simulation.recording import start_meshcat
 
 BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = [
@@ -79,9 +79,9 @@ def test_regions_grow_when_contacts_adapt(pictures, base_log):
 
 
 def test_a_live_view_shows_what_a_recording_shows(recorded_run, pictures, tmp_path):
-    """The whole scene, in the same colours."""
+    """The whole scene, in the same colours, in a viewer of one's own."""
     scenario = load_scenario("a_base", text="{simulation_duration: 8.0}")
-    meshcat = start_meshcat()
+    meshcat = Meshcat(MeshcatParams(host="localhost"))
     Simulator(make_diagram(scenario, scenario.make_surface(), meshcat=meshcat)).AdvanceTo(1.0)
     page = tmp_path / "live.html"
     page.write_text(meshcat.StaticHtml())

@@ -5,6 +5,7 @@ import pytest
 from made_systems import (
     CONTROL_PERIOD,
     FRAMES,
+    NO_POSES,
     NQ,
     RING,
     SETTINGS,
@@ -13,31 +14,30 @@ from made_systems import (
     driven,
     points_of,
     ring,
+    wall,
 )
 from pydrake.common.value import AbstractValue
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import BusValue
 
-from drake_pregrasp import (
-    GraspConfig,
-    HalfSpace,
-    InvalidArgumentError,
-    Obstacles,
-    TrackingStatus,
-)
+from drake_pregrasp import GraspConfig, InvalidArgumentError, Obstacles, TrackingStatus
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
 
 BAD_NUMBERS = [np.nan, np.inf, -np.inf, 1e300]
-NO_POSE = RigidTransform(RotationMatrix.MakeUnchecked(np.full((3, 3), np.nan)), np.zeros(3))
-FAR = RigidTransform([1e300, 0.0, np.nan])
-SKEW = RigidTransform(RotationMatrix.MakeUnchecked(np.ones((3, 3))), np.zeros(3))
+
+
+def spoiled_wall(number):
+    """A wall whose place is spoilt after it is made, since it is refused otherwise."""
+    obstacles = wall(9.0)
+    obstacles.solids[0].point[0] = number
+    return obstacles
 
 
 def spoiled(value, number):
     """Yields what a port may get instead of a sound value."""
     if isinstance(value, RigidTransform):
-        yield from (NO_POSE, FAR, SKEW)
+        yield from NO_POSES
     elif isinstance(value, SpatialVelocity):
         yield SpatialVelocity(w=[0.0, number, 0.0], v=[number, 0.0, 0.0])
     elif isinstance(value, BusValue):
@@ -45,6 +45,8 @@ def spoiled(value, number):
         points[2, 1] = number
         yield bus(points, RING)
         yield BusValue()
+    elif isinstance(value, Obstacles):
+        yield spoiled_wall(number)
     else:
         for index in {0, len(value) - 1}:
             one = np.array(value, dtype=float)
@@ -105,9 +107,7 @@ def test_tips_stay_where_an_obstacle_may_be_anywhere():
     player = driven("shaper")
     player.tick(2)
     before = player.array("p_GT")
-    table = HalfSpace(np.array([0.0, 0, -9]), np.array([0.0, 0, 1]))
-    table.point[2] = np.nan
-    player.fix(contact_status=np.zeros(N), obstacles=Obstacles((table,)))
+    player.fix(contact_status=np.zeros(N), obstacles=spoiled_wall(np.nan))
     player.tick(5)
     np.testing.assert_array_equal(player.array("p_GT"), before)
     player.fix(obstacles=Obstacles())
@@ -115,16 +115,16 @@ def test_tips_stay_where_an_obstacle_may_be_anywhere():
     assert not np.allclose(player.array("p_GT"), before)
 
 
-NO_POSES = BusValue()
-NO_POSES.Set(FRAMES[0], AbstractValue.Make(3.0))
+WRONG_BUS = BusValue()
+WRONG_BUS.Set(FRAMES[0], AbstractValue.Make(3.0))
 
 
 @pytest.mark.parametrize(
     ("name", "port", "wrong"),
     [
-        ("shaper", "fingertip_targets", NO_POSES),
-        ("carrier", "tip_goals", NO_POSES),
-        ("arm", "tip_goals", NO_POSES),
+        ("shaper", "fingertip_targets", WRONG_BUS),
+        ("carrier", "tip_goals", WRONG_BUS),
+        ("arm", "tip_goals", WRONG_BUS),
         ("shaper", "obstacles", object()),
         ("partitioner", "obstacles", object()),
         ("selector", "safe_regions", object()),
@@ -155,7 +155,7 @@ def tracking_hand():
     [
         ("tracking_status", [float(TrackingStatus.LOST)]),
         ("tracking_status", [float(TrackingStatus.WAITING)]),
-        ("X_WO_estimated", NO_POSE),
+        ("X_WO_estimated", NO_POSES[0]),
     ],
 )
 def test_a_hand_closes_on_nothing_that_it_does_not_see(tracking_hand, port, value):
@@ -198,7 +198,7 @@ def test_an_unknown_pose_is_the_last_one(name, output):
     player = driven(name)
     player.tick(100)
     last = player.array(output)
-    player.fix(X_WO_estimated=NO_POSE)
+    player.fix(X_WO_estimated=NO_POSES[0])
     player.tick(2)
     np.testing.assert_allclose(player.array(output), last, atol=1e-12)
 
@@ -216,7 +216,7 @@ def test_a_reference_stays_where_velocities_are_not_known(number):
 
 
 def test_what_fingers_feel_is_unknown_where_their_joints_are():
-    sensor = driven("fingertip_sensor")
+    sensor = driven("fingertip sensor")
     sensor.fix(hand_state=np.full(2 * NQ, np.nan))
     assert np.all(np.isnan(sensor.numbers()))
 
