@@ -123,4 +123,3 @@ def test_the_shipped_cube_is_the_base_case():
         for text in texts
     )
     np.testing.assert_allclose(shipped, resized, rtol=1e-12)
-
