@@ -12,7 +12,6 @@ from pydrake.planning import RobotDiagramBuilder, SceneGraphCollisionChecker
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Arm, BaseConfig, Carrier, HandDescription
-from drake_pregrasp.config.limits_config import SectorReach
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model, held_messages
 from drake_pregrasp.errors import InvalidArgumentError
@@ -313,10 +312,8 @@ class HandModel:
     @property
     def largest_offsets(self) -> FloatArray:
         """Largest angles between fingertips and their fingers' azimuths, shape (n,), in radians."""
-        reaches = [tip.reach for tip in self.description.fingertips]
-        return np.array(
-            [reach.half_angle if isinstance(reach, SectorReach) else np.pi for reach in reaches]
-        )
+        tips = self.description.fingertips
+        return np.array([tip.reach.make_reach().half_angle for tip in tips])
 
     def _place_fingers(self) -> FloatArray:
         kinematics = self.kinematics
