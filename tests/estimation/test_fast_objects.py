@@ -1,13 +1,12 @@
 """Fast objects are locked on at once, and a track that is not locked is not said to be TRACKING."""
 
 import numpy as np
-import pandas as pd
 import pytest
 from pydrake.math import RigidTransform, RotationMatrix
 from sampled_motion import measured, normalized_squares
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp import MeasurementVerdict, PoseEstimator, TrackingStatus, load_scenario, run
+from drake_pregrasp import MeasurementVerdict, PoseEstimator, TrackingStatus
 from drake_pregrasp.arrays import FARTHEST
 from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
 from drake_pregrasp.estimation.pose_filter import (
@@ -103,18 +102,6 @@ def test_poses_at_the_same_time_tell_no_twist():
     earlier = predict(first_belief(PoseMeasurement(0.0, np.zeros(3), np.eye(3)), NOISE), 1.0, NOISE)
     belief = two_point_belief(earlier, measurement, NOISE)
     np.testing.assert_array_equal(belief.P_position, first_belief(measurement, NOISE).P_position)
-
-
-@pytest.mark.slow
-def test_a_fast_conveyor_is_tracked_within_millimetres(tmp_path):
-    text = (
-        "{motion: {linear_velocity: 1.0, angular_velocity: 0.0}, simulation_duration: 3,"
-        " planner: {static_duration: 1}}"
-    )
-    found = run(load_scenario("a_base", text=text), name="fast", out=tmp_path, recording=False)
-    log = pd.read_csv(found.folder / "log.csv")
-    assert log["x_wo"].max() > 2.5
-    assert log["position_error"][8:].max() < 5e-3
 
 
 def test_the_estimate_never_leaves_the_valid_range_and_is_lost_before():

@@ -10,12 +10,7 @@ from scipy.stats import chi2
 
 from drake_pregrasp import InvalidArgumentError, PoseFilterNoise
 from drake_pregrasp.arrays import pack
-from drake_pregrasp.estimation.pose_filter import (
-    PoseMeasurement,
-    first_belief,
-    predict,
-    update,
-)
+from drake_pregrasp.estimation.pose_filter import PoseMeasurement, first_belief, predict, update
 from drake_pregrasp.estimation.pose_smoother import filter_poses
 
 NOISE = PoseFilterNoise(

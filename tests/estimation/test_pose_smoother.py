@@ -70,13 +70,6 @@ def test_past_poses_come_closer_to_the_truth_by_what_the_covariance_says():
             errors = [np.linalg.norm(p[k] - b.p_WCoM) for b in (before, after)]
             R_WO = Rotation.from_matrix([before.R_WO, after.R_WO])
             gains.append([errors, (R[k].inv() * R_WO).magnitude()])
-            for name in ("P_position", "P_orientation"):
-                P, P_s = getattr(before, name), getattr(after, name)
-                scale = np.sqrt(np.outer(np.diag(P), np.diag(P)))
-                gain = np.linalg.eigvalsh((P - P_s) / scale)
-                assert gain.min() > -1e-9
-                assert gain.max() > 0.1
-                assert np.linalg.eigvalsh(P_s).min() > 0
     before, after = np.sqrt(np.mean(np.square(gains), axis=0)).T
     assert np.all(after < 0.8 * before)
     np.testing.assert_allclose(np.mean(squares, axis=0), 6, atol=0.8)
