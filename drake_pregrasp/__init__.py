@@ -6,7 +6,7 @@ from drake_pregrasp.config.limits_config import BallReach, BoxReach, LimitsConfi
 from drake_pregrasp.config.object_config import Box, Conveyor
 from drake_pregrasp.config.planner_config import BlendConfig, EstimatorConfig, PlannerConfig
 from drake_pregrasp.contacts.assignment import ring_contacts
-from drake_pregrasp.contacts.selection_input import ContactStatus
+from drake_pregrasp.contacts.selection_input import ContactStatus, SelectionInput, WeightFunction
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import add_hand_model
@@ -97,7 +97,9 @@ __all__ = [
     "Scenario",
     "ScenarioError",
     "SectorReach",
+    "SelectionInput",
     "TrackingStatus",
+    "WeightFunction",
     "__version__",
     "add_hand_model",
     "box_surface",

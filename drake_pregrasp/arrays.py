@@ -142,9 +142,9 @@ def validated_weights(contact_weights: FloatArray) -> FloatArray:
 def validated_covariance(covariance_W: FloatArray, R_WO: FloatArray, spread: float) -> FloatArray:
     """Returns Sigma of the Gaussian weights in O with the spread added, shape (3, 3), in m².
 
-    A covariance that is not finite counts as zero: the spread alone is nearly the same as the
-    spread with a filter's covariance, which is of millimetres. One that is too large is scaled
-    down, and a matrix that is not a covariance is replaced by the nearest one.
+    A covariance that is not finite counts as zero: the spread is usually much larger than the
+    filter's covariance. One that is too large is scaled down, and a matrix that is not a covariance
+    is replaced by the nearest one.
 
     Args:
         covariance_W: Covariance of the object's position in W, shape (3, 3), in m².

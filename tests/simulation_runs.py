@@ -7,6 +7,7 @@ from pydrake.math import RigidTransform
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import BoxSolid, load_scenario, run
+from drake_pregrasp.cli.run_command import print_result
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 
 
@@ -14,6 +15,12 @@ def run_text(name, text, folder, **options):
     """Runs a shipped scenario with the overrides of a text, without a recording."""
     scenario = load_scenario(name, text=f"{{{text}}}")
     return run(scenario, name=name, out=folder, recording=False, **options)
+
+
+def closing_words(result, capsys):
+    """Returns what a command says of a run at its end, by the first word of each line."""
+    print_result(result, recorded=False)
+    return dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
 
 
 def run_log(result, file="log.csv"):

@@ -12,12 +12,14 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BusValue, DiagramBuilder
 
 from drake_pregrasp import (
+    AddPregraspPlanner,
     BoxSolid,
     ContactStatus,
     GraspConfig,
     HandController,
     HandModel,
     MeasurementVerdict,
+    PlannerConfig,
     TrackingStatus,
     box_surface,
     load_hand,
@@ -27,6 +29,7 @@ from drake_pregrasp import (
 )
 from drake_pregrasp.cli import main
 from drake_pregrasp.estimation.recorded_poses import MAX_ROWS
+from drake_pregrasp.simulation.run_log import grasp_columns, log_columns
 from drake_pregrasp.studies import runner
 from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS
 from drake_pregrasp.studies.runner import SETTINGS as SWEEP_SETTINGS
@@ -227,6 +230,33 @@ def test_the_guide_to_sweeps_names_what_there_is(capsys):
         main(["sweep", "--help"])
     for option in set(re.findall(r"--\w+", capsys.readouterr().out)) - {"--help"}:
         assert option in text
+
+
+def test_the_strategy_that_contributing_shows_is_planned_with(surface, p_OC):
+    strategy = executed("CONTRIBUTING", block("../CONTRIBUTING.md", "python"))["high_contacts"]
+    heights = []
+    for weight_function in (None, strategy):
+        config = PlannerConfig(static_duration=0.0)
+        planner = AddPregraspPlanner(
+            DiagramBuilder(), config, surface, p_OC, weight_function=weight_function
+        )
+        context = planner.CreateDefaultContext()
+        planner.GetInputPort("X_WO_measured").FixValue(context, RigidTransform())
+        heights.append(planner.GetOutputPort("p_WC").Eval(context)[2::3])
+    assert np.all(heights[1] >= heights[0])
+    assert np.mean(heights[1] - heights[0]) > 0.01
+
+
+def test_the_page_on_run_folders_explains_every_column_and_key(base_run):
+    text = (DOCS / "run_folder.md").read_text(encoding="utf-8")
+    log, grasp, summary = (
+        re.findall(r"`([^`]+)`", " ".join(re.findall(r"^\| (`.*?`) \| ", part, flags=re.MULTILINE)))
+        for part in text.split("\n## ")[1:]
+    )
+    for shown, columns in ((log, log_columns(2)), (grasp, grasp_columns(2))):
+        named = {name.format(i=i) for name in shown for i in range(2)}
+        assert named == set(columns)
+    assert set(summary) == {*base_run.summary, "after_damage", "grasp"}
 
 
 def test_the_page_on_faults_has_a_row_for_each_verdict_and_status():

@@ -155,7 +155,7 @@ class PlannerConfig:
     best_point: bool = False
 
     # Standard deviation added to the filter's covariance in the Gaussian weights, in metres. The
-    # filter's own is a few millimetres, which always selects the candidate closest to the centre.
+    # filter's own, 0.2 mm in the base case, would select the candidate closest to the centre.
     position_spread: float = field(default=0.04, metadata={"at_least": 1e-6, "at_most": 1000})
 
     # What keeps a region from extending through a thin wall: nothing, the angle between outward

@@ -93,11 +93,12 @@ class SelectionInput:
     """Input of the selection of contact goals at one tick, for the strategies.
 
     Attributes:
-        surface: The object's surface, in the frame of its estimated pose. Its centre of mass is
-            by definition the mean of the estimated position in O.
+        surface: The object's surface, in O. The mean mu of the Gaussian weights is its centre of
+            mass, because O has the estimated pose.
         p_OC: Contact points as they are, shape (n, 3), in metres.
         regions: The contacts' safe regions.
-        covariance_O: Covariance of the estimated position, expressed in O, shape (3, 3), in m².
+        covariance_O: Covariance Sigma of the Gaussian weights, expressed in O, shape (3, 3), in m²:
+            that of the estimated position, plus the square of `position_spread`.
     """
 
     surface: ObjectSurface

@@ -7,6 +7,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.planner_config import PlannerConfig
+from drake_pregrasp.contacts.selection_input import WeightFunction
 from drake_pregrasp.diagrams.wiring import connect, export_inputs, export_outputs
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
@@ -59,6 +60,7 @@ class PregraspPlanner(Diagram):
         surface: The object's surface.
         p_OC: Initial contact points on the surface, in O, shape (n, 3), in metres.
         fingertip_frames: Names for `fingertip_targets`; see `CentroidSelector`.
+        weight_function: A strategy of your own; see `CentroidSelector`.
     """
 
     def __init__(
@@ -68,6 +70,7 @@ class PregraspPlanner(Diagram):
         p_OC: FloatArray,
         *,
         fingertip_frames: Sequence[str] | None = None,
+        weight_function: WeightFunction | None = None,
     ) -> None:
         super().__init__()
         builder = DiagramBuilder()
@@ -81,7 +84,13 @@ class PregraspPlanner(Diagram):
         )
         selector = builder.AddNamedSystem(
             "centroid_selector",
-            CentroidSelector(config, surface=surface, p_OC=p_OC, fingertip_frames=fingertip_frames),
+            CentroidSelector(
+                config,
+                surface=surface,
+                p_OC=p_OC,
+                fingertip_frames=fingertip_frames,
+                weight_function=weight_function,
+            ),
         )
         connect(builder, estimator, "X_WO_estimated V_WO_estimated", partitioner)
         connect(builder, estimator, "X_WO_estimated p_WO_covariance tracking_status", selector)
@@ -106,6 +115,7 @@ def AddPregraspPlanner(
     p_OC: FloatArray,
     *,
     fingertip_frames: Sequence[str] | None = None,
+    weight_function: WeightFunction | None = None,
     name: str = "pregrasp_planner",
 ) -> PregraspPlanner:
     """Adds a `PregraspPlanner` to a diagram, and returns it.
@@ -118,9 +128,13 @@ def AddPregraspPlanner(
         surface: The object's surface, in the object frame O.
         p_OC: Initial contact points on the surface, in O, shape (n, 3), in metres.
         fingertip_frames: Names for `fingertip_targets`, one for each contact.
+        weight_function: A strategy of your own, in place of `config.strategy`; see
+            `CentroidSelector`.
         name: Name of the system.
     """
     p_OC = np.asarray(p_OC, dtype=float)
-    planner = PregraspPlanner(config, surface, p_OC, fingertip_frames=fingertip_frames)
+    planner = PregraspPlanner(
+        config, surface, p_OC, fingertip_frames=fingertip_frames, weight_function=weight_function
+    )
     builder.AddNamedSystem(name, planner)
     return planner

@@ -84,8 +84,7 @@ class PoseBelief:
         v_WCoM: Mean of its velocity, shape (3,), in m/s.
         R_WO: Mean orientation, shape (3, 3).
         w_WO: Mean angular velocity, shape (3,), in rad/s.
-        P_position: Covariance of (p_WCoM, v_WCoM), shape (6, 6); its upper left block is the
-            Sigma of the Gaussian weights.
+        P_position: Covariance of (p_WCoM, v_WCoM), shape (6, 6).
         P_orientation: Covariance of the errors (theta, w_WO), shape (6, 6), where the true
             orientation is Exp(theta) R_WO with theta expressed in W.
     """

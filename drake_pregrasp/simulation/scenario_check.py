@@ -90,9 +90,9 @@ def _count_problems(key: str, value: float, count: float, most: int, what: str) 
         yield key, f"{problem}, or a shorter simulation_duration"
 
 
-def _length_problems(key: str, values: list[Any], n: int, what: str = "elements") -> Problems:
+def _length_problems(key: str, values: list[Any], n: int) -> Problems:
     if len(values) not in (0, n):
-        yield key, f"{len(values)} {what} must be none or one for each of the {n} contacts"
+        yield key, f"has {len(values)}; give one for each of the {n} contacts, or none"
 
 
 def _size_problems(key: str, size: float, largest: float, hint: str = "") -> Problems:
@@ -106,7 +106,7 @@ def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     yield from _size_problems("surface.spacing", scenario.surface.spacing, np.max(extents))
     if scenario.ring_contacts > places:
         yield "ring_contacts", f"{count} is more than the {places} places there are on this surface"
-    yield from _length_problems("hand.fingertips", scenario.hand.fingertips, count, "rows")
+    yield from _length_problems("hand.fingertips", scenario.hand.fingertips, count)
     periods = [
         ("planner.period", planner.period, MAX_TICKS, "ticks"),
         ("plant_config.time_step", plant.time_step, MAX_STEPS, "steps"),
@@ -122,7 +122,7 @@ def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
                 problem = f"{scenario.initial_contacts[index]} is {1e3 * distance:.3g} mm off the"
                 rule = f"at most {1e3 * CONTACT_TOLERANCE} mm, so one coordinate must be 1 or -1"
                 yield f"initial_contacts[{index}]", f"{problem} surface; {rule} and none beyond"
-    yield from _length_problems("contact_weights", scenario.contact_weights, count, "numbers")
+    yield from _length_problems("contact_weights", scenario.contact_weights, count)
     yield from _damage_problems(scenario)
     if not isinstance(scenario.object, Box) and plant.contact_model == "point":
         problem = "point contact fills what is hollow, and only boxes stand on it"

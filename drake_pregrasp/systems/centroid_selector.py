@@ -14,7 +14,12 @@ from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.planner_config import BlendConfig, PlannerConfig
 from drake_pregrasp.contacts.centroids import select_contacts, verify_contacts
 from drake_pregrasp.contacts.goal_limits import hold_contacts
-from drake_pregrasp.contacts.selection_input import ContactGoals, ContactStatus, SelectionInput
+from drake_pregrasp.contacts.selection_input import (
+    ContactGoals,
+    ContactStatus,
+    SelectionInput,
+    WeightFunction,
+)
 from drake_pregrasp.contacts.strategies import BLEND, make_blend, make_strategy
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.fast import fast_goals
@@ -88,6 +93,9 @@ class CentroidSelector(LeafSystem):
         surface: The object's surface.
         p_OC: Initial contact points on the surface, in O, shape (n, 3), in metres, n >= 1.
         fingertip_frames: Names for `fingertip_targets`; by default `fingertip_0` and so on.
+        weight_function: A strategy of your own, in place of `config.strategy`: maps a
+            `SelectionInput` and the index i of a contact to log(b_n) of the candidates in its safe
+            region, shape (k,).
 
     Raises:
         InvalidArgumentError: If an argument or a field of `config` is out of its range.
@@ -101,6 +109,7 @@ class CentroidSelector(LeafSystem):
         surface: ObjectSurface,
         p_OC: FloatArray,
         fingertip_frames: Sequence[str] | None = None,
+        weight_function: WeightFunction | None = None,
         **deprecated: Any,
     ) -> None:
         super().__init__()
@@ -122,18 +131,16 @@ class CentroidSelector(LeafSystem):
         self._fingertip_frames = list(fingertip_frames or [f"fingertip_{i}" for i in range(n)])
         if len(self._fingertip_frames) != n:
             raise InvalidArgumentError(f"{n} contacts need {n} fingertip frames")
-        options = {k: getattr(config, k) for k in ("reading", "stretch", "power", "friction")}
-        if config.strategy == BLEND:
-            self._strategy = make_blend(asdict(config.blend), **options)
-        else:
-            self._strategy = make_strategy(config.strategy, **options)
-        self._fast_goals = fast_goals(
-            surface,
-            config.strategy,
-            reading=config.reading,
-            stretch=config.stretch,
-            power=config.power,
-        )
+        options = {name: getattr(config, name) for name in ("reading", "stretch", "power")}
+        self._fast_goals = None
+        if weight_function is None:
+            self._fast_goals = fast_goals(surface, config.strategy, **options)
+            options["friction"] = config.friction
+            if config.strategy == BLEND:
+                weight_function = make_blend(asdict(config.blend), **options)
+            else:
+                weight_function = make_strategy(config.strategy, **options)
+        self._strategy = weight_function
         self._config, self._surface = config, surface
         self._limits = limits or config.limits.make_limits(config.period, config.friction)
 

@@ -1,7 +1,6 @@
 """Safe regions, contact goals, their trails and the estimate's covariance in Meshcat."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.geometry import Meshcat, Rgba, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
@@ -13,7 +12,7 @@ from drake_pregrasp.geometry.sampling import lifted, unit_normals
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions
 from drake_pregrasp.systems.drawing import NO_REGION_COLOR, contact_color, linear_rgb, tint
-from drake_pregrasp.systems.ports import POSE
+from drake_pregrasp.systems.ports import POSE, REGIONS
 
 ROOT = "/drake/pregrasp"
 """Meshcat path under which everything is drawn."""
@@ -93,22 +92,17 @@ class PregraspVisualizer(LeafSystem):
         self._record = record
         self._magnification = covariance_magnification
         self._hover = 0.045 + float(np.max(surface.p_OQ[:, 2]))
-        # Cache of what Meshcat shows; it is no part of the simulated state.
-        self._shown: dict[tuple[str, str], bool | list[float]] = {}
-        self._shown_labels = np.full(len(self._tile_candidates), NO_REGION - 1)
-        self._trail_heads: list[tuple[int, FloatArray] | None] = [None] * num_contacts
+        self._forget()
         self._colors = {i: tint(contact_color(i), 0.3) for i in range(num_contacts)}
         self._colors[NO_REGION] = NO_REGION_COLOR
 
         self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
         self._p_WC = self.DeclareVectorInputPort("p_WC", 3 * num_contacts)
         self._contact_status = self.DeclareVectorInputPort("contact_status", num_contacts)
-        self._safe_regions = self.DeclareAbstractInputPort(
-            "safe_regions", AbstractValue.Make(object())
-        )
+        self._safe_regions = self.DeclareAbstractInputPort("safe_regions", REGIONS)
         self._p_WO_covariance = self.DeclareVectorInputPort("p_WO_covariance", 9)
         self._make_objects(marker_radius)
-        self.DeclareInitializationPublishEvent(self._forget)
+        self.DeclareInitializationPublishEvent(self._restart)
         self.DeclarePeriodicPublishEvent(publish_period, 0.0, self._draw)
         self.DeclareForcedPublishEvent(self._draw)
 
@@ -125,10 +119,14 @@ class PregraspVisualizer(LeafSystem):
                 self._meshcat.SetObject(path, Sphere(0.25 * marker_radius), color)
         self._meshcat.SetObject(f"{ROOT}/covariance/axes", Sphere(1.0), _ELLIPSOID_COLOR)
 
-    def _forget(self, context: Context) -> EventStatus:
-        self._shown.clear()
-        self._trail_heads = [None] * self._num_contacts
+    def _forget(self) -> None:
+        # Cache of what Meshcat shows; it is no part of the simulated state.
+        self._shown: dict[tuple[str, str], bool | list[float]] = {}
         self._shown_labels = np.full(len(self._tile_candidates), NO_REGION - 1)
+        self._trail_heads: list[tuple[int, FloatArray] | None] = [None] * self._num_contacts
+
+    def _restart(self, context: Context) -> EventStatus:
+        self._forget()
         return EventStatus.Succeeded()
 
     def _draw(self, context: Context) -> EventStatus:
@@ -149,21 +147,16 @@ class PregraspVisualizer(LeafSystem):
         changed = np.flatnonzero(labels != self._shown_labels)
         animation = self._meshcat.get_mutable_recording()
         frame = animation.frame(time)
-        for tile, label, before in zip(
-            changed.tolist(),
-            labels[changed].tolist(),
-            self._shown_labels[changed].tolist(),
-            strict=True,
-        ):
-            color = self._colors[label]
+        for tile in changed.tolist():
+            color, before = self._colors[labels[tile]], self._colors.get(self._shown_labels[tile])
             # Like an animated colour, this one is linear; that of `SetObject` is sRGB.
             live = [*linear_rgb(color), color.a()]
             self._meshcat.SetProperty(_tile_path(tile), "color", live)
             if self._record:
                 # A recording interpolates, so a key one frame earlier holds the old colour.
                 target = f"{_tile_path(tile)}/<object>", "material.color"
-                if before in self._colors:
-                    animation.SetProperty(frame - 1, *target, linear_rgb(self._colors[before]))
+                if before is not None:
+                    animation.SetProperty(frame - 1, *target, linear_rgb(before))
                 animation.SetProperty(frame, *target, linear_rgb(color))
         self._shown_labels = labels
 

@@ -118,16 +118,13 @@ class StatusLabels(LeafSystem):
 
     def _place(self, path: str, text: str, color: Rgba, row: int, time: float) -> None:
         if path not in self._made:
-            self._make(path, text, color, time)
+            board = text_board(text, height=self._height, frame_color=color)
+            self._meshcat.SetObject(path, board)
+            if time > 0:
+                self._meshcat.SetProperty(path, "visible", False, 0.0)
+            self._made.add(path)
         X_BR = RigidTransform([0.0, 0.0, row * _ROW * self._height])
         self._meshcat.SetTransform(path, X_BR, time)
-
-    def _make(self, path: str, text: str, color: Rgba, time: float) -> None:
-        board = text_board(text, height=self._height, frame_color=color)
-        self._meshcat.SetObject(path, board)
-        if time > 0:
-            self._meshcat.SetProperty(path, "visible", False, 0.0)
-        self._made.add(path)
 
     def _show(self, contact: int, path: str | None, time: float) -> None:
         before = self._shown[contact]

@@ -47,9 +47,6 @@ def test_it_follows_lifts_and_holds(fast_run):
     assert grasp["slip_lift_mm"] + grasp["slip_hold_mm"] < 1.5
     assert grasp["closing_motion_mm"] < 0.5
     assert 1.0 < min(grasp["tip_forces"]) < max(grasp["tip_forces"]) < 8.0
-
-
-def test_fingertips_keep_off_the_object_before_they_close(fast_run):
     check_gaps(fast_run, 0.065, 0.012, 4)
 
 

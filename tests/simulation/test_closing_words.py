@@ -5,27 +5,10 @@ import re
 
 import numpy as np
 import pytest
-from simulation_runs import points, run_log, run_text
+from simulation_runs import closing_words, points, run_log, run_text
 
 from drake_pregrasp import load_scenario
-from drake_pregrasp.cli.run_command import print_result, run_bar
-
-
-def words(result, capsys):
-    print_result(result, recorded=False)
-    return dict(line.split(maxsplit=1) for line in capsys.readouterr().out.splitlines())
-
-
-@pytest.mark.slow
-def test_after_a_damage_they_are_of_the_time_after_it(tmp_path, capsys):
-    text = "simulation_duration: 6.5, damage: [{at: 5.0, contacts: [3, 4]}]"
-    result = run_text("f_damage", text, tmp_path)
-    after = result.summary["after_damage"]
-    said = words(result, capsys)
-    assert "damage" in said
-    assert f"Q_VEW {after['static']['q_vew']:.4f}" in said["static"]
-    assert f"Q_VEW {after['max']['q_vew']:.4f}" in said["best"]
-    assert after["max"]["q_vew"] < 28
+from drake_pregrasp.cli.run_command import run_bar
 
 
 @pytest.mark.slow
@@ -40,7 +23,7 @@ def test_an_object_that_falls_off_the_table_is_noticed(tmp_path, capsys):
     before = (log["time"] > 0.99) & (log["time"] < left)
     assert result.summary["max"]["q_msv"] == log["q_msv"][before].max()
     assert result.summary["object_lost_at"] is None
-    assert words(result, capsys)["object"].startswith(f"left the table at {left:g} s")
+    assert closing_words(result, capsys)["object"].startswith(f"left the table at {left:g} s")
 
 
 @pytest.mark.slow
@@ -54,7 +37,7 @@ def test_an_object_that_is_lost_for_good_is_noticed(tmp_path, capsys):
     log = run_log(result)
     before = (log["time"] > 0.99) & (log["time"] < lost)
     assert result.summary["mean"]["q_vew"] == pytest.approx(log["q_vew"][before].mean())
-    assert words(result, capsys)["object"].startswith(f"was lost for good at {lost:g} s")
+    assert closing_words(result, capsys)["object"].startswith(f"was lost for good at {lost:g} s")
 
 
 @pytest.mark.slow
@@ -63,7 +46,7 @@ def test_a_sound_run_lost_nothing_and_a_best_value_below_static_is_said(base_run
     static, best = base_run.summary["static"], base_run.summary["max"]
     assert best["q_msv"] > static["q_msv"]
     assert best["q_vew"] < static["q_vew"]
-    said = words(base_run, capsys)
+    said = closing_words(base_run, capsys)
     assert "object" not in said
     assert said["worse"] == f"best Q_VEW is {static['q_vew'] - best['q_vew']:.2g} below static"
 

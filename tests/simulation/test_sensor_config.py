@@ -8,12 +8,9 @@ from drake_pregrasp.config.sensor_config import SensorConfig
 NAMES = [name for name, (file, _) in shipped_scenarios().items() if file.stem == "faults"]
 
 
-def test_by_default_there_are_no_faults():
-    assert not SensorConfig().faults.are_any
-
-
 @pytest.mark.parametrize("name", NAMES)
 def test_a_shipped_fault_is_on_from_6_to_12_of_20_s(name):
+    assert not SensorConfig().faults.are_any
     scenario = load_scenario(name)
     faults = scenario.sensor.faults
     assert faults.are_any

@@ -16,7 +16,6 @@ from drake_pregrasp import (
     EstimatorConfig,
     FingertipGoalShaper,
     FingertipSensor,
-    ForbiddenPoints,
     GraspConfig,
     GraspQualityMonitor,
     GraspSequencer,
@@ -150,144 +149,85 @@ def partition(surface, p_OC, inputs=None, X=X_WO, **settings):
     return driven.eval("safe_regions")
 
 
-# A sound value for every input of each system, and another one that its outputs follow.
+# Systems of an object at X_G, with two values for each port: a sound one, and another.
 
 SURFACE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
 P_OC = load_scenario("a_base").initial_p_OC(SURFACE)
 OTHER = P_OC * [1, -1, 1]
-GOALS = P_OC.ravel(), OTHER.ravel()
 X_G = RigidTransform([0.3, -0.2, 0.1])
-X_B = RigidTransform(RollPitchYaw(0.1, -0.2, 0.3), [0.02, 0.03, 0.01])
-POSES, GRASP_POSES = (RigidTransform(), X_B), (X_G, X_G @ X_B)
+TURNED = RigidTransform(RollPitchYaw(0.1, -0.2, 0.3), [0.02, 0.03, 0.01])
 SLOW = SpatialVelocity(w=[0, 0.01, 0], v=[0.01, 0, 0])
-VELOCITIES = SLOW, SpatialVelocity(w=[0, 0, 0.5], v=[0.1, 0, 0])
-STATUS = np.ones(N), np.array([1.0, 1, 1, 1, 0])
-TRACKED = [TrackingStatus.TRACKING], [TrackingStatus.LOST]
-REACH = {"reach": [BallReach(center=[0, 0, 0], radius=0.06)] * N}
-AHEAD = {"tip_radii": [RADIUS] * N, "horizon": 1.0}
+FAST = SpatialVelocity(w=[0, 0, 0.5], v=[0.1, 0, 0])
+LIMITS = {
+    "reach": [BallReach(center=[0, 0, 0], radius=0.06)] * N,
+    "tip_radii": [RADIUS] * N,
+    "horizon": 1.0,
+}
 FAULTS = MeasurementFaults(dropout_rate=1e-9)
+MEASURES = MeasuresConfig(contact_model="hard_finger")
+MAKERS = {
+    "sensor": lambda: NoisyPoseSensor(SensorConfig(0.1, 0.1)),
+    "sensor with memory": lambda: NoisyPoseSensor(SensorConfig(0.1, 0.1, FAULTS), period=0.1),
+    "estimator": make_estimator,
+    "partitioner": lambda: make_partitioner(SURFACE, limits=LIMITS),
+    "selector": lambda: make_selector(SURFACE, P_OC),
+    "hand pose": lambda: HandPose(X_G),
+    "fingertip sensor": lambda: FingertipSensor(HAND.kinematics),
+    "reference": make_reference,
+    "carrier": lambda: make_carrier(np.zeros(NQ)),
+    "arm": lambda: make_arm(p_WG=X_G.translation()),
+    "shaper": lambda: make_shaper(lead=0.03, target_period=CONTROL_PERIOD),
+    "sequencer": make_sequencer,
+    "monitor": lambda: GraspQualityMonitor(MEASURES, surface=SURFACE, num_contacts=N),
+}
+
+
+def in_world(p_GQ):
+    return (X_G @ p_GQ.T).T
 
 
 def ring(radius):
     """Points of the fingers at a radius from the origin of G, in W."""
-    return (X_G @ (radius * RING).T).T
-
-
-def point(x):
-    return Obstacles(points=ForbiddenPoints(np.array([[x, 0.0, 0.0]]), np.array([0.03])))
+    return in_world(radius * RING)
 
 
 def wall(x):
-    return Obstacles((HalfSpace(np.array([x, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])),))
+    """A wall at x in G."""
+    return Obstacles((HalfSpace(X_G @ np.array([x, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])),))
 
 
-SENSED = {"X_WO": POSES, "noise": (np.zeros(6), np.ones(6))}
-REGIONS = {"X_WO_estimated": POSES, "p_WC": GOALS}
-PALM = {
-    "tip_goals": (bus(ring(0.08), RING), bus(P_OC, RING)),
-    "X_WG": GRASP_POSES,
-    "V_WG": VELOCITIES,
-    "X_WO_estimated": GRASP_POSES,
+FRAME_NAMES = ("X_WO", "X_WO_estimated", "X_WO_measured", "X_WG", "X_WH", "X_WU")
+CONTACT_FRAMES = np.concatenate([0.05 * RING, RING]).ravel()
+VALUES = {
+    **dict.fromkeys(FRAME_NAMES, (X_G, X_G @ TURNED)),
+    "V_WO_estimated": (SLOW, FAST),
+    "V_WG": (SLOW, FAST),
+    "noise": (np.zeros(6), np.ones(6)),
+    "measurement_time": ([0.0], [-np.inf]),
+    "p_WO_covariance": (1e-6 * np.eye(3).ravel(), 1e-2 * np.eye(3).ravel()),
+    "tracking_status": ([TrackingStatus.TRACKING], [TrackingStatus.LOST]),
+    "contact_weights": (np.zeros(N), np.array([0, 0, 0, 0, 1e-2])),
+    "obstacles": (wall(0.12), wall(0.06)),
+    "safe_regions": (regions_of(SURFACE, P_OC), regions_of(SURFACE, OTHER)),
+    "p_WC": (in_world(P_OC).ravel(), in_world(OTHER).ravel()),
+    "contact_status": (np.ones(N), np.array([1.0, 1, 1, 1, 0])),
+    "hold_contacts": ([0.0], [1.0]),
+    "fingertip_targets": (bus(ring(0.05), RING), bus(ring(0.06), RING)),
+    "tip_goals": (bus(ring(0.08), RING), bus(in_world(P_OC), RING)),
+    "standoffs": (np.full(N, 0.02), np.zeros(N)),
+    "fingers_hold": (np.zeros(N), np.ones(N)),
+    "close": ([0.0], [1.0]),
+    "contact_frames": (CONTACT_FRAMES, -CONTACT_FRAMES),
+    "p_WT": (ring(0.05 + RADIUS + 0.02).ravel(), ring(0.05).ravel()),
+    "f_T_W": (np.zeros(3 * N), np.ones(3 * N)),
+    "hand_state": (np.zeros(2 * NQ), np.full(2 * NQ, 0.1)),
+    "net_actuation": (np.ones(NQ), np.full(NQ, 2.0)),
+    "commanded_velocity": (np.full(NQ, 0.1), np.zeros(NQ)),
 }
-CASES = {
-    "sensor": (lambda: NoisyPoseSensor(SensorConfig(0.1, 0.1)), SENSED),
-    "sensor with memory": (
-        lambda: NoisyPoseSensor(SensorConfig(0.1, 0.1, FAULTS), period=0.1),
-        SENSED,
-    ),
-    "estimator": (
-        make_estimator,
-        {"X_WO_measured": POSES, "measurement_time": ([0.0], [-np.inf])},
-    ),
-    "partitioner": (
-        lambda: make_partitioner(SURFACE, limits=REACH),
-        REGIONS
-        | {
-            "contact_weights": (np.zeros(N), np.array([0, 0, 0, 0, 1e-2])),
-            "obstacles": (point(9.0), point(0.06)),
-            "X_WH": POSES,
-        },
-    ),
-    "partitioner that looks ahead": (
-        lambda: make_partitioner(SURFACE, limits=AHEAD),
-        REGIONS | {"obstacles": (wall(0.06), wall(0.12)), "V_WO_estimated": VELOCITIES},
-    ),
-    "selector": (
-        lambda: make_selector(SURFACE, P_OC),
-        {
-            "X_WO_estimated": POSES,
-            "p_WO_covariance": (1e-6 * np.eye(3).ravel(), 1e-2 * np.eye(3).ravel()),
-            "safe_regions": (regions_of(SURFACE, P_OC), regions_of(SURFACE, OTHER)),
-            "hold_contacts": ([0.0], [1.0]),
-            "tracking_status": TRACKED,
-        },
-    ),
-    "hand pose": (lambda: HandPose(X_G), {"X_WO_estimated": POSES}),
-    "fingertip_sensor": (
-        lambda: FingertipSensor(HAND.kinematics),
-        {
-            "hand_state": (np.zeros(2 * NQ), np.full(2 * NQ, 0.1)),
-            "net_actuation": (np.ones(NQ), np.full(NQ, 2.0)),
-        },
-    ),
-    "reference": (
-        make_reference,
-        {
-            "commanded_velocity": (np.full(NQ, 0.1), np.zeros(NQ)),
-            "f_T_W": (np.ones(3 * N), np.zeros(3 * N)),
-        },
-    ),
-    "carrier": (lambda: make_carrier(np.zeros(NQ)), PALM),
-    "arm": (lambda: make_arm(p_WG=X_G.translation()), PALM),
-    "shaper": (
-        lambda: make_shaper(lead=0.03, target_period=CONTROL_PERIOD),
-        {
-            "fingertip_targets": (bus(ring(0.05), RING), bus(ring(0.06), RING)),
-            "contact_status": STATUS,
-            "X_WO_estimated": GRASP_POSES,
-            "X_WG": GRASP_POSES,
-            "V_WG": VELOCITIES,
-            "standoffs": (np.full(N, 0.02), np.zeros(N)),
-            "hold_contacts": ([0.0], [1.0]),
-            "X_WU": GRASP_POSES,
-            "fingers_hold": (np.zeros(N), np.ones(N)),
-            "tracking_status": TRACKED,
-        },
-    ),
-    "sequencer": (
-        make_sequencer,
-        {
-            "close": ([0.0], [1.0]),
-            "contact_status": STATUS,
-            "contact_frames": (
-                np.concatenate([0.05 * RING, RING]).ravel(),
-                -np.concatenate([0.05 * RING, RING]).ravel(),
-            ),
-            "X_WO_estimated": GRASP_POSES,
-            "V_WO_estimated": VELOCITIES,
-            "p_WT": (ring(0.05 + RADIUS + 0.02).ravel(), ring(0.05).ravel()),
-            "f_T_W": (np.zeros(3 * N), np.ones(3 * N)),
-            "tracking_status": TRACKED,
-        },
-    ),
-    "monitor": (
-        lambda: GraspQualityMonitor(
-            MeasuresConfig(contact_model="hard_finger"), surface=SURFACE, num_contacts=N
-        ),
-        {
-            "p_WC": (ring(0.05).ravel(), ring(0.03).ravel()),
-            "X_WO": GRASP_POSES,
-            "contact_status": STATUS,
-        },
-    ),
-}
-
-
-def sound_inputs(name):
-    return {port: sound for port, (sound, _) in CASES[name][1].items()}
 
 
 def driven(name):
-    """A system with sound inputs."""
-    make, _ = CASES[name]
-    return Driven(make(), **sound_inputs(name))
+    """A system with a sound value at each of its ports."""
+    system = MAKERS[name]()
+    ports = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
+    return Driven(system, **{port: VALUES[port][0] for port in ports})

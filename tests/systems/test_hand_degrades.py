@@ -13,6 +13,7 @@ from made_systems import (
     driven,
     points_of,
     ring,
+    wall,
 )
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
@@ -21,7 +22,6 @@ from pydrake.systems.framework import BusValue
 
 from drake_pregrasp import (
     GraspConfig,
-    HalfSpace,
     InvalidArgumentError,
     Obstacles,
     TrackingStatus,
@@ -32,6 +32,13 @@ BAD_NUMBERS = [np.nan, np.inf, -np.inf, 1e300]
 NO_POSE = RigidTransform(RotationMatrix.MakeUnchecked(np.full((3, 3), np.nan)), np.zeros(3))
 FAR = RigidTransform([1e300, 0.0, np.nan])
 SKEW = RigidTransform(RotationMatrix.MakeUnchecked(np.ones((3, 3))), np.zeros(3))
+
+
+def spoiled_wall(number):
+    """A wall whose place is spoilt after it is made, since it is refused otherwise."""
+    obstacles = wall(9.0)
+    obstacles.solids[0].point[0] = number
+    return obstacles
 
 
 def spoiled(value, number):
@@ -45,6 +52,8 @@ def spoiled(value, number):
         points[2, 1] = number
         yield bus(points, RING)
         yield BusValue()
+    elif isinstance(value, Obstacles):
+        yield spoiled_wall(number)
     else:
         for index in {0, len(value) - 1}:
             one = np.array(value, dtype=float)
@@ -105,9 +114,7 @@ def test_tips_stay_where_an_obstacle_may_be_anywhere():
     player = driven("shaper")
     player.tick(2)
     before = player.array("p_GT")
-    table = HalfSpace(np.array([0.0, 0, -9]), np.array([0.0, 0, 1]))
-    table.point[2] = np.nan
-    player.fix(contact_status=np.zeros(N), obstacles=Obstacles((table,)))
+    player.fix(contact_status=np.zeros(N), obstacles=spoiled_wall(np.nan))
     player.tick(5)
     np.testing.assert_array_equal(player.array("p_GT"), before)
     player.fix(obstacles=Obstacles())
@@ -216,7 +223,7 @@ def test_a_reference_stays_where_velocities_are_not_known(number):
 
 
 def test_what_fingers_feel_is_unknown_where_their_joints_are():
-    sensor = driven("fingertip_sensor")
+    sensor = driven("fingertip sensor")
     sensor.fix(hand_state=np.full(2 * NQ, np.nan))
     assert np.all(np.isnan(sensor.numbers()))
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from driven import Driven
-from made_systems import CASES, SETTINGS, N, sound_inputs
+from made_systems import MAKERS, SETTINGS, VALUES, N, driven
 
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 
@@ -13,23 +13,23 @@ FIRST = GraspState.first(N, SETTINGS)
 TOUCHED = replace(FIRST, phase=GraspPhase.CLOSE, touched=np.ones(N, dtype=bool))
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", MAKERS)
 def test_outputs_follow_their_inputs(name):
-    make, values = CASES[name]
-    system, sound = make(), sound_inputs(name)
+    sound = driven(name)
+    system, inputs = sound.system, sound.inputs
 
-    def fixed(inputs):
-        driven = Driven(system, **inputs)
+    def numbers(fresh):
         if name == "sequencer":  # With this state, forces depend on contacts.
-            driven.context.SetDiscreteState(0, TOUCHED.to_vector())
-        return driven
+            fresh.context.SetDiscreteState(0, TOUCHED.to_vector())
+        return fresh.numbers()
 
-    for port, (_, other) in values.items():
-        driven = fixed(sound)
-        before = driven.numbers()
-        driven.fix(**{port: other})
-        after = driven.numbers()
-        np.testing.assert_array_equal(after, fixed(sound | {port: other}).numbers())
+    for port in inputs:
+        changed = Driven(system, **inputs)
+        before = numbers(changed)
+        other = {port: VALUES[port][1]}
+        changed.fix(**other)
+        after = changed.numbers()
+        np.testing.assert_array_equal(after, numbers(Driven(system, **(inputs | other))))
         index = system.GetInputPort(port).get_index()
         outputs = range(system.num_output_ports())
         is_used = any(system.HasDirectFeedthrough(index, output) for output in outputs)

@@ -142,7 +142,7 @@ def test_an_arm_takes_up_a_jump_without_one():
 def test_a_palm_on_an_arm_stays_in_its_range():
     posture = arm(yaw_range=LIMITED)
     for tick in range(60):
-        place(posture, tick, yaw=1.0)
+        place(posture, tick, yaw=1.0, w=1.0)
         posture.update()
     R_WG = palm_goal(posture).rotation() @ X_GP.rotation().inverse()
     assert RollPitchYaw(R_WG).yaw_angle() == pytest.approx(LIMITED[1])
