@@ -2,10 +2,11 @@
 
 from drake_pregrasp.config.grasp_config import GraspConfig, hand_limits
 from drake_pregrasp.config.hand_description import HandDescription
-from drake_pregrasp.config.limits_config import BallReach, BoxReach, LimitsConfig, Pair, SectorReach
+from drake_pregrasp.config.limits_config import BallReach, BoxReach, LimitsConfig, SectorReach
 from drake_pregrasp.config.object_config import Box, Conveyor
 from drake_pregrasp.config.planner_config import BlendConfig, EstimatorConfig, PlannerConfig
 from drake_pregrasp.contacts.assignment import ring_contacts
+from drake_pregrasp.contacts.goal_limits import Pair
 from drake_pregrasp.contacts.selection_input import ContactStatus, SelectionInput, WeightFunction
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel

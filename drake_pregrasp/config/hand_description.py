@@ -6,12 +6,10 @@ A description adds to a model file what the model does not contain; docs/own_han
 from dataclasses import dataclass, field
 
 from drake_pregrasp.config.limits_config import ReachConfig, SectorReach
-from drake_pregrasp.config.object_config import zeros
+from drake_pregrasp.config.object_config import POINT, zeros
 from drake_pregrasp.geometry.box_surface import BOX_FACES
 
-_LENGTH = {"at_least": -10, "at_most": 10}
 _ANGLE = {"at_least": -10, "at_most": 10}
-_POINT = {"length": 3, **_LENGTH}
 
 
 @dataclass
@@ -41,10 +39,10 @@ class Arm:
     home: list[float] = field(default_factory=list, metadata={"required": True, **_ANGLE})
 
     # Position of the palm over the object's origin at yaw 0, along the axes of W, in metres.
-    palm_position: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
+    palm_position: list[float] = field(default_factory=zeros, metadata={"required": True, **POINT})
 
     # Orientation of the palm at yaw 0, as roll, pitch and yaw in W, in radians.
-    palm_rpy: list[float] = field(default_factory=zeros, metadata={"length": 3, **_ANGLE})
+    palm_rpy: list[float] = field(default_factory=zeros, metadata=POINT)
 
 
 BaseConfig = Carrier | Arm

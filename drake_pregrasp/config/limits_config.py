@@ -3,18 +3,16 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-from pydrake.math import RollPitchYaw
 
-from drake_pregrasp.config.object_config import zeros
-from drake_pregrasp.contacts.goal_limits import ContactLimits, CoupledPair
+from drake_pregrasp.config.object_config import POINT, BoxFields, zeros
+from drake_pregrasp.contacts.goal_limits import ContactLimits, Pair
 from drake_pregrasp.contacts.quality_guard import GUARDS, guard_measure
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.box_surface import BOX_FACES
 from drake_pregrasp.geometry.mesh_surface import AxisArea
-from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, Solid
+from drake_pregrasp.geometry.solids import BallSolid, Solid
 from drake_pregrasp.regions.constraints import FingerReach
 
-_POINT = {"length": 3, "at_least": -10, "at_most": 10}
 _HALF_TURN = 3.1416  # Largest angle between two directions, in radians.
 
 
@@ -46,7 +44,7 @@ class BallReach(_Incidence):
     """Reach of a finger: a ball."""
 
     # Centre of the ball in the hand frame H, in metres.
-    center: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
+    center: list[float] = field(default_factory=zeros, metadata={"required": True, **POINT})
 
     # Radius, in metres.
     radius: float = field(default=0.0, metadata={"required": True, "above": 0, "at_most": 10})
@@ -57,26 +55,12 @@ class BallReach(_Incidence):
 
 
 @dataclass
-class BoxReach(_Incidence):
-    """Reach of a finger: a box."""
-
-    # Edge lengths, in metres.
-    size: list[float] = field(
-        default_factory=zeros, metadata={"required": True, "length": 3, "above": 0, "at_most": 10}
-    )
-
-    # Centre of the box in the hand frame H, in metres.
-    center: list[float] = field(default_factory=zeros, metadata=_POINT)
-
-    # Orientation of the box in H, as roll, pitch and yaw, in radians.
-    rpy: list[float] = field(
-        default_factory=zeros, metadata={"length": 3, "at_least": -10, "at_most": 10}
-    )
+class BoxReach(BoxFields, _Incidence):
+    """Reach of a finger: a box in the hand frame H."""
 
     def make_reach(self) -> FingerReach:
         """Returns the reach, in H."""
-        R_HB = RollPitchYaw(self.rpy).ToRotationMatrix().matrix()
-        return self._reach_in(BoxSolid(np.array(self.center), R_HB, np.array(self.size)))
+        return self._reach_in(self.make_solid())
 
 
 @dataclass
@@ -105,23 +89,6 @@ ReachConfig = BallReach | BoxReach | SectorReach
 
 
 _LENGTH = {"at_least": 0, "at_most": 10}
-
-
-@dataclass
-class Pair:
-    """Two contacts of one finger at a fixed distance, such as its tip and the joint before it."""
-
-    # Index of the contact that moves freely.
-    first: int = field(default=0, metadata={"required": True, "at_least": 0})
-
-    # Index of the contact that follows it.
-    second: int = field(default=0, metadata={"required": True, "at_least": 0})
-
-    # Distance between the two contacts, in metres.
-    distance: float = field(default=0.0, metadata={"required": True, "above": 0, "at_most": 10})
-
-    # Largest error of the distance, in metres.
-    tolerance: float = field(default=0.0005, metadata={"at_least": 1e-5, "at_most": 1})
 
 
 @dataclass
@@ -195,9 +162,7 @@ class LimitsConfig:
         return ContactLimits(
             max_step=min((step for step in steps if step > 0), default=np.inf),
             deadband=self.deadband,
-            pairs=tuple(
-                CoupledPair(p.first, p.second, p.distance, p.tolerance) for p in self.pairs
-            ),
+            pairs=tuple(self.pairs),
             recover=self.recover,
             guard=guard_measure(self.guard, friction),
         )

@@ -3,6 +3,11 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
+from pydrake.math import RollPitchYaw
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.estimation.recorded_poses import RecordedPoses, read_recorded_poses
 from drake_pregrasp.geometry.shapes import (
     Shape,
     ball_shape,
@@ -11,12 +16,38 @@ from drake_pregrasp.geometry.shapes import (
     load_shape,
     revolved_shape,
 )
+from drake_pregrasp.geometry.solids import BoxSolid
 from drake_pregrasp.resources import resolve_path
 
 
 def zeros() -> list[float]:
     """Returns three zeros: a default for points, directions and angles."""
     return [0.0, 0.0, 0.0]
+
+
+POINT = {"length": 3, "at_least": -10, "at_most": 10}
+"""Rules of a place, a direction or an orientation near the object or the hand."""
+
+
+@dataclass
+class BoxFields:
+    """A box in a frame F, which the classes of this schema name."""
+
+    # Edge lengths, in metres.
+    size: list[float] = field(
+        default_factory=zeros, metadata={"required": True, "length": 3, "above": 0, "at_most": 10}
+    )
+
+    # Centre in F, in metres.
+    center: list[float] = field(default_factory=zeros, metadata=POINT)
+
+    # Orientation in F, as roll, pitch and yaw, in radians.
+    rpy: list[float] = field(default_factory=zeros, metadata=POINT)
+
+    def make_solid(self) -> BoxSolid:
+        """Returns the box, in F."""
+        R_FB = RollPitchYaw(self.rpy).ToRotationMatrix().matrix()
+        return BoxSolid(np.array(self.center), R_FB, np.array(self.size))
 
 
 _LENGTH = {"at_least": 0.001, "at_most": 1}
@@ -201,6 +232,10 @@ class Push:
     # Height of the tip's centre over the table, in metres.
     height: float = field(default=0.03, metadata={"at_least": 0.012, "at_most": 0.5})
 
+    def unit_vector(self) -> FloatArray:
+        """Returns the unit vector of the tip's motion, in W, shape (3,)."""
+        return np.array([np.cos(self.direction), np.sin(self.direction), 0.0])
+
 
 @dataclass
 class PoseStream:
@@ -210,6 +245,14 @@ class PoseStream:
     # pose of the object O in W. A relative path starts at the folder of the scenario's
     # file, package://drake_pregrasp/ at the folder of the package's models.
     file: str = field(default="", metadata={"required": True, "path": True})
+
+    def read(self) -> RecordedPoses:
+        """Returns the poses in the file.
+
+        Raises:
+            InvalidArgumentError: If the file can't be read, or holds no valid poses.
+        """
+        return read_recorded_poses(resolve_path(self.file, Path.cwd()))
 
 
 MotionConfig = Conveyor | Toss | Push | PoseStream

@@ -1,14 +1,14 @@
 """Configuration of the sampling of the object's surface, and of no-touch areas."""
 
 import contextlib
-import functools
+import dataclasses
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from pydrake.math import RollPitchYaw
 
-from drake_pregrasp.config.object_config import Box, Mesh, ObjectConfig, zeros
+from drake_pregrasp.config.object_config import POINT, Box, BoxFields, Mesh, ObjectConfig, zeros
 from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError, ScenarioError
 from drake_pregrasp.geometry.box_surface import BOX_FACES, box_surface
 from drake_pregrasp.geometry.mesh_surface import (
@@ -19,15 +19,9 @@ from drake_pregrasp.geometry.mesh_surface import (
     mesh_surface,
 )
 from drake_pregrasp.geometry.shapes import Shape
-from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
+from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.resources import resolve_path
-
-_KEPT = 2  # Number of cached surfaces: one for planning and one for drawing.
-
-_POINT = {"length": 3, "at_least": -10, "at_most": 10}
-_ANGLES = {"length": 3, "at_least": -10, "at_most": 10}
-_SIZE = {"length": 3, "above": 0, "at_most": 10}
 
 
 @dataclass
@@ -35,7 +29,7 @@ class Facing:
     """No-touch area: all surface that faces a direction."""
 
     # Direction in O, of any length.
-    direction: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
+    direction: list[float] = field(default_factory=zeros, metadata={"required": True, **POINT})
 
     # Largest angle between the direction and the outward normal, in radians.
     angle: float = field(default=0.785, metadata={"above": 0, "at_most": 3.1416})
@@ -46,22 +40,12 @@ class Facing:
 
 
 @dataclass
-class InsideBox:
-    """No-touch area: all surface inside a box."""
-
-    # Edge lengths, in metres.
-    size: list[float] = field(default_factory=zeros, metadata={"required": True, **_SIZE})
-
-    # Centre in O, in metres.
-    center: list[float] = field(default_factory=zeros, metadata=_POINT)
-
-    # Orientation in O, as roll, pitch and yaw, in radians.
-    rpy: list[float] = field(default_factory=zeros, metadata=_ANGLES)
+class InsideBox(BoxFields):
+    """No-touch area: all surface inside a box in O."""
 
     def make_area(self, shape: Shape) -> NoTouchArea:
         """Returns the no-touch area on a shape."""
-        R_OB = RollPitchYaw(self.rpy).ToRotationMatrix().matrix()
-        return BoxSolid(np.array(self.center), R_OB, np.array(self.size))
+        return self.make_solid()
 
 
 @dataclass
@@ -69,7 +53,7 @@ class InsideBall:
     """No-touch area: all surface inside a ball."""
 
     # Centre in O, in metres.
-    center: list[float] = field(default_factory=zeros, metadata=_POINT)
+    center: list[float] = field(default_factory=zeros, metadata=POINT)
 
     # Radius, in metres.
     radius: float = field(default=0.0, metadata={"required": True, "above": 0, "at_most": 10})
@@ -84,10 +68,10 @@ class BehindPlane:
     """No-touch area: all surface on one side of a plane."""
 
     # A point of the plane in O, in metres.
-    point: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
+    point: list[float] = field(default_factory=zeros, metadata={"required": True, **POINT})
 
     # Normal of the plane in O; it points away from the no-touch area.
-    normal: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
+    normal: list[float] = field(default_factory=zeros, metadata={"required": True, **POINT})
 
     def make_area(self, shape: Shape) -> NoTouchArea:
         """Returns the no-touch area on a shape."""
@@ -155,12 +139,17 @@ class SurfaceConfig:
             with contextlib.suppress(OSError, InvalidArgumentError):
                 status = resolve_path(config.file, Path.cwd()).stat()
                 changed = (status.st_mtime_ns, status.st_size, status.st_ino)
-        key = repr((Path.cwd(), self, config, spacing, changed))
-        return _kept_surface(_Request(key, self, config, spacing))
+        sampling = self if spacing is None else dataclasses.replace(self, spacing=spacing)
+        key = repr((Path.cwd(), sampling, config, changed))
+        surface = _kept.pop(key, None) or sampling._make(config)
+        _kept[key] = surface  # The newest is last.
+        for oldest in list(_kept)[:-_MOST_KEPT]:
+            _kept.pop(oldest, None)
+        return surface
 
-    def _make(self, config: ObjectConfig, spacing: float | None) -> ObjectSurface:
+    def _make(self, config: ObjectConfig) -> ObjectSurface:
         lengths = {
-            "spacing": self.spacing if spacing is None else spacing,
+            "spacing": self.spacing,
             "forbidden_spacing": self.forbidden_spacing,
             "forbidden_radius": self.forbidden_radius,
         }
@@ -177,19 +166,8 @@ class SurfaceConfig:
         return mesh_surface(shape, seed=self.seed, no_touch=areas, **lengths)
 
 
-@dataclass(frozen=True)
-class _Request:
-    """Arguments of a cached surface, compared by their key."""
-
-    key: str
-    surface: SurfaceConfig = field(compare=False)
-    object: ObjectConfig = field(compare=False)
-    spacing: float | None = field(compare=False)
-
-
-@functools.lru_cache(maxsize=_KEPT)
-def _kept_surface(request: _Request) -> ObjectSurface:
-    return request.surface._make(request.object, request.spacing)
+_kept: dict[str, ObjectSurface] = {}
+_MOST_KEPT = 2  # One for planning and one for drawing.
 
 
 def check_surface(source: str, config: ObjectConfig, surface: SurfaceConfig) -> ObjectSurface:
@@ -203,21 +181,24 @@ def check_surface(source: str, config: ObjectConfig, surface: SurfaceConfig) -> 
     Raises:
         ScenarioError: If the object cannot be made, or no allowed surface is left.
     """
-    try:
+    with _naming_key(source, "object.file" if isinstance(config, Mesh) else "object.profile"):
         shape = config.make_shape()
-    except InvalidArgumentError as error:
-        key = "file" if isinstance(config, Mesh) else "profile"
-        raise ScenarioError(source, f"object.{key}", str(error)) from error
     for index, area in enumerate(surface.no_touch):
-        try:
+        with _naming_key(source, f"surface.no_touch[{index}]"):
             area.make_area(shape)
-        except InvalidArgumentError as error:
-            raise ScenarioError(source, f"surface.no_touch[{index}]", str(error)) from error
     try:
         return surface.make_surface(config)
-    except NoSurfaceError as error:
-        key = "no_touch" if surface.no_touch else "forbidden_faces"
-        raise ScenarioError(source, f"surface.{key}", str(error)) from error
     except InvalidArgumentError as error:
         key = "forbidden_spacing" if "forbidden_spacing" in str(error) else "spacing"
+        if isinstance(error, NoSurfaceError):
+            key = "no_touch" if surface.no_touch else "forbidden_faces"
         raise ScenarioError(source, f"surface.{key}", str(error)) from error
+
+
+@contextlib.contextmanager
+def _naming_key(source: str, key: str) -> Iterator[None]:
+    """Names the key of a scenario behind an invalid argument."""
+    try:
+        yield
+    except InvalidArgumentError as error:
+        raise ScenarioError(source, key, str(error)) from error

@@ -1,7 +1,7 @@
 """Limits and coupling of contact goals from one tick to the next, and which goals are active."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -11,34 +11,30 @@ from drake_pregrasp.contacts.selection_input import ContactGoals, ContactStatus,
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.regions.constraints import NO_CAUSE, Limit
-from drake_pregrasp.regions.safe_regions import SafeRegions
 from drake_pregrasp.regions.walls import normals_agree
 
 ROUNDING = 1e-9
 """Overlap of fingertips, in metres, and share of a step, that count as rounding."""
 
-Projection = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
-"""Maps points, shape (k, 3), to the nearest ones on a surface and the normals there."""
-
 _HALVINGS = 12  # Times that a step is halved if it comes out too long; then it is left out.
 _ROUNDS = 40  # Largest number of projections that bring a pair to its distance.
 
 
-@dataclass(frozen=True)
-class CoupledPair:
-    """Two contacts of one finger, such as its tip and a joint, at a fixed distance.
+@dataclass
+class Pair:
+    """Two contacts of one finger at a fixed distance, such as its tip and the joint before it."""
 
-    Attributes:
-        first: Index of the contact that moves freely.
-        second: Index of the contact that follows it.
-        distance: Distance between the two contacts, in metres.
-        tolerance: Largest error of the distance, in metres.
-    """
+    # Index of the contact that moves freely.
+    first: int = field(default=0, metadata={"required": True, "at_least": 0})
 
-    first: int
-    second: int
-    distance: float
-    tolerance: float = 5e-4
+    # Index of the contact that follows it.
+    second: int = field(default=0, metadata={"required": True, "at_least": 0})
+
+    # Distance between the two contacts, in metres.
+    distance: float = field(default=0.0, metadata={"required": True, "above": 0, "at_most": 10})
+
+    # Largest error of the distance, in metres.
+    tolerance: float = field(default=0.0005, metadata={"at_least": 1e-5, "at_most": 1})
 
     def error(self, p_OC: FloatArray) -> float:
         """Returns the error of the distance, in metres."""
@@ -59,7 +55,7 @@ class ContactLimits:
 
     max_step: float = np.inf
     deadband: float = 0.0
-    pairs: tuple[CoupledPair, ...] = ()
+    pairs: tuple[Pair, ...] = ()
     recover: bool = False
     guard: Measure | None = None
 
@@ -73,7 +69,7 @@ class ContactLimits:
             raise InvalidArgumentError(f"a contact is in two pairs: {contacts}")
 
 
-def groups_of(pairs: Sequence[CoupledPair], num_contacts: int) -> list[list[int]]:
+def groups_of(pairs: Sequence[Pair], num_contacts: int) -> list[list[int]]:
     """Returns the contacts that move together: the pairs, then each other contact alone."""
     together = [[pair.first, pair.second] for pair in pairs]
     paired = {contact for pair in together for contact in pair}
@@ -116,35 +112,28 @@ def step_toward(
 
 
 def follow_pairs(
-    surface: ObjectSurface,
-    regions: SafeRegions,
-    pairs: Sequence[CoupledPair],
-    p_OC: FloatArray,
-    p_OC_before: FloatArray,
-    max_step: float,
+    selection: SelectionInput, goals: FloatArray, pairs: Sequence[Pair], max_step: float
 ) -> FloatArray:
     """Moves the second contact of each pair, in its own region, to its distance from the first.
 
     A pair stays if its distance is neither met nor closer to being met than before.
 
     Args:
-        surface: The object's surface.
-        regions: The contacts' regions.
+        selection: Surface, contacts and regions of this tick.
+        goals: Goals, shape (n, 3), in metres.
         pairs: The pairs.
-        p_OC: Goals, shape (n, 3), in metres.
-        p_OC_before: Goals of the previous tick, shape (n, 3), in metres.
         max_step: Longest step, in metres.
     """
-    p_OC = p_OC.copy()
+    p_OC, p_OC_before = goals.copy(), selection.p_OC
     for pair in pairs:
-        members = regions.members(pair.second)
+        members = selection.regions.members(pair.second)
         first, before = p_OC[pair.first], p_OC_before[pair.second]
         for _ in range(_ROUNDS if len(members) else 0):
             if pair.error(p_OC) <= pair.tolerance / 2:
                 break
             away = p_OC[pair.second] - first
             point = first + pair.distance * away / max(float(np.linalg.norm(away)), 1e-12)
-            p_OC[pair.second] = surface.project_into(point[None], [members])[0][0]
+            p_OC[pair.second] = selection.surface.project_into(point[None], [members])[0][0]
         allowed = max(pair.tolerance, pair.error(p_OC_before))
         too_far = np.linalg.norm(p_OC[pair.second] - before) > max_step
         if pair.error(p_OC) > allowed or too_far:
@@ -175,36 +164,24 @@ def tip_gaps(
 
 
 def hold_where_tips_meet(
-    project: Projection,
-    p_OC: FloatArray,
-    p_OC_before: FloatArray,
-    active: BoolArray,
-    tip_radii: FloatArray,
-    gap: float,
-    pairs: Sequence[CoupledPair],
+    selection: SelectionInput, goals: FloatArray, pairs: Sequence[Pair]
 ) -> FloatArray:
     """Undoes steps until no two fingertips are too near that were not so before.
 
     Undoing all of them always helps, so the search ends. Coupled contacts are held together.
 
     Args:
-        project: Projection onto the object's surface.
-        p_OC: Goals, shape (n, 3), in metres.
-        p_OC_before: Goals of the previous tick, shape (n, 3), in metres.
-        active: Mask of the contacts with a region, shape (n,).
-        tip_radii: Radii of the fingertips, shape (n,), in metres.
-        gap: Required gap between fingertips, in metres.
+        selection: Contacts and regions of this tick.
+        goals: Goals, shape (n, 3), in metres.
         pairs: Pairs of coupled contacts.
     """
-    both_active = active[:, None] & active
-    before = tip_gaps(p_OC_before, project(p_OC_before)[1], tip_radii, gap)
-    needed = np.minimum(0.0, before) - ROUNDING
-    p_OC = p_OC.copy()
+    p_OC, p_OC_before = goals.copy(), selection.p_OC
+    both_active = selection.active[:, None] & selection.active
+    needed = np.minimum(0.0, _gaps(selection, p_OC_before)) - ROUNDING
     partners = {pair.first: pair.second for pair in pairs}
     partners |= {pair.second: pair.first for pair in pairs}
     for _ in range(len(p_OC)):
-        gaps = tip_gaps(p_OC, project(p_OC)[1], tip_radii, gap)
-        meets = np.any((gaps < needed) & both_active, axis=1)
+        meets = np.any((_gaps(selection, p_OC) < needed) & both_active, axis=1)
         moved = np.any(p_OC != p_OC_before, axis=1)
         if not np.any(meets & moved):
             break
@@ -212,6 +189,13 @@ def hold_where_tips_meet(
         held = np.unique([*held, *(partners.get(int(i), i) for i in held)])
         p_OC[held] = p_OC_before[held]
     return p_OC
+
+
+def _gaps(selection: SelectionInput, p_OC: FloatArray) -> FloatArray:
+    """Returns the gaps between fingertips at some contacts, less what is required, shape (n, n)."""
+    constraints = selection.regions.constraints
+    normals = selection.project(p_OC)[1]
+    return tip_gaps(p_OC, normals, constraints.tip_radii, constraints.tip_gap)
 
 
 def hold_contacts(selection: SelectionInput) -> ContactGoals:
@@ -252,7 +236,7 @@ def limited_goals(
         for contact in range(len(goals)):
             goals[contact] = step_toward(surface, p_OC[contact], goals[contact], limits.max_step)
     if pairs:
-        goals = follow_pairs(surface, regions, pairs, goals, p_OC, limits.max_step)
+        goals = follow_pairs(selection, goals, pairs, limits.max_step)
     guarded = may_stay.copy()
     for pair in pairs:  # If one of them has to move, or both to their distance, both may.
         both = [pair.first, pair.second]
@@ -260,18 +244,8 @@ def limited_goals(
     if limits.guard is not None:
         groups = groups_of(pairs, len(goals))
         goals = keep_quality(surface, goals, p_OC, guarded, limits.guard, groups)
-    tip_radii = regions.constraints.tip_radii
-    if len(tip_radii):
-        taking_part = selection.active
-        apart = hold_where_tips_meet(
-            selection.project,
-            goals,
-            p_OC,
-            taking_part,
-            tip_radii,
-            regions.constraints.tip_gap,
-            pairs,
-        )
+    if len(regions.constraints.tip_radii):
+        apart = hold_where_tips_meet(selection, goals, pairs)
         # Undoing some of the steps can leave a worse grasp than undoing all of them.
         if limits.guard is not None and np.any(apart != goals):
             everybody = [range(len(goals))]
@@ -348,8 +322,7 @@ def judged_goals(
         if limit != Limit.NONE:
             active[contact], limits[contact], causes[contact] = False, limit, cause
     if len(constraints.tip_radii):
-        normals = selection.project(goals)[1]
-        gaps = tip_gaps(goals, normals, constraints.tip_radii, constraints.tip_gap)
+        gaps = _gaps(selection, goals)
         for contact in np.flatnonzero(active).tolist():
             meets = np.flatnonzero((gaps[contact, :contact] < -ROUNDING) & active[:contact])
             if len(meets):

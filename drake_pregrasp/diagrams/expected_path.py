@@ -1,7 +1,5 @@
 """Expected path of the object without a simulation, for the view of the camera."""
 
-from pathlib import Path
-
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
@@ -15,10 +13,7 @@ from drake_pregrasp.config.object_config import (
     Toss,
 )
 from drake_pregrasp.diagrams.object_body import standing_position
-from drake_pregrasp.diagrams.object_plant import push_direction
-from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
-from drake_pregrasp.resources import resolve_path
 
 _SAMPLES = 50
 
@@ -51,10 +46,10 @@ def expected_path(motion: MotionConfig, duration: float, object_config: ObjectCo
         path = [position + t * velocity + t**2 / 2 * fall for t in times]
     elif isinstance(motion, Push):
         distances = np.linspace(0.0, motion.distance, _SAMPLES)
-        path = [start + distance * np.array(push_direction(motion)) for distance in distances]
+        path = [start + distance * motion.unit_vector() for distance in distances]
     else:
-        track = read_recorded_poses(resolve_path(motion.file, Path.cwd()))
-        path = [p_WO + R_WO.apply(p_OCoM) for p_WO, R_WO in map(track.at, times)]
+        poses = map(motion.read().at, times)
+        path = [p_WO + R_WO.apply(p_OCoM) for p_WO, R_WO in poses]
     return np.array(path)
 
 
@@ -65,6 +60,6 @@ def initial_pose(motion: MotionConfig, object_config: ObjectConfig) -> RigidTran
         p_OCoM = object_config.make_shape().p_OCoM
         return RigidTransform(R_WO, np.array(motion.position) - R_WO @ p_OCoM)
     if isinstance(motion, PoseStream):
-        position, rotation = read_recorded_poses(resolve_path(motion.file, Path.cwd())).at(0.0)
+        position, rotation = motion.read().at(0.0)
         return RigidTransform(RotationMatrix(rotation.as_matrix()), position)
     return RigidTransform(standing_position(object_config))

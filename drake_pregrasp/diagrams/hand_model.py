@@ -2,7 +2,7 @@
 
 import contextlib
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 from pydrake.common import Parallelism
@@ -108,12 +108,8 @@ class PalmArm:
                 f"base.palm: there is no frame {config.palm}; there are: {there}"
             )
         lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-        for name, joint, value in zip(config.joints, self.joints, config.home, strict=True):
-            if not lower[joint] <= value <= upper[joint]:
-                raise InvalidArgumentError(
-                    f"base.home: {value:g} of {name} must be from {lower[joint]:g} to"
-                    f" {upper[joint]:g}"
-                )
+        own = self.joints
+        _check_home("base.home", config.joints, config.home, lower[own], upper[own])
         palm = plant.GetFrameByName(config.palm, hand)
         self.palm_frame = palm.scoped_name().get_full()
         self._plant = plant
@@ -186,6 +182,16 @@ def _positions(plant: MultibodyPlant, hand: ModelInstanceIndex, names: list[str]
                 f"base.joints: {joint.name()} is {joint.type_name()}; it must slide or turn"
             )
     return [joint.position_start() for joint in joints]
+
+
+def _check_home(
+    key: str, names: Iterable[str], home: list[float], lower: FloatArray, upper: FloatArray
+) -> None:
+    for name, value, least, most in zip(names, home, lower, upper, strict=True):
+        if not least <= value <= most:
+            raise InvalidArgumentError(
+                f"{key}: {value:g} of {name} must be from {least:g} to {most:g}"
+            )
 
 
 _TWO_TURNS = 4 * np.pi
@@ -341,11 +347,7 @@ class HandModel:
                 )
             home[own], left[own] = tip.home, False
             lower, upper = kinematics.lower[own], kinematics.upper[own]
-            for name, value, least, most in zip(names[own], tip.home, lower, upper, strict=True):
-                if not least <= value <= most:
-                    raise InvalidArgumentError(
-                        f"{key}: {value:g} of {name} must be from {least:g} to {most:g}"
-                    )
+            _check_home(key, names[own], tip.home, lower, upper)
         if np.any(left):
             raise InvalidArgumentError(
                 f"{', '.join(names[left])}: neither of base.joints, nor of one finger alone"

@@ -1,8 +1,6 @@
 """Plant with the moving object, as one diagram."""
 
-import math
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,9 +25,8 @@ from drake_pregrasp.diagrams.object_body import (
     add_solid_collision,
     standing_position,
 )
-from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
-from drake_pregrasp.resources import resolve_path, resource_folder
+from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.systems.sources import BodyPose, Launch, ObjectMotion, PoseReplay
 
 
@@ -144,11 +141,6 @@ def push_profile(motion: Push) -> list[list[float]]:
     return [[time, speed] for time, speed in dict(corners).items()]  # Without repeated times.
 
 
-def push_direction(motion: Push) -> list[float]:
-    """Returns the unit vector of the tip's motion, in W."""
-    return [math.cos(motion.direction), math.sin(motion.direction), 0.0]
-
-
 def add_replay(
     builder: DiagramBuilder,
     object_config: ObjectConfig,
@@ -164,10 +156,8 @@ def add_replay(
     source = plant.RegisterAsSourceForSceneGraph(scene_graph)
     body = add_object_body(plant, object_config)
     plant.Finalize()
-    poses = read_recorded_poses(resolve_path(motion.file, Path.cwd()))
-    replay = builder.AddNamedSystem(
-        "pose_replay", PoseReplay(poses, plant.GetBodyFrameIdOrThrow(body.index()))
-    )
+    frame = plant.GetBodyFrameIdOrThrow(body.index())
+    replay = builder.AddNamedSystem("pose_replay", PoseReplay(motion.read(), frame))
     builder.Connect(replay.GetOutputPort("geometry_pose"), scene_graph.get_source_pose_port(source))
     return MovingObject(plant, scene_graph, replay.GetOutputPort("X_WO"))
 

@@ -128,17 +128,20 @@ def read_pieces(path: Path, *, colors: bool = False) -> list[Piece]:
         raise InvalidArgumentError(f"{path} can't be read as a mesh: {problem}") from error
 
 
+def _check_count(count: int, what: str, most: int) -> None:
+    if count > most:
+        raise InvalidArgumentError(f"it has {count} {what}; at most {most}, simplify it")
+
+
 def _check_words(data: bytes) -> None:
     characters = np.frombuffer(data, dtype=np.uint8)
     words = np.count_nonzero((characters <= ord(" ")) | (characters > ord("~")))
-    if words > MAX_WORDS:
-        raise InvalidArgumentError(f"it has {words} words; at most {MAX_WORDS}, simplify it")
+    _check_count(int(words), "words", MAX_WORDS)
 
 
 def _parse_json(data: bytes) -> Any:
     values = sum(data.count(mark) for mark in (b",", b":", b"[", b"{"))
-    if values > MAX_VALUES:
-        raise InvalidArgumentError(f"it has {values} values; at most {MAX_VALUES}, simplify it")
+    _check_count(values, "values", MAX_VALUES)
     return json.loads(data)
 
 
@@ -169,8 +172,7 @@ def _placed_pieces(scene: trimesh.Scene) -> list[Piece]:
     pieces: list[Piece] = []
     faces = 0
     nodes = scene.graph.nodes_geometry
-    if len(nodes) > MAX_PIECES:
-        raise InvalidArgumentError(f"it has {len(nodes)} parts; at most {MAX_PIECES}")
+    _check_count(len(nodes), "parts", MAX_PIECES)
     for node in nodes:
         transform, name = scene.graph[node]
         geometry = scene.geometry[name]
@@ -262,8 +264,7 @@ def _plain_gltf(kind: str, data: bytes) -> bytes:
     if min(counts, default=0) < 0 or sum(counts) > _MAX_NUMBERS // 16:
         raise InvalidArgumentError("its arrays claim too many elements, or fewer than none")
     nodes = tree.get("nodes", [])
-    if len(nodes) > MAX_PIECES:
-        raise InvalidArgumentError(f"it has {len(nodes)} nodes; at most {MAX_PIECES}")
+    _check_count(len(nodes), "nodes", MAX_PIECES)
     children = [child for node in nodes for child in node.get("children", [])]
     if len(set(children)) != len(children):
         raise InvalidArgumentError("a node is the child of two; nodes must be a tree")

@@ -90,6 +90,16 @@ def claimed(folder: Path) -> Iterator[None]:
             path.unlink(missing_ok=True)
 
 
+def make_folder(folder: Path) -> None:
+    """Makes a folder, and those that it is in, if they are not there yet.
+
+    Raises:
+        OutputError: If that fails.
+    """
+    with writing(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+
+
 def write_text(path: Path, text: str) -> None:
     """Writes a text file as a whole, or not at all.
 

@@ -88,8 +88,7 @@ def run(
     if recording:
         check_recording("scenario", scenario, scenario.make_surface())
     folder, text = Path(out) / name, dump_scenario(name, scenario)
-    with output.writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
+    output.make_folder(folder)
     with output.claimed(folder):
         earlier = [folder / file for file in RUN_FILES if (folder / file).exists()]
         if earlier and not overwrite and not _holds(folder / "scenario.yaml", text):

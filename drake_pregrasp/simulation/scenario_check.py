@@ -1,6 +1,5 @@
 """Cross-field validation of scenarios."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,11 +17,8 @@ from drake_pregrasp.config.sensor_config import check_sensor
 from drake_pregrasp.config.surface_config import check_surface
 from drake_pregrasp.contacts.strategies import BLEND, STRATEGIES
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors
-from drake_pregrasp.diagrams.object_plant import push_direction
 from drake_pregrasp.errors import first_line
-from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
-from drake_pregrasp.resources import resolve_path
 from drake_pregrasp.simulation.grasp_check import Problems, errors_at, grasp_problems, raise_first
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.simulation_diagram import hand_planner
@@ -166,13 +162,13 @@ def _motion_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
             problem = f"{motion.position[2]} must be at least {below:.4g}, to start above the table"
             yield "motion.position[2]", problem
     elif isinstance(motion, Push):
-        rear = -float(np.min((surface.mesh.vertices - surface.p_OCoM) @ push_direction(motion)))
+        rear = -float(np.min((surface.mesh.vertices - surface.p_OCoM) @ motion.unit_vector()))
         if motion.start_distance < rear:
             problem = f"{motion.start_distance} must be at least {rear:.4g}, where the object ends"
             yield "motion.start_distance", problem
     elif isinstance(motion, PoseStream):
         with errors_at("motion.file"):
-            read_recorded_poses(resolve_path(motion.file, Path.cwd()))
+            motion.read()
 
 
 def _profile_problems(profile: list[list[float]]) -> Problems:

@@ -74,14 +74,15 @@ def add_tags(data: object, config: object) -> None:
         for name, (kind, _) in _fields(type(config)).items():
             part, value = getattr(config, name), data[name]
             add_tags(value, part)
-            if typing.get_origin(kind) is list:
-                (kind,) = typing.get_args(kind)
-            if typing.get_origin(kind) in (typing.Union, types.UnionType):
-                pairs = [(part, value)]
-                if isinstance(part, list):
-                    pairs = list(zip(part, value, strict=True))
-                for element, mapping in pairs:
+            if _is_union(kind):
+                value[TAG_KEY] = f"!{type(part).__name__}"
+            elif typing.get_origin(kind) is list and _is_union(*typing.get_args(kind)):
+                for element, mapping in zip(part, value, strict=True):
                     mapping[TAG_KEY] = f"!{type(element).__name__}"
+
+
+def _is_union(kind: Any) -> bool:
+    return typing.get_origin(kind) in (typing.Union, types.UnionType)
 
 
 def _fields(schema: Any) -> dict[str, tuple[Any, Mapping[str, Any]]]:
@@ -101,7 +102,7 @@ def _check_value(source: str, key: str, value: object, kind: Any, rules: Mapping
         element_rules = rules.get("elements", rules)
         for index, element in enumerate(value):
             _check_value(source, f"{key}[{index}]", element, element_kind, element_rules)
-    elif typing.get_origin(kind) in (typing.Union, types.UnionType):
+    elif _is_union(kind):
         _check_variant(source, key, value, typing.get_args(kind))
     elif typing.get_origin(kind) is dict:
         if not isinstance(value, Mapping):

@@ -155,7 +155,6 @@ def run_faults(job: FaultJob, text: str | None = None) -> dict[str, float]:
     records: list[TickRecord] = []
     simulator = Simulator(make_diagram(scenario, surface, sink=records.append))
     ApplySimulatorConfig(scenario.simulator_config, simulator)
-    simulator.Initialize()
     simulator.AdvanceTo(scenario.simulation_duration)
     return summarize_faults(scenario, surface, records)
 

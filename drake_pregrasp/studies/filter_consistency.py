@@ -114,7 +114,6 @@ def conveyor_motion(scenario: str = "a_base") -> Motion:
     plant = ObjectPlant(config.object, config.motion, config.plant_config)
     simulator = Simulator(plant)
     ApplySimulatorConfig(config.simulator_config, simulator)
-    simulator.Initialize()
     poses = []
     for k in range(TICKS + 1):
         simulator.AdvanceTo(k * PERIOD)

@@ -13,7 +13,7 @@ from PIL import Image
 from drake_pregrasp.contacts.selection_input import ContactStatus, describe_status, is_active
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.obstacle_config import moving_solid
-from drake_pregrasp.simulation.output import writing
+from drake_pregrasp.simulation.output import make_folder, writing
 from drake_pregrasp.simulation.run import run
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
@@ -45,8 +45,7 @@ def make_gallery(out: str | Path, *, on_progress: OnProgress = lambda done, tota
         on_progress: Called with the number of runs done and of all.
     """
     folder = Path(out)
-    with writing(folder):
-        (folder / "gallery").mkdir(parents=True, exist_ok=True)
+    make_folder(folder / "gallery")
     shipped = shipped_scenarios()
     jobs = [{"name": name} for name, (file, _) in shipped.items() if file.stem in _TITLES]
     draw = functools.partial(_draw, folder=folder / "gallery")

@@ -12,18 +12,12 @@ from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.simulation.hand_file import load_hand
-from drake_pregrasp.simulation.output import without_solver_chatter, writing
+from drake_pregrasp.simulation.output import make_folder, without_solver_chatter, writing
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.studies.pictures import (
-    ByteArray,
-    Light,
-    camera_pose,
-    color_camera,
-    lit_renderer,
-    take_picture,
-)
+from drake_pregrasp.studies import pictures
+from drake_pregrasp.studies.pictures import ByteArray, Light, camera_pose, take_picture
 from drake_pregrasp.studies.report_page import Heading, Part, write_report
 from drake_pregrasp.studies.runner import OnProgress
 from drake_pregrasp.systems.loggers import GraspRecord
@@ -31,7 +25,7 @@ from drake_pregrasp.systems.loggers import GraspRecord
 PHASES = (GraspPhase.TRACK, GraspPhase.SQUEEZE, GraspPhase.HOLD)
 """Phases at whose ends pictures are taken, after one at the start."""
 
-_CAMERA = color_camera((400, 400), 0.6)
+_CAMERA = pictures.color_camera((400, 400), 0.6)
 _GAP = 8  # White pixels between pictures.
 _FROM_ARM, _FROM_HAND = np.array([0.45, -1.0, 0.5]), np.array([0.75, 0.65, 0.5])
 """Position of the camera relative to its target, with an arm and without, in metres."""
@@ -52,8 +46,7 @@ def picture_grasps(out: str | Path, *, on_progress: OnProgress = lambda done, to
         OutputError: If the folder can't be written.
     """
     folder = Path(out)
-    with writing(folder):
-        folder.mkdir(parents=True, exist_ok=True)
+    make_folder(folder)
     hands = {
         name: text for name, (file, text) in shipped_scenarios().items() if file.stem == "hands"
     }
@@ -80,9 +73,9 @@ def picture_grasp(scenario: Scenario) -> ByteArray:
     surface = scenario.make_surface()
     diagram = make_diagram(scenario, surface)
     station: HandStation = diagram.GetSubsystemByName("object_plant")
-    station.scene_graph.AddRenderer("vtk", lit_renderer(_LIGHTS, _BACKGROUND))
+    station.scene_graph.AddRenderer("vtk", pictures.lit_renderer(_LIGHTS, _BACKGROUND))
     has_arm = isinstance(load_hand(scenario.grasp.hand).base, Arm)
-    simulator, pictures = Simulator(diagram), list[ByteArray]()
+    simulator, taken = Simulator(diagram), list[ByteArray]()
     with without_solver_chatter():
         for time in _moments(scenario, surface):
             simulator.AdvanceTo(time)
@@ -91,10 +84,10 @@ def picture_grasp(scenario: Scenario) -> ByteArray:
             target = p_WO * [1.0, 1.0, 0.0] + _ABOVE
             X_WK = camera_pose(target, _FROM_ARM if has_arm else _FROM_HAND)
             query = station.GetOutputPort("query_object").Eval(context)
-            pictures.append(take_picture(query, _CAMERA, X_WK))
+            taken.append(take_picture(query, _CAMERA, X_WK))
     gaps = [(0, 0), (_GAP, 0), (0, 0)]
     return np.concatenate(
-        [pictures[0], *(np.pad(p, gaps, constant_values=255) for p in pictures[1:])], axis=1
+        [taken[0], *(np.pad(p, gaps, constant_values=255) for p in taken[1:])], axis=1
     )
 
 

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import pandas as pd
 
 from drake_pregrasp.errors import OutputError
-from drake_pregrasp.simulation.output import claimed, reading_back, write_text, writing
+from drake_pregrasp.simulation.output import claimed, make_folder, reading_back, write_text, writing
 from drake_pregrasp.studies.package_digest import package_digest
 from drake_pregrasp.studies.workers import Failure, call_for_all
 
@@ -91,8 +91,7 @@ def run_jobs(
     package = package_digest(*modules)
     with contextlib.ExitStack() as stack:
         if folder is not None:
-            with writing(folder):
-                folder.mkdir(parents=True, exist_ok=True)
+            make_folder(folder)
             stack.enter_context(claimed(folder))
             _check_settings(folder / SETTINGS, {"study": settings or {}, "package": package})
         journal = stack.enter_context(_journal(folder, jobs))

@@ -16,7 +16,7 @@ from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.quality.force_closure import min_weight_margin
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.constraints import OPPOSITE
-from drake_pregrasp.simulation.output import writing
+from drake_pregrasp.simulation.output import make_folder
 from drake_pregrasp.simulation.run import run
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
@@ -72,8 +72,7 @@ def study_shapes(
         duration: Simulated seconds of each run.
         on_progress: Called with the number of runs done and of all.
     """
-    with writing(Path(out)):
-        Path(out).mkdir(parents=True, exist_ok=True)
+    make_folder(Path(out))
     shapes = [*SHIPPED, *unseen_meshes()]
     jobs = [{"shape": shape, "seed": seed} for shape in shapes for seed in seeds]
     rows = run_jobs(

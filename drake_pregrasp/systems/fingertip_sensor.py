@@ -8,7 +8,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable, ModelInstanceIndex
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
-from drake_pregrasp.arrays import FloatArray, IntArray, validated_numbers
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.systems.ports import declare_output
 
@@ -124,7 +124,7 @@ def _stiffness(plant: MultibodyPlant) -> FloatArray:
             )
         last = position
         if actuator.has_controller():
-            stiffness[actuator.joint().position_start()] = actuator.get_controller_gains().p
+            stiffness[position] = actuator.get_controller_gains().p
     for index in plant.GetJointIndices():
         joint = plant.get_joint(index)
         if joint.num_positions() and not stiffness[joint.position_start()] > 0:
@@ -134,15 +134,14 @@ def _stiffness(plant: MultibodyPlant) -> FloatArray:
     return stiffness
 
 
-def _joints_to(plant: MultibodyPlant, frame: Frame) -> list[bool]:
+def _joints_to(plant: MultibodyPlant, frame: Frame) -> BoolArray:
     """Returns for each velocity whether it moves a frame."""
-    moves = [False] * plant.num_velocities()
+    moves = np.zeros(plant.num_velocities(), dtype=bool)
     for index in plant.GetJointIndices():
-        joint = plant.get_joint(index)
-        if joint.num_velocities():
-            moved = frame.body().index() in plant.GetBodiesKinematicallyAffectedBy([index])
-            for velocity in range(joint.num_velocities()):
-                moves[joint.velocity_start() + velocity] = moved
+        joint, body = plant.get_joint(index), frame.body().index()
+        if joint.num_velocities() and body in plant.GetBodiesKinematicallyAffectedBy([index]):
+            start = joint.velocity_start()
+            moves[start : start + joint.num_velocities()] = True
     return moves
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from drake_pregrasp.config.limits_config import BallReach, BoxReach, LimitsConfig, Pair
-from drake_pregrasp.contacts.goal_limits import CoupledPair
+from drake_pregrasp.config.limits_config import BallReach, BoxReach, LimitsConfig
+from drake_pregrasp.contacts.goal_limits import Pair
 
 
 def test_reaches_are_solids_of_the_hand():
@@ -37,7 +37,7 @@ def test_all_keys_reach_the_limits():
     config = LimitsConfig(deadband=0.001, pairs=[pair], guard=["margin", "q_vew"], recover=True)
     limits = config.make_limits(period=0.1, friction=0.7)
     assert (limits.deadband, limits.recover) == (0.001, True)
-    assert limits.pairs == (CoupledPair(1, 0, 0.03, 0.002),)
+    assert limits.pairs == (pair,)
     p_CoMC = 0.03 * np.array([[1.0, 0, 0], [-0.5, 0.87, 0], [-0.5, -0.87, 0], [0, 0, 1]])
     nhat = p_CoMC / np.linalg.norm(p_CoMC, axis=1, keepdims=True)
     slippery = config.make_limits(period=0.1, friction=0.0)

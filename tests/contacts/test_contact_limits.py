@@ -20,7 +20,7 @@ from drake_pregrasp import ContactStatus, InvalidArgumentError, box_surface
 from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
 from drake_pregrasp.contacts.goal_limits import (
     ContactLimits,
-    CoupledPair,
+    Pair,
     hold_contacts,
     step_toward,
 )
@@ -138,7 +138,7 @@ def test_goals_keep_to_their_regions_ground_and_to_what_is_permitted():
 
 # Pairs.
 
-PAIR = CoupledPair(first=0, second=1, distance=0.03)
+PAIR = Pair(first=0, second=1, distance=0.03)
 
 
 def paired_contacts(surface, n, distance=0.03, seed=1):
@@ -204,8 +204,8 @@ def test_a_pair_whose_distance_cannot_be_met_stays():
         ({"max_step": np.nan}, "max_step"),
         ({"deadband": -1.0}, "deadband must be at least 0 m, not -1"),
         ({"deadband": np.inf}, "deadband"),
-        ({"pairs": (PAIR, CoupledPair(1, 2, 0.03))}, r"in two pairs: \[0, 1, 1, 2\]"),
-        ({"pairs": (CoupledPair(1, 1, 0.03),)}, "in two pairs"),
+        ({"pairs": (PAIR, Pair(1, 2, 0.03))}, r"in two pairs: \[0, 1, 1, 2\]"),
+        ({"pairs": (Pair(1, 1, 0.03),)}, "in two pairs"),
     ],
 )
 def test_limits_that_contradict_themselves_are_refused(arguments, problem):
@@ -214,7 +214,7 @@ def test_limits_that_contradict_themselves_are_refused(arguments, problem):
 
 
 def test_a_pair_off_its_distance_goes_to_it_whatever_a_guard_says():
-    pair = CoupledPair(first=0, second=1, distance=0.06)
+    pair = Pair(first=0, second=1, distance=0.06)
     p_OC = CUBE.project(np.array([[0.06, 0.0, 0.0], [0.06, 0.02, 0.0], [-0.06, 0, 0]]))[0]
     for guard in (None, always_worse()):
         goals = tracking_goals(CUBE, p_OC, ContactLimits(pairs=(pair,), guard=guard)).p_OC
@@ -224,7 +224,7 @@ def test_a_pair_off_its_distance_goes_to_it_whatever_a_guard_says():
 
 def test_a_pair_that_gets_nearer_to_its_distance_moves():
     """On a ball of 80 mm no two contacts are 200 mm apart."""
-    pair = CoupledPair(first=0, second=1, distance=0.2)
+    pair = Pair(first=0, second=1, distance=0.2)
     p_OC = spread_contacts(BALL, 3, 0.03)
     chosen = selection_of(BALL, p_OC)
     goals = tracking_goals(BALL, p_OC, ContactLimits(pairs=(pair,))).p_OC

@@ -49,9 +49,7 @@ def even_motion(v, w, period, seed, count=40):
         yield noisy(rng, t * v, Rotation.from_rotvec(t * w) * R_start)
 
 
-@pytest.mark.parametrize(
-    "seed", [0, pytest.param(1, marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
 @pytest.mark.parametrize(
     ("speed", "rate", "period", "config"),
     [

@@ -32,7 +32,9 @@ def lengths(mask):
     return [len(list(run)) for inside, run in itertools.groupby(mask) if inside]
 
 
-@pytest.mark.parametrize(("rate", "duration"), [(0.3, 0.2), (1.0, 0.5), (5.0, 0.05), (30.0, 0.01)])
+@pytest.mark.parametrize(
+    ("rate", "duration"), [(0.3, 0.2), (1.0, 0.5), (5.0, 0.05), (30.0, 0.01), (5.0, 1e-6)]
+)
 def test_the_busy_share_is_that_of_the_queue(rate, duration):
     """Counted in blocks of 300 ticks, which are all but independent."""
     busy = 1 - np.prod(1 - -math.expm1(-rate * PERIOD) * survival(duration))
@@ -49,11 +51,6 @@ def test_rare_bursts_have_the_stated_mean_length_and_none_is_longer_than_the_cut
     assert len(found) == pytest.approx(0.05 * PERIOD * len(mask), rel=0.3)
     assert np.mean(found) == pytest.approx(np.sum(survival(0.3)), rel=0.25)
     assert max(found) <= math.ceil(CUT_OFF * 0.3 / PERIOD) == burst_reach(0.3, PERIOD)
-
-
-def test_a_burst_has_a_tick_at_least_and_without_a_rate_there_is_none():
-    assert np.mean(covered(5.0, 1e-6)) == pytest.approx(-math.expm1(-5.0 * PERIOD), rel=0.05)
-    assert not np.any(covered(0.0, 10.0, ticks=range(100)))
 
 
 @pytest.mark.slow
@@ -83,6 +80,7 @@ def test_bursts_are_a_function_of_seed_channel_and_tick_whatever_the_order():
     mask = covered(1.0, 0.3, 5, ticks=range(300))
     np.testing.assert_array_equal(covered(1.0, 0.3, 5, ticks=range(299, -1, -1))[::-1], mask)
     assert np.any(covered(1.0, 0.3, 6, ticks=range(300)) != mask)
+    assert not np.any(covered(0.0, 10.0, ticks=range(100)))
     assert np.any(covered(1.0, 0.3, 5, FaultChannel.FREEZING, range(300)) != mask)
 
 

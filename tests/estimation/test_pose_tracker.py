@@ -55,6 +55,12 @@ def in_time(count, rng, start=0, noise=1.0):
     return [(k * DT, measured(k * DT, rng, noise)) for k in range(start, start + count)]
 
 
+def tracked(seed, count):
+    """Returns a generator and the track of an object that it has followed for some measurements."""
+    rng = np.random.default_rng(seed)
+    return rng, follow(in_time(count, rng))[0]
+
+
 def shifted(stream, offset):
     """Returns a stream with an offset of the positions, or one drawn for each."""
     offsets = [offset() if callable(offset) else offset for _ in stream]
@@ -113,8 +119,7 @@ def test_late_measurements_are_refused_if_they_are_too_old_or_too_far():
 
 
 def test_a_measurement_counts_once():
-    rng = np.random.default_rng(4)
-    track, _ = follow(in_time(10, rng))
+    rng, track = tracked(4, 10)
     for nothing_new in (measured(9 * DT, rng), measured(5 * DT, rng), NO_MEASUREMENT):
         again = update_track(track, nothing_new, 10 * DT, SETTINGS)
         assert again.verdict == Verdict.NOTHING_NEW
@@ -200,8 +205,7 @@ def test_outliers_with_good_measurements_between_never_refute_the_belief(same_pl
 
 
 def test_a_belief_that_knows_the_orientation_no_more_starts_anew_and_no_other_one():
-    rng = np.random.default_rng(17)
-    track, _ = follow(in_time(60, rng))
+    rng, track = tracked(17, 60)
     known, unknown = set(), set()
     for silence in np.linspace(1.0, 40.0, 40):
         time = 59 * DT + silence
@@ -221,8 +225,7 @@ def test_a_belief_that_knows_the_orientation_no_more_starts_anew_and_no_other_on
 def test_after_a_jump_velocities_are_those_from_before():
     changes = []
     for seed in range(20):
-        rng = np.random.default_rng(seed)
-        before, _ = follow(in_time(60, rng))
+        rng, before = tracked(seed, 60)
         track, verdicts = follow(shifted(in_time(3, rng, start=60), 0.3), track=before)
         assert verdicts[-1] == Verdict.REACQUIRED
         changes.append(track.newest.v_WCoM - before.newest.v_WCoM)
@@ -243,8 +246,7 @@ def test_a_kicked_object_is_found_with_its_new_velocity_by_default():
 
 
 def test_an_outlier_after_a_long_silence_is_not_believed():
-    rng = np.random.default_rng(14)
-    track, _ = follow(in_time(60, rng))
+    rng, track = tracked(14, 60)
     late = measured(59 * DT + 2.0, rng)
     wrong = replace(late, p_WCoM=late.p_WCoM + 0.5)
     assert verdict(track, wrong, late.time) == Verdict.OUTLIER
@@ -285,9 +287,8 @@ def test_the_innovation_is_chi_square_distributed():
 
 @pytest.mark.parametrize("factor", [1.0, 4.0])
 def test_a_sensor_noisier_than_assumed_is_believed_less(factor):
-    rng = np.random.default_rng(12)
-    before, _ = follow(in_time(40, rng))
-    errors, track, verdicts = [], before, []
+    rng, track = tracked(12, 40)
+    errors, verdicts = [], []
     for now, z in in_time(120, rng, start=40, noise=factor):
         track = update_track(track, z, now, SETTINGS)
         verdicts.append(track.verdict)
@@ -297,19 +298,18 @@ def test_a_sensor_noisier_than_assumed_is_believed_less(factor):
     assert max(errors[40:]) < 2 * factor * NOISE.position
 
 
-def test_a_noisy_sensor_is_believed_less_when_it_is_late_too():
-    in_order = in_time(400, np.random.default_rng(15), noise=3.0)
-    swapped = []
-    for first, second in zip(in_order[::2], in_order[1::2], strict=True):
-        swapped += [(second[0], second[1]), (second[0], first[1])]
-    for stream in (in_order, swapped):
-        track, squares = PoseTrack.empty(20), []
-        for now, z in stream:
-            track = update_track(track, z, now, SETTINGS)
-            e = V * track.newest.time - track.newest.p_WCoM
-            squares.append(e @ np.linalg.solve(track.newest.P_position[:3, :3], e))
-        # 3 are expected; a noise estimate that lags costs some.
-        assert np.mean(squares[100:]) < 6
+@pytest.mark.parametrize("late", [False, True])
+def test_a_noisy_sensor_is_believed_less_when_it_is_late_too(late):
+    stream = in_time(400, np.random.default_rng(15), noise=3.0)
+    if late:  # Of two measurements, the second one comes first.
+        pairs = zip(stream[::2], stream[1::2], strict=True)
+        stream = [(now, z) for (_, first), (now, second) in pairs for z in (second, first)]
+    track, squares = PoseTrack.empty(20), []
+    for now, z in stream:
+        track = update_track(track, z, now, SETTINGS)
+        e = V * track.newest.time - track.newest.p_WCoM
+        squares.append(e @ np.linalg.solve(track.newest.P_position[:3, :3], e))
+    assert np.mean(squares[100:]) < 6  # 3 are expected; a noise estimate that lags costs some.
 
 
 @pytest.mark.parametrize(("noise", "low", "high"), [(0.0, 0, 1e-6), (0.3, 0.02, 0.2), (1, 0.5, 1)])

@@ -27,22 +27,14 @@ def value(tick):
     return np.arange(POSE_SIZE) + 100.0 * tick
 
 
-def played(faults, seed=0, ticks=range(TICKS), memory=None, period=T):
+def played(faults, seed=0, ticks=range(TICKS), memory=None):
     """Returns the memories after the ticks, each by way of the vector that is stored."""
-    empty = SensorMemory.empty(faults, period)
+    empty = SensorMemory.empty(faults, T)
     memory = memory or empty
     found = []
     for tick in ticks:
-        memory = next_memory(
-            memory,
-            value(tick),
-            time=tick * period,
-            tick=tick,
-            faults=faults,
-            period=period,
-            seed=seed,
-        )
-        memory = unpack(empty, pack(memory))
+        now = {"time": tick * T, "tick": tick, "faults": faults, "period": T, "seed": seed}
+        memory = unpack(empty, pack(next_memory(memory, value(tick), **now)))
         found.append(memory)
     return found
 

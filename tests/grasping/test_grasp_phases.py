@@ -1,6 +1,7 @@
 """What a hand does next: laws of the closing gate, of touch, and of giving up."""
 
 from dataclasses import replace
+from itertools import groupby
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drake_pregrasp.config.grasp_config import GraspConfig
-from drake_pregrasp.grasping.grasp_phases import fingers_have_arrived, next_state
+from drake_pregrasp.grasping.grasp_phases import next_state
 from drake_pregrasp.grasping.grasp_state import (
     GiveUp,
     GraspPhase,
@@ -47,13 +48,14 @@ class Scene:
         presses = self.stiffness * depth * self.active + share * 3.0 * self.active
         presses += state.touched * SETTINGS.touch_force * (1 - share) + self.force
         gaps = np.maximum(state.standoffs, -self.offset)
-        distances = np.full(N, self.distance)
+        distances = np.broadcast_to(self.distance, N)
         return GraspView(time, close, self.active, distances, gaps, presses, self.sees)
 
 
 def play(
     scene, *, close_at=2.0, open_at=np.inf, again_at=np.inf, end=8.0, squeeze=balanced, change=None
 ):
+    """Returns the state of each tick; `change` changes the scene before a tick."""
     state, states, time = GraspState.first(N, SETTINGS), [], 0.0
     while time < end:
         scene.time = time
@@ -67,12 +69,28 @@ def play(
 
 
 def phases(states):
-    return list(dict.fromkeys(GraspPhase(state.phase).name for state in states))
+    return [GraspPhase(phase).name for phase, _ in groupby(state.phase for state in states)]
+
+
+def ramped(states, name):
+    """Values of the height or of the share of the forces, tick by tick."""
+    return np.array([getattr(s, name).value(PERIOD * tick) for tick, s in enumerate(states)])
+
+
+def closing_time(states):
+    return PERIOD * [state.phase == GraspPhase.CLOSE for state in states].index(True)
+
+
+def words(state):
+    return describe_give_up(state.reason, state.detail)
+
+
+WHOLE = ["APPROACH", "TRACK", "CLOSE", "SQUEEZE", "LIFT", "HOLD"]
 
 
 def test_a_grasp_goes_through_all_phases():
     states = play(Scene())
-    assert phases(states) == ["APPROACH", "TRACK", "CLOSE", "SQUEEZE", "LIFT", "HOLD"]
+    assert phases(states) == WHOLE
     assert states[-1].height.value(8.0) == SETTINGS.lift_height
     assert states[-1].reason == GiveUp.NONE
     for state in states:
@@ -105,10 +123,6 @@ def test_fingers_never_close_faster_than_they_may():
     assert np.min(gains) >= -SETTINGS.closing_acceleration * PERIOD**2 - 1e-12
 
 
-def closing_time(states):
-    return PERIOD * [state.phase == GraspPhase.CLOSE for state in states].index(True)
-
-
 @pytest.mark.parametrize(
     ("waits_for", "change"),
     [
@@ -134,20 +148,11 @@ def test_the_gate_waits_for_what_comes_and_for_fingers_no_longer_than_its_limit(
         assert GraspPhase.CLOSE not in [state.phase for state in states]
 
 
-def test_the_gate_does_not_wait_for_lost_fingers():
-    state = GraspState.first(N, SETTINGS)
-    scene = Scene(active=np.arange(N) != 3)
-    view = scene.view(0.0, True, state)
-    view.distances[3] = 1.0
-    assert fingers_have_arrived(view, SETTINGS)
-    view.distances[2] = 1.0
-    assert not fingers_have_arrived(view, SETTINGS)
-
-
-def test_lost_fingers_take_no_part():
+def test_lost_fingers_take_no_part_and_the_gate_does_not_wait_for_them():
     lost = np.arange(N) == 3
-    states = play(Scene(active=~lost))
-    assert phases(states)[-1] == "HOLD"
+    states = play(Scene(active=~lost, distance=1.0 * lost))
+    assert phases(states) == WHOLE
+    assert closing_time(states) == pytest.approx(2.0)
     np.testing.assert_array_equal(states[-1].touched, ~lost)
     assert states[-1].standoffs[3] == SETTINGS.standoff
 
@@ -160,26 +165,26 @@ def slipped(scene, state):
     scene.force = np.where(np.arange(N) == 4, -9.0 * (state.phase == GraspPhase.LIFT), 0.0)
 
 
-GIVING_UP = {
-    "only 2 active fingers": (Scene(active=FEW), {}),
-    "finger 1 met nothing": (Scene(offset=np.where(np.arange(N) == 1, 0.03, 0.0)), {}),
-    "finger 2 pressed too hard": (Scene(), {"change": pressed}),
-    "finger 4 lost touch": (Scene(), {"change": slipped}),
-    "no squeeze balances the weight: 1.50 N are left": (
-        Scene(),
-        {"squeeze": lambda active: Squeeze(np.zeros((N, 3)), 1.5)},
-    ),
-    "told to open": (Scene(), {"open_at": 4.0}),
-}
+def unbalanced(active):
+    return Squeeze(np.zeros((N, 3)), 1.5)
 
 
-@pytest.mark.parametrize("reason", GIVING_UP)
-def test_it_backs_off_and_says_why(reason):
-    scene, more = GIVING_UP[reason]
+@pytest.mark.parametrize(
+    ("scene", "more", "reason"),
+    [
+        (Scene(active=FEW), {}, "only 2 active fingers"),
+        (Scene(offset=0.03 * (np.arange(N) == 1)), {}, "finger 1 met nothing"),
+        (Scene(), {"change": pressed}, "finger 2 pressed too hard"),
+        (Scene(), {"change": slipped}, "finger 4 lost touch"),
+        (Scene(), {"squeeze": unbalanced}, "no squeeze balances the weight: 1.50 N are left"),
+        (Scene(), {"open_at": 4.0}, "told to open"),
+    ],
+)
+def test_it_backs_off_and_says_why(scene, more, reason):
     states = play(scene, end=14.0, **more)
     last = states[-1]
     assert phases(states)[-1] == "BACK_OFF"
-    assert describe_give_up(last.reason, last.detail) == reason
+    assert words(last) == reason
     assert not np.any(last.touched)
     assert last.force.value(14.0) == 0
     np.testing.assert_allclose(last.standoffs, SETTINGS.standoff)
@@ -191,10 +196,7 @@ def test_a_hand_that_gripped_nothing_begins_anew_when_it_is_told_to_again():
         scene.active = ALL if scene.time > 6.0 else FEW
 
     states = play(Scene(), change=appear, open_at=7.0, again_at=9.0, end=14.0)
-    names = [GraspPhase(s.phase).name for s in states]
-    order = [name for k, name in enumerate(names) if k == 0 or names[k - 1] != name]
-    first = ["APPROACH", "TRACK", "BACK_OFF"]
-    assert order == [*first, "APPROACH", "TRACK", "CLOSE", "SQUEEZE", "LIFT", "HOLD"]
+    assert phases(states) == ["APPROACH", "TRACK", "BACK_OFF", *WHOLE]
     tracking = [s for s in states if s.phase == GraspPhase.TRACK]
     assert tracking[-1].reason == GiveUp.TOO_FEW_FINGERS
     assert states[-1].reason == GiveUp.NONE
@@ -202,11 +204,7 @@ def test_a_hand_that_gripped_nothing_begins_anew_when_it_is_told_to_again():
 
 def test_what_was_lifted_is_set_down_before_it_is_let_go():
     states = play(Scene(), open_at=6.5, end=14.0)
-    times = PERIOD * np.arange(len(states))
-    heights = np.array(
-        [state.height.value(time) for time, state in zip(times, states, strict=True)]
-    )
-    forces = np.array([state.force.value(time) for time, state in zip(times, states, strict=True)])
+    heights, forces = ramped(states, "height"), ramped(states, "force")
     backing = np.array([state.phase == GraspPhase.BACK_OFF for state in states])
     assert heights[backing][0] > 0.05
     letting_go = backing & (forces < 1) & (forces > 0)
@@ -217,14 +215,10 @@ def test_what_was_lifted_is_set_down_before_it_is_let_go():
 @pytest.mark.parametrize("open_at", [2.9, 3.5])
 def test_it_stops_at_once_when_it_is_told_to_open(open_at):
     states = play(Scene(), open_at=open_at, end=6.0)
-    backing = [
-        (state.height.value(index * PERIOD), state.force.value(index * PERIOD))
-        for index, state in enumerate(states)
-        if state.phase == GraspPhase.BACK_OFF
-    ]
-    down = np.array(backing[:20])  # It goes up only once it has opened.
-    assert down[0].max() > 0.1
-    assert np.max(np.diff(down, axis=0)) <= 1e-12
+    first = [state.phase for state in states].index(GraspPhase.BACK_OFF)
+    down = np.array([ramped(states, name)[first : first + 20] for name in ("height", "force")])
+    assert down[:, 0].max() > 0.1  # It goes up only once it has opened.
+    assert np.max(np.diff(down)) <= 1e-12
 
 
 def test_a_state_survives_as_a_vector():
@@ -277,8 +271,7 @@ def test_no_closing_starts_on_an_object_that_is_not_seen(found, distance):
     assert phases(states)[-1] == "HOLD"
     for tick, state in enumerate(states):
         waits = 2.0 - 1e-9 <= tick * PERIOD < found - 1e-9
-        reason = describe_give_up(state.reason, state.detail)
-        assert reason == ("the object is lost from sight" if waits else None)
+        assert words(state) == ("the object is lost from sight" if waits else None)
 
 
 @pytest.mark.parametrize("touched", [0, 3])
@@ -291,7 +284,7 @@ def test_a_closing_that_has_no_hold_opens_when_the_object_is_lost(touched):
     states = play(scene, change=lose, end=10.0)
     assert phases(states) == ["APPROACH", "TRACK", "CLOSE", "BACK_OFF"]
     last = states[-1]
-    assert describe_give_up(last.reason, last.detail) == "the object is lost from sight"
+    assert words(last) == "the object is lost from sight"
     np.testing.assert_allclose(last.standoffs, SETTINGS.standoff)
     assert last.height.value(10.0) == pytest.approx(SETTINGS.approach_height)
 
@@ -301,12 +294,12 @@ def test_a_hand_that_holds_goes_on_holding_an_object_that_it_no_longer_sees(phas
     def lose(scene, state):
         scene.sees = state.phase < phase
 
-    assert phases(play(Scene(), change=lose)) == phases(play(Scene()))
+    assert phases(play(Scene(), change=lose)) == WHOLE
 
 
 def test_a_hand_comes_no_lower_while_it_does_not_see_what_it_comes_down_to():
     states = play(Scene(), change=unseen(0.5, 3.0), close_at=np.inf)
-    heights = np.array([s.height.value(PERIOD * tick) for tick, s in enumerate(states)])
+    heights = ramped(states, "height")
     lost = heights[int(0.5 / PERIOD) : int(3.0 / PERIOD)]
     assert np.ptp(lost) == 0
     assert 0 < lost[0] < SETTINGS.approach_height

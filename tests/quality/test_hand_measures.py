@@ -1,3 +1,5 @@
+"""Measures of a hand, by its Jacobian."""
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -11,39 +13,17 @@ from drake_pregrasp.quality.grasp_quality import (
 )
 
 MEASURES = (distance_to_singularity, manipulability_volume, uniformity_of_transformation)
-cases = given(seed=st.integers(0, 10**6), r=st.sampled_from([3, 6]), k=st.integers(1, 9))
 
 
-def jacobian(seed, r, k):
-    return np.random.default_rng(seed).normal(size=(r, k))
-
-
-@cases
-def test_neither_the_frame_nor_the_joints_basis_matters(seed, r, k):
-    J = jacobian(seed, r, k)
-    Q, P = (np.linalg.qr(jacobian(seed + 1, n, n))[0] for n in (r, k))
-    for measure in MEASURES:
-        assert measure(Q @ J @ P) == pytest.approx(measure(J), abs=1e-9)
-
-
-@cases
-def test_they_are_the_paths_of_their_definitions(seed, r, k):
-    J = jacobian(seed, r, k)
+@given(seed=st.integers(0, 10**6), r=st.sampled_from([3, 6]), k=st.integers(1, 9))
+def test_measures_are_their_definitions(seed, r, k):
+    J = np.random.default_rng(seed).normal(size=(r, k))
     eigenvalues = np.maximum(np.linalg.eigvalsh(J @ J.T), 0)
     volume = np.sqrt(max(np.linalg.det(J @ J.T), 0))
     assert distance_to_singularity(J) == pytest.approx(np.sqrt(eigenvalues[0]), abs=1e-6)
     assert manipulability_volume(J) == pytest.approx(volume, rel=1e-6, abs=1e-4)
     ratio = np.sqrt(eigenvalues[0] / eigenvalues[-1])
     assert uniformity_of_transformation(J) == pytest.approx(ratio, abs=1e-6)
-
-
-@cases
-def test_scaling_the_joints_scales_distance_and_volume_but_not_uniformity(seed, r, k):
-    J = jacobian(seed, r, k)
-    assert distance_to_singularity(3 * J) == pytest.approx(3 * distance_to_singularity(J))
-    assert manipulability_volume(3 * J) == pytest.approx(3**r * manipulability_volume(J))
-    assert uniformity_of_transformation(3 * J) == pytest.approx(uniformity_of_transformation(J))
-    assert 0 <= uniformity_of_transformation(J) <= 1
 
 
 def test_a_planar_arm_is_singular_where_it_is_stretched():
@@ -65,15 +45,11 @@ def test_the_uniform_are_uniform_and_nothing_is_nothing():
 
 
 @pytest.mark.parametrize("measure", MEASURES)
-def test_too_few_joints_leave_a_velocity_out(measure):
-    assert measure(jacobian(0, 6, 5)) == 0
-
-
-@pytest.mark.parametrize("measure", MEASURES)
-def test_many_at_once_are_as_one_by_one(measure):
+def test_many_at_once_are_as_one_by_one_and_too_few_joints_leave_a_velocity_out(measure):
     J = np.random.default_rng(0).normal(size=(2, 5, 6, 7))
     expected = [[measure(one) for one in row] for row in J]
     np.testing.assert_allclose(measure(J), expected, rtol=1e-12)
+    np.testing.assert_array_equal(measure(J[..., :5]), 0)
 
 
 @pytest.mark.parametrize("shape", [(6,), (4, 4), (6, 0)])

@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from conftest import read_log
 from hand_files import write_hand
 
 from drake_pregrasp import ScenarioError, load_hand, load_scenario
@@ -41,13 +42,17 @@ def test_a_scenario_names_files_in_its_own_folder_or_in_allowed_ones(there, name
 
 
 @pytest.mark.slow
-def test_the_command_takes_the_advice(there, capsys):
-    options = ["--out", str(there), "--no-recording", "--simulation_duration", "0.1"]
+def test_the_command_takes_the_advice_and_runs_again_from_the_run_folder(there, capsys):
+    options = ["--out", str(there), "--no-recording", "--simulation_duration", "0.5"]
     allowed = [*options, "--allow", str(there / "other")]
+    logs = []
     for file in (scenario_of(there, "../other/poses.csv"), there / "case" / "scenario.yaml"):
         assert main(["run", "--scenario_file", str(file), *options]) == 2
         assert capsys.readouterr().err.count("\n") == 1
         assert main(["run", "--scenario_file", str(file), *allowed]) == 0
+        logs.append((there / "case" / "log.csv").read_bytes())
+    assert logs[0] == logs[1]
+    assert read_log(there / "case" / "log.csv")["z_wo"][-1] == pytest.approx(0.35)
 
 
 def test_a_text_names_files_in_the_working_directory(there, monkeypatch):

@@ -60,22 +60,6 @@ def test_the_camera_sees_the_whole_motion(name):
         assert np.max(angle) < HALF_VIEW
 
 
-@pytest.mark.slow
-def test_a_pose_stream_is_run_again_from_its_run_folder(tmp_path):
-    (tmp_path / "poses.csv").write_text(
-        "time,x,y,z,qw,qx,qy,qz\n0,0,0,0.3,1,0,0,0\n1,0.1,0,0.4,1,0,0,0\n"
-    )
-    (tmp_path / "mine.yaml").write_text(
-        "mine: {simulation_duration: 0.5, motion: !PoseStream {file: poses.csv}}\n"
-    )
-    first = run(load_scenario(file=tmp_path / "mine.yaml"), name="a", out=tmp_path, recording=False)
-    again = load_scenario(file=first.folder / "scenario.yaml", folders=[tmp_path])
-    second = run(again, name="b", out=tmp_path / "other", recording=False)
-    logs = [(result.folder / "log.csv").read_bytes() for result in (first, second)]
-    assert logs[0] == logs[1]
-    assert run_log(first)["x_wo"][-1] == pytest.approx(0.05)
-
-
 def test_a_smoothed_file_is_a_stream_that_is_nearer_to_the_truth(tmp_path):
     truth = read_recorded_poses(resource_folder("models") / "carried_by_hand.csv")
     rng = np.random.default_rng(3)

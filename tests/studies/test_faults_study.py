@@ -13,14 +13,7 @@ from drake_pregrasp import TrackingStatus, load_scenario
 from drake_pregrasp.cli import main
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.studies import faults, filter_consistency
-from drake_pregrasp.studies.faults import (
-    FaultJob,
-    fault_scenarios,
-    fault_table,
-    percent,
-    run_faults,
-    summarize_faults,
-)
+from drake_pregrasp.studies.faults import FaultJob, percent
 from drake_pregrasp.studies.filter_consistency import FILTERS, TICKS, band
 
 SCENARIO = load_scenario("fault_outliers")
@@ -52,7 +45,7 @@ def records(offset=lambda time: 0.0, turn=lambda time: 0.0, off_surface=lambda t
 
 
 def found(**errors):
-    return SimpleNamespace(**summarize_faults(SCENARIO, SURFACE, records(**errors)))
+    return SimpleNamespace(**faults.summarize_faults(SCENARIO, SURFACE, records(**errors)))
 
 
 def test_a_perfect_run_is_valid_and_has_nothing_to_recover_from():
@@ -82,11 +75,11 @@ def test_contacts_off_the_estimated_object_are_not_valid():
 @pytest.mark.slow
 def test_a_real_run_stays_valid_and_recovers_and_without_a_gate_outliers_do_harm():
     job = FaultJob("fault_outliers", 3)
-    gated = run_faults(job)
+    gated = faults.run_faults(job)
     assert gated["valid"] == 1
     assert gated["position_error"] < 2e-3
     assert gated["recovery"] <= 0.5
-    assert run_faults(job, "{planner: {estimator: {gate: 0.0}}}")["position_error"] > 1e-2
+    assert faults.run_faults(job, "{planner: {estimator: {gate: 0.0}}}")["position_error"] > 1e-2
 
 
 @pytest.mark.slow
@@ -98,7 +91,7 @@ def test_the_command_studies_what_it_is_asked_for(tmp_path, capsys, monkeypatch)
     report = tmp_path / "faults.md"
     assert capsys.readouterr().out == f"2 of 2 runs are there\nreport in {report}\n"
     text = report.read_text(encoding="utf-8")
-    assert [f"| `{name}`" in text for name in fault_scenarios()].count(True) == 2
+    assert [f"| `{name}`" in text for name in faults.fault_scenarios()].count(True) == 2
     assert "Valid contacts at all ticks: in 2 of 2 runs." in text
     assert "NEES" not in text
     monkeypatch.setattr(faults, "fault_scenarios", lambda: {"fault_nan": "no numbers"})
@@ -116,7 +109,7 @@ def test_a_table_has_medians_and_the_largest_and_shares_are_not_rounded_up_to_al
             for k, e in enumerate(errors)
         ]
     )
-    (line,) = fault_table(rows).to_dict("records")
+    (line,) = faults.fault_table(rows).to_dict("records")
     assert line["worst position error [mm]"] == "2.0 (9.0)"
     assert (line["runs"], line["contacts valid"]) == (3, "100 %")
     assert percent(0.99999) == "99.999 %"

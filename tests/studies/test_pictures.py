@@ -9,19 +9,10 @@ from pydrake.geometry import Rgba, SceneGraph, Sphere
 from pydrake.math import RigidTransform
 
 from drake_pregrasp import ContactStatus, load_scenario
-from drake_pregrasp.studies import gallery, shape_study
+from drake_pregrasp.studies import gallery, pictures, shape_study
 from drake_pregrasp.studies.gallery import describe_limits, make_gallery
 from drake_pregrasp.studies.grasp_pictures import picture_grasp
-from drake_pregrasp.studies.pictures import (
-    WHITE,
-    Light,
-    camera_pose,
-    color_camera,
-    coloured,
-    drawn_mesh,
-    lit_renderer,
-    take_picture,
-)
+from drake_pregrasp.studies.pictures import WHITE, Light
 from drake_pregrasp.studies.shape_study import study_shapes
 
 FORWARD = [0.0, 0.0, 1.0]
@@ -33,11 +24,11 @@ AHEAD = RigidTransform()
 def picture(light, background=WHITE, shape=BALL, p_WS=(0.0, 0.0, 1.0), X_WK=AHEAD):
     """Returns a picture of a red shape S, for a camera that looks along z a metre before it."""
     scene = SceneGraph()
-    scene.AddRenderer("vtk", lit_renderer([light], background))
-    red = coloured(RigidTransform(p_WS), shape, Rgba(0.8, 0.1, 0.1), "red")
+    scene.AddRenderer("vtk", pictures.lit_renderer([light], background))
+    red = pictures.coloured(RigidTransform(p_WS), shape, Rgba(0.8, 0.1, 0.1), "red")
     scene.RegisterAnchoredGeometry(scene.RegisterSource("test"), red)
     query = scene.get_query_output_port().Eval(scene.CreateDefaultContext())
-    return take_picture(query, color_camera((21, 21), 0.5), X_WK)
+    return pictures.take_picture(query, pictures.color_camera((21, 21), 0.5), X_WK)
 
 
 def test_a_picture_has_its_background_colours_and_lights():
@@ -54,7 +45,7 @@ def test_a_picture_has_its_background_colours_and_lights():
 def test_a_camera_looks_at_its_target_and_keeps_upright():
     """10 cm higher is 5.6 pixels higher: a focal length of 41, times 9 cm aside over 66 cm off."""
     x, y, z = target = np.array([0.02, 0.01, 0.05])
-    look = {"shape": Sphere(0.05), "X_WK": camera_pose(target, np.array([0.5, -0.4, 0.3]))}
+    look = {"shape": Sphere(0.05), "X_WK": pictures.camera_pose(target, np.array([0.5, -0.4, 0.3]))}
     for height, above in ((0.0, 0.0), (0.1, 5.6)):
         image = picture(Light(FORWARD, 1.0), p_WS=[x, y, z + height], **look)
         row, column = np.mean(np.argwhere(image[..., 1] < 128), axis=0)
@@ -64,11 +55,12 @@ def test_a_camera_looks_at_its_target_and_keeps_upright():
 def test_a_mesh_is_drawn_where_its_triangles_are_lifted_to():
     """Lifted towards the camera by half the way, it looks twice as large."""
     corners = np.array([[-0.1, -0.1, 0], [0, 0.15, 0], [0.1, -0.1, 0]])
-    shown = [
-        picture(Light(FORWARD, 1.0), shape=drawn_mesh(corners[None], lift=lift))[..., 1] < 128
+    images = [
+        picture(Light(FORWARD, 1.0), shape=pictures.drawn_mesh(corners[None], lift=lift))
         for lift in (0.0, 0.5)
     ]
-    assert 3 < np.sum(shown[1]) / np.sum(shown[0]) < 5
+    areas = [np.sum(image[..., 1] < 128) for image in images]
+    assert 3 < areas[1] / areas[0] < 5
 
 
 @pytest.mark.slow

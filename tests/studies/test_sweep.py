@@ -13,18 +13,11 @@ from drake_pregrasp import ScenarioError, load_scenario, run
 from drake_pregrasp.cli import main
 from drake_pregrasp.simulation.run_log import adapting_phase
 from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS, SETTINGS, StudyRows
+from drake_pregrasp.studies.sweep import sweep_report
 from drake_pregrasp.studies.sweep.measures import MEASURES
 from drake_pregrasp.studies.sweep.study_file import load_study
 from drake_pregrasp.studies.sweep.sweep_command import STUDY, SweepRun, sweep
-from drake_pregrasp.studies.sweep.sweep_report import (
-    axis_label,
-    axis_table,
-    color_axis,
-    is_scattered,
-    plot_axis,
-    with_categories,
-    write_sweep_report,
-)
+from drake_pregrasp.studies.sweep.sweep_report import axis_table, write_sweep_report
 
 
 def sweep_run(study):
@@ -153,7 +146,7 @@ def test_all_that_a_study_names_is_escaped_and_missing_rows_are_said_to_be(study
 
 def test_a_table_has_medians_and_ranges_by_value_and_leaves_out_what_is_no_number(study, rows):
     axes = study.plan.axes
-    rows = with_categories(rows, axes)
+    rows = sweep_report.with_categories(rows, axes)
     by_speed = axis_table(rows, axes[0], MADE_UP)
     assert by_speed.columns[:2].tolist() == ["motion.linear_velocity [m/s]", "runs"]
     assert by_speed.iloc[:, 0].tolist() == ["0", "0.001", "0.1"]
@@ -173,22 +166,22 @@ def test_a_table_has_medians_and_ranges_by_value_and_leaves_out_what_is_no_numbe
 @pytest.mark.slow
 def test_random_numbers_are_shown_run_by_run_and_never_joined_or_used_for_colours(study, rows):
     axes = study.plan.axes
-    rows = with_categories(rows, axes)
-    assert [is_scattered(rows, axis) for axis in axes] == [False, False, True, False]
-    colors = [color_axis(rows, axes, axis).name for axis in axes]
+    rows = sweep_report.with_categories(rows, axes)
+    assert [sweep_report.is_scattered(rows, axis) for axis in axes] == [False, False, True, False]
+    colors = [sweep_report.color_axis(rows, axes, axis).name for axis in axes]
     assert colors == [EVIL, "planner.strategy", "planner.strategy", "motion.linear_velocity"]
     # Few samples are no values of an axis either: they differ in all other random fields.
     few = rows[rows["planner.power"].isin(rows["planner.power"].unique()[:3])]
-    assert is_scattered(few, axes[2])
+    assert sweep_report.is_scattered(few, axes[2])
     for axis, color in itertools.product(axes[:3], (None, axes[1])):
-        figure = plot_axis(few, axis, MADE_UP[:1], color)
+        figure = sweep_report.plot_axis(few, axis, MADE_UP[:1], color)
         joined = [line for line in figure.axes[0].lines if line.get_linestyle() == "-"]
         curves = [line for line in joined if len(line.get_xdata()) > 2]
         assert len(curves) == (axis is axes[0]) * (1 if color is None else 2)
 
 
 def test_axes_have_the_units_of_their_fields():
-    assert axis_label("motion.linear_velocity") == "motion.linear_velocity [m/s]"
-    assert axis_label("object.size[0]") == "object.size[0] [m]"
-    assert axis_label("planner.strategy") == "planner.strategy"
-    assert axis_label("the period [ms]") == "the period [ms]"
+    assert sweep_report.axis_label("motion.linear_velocity") == "motion.linear_velocity [m/s]"
+    assert sweep_report.axis_label("object.size[0]") == "object.size[0] [m]"
+    assert sweep_report.axis_label("planner.strategy") == "planner.strategy"
+    assert sweep_report.axis_label("the period [ms]") == "the period [ms]"

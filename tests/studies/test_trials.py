@@ -20,19 +20,15 @@ from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.simulation.hand_file import load_hand, load_hand_model
 from drake_pregrasp.simulation.output import without_solver_chatter
+from drake_pregrasp.studies.static_versus_dynamic import grasp_outcome, methods
 from drake_pregrasp.studies.static_versus_dynamic.comparison_command import compare_methods
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS, random_start
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import (
     CLEAN_BELOW,
     GoalSample,
     TrialJob,
-    grasp_outcome,
 )
-from drake_pregrasp.studies.static_versus_dynamic.methods import (
-    METHODS,
-    Reassignment,
-    StationaryHand,
-)
+from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
 from drake_pregrasp.studies.static_versus_dynamic.trial import Trial, run_trial, tracking_rows
 from drake_pregrasp.systems.loggers import GraspRecord
 
@@ -103,7 +99,7 @@ def ring(turn):
 
 
 def test_contacts_that_turn_away_go_to_the_next_finger_round_the_hand():
-    system = Reassignment(FRAMES, azimuths=AROUND, period=0.05)
+    system = methods.Reassignment(FRAMES, azimuths=AROUND, period=0.05)
     simulator = Simulator(system)
     context = simulator.get_mutable_context()
     system.GetInputPort("X_WH").FixValue(context, RigidTransform())
@@ -124,7 +120,7 @@ def test_contacts_that_turn_away_go_to_the_next_finger_round_the_hand():
 
 def stationary_hand(close, *, obstacles=(), yaw=0.3):
     limits = LimitsConfig(tip_radii=[0.009] * 5, standoff=0.02, clearance=0.004)
-    system = StationaryHand(FRAMES, azimuths=AROUND, box_size=[0.1] * 3, limits=limits)
+    system = methods.StationaryHand(FRAMES, azimuths=AROUND, box_size=[0.1] * 3, limits=limits)
     context = system.CreateDefaultContext()
     X_WO = RigidTransform(RotationMatrix.MakeZRotation(yaw), [0.2, 0.1, 0.05])
     system.GetInputPort("X_WO_estimated").FixValue(context, X_WO)
@@ -183,7 +179,7 @@ def outcome_of(records, condition="nominal", samples=(), reason=GiveUp.NONE):
     first = GraspState.first(5, GraspConfig().make_settings())
     state = dataclasses.replace(first, active=np.array([True] * 4 + [False]), reason=reason)
     radii = np.full(5, 0.009)
-    return grasp_outcome(CONDITIONS[condition], 2.0, records, samples, state, radii)
+    return grasp_outcome.grasp_outcome(CONDITIONS[condition], 2.0, records, samples, state, radii)
 
 
 def good_grasp(**last):

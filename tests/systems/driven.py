@@ -60,10 +60,15 @@ class Driven:
 
     def numbers(self):
         """All outputs as one vector."""
-        ports = [
-            self.system.get_output_port(i).get_name() for i in range(self.system.num_output_ports())
-        ]
-        return np.concatenate([self.array(port).ravel() for port in ports])
+        _, outputs = port_names(self.system)
+        return np.concatenate([self.array(port).ravel() for port in outputs])
+
+
+def port_names(system):
+    """Names of the input ports and of the output ports, in their order."""
+    inputs = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
+    outputs = [system.get_output_port(i).get_name() for i in range(system.num_output_ports())]
+    return inputs, outputs
 
 
 def plain(value):

@@ -1,7 +1,7 @@
 """Systems with small settings, and values for their inputs."""
 
 import numpy as np
-from driven import Driven
+from driven import Driven, port_names
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
@@ -48,6 +48,11 @@ PERIOD, CONTROL_PERIOD = 0.05, 0.02
 AROUND = 2 * np.pi * np.arange(N) / N
 RING = np.stack([np.cos(AROUND), np.sin(AROUND), 0 * AROUND], axis=1)
 SETTINGS = GraspConfig().make_settings()
+NO_POSES = (
+    RigidTransform([1e300, 0.0, np.nan]),
+    RigidTransform(RotationMatrix.MakeUnchecked(np.full((3, 3), np.nan)), np.zeros(3)),
+    RigidTransform(RotationMatrix.MakeUnchecked(1.1 * np.eye(3)), np.zeros(3)),
+)
 X_WO = RigidTransform(RollPitchYaw(0.2, -0.4, 1.0), [0.5, -0.3, 0.2])
 
 
@@ -229,5 +234,5 @@ VALUES = {
 def driven(name):
     """A system with a sound value at each of its ports."""
     system = MAKERS[name]()
-    ports = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
-    return Driven(system, **{port: VALUES[port][0] for port in ports})
+    inputs, _ = port_names(system)
+    return Driven(system, **{port: VALUES[port][0] for port in inputs})

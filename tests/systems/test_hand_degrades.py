@@ -5,6 +5,7 @@ import pytest
 from made_systems import (
     CONTROL_PERIOD,
     FRAMES,
+    NO_POSES,
     NQ,
     RING,
     SETTINGS,
@@ -16,22 +17,14 @@ from made_systems import (
     wall,
 )
 from pydrake.common.value import AbstractValue
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import BusValue
 
-from drake_pregrasp import (
-    GraspConfig,
-    InvalidArgumentError,
-    Obstacles,
-    TrackingStatus,
-)
+from drake_pregrasp import GraspConfig, InvalidArgumentError, Obstacles, TrackingStatus
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
 
 BAD_NUMBERS = [np.nan, np.inf, -np.inf, 1e300]
-NO_POSE = RigidTransform(RotationMatrix.MakeUnchecked(np.full((3, 3), np.nan)), np.zeros(3))
-FAR = RigidTransform([1e300, 0.0, np.nan])
-SKEW = RigidTransform(RotationMatrix.MakeUnchecked(np.ones((3, 3))), np.zeros(3))
 
 
 def spoiled_wall(number):
@@ -44,7 +37,7 @@ def spoiled_wall(number):
 def spoiled(value, number):
     """Yields what a port may get instead of a sound value."""
     if isinstance(value, RigidTransform):
-        yield from (NO_POSE, FAR, SKEW)
+        yield from NO_POSES
     elif isinstance(value, SpatialVelocity):
         yield SpatialVelocity(w=[0.0, number, 0.0], v=[number, 0.0, 0.0])
     elif isinstance(value, BusValue):
@@ -122,16 +115,16 @@ def test_tips_stay_where_an_obstacle_may_be_anywhere():
     assert not np.allclose(player.array("p_GT"), before)
 
 
-NO_POSES = BusValue()
-NO_POSES.Set(FRAMES[0], AbstractValue.Make(3.0))
+WRONG_BUS = BusValue()
+WRONG_BUS.Set(FRAMES[0], AbstractValue.Make(3.0))
 
 
 @pytest.mark.parametrize(
     ("name", "port", "wrong"),
     [
-        ("shaper", "fingertip_targets", NO_POSES),
-        ("carrier", "tip_goals", NO_POSES),
-        ("arm", "tip_goals", NO_POSES),
+        ("shaper", "fingertip_targets", WRONG_BUS),
+        ("carrier", "tip_goals", WRONG_BUS),
+        ("arm", "tip_goals", WRONG_BUS),
         ("shaper", "obstacles", object()),
         ("partitioner", "obstacles", object()),
         ("selector", "safe_regions", object()),
@@ -162,7 +155,7 @@ def tracking_hand():
     [
         ("tracking_status", [float(TrackingStatus.LOST)]),
         ("tracking_status", [float(TrackingStatus.WAITING)]),
-        ("X_WO_estimated", NO_POSE),
+        ("X_WO_estimated", NO_POSES[0]),
     ],
 )
 def test_a_hand_closes_on_nothing_that_it_does_not_see(tracking_hand, port, value):
@@ -205,7 +198,7 @@ def test_an_unknown_pose_is_the_last_one(name, output):
     player = driven(name)
     player.tick(100)
     last = player.array(output)
-    player.fix(X_WO_estimated=NO_POSE)
+    player.fix(X_WO_estimated=NO_POSES[0])
     player.tick(2)
     np.testing.assert_allclose(player.array(output), last, atol=1e-12)
 

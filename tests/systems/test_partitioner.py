@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from made_systems import X_WO, N, partition
+from made_systems import NO_POSES, X_WO, N, partition
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
@@ -25,10 +25,6 @@ BOX = BoxSolid(np.array([0.0, 0.08, 0.02]), TILT, np.array([0.05, 0.03, 0.02]))
 POINT = ForbiddenPoints(np.array([[-0.06, 0, 0]]), np.array([0.03]))
 X_OH = RigidTransform(RollPitchYaw(0.4, 0.1, 0.5), [0.03, 0.01, 0.0])
 WEIGHTS = np.array([0, 0, 1e-3, 0, -np.inf])
-NO_POSES = [
-    RigidTransform([np.nan, 0.0, 0.0]),
-    RigidTransform(RotationMatrix.MakeUnchecked(1.1 * np.eye(3)), np.zeros(3)),
-]
 
 
 def ball_reach(center, radius):

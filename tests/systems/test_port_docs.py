@@ -8,6 +8,7 @@ import re
 
 import pytest
 import yaml
+from driven import port_names
 from made_systems import AROUND, FRAMES, make_arm
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.framework import Diagram, System
@@ -59,12 +60,6 @@ def system_classes() -> set[type]:
     return found
 
 
-def ports(system: System) -> tuple[list[str], list[str]]:
-    inputs = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
-    outputs = [system.get_output_port(i).get_name() for i in range(system.num_output_ports())]
-    return inputs, outputs
-
-
 def test_every_system_is_looked_at(systems) -> None:
     assert system_classes() == set(systems)
 
@@ -76,7 +71,7 @@ def test_port_blocks_equal_the_ports(systems) -> None:
         documented = yaml.safe_load(inspect.cleandoc(block))
         assert documented["name"] == system_class.__name__
         listed = documented.get("input_ports", []), documented.get("output_ports", [])
-        assert listed == ports(system), system_class
+        assert listed == port_names(system), system_class
 
 
 def test_every_port_has_a_sentence(systems) -> None:
@@ -85,4 +80,6 @@ def test_every_port_has_a_sentence(systems) -> None:
         doc = docs[system_class.__name__]
         if like := re.search(r"ports are as those of `(\w+)`", doc):
             doc += docs[like.group(1)]
-        assert [name for name in itertools.chain(*ports(system)) if f"`{name}`" not in doc] == []
+        assert [
+            name for name in itertools.chain(*port_names(system)) if f"`{name}`" not in doc
+        ] == []

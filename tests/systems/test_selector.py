@@ -5,8 +5,8 @@ import dataclasses
 import numpy as np
 import pytest
 from driven import Driven
-from made_systems import PERIOD, X_WO, N, make_selector, partition, points_of, regions_of
-from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from made_systems import NO_POSES, PERIOD, X_WO, N, make_selector, partition, points_of, regions_of
+from pydrake.math import RigidTransform, RollPitchYaw
 
 from drake_pregrasp import (
     BallReach,
@@ -31,10 +31,6 @@ SKEWED = np.diag([4e-3, 1e-4, 1e-3])
 LATER = RigidTransform(RollPitchYaw(0.1, 0.2, -0.7), [0.3, 0.1, 0.0])
 STANDOFF = PlannerConfig().lost_standoff
 NOT_FOLLOWED = [TrackingStatus.WAITING, TrackingStatus.LOST, np.nan, 17.0, -np.inf]
-NO_POSES = [
-    RigidTransform([np.nan, 0.0, 0.0]),
-    RigidTransform(RotationMatrix.MakeUnchecked(1.1 * np.eye(3)), np.zeros(3)),
-]
 
 
 class Selector(Driven):
@@ -149,13 +145,6 @@ def test_static_contacts_stay_on_the_object_for_their_duration(surface, p_OC):
     np.testing.assert_allclose(selector.goals, in_world(moved), atol=1e-12)
     selector.at(80 * PERIOD)
     assert np.max(np.abs(selector.goals - in_world(moved))) > 1e-3
-
-
-def test_previous_goals_break_the_loop_to_the_partitioner(selector):
-    regions = selector.system.GetInputPort("safe_regions").get_index()
-    for name, depends in (("p_WC", True), ("p_WC_previous", False)):
-        output = selector.system.GetOutputPort(name).get_index()
-        assert selector.system.HasDirectFeedthrough(regions, output) == depends
 
 
 def test_fingertip_targets_look_into_the_object(surface, p_OC):

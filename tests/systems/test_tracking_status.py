@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from drake_pregrasp import MeasurementVerdict as Verdict
 from drake_pregrasp import TrackingStatus
 from drake_pregrasp.arrays import FARTHEST
-from drake_pregrasp.estimation.pose_track import tracking_status
 
 COAST, LOST = 0.1, 0.5
 NAN = RigidTransform([np.nan, 0, 0])
@@ -161,16 +160,6 @@ def test_without_a_gate_all_is_taken(gate, verdict):
     tracked = Tracked(followed=5, gate=gate)
     tracked.see(5, RigidTransform([1000.0, 0, 0]))
     assert tracked.verdict == verdict
-
-
-def test_status_is_a_matter_of_how_long_a_measurement_is_overdue():
-    args = (0.1, 0.2, 1.0)  # Period, coast_after, lost_after.
-    assert tracking_status(np.inf, *args) == TrackingStatus.WAITING
-    statuses = [tracking_status(since, *args) for since in np.linspace(0, 2, 201)]
-    assert statuses == sorted(statuses)
-    assert tracking_status(0.1 + 0.2, *args) == TrackingStatus.TRACKING
-    assert tracking_status(0.31, *args) == TrackingStatus.COASTING
-    assert tracking_status(1.11, *args) == TrackingStatus.LOST
 
 
 @pytest.mark.parametrize("late", [1, 3])

@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import NullFormatter
 from threadpoolctl import threadpool_limits
 
-from drake_pregrasp.simulation.output import write_text, writing
+from drake_pregrasp.simulation.output import make_folder, write_text, writing
 from drake_pregrasp.studies.bench.base_case import PARTS, RunJob, time_run, time_starts
 from drake_pregrasp.studies.bench.soak import drift, soak
 from drake_pregrasp.studies.bench.tick_times import (
@@ -91,8 +91,7 @@ def bench(
         OutputError: If the folder can't be written.
     """
     out = Path(out)
-    with writing(out):
-        out.mkdir(parents=True, exist_ok=True)
+    make_folder(out)
     jobs, load = plan(quick=quick), os.getloadavg()[0]
     rows: dict[str, list[dict[str, Any]]] = {section: [] for section in _SECTIONS}
     with threadpool_limits(1):

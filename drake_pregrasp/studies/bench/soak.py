@@ -59,7 +59,6 @@ def soak(
 
     simulator = Simulator(make_diagram(config, config.make_surface(), sink=add))
     ApplySimulatorConfig(config.simulator_config, simulator)
-    simulator.Initialize()
     found = []
     for index in range(hours):
         total[:] = 0

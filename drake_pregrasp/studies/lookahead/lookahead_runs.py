@@ -123,7 +123,6 @@ def run_lookahead(scenario: Scenario) -> LookaheadRun:
 
     simulator = Simulator(diagram)
     simulator.set_monitor(monitor)
-    simulator.Initialize()
     simulator.AdvanceTo(scenario.simulation_duration)
     return LookaheadRun(*(np.array(values) for values in zip(*ticks.values(), strict=True)))
 

@@ -11,22 +11,12 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from drake_pregrasp.errors import ScenarioError
-from drake_pregrasp.simulation.output import write_text, writing
+from drake_pregrasp.simulation.output import make_folder, write_text, writing
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.summary import MEASURES
+from drake_pregrasp.studies.paper import paper_cases
 from drake_pregrasp.studies.paper.claims import STRATEGY_CASES, discretisation_costs, judge_claims
-from drake_pregrasp.studies.paper.paper_cases import (
-    LITERAL,
-    SCENARIOS,
-    SPACINGS,
-    TABLE_2,
-    TABLE_3,
-    CaseLog,
-    Published,
-    case_job,
-    run_cases,
-    spacing_job,
-)
+from drake_pregrasp.studies.paper.paper_cases import LITERAL, SCENARIOS, TABLE_2, TABLE_3, CaseLog
 from drake_pregrasp.studies.paper.paper_figures import figure_2c, figure_4, figure_5, figure_6
 from drake_pregrasp.studies.report_page import Heading, Part, Picture, Table, write_report
 from drake_pregrasp.studies.runner import OnProgress
@@ -95,15 +85,15 @@ def reproduce(
         if case not in SCENARIOS:
             raise ScenarioError("--cases", case, f"no such case; there are: {','.join(SCENARIOS)}")
     out, cases = Path(out), list(dict.fromkeys(cases))
+    make_folder(out)
     with writing(out):
-        out.mkdir(parents=True, exist_ok=True)
         for name in CAPTIONS:  # What an earlier report has left.
             (out / f"{name}.png").unlink(missing_ok=True)
             (out / f"{name}.svg").unlink(missing_ok=True)
     rows = [*cases, *(LITERAL[case] for case in cases if case in LITERAL)]
-    jobs = [case_job(row, seed, duration) for seed in seeds for row in rows]
-    jobs += [spacing_job(spacing, duration) for spacing in SPACINGS]
-    runs = run_cases(jobs, out / "runs", on_progress=on_progress)
+    jobs = [paper_cases.case_job(row, seed, duration) for seed in seeds for row in rows]
+    jobs += [paper_cases.spacing_job(spacing, duration) for spacing in paper_cases.SPACINGS]
+    runs = paper_cases.run_cases(jobs, out / "runs", on_progress=on_progress)
     claims = judge_claims(runs, discretisation_costs(load_scenario("a_base")))
     tables = {"table2": paper_table(TABLE_2, runs), "table3": paper_table(TABLE_3, runs)}
     content = {
@@ -134,7 +124,7 @@ def reproduce(
     return write_report(out, "Dynamic pre-grasp planning: the paper, reproduced", parts)
 
 
-def paper_table(table: Mapping[str, Published], runs: pd.DataFrame) -> pd.DataFrame:
+def paper_table(table: Mapping[str, paper_cases.Published], runs: pd.DataFrame) -> pd.DataFrame:
     """Returns Table II or III beside our values, a row for each measure of each case that was run.
 
     Args:

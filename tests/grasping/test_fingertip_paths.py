@@ -1,0 +1,158 @@
+"""Goals of fingertips: what room they have, how they move, and where they wait."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from drake_pregrasp import BallSolid, BoxSolid, HalfSpace
+from drake_pregrasp.grasping.fingertip_paths import (
+    MOVING_CLEARANCE,
+    OTHER_CLEARANCE,
+    TipPlaces,
+    TipRoom,
+    shape_goals,
+)
+
+BOX = BoxSolid(np.zeros(3), np.eye(3), np.array([0.1, 0.08, 0.1]))
+TABLE = HalfSpace(np.array([0.0, 0.0, -0.05]), np.array([0.0, 0.0, 1.0]))
+CLEARANCE = 0.017
+STEP = 0.006
+ROOM = TipRoom(
+    object=BOX,
+    p_GO=np.zeros(3),
+    object_clearances=np.full(5, CLEARANCE),
+    others=((TABLE, 0.013),),
+    spacing=0.022,
+)
+ALONE = TipRoom(object=BOX, p_GO=np.zeros(3), object_clearances=np.full(1, CLEARANCE))
+
+point = st.tuples(*[st.floats(-0.15, 0.15)] * 3)
+points = st.lists(point, min_size=5, max_size=5)
+
+
+@given(points)
+def test_permitted_places_are_out_of_the_object_and_stay(p):
+    moved = ROOM.permitted(np.array(p))
+    assert np.min(BOX.distance(moved)) >= CLEARANCE - 1e-9
+    gaps = np.linalg.norm(moved[:, None] - moved, axis=2) + np.eye(5)
+    if np.min(TABLE.distance(moved)) >= 0.013 and np.min(gaps) >= ROOM.spacing:
+        np.testing.assert_array_equal(ROOM.permitted(moved), moved)
+
+
+def test_tips_that_are_too_near_come_apart_evenly_and_off_the_table():
+    near, low = [[0.067, 0, 0], [0.067, 0.004, 0]], [0.067, -0.03, -0.06]
+    p = np.array([*near, low, [-0.067, 0, 0], [0, 0.06, 0.02]])
+    moved = ROOM.permitted(p)
+    gaps = np.linalg.norm(moved[:, None] - moved, axis=2)[np.triu_indices(5, 1)]
+    assert np.min(gaps) >= ROOM.spacing - 1e-6
+    assert moved[:2, 1].mean() == pytest.approx(0.002)
+    assert np.min(TABLE.distance(moved)) >= 0.013 - 1e-6
+
+
+@pytest.mark.slow
+@given(point, point)
+@settings(max_examples=40)
+def test_a_tip_gets_everywhere_without_touching_or_jumping(start, end):
+    p, goal = ALONE.permitted(np.array([start])), ALONE.permitted(np.array([end]))
+    assume(min(p[0, 2], goal[0, 2]) > -0.05)  # Nothing goes below what stands on a table.
+    for _ in range(150):  # The longest way is half round at 6 mm a step.
+        moved = shape_goals(p, goal, STEP, ALONE)
+        # A step along the surface that bends away at an edge is pushed out as well.
+        pushed = np.hypot(CLEARANCE, STEP) - CLEARANCE
+        assert np.linalg.norm(moved - p) <= 1.001 * np.hypot(STEP, pushed)
+        assert BOX.distance(moved)[0] >= CLEARANCE - 1e-9
+        p = moved
+    np.testing.assert_allclose(p, goal, atol=1e-9)
+
+
+def test_a_tip_goes_round_on_the_shorter_side():
+    p, goal = np.array([[0.07, 0.01, 0.0]]), np.array([[-0.07, 0.01, 0.0]])
+    sides = []
+    for _ in range(60):
+        p = shape_goals(p, goal, STEP, ALONE)
+        sides.append(p[0, 1])
+    assert max(sides) > 0.05
+    assert min(sides) > 0
+
+
+def test_an_obstacle_that_comes_pushes_tips_away():
+    p = np.array([[0.07, 0.0, 0.0]])
+    for x in np.linspace(0.2, 0.12, 30):
+        ball = BallSolid(np.array([x, 0.005, 0.0]), 0.03)
+        room = TipRoom(BOX, np.zeros(3), np.full(1, CLEARANCE), ((ball, 0.013),))
+        p = shape_goals(p, room.permitted(np.array([[0.07, 0.0, 0.0]])), STEP, room)
+        assert ball.distance(p)[0] >= 0.013 - 1e-4
+        assert BOX.distance(p)[0] >= CLEARANCE - 1e-9
+
+
+AZIMUTHS = np.array([0.0, 2.0, 4.0])
+RADII = np.array([0.008, 0.01, 0.012])
+WAYS = np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS), np.zeros(3)], axis=1)
+PLACES = TipPlaces(RADII, WAYS, np.array([0.07, 0.08, 0.09]), 0.05)
+BALL = BallSolid(np.zeros(3), 0.04)
+three_tips = st.lists(point, min_size=3, max_size=3).map(np.array)
+
+
+def room_of(gaps, fixed=(), obstacles=(), holding=(False,) * 3):
+    return PLACES.room(BALL, gaps, fixed=fixed, obstacles=obstacles, holding=np.array(holding))
+
+
+@given(three_tips, st.floats(-3, 3))
+def test_withdrawn_tips_are_over_the_object_and_turn_with_the_palm(p_GT, angle):
+    turn = Rotation.from_rotvec([0, 0, angle]).as_matrix()
+    still, turned = (PLACES.withdrawn(p_GT, R) for R in (np.eye(3), turn))
+    np.testing.assert_allclose(turned, still @ turn.T, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(still[:, :2], axis=1), PLACES.withdrawn_radii)
+    assert np.all(still[:, 2] - RADII > PLACES.object_top)
+
+
+@given(three_tips)
+def test_without_a_palm_they_wait_at_the_azimuths_where_they_are(p_GT):
+    withdrawn = PLACES.withdrawn(p_GT, None)
+    cross = p_GT[:, 0] * withdrawn[:, 1] - p_GT[:, 1] * withdrawn[:, 0]
+    np.testing.assert_allclose(cross, 0, atol=1e-12)
+    assert np.all(np.sum(p_GT[:, :2] * withdrawn[:, :2], axis=1) >= 0)
+
+
+@given(three_tips, st.floats(-0.01, 0.05))
+def test_first_contacts_ask_of_tips_to_stay(p_GT, standoff):
+    p_GC, nhat = PLACES.first_contacts(p_GT, standoff)
+    np.testing.assert_allclose(p_GC + (RADII + standoff)[:, None] * nhat, p_GT, atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(nhat, axis=1), 1)
+    np.testing.assert_array_equal(nhat[:, 2], 0)
+
+
+def test_a_tip_without_a_direction_has_that_of_its_finger():
+    _, nhat = PLACES.first_contacts(np.zeros((3, 3)), 0.02)
+    np.testing.assert_array_equal(nhat, WAYS)
+
+
+@given(three_tips)
+def test_room_keeps_tips_off_what_there_is_by_their_radii_and_a_clearance(p_GT):
+    gaps = np.array([0.02, 0.001, -0.003])
+    room = room_of(gaps, fixed=[TABLE])
+    permitted = room.permitted(p_GT)
+    off = BALL.distance(permitted) - RADII
+    assert np.all(off >= np.minimum(gaps, MOVING_CLEARANCE) - 1e-9)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        assert abs(room.spacing[i, j] - RADII[i] - RADII[j] - OTHER_CLEARANCE) < 1e-12
+
+
+def test_tips_may_be_as_near_as_they_are_to_touch_or_press():
+    gaps = np.array([0.004, 0.001, -0.003])
+    room = room_of(gaps)
+    touching = (BALL.radius + RADII + gaps)[:, None] * WAYS
+    np.testing.assert_allclose(room.permitted(touching), touching, atol=1e-9)
+
+
+def test_tips_that_hold_avoid_the_table_but_no_obstacle():
+    wall = HalfSpace(np.array([0.1, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0]))
+    holding = np.array([True, False, True])
+    room = room_of(np.full(3, 0.02), fixed=[TABLE], obstacles=[wall], holding=holding)
+    beyond = np.array([[0.12, y, 0.0] for y in (-0.05, 0.0, 0.05)])
+    moved = np.any(room.permitted(beyond) != beyond, axis=1)
+    np.testing.assert_array_equal(moved, ~holding)
+    below = np.array([[0.08, y, -0.06] for y in (-0.05, 0.0, 0.05)])
+    assert np.all(TABLE.distance(room.permitted(below)) >= RADII + OTHER_CLEARANCE - 1e-9)
