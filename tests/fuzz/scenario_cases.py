@@ -189,7 +189,7 @@ def _altered_model(text: str, rng: random.Random) -> str:
         if way == 0 and len(parent):
             parent.remove(rng.choice(list(parent)))
         elif way == 1 and sum(1 for _ in other.iter()) < 50:
-            parent.extend([copy.deepcopy(other)] * rng.choice((1, 1, 2, 50, 500)))
+            parent.extend([copy.deepcopy(other) for _ in range(rng.choice((1, 1, 2, 50, 500)))])
         elif way == 2:
             parent.tag = rng.choice((other.tag, "include", "mesh", "uri", "x"))
         elif way == 3 and parent.attrib:
