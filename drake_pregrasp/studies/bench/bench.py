@@ -129,7 +129,7 @@ def _command(options: argparse.Namespace) -> int:
 def plan(*, quick: bool) -> list[Job]:
     """Returns the measurements: some nine minutes of them, or less than one."""
     sizes = (24, 71) if quick else (16, 24, 35, 71, 158)
-    spacings = (0.004, 0.0028) if quick else (0.006, 0.004, 0.0028, 0.0014)
+    spacings = (0.004, 0.0028) if quick else (0.006, 0.004, 0.0028, 0.002)
     contacts = (2, 5, 32) if quick else (2, 3, 5, 8, 16, 32)
     forbidden = (0, 20, 200) if quick else (0, 20, 200, 2000)
     periods = {0.05: 1.0, 0.001: 0.1} if quick else {0.05: 2.0, 0.01: 1.0, 0.001: 0.3}
