@@ -76,17 +76,6 @@ def test_links_without_mass_have_no_inertia():
     assert robot.find("link/inertial") is None
 
 
-def test_converted_meshes_have_the_same_shape_with_normals(tmp_path):
-    cone = trimesh.creation.cone(radius=0.04, height=0.11)
-    cone.export(tmp_path / "cone.stl")
-    (part,) = convert_mesh(tmp_path / "cone.stl", tmp_path / "part.0", colors=True)
-    assert part.name == "part.0.obj"
-    assert "vn " in part.read_text()
-    again = trimesh.load_mesh(part)
-    assert again.volume == pytest.approx(cone.volume, rel=1e-3)
-    np.testing.assert_allclose(again.bounds, cone.bounds, atol=1e-5)
-
-
 @pytest.mark.parametrize("text", ["", "\n", "\nsecond\nthird"])
 def test_an_error_without_a_first_line_is_told_in_a_line_too(tmp_path, monkeypatch, text):
     def load_scene(source):
