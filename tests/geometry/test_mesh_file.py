@@ -3,6 +3,7 @@
 import json
 import os
 import time
+import tracemalloc
 
 import pytest
 import trimesh
@@ -93,6 +94,17 @@ def test_what_takes_long_to_parse_is_not_parsed(tmp_path, name, data, problem):
     with pytest.raises(InvalidArgumentError, match=problem):
         load_shape(tmp_path / name)
     assert time.process_time() - start < 5
+
+
+def test_lines_that_are_not_read_take_no_memory(tmp_path):
+    data = b"vt 0 0\n" * 1_000_000
+    (tmp_path / "a.obj").write_bytes(data)
+    tracemalloc.start()
+    with pytest.raises(InvalidArgumentError, match="holds no triangles"):
+        load_shape(tmp_path / "a.obj")
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 10 * len(data)
 
 
 @pytest.mark.parametrize(
