@@ -317,14 +317,25 @@ def corrected(prior: PoseBelief, new: Innovation) -> PoseBelief:
     K = new.K_T.transpose(0, 2, 1)
     A = np.array([_I6, _I6])
     A[:, :, :3] -= K
-    dx, de = K[0] @ new.nu[0], K[1] @ new.nu[1]
-    P_position, P_orientation = A @ new.P @ A.transpose(0, 2, 1) + K @ new.R @ new.K_T
+    P = A @ new.P @ A.transpose(0, 2, 1) + K @ new.R @ new.K_T
+    return shifted(prior, K[0] @ new.nu[0], K[1] @ new.nu[1], P)
+
+
+def shifted(belief: PoseBelief, dx: FloatArray, de: FloatArray, P: FloatArray) -> PoseBelief:
+    """Returns a belief at the same time with a corrected mean and other covariances.
+
+    Args:
+        belief: Belief before the correction.
+        dx: Correction of (p_WCoM, v_WCoM), shape (6,).
+        de: Correction (theta, dw) of the orientation and of w_WO, shape (6,).
+        P: Covariances of position and orientation, shape (2, 6, 6).
+    """
     return PoseBelief(
-        time=prior.time,
-        p_WCoM=prior.p_WCoM + dx[:3],
-        v_WCoM=prior.v_WCoM + dx[3:],
-        R_WO=rotation_matrix(de[:3]) @ prior.R_WO,
-        w_WO=prior.w_WO + de[3:],
-        P_position=P_position,
-        P_orientation=P_orientation,
+        time=belief.time,
+        p_WCoM=belief.p_WCoM + dx[:3],
+        v_WCoM=belief.v_WCoM + dx[3:],
+        R_WO=rotation_matrix(de[:3]) @ belief.R_WO,
+        w_WO=belief.w_WO + de[3:],
+        P_position=P[0],
+        P_orientation=P[1],
     )

@@ -1,7 +1,6 @@
 """Smoothing: past poses and twists estimated from all measurements, also the later ones."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -13,10 +12,11 @@ from drake_pregrasp.estimation.pose_filter import (
     PoseMeasurement,
     first_belief,
     predict,
+    shifted,
     transitions,
     update,
 )
-from drake_pregrasp.geometry.rotations import rotation_matrix, rotation_vector
+from drake_pregrasp.geometry.rotations import rotation_vector
 
 
 def filter_poses(
@@ -91,14 +91,6 @@ def _step_back(
     ).reshape(2, 6, 1)
     F = np.array(transitions(belief, dt))
     C = np.linalg.solve(P_predicted, F @ P).transpose(0, 2, 1)
+    P += C @ (P_later - P_predicted) @ C.transpose(0, 2, 1)
     dx, de = (C @ difference)[:, :, 0]
-    P_position, P_orientation = P + C @ (P_later - P_predicted) @ C.transpose(0, 2, 1)
-    return replace(
-        belief,
-        p_WCoM=belief.p_WCoM + dx[:3],
-        v_WCoM=belief.v_WCoM + dx[3:],
-        R_WO=rotation_matrix(de[:3]) @ belief.R_WO,
-        w_WO=belief.w_WO + de[3:],
-        P_position=P_position,
-        P_orientation=P_orientation,
-    )
+    return shifted(belief, dx, de, P)

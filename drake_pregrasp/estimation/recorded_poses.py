@@ -6,7 +6,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
@@ -57,17 +56,14 @@ class RecordedPoses:
         Positions are interpolated linearly, orientations along the shortest turn (Shoemake's slerp,
         1985). Before the first pose and after the last one the object stands still.
         """
-        row = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, self._last))
-        if row == self._last or time <= self.times[0]:
+        last = len(self.times) - 1
+        row = int(np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, last))
+        if row == last or time <= self.times[0]:
             return self.p_WO[row], self.R_WO[row]
         ends = self.times[row : row + 2]
         share = (time - ends[0]) / (ends[1] - ends[0])
         p_WO: FloatArray = (1 - share) * self.p_WO[row] + share * self.p_WO[row + 1]
         return p_WO, Slerp(ends, self.R_WO[row : row + 2])(time)
-
-    @property
-    def _last(self) -> int:
-        return len(self.times) - 1
 
 
 def read_recorded_poses(path: Path) -> RecordedPoses:
@@ -80,85 +76,84 @@ def read_recorded_poses(path: Path) -> RecordedPoses:
         InvalidArgumentError: If the file is invalid; the message names file, row, column and value.
             Row 1 is the header.
     """
+    text = read_bounded_text(path, MAX_BYTES)
     try:
-        rows = list(_rows(path, _lines(path)))
+        table = np.array(list(_rows(text)))
     except csv.Error as error:
         raise InvalidArgumentError(f"{path}: can't be read: {error}") from error
-    if not rows:
-        _refuse(path, "has no poses; at least one row must follow the header")
-    table = np.array(rows)
+    except InvalidArgumentError as error:
+        raise InvalidArgumentError(f"{path}: {error}") from error
+    if not len(table):
+        raise InvalidArgumentError(f"{path}: has no poses; at least one row must follow the header")
     quaternions = table[:, _QUATERNION]
     return RecordedPoses(
         table[:, 0], table[:, _POSITION], Rotation.from_quat(np.roll(quaternions, -1, axis=1))
     )
 
 
-def _lines(path: Path) -> Iterator[str]:
-    for number, line in enumerate(StringIO(read_bounded_text(path, MAX_BYTES), newline="")):
+def _lines(text: str) -> Iterator[str]:
+    for number, line in enumerate(StringIO(text, newline=""), start=1):
         if len(line) > MAX_LINE:
-            _refuse(path, f"row {number + 1}: has more than {MAX_LINE} characters")
+            raise InvalidArgumentError(f"row {number}: has more than {MAX_LINE} characters")
         yield line
 
 
-def _rows(path: Path, lines: Iterator[str]) -> Iterator[list[float]]:
-    reader = csv.reader(lines)
+def _rows(text: str) -> Iterator[list[float]]:
+    """Yields the values of each row, in the order of `COLUMNS`; errors name row and column."""
+    reader = csv.reader(_lines(text))
     header = [name.strip() for name in next(reader, [])]
-    missing = [name for name in COLUMNS if name not in header]
-    if missing:
-        _refuse(
-            path,
-            f"row 1: lacks the column {missing[0]}; the header must be {','.join(COLUMNS)}",
-        )
+    for name in COLUMNS:
+        if name not in header:
+            raise InvalidArgumentError(
+                f"row 1: lacks the column {name}; the header must be {','.join(COLUMNS)}"
+            )
     places = [header.index(name) for name in COLUMNS]
     previous = -math.inf
     for number, cells in enumerate(reader, start=2):
         if number > MAX_ROWS + 1:
-            _refuse(path, f"has more than {MAX_ROWS} rows of poses; take fewer, or cut it up")
+            raise InvalidArgumentError(
+                f"has more than {MAX_ROWS} rows of poses; take fewer, or cut it up"
+            )
         if not cells:
             continue
+        row = f"row {number}"
         if len(cells) != len(header):
-            _refuse(path, f"row {number}: has {len(cells)} cells; the header has {len(header)}")
+            raise InvalidArgumentError(
+                f"{row}: has {len(cells)} cells; the header has {len(header)}"
+            )
         values = [
-            _number(path, number, name, cells[place])
+            _number(f"{row}, column {name}", cells[place])
             for name, place in zip(COLUMNS, places, strict=True)
         ]
-        _check_row(path, number, values, previous)
+        _check_row(row, values, previous)
         previous = values[0]
         yield values
 
 
-def _number(path: Path, row: int, column: str, cell: str) -> float:
+def _number(place: str, cell: str) -> float:
     try:
         value = float(cell)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        _refuse(
-            path, f"row {row}, column {column}: {cell.strip()[:_SHOWN]!r} must be a finite number"
-        )
+        raise InvalidArgumentError(f"{place}: {cell.strip()[:_SHOWN]!r} must be a finite number")
     return value
 
 
-def _check_row(path: Path, row: int, values: list[float], previous: float) -> None:
+def _check_row(row: str, values: list[float], previous: float) -> None:
     if not values[0] > previous:
-        _refuse(
-            path, f"row {row}, column time: {values[0]:g} must be more than {previous:g} before it"
+        raise InvalidArgumentError(
+            f"{row}, column time: {values[0]:g} must be more than {previous:g} before it"
         )
     for column, value in zip(COLUMNS[_POSITION], values[_POSITION], strict=True):
         if abs(value) > MAX_DISTANCE:
-            _refuse(
-                path,
-                f"row {row}, column {column}: {value:g} m is more than {MAX_DISTANCE:g} m away;"
-                " positions must be in metres, are these millimetres?",
+            raise InvalidArgumentError(
+                f"{row}, column {column}: {value:g} m is more than {MAX_DISTANCE:g} m away;"
+                " positions must be in metres, are these millimetres?"
             )
     length = math.hypot(*values[_QUATERNION])
     if abs(length - 1) > QUATERNION_TOLERANCE:
-        _refuse(
-            path,
-            f"row {row}, columns qw to qz: a quaternion of length {length:.4g} must have length 1"
-            f" within {QUATERNION_TOLERANCE}",
+        raise InvalidArgumentError(
+            f"{row}, columns qw to qz: a quaternion of length {length:.4g} must have length 1"
+            f" within {QUATERNION_TOLERANCE}"
         )
-
-
-def _refuse(path: Path, problem: str) -> NoReturn:
-    raise InvalidArgumentError(f"{path}: {problem}")

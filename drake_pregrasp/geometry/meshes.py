@@ -9,14 +9,14 @@ import json
 import re
 import struct
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 import trimesh
-from trimesh.resolvers import Resolver
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
@@ -96,53 +96,24 @@ def read_pieces(path: Path, *, colors: bool = False) -> list[Piece]:
             f"{path} can't be read as a mesh: its name must end with {', '.join(MESH_SUFFIXES)}"
         )
     data = read_bounded(path, MAX_MESH_BYTES)
-    try:
+    with _naming(path):
+        data, beside = _plain(kind, data, by_material=colors)
         materials: Mapping[str, Color] = {}
-        if kind in (".gltf", ".glb"):
-            data = _plain_gltf(kind, data)
-        elif kind == ".obj":
-            data, library = _plain_obj(data, by_material=colors)
-            if colors and library:
-                materials = _read_materials(path.parent, library)
-        elif kind == ".off":
-            _check_words(data)
-            data = data.decode(errors="replace").encode()  # Else trimesh guesses the encoding.
-        elif kind == ".ply" and b"ascii" in data.partition(b"\n")[2].partition(b"\n")[0].lower():
-            _check_words(data)
-        elif kind == ".stl" and data.count(b"endsolid") > MAX_PIECES:
-            raise InvalidArgumentError(f"it has more than {MAX_PIECES} solids; unite them")
+        buffers = {}
+        if kind != ".obj":
+            buffers = {name: _read_buffer(path.parent, name) for name in beside}
+        elif colors and beside:
+            materials = _read_materials(path.parent, beside[0])
         # Unprocessed: trimesh would leave out vertices that are not finite.
         scene = trimesh.load_scene(
             BytesIO(data),
             file_type=kind.removeprefix("."),
-            resolver=_Beside(path.parent),
+            resolver=buffers,
             process=False,
             **_OPTIONS[kind],
         )
         pieces = _placed_pieces(scene)
-        return [piece._replace(color=materials.get(piece.name, piece.color)) for piece in pieces]
-    except Exception as error:  # trimesh's readers raise whatever their parsers do.
-        problem = " ".join(str(error).split()) or type(error).__name__
-        if isinstance(error, ImportError):  # Of what guesses an encoding, once all else failed.
-            problem = f"it is no {kind.removeprefix('.')} file"
-        raise InvalidArgumentError(f"{path} can't be read as a mesh: {problem}") from error
-
-
-def _check_count(count: int, what: str, most: int) -> None:
-    if count > most:
-        raise InvalidArgumentError(f"it has {count} {what}; at most {most}, simplify it")
-
-
-def _check_words(data: bytes) -> None:
-    characters = np.frombuffer(data, dtype=np.uint8)
-    words = np.count_nonzero((characters <= ord(" ")) | (characters > ord("~")))
-    _check_count(int(words), "words", MAX_WORDS)
-
-
-def _parse_json(data: bytes) -> Any:
-    values = sum(data.count(mark) for mark in (b",", b":", b"[", b"{"))
-    _check_count(values, "values", MAX_VALUES)
-    return json.loads(data)
+    return [piece._replace(color=materials.get(piece.name, piece.color)) for piece in pieces]
 
 
 def companions(path: Path) -> list[Path]:
@@ -157,15 +128,56 @@ def companions(path: Path) -> list[Path]:
     if kind not in (".obj", ".gltf"):
         return []
     data = read_bounded(path, MAX_MESH_BYTES)
+    with _naming(path):
+        return [path.parent / name for name in _plain(kind, data)[1]]
+
+
+@contextmanager
+def _naming(path: Path) -> Iterator[None]:
+    """Turns whatever the readers of trimesh raise into an error that names the file."""
     try:
-        if kind == ".obj":
-            _, library = _plain_obj(data)
-            return [path.parent / library] if library else []
-        buffers = _parse_json(data).get("buffers", [])
-        uris = [str(buffer.get("uri", "data:")) for buffer in buffers]
-    except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise InvalidArgumentError(f"{path} can't be read as a mesh: {error}") from error
-    return [path.parent / uri for uri in uris if not uri.startswith("data:")]
+        yield
+    except Exception as error:
+        problem = " ".join(str(error).split()) or type(error).__name__
+        if isinstance(error, ImportError):  # Of what guesses an encoding, once all else failed.
+            problem = f"it is no {path.suffix.lower().removeprefix('.')} file"
+        raise InvalidArgumentError(f"{path} can't be read as a mesh: {problem}") from error
+
+
+def _plain(kind: str, data: bytes, *, by_material: bool = False) -> tuple[bytes, list[str]]:
+    """Returns a file reduced to triangles and plain colours, and the names of files beside it.
+
+    Args:
+        kind: File name extension.
+        data: Content of the file.
+        by_material: As for `_plain_obj`.
+
+    Raises:
+        InvalidArgumentError: If the file would take too long to parse.
+    """
+    if kind in (".gltf", ".glb"):
+        return _plain_gltf(kind, data)
+    if kind == ".obj":
+        return _plain_obj(data, by_material=by_material)
+    if kind == ".stl":
+        _check_count(data.count(b"endsolid"), "solids", MAX_PIECES)
+    elif kind == ".off":
+        _check_words(data)
+        data = data.decode(errors="replace").encode()  # Else trimesh guesses the encoding.
+    elif b"ascii" in data.partition(b"\n")[2].partition(b"\n")[0].lower():
+        _check_words(data)
+    return data, []
+
+
+def _check_count(count: int, what: str, most: int) -> None:
+    if count > most:
+        raise InvalidArgumentError(f"it has {count} {what}; at most {most}, simplify it")
+
+
+def _check_words(data: bytes) -> None:
+    characters = np.frombuffer(data, dtype=np.uint8)
+    words = np.count_nonzero((characters <= ord(" ")) | (characters > ord("~")))
+    _check_count(int(words), "words", MAX_WORDS)
 
 
 def _placed_pieces(scene: trimesh.Scene) -> list[Piece]:
@@ -178,8 +190,7 @@ def _placed_pieces(scene: trimesh.Scene) -> list[Piece]:
         geometry = scene.geometry[name]
         count = len(getattr(geometry, "faces", ()))
         faces += count
-        if faces > MAX_FACES:
-            raise InvalidArgumentError(f"it has more than {MAX_FACES} triangles; simplify it")
+        _check_count(faces, "triangles", MAX_FACES)
         if count:
             if geometry.vertices.shape[1:] != (3,):  # Some readers take the width of any row.
                 raise InvalidArgumentError("it has a vertex without three coordinates")
@@ -196,8 +207,8 @@ _SPACES = bytes.maketrans(b"\r\t\v\f", b"\n   ")
 _OBJ_LINE = re.compile(rb"^ *+(v|f|[og]|usemtl|mtllib) ([^\n]*)", re.MULTILINE)
 
 
-def _plain_obj(data: bytes, *, by_material: bool = False) -> tuple[bytes, str]:
-    """Returns an OBJ file reduced to vertices, faces and names, and its material library.
+def _plain_obj(data: bytes, *, by_material: bool) -> tuple[bytes, list[str]]:
+    """Returns an OBJ file reduced to vertices, faces and names, and its first material library.
 
     Args:
         data: Content of the file.
@@ -209,7 +220,7 @@ def _plain_obj(data: bytes, *, by_material: bool = False) -> tuple[bytes, str]:
     data = data.translate(_SPACES).replace(b"\\\n", b" ")
     name = b"usemtl" if by_material else b"o"
     most = {b"v": MAX_VERTICES, b"f": MAX_FACES, name: MAX_PIECES}
-    lines, library, counts = [], "", Counter[bytes]()
+    lines, libraries, counts = [], [], Counter[bytes]()
     for match in _OBJ_LINE.finditer(data):
         key, words = match[1], match[2].split(None, MAX_FACES + 2)
         rest = b" ".join(words)[:MAX_NAME]
@@ -219,12 +230,12 @@ def _plain_obj(data: bytes, *, by_material: bool = False) -> tuple[bytes, str]:
         elif key in most:
             counts[key] += 1
             lines.append((b"v " if key == b"v" else b"o ") + rest)
-        elif key == b"mtllib":
-            library = library or rest.decode(errors="replace")
+        elif key == b"mtllib" and rest:
+            libraries.append(rest.decode(errors="replace"))
         if counts[key] > most.get(key, 0):
             what = {b"v": "vertices", b"f": "triangles"}.get(key, f"lines {key.decode()}")
             raise InvalidArgumentError(f"it has more than {most[key]} {what}; simplify it")
-    return b"\n".join(lines).decode(errors="replace").encode(), library
+    return b"\n".join(lines).decode(errors="replace").encode(), libraries[:1]
 
 
 def _read_materials(folder: Path, library: str) -> dict[str, Color]:
@@ -247,8 +258,8 @@ def _read_materials(folder: Path, library: str) -> dict[str, Color]:
     return {name: tuple(color.tolist()) for name, color in colors.items()}
 
 
-def _plain_gltf(kind: str, data: bytes) -> bytes:
-    """Returns a glTF file reduced to triangles and plain colours.
+def _plain_gltf(kind: str, data: bytes) -> tuple[bytes, list[str]]:
+    """Returns a glTF file reduced to triangles and plain colours, and its buffers beside it.
 
     Raises:
         InvalidArgumentError: If its arrays claim an impossible size, or its nodes are no tree.
@@ -258,7 +269,11 @@ def _plain_gltf(kind: str, data: bytes) -> bytes:
         _, _, _, length, _ = _GLB_HEADER.unpack_from(data)
         rest = data[_GLB_HEADER.size + length :]
         data = data[_GLB_HEADER.size : _GLB_HEADER.size + length]
-    tree = _parse_json(data)
+    values = sum(data.count(mark) for mark in (b",", b":", b"[", b"{"))
+    _check_count(values, "values", MAX_VALUES)
+    tree = json.loads(data)
+    uris = [str(buffer.get("uri", "data:")) for buffer in tree.get("buffers", [])]
+    beside = [uri for uri in uris if not uri.startswith("data:")]
     counts = [int(array["count"]) for array in tree.get("accessors", [])]
     # No array has more than 16 numbers in an element.
     if min(counts, default=0) < 0 or sum(counts) > _MAX_NUMBERS // 16:
@@ -276,37 +291,15 @@ def _plain_gltf(kind: str, data: bytes) -> bytes:
         material["pbrMetallicRoughness"] = {"baseColorFactor": color} if color else {}
     data = json.dumps(tree).encode()
     if kind == ".gltf":
-        return data
+        return data, beside
     data += b" " * (-len(data) % 4)
     size = _GLB_HEADER.size + len(data) + len(rest)
-    return _GLB_HEADER.pack(b"glTF", 2, size, len(data), 0x4E4F534A) + data + rest
+    return _GLB_HEADER.pack(b"glTF", 2, size, len(data), 0x4E4F534A) + data + rest, beside
 
 
-class _Beside(Resolver):
-    """Opens the buffers of a glTF file, and no other file.
-
-    Args:
-        folder: Folder of the glTF file.
-    """
-
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-
-    def get(self, key: str) -> bytes:
-        """Returns the content of a buffer file."""
-        path = self._folder / key
-        if path.suffix.lower() != ".bin":
-            raise InvalidArgumentError(f"{key} is not opened; buffers are files .bin beside it")
-        check_inside(path, [self._folder])
-        return read_bounded(path, MAX_MESH_BYTES)
-
-    def namespaced(self, namespace: str) -> "_Beside":
-        """Returns the resolver itself: there is only one folder."""
-        return self
-
-    def keys(self) -> list[str]:
-        """Returns no names."""
-        return []
-
-    def write(self, name: str, data: object) -> None:
-        """Does nothing: no file is written."""
+def _read_buffer(folder: Path, name: str) -> bytes:
+    path = folder / name
+    if path.suffix.lower() != ".bin":
+        raise InvalidArgumentError(f"{name} is not opened; buffers are files .bin beside it")
+    check_inside(path, [folder])
+    return read_bounded(path, MAX_MESH_BYTES)

@@ -1,6 +1,7 @@
 """Even samples of a triangulated surface, each with its own patch."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import trimesh
@@ -20,24 +21,24 @@ class Triangles:
     Attributes:
         corners: Corners, shape (T, 3, 3), in metres.
         normals: Outward unit normals, shape (T, 3).
-        faces: Index of the mesh face that contains each triangle, shape (T,).
+        faces: Index of the face, or of the patch, that contains each triangle, shape (T,).
     """
 
     corners: FloatArray
     normals: FloatArray
     faces: IntArray
 
-    @property
+    @cached_property
     def centroids(self) -> FloatArray:
         """Centroids, shape (T, 3), in metres."""
         return np.asarray(np.mean(self.corners, axis=1))
 
-    @property
+    @cached_property
     def areas(self) -> FloatArray:
         """Areas, shape (T,), in m²."""
         return np.asarray(trimesh.triangles.area(self.corners))
 
-    @property
+    @cached_property
     def radii(self) -> FloatArray:
         """Distance from each centroid to its farthest corner, shape (T,), in metres."""
         away = np.linalg.norm(self.corners - self.centroids[:, None], axis=2)

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.sampling import unit_normals
+from drake_pregrasp.geometry.sampling import Triangles, unit_normals
 
 CONTACT_TOLERANCE = 1e-4
 """Largest distance from the surface of a contact that counts as on it, in metres."""
@@ -175,7 +175,7 @@ class ObjectSurface:
         counts = ends - self.patch_starts[candidates]
         point = np.repeat(point, counts)
         triangles = np.arange(len(point)) + np.repeat(ends - np.cumsum(counts), counts)
-        away = self._centroids[triangles] - p_OP[point]
+        away = self._triangles.centroids[triangles] - p_OP[point]
         reach = (bounds + self._triangle_radius) * _ROUNDING
         near = np.einsum("ij,ij->i", away, away) <= (reach**2)[point]
         point, triangles = point[near], triangles[near]
@@ -185,12 +185,12 @@ class ObjectSurface:
         starts = np.searchsorted(point, np.arange(len(p_OP)))
         # Of equals the first counts: stable sorting keeps their order.
         best = np.lexsort((squares, point))[starts] if len(p_OP) else starts
-        return closest[best], self._triangle_normals[triangles[best]]
+        return closest[best], self._triangles.normals[triangles[best]]
 
     def candidates_within(self, p_OP: FloatArray, distance: float) -> IntArray:
         """Returns the candidates whose patches come that near to a point p_OP, or nearly, (k,)."""
         reach = (distance + self._triangle_radius) * _ROUNDING
-        return np.unique(self._owners[self._triangle_tree.query_ball_point(p_OP, reach)])
+        return np.unique(self._triangles.faces[self._triangle_tree.query_ball_point(p_OP, reach)])
 
     @cached_property
     def _tree(self) -> cKDTree:
@@ -198,35 +198,26 @@ class ObjectSurface:
         return cKDTree(self.p_OQ)
 
     @cached_property
-    def _triangle_tree(self) -> cKDTree:
-        """The centroids of the triangles in a search tree."""
-        return cKDTree(self._centroids)
+    def _triangles(self) -> Triangles:
+        """The triangles of all patches; their faces are the candidates."""
+        owners = np.repeat(np.arange(len(self.p_OQ)), np.diff(self.patch_starts))
+        return Triangles(self.patches, unit_normals(self.patches), owners)
 
     @cached_property
-    def _owners(self) -> IntArray:
-        """Candidate of each triangle, shape (T,)."""
-        return np.repeat(np.arange(len(self.p_OQ)), np.diff(self.patch_starts))
+    def _triangle_tree(self) -> cKDTree:
+        """The centroids of the triangles in a search tree."""
+        return cKDTree(self._triangles.centroids)
 
     @cached_property
     def patch_reach(self) -> float:
         """Largest distance of a patch's corner from its candidate, in metres."""
-        away = np.linalg.norm(self.patches - self.p_OQ[self._owners, None], axis=2)
+        away = np.linalg.norm(self.patches - self.p_OQ[self._triangles.faces, None], axis=2)
         return float(np.max(away)) * _ROUNDING
-
-    @cached_property
-    def _centroids(self) -> FloatArray:
-        """Centroids of the triangles, shape (T, 3), in metres."""
-        return np.asarray(np.mean(self.patches, axis=1))
 
     @cached_property
     def _triangle_radius(self) -> float:
         """Largest distance of a triangle's corner from its centroid, in metres."""
-        return float(np.max(np.linalg.norm(self.patches - self._centroids[:, None], axis=2)))
-
-    @cached_property
-    def _triangle_normals(self) -> FloatArray:
-        """Outward unit normals of the triangles, shape (T, 3)."""
-        return unit_normals(self.patches)
+        return float(np.max(self._triangles.radii))
 
     def distance(self, p_OP: FloatArray) -> FloatArray:
         """Returns the signed distances of points in O from the whole surface.

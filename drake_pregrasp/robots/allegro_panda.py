@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.robots.robot_meshes import convert_meshes
@@ -127,10 +126,6 @@ def write_allegro_panda(
     set_contact(robot, _FRICTION, _STIFFNESS)
     convert_meshes(robot, data.find, folder, on_progress)
     path = folder / "allegro_panda.urdf"
-    _write(robot, path)
-    return path
-
-
-def _write(robot: Element, path: Path) -> None:
     ElementTree.indent(robot)
     ElementTree.ElementTree(robot).write(path, encoding="utf-8", xml_declaration=True)
+    return path

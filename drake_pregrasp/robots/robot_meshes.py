@@ -4,7 +4,6 @@ import copy
 import os
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement
@@ -13,28 +12,15 @@ import numpy as np
 import trimesh
 
 from drake_pregrasp.errors import InvalidArgumentError, first_line
-from drake_pregrasp.geometry.meshes import Piece
+from drake_pregrasp.geometry.meshes import Color, Piece
 from drake_pregrasp.robots.urdf_mending import DRAKE
 
-_DIGITS = 5  # Of coordinates in metres.
+_EXACT, _SHORT = ".17g", ".5f"  # Formats of coordinates in metres: all digits, or ten micrometres.
 _CREASE = 0.6  # Edges with a larger angle between their faces stay sharp, in radians.
 
 
-@dataclass(frozen=True)
-class ConvertedMesh:
-    """A part of a mesh.
-
-    Attributes:
-        path: Its OBJ file.
-        color: Red, green, blue and opacity, from 0 to 1, or None if the file doesn't say.
-    """
-
-    path: Path
-    color: tuple[float, ...] | None
-
-
-def convert_mesh(source: Path, target: Path, *, colors: bool) -> list[ConvertedMesh]:
-    """Converts a mesh file, STL or DAE, and returns its parts.
+def convert_mesh(source: Path, target: Path, *, colors: bool) -> dict[Path, Color | None]:
+    """Converts a mesh file, STL or DAE, and returns the OBJ file of each part with its colour.
 
     Args:
         source: The file.
@@ -54,20 +40,19 @@ def convert_mesh(source: Path, target: Path, *, colors: bool) -> list[ConvertedM
     meshes = [mesh for mesh in scene.dump() if isinstance(mesh, trimesh.Trimesh)]
     if not meshes:
         raise InvalidArgumentError(f"{source} can't be read as a mesh: it has no triangles")
-    parts: dict[tuple[float, ...] | None, list[Any]] = {}
+    parts: dict[Color | None, list[Piece]] = {}
     for mesh in meshes:
-        parts.setdefault(_color(mesh) if colors else None, []).append(mesh)
-    converted = []
-    for index, (color, same) in enumerate(sorted(parts.items(), key=lambda item: str(item[0]))):
+        parts.setdefault(_color(mesh) if colors else None, []).append(Piece("", mesh))
+    converted = {}
+    target.parent.mkdir(parents=True, exist_ok=True)
+    for index, color in enumerate(sorted(parts, key=str)):
         number = f"_{index}" if len(parts) > 1 else ""
         path = target.with_name(f"{target.name}{number}.obj")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(_obj_text(same), encoding="ascii")
-        converted.append(ConvertedMesh(path, color))
+        converted[write_obj(parts[color], path, coordinates=_SHORT)] = color
     return converted
 
 
-def _color(mesh: Any) -> tuple[float, ...] | None:
+def _color(mesh: Any) -> Color | None:
     material = getattr(mesh.visual, "material", None)
     if material is None:
         return None
@@ -81,23 +66,16 @@ def _shaded(mesh: Any) -> Any:
     return trimesh.graph.smooth_shade(bare, angle=_CREASE)
 
 
-def _obj_text(meshes: list[Any]) -> str:
-    text: str = trimesh.exchange.obj.export_obj(
-        trimesh.util.concatenate([_shaded(mesh) for mesh in meshes]),
-        include_normals=True,
-        include_color=False,
-        include_texture=False,
-        digits=_DIGITS,
-        header=None,
-    )
-    return text
-
-
-def write_obj(pieces: Sequence[Piece], path: Path) -> Path:
+def write_obj(pieces: Sequence[Piece], path: Path, *, coordinates: str = _EXACT) -> Path:
     """Writes parts of a mesh, with their colours, as an OBJ file and returns its path.
 
-    Coordinates keep all their digits. The file names no other one than a material library of plain
-    colours, which is written beside it if any part has a colour.
+    The file names no other one than a material library of plain colours, which is written beside it
+    if any part has a colour.
+
+    Args:
+        pieces: Parts of the mesh.
+        path: Path of the file.
+        coordinates: Format of a vertex's coordinates, which by default keep all their digits.
     """
     lines, materials, count = [], [], 1
     if any(piece.color for piece in pieces):
@@ -108,7 +86,7 @@ def write_obj(pieces: Sequence[Piece], path: Path) -> Path:
         lines.append(f"usemtl m{index}\n" if piece.color else "")
         shaded = _shaded(piece.mesh)
         for row, values in (
-            ("v %.17g %.17g %.17g\n", shaded.vertices),
+            (f"v %{coordinates} %{coordinates} %{coordinates}\n", shaded.vertices),
             ("vn %.6g %.6g %.6g\n", shaded.vertex_normals),
             ("f %d//%d %d//%d %d//%d\n", np.repeat(shaded.faces + count, 2, axis=1)),
         ):
@@ -149,7 +127,7 @@ def convert_meshes(
         | {(_SHOWN, _name(mesh)) for _, visual in visuals for mesh in visual.iter("mesh")}
     )
     targets = _targets({name: find(name) for _, name in uses})
-    converted: dict[tuple[str, str], list[ConvertedMesh]] = {}
+    converted: dict[tuple[str, str], dict[Path, Color | None]] = {}
     for done, (kind, name) in enumerate(uses):
         on_progress(done, len(uses))
         target = folder / kind / targets[name]
@@ -157,7 +135,7 @@ def convert_meshes(
     on_progress(len(uses), len(uses))
     for mesh in hulls:
         (whole,) = converted[_HULL, _name(mesh)]
-        mesh.set("filename", whole.path.relative_to(folder).as_posix())
+        mesh.set("filename", whole.relative_to(folder).as_posix())
         SubElement(mesh, f"{{{DRAKE}}}declare_convex")
     for link, visual in visuals:
         for mesh in visual.iter("mesh"):
@@ -177,16 +155,16 @@ def _name(mesh: Element) -> str:
     return mesh.get("filename", "")
 
 
-def _show(link: Element, visual: Element, parts: list[ConvertedMesh], folder: Path) -> None:
+def _show(link: Element, visual: Element, parts: Mapping[Path, Color | None], folder: Path) -> None:
     """Puts visuals of the parts in place of one visual."""
     place = list(link).index(visual)
     link.remove(visual)
-    for part in parts:
-        name = part.path.relative_to(folder).as_posix()
+    for path, color in parts.items():
+        name = path.relative_to(folder).as_posix()
         shown = copy.deepcopy(visual)
         for mesh in shown.iter("mesh"):
             mesh.set("filename", name)
-        if part.color is not None:
+        if color is not None:
             material = SubElement(shown, "material", name=name)
-            SubElement(material, "color", rgba=" ".join(f"{c:g}" for c in part.color))
+            SubElement(material, "color", rgba=" ".join(f"{c:g}" for c in color))
         link.insert(place, shown)

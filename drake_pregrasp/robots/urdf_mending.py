@@ -34,14 +34,13 @@ class Drive:
 
 def drop_from(robot: Element, link: str) -> None:
     """Removes a link and all that hangs on it, with their joints."""
-    for joint in list(robot.findall("joint")):
+    for joint in robot.findall("joint"):
         if _end(joint, "child") == link:
             robot.remove(joint)
         elif _end(joint, "parent") == link:
             drop_from(robot, _end(joint, "child"))
-    for element in list(robot.findall("link")):
-        if element.get("name") == link:
-            robot.remove(element)
+    for element in robot.findall(f"link[@name='{link}']"):
+        robot.remove(element)
 
 
 def _end(joint: Element, side: str) -> str:
@@ -71,9 +70,8 @@ def _text(numbers: Iterable[float]) -> str:
 def drop_ignored(robot: Element) -> None:
     """Removes what Drake can't use, and would warn of."""
     for joint in robot.findall("joint"):
-        for tag in _IGNORED:
-            for element in joint.findall(tag):
-                joint.remove(element)
+        for element in [element for element in joint if element.tag in _IGNORED]:
+            joint.remove(element)
 
 
 def mend_inertias(robot: Element) -> list[str]:

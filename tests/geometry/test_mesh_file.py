@@ -84,7 +84,7 @@ def test_colors_of_a_material_library_are_whole_or_refused(tmp_path, material, c
         ("a.obj", b"vt 0 0\n" * 1_000_000, "holds no triangles"),
         ("a.off", b"OFF\n" + b"0 " * 4_000_000, "has 4000001 words"),
         ("a.ply", b"ply\nformat ascii 1.0\n" + b"\t" * 4_000_000, "at most 4000000, simplify"),
-        ("a.stl", b"solid a\nendsolid\n" * 1001, "more than 1000 solids"),
+        ("a.stl", b"solid a\nendsolid\n" * 1001, "it has 1001 solids; at most 1000"),
         ("a.gltf", b'{"nodes": [' + b"{}," * 300_000, "values; at most 500000"),
     ],
 )
@@ -111,7 +111,7 @@ def test_lines_that_are_not_read_take_no_memory(tmp_path):
     ("name", "most", "problem"),
     [
         ("MAX_MESH_BYTES", 100, "it has more than"),
-        ("MAX_FACES", 11, "it has more than 11 triangles"),
+        ("MAX_FACES", 11, "it has 12 triangles; at most 11"),
         ("MAX_PIECES", 0, "it has 1 parts"),
     ],
 )

@@ -60,19 +60,19 @@ def converted(tmp_path_factory):
     return robot, folder
 
 
-def bounds(folder, elements):
-    files = [mesh.get("filename") for element in elements for mesh in element.iter("mesh")]
-    corners = [trimesh.load_mesh(folder / file).bounds for file in files]
-    return np.array([np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))])
-
-
 @pytest.mark.parametrize("use", ["visual", "collision"])
-def test_each_link_has_its_own_shape_whatever_others_are_called(converted, use):
+def test_each_link_has_its_own_shape_with_normals_whatever_others_are_called(converted, use):
     robot, folder = converted
     for link in robot.findall("link"):
-        half = SIZES[link.get("name")] / 2
-        found = bounds(folder, link.findall(use))
-        np.testing.assert_allclose(found, [[-half] * 3, [half] * 3], atol=1e-5)
+        size = SIZES[link.get("name")]
+        files = [folder / mesh.get("filename") for mesh in link.iterfind(f"{use}/geometry/mesh")]
+        assert all("\nvn " in file.read_text() for file in files)
+        meshes = [trimesh.load_mesh(file) for file in files]
+        assert sum(mesh.volume for mesh in meshes) == pytest.approx(size**3, rel=1e-3)
+        corners = np.concatenate([mesh.vertices for mesh in meshes])
+        np.testing.assert_allclose(
+            [corners.min(axis=0), corners.max(axis=0)], [[-size / 2] * 3, [size / 2] * 3], atol=1e-5
+        )
 
 
 def test_a_mesh_that_is_shown_in_colours_collides_as_a_whole(converted):
