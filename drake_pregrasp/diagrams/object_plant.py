@@ -25,7 +25,6 @@ from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.systems.sources import BodyPose, Launch, ObjectMotion, PoseReplay
 
-
 MovingObject = tuple[MultibodyPlant, SceneGraph, OutputPort]
 """Plant with the object's body, SceneGraph with its geometry, and the port with its pose X_WO."""
 
