@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from five_finger_hand import HAND, X_WO, hand_controller
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
@@ -13,18 +14,11 @@ from pydrake.systems.framework import BusValue, DiagramBuilder
 
 from drake_pregrasp import (
     AddPregraspPlanner,
-    BoxSolid,
     ContactStatus,
-    GraspConfig,
-    HandController,
-    HandModel,
     MeasurementVerdict,
     PlannerConfig,
     TrackingStatus,
-    box_surface,
-    load_hand,
     load_scenario,
-    ring_contacts,
     run,
 )
 from drake_pregrasp.cli import main
@@ -99,24 +93,9 @@ def test_the_guide_to_composing_lifts_the_cube(monkeypatch, tmp_path):
 @pytest.mark.slow
 def test_the_robot_in_a_plant_of_ones_own_stays_where_the_controller_holds_it():
     add_robot = executed("compose.md", blocks("compose.md", "python")[1])["add_robot"]
-    hand = HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
-    box, X_WO = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)), RigidTransform([0, 0, 0.05])
     builder = DiagramBuilder()
-    controller = HandController(
-        GraspConfig(),
-        hand,
-        object_solid=box,
-        object_top=0.05,
-        mass=0.4,
-        p_OCoM=np.zeros(3),
-        fixed=[],
-        X_WO=X_WO,
-        p_OC=ring_contacts(box_surface(box.size, spacing=0.01), 5),
-        target_period=0.05,
-        plant_time_step=0.01,
-    )
-    builder.AddSystem(controller)
-    plant, _ = add_robot(builder, controller, hand.description)
+    controller = builder.AddSystem(hand_controller())
+    plant, _ = add_robot(builder, controller, HAND.description)
     simulator = Simulator(builder.Build())
     context = simulator.get_mutable_context()
     own = controller.GetMyMutableContextFromRoot(context)
@@ -149,11 +128,11 @@ def test_the_estimator_alone_follows_until_the_object_is_lost(capsys):
     statuses = [status for _, _, status in estimates]
     assert statuses == sorted(statuses)
     assert set(statuses) == set(TrackingStatus) - {TrackingStatus.WAITING}
-    for time, X_WO, status in estimates:
+    for time, pose, status in estimates:
         if status == TrackingStatus.LOST:
-            assert X_WO.IsExactlyEqualTo(estimates[-1][1])
+            assert pose.IsExactlyEqualTo(estimates[-1][1])
         elif time > 1:  # Velocities are known, and hold on.
-            assert X_WO.IsNearlyEqualTo(measure(time), 1e-9)
+            assert pose.IsNearlyEqualTo(measure(time), 1e-9)
 
 
 @pytest.mark.slow
