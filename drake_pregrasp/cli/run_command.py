@@ -61,12 +61,9 @@ def run_bar(scenario: Scenario) -> Iterator[Callable[[TickRecord], None] | None]
         start = time.perf_counter()
 
         def on_tick(record: TickRecord) -> None:
-            bar.update(
-                task,
-                completed=record.time,
-                factor=record.time / (time.perf_counter() - start),
-                q_gii=GraspQualityView(record.grasp_quality).q_gii,
-            )
+            factor = record.time / (time.perf_counter() - start)
+            q_gii = GraspQualityView(record.grasp_quality).q_gii
+            bar.update(task, completed=record.time, factor=factor, q_gii=q_gii)
 
         yield on_tick
         if scenario.simulation_duration - bar.tasks[task].completed < scenario.planner.period:

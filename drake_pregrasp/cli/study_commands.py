@@ -32,17 +32,7 @@ _STUDY_COMMANDS = {
     ),
 }
 
-_EXTRA = (
-    "dask",
-    "distributed",
-    "jinja2",
-    "markupsafe",
-    "pandas",
-    "seaborn",
-    "statsmodels",
-    "tabulate",
-    "threadpoolctl",
-)
+_EXTRA = "dask distributed jinja2 markupsafe pandas seaborn statsmodels tabulate threadpoolctl"
 """The libraries of the extra `studies`."""
 
 
@@ -66,7 +56,7 @@ def _add_options(parser: argparse.ArgumentParser, *, where: str, name: str) -> N
         options = importlib.import_module(f"{_STUDIES}.study_options")
     except ModuleNotFoundError as error:
         library = str(error.name).partition(".")[0]
-        if library not in _EXTRA:
+        if library not in _EXTRA.split():
             raise
         parser.error(f"{library} is missing; install the extra: pip install '.[studies]'")
     if function:

@@ -30,27 +30,22 @@ def config_with(
         TypeError: If a keyword is unknown, or given beside a configuration.
         InvalidArgumentError: If a field is out of its range.
     """
-    if not keywords:
-        config = default if config is None else config
-        check_fields(config)
-        return config
-    said = ", ".join(keywords)
-    if config is not None:
-        raise TypeError(f"{type(owner).__name__} takes {said} from its config, not beside it")
+    system, said = type(owner).__name__, ", ".join(keywords)
+    if keywords and config is not None:
+        raise TypeError(f"{system} takes {said} from its config, not beside it")
     for keyword, value in keywords.items():
         path = (names or {}).get(keyword, keyword)
         try:
             default = _changed(default, path.split("."), value)
         except (TypeError, AttributeError) as error:
-            raise TypeError(f"{type(owner).__name__} has no argument {keyword}") from error
-    warnings.warn(
-        f"{type(owner).__name__}: give {said} in a {type(default).__name__}; as keywords they are"
-        " deprecated",
-        DeprecationWarning,
-        stacklevel=3,
-    )
-    check_fields(default)
-    return default
+            raise TypeError(f"{system} has no argument {keyword}") from error
+    if keywords:
+        place = f"give {said} in a {type(default).__name__}"
+        message = f"{system}: {place}; as keywords they are deprecated"
+        warnings.warn(message, DeprecationWarning, stacklevel=3)
+    config = default if config is None else config
+    check_fields(config)
+    return config
 
 
 def _changed(config: Any, path: list[str], value: Any) -> Any:

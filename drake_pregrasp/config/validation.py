@@ -76,14 +76,11 @@ def length_problem(length: int, rules: Mapping[str, Any]) -> str | None:
         rules: Metadata of its field.
     """
     least, most = rules.get("min_length", 0), rules.get("max_length", MAX_LENGTH)
-    for words, bound, fits in (
-        ("exactly", rules.get("length"), length == rules.get("length", length)),
-        ("at least", least, length >= least),
-        ("at most", most, length <= most),
-    ):
-        if not fits:
-            return f"a list of {words} {bound} elements"
-    return None
+    if length != (exact := rules.get("length", length)):
+        return f"a list of exactly {exact} elements"
+    if length < least:
+        return f"a list of at least {least} elements"
+    return f"a list of at most {most} elements" if length > most else None
 
 
 def check_fields(config: Any, key: str = "") -> None:

@@ -152,8 +152,8 @@ class HandController(Diagram):
         plant_time_step: float,
     ) -> None:
         super().__init__()
-        n = len(hand.kinematics.tip_frames)
-        for name, value, shape in (("p_OC", p_OC, (n, 3)), ("p_OCoM", p_OCoM, (3,))):
+        tip_frames = hand.kinematics.tip_frames
+        for name, value, shape in (("p_OC", p_OC, (len(tip_frames), 3)), ("p_OCoM", p_OCoM, (3,))):
             if np.shape(value) != shape:
                 raise InvalidArgumentError(f"{name} must have shape {shape}, not {np.shape(value)}")
         for name, amount in (("mass", mass), ("plant_time_step", plant_time_step)):
@@ -166,7 +166,6 @@ class HandController(Diagram):
             )
         hand.check_contacts(p_OC, object_solid.distance_and_gradient(p_OC)[1])
         builder = DiagramBuilder()
-        tip_frames = hand.kinematics.tip_frames
         settings = config.make_settings(hand.description.fingertips)
         raised = np.array([0.0, 0.0, settings.approach_height])
         X_WG = RigidTransform(X_WO.rotation(), X_WO.translation() + raised)

@@ -95,10 +95,9 @@ class HandStation(Diagram):
             solid.extend(add_solid_collision(plant, body, object_config, friction=coefficients))
             add_hand_model(plant, hand, yaw_range)
 
-        moving = add_moving_object(
+        self.plant, self.scene_graph, X_WO = add_moving_object(
             builder, object_config, motion_config, plant_config, add_more=add_hand
         )
-        self.plant, self.scene_graph = moving.plant, moving.scene_graph
         instance = self.plant.GetModelInstanceByName(HAND)
         self.plant.SetDefaultPositions(instance, initial)
         self._filter_collisions(instance, solid, hand)
@@ -106,7 +105,7 @@ class HandStation(Diagram):
         disc = builder.AddNamedSystem("turntable_pose", BodyPose(turntable.index()))
         builder.Connect(self.plant.get_body_poses_output_port(), disc.get_input_port())
         builder.ExportInput(self.plant.get_desired_state_input_port(instance), "desired_state")
-        builder.ExportOutput(moving.X_WO, "X_WO")
+        builder.ExportOutput(X_WO, "X_WO")
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")
         builder.ExportOutput(self.plant.get_state_output_port(instance), "hand_state")
         builder.ExportOutput(self.plant.get_net_actuation_output_port(instance), "net_actuation")

@@ -1,7 +1,6 @@
 """Plant with the moving object, as one diagram."""
 
 from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
@@ -26,19 +25,8 @@ from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.systems.sources import BodyPose, Launch, ObjectMotion, PoseReplay
 
-
-class MovingObject(NamedTuple):
-    """Moving object in a diagram that is being built.
-
-    Attributes:
-        plant: Plant with the object's body.
-        scene_graph: SceneGraph with its geometry.
-        X_WO: Output port with its pose.
-    """
-
-    plant: MultibodyPlant
-    scene_graph: SceneGraph
-    X_WO: OutputPort
+MovingObject = tuple[MultibodyPlant, SceneGraph, OutputPort]
+"""Plant with the object's body, SceneGraph with its geometry, and the port with its pose X_WO."""
 
 
 def add_model(plant: MultibodyPlant, file: str) -> ModelInstanceIndex:
@@ -90,7 +78,7 @@ def add_moving_object(
         builder.Connect(command.get_output_port(), plant.get_desired_state_input_port(driven))
     pose = builder.AddNamedSystem("object_pose", BodyPose(body.index()))
     builder.Connect(plant.get_body_poses_output_port(), pose.get_input_port())
-    return MovingObject(plant, scene_graph, pose.get_output_port())
+    return plant, scene_graph, pose.get_output_port()
 
 
 TIP_RADIUS = 0.012
@@ -164,7 +152,7 @@ def _add_replay(
     frame = plant.GetBodyFrameIdOrThrow(body.index())
     replay = builder.AddNamedSystem("pose_replay", PoseReplay(motion.read(), frame))
     builder.Connect(replay.GetOutputPort("geometry_pose"), scene_graph.get_source_pose_port(source))
-    return MovingObject(plant, scene_graph, replay.GetOutputPort("X_WO"))
+    return plant, scene_graph, replay.GetOutputPort("X_WO")
 
 
 class ObjectPlant(Diagram):
@@ -202,8 +190,9 @@ class ObjectPlant(Diagram):
     ) -> None:
         super().__init__()
         builder = DiagramBuilder()
-        moving = add_moving_object(builder, object_config, motion_config, plant_config)
-        self.plant, self.scene_graph = moving.plant, moving.scene_graph
-        builder.ExportOutput(moving.X_WO, "X_WO")
+        self.plant, self.scene_graph, X_WO = add_moving_object(
+            builder, object_config, motion_config, plant_config
+        )
+        builder.ExportOutput(X_WO, "X_WO")
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")
         builder.BuildInto(self)

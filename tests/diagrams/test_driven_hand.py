@@ -2,24 +2,16 @@
 
 import numpy as np
 import pytest
+from five_finger_hand import HAND
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.framework import DiagramBuilder
 
-from drake_pregrasp import (
-    Box,
-    Conveyor,
-    GraspConfig,
-    HandModel,
-    box_surface,
-    load_hand,
-    ring_contacts,
-)
+from drake_pregrasp import Box, Conveyor, GraspConfig, box_surface, ring_contacts
 from drake_pregrasp.diagrams.hand_station import TABLE, add_driven_hand
 
 BOX = Box(size=[0.08, 0.09, 0.1])
 SUNK = 1e-4  # Metres by which feet may be in the table.
 GRASP = GraspConfig()
-HAND = HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
 
 
 @pytest.fixture(scope="module")

@@ -2,45 +2,28 @@
 
 import numpy as np
 import pytest
+from five_finger_hand import FRAMES, HAND, RING, X_WO, hand_controller
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BusValue
 
-from drake_pregrasp import BoxSolid, GraspConfig, HandController, HandModel, load_hand
+from drake_pregrasp import GraspConfig
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 
-MODEL = HandModel(load_hand("package://drake_pregrasp/five_finger_hand.yaml"))
-AROUND = 2 * np.pi * np.arange(5) / 5
-RING = 0.05 * np.stack([np.cos(AROUND), np.sin(AROUND), 0 * AROUND], axis=1)
 TURNED = RING @ RotationMatrix.MakeZRotation(0.4).matrix().T
-
-
-def controller(config=None, **changes):
-    arguments = {
-        "object_solid": BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)),
-        "object_top": 0.05,
-        "mass": 0.4,
-        "p_OCoM": np.zeros(3),
-        "fixed": [],
-        "X_WO": RigidTransform([0.0, 0.0, 0.05]),
-        "p_OC": RING,
-        "target_period": 0.05,
-        "plant_time_step": 0.01,
-    }
-    return HandController(config or GraspConfig(), MODEL, **(arguments | changes))
 
 
 def test_it_starts_over_the_object_turned_to_its_contacts():
     for p_OC, yaw in ((RING, 0.0), (TURNED, 0.4)):
-        np.testing.assert_allclose(controller(p_OC=p_OC).initial[3], yaw, atol=1e-4)
+        np.testing.assert_allclose(hand_controller(p_OC=p_OC).initial[3], yaw, atol=1e-4)
 
 
 def test_its_wrist_starts_within_its_range():
     config = GraspConfig(wrist_range=[-0.1, 0.2])
-    assert controller(config, p_OC=TURNED).initial[3] == pytest.approx(0.2)
+    assert hand_controller(config, p_OC=TURNED).initial[3] == pytest.approx(0.2)
 
 
 @pytest.mark.parametrize(
@@ -56,16 +39,16 @@ def test_its_wrist_starts_within_its_range():
 )
 def test_what_makes_no_sense_is_refused(config, changes, problem):
     with pytest.raises(InvalidArgumentError, match=problem):
-        controller(config, **changes)
+        hand_controller(config, **changes)
 
 
 def test_contacts_on_faces_that_a_finger_may_not_have_are_refused(monkeypatch):
-    tip = MODEL.description.fingertips[0]
+    tip = HAND.description.fingertips[0]
     monkeypatch.setattr(tip, "forbidden_faces", ["-z", "-x"])
-    controller()
+    hand_controller()
     monkeypatch.setattr(tip, "forbidden_faces", ["-z", "+x"])
     with pytest.raises(InvalidArgumentError, match=r"finger_0_tip, to which \+x is forbidden"):
-        controller()
+        hand_controller()
 
 
 def targets(point=0.0):
@@ -74,24 +57,24 @@ def targets(point=0.0):
     for finger, p_OC in enumerate(RING):
         R = RotationMatrix.MakeFromOneVector(-p_OC, 2)
         place = p_OC + np.array([point if finger == 0 else 0.0, 0.0, 0.05])
-        bus.Set(MODEL.kinematics.tip_frames[finger], AbstractValue.Make(RigidTransform(R, place)))
+        bus.Set(FRAMES[finger], AbstractValue.Make(RigidTransform(R, place)))
     return AbstractValue.Make(bus)
 
 
 SOUND = {
     "fingertip_targets": targets(),
     "contact_status": np.ones(5),
-    "X_WO_estimated": RigidTransform([0.0, 0.0, 0.05]),
+    "X_WO_estimated": X_WO,
     "V_WO_estimated": SpatialVelocity.Zero(),
     "close": [0.0],
-    "net_actuation": np.zeros(MODEL.kinematics.num_positions),
+    "net_actuation": np.zeros(HAND.kinematics.num_positions),
     "tracking_status": [float(TrackingStatus.TRACKING)],
 }
 
 
 @pytest.mark.parametrize("number", [np.nan, np.inf, 1e300])
 def test_joints_get_finite_commands_whatever_comes(number):
-    system = controller()
+    system = hand_controller()
     simulator = Simulator(system)
     context = simulator.get_mutable_context()
     state = np.concatenate([system.initial, 0 * system.initial])

@@ -3,17 +3,8 @@ import dataclasses
 import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import LogVectorOutput
 
-from drake_pregrasp import (
-    AddPregraspPlanner,
-    BlendConfig,
-    ContactStatus,
-    PlannerConfig,
-    PregraspPlanner,
-)
+from drake_pregrasp import BlendConfig, ContactStatus, PlannerConfig, PregraspPlanner
 from drake_pregrasp.contacts.strategies import STRATEGIES
 
 CONFIG = PlannerConfig(static_duration=0.0)
@@ -100,20 +91,6 @@ def test_the_period_sets_the_planning_rate(surface, p_OC, period):
     attribute = planner.GetUniquePeriodicDiscreteUpdateAttribute()
     assert attribute.period_sec() == period
     assert attribute.offset_sec() == 0
-
-
-def test_it_drops_into_anybodys_diagram(surface, p_OC):
-    builder = DiagramBuilder()
-    planner = AddPregraspPlanner(builder, CONFIG, surface, p_OC)
-    builder.ExportInput(planner.GetInputPort("X_WO_measured"), "X_WO_measured")
-    logger = LogVectorOutput(planner.GetOutputPort("p_WC"), builder, 0.01)
-    diagram = builder.Build()
-    simulator = Simulator(diagram)
-    diagram.GetInputPort("X_WO_measured").FixValue(simulator.get_mutable_context(), X_0)
-    simulator.AdvanceTo(0.5)
-    log = logger.FindLog(simulator.get_context())
-    assert log.data().shape == (15, 51)
-    assert np.all(np.isfinite(log.data()))
 
 
 @pytest.mark.slow
