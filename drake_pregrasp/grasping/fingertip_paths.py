@@ -1,4 +1,4 @@
-"""Collision-free places and paths of fingertips around an object."""
+"""Collision-free positions and paths of fingertips around an object."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,26 +8,25 @@ import numpy as np
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.geometry.solids import Solid
 
-_PASSES = 6  # A tip that one constraint pushes out may violate another one a few times.
-_SAMPLES = 17  # On a straight path: least distance from a solid of a hand's size to 0.2 mm.
-_ON_SIDE = 0.7  # Least horizontal part of the outward direction on a side.
-_ROUNDING = 1e-12  # Metres.
-_GRAZE = 1e-4  # Metres by which a free path may violate the clearance.
+_PASSES = 6  # A tip pushed out by one constraint may violate another one.
+_SAMPLES = 17  # Points of a straight path: finds its distance from the object to 0.2 mm.
+_ON_SIDE = 0.7  # Least horizontal part of a unit outward direction on a side.
+_ROUNDING = 1e-12  # Tolerance of clearances in metres.
+_GRAZE = 1e-4  # Largest violation of the clearance by a free path, in metres.
 
 
 @dataclass(frozen=True, eq=False)
 class TipRoom:
-    """Free space for the centres of n fingertips, in the frame G that the object is carried in.
+    """Free space for the centres of n fingertips, in the frame G that carries the object.
 
     Attributes:
-        object: Object to grasp, convex and upright: fingers move around it about z of G.
-        p_GO: Point inside the object, shape (3,), in metres.
+        object: Solid of the object in G, convex and upright: fingers move around it about z of G.
+        p_GO: Position of a point inside the object, in G, shape (3,), in metres.
         object_clearances: Least distance of each tip's centre from the object, shape (n,), in
             metres.
-        others: Other solids to avoid, such as table and obstacles, each with the least distance of
-            all tips' centres from it, or of each, shape (n,), in metres.
-        spacing: Least distance between tips' centres, or between those of each pair, shape (n, n),
-            in metres.
+        others: Other solids to avoid in G, such as table and obstacles, each with the least
+            distance of the tips' centres from it in metres, a scalar or of shape (n,).
+        spacing: Least distance between tips' centres in metres, a scalar or of shape (n, n).
     """
 
     object: Solid
@@ -37,9 +36,9 @@ class TipRoom:
     spacing: float | FloatArray = 0.0
 
     def permitted(self, p_GT: FloatArray) -> FloatArray:
-        """Returns approximately the nearest permitted places, shape (n, 3).
+        """Returns approximately the nearest permitted positions in G, shape (n, 3), in metres.
 
-        They are never inside the object. Without free space beside it, they are inside the others.
+        They are never inside the object. Without free space beside it, they are inside others.
 
         Args:
             p_GT: Centres of the tips in G, shape (n, 3), in metres.
@@ -57,14 +56,14 @@ class TipRoom:
 
 
 def shape_goals(p_GT: FloatArray, goal: FloatArray, step: float, room: TipRoom) -> FloatArray:
-    """Returns the next places of tips on their paths to goals, shape (n, 3).
+    """Returns the next positions of tips on their paths to goals, in G, shape (n, 3), in metres.
 
     A tip moves straight if the path is clear of the object, and otherwise around it on the shorter
-    side. It moves no farther than a step, unless solids or other tips push it out.
+    side. It moves at most one step, unless solids or other tips push it out.
 
     Args:
         p_GT: Centres of the tips in G, shape (n, 3), in metres.
-        goal: Permitted goals of the centres, shape (n, 3), in metres.
+        goal: Permitted goals of the centres in G, shape (n, 3), in metres.
         step: Longest step, in metres.
         room: Free space of the tips.
     """
@@ -85,7 +84,7 @@ def _is_free(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> BoolArray:
 
 
 def _way_round(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> FloatArray:
-    """Returns displacements along the object's side, horizontal but for the remaining height.
+    """Returns displacements along the object's side: a horizontal arc and the remaining height.
 
     Above and below the object, tips slide along its surface towards their goals.
     """
@@ -104,7 +103,7 @@ def _way_round(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> FloatArray:
 
 
 def _pushed_out(p_GT: FloatArray, solid: Solid, clearance: float | FloatArray) -> FloatArray:
-    """Returns tips at a solid's clearance or farther; the same array if nothing changes."""
+    """Moves tips out to a solid's clearance; returns the same array if none moves."""
     distance, gradient = solid.distance_and_gradient(p_GT)
     lacking = clearance - distance
     if np.max(lacking) <= _ROUNDING:
@@ -113,7 +112,7 @@ def _pushed_out(p_GT: FloatArray, solid: Solid, clearance: float | FloatArray) -
 
 
 def _spread(p_GT: FloatArray, spacing: float | FloatArray) -> FloatArray:
-    """Returns tips at their spacing, both pushed equally; the same array if nothing changes."""
+    """Moves both tips of a pair apart equally; returns the same array if none moves."""
     away = p_GT[:, None] - p_GT
     distance = np.sqrt(np.einsum("ijk,ijk->ij", away, away))
     lacking = np.maximum(spacing - distance, 0)
@@ -130,20 +129,20 @@ MOVING_CLEARANCE = 0.008
 """Least gap between moving fingertips and the object, in metres."""
 
 OTHER_CLEARANCE = 0.004
-"""Least gap of fingertips to other solids and to each other, in metres."""
+"""Least gap between fingertips and other solids, and between fingertips, in metres."""
 
 _WITHDRAWN_CLEARANCE = 0.02  # Gap of withdrawn fingertips to the object's top, in metres.
 
 
 @dataclass(frozen=True, eq=False)
 class TipPlaces:
-    """Fingertips of a hand around an object O that is carried in the frame G.
+    """Positions of fingertips around an object O that is carried in the frame G.
 
     Attributes:
         tip_radii: Radii of the fingertips, shape (n,), in metres.
         directions: Horizontal unit vectors to the fingers in the frame U of the palm, shape (n, 3).
-        withdrawn_radii: Distance from z of G at which each finger without a contact waits, shape
-            (n,), in metres.
+        withdrawn_radii: Distance of each finger without a contact from z of G, shape (n,), in
+            metres.
         object_top: Height of the object's top above O, in metres.
     """
 
@@ -153,7 +152,7 @@ class TipPlaces:
     object_top: float
 
     def first_contacts(self, p_GT: FloatArray, standoff: float) -> tuple[FloatArray, FloatArray]:
-        """Returns contacts at which tips do not move, and their normals, each (n, 3).
+        """Returns contacts in G for which tips do not move, and their normals, each (n, 3).
 
         Args:
             p_GT: Centres of the tips in G, shape (n, 3), in metres.
@@ -165,11 +164,11 @@ class TipPlaces:
         return p_GT - (self.tip_radii + standoff)[:, None] * normals, normals
 
     def withdrawn(self, p_GT: FloatArray, R_GU: FloatArray | None) -> FloatArray:
-        """Returns the places above the object for fingers without a contact, in G, shape (n, 3).
+        """Returns positions above the object for fingers without a contact, in G, shape (n, 3).
 
         Args:
             p_GT: Centres of the tips in G, shape (n, 3), in metres.
-            R_GU: Orientation of the palm, shape (3, 3); tips keep their azimuths if it is None.
+            R_GU: Orientation of the palm in G, shape (3, 3); None to keep the tips' azimuths.
         """
         level = p_GT * [1.0, 1.0, 0.0] if R_GU is None else self.directions @ R_GU.T
         least = self.tip_radii[:, None]
@@ -187,17 +186,17 @@ class TipPlaces:
         obstacles: Sequence[Solid],
         holding: BoolArray,
     ) -> TipRoom:
-        """Returns the free space of the tips' centres.
+        """Returns the free space for the tips' centres.
 
         Args:
-            object_solid: Object in G, convex.
+            object_solid: Solid of the convex object in G.
             gaps: Commanded gap of each tip to the object, shape (n,), in metres; negative to press.
             fixed: Solids in G that all tips avoid, such as the table.
             obstacles: Solids in G that tips avoid unless they hold the object.
-            holding: Tips that hold the object, shape (n,).
+            holding: Whether each tip holds the object, shape (n,).
         """
         clearances = self.tip_radii + OTHER_CLEARANCE
-        # A holding finger that is pushed along the object would lose the grasp.
+        # A holding finger that an obstacle pushes along the object would lose the grasp.
         unless_holding = np.where(holding, -np.inf, clearances)
         return TipRoom(
             object=object_solid,

@@ -1,6 +1,7 @@
 """State machine of a grasp: approach, track, close until touch, squeeze, lift, hold, or back off.
 
-It takes the decisions at each control tick. Other parts move goals and joints, and measure forces.
+The state machine decides at each control tick. Other parts move goals and joints, and measure
+forces.
 """
 
 from collections.abc import Callable
@@ -20,10 +21,10 @@ from drake_pregrasp.grasping.grasp_state import (
 from drake_pregrasp.grasping.squeeze import Squeeze
 
 GATE_SHARE = 0.5
-"""Share of a squeeze's largest imbalance that the gate allows, since contacts may still shift."""
+"""Share of the largest imbalance that is allowed before closing, as contacts may still shift."""
 
 CRUSHING = 1.3
-"""Multiple of the largest planned force at which a hand lets go: torques measure forces roughly."""
+"""Ratio of force to largest planned force at which a hand opens; measured forces are rough."""
 
 
 def fingers_have_arrived(view: GraspView, settings: GraspSettings) -> bool:
@@ -34,12 +35,12 @@ def fingers_have_arrived(view: GraspView, settings: GraspSettings) -> bool:
 def hindrance(
     view: GraspView, settings: GraspSettings, squeeze: Callable[[BoolArray], Squeeze]
 ) -> tuple[GiveUp, float] | None:
-    """Returns why the hand can't close now, with the detail of the reason, or None if it can.
+    """Returns the reason why the hand can't close, with its detail, or None if it can.
 
     Args:
         view: Observations at the tick.
         settings: Settings of the grasp.
-        squeeze: Planner of squeezes; see `next_state`.
+        squeeze: Function that plans a squeeze; see `next_state`.
     """
     count = int(np.sum(view.active))
     if count < settings.least_fingers:
@@ -63,8 +64,8 @@ def next_state(
         view: Observations at the tick.
         settings: Settings of the grasp.
         period: Seconds to the next tick.
-        squeeze: Planner of squeezes: returns the forces of the fingers in a mask, in O, and zero
-            for the others.
+        squeeze: Function that plans a squeeze of the fingers in a mask of shape (n,), with forces
+            in O, which are zero for other fingers.
     """
     asked = min(state.asked, view.time) if view.close else np.inf
     state = replace(state, asked=asked)
@@ -94,7 +95,7 @@ def _fault(
 ) -> tuple[GiveUp, float] | None:
     if not view.close:
         return GiveUp.TOLD_TO_OPEN, 0.0
-    if state.phase == GraspPhase.CLOSE and not view.sees:  # The fingers do not hold it yet.
+    if state.phase == GraspPhase.CLOSE and not view.sees:  # The fingers do not hold the object yet.
         return GiveUp.OBJECT_UNSEEN, 0.0
     excess = view.presses - CRUSHING * settings.largest_force
     hardest = int(np.argmax(np.where(np.isnan(excess), -np.inf, excess)))
@@ -122,7 +123,7 @@ def _open(state: GraspState, view: GraspView, reason: GiveUp, detail: float) -> 
 
 
 def _approach(state: GraspState, view: GraspView, settings: GraspSettings) -> GraspState:
-    """Moves the hand down, or keeps its height while the object is not tracked."""
+    """Moves the hand down, or holds its height while the object is not tracked."""
     now = view.time
     if not view.sees:
         return replace(state, height=Ramp.at_rest(state.height.value(now)))
@@ -142,7 +143,7 @@ def _track(
 ) -> GraspState:
     """Waits until the fingers are at their goals and can hold the object, up to a time limit.
 
-    While the object is not tracked, it waits without a limit, which starts again afterwards.
+    While the object is not tracked, the hand waits without a limit. The limit then starts again.
     """
     if np.isinf(state.asked):
         return state
@@ -208,8 +209,8 @@ def _back_off(
 ) -> GraspState:
     """Sets the object down, lets go, opens the fingers, and moves the hand up, in this order.
 
-    A hand that had not gripped the object then approaches again once the command to close is gone.
-    One that had gripped it stays where it is.
+    After the command to close has ended, a hand that had not gripped the object approaches again. A
+    hand that had gripped the object stays up.
     """
     now = view.time
     if not state.height.is_over(now) or not state.force.is_over(now):

@@ -1,4 +1,4 @@
-"""Phases, settings, state and observations of a hand that grasps."""
+"""Phases, settings, state and observations of a grasp."""
 
 from dataclasses import dataclass
 from enum import IntEnum
@@ -21,7 +21,7 @@ class GraspPhase(IntEnum):
 
 
 class GiveUp(IntEnum):
-    """Reasons why the hand has opened again, or waits to close."""
+    """Reasons why the hand has opened again, or waits before closing."""
 
     NONE = 0
     TOLD_TO_OPEN = 1
@@ -45,11 +45,11 @@ _REASONS = {
 
 
 def describe_give_up(reason: int, detail: float) -> str | None:
-    """Returns a text why the hand has opened, or waits to close, or None if there is no reason.
+    """Describes the reason why the hand has opened or waits; None if there is no reason.
 
     Args:
-        reason: Last `GiveUp` since the hand closed.
-        detail: Finger, number or force that the text names.
+        reason: Value of `GiveUp`.
+        detail: Index of a finger, number of fingers or force in newtons, for the text.
     """
     return None if reason == GiveUp.NONE else _REASONS[GiveUp(reason)].format(detail)
 
@@ -58,11 +58,11 @@ def describe_give_up(reason: int, detail: float) -> str | None:
 class GraspSettings:
     """Settings of a grasp; lengths in metres, times in seconds, forces in newtons.
 
-    The closing speed, the search and the largest force may be given for each finger, shape (n,).
+    The closing speed, the search and the largest force are scalars, or of shape (n,) by finger.
 
     Attributes:
         approach_height: Height above the tracking height at which the hand starts.
-        approach_duration: Duration of the way down.
+        approach_duration: Duration of the motion down to the tracking height.
         standoff: Gap between fingertips and object while tracking.
         gate_distance: Largest distance of each active finger from its goal when the hand closes.
         gate_limit: Longest time for which the hand waits for the fingers to be at their goals, and
@@ -71,15 +71,15 @@ class GraspSettings:
         closing_acceleration: Acceleration of the fingertips, in m/s², small enough that their
             inertia is not measured as touch.
         search: Largest distance from the estimated surface at which a fingertip may meet the
-            object. Forces farther out are the fingertip's own inertia; farther in, the finger has
-            met nothing.
+            object. Forces farther outside are the fingertip's own inertia. A finger that is farther
+            inside has missed the object.
         touch_force: Least normal force that counts as touch.
-        least_fingers: Least number of active fingers for closing.
+        least_fingers: Least number of active fingers before closing.
         least_force: Least normal force of each finger in the squeeze.
         largest_force: Largest normal force of any finger.
-        squeeze_duration: Time in which forces increase.
-        imbalance: Largest force by which a squeeze may be out of balance.
-        stop_duration: Time in which the hand comes to rest when it lifts.
+        squeeze_duration: Duration of the increase of forces.
+        imbalance: Largest residual of a squeeze's balance of forces.
+        stop_duration: Duration of the hand's deceleration to rest when it lifts.
         lift_height: Height of the lift.
         lift_duration: Duration of the lift.
     """
@@ -105,7 +105,7 @@ class GraspSettings:
 
 @dataclass(frozen=True)
 class Ramp:
-    """A value over time that changes by the cubic 3 s² - 2 s³, from rest to rest.
+    """A cubic change of a value over time from rest to rest, 3 s² - 2 s³.
 
     Attributes:
         start: Time at which the change starts, in seconds.
@@ -121,22 +121,22 @@ class Ramp:
 
     @staticmethod
     def at_rest(value: float) -> "Ramp":
-        """Returns a ramp with a constant value."""
+        """Returns a ramp of constant value."""
         return Ramp(0.0, 0.0, value, value)
 
     def value(self, time: float) -> float:
-        """Returns the value at a time."""
+        """Returns the value at a time in seconds."""
         s = self._share(time)
         return self.first + (self.last - self.first) * s * s * (3 - 2 * s)
 
     def rate(self, time: float) -> float:
-        """Returns the rate of change at a time, per second."""
+        """Returns the rate of change per second at a time in seconds."""
         s = self._share(time)
         change = 6 * s * (1 - s) * (self.last - self.first)
         return change / self.duration if change else 0.0
 
     def is_over(self, time: float) -> bool:
-        """Returns whether the change is over, up to rounding."""
+        """Returns whether the change is over at a time in seconds, up to rounding."""
         return time >= self.start + self.duration - 1e-9
 
     def _share(self, time: float) -> float:
@@ -150,19 +150,19 @@ class GraspState:
     """State of a grasp.
 
     Attributes:
-        phase: A `GraspPhase`.
+        phase: Phase of the grasp, a `GraspPhase`.
         since: Time at which the phase began, in seconds.
-        asked: Time since which the hand is commanded to close, in seconds; infinite if it is not.
-        reason: A `GiveUp`.
-        detail: Finger, number or force that belongs to the reason.
-        gripped: Time at which all fingers had touched, from which on the hand no longer follows the
-            estimate, in seconds; infinite before.
-        height: Height of the hand above the tracking height.
-        force: Applied share of the squeeze, from 0 to 1.
-        standoffs: Commanded gap of each fingertip, shape (n,), in metres.
-        active: Fingers that take part, shape (n,), fixed once the hand closes.
-        touched: Fingers that have met the object, shape (n,).
-        forces: Squeeze on the object, in O, shape (n, 3), in newtons.
+        asked: Time of the command to close, in seconds; infinite without a command.
+        reason: Reason for opening or waiting, a `GiveUp`.
+        detail: Index of a finger, number of fingers or force in newtons of the reason.
+        gripped: Time in seconds at which all fingers had touched, after which the hand no longer
+            follows the estimate; infinite before.
+        height: Height of the hand above the tracking height, in metres over time.
+        force: Applied share of the squeeze, from 0 to 1, over time.
+        standoffs: Commanded gap between each fingertip and the object, shape (n,), in metres.
+        active: Whether each finger takes part, shape (n,), fixed when the hand closes.
+        touched: Whether each finger has met the object, shape (n,).
+        forces: Planned forces of the fingers on the object, in O, shape (n, 3), in newtons.
     """
 
     phase: int
@@ -180,7 +180,7 @@ class GraspState:
 
     @staticmethod
     def first(num_fingers: int, settings: GraspSettings) -> "GraspState":
-        """Returns the state at time 0."""
+        """Returns the state of n fingers at time 0."""
         return GraspState(
             phase=GraspPhase.APPROACH,
             since=0.0,
@@ -202,13 +202,13 @@ class GraspState:
         return self.phase >= GraspPhase.CLOSE
 
     def fingers_hold(self, time: float) -> BoolArray:
-        """Returns which fingers hold their contacts, or close on them, shape (n,).
+        """Returns whether each finger holds its contact, or closes on it, shape (n,).
 
         A hand that backs off holds with all active fingers while forces decrease, and then with
-        those that still touch.
+        the fingers that still touch.
 
         Args:
-            time: Time, in seconds.
+            time: Present time in seconds.
         """
         if not self.holds_contacts:
             return np.zeros_like(self.active)
@@ -223,7 +223,7 @@ class GraspState:
     @staticmethod
     def from_vector(vector: FloatArray) -> "GraspState":
         """Returns the state from a vector of `to_vector`."""
-        # Only types and shapes of the first state matter; an integer would round what is unpacked.
+        # Only types and shapes matter: integer settings would round the unpacked values.
         anything = GraspSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         single = len(GraspState.first(0, anything).to_vector())
         return unpack(GraspState.first((len(vector) - single) // 6, anything), vector)
@@ -234,9 +234,9 @@ class GraspView:
     """Observations at a tick; NaN where a finger's value is unknown.
 
     Attributes:
-        time: Time, in seconds.
+        time: Time of the tick, in seconds.
         close: Whether the hand is commanded to close.
-        active: Fingers that have a contact to go to, shape (n,).
+        active: Whether each finger has an active contact, shape (n,).
         distances: Distance of each fingertip from its goal, shape (n,), in metres.
         gaps: Gap between each fingertip and the surface at its contact, shape (n,), in metres.
         presses: Normal force of each fingertip on the object, shape (n,), in newtons; ignored until

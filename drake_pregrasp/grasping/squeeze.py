@@ -19,25 +19,25 @@ from drake_pregrasp.quality.grasp_quality import contact_axes
 
 _MODEL = "hard_finger"
 
-# Weights of the equations relative to the size of the forces: the residual is then some
-# hundred-thousandth of the forces, unless cones and bounds leave more; bounds come before balance.
+# Weights of the equations relative to the size of the forces: with them, the residual is about 1e-5
+# of the forces if cones and bounds allow it. Bounds take precedence over balance.
 _BALANCE = 300.0
 _BOUNDS = 6000.0
 
 FRICTION_SHARES = (0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-"""Shares of the friction coefficient for the cones that `safest_squeeze` tries in this order."""
+"""Shares of the friction coefficient that `safest_squeeze` tries in this order."""
 
 _IN_BALANCE = 0.02  # Largest residual of a balanced squeeze, in newtons.
-_PASSES = 50  # Most changes of the active set for each unknown.
+_PASSES = 50  # Largest number of active-set changes per unknown.
 
 
 class Squeeze(NamedTuple):
     """Forces of fingertips on an object.
 
     Attributes:
-        forces: Forces, shape (n, 3), in newtons.
-        residual: Norm of the wrench that is not balanced, in newtons, with torques divided by the
-            longest lever arm.
+        forces: Forces on the object in the frame of the contacts, shape (n, 3), in newtons.
+        residual: Norm of the unbalanced wrench, in newtons, with torques divided by the longest
+            lever arm.
     """
 
     forces: FloatArray
@@ -57,27 +57,27 @@ def squeeze_forces(
 
     This is the force-balance programme of grasping (Buss, Hashimoto & Moore, 1996, with pyramids
     in place of cones): min sum |f_i|² over f_i = R_i E a_i, a_i >= 0, with G f + wrench = 0 and
-    with normal forces in bounds. Bounds get slack variables, and all equations a large weight. That
-    makes it a non-negative least-squares problem, which has a solution even if nothing balances.
+    with normal forces in bounds. Bounds get slack variables, and all equations get a large weight.
+    The result is a non-negative least-squares problem, which always has a solution.
 
     Args:
         p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
-        nhat: Outward unit normals there, in the same frame, shape (n, 3).
+        nhat: Outward unit normals at the contacts, in the frame of `p_CoMC`, shape (n, 3).
         wrench: Other wrench on the object, such as its weight: force in N and torque about the
-            centre of mass in N m, in the frame of the contacts, shape (6,).
-        friction: Coulomb's coefficient for the plan. The margin to the real one covers errors of
-            contacts, poses and forces.
-        least_normal: Least normal force of every fingertip, or of each, shape (n,), in newtons.
-        largest_normal: Largest normal force of every fingertip, or of each, shape (n,), in newtons.
+            centre of mass in N m, in the frame of `p_CoMC`, shape (6,).
+        friction: Coulomb friction coefficient of the plan. The margin to the real coefficient
+            covers errors of contacts, poses and forces.
+        least_normal: Least normal force in newtons, a scalar or of shape (n,).
+        largest_normal: Largest normal force in newtons, a scalar or of shape (n,).
 
     Raises:
-        InvalidArgumentError: If bounds or friction are out of their ranges, or there is no contact.
+        InvalidArgumentError: If bounds or friction are out of range, or if there is no contact.
     """
     if len(p_CoMC) == 0:
-        raise InvalidArgumentError("a squeeze needs one contact at least")
+        raise InvalidArgumentError("a squeeze needs at least one contact")
     if not np.all((np.asarray(least_normal) >= 0) & (least_normal <= np.asarray(largest_normal))):
         raise InvalidArgumentError(
-            f"normal forces must be from 0 N on, and not from {least_normal} to {largest_normal} N"
+            f"normal forces need 0 N <= least <= largest, not {least_normal} and {largest_normal} N"
         )
     E = cone_edges(friction, _MODEL, TORSIONAL_FRICTION)
     W = primitive_wrenches(
@@ -89,7 +89,7 @@ def squeeze_forces(
     n, edges = len(p_CoMC), E.shape[1]
     normals, none = np.kron(np.eye(n), E[:1]), np.zeros((n, n))
     sizes = np.kron(np.eye(n), E)
-    # Unknowns: a, then the slack of each normal force above its least and below its largest.
+    # Unknowns: a, then slacks of the least and of the largest normal forces.
     A = np.block(
         [
             [_BALANCE * W, np.zeros((6, 2 * n))],
@@ -102,7 +102,7 @@ def squeeze_forces(
     target = np.concatenate([*b, np.zeros(len(sizes))])
     try:
         solution, _ = nnls(A, target, maxiter=_PASSES * A.shape[1])
-    except RuntimeError:  # It did not converge: no squeeze is reliable.
+    except RuntimeError:  # No convergence, so no reliable squeeze.
         return Squeeze(np.zeros((n, 3)), float(np.linalg.norm(w)))
     a = solution[: n * edges]
     local = (E @ a.reshape(n, edges).T).T
@@ -123,15 +123,15 @@ def safest_squeeze(
 
     The smallest forces lie on the edges of their cones. Narrower cones with larger forces leave a
     margin, so that forces with errors stay inside the true cones. If no narrower cone balances the
-    wrench, the widest is used.
+    wrench, the full cone is used.
 
     Args:
-        p_CoMC: Lever arms; see `squeeze_forces`.
-        nhat: Outward unit normals; see `squeeze_forces`.
-        wrench: Other wrench on the object; see `squeeze_forces`.
+        p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
+        nhat: Outward unit normals at the contacts, in the frame of `p_CoMC`, shape (n, 3).
+        wrench: Other wrench on the object in N and N m, in the frame of `p_CoMC`, shape (6,).
         friction: Largest friction coefficient for the plan.
-        least_normal: Least normal force, in newtons.
-        largest_normal: Largest normal force of every fingertip, or of each, shape (n,), in newtons.
+        least_normal: Least normal force in newtons.
+        largest_normal: Largest normal force in newtons, a scalar or of shape (n,).
     """
     for share in FRICTION_SHARES:
         squeeze = squeeze_forces(
@@ -149,13 +149,13 @@ def safest_squeeze(
 
 @dataclass(frozen=True, eq=False)
 class Coasting:
-    """A motion with a constant twist that then decelerates evenly to rest.
+    """Motion of a frame G in W with a constant twist, then with constant deceleration to rest.
 
     Attributes:
-        R_WG: Orientation at the start, shape (3, 3).
-        p_WG: Position at the start, shape (3,), in metres.
-        w_WG: Angular velocity, shape (3,), in rad/s.
-        v_WG: Velocity of the origin, shape (3,), in m/s.
+        R_WG: Orientation of G in W at the start, shape (3, 3).
+        p_WG: Position of G in W at the start, shape (3,), in metres.
+        w_WG: Angular velocity of G in W, shape (3,), in rad/s.
+        v_WG: Velocity of the origin of G in W, shape (3,), in m/s.
     """
 
     R_WG: FloatArray
@@ -164,12 +164,12 @@ class Coasting:
     v_WG: FloatArray
 
     def after(self, elapsed: float, *, coast: float, stop: float) -> "Coasting":
-        """Returns pose and twist some time later.
+        """Returns pose and twist after some time.
 
         Args:
-            elapsed: Seconds since the start, at least 0.
-            coast: Seconds with a constant twist.
-            stop: Seconds in which the twist then decreases to zero, above 0.
+            elapsed: Time since the start in seconds, at least 0.
+            coast: Duration of the constant twist in seconds.
+            stop: Duration of the deceleration to rest in seconds, above 0.
         """
         t = min(max(elapsed - coast, 0.0), stop)
         way, share = min(elapsed, coast) + t - t**2 / (2 * stop), 1 - t / stop

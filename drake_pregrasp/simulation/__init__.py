@@ -1,1 +1,1 @@
-"""From a scenario file to a run folder."""
+"""Simulation of scenario files, with results in run folders."""

@@ -18,15 +18,15 @@ from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
 Problems = Iterator[tuple[str, str]]
-"""Pairs of a key and the problem of its value. Only the first is certain to be right."""
+"""Pairs of a key and the problem of its value. Later pairs may follow from the first one."""
 
 
 def raise_first(source: str, problems: Problems) -> None:
-    """Raises a `ScenarioError` for the first problem, if there is one.
+    """Raises a `ScenarioError` for the first problem, if any.
 
     Args:
         source: Name of the scenario's origin, for the error message.
-        problems: Problems, found one after the other.
+        problems: Lazy iterator over the problems.
     """
     try:
         for key, problem in problems:
@@ -37,7 +37,7 @@ def raise_first(source: str, problems: Problems) -> None:
 
 @contextlib.contextmanager
 def errors_at(key: str, prefix: str = "") -> Iterator[None]:
-    """Turns an error inside into the problem of a key, for `raise_first`."""
+    """Turns an error in the `with` block into the problem of a key, for `raise_first`."""
     try:
         yield
     except PregraspError as error:
@@ -49,24 +49,24 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
 
     Args:
         scenario: Scenario whose keys, types and ranges have been checked.
-        surface: Surface of its object.
+        surface: Surface of the scenario's object.
     """
     grasp, plant = scenario.grasp, scenario.plant_config
     if not grasp.has_hand:
         return
     if not isinstance(scenario.object, Box):
-        yield "object", "a hand takes a !Box only; choose one, or no hand"
+        yield "object", "a hand can only grasp a !Box; choose a !Box, or no hand"
         return
     if not isinstance(scenario.motion, Conveyor):
-        yield "motion", "a hand takes what is on a !Conveyor only"
+        yield "motion", "a hand can only grasp from a !Conveyor; choose it, or no hand"
         return
     with errors_at("grasp.hand"):
         hand = load_hand(grasp.hand)
     if scenario.hand != HandConfig():
-        yield "hand", "has no use beside grasp.hand, which says where it is"
+        yield "hand", "has no effect with grasp.hand, which sets the pose; leave it out"
     fingers = len(hand.fingertips)
     if fingers != (count := scenario.num_contacts):
-        yield "grasp.hand", f"{fingers} fingertips must be {count}, one a contact"
+        yield "grasp.hand", f"{fingers} fingertips must be {count}, one for each contact"
     if plant.time_step > grasp.period:
         problem = f"{plant.time_step} must be at most {grasp.period}, the hand's period"
         yield "plant_config.time_step", problem
@@ -74,7 +74,7 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         problem = "tamsi has no drives for a hand's joints; choose sap, similar or lagged"
         yield "plant_config.discrete_contact_approximation", problem
     if ahead := scenario.planner.estimator.lookahead:
-        yield "planner.estimator.lookahead", f"{ahead} must be 0 for a hand; it looks ahead itself"
+        yield "planner.estimator.lookahead", f"{ahead} must be 0: a hand looks ahead itself"
     with errors_at("grasp.hand", f"{grasp.hand}: "):
         model = load_hand_model(grasp.hand)
     with errors_at("grasp.wrist_range"):
@@ -98,7 +98,7 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
 
 
 def _check_arm(scenario: Scenario, motion: Conveyor, model: HandModel, p_OC: FloatArray) -> None:
-    """Raises an error unless the arm can reach the object all the time, and lift it."""
+    """Raises an error unless the arm can reach the object at all times, and lift it."""
     grasp, settings = scenario.grasp, scenario.grasp.make_settings()
     profile, yaw_range = VelocityProfile(motion.velocities()), model.yaw_range(grasp.yaw_range)
     X_WO = initial_pose(motion, scenario.object)

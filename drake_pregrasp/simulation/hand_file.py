@@ -25,19 +25,19 @@ _VECTOR = {"length": 3, "at_least": -10, "at_most": 10}
 
 @dataclass
 class HandConfig:
-    """The hand's frame H, in which fingers have their reach."""
+    """Frame H of the hand, in which the reach of the fingers is given."""
 
-    # Where H is: relative to the object's estimated origin if it follows, else in W; in metres.
+    # Position of H in metres: relative to the object's estimated origin if `follow`, else in W.
     position: list[float] = field(default_factory=zeros, metadata=_VECTOR)
 
-    # Its orientation in W, as roll, pitch and yaw, in radians. It stays.
+    # Constant orientation of H in W, as roll, pitch and yaw, in radians.
     rpy: list[float] = field(default_factory=zeros, metadata=_VECTOR)
 
-    # Whether it follows the object.
+    # Whether H follows the object.
     follow: bool = True
 
-    # Where the fingertips are at the start in H, one row each, in metres. If given, each finger
-    # gets the contact that makes all of them together travel least, so that no two cross.
+    # Initial positions of the fingertips in H, one row each, in metres. If given, contacts are
+    # assigned to the fingers for the least total distance, so that no two paths cross.
     fingertips: list[list[float]] = field(default_factory=list, metadata={"elements": _VECTOR})
 
     def initial_X_WH(self, X_WO: RigidTransform) -> RigidTransform:
@@ -50,12 +50,12 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
     """Loads the description of a hand, with its keys, types and ranges checked.
 
     Args:
-        file: A path from the working directory, or `package://drake_pregrasp/...`.
-        folders: For a description of unknown origin: where its model, and what that names, may be
-            beside the description's own folder; or anywhere below. None: anywhere.
+        file: Path from the working directory, or `package://drake_pregrasp/...`.
+        folders: Folders that may hold the model and the files that it names, at any depth, besides
+            the description's own folder; for descriptions of unknown origin. None: all folders.
 
     Raises:
-        ScenarioError: If there is anything wrong with it; the message names file, key and value.
+        ScenarioError: If the description is invalid; the message names file, key and value.
     """
     try:
         path = resolve_path(str(file), Path.cwd())
@@ -75,12 +75,12 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
 
 
 def check_hand_files(hand: str, allowed: Sequence[Path], source: str) -> None:
-    """Raises a `ScenarioError` unless a hand's model, and what it names, may be read.
+    """Raises a `ScenarioError` unless a hand's model and the files that it names may be read.
 
     Args:
-        hand: File of its description; empty for none.
-        allowed: Folders that files may be in, or below, beside that of the description.
-        source: Where the scenario is from, for the message.
+        hand: File of the hand's description; empty for no hand.
+        allowed: Folders that may hold the files, at any depth, besides the description's folder.
+        source: Name of the scenario's origin, for the message.
     """
     if not hand:
         return
@@ -91,22 +91,22 @@ def check_hand_files(hand: str, allowed: Sequence[Path], source: str) -> None:
 
 
 def load_hand_model(file: str | Path, yaw_range: tuple[float, float] = FREE_TURN) -> HandModel:
-    """Loads a hand and its model; as long as both files stay as they are, the one it made before.
+    """Loads a hand and its model, or returns the cached model while both files are unchanged.
 
     Args:
-        file: As for `load_hand`.
-        yaw_range: As for `HandModel`.
+        file: File of the hand's description; see `load_hand`.
+        yaw_range: Range of the palm's yaw in radians; see `HandModel`.
 
     Raises:
-        ScenarioError: As `load_hand` does.
-        InvalidArgumentError: As `HandModel` does.
+        ScenarioError: If the description is invalid; see `load_hand`.
+        InvalidArgumentError: If the model is invalid; see `HandModel`.
     """
     path = model_path(load_hand(file).model)
     own = resolve_path(str(file), Path.cwd())
     return _model(own, own.stat().st_mtime_ns, path, path.stat().st_mtime_ns, yaw_range)
 
 
-@functools.lru_cache(maxsize=2)  # The model itself, and the one with the wrist's range.
+@functools.lru_cache(maxsize=2)  # Models without and with the range of the wrist.
 def _model(
     file: Path, changed: int, model: Path, model_changed: int, yaw_range: tuple[float, float]
 ) -> HandModel:

@@ -1,4 +1,4 @@
-"""Output files whose errors name them, interruptions, and solver messages kept off the terminal."""
+"""Output files with errors that name them, interrupts, and suppression of solver output."""
 
 import contextlib
 import ctypes
@@ -17,7 +17,7 @@ INTERRUPTED_STATUS = 130
 
 @contextlib.contextmanager
 def interruptible() -> Iterator[None]:
-    """Turns SIGTERM into a `KeyboardInterrupt`, as SIGINT is."""
+    """Turns SIGTERM into a `KeyboardInterrupt`, like SIGINT."""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         yield
@@ -34,7 +34,7 @@ def writing(path: Path, what: str = "written") -> Iterator[None]:
         where, why = error.filename or path, error.strerror or error
         raise OutputError(f"{where}: can't be {what}: {why}") from error
     except UnicodeDecodeError as error:
-        raise OutputError(f"{path}: can't be {what}: is no text in UTF-8") from error
+        raise OutputError(f"{path}: can't be {what}: is not UTF-8 text") from error
 
 
 def reading_back(path: Path) -> contextlib.AbstractContextManager[None]:
@@ -44,10 +44,10 @@ def reading_back(path: Path) -> contextlib.AbstractContextManager[None]:
 
 @contextlib.contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Yields the path of a temporary file that replaces `path` if nothing fails.
+    """Yields the path of a temporary file that replaces `path` atomically at the end.
 
-    If something fails, the temporary file is deleted, and `path` stays as it is. A device or a pipe
-    is written directly.
+    After an error, the temporary file is deleted, and `path` is unchanged. A device or a pipe is
+    written directly.
     """
     target = path.resolve()
     if target.exists() and not target.is_file():
@@ -68,7 +68,7 @@ def replacing(path: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def claimed(folder: Path) -> Iterator[None]:
-    """Keeps other processes from writing into a folder. The lock ends with the process.
+    """Locks a folder against other writing processes, until the end of the block or process.
 
     Raises:
         OutputError: If another process has claimed the folder, or it can't be written.
@@ -79,7 +79,7 @@ def claimed(folder: Path) -> Iterator[None]:
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            is_free = os.fstat(file.fileno()).st_nlink > 0  # Not just deleted by its last owner.
+            is_free = os.fstat(file.fileno()).st_nlink > 0  # Not deleted by its last owner.
         except BlockingIOError:
             is_free = False
         if not is_free:
@@ -91,20 +91,20 @@ def claimed(folder: Path) -> Iterator[None]:
 
 
 def make_folder(folder: Path) -> None:
-    """Makes a folder, and those that it is in, if they are not there yet.
+    """Makes a folder and its parents if they do not exist.
 
     Raises:
-        OutputError: If that fails.
+        OutputError: If the folder can't be made.
     """
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
 
 
 def write_text(path: Path, text: str) -> None:
-    """Writes a text file as a whole, or not at all.
+    """Writes a text file atomically.
 
     Raises:
-        OutputError: If that fails.
+        OutputError: If the file can't be written.
     """
     with writing(path), replacing(path) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")
@@ -115,7 +115,7 @@ _STDOUT = 1
 
 @contextlib.contextmanager
 def without_solver_chatter() -> Iterator[None]:
-    """Discards what compiled code prints to the standard output; Python's own output is kept.
+    """Discards the standard output of compiled code; Python's own output is kept.
 
     OSQP 1.0 prints a line at every solution (github.com/osqp/osqp/issues/785), and
     `DifferentialInverseKinematicsSystem` solves with it fifty times a second.

@@ -1,4 +1,4 @@
-"""The Meshcat recording of a run."""
+"""Visualizers of a simulation, and its recording in Meshcat."""
 
 from collections.abc import Iterable
 
@@ -19,21 +19,21 @@ from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
 from drake_pregrasp.systems.status_labels import StatusLabels
 
-# Bright from all sides, so that the regions' colours can be told apart on every face, and a little
-# brighter from above, so that hollows and edges show.
+# Bright from all sides, so that the regions' colours are distinct on every face, and a little
+# brighter from above, so that hollows and edges are visible.
 _LIGHTS = {"AmbientLight": 1.7, "PointLightNegativeX": 0.0, "PointLightPositiveX": 8.0}
 
-# Position of the camera relative to its target, for an object of unit size.
+# Position of the camera relative to its target in W, for an object of unit size.
 _CAMERA = np.array([1.9, 1.65, 1.1])
 _ARM_CAMERA = np.array([0.9, -2.1, 1.1])  # Beside the arm, which stands behind along x.
-_ARM_RAISED = 0.15  # Part of an arm over its palm that is shown, in metres.
-_VIEW = 0.5  # Share of a long path that counts as the object's size, so that all of it is shown.
+_ARM_RAISED = 0.15  # Visible part of an arm above its palm, in metres.
+_VIEW = 0.5  # Share of a path's length that counts as object size, so that all of it is visible.
 
-_LABEL_HOVER = 0.065  # Height of the labels over the object, in metres.
+_LABEL_HOVER = 0.065  # Height of the labels above the object, in metres.
 
 
 def start_meshcat() -> Meshcat:
-    """Starts a viewer for this machine only, at any free port.
+    """Starts a viewer at any free port, for connections from this machine only.
 
     Raises:
         OutputError: If Drake may not open a port.
@@ -47,7 +47,7 @@ def start_meshcat() -> Meshcat:
 def connect_named(
     builder: DiagramBuilder, source: System, target: System, ports: Iterable[str]
 ) -> None:
-    """Connects output ports of a system to the input ports of another with the same names."""
+    """Connects output ports of a system to another system's input ports of the same names."""
     for port in ports:
         builder.Connect(source.GetOutputPort(port), target.GetInputPort(port))
 
@@ -62,17 +62,17 @@ def add_visualizers(
     *,
     record: bool,
 ) -> None:
-    """Adds visualizers of plant and planner, sets lights and camera, and may start a recording.
+    """Adds visualizers of plant and planner, sets lights and camera, and starts a recording.
 
     Args:
         builder: Builder of the diagram.
-        meshcat: Viewer.
+        meshcat: Viewer for all drawings.
         scenario: Scenario to simulate.
         surface: Surface of the object.
-        object_plant: Plant, in the builder.
-        planner: Planner, in the builder.
-        record: Whether to record. The viewer then shows the simulation live only if it runs at a
-            real-time rate: that takes as much time again as the recording.
+        object_plant: Plant in the builder, with the object and perhaps a hand.
+        planner: Planner in the builder.
+        record: Whether to start a recording. The viewer then shows the simulation live only if it
+            runs at a real-time rate, because that doubles the time for drawing.
     """
     num_contacts, period = scenario.num_contacts, scenario.recording.publish_period
     path, direction = shown_path(scenario)
@@ -115,10 +115,10 @@ def add_visualizers(
 
 
 def shown_path(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
-    """Returns the positions in W that the camera must show, and the camera's direction.
+    """Returns the positions that the camera must show, and the camera's direction.
 
-    The positions, shape (k, 3), in metres, are those of the object. With a hand they include its
-    palm, and end when it rests. The direction is for `camera_pose`.
+    The positions in W, shape (k, 3), in metres, are those of the object. With a hand, they end when
+    the hand rests, and include its palm. The direction is an argument of `camera_pose`.
     """
     grasp = scenario.grasp
     duration = scenario.simulation_duration + scenario.planner.estimator.lookahead
@@ -136,12 +136,13 @@ def shown_path(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
 def camera_pose(
     path: FloatArray, extent: float, direction: FloatArray = _CAMERA
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns the position of the camera and its target, so that a whole path is in the picture.
+    """Returns positions in W of the camera and its target, with a whole path in the picture.
 
     Args:
         path: Positions of the object in W, shape (k, 3), in metres.
         extent: Size of the object, in metres.
-        direction: Position relative to the target, for an object of unit size, shape (3,).
+        direction: Position of the camera relative to its target in W, for an object of unit size,
+            shape (3,).
     """
     low, high = path.min(axis=0), path.max(axis=0)
     target: FloatArray = (low + high) / 2

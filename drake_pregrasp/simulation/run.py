@@ -30,7 +30,7 @@ _INPUT_FILES = ("scenario.yaml", "diagram.dot", "diagram.svg")
 _RESULTS = ("log.csv", "grasp.csv", "summary.json", "metrics.png", "recording.html")
 
 RUN_FILES = (*_INPUT_FILES, *_RESULTS)
-"""Names of the files of a run folder. A new run replaces these and leaves other files alone."""
+"""Names of the files of a run folder. A new run replaces these and no other files."""
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class RunResult:
 
     Attributes:
         folder: Run folder.
-        summary: Content of its `summary.json`.
-        replaced: Whether the folder held an earlier run, which was replaced.
+        summary: Content of the folder's `summary.json`.
+        replaced: Whether an earlier run in the folder was replaced.
     """
 
     folder: Path
@@ -69,17 +69,17 @@ def run(
 
     Args:
         scenario: Scenario to simulate.
-        name: Name of the run folder: letters, digits, `_`, `-` and `.`.
-        out: Folder for run folders; created if it does not exist.
-        recording: Whether to record `recording.html`.
-        overwrite: Whether to replace a run of another scenario, too.
+        name: Name of the run folder, made of letters, digits, `_`, `-` and `.`.
+        out: Parent of the run folders, made if it does not exist.
+        recording: Whether to write `recording.html`.
+        overwrite: Whether to replace even a run of another scenario.
         on_tick: Function that is called with each planning tick.
         should_stop: Function that is called after each step; if it returns true, the run ends
             early.
 
     Raises:
-        ScenarioError: If the scenario or its name can't be used.
-        OutputError: If the run folder can't be written, holds a run of another scenario, or is in
+        ScenarioError: If the scenario or the name is invalid.
+        OutputError: If the run folder can't be written, has a run of another scenario, or is in
             use by another run.
     """
     if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", name):
@@ -98,7 +98,7 @@ def run(
             )
         meshcat = start_meshcat() if recording else None
         logged = LoggedRun(scenario, folder, meshcat=meshcat, on_tick=on_tick)
-        with output.writing(folder):  # Not before everything else is known to be valid.
+        with output.writing(folder):  # Last, when everything is known to be valid.
             for file in earlier:
                 file.unlink()
         output.write_text(folder / "scenario.yaml", text)
@@ -132,7 +132,7 @@ class LoggedRun:
     """A scenario's diagram with the logs of its simulation.
 
     Args:
-        scenario: Scenario to simulate, which has been checked.
+        scenario: Checked scenario to simulate.
         folder: Folder for `log.csv` and, with a hand, `grasp.csv`.
         meshcat: Viewer that records the simulation; None for no recording.
         on_tick: Function that is called with each planning tick.
@@ -163,7 +163,7 @@ class LoggedRun:
         self.completed, self.wall_seconds = False, 0.0
 
         def add_tick(record: TickRecord) -> None:
-            # Holds no diagram: a reference cycle would keep it.
+            # A reference to the diagram from here would be a cycle that keeps it alive.
             log.append(record)
             if on_tick is not None:
                 on_tick(record)
@@ -178,7 +178,7 @@ class LoggedRun:
         )
 
     def simulate(self, should_stop: Callable[[], bool] | None = None) -> None:
-        """Simulates the scenario, once.
+        """Simulates the scenario; called at most once.
 
         Args:
             should_stop: Function that is called after each step; if it returns true, the
@@ -212,7 +212,7 @@ class LoggedRun:
 
 
 def write_graphviz(diagram: Diagram, path: Path) -> None:
-    """Writes a diagram's Graphviz text.
+    """Writes a diagram as Graphviz text.
 
     Raises:
         OutputError: If the file can't be written.

@@ -1,4 +1,4 @@
-"""The logs of a run, and the phases of its ticks.
+"""Logs of a run, and the phases of its ticks.
 
 `log.csv` has one row for each planning tick, `grasp.csv` one for each control tick of a hand.
 """
@@ -24,15 +24,15 @@ from drake_pregrasp.simulation.output import reading_back, writing
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 
-_FLUSH_PERIOD = 1.0  # Largest amount of data that a killed run loses, in seconds.
-_LONGEST_ROW = 100_000  # Characters.
+_FLUSH_PERIOD = 1.0  # Seconds of data that a killed run can lose.
+_LONGEST_ROW = 100_000  # Largest length of a row, in characters.
 
 
 class CsvLog:
-    """Writes rows to a CSV file as they come, so that an interrupted run keeps them.
+    """Writes rows to a CSV file during a run, so that an interrupted run keeps them.
 
-    Numbers are written with all digits: reading them back gives the same floats. The file is open
-    inside a `with` block, which raises an `OutputError` if it can't be written.
+    Numbers are written with all digits, so reading them back gives the same floats. The file is
+    open inside a `with` block, which raises an `OutputError` if the file can't be written.
 
     Args:
         path: File to write; an existing one is replaced.
@@ -40,7 +40,7 @@ class CsvLog:
 
     Attributes:
         columns: Names of the columns.
-        num_rows: Number of rows written.
+        num_rows: Number of written rows.
     """
 
     def __init__(self, path: Path, columns: Sequence[str]) -> None:
@@ -60,7 +60,7 @@ class CsvLog:
         try:
             with writing(self._path):
                 self._file.close()
-        finally:  # A full disk leaves a part of a row.
+        finally:  # A full disk may truncate the last row.
             with contextlib.suppress(OSError), self._path.open("r+b") as file:
                 start = max(0, file.seek(0, os.SEEK_END) - _LONGEST_ROW)
                 file.seek(start)
@@ -97,11 +97,11 @@ class RunLog(CsvLog):
         path: File to write; an existing one is replaced.
         num_contacts: Number of contacts n.
         static_end: End of the static phase, in seconds.
-        lookahead: Time by which the logged estimates are predicted ahead, in seconds.
+        lookahead: Prediction horizon of the logged estimates, in seconds.
 
     Attributes:
-        last_static: Last tick of the static phase, or None.
-        last: Last tick of all, or None.
+        last_static: Record of the last tick in the static phase, or None.
+        last: Record of the last tick, or None.
         tick_seconds: Computing time of each tick, in seconds.
     """
 
@@ -127,9 +127,9 @@ class RunLog(CsvLog):
         self.write(row)
 
     def _estimate_for(self, record: TickRecord) -> FloatArray:
-        """Returns the position of O in W that was estimated for a tick's own time.
+        """Returns the position of O in W that was estimated for the time of a tick.
 
-        With look-ahead, that is interpolated between earlier predictions, or NaN if there are none.
+        With look-ahead, it is interpolated between earlier predictions, or NaN if there are none.
         """
         p_WO: FloatArray = record.X_WO_estimated.translation()
         if not self._lookahead:
@@ -149,8 +149,8 @@ def log_columns(num_contacts: int) -> list[str]:
     """Returns the names of the columns of `log.csv`, in their order.
 
     `position_error` is the distance between the true position of O and the position that was
-    estimated for the same time. With look-ahead, that is the prediction made earlier by the
-    look-ahead, and NaN until there is one.
+    estimated for the same time. With look-ahead, the estimate is an earlier prediction, and the
+    error is NaN until there is one.
     """
     contacts = range(num_contacts)
     points = [f"c{i}_{axis}" for i in contacts for axis in "xyz"]
@@ -185,7 +185,7 @@ def _row(record: TickRecord, previous: TickRecord, error: FloatArray) -> FloatAr
 
 
 def pose_values(X: RigidTransform) -> FloatArray:
-    """Returns the values of those columns: position in metres, and quaternion w, x, y, z."""
+    """Returns the values of `pose_columns`: position in metres, and quaternion w, x, y, z."""
     return np.hstack([X.translation(), X.rotation().ToQuaternion().wxyz()])
 
 
@@ -208,7 +208,7 @@ class GraspLog(CsvLog):
         self.write(np.hstack([record.time, record.report, *points, *poses]))
 
     def read_points(self, kind: str) -> FloatArray:
-        """Returns the tips' `tip` in W, `goal` in G or `force` in W, shape (ticks, n, 3)."""
+        """Returns vectors of a kind, `tip` in W, `goal` in G or `force` in W, as (ticks, n, 3)."""
         names = _point_columns(kind, self._num_fingers)
         return np.stack(self.read(*names), axis=-1).reshape(-1, self._num_fingers, 3)
 
@@ -235,10 +235,10 @@ def ticks_from(scenario: Scenario, times: FloatArray, start: float) -> int:
 
 
 def static_end(scenario: Scenario) -> float:
-    """Returns the time at which the static phase ends, in seconds.
+    """Returns the time in seconds at which the static phase ends.
 
-    Initial contacts are then released, or the first one is lost. The time is reduced by a small
-    slack, so that no tick at that very time is before it by rounding.
+    Initial contacts are then released, or the first contact is lost. The time is reduced by a small
+    slack, so that rounding puts no tick at the same time before it.
     """
     end = min(scenario.planner.static_duration, _first_loss(scenario))
     return float(end - SLACK * scenario.planner.period)

@@ -1,4 +1,4 @@
-"""Schema of scenario files: the configuration of a simulation."""
+"""Schema of scenario files, which configure a simulation."""
 
 from dataclasses import dataclass, field
 
@@ -22,7 +22,7 @@ from drake_pregrasp.systems.pose_sensor import MAX_SEED
 
 @dataclass
 class DamageEvent:
-    """Loss of fingers during a run."""
+    """Loss of contacts during a run."""
 
     # Time of the loss, in seconds.
     at: float = field(default=0.0, metadata={"required": True, "at_least": 0})
@@ -35,12 +35,12 @@ class DamageEvent:
 
 @dataclass
 class RecordingConfig:
-    """The Meshcat recording."""
+    """Settings of the Meshcat recording."""
 
     # Seconds between frames.
     publish_period: float = field(default=0.05, metadata={"at_least": 1e-3})
 
-    # Largest edge of the tiles that draw the regions, in metres. A few thousand tiles are fast.
+    # Largest edge of the drawn tiles of regions, in metres. A few thousand tiles are fast.
     tile_size: float = field(default=0.005, metadata={"at_least": 0.001})
 
 
@@ -96,7 +96,7 @@ class Scenario:
         metadata={"min_length": 1, "elements": {"length": 3}},
     )
 
-    # Number of contacts that start on a ring around the centre of mass; 0 for those above.
+    # Number of contacts that start on a ring around the centre of mass; 0 for `initial_contacts`.
     ring_contacts: int = field(default=0, metadata={"at_least": 0, "at_most": 64})
 
     # Weight h_i of each contact, in m^2: a larger one gives a larger region. Empty: all 0.
@@ -118,7 +118,7 @@ class Scenario:
 
     @property
     def num_contacts(self) -> int:
-        """Number of contacts."""
+        """Number of contacts n."""
         return self.ring_contacts or len(self.initial_contacts)
 
     @property
@@ -149,7 +149,7 @@ class Scenario:
             surface: Surface of the object, from `make_surface`.
 
         Raises:
-            InvalidArgumentError: If the hand's fingers can't be assigned to them.
+            InvalidArgumentError: If the hand's fingers can't be assigned to the contacts.
         """
         if self.ring_contacts:
             p_OC = ring_contacts(surface, self.ring_contacts)

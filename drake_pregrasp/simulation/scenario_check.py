@@ -23,16 +23,16 @@ from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.simulation_diagram import hand_planner
 
 MAX_TICKS = 5_000_000
-"""Most planning ticks of a run, and control ticks of its hand: each is a row of a log."""
+"""Largest number of planning ticks of a run, and of control ticks: each is a row of a log."""
 
 MAX_STEPS = 100_000_000
-"""Most time steps of the plant."""
+"""Largest number of time steps of the plant."""
 
 MAX_FRAMES = 100_000
-"""Most frames of a recording, which is kept in memory."""
+"""Largest number of frames of a recording, which is kept in memory."""
 
 MAX_TILES = 100_000
-"""Most tiles with which a recording draws regions."""
+"""Largest number of tiles in the regions of a recording."""
 
 _LIMITS = ((10.0, "m/s"), (100.0, "rad/s"))  # Largest velocities of a motion profile.
 
@@ -42,7 +42,7 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
 
     Args:
         scenario: Scenario whose keys, types and ranges have been checked.
-        source: Name of its origin, for error messages.
+        source: Name of the scenario's origin, for error messages.
 
     Raises:
         ScenarioError: If the scenario can't be simulated.
@@ -82,12 +82,12 @@ def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
 
 
 def check_recording(source: str, scenario: Scenario, surface: ObjectSurface) -> None:
-    """Raises a `ScenarioError` if a run is too long, or its surface too large, to be recorded.
+    """Raises a `ScenarioError` if a run is too long, or its surface too large, for a recording.
 
     Args:
         source: Name of the scenario's origin, for error messages.
         scenario: Scenario whose keys, types and ranges have been checked.
-        surface: Surface of its object.
+        surface: Surface of the scenario's object.
     """
     period, tile = scenario.recording.publish_period, scenario.recording.tile_size
     frames, tiles = scenario.simulation_duration / period, float(surface.areas.sum()) / tile**2
@@ -117,7 +117,7 @@ def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     count, places, extents = scenario.num_contacts, len(surface.p_OQ), surface.mesh.extents
     yield from _size_problems("surface.spacing", scenario.surface.spacing, np.max(extents))
     if scenario.ring_contacts > places:
-        yield "ring_contacts", f"{count} is more than the {places} places there are on this surface"
+        yield "ring_contacts", f"{count} is more than the {places} candidates of this surface"
     yield from _length_problems("hand.fingertips", scenario.hand.fingertips, count)
     periods = [
         ("planner.period", planner.period, MAX_TICKS, "ticks"),
@@ -137,7 +137,7 @@ def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     yield from _length_problems("contact_weights", scenario.contact_weights, count)
     yield from _damage_problems(scenario)
     if not isinstance(scenario.object, Box) and plant.contact_model == "point":
-        problem = "point contact fills what is hollow, and only boxes stand on it"
+        problem = "point contact fills hollow objects, and only boxes can stand on it"
         yield "plant_config.contact_model", f"{problem}; choose hydroelastic_with_fallback"
     coast, lost = planner.estimator.coast_after, planner.estimator.lost_after
     if coast > lost:
@@ -175,12 +175,12 @@ def _motion_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         R_WO = Rotation.from_euler("xyz", motion.rpy)
         below = -float(np.min(R_WO.apply(surface.mesh.vertices - surface.p_OCoM)[:, 2]))
         if motion.table and motion.position[2] < below:
-            problem = f"{motion.position[2]} must be at least {below:.4g}, to start above the table"
+            problem = f"{motion.position[2]} must be at least {below:.4g}, above the table"
             yield "motion.position[2]", problem
     elif isinstance(motion, Push):
         rear = -float(np.min((surface.mesh.vertices - surface.p_OCoM) @ motion.unit_vector()))
         if motion.start_distance < rear:
-            problem = f"{motion.start_distance} must be at least {rear:.4g}, where the object ends"
+            problem = f"{motion.start_distance} must be at least {rear:.4g}, the object's rear end"
             yield "motion.start_distance", problem
     elif isinstance(motion, PoseStream):
         with errors_at("motion.file"):
@@ -194,7 +194,7 @@ def _profile_problems(profile: list[list[float]]) -> Problems:
         if before is None and time != 0:
             yield f"{key}[0]", f"{time} must be 0, the first time"
         if before is not None and time <= before:
-            yield f"{key}[0]", f"{time} must be more than {before}, the time before it"
+            yield f"{key}[0]", f"{time} must be more than {before}, the previous time"
         before = time
         for place, (value, (limit, unit)) in enumerate(zip(velocities, _LIMITS, strict=True), 1):
             if abs(value) > limit:
@@ -211,7 +211,7 @@ def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSur
             reach.make_reach()
     for name in ("tip_gap", "standoff"):
         if (value := getattr(limits, name)) > 0 and not radii:
-            yield f"{key}.{name}", f"{value} needs tip_radii, whose tips it keeps clear"
+            yield f"{key}.{name}", f"{value} needs tip_radii, the radii of the fingertips"
     for index, pair in enumerate(limits.pairs):
         pair_key, first, second = f"{key}.pairs[{index}]", pair.first, pair.second
         if (contact := max(first, second)) >= num_contacts:
@@ -231,7 +231,7 @@ def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSur
 
 
 def _reach_problems(scenario: Scenario, limits: LimitsConfig, surface: ObjectSurface) -> Problems:
-    """Finds fingers of a hand that follows the object which can never reach it."""
+    """Yields problems of fingers that can never reach the object, if the hand follows it."""
     if not scenario.hand.follow:
         return
     p_HO = scenario.hand.initial_X_WH(RigidTransform()).inverse().translation()
@@ -246,7 +246,7 @@ def _reach_problems(scenario: Scenario, limits: LimitsConfig, surface: ObjectSur
 
 
 def _drake_problems(scenario: Scenario) -> Problems:
-    """Yields the errors of Drake about its own settings."""
+    """Yields Drake's own errors about its settings."""
     try:
         with failures_as_errors():
             AddMultibodyPlant(scenario.plant_config, DiagramBuilder())

@@ -1,4 +1,4 @@
-"""Loads and dumps scenarios in Drake's format: YAML files with named entries and overrides."""
+"""Loads and writes scenarios in Drake's format: YAML with named entries and overrides."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ SCENARIO_TEXT = "scenario text"
 
 
 def shipped_scenarios() -> dict[str, tuple[Path, str]]:
-    """Returns the file and the description of each shipped scenario, the paper's first."""
+    """Returns the file and description of each shipped scenario, with the paper's first."""
     files = resource_folder("scenarios").glob("*.yaml")
     return {
         name: (file, str(entry.get("description", "")))
@@ -29,10 +29,11 @@ def shipped_scenarios() -> dict[str, tuple[Path, str]]:
 
 
 def find_scenario(name: str) -> Path:
-    """Returns the file that holds the shipped scenario of that name.
+    """Returns the file of the shipped scenario with a name.
 
     Raises:
-        ScenarioError: If there is none; the message suggests the nearest name, or lists all names.
+        ScenarioError: If the name is unknown; the message suggests the nearest name, or lists all
+            names.
     """
     shipped = shipped_scenarios()
     if name not in shipped:
@@ -49,18 +50,18 @@ def load_scenario(
 ) -> Scenario:
     """Loads a scenario.
 
-    Relative paths start at the file's folder, those in `text` at the working directory. The
-    scenario holds absolute paths.
+    Relative paths start at the file's folder, and those in `text` at the working directory. The
+    returned scenario has absolute paths.
 
     Args:
         name: Name of an entry of `file`, or of a shipped scenario if no file is given.
-        file: YAML file. If it has a single entry, `name` can be left out.
+        file: YAML file of scenarios. If it has a single entry, `name` can be left out.
         text: YAML that overrides single keys, for example `{planner: {period: 0.1}}`.
-        folders: Folders that may hold files which the scenario names, at any depth, beside the
+        folders: Folders that may hold files which the scenario names, at any depth, besides the
             file's own folder and, for files that `text` names, the working directory.
 
     Raises:
-        ScenarioError: If the scenario can't be used; the message names file, key and value.
+        ScenarioError: If the scenario is invalid; the message names file, key and value.
     """
     if file is None and name is None:
         raise ScenarioError("", "", "a scenario needs a name or a file")
@@ -90,10 +91,10 @@ def load_scenario(
 
 
 def only_name(file: str | Path) -> str:
-    """Returns the name of a file's only entry.
+    """Returns the name of the only entry in a file.
 
     Raises:
-        ScenarioError: If the file has several entries, or none.
+        ScenarioError: If the file has several entries or no entry.
     """
     names = list(read_mapping(Path(file)))
     if len(names) != 1:
@@ -105,8 +106,8 @@ def only_name(file: str | Path) -> str:
 def scenario_data(scenario: Scenario) -> dict[str, Any]:
     """Returns a scenario as plain data with every key, the inverse of `scenario_from_data`.
 
-    A mapping of a type that is one of several has its tag under the key `_tag`, even if the type is
-    the first one.
+    A mapping of a union's type has its tag under the key `_tag`, even if it is the union's first
+    type.
     """
     data: dict[str, Any] = parse_yaml("scenario", dump_scenario("scenario", scenario))["scenario"]
     add_tags(data, scenario)
@@ -116,16 +117,17 @@ def scenario_data(scenario: Scenario) -> dict[str, Any]:
 def scenario_from_data(
     data: Mapping[str, Any], *, source: str, folder: Path, folders: Sequence[str | Path] = ()
 ) -> Scenario:
-    """Returns the scenario that plain data describes.
+    """Returns the scenario described by plain data.
 
     Args:
         data: Entry of a scenario file, as `parse_yaml` returns it; missing keys have defaults.
         source: Name of the data's origin, for error messages.
         folder: Folder at which relative paths start.
-        folders: Folders that may hold files which the scenario names, beside `folder`.
+        folders: Folders that may hold files which the scenario names, at any depth, besides
+            `folder`.
 
     Raises:
-        ScenarioError: If the scenario can't be used; the message names source, key and value.
+        ScenarioError: If the scenario is invalid; the message names source, key and value.
     """
     check_mapping(source, "", data, Scenario)
     scenario: Scenario = load_typed(Scenario, data, Scenario())
@@ -140,9 +142,9 @@ def _check_loaded(scenario: Scenario, source: str, folder: Path, allowed: list[P
 
 
 def check_scenario(scenario: Scenario) -> None:
-    """Checks a scenario made or changed in Python as thoroughly as one from a file.
+    """Checks a scenario that was made in Python like a scenario from a file.
 
-    Relative paths, which start at the working directory, are made absolute.
+    Relative paths start at the working directory, and are made absolute.
 
     Raises:
         ScenarioError: If the scenario can't be simulated.
@@ -160,10 +162,10 @@ def dump_scenario(name: str, scenario: Scenario) -> str:
 
 
 def read_mapping(file: Path) -> dict[str, Any]:
-    """Returns the entries of a YAML file, without private ones, whose names begin with `_`.
+    """Returns the entries of a YAML file, without private entries, whose names begin with `_`.
 
     Raises:
-        ScenarioError: If the file can't be read, or is no mapping from names.
+        ScenarioError: If the file can't be read, or is not a mapping from names.
     """
     return _checked_entries(str(file), read_yaml(file))
 
@@ -173,5 +175,5 @@ def _checked_entries(source: str, data: Any) -> dict[str, Any]:
         raise ScenarioError(source, "", "must be a mapping from names to values")
     for key in data:
         if not isinstance(key, str):
-            raise ScenarioError(source, str(key), "is no name; quote it if it is meant as one")
+            raise ScenarioError(source, str(key), "is not a name; quote it if it is one")
     return data

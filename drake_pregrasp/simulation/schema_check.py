@@ -1,12 +1,12 @@
-"""Checks raw YAML against a dataclass schema, with errors that name the key and the way out.
+"""Checks raw YAML against a dataclass schema, with errors that name the key and the fix.
 
-Drake's own loader rejects unknown keys and wrong types, but without saying where, and it knows
-nothing of ranges. A schema's field states its range in its metadata, as `config.validation` says.
+Drake's own loader rejects unknown keys and wrong types, but its errors do not name the place, and
+it does not check ranges. A schema's field has its range in its metadata; see `config.validation`.
 
-A field that may be one of several dataclasses, a union, is told by its YAML tag which one it is, as
-in `!Cylinder {radius: 0.03}`; without a tag it is the first.
+The YAML tag of a union's field selects its dataclass, as in `!Cylinder {radius: 0.03}`; without a
+tag, the first dataclass of the union is used.
 
-What a field of type `dict` holds is for others to check.
+The content of a field of type `dict` is not checked here.
 """
 
 import dataclasses
@@ -20,7 +20,7 @@ from drake_pregrasp.config.validation import is_scalar, length_problem, scalar_p
 from drake_pregrasp.errors import ScenarioError, nearest
 from drake_pregrasp.simulation.yaml_text import TAG_KEY
 
-# What Drake's own classes would abort over, or what a run here can't do with.
+# Values outside these rules abort in Drake's own classes, or make a run impossible.
 _DRAKE_RULES: Mapping[str, Mapping[str, Any]] = {
     "max_step_size": {"above": 0},
     "accuracy": {"above": 0},
@@ -37,10 +37,10 @@ def check_mapping(source: str, key: str, data: object, schema: Any) -> None:
     """Raises a `ScenarioError` unless `data` fits into an instance of `schema`.
 
     Args:
-        source: What the data was read from, for the message.
-        key: Dotted path of the data in it.
-        data: What YAML made of it.
-        schema: A dataclass, or one of Drake's configuration classes.
+        source: Name of the data's origin, for the message.
+        key: Dotted path of the data in its origin.
+        data: Plain data, as `parse_yaml` returns it.
+        schema: Dataclass, or one of Drake's configuration classes.
     """
     if not isinstance(data, Mapping):
         _reject(source, key, data, f"a mapping with keys out of: {', '.join(_fields(schema))}")
@@ -50,7 +50,7 @@ def check_mapping(source: str, key: str, data: object, schema: Any) -> None:
             raise ScenarioError(source, key, f"lacks the key {name}; it has no default")
     for name, value in data.items():
         if name == TAG_KEY:
-            raise ScenarioError(source, key, f"the tag {value} has no place here; leave it out")
+            raise ScenarioError(source, key, f"the tag {value} is not allowed here; leave it out")
         if not isinstance(name, str):
             raise ScenarioError(source, key, f"the key {_short(name)} must be a name")
         path = f"{key}.{name}" if key else name
@@ -61,11 +61,12 @@ def check_mapping(source: str, key: str, data: object, schema: Any) -> None:
 
 
 def add_tags(data: object, config: object) -> None:
-    """Tags every mapping that may be of several kinds, in place.
+    """Adds the tags of unions to mappings, in place.
 
     Args:
-        data: What YAML made of the dumped configuration, which leaves out tags of first kinds.
-        config: The configuration: a dataclass, or a list of them; others have no tags inside.
+        data: Plain data of the dumped configuration, in which the first types of unions have no
+            tags.
+        config: Configuration as a dataclass or a list of dataclasses; other types have no tags.
     """
     if isinstance(config, list) and isinstance(data, list):
         for element, part in zip(data, config, strict=True):

@@ -1,4 +1,4 @@
-"""The diagram of a scenario: plant, sensor, planner, hand, loggers and visualizers."""
+"""Diagram of a scenario: plant, sensor, planner, hand, loggers and visualizers."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -47,9 +47,9 @@ def make_diagram(
         surface: Surface of the object, from `scenario.make_surface()`.
         sink: Function that is called with a record of each planning tick.
         grasp_sink: Function that is called with a record of each control tick of a hand.
-        meshcat: Viewer in which to draw; None for no drawing.
+        meshcat: Viewer for all drawings; None for no drawings.
         record: Whether the viewer records the simulation instead of showing it live. A run at a
-            real-time rate is shown live, too.
+            real-time rate is also shown live.
     """
     config, n = hand_planner(scenario), scenario.num_contacts
     period, seed = config.period, scenario.random_seed
@@ -117,8 +117,8 @@ def make_diagram(
 def hand_planner(scenario: Scenario) -> PlannerConfig:
     """Returns the planner's configuration, with the limits of the scenario's hand if it has one.
 
-    Limits that the scenario sets take precedence over those of the hand. Faces that are forbidden
-    to a finger are those of the scenario and those of the hand.
+    Limits of the scenario take precedence over those of the hand. The forbidden faces of a finger
+    are those of the scenario and those of the hand.
     """
     config, grasp = scenario.planner, scenario.grasp
     if not grasp.has_hand:
@@ -141,7 +141,7 @@ def _add_obstacles(
 ) -> None:
     solids = [moving_solid(o) for o in scenario.obstacles]
     if hand is not None:
-        # The table comes last: obstacles keep the indices that they have in the scenario.
+        # The table comes last, so that obstacles keep their indices of the scenario.
         applied = builder.AddNamedSystem("applied_obstacles", MovingObstacles([*solids, TABLE]))
         connect_named(builder, applied, planner, ["obstacles"])
     if not solids:
@@ -163,7 +163,7 @@ def _connect_hand(
     planner: PregraspPlanner,
     sink: Callable[[GraspRecord], None] | None,
 ) -> None:
-    """Connects a hand to the planner, to the command to close, and to its logger."""
+    """Connects a hand to the planner, the command to close, and the logger."""
     controller = hand.controller
     connect_named(builder, planner, controller, ["fingertip_targets", "contact_status"])
     connect_named(builder, planner, controller, ["X_WO_estimated", "V_WO_estimated"])
@@ -181,7 +181,7 @@ def _connect_hand(
 
 
 def _step_at(time: float) -> TrajectorySource:
-    """Returns a source of 0 that becomes 1 at a time."""
+    """Returns a source that steps from 0 to 1 at a time in seconds."""
     if time <= 0:
         return TrajectorySource(PiecewisePolynomial(np.ones((1, 1))))
     breaks = [0.0, time, 2 * time]

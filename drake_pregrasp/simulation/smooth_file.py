@@ -1,4 +1,4 @@
-"""Smooths a recorded pose stream into another."""
+"""Smooths a recorded pose stream."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.yaml_text import load_typed, parse_entries
 
 VELOCITY_COLUMNS = ("vx", "vy", "vz", "wx", "wy", "wz")
-"""Columns of the smoothed file beside `COLUMNS`: velocities of O in W, in m/s and rad/s."""
+"""Further columns of the smoothed file: velocities of O in W, in m/s and rad/s."""
 
 CARRIED = EstimatorConfig(
     acceleration=0.5,
@@ -21,7 +21,7 @@ CARRIED = EstimatorConfig(
     initial_velocity_std=1.0,
     initial_angular_velocity_std=3.0,
 )
-"""Default settings of the filter: those for an object that a person carries."""
+"""Default settings of the filter, for an object that a person carries."""
 
 
 def load_estimator(text: str) -> EstimatorConfig:
@@ -38,9 +38,9 @@ def load_estimator(text: str) -> EstimatorConfig:
 
 
 def smooth_file(source: Path, target: Path, config: EstimatorConfig) -> int:
-    """Smooths a file of poses and returns their number.
+    """Smooths a file of poses, and returns the number of poses.
 
-    The written file is again a pose stream, with velocities in further columns.
+    The written file is also a pose stream, with velocities in further columns.
 
     Args:
         source: CSV file with the columns `COLUMNS`.
@@ -48,7 +48,7 @@ def smooth_file(source: Path, target: Path, config: EstimatorConfig) -> int:
         config: Settings of the filter.
 
     Raises:
-        InvalidArgumentError: If the source can't be used.
+        InvalidArgumentError: If the source can't be read or is invalid.
         OutputError: If the target can't be written.
     """
     track = read_recorded_poses(source)

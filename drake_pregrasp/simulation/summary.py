@@ -1,4 +1,4 @@
-"""The results of a run: `summary.json` and `metrics.png`."""
+"""Results of a run in `summary.json` and `metrics.png`."""
 
 import importlib.metadata
 import platform
@@ -46,15 +46,14 @@ def force_closure_summary(
 ) -> dict[str, dict[str, Any]]:
     """Returns three measures of the active contacts, with their assumptions, by their names.
 
-    `force_closure_margin` is the min-weight margin, `ferrari_canny` the radius in newtons, and
-    `independent_region_share` the share of choices of one point in each safe region that are
-    force-closed.
+    `force_closure_margin` is the min-weight margin, and `ferrari_canny` the radius in newtons.
+    `independent_region_share` is the share of force-closed choices of one point in each region.
 
     Args:
-        scenario: Scenario that was simulated; `measures` configures the measures.
+        scenario: Simulated scenario, whose key `measures` configures the measures.
         surface: Surface of the object.
-        static: Tick to measure as `static`; None for null values.
-        final: Tick to measure as `final`; None for null values.
+        static: Record of the tick for the values `static`; None for null values.
+        final: Record of the tick for the values `final`; None for null values.
     """
     measures = scenario.measures
     model = "hard_finger" if measures.contact_model == "complete" else measures.contact_model
@@ -86,21 +85,21 @@ def _measure(
 
 
 SETTLED = 1.0
-"""Time from which tracking errors count, in seconds: before it, tips go to their first contacts."""
+"""Start of tracking errors, in seconds; earlier, tips move to their first contacts."""
 
 
 def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
     """Returns the results of a grasp; null for phases that the hand did not reach.
 
     - `tracking_error_mean_mm`, `tracking_error_max_mm`: distance of the fingertips' centres from
-      their goals, relative to the object as estimated at the same time, while the hand approaches
-      and tracks, after `SETTLED`. A goal that moves over the object is reached later, by the
+      their goals, relative to the estimated object at the same time, while the hand approaches
+      and tracks, after `SETTLED`. Each goal is compared with the fingertip after the
       controller's lead.
     - `closing_motion_mm`, `squeeze_motion_mm`: largest motion of the object's origin on the
       turntable while fingers close until touch, and while forces increase.
     - `lift_height_mm`: height of the object at the end above its height before the lift.
-    - `slip_lift_mm`, `slip_hold_mm`: largest motion over the object of a fingertip that pressed
-      when the lift began.
+    - `slip_lift_mm`, `slip_hold_mm`: largest motion over the object of any fingertip that pressed
+      at the start of the lift.
     - `tip_forces`: contact force of each finger at the end, in newtons.
     - `gave_up`: reason why the hand opened again, or null.
     """
@@ -135,13 +134,13 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
 
 
 def _shifted(time: FloatArray, points: FloatArray, lead: float) -> FloatArray:
-    """Returns points that are given ahead of time by `lead`, at the times themselves."""
+    """Delays points, shape (ticks, n, 3), by `lead` seconds with linear interpolation."""
     columns = points.reshape(len(time), -1).T
     return np.stack([np.interp(time, time + lead, c) for c in columns], -1).reshape(points.shape)
 
 
 def _seen_from(poses: FloatArray, p_WP: FloatArray) -> FloatArray:
-    """Returns points in W, shape (ticks, k, 3), in the frames of poses, shape (ticks, 7)."""
+    """Transforms points in W, shape (ticks, k, 3), to the frames of poses, shape (ticks, 7)."""
     R = Rotation.from_quat(poses[:, [4, 5, 6, 3]]).as_matrix()
     return np.asarray(np.einsum("tji,tkj->tki", R, p_WP - poses[:, None, :3]))
 
@@ -157,11 +156,10 @@ def _reduced(reduce: Callable[[Any], Any], values: FloatArray | IntArray) -> flo
 
 
 def tracking_summary(status: FloatArray, time_since_measurement: FloatArray) -> dict[str, Any]:
-    """Returns the quality of the tracking; null if there is no tick.
+    """Summarizes the tracking of the object; null if there is no tick.
 
-    - `share`: share of the ticks with each `TrackingStatus`, by its name.
-    - `longest_without_measurement`: largest age of the newest measurement in an estimate, in
-      seconds.
+    - `share`: share of the ticks with each `TrackingStatus`, by the status's name.
+    - `longest_without_measurement`: largest age of an estimate's newest measurement, in seconds.
 
     Args:
         status: `TrackingStatus` at each tick, shape (k,).
@@ -173,7 +171,7 @@ def tracking_summary(status: FloatArray, time_since_measurement: FloatArray) -> 
 
 
 MEASURES = ("q_msv", "q_gii", "q_vew")
-"""The measures of Table II, by their columns in `log.csv`."""
+"""Measures of the paper's Table II, by their columns in `log.csv`."""
 
 
 def summarize(
@@ -187,13 +185,13 @@ def summarize(
 ) -> dict[str, Any]:
     """Returns the content of `summary.json`.
 
-    `static` holds means over the phase in which the initial contacts are held, `max` and `mean` are
-    over the phase in which they adapt, and `final` is the last tick; null where there is no tick.
-    `inactive_contacts` gives the reasons why contacts have no goal at the last tick. `tracking` is
+    `static` has means over the phase in which the initial contacts are held, `max` and `mean` are
+    over the phase in which they adapt, and `final` is the last tick; null if there is no tick.
+    `inactive_contacts` has the reasons why contacts have no goal at the last tick. `tracking` is
     over all ticks, and `deadline_overruns` counts ticks that took longer than the planning period.
     With damage, `max` and `mean` end before the first loss, and `after_damage` follows the last.
-    Once the object has left the table or is lost for good (`object_fate`), ticks count no more, but
-    for `final`.
+    Ticks after the object has left the table or is lost for good (`object_fate`) count only for
+    `final`.
     """
     time, *values = log.read("time", *MEASURES)
     measured = dict(zip(MEASURES, values, strict=True))
@@ -229,10 +227,10 @@ def summarize(
 
 
 def object_fate(scenario: Scenario, surface: ObjectSurface, log: RunLog) -> dict[str, float | None]:
-    """Returns the times at which the object was gone for good, in seconds; null if it never was.
+    """Returns the times in seconds at which the object left or was lost; null if never.
 
-    - `object_left_at`: time at which its centre of mass was below the top of the table.
-    - `object_lost_at`: time from which it was lost by the estimator up to the end.
+    - `object_left_at`: first time at which the centre of mass was below the top of the table.
+    - `object_lost_at`: time from which the estimator has lost the object until the end.
     """
     names = ("time", "tracking_status", *run_log.pose_columns("wo"))
     time, status, _, _, z, qw, qx, qy, qz = log.read(*names)
@@ -245,7 +243,7 @@ def object_fate(scenario: Scenario, surface: ObjectSurface, log: RunLog) -> dict
 
 
 def inactive_contacts(scenario: Scenario, log: RunLog) -> dict[str, str]:
-    """Returns the reasons why contacts that are not lost are inactive at the last tick."""
+    """Returns the reasons why remaining contacts are inactive at the last tick, by index."""
     if log.last is None:
         return {}
     status, causes = log.last.contact_status, log.last.contact_causes
@@ -258,7 +256,7 @@ def inactive_contacts(scenario: Scenario, log: RunLog) -> dict[str, str]:
 def _after_damage(
     scenario: Scenario, surface: ObjectSurface, measured: dict[str, FloatArray], time: FloatArray
 ) -> dict[str, Any]:
-    """Returns the measures after the last loss: of the remaining static contacts, and the best."""
+    """Returns the best measures after the last loss, and those of the remaining static contacts."""
     if not scenario.damage:
         return {}
     quality = remaining_static_quality(scenario, surface)
@@ -268,7 +266,7 @@ def _after_damage(
 
 
 def remaining_static_quality(scenario: Scenario, surface: ObjectSurface) -> GraspQuality:
-    """Returns the measures of the active ones of the initial contacts that no damage removes."""
+    """Returns the measures of the active initial contacts that no damage removes."""
     p_OC = scenario.initial_p_OC(surface)
     weights = np.full(len(p_OC), -np.inf)
     weights[scenario.remaining_contacts()] = 0.0
@@ -282,7 +280,7 @@ def _measures(measured: dict[str, FloatArray], ticks: slice, reduce: Any) -> dic
 
 
 def _versions() -> dict[str, str]:
-    # With numba, the last digits of a log differ from those without it.
+    # A log's last digits depend on whether numba is installed.
     packages = ("drake", "numpy", "scipy", "trimesh", *(["numba"] if numba_is_installed() else []))
     own = {"drake_pregrasp": __version__, "python": platform.python_version()}
     return own | {package: importlib.metadata.version(package) for package in packages}
@@ -298,7 +296,7 @@ def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary
     Raises:
         OutputError: If the file can't be written.
     """
-    # Imported here because it takes a fifth of a second.
+    # Imported here because the import takes a fifth of a second.
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

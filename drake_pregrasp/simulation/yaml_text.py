@@ -1,8 +1,8 @@
 """Reads untrusted YAML as plain data, in bounded time and memory.
 
 PyYAML's safe loader reads the text. This module adds limits on size and depth with all aliases
-written out, refuses duplicate keys, and keeps a mapping's tag under the key `_tag`, as Drake's own
-loader does.
+expanded, rejects duplicate keys, and stores a mapping's tag under the key `_tag`, like Drake's own
+loader.
 """
 
 from pathlib import Path
@@ -24,18 +24,18 @@ MAX_BYTES = 1_000_000
 """Largest size of a YAML file, in bytes."""
 
 MAX_VALUES = 100_000
-"""Largest number of values in a YAML file, with all aliases written out."""
+"""Largest number of values in a YAML file, with all aliases expanded."""
 
 MAX_DEPTH = 32
-"""Deepest nesting of lists and mappings."""
+"""Largest nesting depth of lists and mappings."""
 
 MAX_DIGITS = 64
-"""Most characters of an integer: no key needs more, and long ones take long to convert."""
+"""Largest number of characters of an integer: the conversion of long integers is slow."""
 
 TAG_KEY = "_tag"
-"""Key under which a mapping's tag is kept, as in Drake's own loader."""
+"""Key that stores a mapping's tag, as in Drake's own loader."""
 
-_SHOWN = 60  # Characters of a key in a message.
+_SHOWN = 60  # Largest number of characters of a key in a message.
 _INT, _MAP, _MERGE = (f"tag:yaml.org,2002:{kind}" for kind in ("int", "map", "merge"))
 
 
@@ -44,7 +44,7 @@ def parse_yaml(source: str, text: str) -> Any:
 
     Args:
         source: Name of the text's origin, for error messages.
-        text: YAML.
+        text: YAML text.
 
     Raises:
         ScenarioError: If the text is not valid YAML, or exceeds a limit.
@@ -66,7 +66,7 @@ def parse_yaml(source: str, text: str) -> Any:
         if isinstance(error, yaml.MarkedYAMLError) and error.problem:
             mark = error.problem_mark
             problem = f"line {mark.line + 1}: {error.problem}" if mark else error.problem
-        raise ScenarioError(source, "", f"is no YAML: {problem}") from error
+        raise ScenarioError(source, "", f"is not valid YAML: {problem}") from error
 
 
 def read_yaml(path: Path) -> Any:
@@ -83,7 +83,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def parse_entries(source: str, text: str) -> Any:
-    """Returns the content of a YAML text without keys that start with `_`, which hold anchors."""
+    """Returns the content of a YAML text without keys that start with `_`, used for anchors."""
     data = parse_yaml(source, text)
     if not isinstance(data, dict):
         return data
@@ -96,19 +96,19 @@ def dump_yaml(data: Any) -> str:
 
 
 def load_typed(schema: type, data: Any, defaults: Any) -> Any:
-    """Returns an instance of a schema, made of data that was checked against it.
+    """Returns an instance of a schema from data that was checked against the schema.
 
     Args:
-        schema: A dataclass.
-        data: A mapping, from `parse_yaml`.
-        defaults: Instance that holds the values of missing keys.
+        schema: Dataclass of the instance.
+        data: Mapping from `parse_yaml`.
+        defaults: Instance with the values of missing keys.
     """
-    # Drake's loader accepts text only. The text has no aliases but small ones.
+    # Drake's loader accepts only text. The text's aliases are small.
     return yaml_load_typed(schema=schema, data=dump_yaml(data), defaults=defaults)
 
 
 def _check_events(source: str, text: str) -> None:
-    """Bounds depth and size before anything recursive reads the text."""
+    """Checks depth and size iteratively, before recursive code reads the text."""
     depth, values = 0, 0
     for event in yaml.parse(text, Loader=SafeLoader):
         depth += isinstance(event, yaml.CollectionStartEvent)
@@ -121,22 +121,22 @@ def _check_events(source: str, text: str) -> None:
 
 
 def _check_document(source: str, root: yaml.Node) -> None:
-    """Refuses large or cyclic aliases, duplicate keys and long integers."""
+    """Rejects large or cyclic aliases, duplicate keys and long integers."""
     sizes: dict[int, tuple[int, int] | None] = {}
     known_tags = {*_Loader.yaml_constructors, _MERGE}
 
     def measure(node: yaml.Node) -> tuple[int, int]:
-        """Returns the number of values with aliases written out, and the depth."""
+        """Returns the number of values with aliases expanded, and the depth."""
         if node.tag not in known_tags and not isinstance(node, yaml.MappingNode):
             tag = node.tag[:_SHOWN]
-            raise error(node, f"the tag {tag} is of no mapping, as that of !Box {{}} is")
+            raise error(node, f"the tag {tag} needs a mapping, as in !Box {{}}")
         if isinstance(node, yaml.ScalarNode):
             if node.tag == _INT and len(node.value) > MAX_DIGITS:
                 raise error(node, f"a whole number has more than {MAX_DIGITS} characters")
             return 1, 0
         if id(node) in sizes:
             if (known := sizes[id(node)]) is None:
-                raise error(node, "an alias holds itself")
+                raise error(node, "an alias contains itself")
             return known
         sizes[id(node)] = None
         parts = node.value
@@ -153,9 +153,9 @@ def _check_document(source: str, root: yaml.Node) -> None:
             if not isinstance(key, yaml.ScalarNode):
                 raise error(key, "a list or mapping can't be a key")
             if key.value == TAG_KEY:
-                raise error(key, f"{TAG_KEY} is no key; write a tag, as in !Box {{...}}")
+                raise error(key, f"{TAG_KEY} is not a key; write a tag, as in !Box {{...}}")
             if key.tag != _MERGE and (key.tag, key.value) in seen:
-                raise error(key, f"the key {key.value[:_SHOWN]} is there twice")
+                raise error(key, f"the key {key.value[:_SHOWN]} occurs twice")
             seen.add((key.tag, key.value))
 
     def error(node: yaml.Node, problem: str) -> ScenarioError:
@@ -163,16 +163,16 @@ def _check_document(source: str, root: yaml.Node) -> None:
 
     size, depth = measure(root)
     if size > MAX_VALUES:
-        raise error(root, f"its aliases make more than {MAX_VALUES} values")
+        raise error(root, f"its aliases expand to more than {MAX_VALUES} values")
     if depth > MAX_DEPTH:
         raise error(root, f"its aliases nest more than {MAX_DEPTH} levels deep")
 
 
 class _Loader(SafeLoader):
-    """Reads a mapping's tag as its key `_tag`."""
+    """YAML loader that stores a mapping's tag under the key `_tag`."""
 
     def construct_tagged(self, tag: str, node: yaml.Node) -> dict[Any, Any]:
-        """Returns a mapping with its tag."""
+        """Returns a mapping with its tag under the key `_tag`."""
         return {**self.construct_mapping(node, deep=True), TAG_KEY: tag}
 
 
@@ -180,10 +180,10 @@ _Loader.add_multi_constructor("", _Loader.construct_tagged)
 
 
 class _Dumper(SafeDumper):
-    """Writes mappings with their tags."""
+    """YAML dumper that writes the tags of mappings."""
 
     def represent_tagged(self, data: dict[Any, Any]) -> yaml.Node:
-        """Returns the node of a mapping."""
+        """Returns the YAML node of a mapping with its tag."""
         rest = {key: value for key, value in data.items() if key != TAG_KEY}
         return self.represent_mapping(data.get(TAG_KEY, _MAP), rest)
 

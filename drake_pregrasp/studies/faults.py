@@ -1,4 +1,4 @@
-"""The study of measurement faults: each over many seeds, and how consistent the filter is."""
+"""Study of measurement faults over many seeds, and of the pose filter's consistency."""
 
 import argparse
 import math
@@ -24,19 +24,19 @@ from drake_pregrasp.studies.runner import OnProgress, StudyRows, run_jobs
 from drake_pregrasp.systems.loggers import TickRecord
 
 SEEDS = 50
-"""Seeds of each fault, if nothing else is asked for."""
+"""Default number of seeds for each fault."""
 
 FILTER_SEEDS = 200
-"""Seeds of the filter's consistency."""
+"""Number of seeds for the filter's consistency."""
 
 GOAL_RECOVERY = 0.5
-"""Seconds after a fault within which the estimate should have recovered."""
+"""Time after a fault within which the estimate should recover, in seconds."""
 
 RECOVERED = 4.0
-"""Standard deviations of the sensor within which an estimate has recovered."""
+"""Largest error of a recovered estimate, in standard deviations of the sensor."""
 
 PREFIX = "fault_"
-"""Prefix of the names of the scenarios."""
+"""Prefix of the names of shipped scenarios with faults."""
 
 
 class FaultJob(NamedTuple):
@@ -54,15 +54,15 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         "--faults",
         type=study_options.names,
         metavar="a,b,...",
-        help=f"which of the shipped {PREFIX}..., without the filter's consistency; all, and"
-        " that too, if not set",
+        help=f"names of shipped {PREFIX}... scenarios; if not set, all of them, and the"
+        " consistency of the filter",
     )
     parser.add_argument(
         "--seeds",
         type=study_options.whole_number(1, study_options.MOST_SEEDS),
         default=SEEDS,
         metavar="N",
-        help="of each; %(default)s if not set",
+        help="number of seeds for each fault; %(default)s if not set",
     )
     study_options.add_processes_option(parser)
 
@@ -95,7 +95,7 @@ def study_faults(
     processes: int | None = None,
     on_progress: OnProgress = lambda done, total: None,
 ) -> tuple[StudyRows, Path]:
-    """Runs each fault with each seed, and returns the rows and the path of `faults.md`.
+    """Runs each fault with each seed.
 
     Args:
         out: Folder of the rows and the report.
@@ -103,10 +103,13 @@ def study_faults(
         seeds: Number of seeds for each fault.
         filter_seeds: Number of seeds for the filter's consistency; 0 to leave it out.
         processes: Number of runs at a time.
-        on_progress: Called with the number of runs made and of those that were missing.
+        on_progress: Called with the number of finished runs and the number of runs to do.
+
+    Returns:
+        The rows of the runs, and the path of `faults.md`.
 
     Raises:
-        InvalidArgumentError: If there is no such fault.
+        InvalidArgumentError: If a name is not that of a shipped scenario with faults.
         OutputError: If the folder can't be used.
     """
     known = fault_scenarios()
@@ -143,7 +146,7 @@ def study_faults(
 
 
 def run_faults(job: FaultJob, text: str | None = None) -> dict[str, float]:
-    """Simulates a job, and returns what `summarize_faults` does.
+    """Simulates a job, and returns its summary by `summarize_faults`.
 
     Args:
         job: The scenario and the seed.
@@ -162,7 +165,7 @@ def run_faults(job: FaultJob, text: str | None = None) -> dict[str, float]:
 def summarize_faults(
     scenario: Scenario, surface: ObjectSurface, records: list[TickRecord]
 ) -> dict[str, float]:
-    """Returns what a run has shown, from the records of its ticks.
+    """Summarizes a run from the records of its ticks.
 
     Returns:
         `valid`: Share of all ticks at which each active contact was on the allowed surface of the
@@ -214,10 +217,10 @@ def _is_valid(record: TickRecord, surface: ObjectSurface) -> bool:
 
 
 def fault_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns a line for each fault.
+    """Returns a table with one line for each fault.
 
     Args:
-        rows: Of `run_faults`, with their jobs.
+        rows: Rows of `run_faults`, with the columns of their jobs.
     """
     texts = fault_scenarios()
     groups = rows.groupby(pd.Categorical(rows["scenario"], list(texts)), observed=True)
@@ -241,6 +244,6 @@ def fault_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def percent(share: float) -> str:
-    """Returns a share in percent, never rounded up to all or down to none."""
+    """Formats a share in percent; only exactly 1 and 0 become 100 % and 0 %."""
     digits = 0 if share in (0, 1) else 1 if 1e-3 <= share <= 1 - 1e-3 else 3
     return f"{100 * share:.{digits}f} %"

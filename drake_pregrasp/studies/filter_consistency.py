@@ -1,4 +1,4 @@
-"""Runs of the pose filter that show whether its errors are as large as it says.
+"""Consistency of the pose filter: its actual errors compared with its covariances.
 
 The normalised estimation error squared (NEES), eᵀ P⁻¹ e of position and velocity, or of orientation
 and angular velocity, is chi-square distributed with 6 degrees of freedom if the filter's
@@ -29,16 +29,16 @@ PERIOD = 0.05
 """Seconds between measurements."""
 
 TICKS = 100
-"""Measurements of a run; errors are those after the last, innovations those of the second half."""
+"""Number of measurements in a run; the NEES is that after the last, the NIS of the second half."""
 
 CONFIDENCE = 0.95
-"""Probability of the bands."""
+"""Probability that the mean of a consistent filter is in its band."""
 
 DEFAULT_NOISE = filter_noise(EstimatorConfig())
-"""The default assumptions of the filter."""
+"""Default noise model of the filter."""
 
 EVEN_NOISE = filter_noise(EstimatorConfig(acceleration=1e-6, angular_acceleration=1e-6))
-"""The assumptions for an object that moves evenly, as on the conveyor."""
+"""Noise model for an object with constant velocity, as on the conveyor."""
 
 
 class Motion(NamedTuple):
@@ -47,7 +47,7 @@ class Motion(NamedTuple):
     Attributes:
         p_WO: Positions, shape (K, 3), in metres.
         v_WO: Velocities, shape (K, 3), in m/s.
-        R_WO: K orientations.
+        R_WO: Orientations, K rotations.
         w_WO: Angular velocities, shape (K, 3), in rad/s.
     """
 
@@ -62,11 +62,11 @@ FILTERS: Mapping[str, tuple[PoseFilterNoise, bool]] = {
     "even motion assumed, conveyor": (EVEN_NOISE, True),
     "default assumptions, conveyor": (DEFAULT_NOISE, True),
 }
-"""Assumptions of the filter, and whether the object is on the conveyor."""
+"""Noise models of the filter, and whether the object is on the conveyor."""
 
 
 def run_filter(job: Mapping[str, object]) -> dict[str, float]:
-    """Returns the normalised errors of a run of a job with a `filter` of `FILTERS` and a `seed`."""
+    """Returns the normalised errors of a job: a `filter` of `FILTERS`, run with a `seed`."""
     noise, is_carried = FILTERS[str(job["filter"])]
     rng = np.random.default_rng(int(str(job["seed"])))
     motion = conveyor_motion() if is_carried else random_motion(noise, rng)
@@ -74,10 +74,10 @@ def run_filter(job: Mapping[str, object]) -> dict[str, float]:
 
 
 def consistency_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns means of normalised errors over runs, and the bands of a consistent filter.
+    """Returns the mean normalised errors over runs, and the bands of a consistent filter.
 
     Args:
-        rows: Of `run_filter`, with their jobs.
+        rows: Rows of `run_filter`, with the columns of their jobs.
     """
     groups = rows.groupby("filter", sort=False)
     means, seeds = groups.mean(), groups.size()
@@ -109,7 +109,7 @@ def band(freedom: int, samples: int) -> tuple[float, float]:
 
 @functools.cache
 def conveyor_motion(scenario: str = "a_base") -> Motion:
-    """Returns the motion of a scenario's object on the simulated conveyor, by friction."""
+    """Returns the simulated motion of a scenario's object, which the conveyor moves by friction."""
     config = load_scenario(scenario)
     plant = ObjectPlant(config.object, config.motion, config.plant_config)
     simulator = Simulator(plant)
@@ -127,7 +127,7 @@ def conveyor_motion(scenario: str = "a_base") -> Motion:
 
 
 def random_motion(noise: PoseFilterNoise, rng: np.random.Generator) -> Motion:
-    """Returns a motion that is drawn from what the filter assumes."""
+    """Returns a motion drawn from the filter's motion model."""
     p, v = np.zeros(3), rng.normal(scale=noise.initial_velocity, size=3)
     R, w = Rotation.random(rng=rng), rng.normal(scale=noise.initial_angular_velocity, size=3)
     steps = []
@@ -144,12 +144,12 @@ def random_motion(noise: PoseFilterNoise, rng: np.random.Generator) -> Motion:
 def filter_errors(
     noise: PoseFilterNoise, motion: Motion, rng: np.random.Generator
 ) -> dict[str, float]:
-    """Returns the NEES after the last tick, and the mean NIS of the second half of them.
+    """Returns the NEES after the last tick, and the mean NIS of the second half of the ticks.
 
     Args:
-        noise: The filter's assumptions; measurements have the noise that it assumes.
+        noise: Noise model of the filter, from which the measurement noise is drawn too.
         motion: The true motion.
-        rng: Draws the noise.
+        rng: Generator of the measurement noise.
     """
     settings = replace(tracker_settings(EstimatorConfig()), noise=noise)
     track = PoseTrack.empty(memory=1)
@@ -176,7 +176,7 @@ def filter_errors(
 
 
 def _accelerated(density: float, rng: np.random.Generator) -> FloatArray:
-    """Returns what white acceleration of that density adds to place and velocity, shape (2, 3)."""
+    """Draws the changes of position and velocity by white-noise acceleration, shape (2, 3)."""
     covariance = density**2 * np.array([[PERIOD**3 / 3, PERIOD**2 / 2], [PERIOD**2 / 2, PERIOD]])
     added: FloatArray = np.linalg.cholesky(covariance) @ rng.normal(size=(2, 3))
     return added

@@ -1,4 +1,4 @@
-"""A page of pictures of the shipped scenarios, other than the paper's."""
+"""Page with pictures of the shipped scenarios that are not from the paper."""
 
 import functools
 from collections import Counter
@@ -23,7 +23,7 @@ from drake_pregrasp.studies.runner import OnProgress, run_jobs
 from drake_pregrasp.systems.loggers import TickRecord
 
 MOMENTS = (0.0, 0.5, 1.0)
-"""Moments that are shown, as shares of the run."""
+"""Times of the pictures, as shares of the run's duration."""
 
 VIEW_YAW = 0.7
 """Azimuth of the camera about z of W, in radians."""
@@ -42,7 +42,7 @@ def make_gallery(out: str | Path, *, on_progress: OnProgress = lambda done, tota
 
     Args:
         out: Folder of the page; the pictures go into its folder `gallery`.
-        on_progress: Called with the number of runs done and of all.
+        on_progress: Called with the number of finished runs and the number of all runs.
     """
     folder = Path(out)
     make_folder(folder / "gallery")
@@ -104,11 +104,11 @@ def _frame(scenario: Scenario, surface: ObjectSurface, record: TickRecord) -> By
 
 
 def describe_limits(records: Sequence[TickRecord], obstacle_names: Mapping[int, str]) -> list[str]:
-    """Returns texts of what limited contacts, in order of its first tick, with its share of ticks.
+    """Describes the limits of contacts in order of first occurrence, with their shares of ticks.
 
     Args:
-        records: All ticks of a run.
-        obstacle_names: Names of obstacles by their index, of those that have a name.
+        records: Records of all ticks of a run.
+        obstacle_names: Names of the named obstacles, by obstacle index.
     """
     counts = Counter(
         f"contact {contact} {describe_status(status, cause, obstacle_names)}"

@@ -23,12 +23,12 @@ from drake_pregrasp.studies.runner import OnProgress
 from drake_pregrasp.systems.loggers import GraspRecord
 
 PHASES = (GraspPhase.TRACK, GraspPhase.SQUEEZE, GraspPhase.HOLD)
-"""Phases at whose ends pictures are taken, after one at the start."""
+"""Phases with a picture at their end, besides the picture at the start."""
 
 _CAMERA = pictures.color_camera((400, 400), 0.6)
 _GAP = 8  # White pixels between pictures.
 _FROM_ARM, _FROM_HAND = np.array([0.45, -1.0, 0.5]), np.array([0.75, 0.65, 0.5])
-"""Position of the camera relative to its target, with an arm and without, in metres."""
+"""Position of the camera relative to its target in W, with and without an arm, in metres."""
 _ABOVE = np.array([0.0, 0.0, 0.13])  # Target of the camera above the object, in metres.
 _LIGHTS = (Light([0.3, 0.5, 0.8], 0.85), Light([-0.6, 0.3, 0.7], 0.4), Light([0.0, 1.0, 0.1], 0.3))
 _BACKGROUND = (0.93, 0.94, 0.96)
@@ -39,7 +39,7 @@ def picture_grasps(out: str | Path, *, on_progress: OnProgress = lambda done, to
 
     Args:
         out: Folder of the page and of the pictures, `NAME.png`.
-        on_progress: Called with the number of scenarios done and of all.
+        on_progress: Called with the number of finished scenarios and the number of all.
 
     Raises:
         ScenarioError: If the model of a hand is not installed.

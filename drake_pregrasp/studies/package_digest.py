@@ -1,4 +1,4 @@
-"""Versions and digests of the source, on which the rows of a study depend besides its jobs."""
+"""Versions and a digest of the source code, which identify the code that made a study's rows."""
 
 import functools
 import hashlib
@@ -13,12 +13,12 @@ from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.version import __version__
 
 _PACKAGE = Path(__file__).parents[1]
-_LEFT_OUT = ("cli", "studies")  # Of the studies, only the modules that are asked for count.
+_LEFT_OUT = ("cli", "studies")  # Of the studies, only the given modules count.
 _LIBRARIES = ("drake", "numpy", "scipy", "trimesh", "numba")
 
 
 def digest_files(files: Iterable[Path]) -> str:
-    """Returns a digest of the contents of files, in this order."""
+    """Returns a digest of the contents of files in the given order."""
     digest = hashlib.sha256()
     for file in files:
         digest.update(file.read_bytes())
@@ -32,7 +32,7 @@ def package_digest(*modules: str) -> dict[str, str]:
     Two processes whose digests are equal compute the same rows.
 
     Args:
-        modules: Names of the modules of studies that rows depend on.
+        modules: Names of the studies' modules that the rows depend on.
     """
     files = [
         file
@@ -47,7 +47,7 @@ def package_digest(*modules: str) -> dict[str, str]:
         try:
             versions[library] = importlib.metadata.version(library)
         except importlib.metadata.PackageNotFoundError:
-            continue  # It is an extra.
+            continue  # Optional library.
     return {
         "drake_pregrasp": __version__,
         "source": digest_files(files),
@@ -57,6 +57,6 @@ def package_digest(*modules: str) -> dict[str, str]:
 
 
 def differences(theirs: Any, ours: Mapping[str, str]) -> str:
-    """Returns what differs between two digests, in words; an empty text if they are equal."""
+    """Describes the differences of two package digests; empty if they are equal."""
     names = [name for name in {**theirs, **ours} if theirs.get(name) != ours.get(name)]
     return ", ".join(f"{name} {theirs.get(name)} instead of {ours.get(name)}" for name in names)

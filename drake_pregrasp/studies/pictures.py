@@ -1,4 +1,4 @@
-"""Pictures by Drake's VTK renderer: lights, meshes, cameras, and an object with its goals."""
+"""Rendering with Drake's VTK engine: lights, meshes, cameras, and an object with its goals."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -45,9 +45,9 @@ class Light(NamedTuple):
     """A directional light.
 
     Attributes:
-        direction: Direction of the light in its frame, shape (3,); z of a camera points forward.
-        intensity: Intensity; 1 lights a surface at right angles to the light fully.
-        frame: Frame of the direction, `camera` or `world`.
+        direction: Direction of the light in `frame`, shape (3,); z of the camera points forward.
+        intensity: Intensity; 1 fully lights a surface that faces the light.
+        frame: Name of the frame of `direction`, `camera` or `world`.
     """
 
     direction: Sequence[float]
@@ -65,7 +65,7 @@ _OBSTACLE_COLOR = Rgba(0.35, 0.37, 0.40)
 def lit_renderer(
     lights: Sequence[Light], background: tuple[float, float, float] = WHITE
 ) -> RenderEngine:
-    """Returns a VTK renderer.
+    """Returns a VTK renderer with directional lights.
 
     Args:
         lights: Lights of the scene.
@@ -85,9 +85,9 @@ def coloured(X_FS: RigidTransform, shape: Shape, color: Rgba, name: str) -> Geom
 
     Args:
         X_FS: Pose of the shape S in the frame F that it will be registered with.
-        shape: The shape.
-        color: Colour of the whole shape.
-        name: Name, unique among the geometries of F.
+        shape: Shape of the geometry.
+        color: Diffuse colour of the whole shape.
+        name: Name of the geometry, unique among the geometries of F.
     """
     properties = PerceptionProperties()
     properties.AddProperty("phong", "diffuse", color)
@@ -97,7 +97,7 @@ def coloured(X_FS: RigidTransform, shape: Shape, color: Rgba, name: str) -> Geom
 
 
 def drawn_mesh(triangles: FloatArray, lift: float = 0.0) -> Mesh:
-    """Returns triangles as a mesh with flat normals.
+    """Returns a mesh of triangles with flat normals.
 
     Args:
         triangles: Corners of the triangles, shape (k, 3, 3), in metres.
@@ -116,9 +116,9 @@ def color_camera(
     """Returns a camera.
 
     Args:
-        pixels: Width and height of its pictures.
+        pixels: Width and height of the camera's pictures, in pixels.
         field_of_view: Vertical field of view in radians.
-        renderer: Name of the scene's renderer that it uses.
+        renderer: Name of the renderer in the scene.
     """
     info, depths = CameraInfo(*pixels, field_of_view), ClippingRange(0.01, 10.0)
     return ColorRenderCamera(RenderCameraCore(renderer, info, depths, RigidTransform()))
@@ -142,8 +142,8 @@ def take_picture(query: QueryObject, camera: ColorRenderCamera, X_WK: RigidTrans
     """Returns a picture of a scene, shape (height, width, 3).
 
     Args:
-        query: Query object of the scene, which has the camera's renderer.
-        camera: The camera.
+        query: Query object of a scene that has the camera's renderer.
+        camera: Camera that takes the picture.
         X_WK: Pose of the camera K in the world W.
     """
     image = query.RenderColorImage(camera, query.inspector().world_frame_id(), X_WK)
@@ -163,13 +163,13 @@ def render_goals(
     """Returns a picture of safe regions and goals on the object, shape (height, width, 3).
 
     Args:
-        surface: The object's surface.
-        labels: Contact that owns each candidate, or `NO_REGION`, shape (N,).
-        p_OC: Goals to draw, in O, shape (k, 3), in metres.
+        surface: Surface of the object O.
+        labels: Index of the contact that owns each candidate, or `NO_REGION`, shape (N,).
+        p_OC: Positions of the goals to draw, in O, shape (k, 3), in metres.
         contacts: Index of the contact of each goal, which sets its colour, length k.
         yaw: Azimuth of the camera about z of O, in radians.
         obstacles: Obstacles in O; balls and boxes are drawn, half-spaces are not.
-        pixels: Width and height of the picture.
+        pixels: Width and height of the picture, in pixels.
     """
     scene = SceneGraph()
     scene.AddRenderer("vtk", lit_renderer(_LIGHTS))
@@ -186,7 +186,7 @@ def render_goals(
         add(RigidTransform(), region, color, f"region_{label}")
     extents = surface.mesh.extents
     radius = _MARKER_SHARE * float(np.cbrt(np.prod(extents)))
-    # The balls touch the surface from outside: through a thin wall they would show on both sides.
+    # Balls touch the surface from outside: centred on a thin wall, they would show on both sides.
     centers = p_OC + radius * surface.project(p_OC)[1]
     for center, contact in zip(centers, contacts, strict=True):
         add(RigidTransform(center), Sphere(radius), contact_color(contact), f"goal_{contact}")

@@ -1,4 +1,4 @@
-"""Reports as one HTML page with all figures inside, and as Markdown."""
+"""Reports as a self-contained HTML page with embedded figures, and as Markdown."""
 
 import base64
 import io
@@ -15,16 +15,16 @@ from pandas.io.formats.style import Styler
 from drake_pregrasp.simulation.output import reading_back, write_text
 
 NO_VALUE = "–"
-"""The text of a cell without a value."""
+"""Text of a table cell without a value."""
 
 
 @dataclass(frozen=True)
 class Heading:
-    """A heading.
+    """A heading of a report.
 
     Attributes:
-        text: Of the heading.
-        level: 2 for a section, 3 for a part of one.
+        text: Text of the heading.
+        level: Level of the heading: 2 for a section, 3 for a subsection.
     """
 
     text: str
@@ -33,12 +33,12 @@ class Heading:
 
 @dataclass(frozen=True)
 class Table:
-    """A table.
+    """A table of a report.
 
     Attributes:
-        data: Its columns, numbers as texts where digits matter; a `Styler` of such columns for
-            classes and colours, which only the HTML page shows.
-        caption: What the table shows, above it.
+        data: Columns of the table, with numbers as texts where the digits matter; or a `Styler` of
+            such columns, whose classes and colours only the HTML page shows.
+        caption: Caption above the table.
     """
 
     data: "pd.DataFrame | Styler"
@@ -47,11 +47,12 @@ class Table:
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure.
+    """A figure of a report.
 
     Attributes:
-        image: A PNG in the report's folder, or a figure of Matplotlib, which only the HTML shows.
-        caption: What the figure shows, below it.
+        image: Path of a PNG in the report's folder, or a Matplotlib figure, which only the HTML
+            page shows.
+        caption: Caption below the figure.
     """
 
     image: Path | matplotlib.figure.Figure
@@ -60,11 +61,11 @@ class Picture:
 
 @dataclass(frozen=True)
 class Details:
-    """Preformatted text that the HTML page shows on demand.
+    """Preformatted text that the HTML page folds away below a title.
 
     Attributes:
-        title: What is always shown.
-        text: What can be opened.
+        title: Title of the text, always visible.
+        text: Preformatted text, visible when the title is clicked.
     """
 
     title: str
@@ -72,7 +73,7 @@ class Details:
 
 
 Part = str | Heading | Table | Picture | Details
-"""A part of a report; a text is a paragraph."""
+"""A part of a report; a string is a paragraph."""
 
 
 def write_report(
@@ -86,11 +87,11 @@ def write_report(
     """Writes a report and returns the path of its first format.
 
     Args:
-        folder: Where it goes.
-        title: Its main heading; if empty, the Markdown has none.
-        parts: What it shows, in this order.
-        name: Of the files, without their endings.
-        formats: "html", "md" or both.
+        folder: Folder that the report is written to.
+        title: Main heading of the report; if empty, the Markdown has no main heading.
+        parts: Parts of the report, in their order.
+        name: Name of the report's files, without extension.
+        formats: Formats to write: "html", "md" or both.
 
     Raises:
         OutputError: If a file can't be written, or a PNG can't be read.
@@ -102,7 +103,7 @@ def write_report(
 
 
 def to_html(title: str, parts: Sequence[Part]) -> str:
-    """Returns a page with everything inside; all texts are escaped."""
+    """Returns a report as a self-contained HTML page with all texts escaped."""
     loader = jinja2.FileSystemLoader(Path(__file__).parent)
     template = jinja2.Environment(loader=loader, autoescape=True).get_template("report_page.html")
     shown = [(type(part).__name__, part, _content(part, k)) for k, part in enumerate(parts)]
@@ -110,7 +111,7 @@ def to_html(title: str, parts: Sequence[Part]) -> str:
 
 
 def to_markdown(title: str, parts: Sequence[Part]) -> str:
-    """Returns Markdown; tables are aligned with their data, figures are links to their files."""
+    """Returns a report as Markdown with aligned tables and links to its figures."""
     blocks = [f"# {title}"] if title else []
     for part in parts:
         match part:
@@ -130,7 +131,7 @@ def to_markdown(title: str, parts: Sequence[Part]) -> str:
 
 
 def _content(part: Part, place: int) -> str:
-    """Returns the HTML of a table, or a figure's data; nothing of what the template writes."""
+    """Returns a table's HTML or a figure's base64 data; the template writes all other parts."""
     match part:
         case Table(data=Styler() as styler):
             styler = styler.hide(axis="index").format(escape="html", na_rep=NO_VALUE)

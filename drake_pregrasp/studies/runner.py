@@ -1,4 +1,4 @@
-"""Runs the jobs of a study that have no rows yet, and keeps all rows in the study's folder."""
+"""Runs the jobs of a study that have no rows yet, and stores all rows in the study's folder."""
 
 import contextlib
 import dataclasses
@@ -17,34 +17,34 @@ from drake_pregrasp.studies.package_digest import package_digest
 from drake_pregrasp.studies.workers import Failure, call_for_all
 
 ROWS = "rows.csv"
-"""The table of all rows, sorted by their jobs."""
+"""File of the table of all rows, sorted by their jobs."""
 
 FAILED = "failed.csv"
-"""The table of the jobs that have failed, and why; only there if some have."""
+"""File of the table of failed jobs and their errors, if any job has failed."""
 
 SETTINGS = "settings.json"
-"""All that rows depend on besides their jobs."""
+"""File of the settings and versions that the rows depend on besides their jobs."""
 
 JOURNAL = "rows.jsonl"
-"""A line for each job that has ended, written at that moment: an interrupted study goes on here."""
+"""File with a line for each finished job, written at once so that a study can be resumed."""
 
 OnProgress = Callable[[int, int], None]
-"""Called with the number of jobs that have ended, and of those that were missing."""
+"""Callback with the number of finished jobs and the number of jobs to do."""
 
 Job = Any
-"""A mapping, a dataclass or a named tuple of plain values, which tell it from all other jobs."""
+"""A mapping, a dataclass or a named tuple of plain values that identify the job."""
 
 _ANOTHER = "choose another folder with --out"
 
 
 class StudyRows(NamedTuple):
-    """The rows that a study has.
+    """Rows and failures of a study.
 
     Attributes:
         rows: All rows in the folder, sorted by their jobs; columns of the job, then its results.
-        failed: All jobs in the folder that have failed; columns of the job, then `error`.
-        wanted: Number of jobs that were asked for.
-        made: Number of those that have rows.
+        failed: All failed jobs in the folder; columns of the job, then `error`.
+        wanted: Number of requested jobs.
+        made: Number of requested jobs that have rows.
     """
 
     rows: pd.DataFrame
@@ -66,26 +66,26 @@ def run_jobs(
 ) -> StudyRows:
     """Runs the jobs that have no rows in the folder, and returns all rows of the folder.
 
-    Rows are the same whatever order jobs end in, wherever they run, and however often the study
-    was interrupted. A job that fails stops no other, and runs again the next time.
+    The rows do not depend on the order in which jobs finish, on where they run, or on
+    interruptions. A failed job does not stop the others, and runs again the next time.
 
     Args:
-        function: Returns the row of a job, or its rows, as mappings of plain values. It runs in
-            other processes: a module's function, a `partial` of one, or a dataclass with
-            `__call__`.
-        jobs: What to run, in this order.
-        folder: Where rows are kept, made if it isn't there; if not set, nothing is kept.
-        settings: All that rows depend on besides their jobs and the source, as JSON can say it.
-        modules: Names of modules in `studies` that rows depend on, besides the function's own.
-        processes: Number of local processes; that of the processors if not set.
-        scheduler: Address of a Dask scheduler whose workers are used instead.
-        on_progress: Called after each job.
+        function: Function that returns the row or the rows of a job as mappings of plain values.
+            It runs in other processes, so it is a module's function, a `partial` of one, or a
+            dataclass with `__call__`.
+        jobs: Jobs to run, in their order.
+        folder: Folder that stores the rows, made if it isn't there; if not set, nothing is stored.
+        settings: Further settings that the rows depend on, serializable as JSON.
+        modules: Names of the modules in `studies` that the rows depend on besides the function's.
+        processes: Number of local processes; the number of processors if not set.
+        scheduler: Address of a Dask scheduler whose workers replace the local processes.
+        on_progress: Called at the start and after each job.
 
     Raises:
-        OutputError: If the folder can't be used, or is of a study with other settings or another
+        OutputError: If the folder can't be used, or has rows of other settings or of another
             version of the package; or, without a folder, if a job fails.
         InvalidArgumentError: If the scheduler can't be used.
-        KeyboardInterrupt: If SIGINT or SIGTERM has come; the rows so far are kept.
+        KeyboardInterrupt: If SIGINT or SIGTERM arrives; the rows so far are stored.
     """
     modules = [*modules, _module_of(function)]
     package = package_digest(*modules)
@@ -127,7 +127,7 @@ class _Journal(dict[str, dict[str, Any]]):
         self._columns = list(_plain(jobs[0])) if jobs else []
 
     def read(self) -> None:
-        """Reads what is there but for the end of a line that was cut off by a kill."""
+        """Reads the complete lines of the file; a kill may have truncated the last line."""
         if self._path is None or not self._path.exists():
             return
         with reading_back(self._path):
@@ -139,10 +139,10 @@ class _Journal(dict[str, dict[str, Any]]):
                     raise ValueError
                 self[json.dumps(record["job"])] = record
         except (ValueError, KeyError, TypeError) as error:
-            raise OutputError(f"{self._path}: holds no rows of a study; {_ANOTHER}") from error
+            raise OutputError(f"{self._path}: has no rows of a study; {_ANOTHER}") from error
 
     def add(self, job: Job, **result: Any) -> None:
-        """Notes what a job has come to, and returns when that is on the disk."""
+        """Stores the result of a job, and returns when it is on the disk."""
         record = {"job": _plain(job), **result}
         line = _line(record)
         self[_key(job)] = json.loads(line)
@@ -166,7 +166,7 @@ class _Journal(dict[str, dict[str, Any]]):
         )
 
     def write(self) -> None:
-        """Writes all files of what is known, each in one step."""
+        """Writes all files from the results so far, each file atomically."""
         if self._path is None:
             return
         write_text(self._path, "".join(map(_line, self._sorted())))
@@ -186,7 +186,7 @@ class _Journal(dict[str, dict[str, Any]]):
 def _journal(folder: Path | None, jobs: Sequence[Job]) -> Iterator[_Journal]:
     journal = _Journal(folder, jobs)
     journal.read()
-    journal.write()  # Else what is added would end a line that was cut off.
+    journal.write()  # Drops a truncated last line before lines are added.
     try:
         yield journal
     finally:
@@ -194,12 +194,12 @@ def _journal(folder: Path | None, jobs: Sequence[Job]) -> Iterator[_Journal]:
 
 
 def to_csv(table: pd.DataFrame) -> str:
-    """Returns a table as CSV, floats with all their digits."""
+    """Returns a table as CSV with all digits of floats."""
     return str(table.to_csv(index=False, na_rep="nan", lineterminator="\n"))
 
 
 def _check_settings(path: Path, settings: Mapping[str, Any]) -> None:
-    """Writes the file of a study's settings, or compares them with those that are there."""
+    """Writes the settings of a study, or compares them with those of an existing file."""
     ours = json.loads(json.dumps(settings))
     if not path.exists():
         write_text(path, json.dumps(ours, indent=1, sort_keys=True) + "\n")
@@ -209,9 +209,9 @@ def _check_settings(path: Path, settings: Mapping[str, Any]) -> None:
     try:
         different = ", ".join(_differences(dict(json.loads(text)), ours))
     except (ValueError, TypeError) as error:
-        raise OutputError(f"{path}: holds no settings of a study; {_ANOTHER}") from error
+        raise OutputError(f"{path}: has no settings of a study; {_ANOTHER}") from error
     if different:
-        raise OutputError(f"{path}: is of a study with other settings ({different}); {_ANOTHER}")
+        raise OutputError(f"{path}: has rows of other settings ({different}); {_ANOTHER}")
 
 
 def _differences(theirs: dict[str, Any], ours: dict[str, Any]) -> list[str]:
@@ -237,5 +237,5 @@ def _key(job: Job) -> str:
 
 
 def _line(record: Mapping[str, Any]) -> str:
-    # What numpy computes is no number of Python's own.
+    # Numpy's scalars are not serializable: item() converts them.
     return json.dumps(record, default=lambda value: value.item()) + "\n"

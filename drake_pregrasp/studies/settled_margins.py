@@ -1,6 +1,6 @@
-"""Force-closure margins that strategies settle at, from random contacts and without noise.
+"""Steady-state force-closure margins of strategies from random contacts, without noise.
 
-`python -m drake_pregrasp.studies.settled_margins` prints them; it takes some five minutes.
+`python -m drake_pregrasp.studies.settled_margins` prints them in about five minutes.
 """
 
 from collections.abc import Mapping, Sequence
@@ -21,7 +21,7 @@ CASES: Sequence[tuple[int, int, Sequence[float], float]] = (
     (3, 24, (0.1, 0.1, 0.1), 0.005),
     (3, 24, (0.05, 0.2, 0.1), 0.01),
 )
-"""Contacts, starts, size of the box and spacing of its candidates, both in metres."""
+"""Number of contacts, number of starts, and the box's size and candidate spacing in metres."""
 
 STRATEGIES: Mapping[str, PlannerConfig] = {
     "position": PlannerConfig(),
@@ -35,11 +35,11 @@ STRATEGIES: Mapping[str, PlannerConfig] = {
         strategy="blend", blend=BlendConfig(position=1.0, margin=1.0), in_turns=True
     ),
 }
-"""Settings of the planner that are compared."""
+"""Compared settings of the planner, by label."""
 
 
 def random_starts(surface: ObjectSurface, contacts: int, count: int) -> list[FloatArray]:
-    """Returns sets of contacts drawn from the candidates, the same at every call."""
+    """Draws `count` sets of contacts from the candidates, with a fixed seed."""
     generator = np.random.default_rng(0)
     indices = range(len(surface.p_OQ))
     return [surface.p_OQ[generator.choice(indices, contacts, replace=False)] for _ in range(count)]
@@ -53,13 +53,13 @@ def margin_of(surface: ObjectSurface, p_OC: FloatArray) -> float:
 def settled_contacts(
     tick: Tick, p_OC: FloatArray, *, ticks: int = 60, last: int = 8
 ) -> list[FloatArray]:
-    """Returns the contacts of the last ticks of many.
+    """Runs ticks, and returns the contacts of the last ones.
 
     Args:
-        tick: Maps contacts to the next ones.
-        p_OC: Contacts to start from, in O, shape (n, 3), in metres.
-        ticks: Number of ticks in all.
-        last: Number of ticks returned.
+        tick: Function that maps contacts to the next contacts.
+        p_OC: Initial contacts in O, shape (n, 3), in metres.
+        ticks: Number of all ticks.
+        last: Number of returned ticks.
     """
     found = []
     for _ in range(ticks):
@@ -71,14 +71,14 @@ def settled_contacts(
 def settled_margin(
     surface: ObjectSurface, p_OC: FloatArray, config: PlannerConfig, *, ticks: int = 60
 ) -> float:
-    """Returns the mean margin of the last 8 of `ticks` ticks that start from p_OC, shape (n, 3)."""
+    """Returns the mean margin of the last 8 of `ticks` ticks from p_OC, shape (n, 3), in metres."""
     tick = make_tick(surface, implementations()[-1], p_OC, config)
     settled = settled_contacts(tick, p_OC, ticks=ticks)
     return float(np.mean([margin_of(surface, p_OC) for p_OC in settled]))
 
 
 def main() -> None:
-    """Prints medians and least values over the starts."""
+    """Prints medians and minima over the starts."""
     for contacts, count, size, spacing in CASES:
         surface = box_surface(size, spacing=spacing)
         starts = random_starts(surface, contacts, count)

@@ -1,4 +1,4 @@
-"""Contacts on ten shapes: whether they stay where they may be, and what they are worth."""
+"""Validity and quality of contacts on ten shapes."""
 
 import functools
 from collections.abc import Mapping, Sequence
@@ -28,7 +28,7 @@ SHIPPED = ("box", "can", "ball", "bowling_pin", "mug", "bracket")
 """Shipped scenarios that are part of the study."""
 
 FRICTION = 0.7
-"""Coulomb's coefficient of the margins."""
+"""Coulomb friction coefficient of the margins."""
 
 _WORST = {
     "ticks": "sum",
@@ -42,11 +42,11 @@ _WORST = {
     "margin final": "min",
     "worse": "sum",
 }
-"""Columns of the report, and how the seeds are taken together."""
+"""Columns of the report, and their aggregation over the seeds."""
 
 
 def unseen_meshes() -> dict[str, trimesh.Trimesh]:
-    """Returns meshes that no shipped scenario has, in metres, by name."""
+    """Returns the meshes that no shipped scenario uses, in metres, by name."""
     directions = np.random.default_rng(0).normal(size=(40, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     return {
@@ -70,7 +70,7 @@ def study_shapes(
         out: Folder of the report.
         seeds: Seeds of the measurement noise and of the surface's sampling.
         duration: Simulated seconds of each run.
-        on_progress: Called with the number of runs done and of all.
+        on_progress: Called with the number of finished runs and the number of all runs.
     """
     make_folder(Path(out))
     shapes = [*SHIPPED, *unseen_meshes()]
@@ -97,11 +97,11 @@ def study_shapes(
 
 
 def run_shape(job: Mapping[str, Any], *, duration: float) -> dict[str, float]:
-    """Runs a shape and returns its row, from every tick.
+    """Simulates a shape, and returns its row of the report from every tick.
 
     Args:
-        job: The `shape`, one of `SHIPPED` or `unseen_meshes`, and the `seed`.
-        duration: Simulated seconds.
+        job: A `shape`, one of `SHIPPED` or `unseen_meshes`, and a `seed`.
+        duration: Simulated time in seconds.
     """
     shape, seed, records = job["shape"], job["seed"], list[TickRecord]()
     text = f"simulation_duration: {duration}\nrandom_seed: {seed}\nsurface: {{seed: {seed}}}\n"
@@ -111,7 +111,7 @@ def run_shape(job: Mapping[str, Any], *, duration: float) -> dict[str, float]:
         else:
             file = Path(folder) / f"{shape}.stl"
             unseen_meshes()[shape].export(file)
-            text += f"object: !Mesh {{file: {file}, mass: 0.3}}\n"  # The rest is as for the can.
+            text += f"object: !Mesh {{file: {file}, mass: 0.3}}\n"  # Other keys: the can's.
             scenario = load_scenario("can", text=text, folders=[Path(folder)])
         run(scenario, name=shape, out=folder, recording=False, on_tick=records.append)
         return _row(scenario, scenario.make_surface(), records)
@@ -151,7 +151,7 @@ def _active(record: TickRecord) -> tuple[list[int], FloatArray]:
 
 
 def _quality(surface: ObjectSurface, record: TickRecord) -> tuple[float, float]:
-    """Returns Q_MSV and the force-closure margin in O as it is estimated."""
+    """Returns Q_MSV and the force-closure margin of the active contacts in the estimated O."""
     _, p_OC = _active(record)
     r = p_OC - surface.p_OCoM
     return grasp_quality(r).q_msv, min_weight_margin(r, surface.project(p_OC)[1], FRICTION)

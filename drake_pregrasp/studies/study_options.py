@@ -1,4 +1,4 @@
-"""Options that the commands of studies share, and how these commands end."""
+"""Options, progress bar and exit status that the commands of studies share."""
 
 import argparse
 import contextlib
@@ -13,7 +13,7 @@ from drake_pregrasp.simulation.output import INTERRUPTED_STATUS, interruptible
 from drake_pregrasp.studies.runner import FAILED, ROWS, OnProgress, StudyRows
 
 MOST_SEEDS = 10_000
-"""Largest number of seeds of a study."""
+"""Largest allowed number of seeds of a study."""
 
 FAILED_STATUS = 1
 """Exit status if some runs have failed."""
@@ -21,13 +21,13 @@ FAILED_STATUS = 1
 
 def add_out_option(parser: argparse.ArgumentParser, default: str, what: str = "the report") -> None:
     """Adds `--out`."""
-    text = f"where {what} goes; %(default)s if not set"
+    text = f"folder of {what}; %(default)s if not set"
     parser.add_argument("--out", default=default, metavar="FOLDER", help=text)
 
 
 def add_processes_option(parser: argparse.ArgumentParser, noun: str = "runs") -> None:
     """Adds `--processes`."""
-    text = f"{noun} at a time; as many as there are processors if not set"
+    text = f"number of parallel {noun}; the number of processors if not set"
     parser.add_argument("--processes", type=whole_number(1), metavar="N", help=text)
 
 
@@ -42,24 +42,25 @@ def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
             raise argparse.ArgumentTypeError(f"{value} must be {most} or less")
         return value
 
-    parse.__name__ = "whole number"  # What argparse calls it: "invalid whole number value: 'x'".
+    parse.__name__ = "whole number"  # Argparse's message: "invalid whole number value: 'x'".
     return parse
 
 
 def names(text: str) -> list[str]:
-    """Returns the names in a list with commas; the type of such an option."""
+    """Splits a comma-separated list of names; serves as the type of an option."""
     return [name.strip() for name in text.split(",")]
 
 
 def add_report_command(
     parser: argparse.ArgumentParser, study: Callable[..., Path], out: str
 ) -> None:
-    """Adds the options of a study that has none but `--out`.
+    """Adds the command of a study whose only option is `--out`.
 
     Args:
-        parser: Of the command.
-        study: Makes the report in a folder, and returns its path; accepts `on_progress`.
-        out: The default folder.
+        parser: Parser of the command.
+        study: Function that writes the report to a folder and returns its path; accepts
+            `on_progress`.
+        out: Default folder of the report.
     """
 
     def command(options: argparse.Namespace) -> int:
@@ -75,26 +76,27 @@ def add_report_command(
 def make_rows_and_report(
     make: Callable[[OnProgress], tuple[StudyRows, Path]], *, folder: Path, noun: str = "run"
 ) -> int:
-    """Makes a study of many runs, says what is there, and returns the exit status.
+    """Makes a study of many runs, prints the outcome, and returns the exit status.
 
     Args:
-        make: Makes the rows and the report, and returns them and the report's path.
-        folder: The folder of the rows.
-        noun: What one run is called.
+        make: Function that makes the rows and the report, and returns the rows and the report's
+            path.
+        folder: Folder of the rows.
+        noun: Singular noun for one run in the messages.
     """
     try:
         with interruptible(), step_bar(noun) as on_progress:
             found, report = make(on_progress)
     except KeyboardInterrupt:
         problem = f"interrupted: the {noun}s so far are in {folder / ROWS}"
-        print(f"drake-pregrasp: {problem}; the same command goes on from there", file=sys.stderr)
+        print(f"drake-pregrasp: {problem}; the same command resumes the study", file=sys.stderr)
         return INTERRUPTED_STATUS
-    print(f"{found.made} of {found.wanted} {noun}s are there")
+    print(f"{found.made} of {found.wanted} {noun}s are complete")
     print(f"report in {report}")
     if number := len(found.failed):
         print(
             f"drake-pregrasp: {number} {noun}{'s' * (number > 1)} failed:"
-            f" {folder / FAILED} says why; the same command tries again",
+            f" see {folder / FAILED}; the same command tries again",
             file=sys.stderr,
         )
         return FAILED_STATUS
@@ -103,7 +105,7 @@ def make_rows_and_report(
 
 @contextlib.contextmanager
 def step_bar(noun: str = "step") -> Iterator[OnProgress]:
-    """Shows how many steps are done on a terminal, and nothing when the output goes elsewhere."""
+    """Shows a progress bar on a terminal; shows nothing if the output is redirected."""
     console = Console(stderr=True)
     columns = (
         TextColumn(f"{noun} {{task.completed}} of {{task.total}}"),

@@ -18,30 +18,30 @@ from drake_pregrasp.errors import InvalidArgumentError, OutputError, first_line,
 from drake_pregrasp.studies.package_digest import differences, package_digest
 
 ATTEMPTS = 3
-"""Times that a job is tried alone whose process is killed."""
+"""Number of times that a job runs alone if its process is killed."""
 
 JOBS_A_WORKER = 100
-"""Jobs after which a process is replaced: Drake's Python systems are never freed."""
+"""Number of jobs after which a process is replaced: Drake's Python systems are never freed."""
 
 TIMEOUT = 10.0
-"""Seconds within which a Dask scheduler must answer, and must have a worker."""
+"""Time in seconds within which a Dask scheduler must answer and have a worker."""
 
-_POLL_PERIOD = 0.2  # Seconds between looks for an interrupt while no job ends.
-_MOST_ON_CLUSTER = 1000  # Jobs that a scheduler has at a time.
+_POLL_PERIOD = 0.2  # Seconds between checks for an interrupt while no job ends.
+_MOST_ON_CLUSTER = 1000  # Largest number of jobs that the scheduler has at a time.
 
 # A run with a hand redirects the output of its process, and a Dask worker may have threads.
 _ONE_AT_A_TIME = threading.Lock()
 
 
 class Failure(NamedTuple):
-    """The error that ended a job, in one line."""
+    """Error of a failed job, in one line."""
 
     error: str
 
 
 @dataclass(frozen=True)
 class _Call:
-    """Calls the function in a worker; an error becomes a `Failure`, as not all can be pickled."""
+    """Calls the function in a worker; returns a `Failure`, as not all errors can be pickled."""
 
     function: Callable[[Any], Any]
     modules: tuple[str, ...]
@@ -66,20 +66,20 @@ def call_for_all(
     processes: int | None = None,
     scheduler: str | None = None,
 ) -> None:
-    """Calls a function for each job, several at a time, and hands over results as they come.
+    """Calls a function for each job in parallel, and passes results on as they arrive.
 
     Args:
-        function: One that can be pickled: a module's function, or a `partial` of it.
-        jobs: Its arguments.
-        on_result: Gets the index of a job, and its result or a `Failure`; called in this process.
-        modules: Names of the modules that a worker must have the same source of.
-        processes: Number of local processes; that of the processors if not set.
-        scheduler: Address of a Dask scheduler whose workers are used instead.
+        function: Function that can be pickled: a module's function, or a `partial` of one.
+        jobs: Arguments of the calls.
+        on_result: Called in this process with the index of a job, and its result or a `Failure`.
+        modules: Names of the modules whose source must be the same in all workers.
+        processes: Number of local processes; the number of processors if not set.
+        scheduler: Address of a Dask scheduler whose workers replace the local processes.
 
     Raises:
         InvalidArgumentError: If the scheduler or its workers can't be used.
         OutputError: If the connection to the scheduler is lost.
-        KeyboardInterrupt: If SIGINT or SIGTERM has come; no further job is started then.
+        KeyboardInterrupt: If SIGINT or SIGTERM arrives; no further job is started.
     """
     call = _Call(function, tuple(modules), package_digest(*modules))
     with _noted_interrupts() as interrupted:
@@ -120,7 +120,7 @@ class _Dispatcher:
             processes = min(workers, most)
             with ProcessPoolExecutor(processes, context, initializer=_prepare_worker) as pool:
                 try:
-                    # One more for each process, so that none waits for the next.
+                    # Two jobs for each process, so that no process is idle.
                     self._drain(pool, batch, 2 * processes, on_end)
                 except BaseException:
                     pool.shutdown(wait=False, cancel_futures=True)
@@ -139,14 +139,14 @@ class _Dispatcher:
 
             def check(is_fine: bool) -> None:
                 if not is_fine:
-                    problem = "the scheduler is gone; results so far are kept, and the same command"
-                    raise OutputError(f"{address}: {problem} goes on")
+                    problem = "the scheduler is gone; results so far are stored, and the same"
+                    raise OutputError(f"{address}: {problem} command resumes the study")
 
             def on_end(index: int, future: "Future[Any]") -> None:
                 check(not future.cancelled())
                 self.on_result(index, _result(future))
 
-            # The scheduler gives the jobs of a killed worker to others by itself.
+            # The scheduler itself moves the jobs of a killed worker to other workers.
             executor = client.get_executor(pure=False)
             indices = deque(range(len(self.jobs)))
             self._drain(
@@ -165,14 +165,14 @@ class _Dispatcher:
         on_end: Callable[[int, "Future[Any]"], None],
         on_idle: Callable[[], None] = lambda: None,
     ) -> None:
-        """Submits jobs, `most` at a time, until none is left or a process is killed."""
+        """Submits jobs, `most` at a time, until all have ended or a process is killed."""
         ended: queue.SimpleQueue[Future[Any]] = queue.SimpleQueue()
         index_of: dict[Future[Any], int] = {}
         broken = False
         while index_of or (indices and not broken):
             while indices and len(index_of) < most and not broken:
                 try:
-                    with _sigint_blocked():  # Local processes inherit this while they import.
+                    with _sigint_blocked():  # Local processes inherit the mask while they import.
                         future = executor.submit(self.call, self.jobs[indices[0]])
                 except BrokenProcessPool:
                     broken = True
@@ -220,7 +220,7 @@ def _connected(address: str, call: _Call) -> Iterator[Any]:
 def _check_workers(client: Any, address: str, call: _Call) -> None:
     try:
         client.wait_for_workers(1, timeout=TIMEOUT)
-    except OSError as error:  # TimeoutError is one.
+    except OSError as error:  # Includes TimeoutError.
         raise InvalidArgumentError(
             f"--scheduler: {address} has no workers; start some: dask worker {address} --nthreads 1"
         ) from error
@@ -238,18 +238,18 @@ def _check_workers(client: Any, address: str, call: _Call) -> None:
 def _result(future: "Future[Any]") -> Any:
     try:
         return future.result()
-    except Exception as error:  # A result that can't be pickled, or Dask's own.
+    except Exception as error:  # The result can't be pickled, or Dask has failed.
         return Failure(one_line(error))
 
 
 @contextlib.contextmanager
 def _noted_interrupts() -> Generator[threading.Event, None, None]:
-    """Notes SIGINT and SIGTERM instead of raising, which could leave a pool or a client locked."""
+    """Sets an event on SIGINT or SIGTERM; an exception could leave a pool or a client locked."""
     came = threading.Event()
     before = {}
-    if threading.current_thread() is threading.main_thread():  # No other can set handlers.
+    if threading.current_thread() is threading.main_thread():  # Other threads can't set handlers.
         for number in (signal.SIGINT, signal.SIGTERM):
-            if callable(signal.getsignal(number)):  # Not if the parent had them ignored.
+            if callable(signal.getsignal(number)):  # Not if the parent ignores them.
                 before[number] = signal.signal(number, lambda number, frame: came.set())
     try:
         yield came
@@ -268,14 +268,14 @@ def _sigint_blocked() -> Generator[None, None, None]:
 
 
 def _prepare_worker() -> None:
-    # A terminal interrupts all processes; the parent then ends the others in order.
+    # A terminal interrupts all processes; this one leaves its end to the parent.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    # A parent that is killed can't end its processes, and they would wait for jobs forever.
+    # A killed parent can't end its processes, which would wait for jobs forever.
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

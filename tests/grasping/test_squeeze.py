@@ -105,7 +105,7 @@ def test_the_safest_squeeze_uses_narrower_cones_the_larger_forces_may_be():
 
 
 def test_bad_arguments_are_refused():
-    with pytest.raises(InvalidArgumentError, match="one contact at least"):
+    with pytest.raises(InvalidArgumentError, match="at least one contact"):
         squeeze(np.empty((0, 3)), np.empty((0, 3)))
     with pytest.raises(InvalidArgumentError, match=r"and not from -1 to 30\.0 N"):
         squeeze(least=-1)

@@ -26,12 +26,12 @@ def test_bad_keys_are_named_in_one_line(tmp_path, text, key, problem):
 @pytest.mark.parametrize(
     ("content", "problem"),
     [
-        ("case: [1", "is no YAML"),
+        ("case: [1", "is not valid YAML"),
         ("- a\n- b\n", "must be a mapping"),
         (b"\xff\xfe\x00", "can't be read"),
         ("", "must be a mapping"),
         ("a: {}\nb: {}\n", "there are: a, b"),
-        ("1: {}\n", "is no name"),
+        ("1: {}\n", "is not a name"),
         ("case: 3\n", "3 must be a mapping"),
     ],
 )

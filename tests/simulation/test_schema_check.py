@@ -51,5 +51,5 @@ def test_what_fits_none_of_them_is_refused(text, message):
 
 
 def test_a_tag_where_nothing_is_to_choose_is_refused():
-    with pytest.raises(ScenarioError, match="the tag !Schema has no place here"):
+    with pytest.raises(ScenarioError, match="the tag !Schema is not allowed here"):
         check_mapping("file", "key", yaml_load_data("key: !Schema {}")["key"], Schema)

@@ -24,13 +24,13 @@ def test_shipped_files_are_read_as_drake_reads_them(file):
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("a: 1\nb: {c: 1, c: 2}", "line 2: the key c is there twice"),
+        ("a: 1\nb: {c: 1, c: 2}", "line 2: the key c occurs twice"),
         ("? [1]\n: 2", "line 1: a list or mapping can't be a key"),
-        ("a: &a [*a]", "line 1: an alias holds itself"),
-        ("a: *b", "is no YAML: line 1: found undefined alias"),
-        ("a: 2001-02-30", "is no YAML: day is out of range"),
+        ("a: &a [*a]", "line 1: an alias contains itself"),
+        ("a: *b", "is not valid YAML: line 1: found undefined alias"),
+        ("a: 2001-02-30", "is not valid YAML: day is out of range"),
         ("!!python/object/apply:os.system [x]", "line 1: the tag tag:yaml.org,2002:python"),
-        ("a: {_tag: [1]}", "line 1: _tag is no key; write a tag"),
+        ("a: {_tag: [1]}", "line 1: _tag is not a key; write a tag"),
         (
             f"a: &a {'[' * 20}1{']' * 20}\nb: {'[' * 20}*a{']' * 20}",
             f"line 1: its aliases nest more than {MAX_DEPTH} levels deep",

@@ -147,11 +147,11 @@ def test_the_command_says_what_failed_and_reports_all_that_is_there(tmp_path, ca
     folder = tmp_path / "static-versus-dynamic"
     assert main([*command, "nominal, wall", "--seeds", "2"]) == 1
     captured = capsys.readouterr()
-    assert captured.out.startswith("6 of 8 trials are there\n")
+    assert captured.out.startswith("6 of 8 trials are complete\n")
     assert f"report in {folder / 'report.html'}" in captured.out
-    assert f"2 trials failed: {folder / 'failed.csv'} says why" in captured.err
+    assert f"2 trials failed: see {folder / 'failed.csv'}" in captured.err
     assert main([*command, "wall", "--seeds", "1", "--first_seed", "5"]) == 1
-    assert capsys.readouterr().out.startswith("2 of 2 trials are there\n")
+    assert capsys.readouterr().out.startswith("2 of 2 trials are complete\n")
     page = text_of(folder / "report.html")
     assert "2 trials failed" in page
     assert "8 trials, 21 grasps" in page

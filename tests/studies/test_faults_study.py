@@ -89,7 +89,7 @@ def test_the_command_studies_what_it_is_asked_for(tmp_path, capsys, monkeypatch)
     rows = pd.read_csv(tmp_path / "rows.csv")
     assert rows["scenario"].tolist() == ["fault_bias", "fault_nan"]
     report = tmp_path / "faults.md"
-    assert capsys.readouterr().out == f"2 of 2 runs are there\nreport in {report}\n"
+    assert capsys.readouterr().out == f"2 of 2 runs are complete\nreport in {report}\n"
     text = report.read_text(encoding="utf-8")
     assert [f"| `{name}`" in text for name in faults.fault_scenarios()].count(True) == 2
     assert "Valid contacts at all ticks: in 2 of 2 runs." in text

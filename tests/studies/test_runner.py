@@ -178,7 +178,7 @@ def test_a_study_that_is_ended_keeps_its_rows_and_says_so(tmp_path, number, rows
         assert process.returncode == 130
         assert errors == (
             f"drake-pregrasp: interrupted: the runs so far are in {folder / ROWS};"
-            " the same command goes on from there\n"
+            " the same command resumes the study\n"
         )
     assert rows <= journal.read_text().count("\n") < 40
 

@@ -87,8 +87,8 @@ def test_the_command_sweeps_and_goes_on(tmp_path, capsys):
     assert main(arguments) == 1
     captured = capsys.readouterr()
     folder = tmp_path / "mine"
-    assert "2 of 4 runs are there" in captured.out
-    assert f"2 runs failed: {folder / FAILED} says why" in captured.err
+    assert "2 of 4 runs are complete" in captured.out
+    assert f"2 runs failed: see {folder / FAILED}" in captured.err
     failed = pd.read_csv(folder / FAILED)
     assert failed["index"].tolist() == [2, 3]
     said = f"{file}: planner.period: -1.0 must be a number at least"
@@ -102,7 +102,7 @@ def test_the_command_sweeps_and_goes_on(tmp_path, capsys):
     write_study(tmp_path, grid={**grid, "motion.linear_velocity": [0.1]}, seeds=1)
     capsys.readouterr()
     assert main(arguments) == 2
-    assert "is of a study with other settings (study.grid.motion" in capsys.readouterr().err
+    assert "has rows of other settings (study.grid.motion" in capsys.readouterr().err
     assert (folder / ROWS).read_bytes() == before
 
 

@@ -1,1 +1,1 @@
-"""The benchmark: planning ticks, the whole simulation, start-up, memory, and long runs."""
+"""Benchmark of planning ticks, the whole simulation, start-up, memory, and long runs."""

@@ -1,4 +1,4 @@
-"""Times of the base case as a whole simulation, and of a fresh process until its first tick."""
+"""Times of the simulated base case, and of a fresh process until its first tick."""
 
 import json
 import os
@@ -21,9 +21,9 @@ from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies.bench.tick_times import chosen, implementations
 
 PARTS = ("physics", "sensor and planner", "measures and log.csv", "recording")
-"""Parts of a simulation, in the order in which the timed diagrams gain them."""
+"""Parts of a simulation, in the order in which they are added to the timed diagrams."""
 
-_WARM_UP = 10  # Planning ticks that do not count.
+_WARM_UP = 10  # Number of planning ticks before the measurement.
 
 _FIRST_TICK = """
 import json, sys, time
@@ -40,12 +40,12 @@ print(json.dumps([imported, time.perf_counter() - start]))
 
 
 class RunJob(NamedTuple):
-    """Simulations of the base case.
+    """Simulations of the base case to time.
 
     Attributes:
-        implementation: Implementation that plans.
+        implementation: Name of the planner's implementation.
         period: Planning period in seconds.
-        duration: Simulated seconds in each round.
+        duration: Simulated time of each round in seconds.
         rounds: Number of rounds, in each of which all diagrams advance in turn.
     """
 
@@ -56,10 +56,10 @@ class RunJob(NamedTuple):
 
 
 def time_run(job: RunJob) -> list[dict[str, Any]]:
-    """Returns a row for each of `PARTS`: what a simulated second takes with it, and what it adds.
+    """Returns a row for each of `PARTS`: the real-time factor with it, and its processor time.
 
-    Each diagram has one part more than the one before. Contacts adapt from the start. What a part
-    adds is processor time of this thread, in which other processes do not count.
+    Each diagram has one part more than the previous one. Contacts adapt from the start. The added
+    time of a part is processor time of this thread, so other processes do not affect it.
     """
     scenario = load_scenario("a_base")
     scenario.planner.period, scenario.planner.static_duration = job.period, 0.0
@@ -106,11 +106,12 @@ def time_run(job: RunJob) -> list[dict[str, Any]]:
 
 
 def time_starts(processes: int, *, compiling: bool) -> list[dict[str, Any]]:
-    """Returns rows of fresh processes: the seconds that the import and the first tick take.
+    """Returns rows with the times of the import and of the first tick in fresh processes.
 
     Args:
-        processes: Number of processes of each implementation, of which medians are returned.
-        compiling: Whether to begin without any compiled code; it is kept in a folder of its own.
+        processes: Number of processes for each implementation; rows have their medians.
+        compiling: Whether to start with an empty cache of compiled code, and to time the
+            compilation too.
     """
     rows = []
     with tempfile.TemporaryDirectory() as cache:

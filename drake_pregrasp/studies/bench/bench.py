@@ -1,4 +1,4 @@
-"""The benchmark: measures everything in turn, and writes a report."""
+"""The benchmark: makes all measurements in turn, and writes a report."""
 
 import argparse
 import functools
@@ -34,11 +34,11 @@ from drake_pregrasp.studies.study_options import add_out_option, step_bar
 
 BY_SIZE, ON_A_MESH = "size", "mesh"
 BY_CONTACTS, BY_FORBIDDEN, BY_OBSTACLES = "contacts", "forbidden", "obstacles"
-"""Series of tick times; obstacles are the forbidden points, as obstacles in the world."""
+"""Series of tick times; in `BY_OBSTACLES`, forbidden points are obstacles in the world."""
 
 STRATEGIES = ("position", "msv", "gii", "vew")
 GROWTH_STRATEGIES = ("position", "gii")
-"""Strategies whose ticks are timed, and timed over the numbers of contacts and forbidden points."""
+"""Timed strategies, and those timed over the numbers of contacts and forbidden points."""
 
 Job = tuple[str, Callable[[], list[dict[str, Any]]]]
 Tables = dict[str, pd.DataFrame]
@@ -80,9 +80,9 @@ def bench(
     """Runs the benchmark on one thread and writes `bench.md`, its plots, and `bench.json`.
 
     Args:
-        out: Folder of the report; it is made if necessary.
-        quick: Whether to leave out what takes long.
-        on_progress: Called with the number of measurements done and of all.
+        out: Folder of the report, made if it does not exist.
+        quick: Whether to leave out long measurements.
+        on_progress: Called with the number of finished measurements and the number of all.
 
     Returns:
         The path of `bench.md`.
@@ -115,7 +115,7 @@ def bench(
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `drake-pregrasp bench`."""
     add_out_option(parser, "bench")
-    parser.add_argument("--quick", action="store_true", help="leave out what takes long")
+    parser.add_argument("--quick", action="store_true", help="leave out long measurements")
     parser.set_defaults(command=_command)
 
 
@@ -127,7 +127,7 @@ def _command(options: argparse.Namespace) -> int:
 
 
 def plan(*, quick: bool) -> list[Job]:
-    """Returns the measurements: some nine minutes of them, or less than one."""
+    """Returns the measurements, of about nine minutes, or of less than one if `quick`."""
     sizes = (24, 71) if quick else (16, 24, 35, 71, 158)
     spacings = (0.004, 0.0028) if quick else (0.006, 0.004, 0.0028, 0.002)
     contacts = (2, 5, 32) if quick else (2, 3, 5, 8, 16, 32)
@@ -144,7 +144,7 @@ def plan(*, quick: bool) -> list[Job]:
         for m in (forbidden if series == BY_FORBIDDEN else forbidden[1:3])
     ]
     seconds = 0.3 if quick else 3.0
-    # Memory comes first: what other measurements set free would hide growth.
+    # Memory comes first: memory that other measurements free would hide growth.
     jobs: list[Job] = [] if quick else [("memory", _memory)]
     for series, scene, strategies in ticks:
         for strategy in strategies:
@@ -171,8 +171,8 @@ def report(machine: str, tables: Tables) -> list[Part]:
     """Returns the parts of the report.
 
     Args:
-        machine: Machine and versions that the measurements are from.
-        tables: Rows of each section that was measured.
+        machine: Description of the machine and of the versions of libraries.
+        tables: Table of rows of each measured section, by the section's name.
     """
     parts: list[Part] = [f"Machine: {machine}. One thread."]
     if "ticks" in tables:
@@ -204,7 +204,7 @@ def _picture(name: str, caption: str) -> Picture:
 
 
 def _pivot(rows: pd.DataFrame, index: str | list[str], columns: list[str]) -> Table:
-    """Returns the cells `ms` as a table whose columns' names are joined."""
+    """Returns a table of the column `ms` over `index` and the joined names of `columns`."""
     table = rows.pivot(index=index, columns=columns, values="ms")
     order = rows[columns].drop_duplicates().itertuples(index=False)
     table = table[[key if len(columns) > 1 else key[0] for key in map(tuple, order)]]
@@ -213,7 +213,7 @@ def _pivot(rows: pd.DataFrame, index: str | list[str], columns: list[str]) -> Ta
 
 
 def plot(out: Path, tables: Tables) -> None:
-    """Writes `ticks.png`, `growth.png` and `base_case.png`, as far as they were measured."""
+    """Writes `ticks.png`, `growth.png` and `base_case.png` for the measured sections."""
     if "ticks" in tables:
         ticks = tables["ticks"]
         own = ticks[ticks.series == BY_SIZE]
@@ -240,7 +240,7 @@ def plot(out: Path, tables: Tables) -> None:
 
 
 def _panels(path: Path, panels: dict[str, tuple[pd.DataFrame, str]]) -> None:
-    """Plots medians of ticks, shaded up to their 99th percentile, in a panel for each title."""
+    """Plots median tick times, shaded up to the 99th percentile, with one panel for each title."""
     figure = Figure(figsize=(3.6 * len(panels), 4.0), layout="constrained")
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     entries: dict[str, Artist] = {}

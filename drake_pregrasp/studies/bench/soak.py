@@ -1,7 +1,7 @@
 """Memory and quality of the base case over long simulations, hour by hour.
 
 `python -m drake_pregrasp.studies.bench.soak` simulates 24 hours in about one. With
-`--planning_period 0.001 --seconds 10 --hours 100` it reads the memory over a million ticks.
+`--planning_period 0.001 --seconds 10 --hours 100` it measures the memory over a million ticks.
 """
 
 import argparse
@@ -32,19 +32,19 @@ def soak(
     period: float | None = None,
     on_hour: Callable[[Hour], None] = lambda hour: None,
 ) -> list[Hour]:
-    """Simulates a shipped scenario without recording it.
+    """Simulates a shipped scenario for hours without a recording.
 
     Args:
         hours: Number of hours.
-        scenario: Name of the scenario.
-        seconds: Simulated seconds of one hour.
-        period: Planning period in seconds; the scenario's if None.
-        on_hour: Called with each hour at its end.
+        scenario: Name of the shipped scenario.
+        seconds: Simulated time of one hour, in seconds.
+        period: Planning period in seconds; the scenario's period if None.
+        on_hour: Called at the end of each hour with its values.
 
     Returns:
-        For each hour the number of ticks, the means over its ticks of the three measures, of the
-        position error in metres and of the share of active contacts, and the process's resident
-        memory at its end in bytes.
+        A mapping for each hour: the number of ticks; the means over ticks of the three measures,
+        of the position error in metres, and of the share of active contacts; and the resident
+        memory of the process at the end of the hour, in bytes.
     """
     config = load_scenario(scenario)
     config.planner.period = period or config.planner.period
@@ -81,11 +81,11 @@ def resident_bytes() -> int:
 def drift(hours: list[Hour], name: str) -> tuple[float, float]:
     """Returns the slope of a quantity per hour, and the slope's standard error.
 
-    The first quarter of the hours does not count: it holds the static phase, and caches fill.
+    The first quarter of the hours is left out: it has the static phase, and caches fill.
 
     Args:
-        hours: At least four hours.
-        name: Name of the quantity.
+        hours: Values of each hour, as `soak` returns them; four hours or more.
+        name: Name of the quantity in `hours`.
     """
     values = [hour[name] for hour in hours[max(1, len(hours) // 4) :]]
     line = linregress(np.arange(len(values)), values)
@@ -93,11 +93,11 @@ def drift(hours: list[Hour], name: str) -> tuple[float, float]:
 
 
 def main() -> None:
-    """Prints the hours, and the drift of each quantity."""
+    """Prints the values of each hour, and the drift of each quantity."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--hours", type=int, default=24)
-    parser.add_argument("--seconds", type=float, default=3600.0, help="length of an hour")
-    parser.add_argument("--planning_period", type=float, help="in seconds")
+    parser.add_argument("--seconds", type=float, default=3600.0, help="seconds of an hour")
+    parser.add_argument("--planning_period", type=float, help="planning period in seconds")
     options = parser.parse_args()
 
     def show(hour: Hour) -> None:

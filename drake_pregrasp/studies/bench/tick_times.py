@@ -27,34 +27,34 @@ from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.scenario_file import load_scenario
 
 Tick = Callable[[FloatArray], FloatArray]
-"""Plans once: maps contacts to goals, both in O, shape (n, 3), in metres."""
+"""A planning tick, which maps contacts to goals, both in O, shape (n, 3), in metres."""
 
 WITHOUT_PORTS = "no ports"
-"""Stands for the reference's functions, called without systems and ports."""
+"""Label of the reference's functions, called without systems and ports."""
 
 CUBE = "cube"
 EDGE = 0.1
 """Edge of the cube, in metres."""
 MESH = "bowling_pin"
-"""Scenario whose object is the mesh."""
+"""Shipped scenario whose object is the mesh."""
 
 LARGEST_RADIUS = 0.005
 """Largest radius of a forbidden point on the cube, in metres."""
 
 NUM_SETS = 10
-"""Number of contact sets that ticks start from, in turn."""
+"""Number of contact sets, from which ticks start in turn."""
 
-_WARM_UP, _FEWEST = 3, 5  # Rounds that do not count, and rounds that are always made.
+_WARM_UP, _FEWEST = 3, 5  # Rounds before the measurement, and the least number of rounds.
 
 
 class Scene(NamedTuple):
-    """An object, its forbidden points, and contacts to start from.
+    """An object with forbidden points and initial contacts.
 
     Attributes:
         spacing: Distance between neighbouring candidates, in metres.
         contacts: Number of contacts n.
-        forbidden: Number of forbidden points; a mesh has at most its scenario's.
-        shape: `CUBE` or `MESH`.
+        forbidden: Number of forbidden points; on the mesh, at most those of its scenario.
+        shape: Shape of the object, `CUBE` or the name of a shipped scenario, such as `MESH`.
         seed: Seed of the forbidden points and the contact sets.
     """
 
@@ -66,13 +66,13 @@ class Scene(NamedTuple):
 
 
 class TickJob(NamedTuple):
-    """Ticks to time, all implementations in turn.
+    """Ticks to time for all implementations.
 
     Attributes:
-        series: Series of measurements that this one belongs to.
-        scene: The scene.
-        strategy: Strategy of the planner.
-        obstacles: Whether the forbidden points are obstacles in the world instead.
+        series: Name of the series of measurements.
+        scene: Scene of the ticks.
+        strategy: Name of the planner's strategy.
+        obstacles: Whether the forbidden points become obstacles in the world.
         rounds: Largest number of ticks of each implementation.
         seconds: Duration after which no further round begins.
     """
@@ -86,13 +86,13 @@ class TickJob(NamedTuple):
 
 
 def implementations() -> tuple[str, ...]:
-    """Returns the names of the implementations that are installed."""
+    """Returns the names of the installed implementations."""
     return ("reference", "numba") if numba_is_installed() else ("reference",)
 
 
 @contextmanager
 def chosen(implementation: str) -> Iterator[None]:
-    """Makes planners that are built meanwhile use one of `implementations()`."""
+    """Selects one of `implementations()` for planners that are built in this context."""
     before = os.environ.get(SWITCH, "")
     os.environ[SWITCH] = "0" if implementation == "reference" else "1"
     try:
@@ -114,9 +114,9 @@ def make_tick(
     The object's pose is the identity and never changes, so that the estimator does not compute.
 
     Args:
-        surface: The object's surface.
-        implementation: One of `implementations()`, or `WITHOUT_PORTS`.
-        p_OC: Contacts to start from, in O, shape (n, 3), in metres.
+        surface: Surface of the object O.
+        implementation: Name of the implementation, one of `implementations()` or `WITHOUT_PORTS`.
+        p_OC: Initial contacts in O, shape (n, 3), in metres.
         config: Settings of the planner; contacts adapt from the start.
         obstacles: Obstacles in the world.
     """
@@ -132,7 +132,7 @@ def make_tick(
         planner.GetInputPort("obstacles").FixValue(context, AbstractValue.Make(obstacles))
     selector = planner.GetSubsystemByName("centroid_selector")
     own = selector.GetMyMutableContextFromRoot(context)
-    # Replaces the estimate's covariance, so that the spread is the planner's own.
+    # Replaces the estimate's covariance, so that the spread is that of the settings.
     selector.GetInputPort("p_WO_covariance").FixValue(own, np.zeros(9))
     p_WC, goals_index = planner.GetOutputPort("p_WC"), 1  # The second group of discrete state.
 
@@ -155,13 +155,13 @@ def _tick_without_ports(surface: ObjectSurface, config: PlannerConfig) -> Tick:
 
 
 def cube(per_edge: int, contacts: int = 5, forbidden: int = 200, *, seed: int = 0) -> Scene:
-    """Returns a cube with `per_edge` squared candidates on each of its four side faces."""
+    """Returns a cube scene with `per_edge` squared candidates on each of its four side faces."""
     return Scene(EDGE / per_edge, contacts, forbidden, CUBE, seed)
 
 
 @lru_cache(maxsize=1)
 def make_scene(scene: Scene) -> tuple[ObjectSurface, FloatArray]:
-    """Returns the surface, and contact sets to start from, shape (`NUM_SETS`, n, 3), in metres.
+    """Returns a surface, and initial contact sets in O, shape (`NUM_SETS`, n, 3), in metres.
 
     Forbidden points of the cube are random points of its top and bottom.
     """
@@ -182,7 +182,7 @@ def make_scene(scene: Scene) -> tuple[ObjectSurface, FloatArray]:
     chosen = [rng.choice(clear, scene.contacts, replace=False) for _ in range(NUM_SETS)]
     starts: FloatArray = surface.p_OQ[np.array(chosen)]
     if scene.shape == CUBE:
-        # Contacts off the grid: on it, candidates would be as near to one as to another.
+        # Contacts off the grid: on it, candidates would be equally near to two contacts.
         along = np.where(surface.nhat_OQ[np.array(chosen)] == 0, scene.spacing, 0)
         starts = starts + along * rng.uniform(-0.5, 0.5, along.shape)
     return surface, starts
@@ -203,7 +203,7 @@ def make_ticks(job: TickJob) -> dict[str, Tick]:
 
 
 def time_ticks(job: TickJob) -> list[dict[str, Any]]:
-    """Returns a row for each implementation; they tick in turn, from the same contacts."""
+    """Returns a row for each implementation; all tick in turn from the same contacts."""
     surface, starts = make_scene(job.scene)
     ticks = make_ticks(job)
     seconds: dict[str, list[float]] = {name: [] for name in ticks}
@@ -212,7 +212,7 @@ def time_ticks(job: TickJob) -> list[dict[str, Any]]:
         if round_ >= _FEWEST and time.perf_counter() - begin > job.seconds:
             break
         for name, tick in ticks.items():
-            # The implementation before has filled the processor's caches with its own data.
+            # The previous implementation has filled the processor's caches with its own data.
             tick(starts[(round_ - 1) % NUM_SETS])
             start = time.perf_counter()
             tick(starts[round_ % NUM_SETS])

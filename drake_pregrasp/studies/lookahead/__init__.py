@@ -1,1 +1,1 @@
-"""The study of look-ahead on fast objects."""
+"""Study of look-ahead on fast objects."""

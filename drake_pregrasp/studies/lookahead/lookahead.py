@@ -1,4 +1,4 @@
-"""The study of look-ahead on fast objects: a table, a plot, and the errors of past poses."""
+"""Report of the study of look-ahead: goal errors on fast objects, and errors of past poses."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,17 +19,17 @@ from drake_pregrasp.studies.report_page import Heading, Part, Picture, Table, wr
 from drake_pregrasp.studies.runner import OnProgress, run_jobs
 
 SEEDS = tuple(range(5))
-"""Seeds of each case."""
+"""Default seeds of each case."""
 
 DELAYS = (0, 2, 4, 8, 16)
-"""Delays of the hand, in ticks: 0 to 200 ms."""
+"""Default delays of the hand, in ticks: 0 to 200 ms."""
 
 SHARES = {"no look-ahead": 0.0, "look-ahead = delay": 1.0, "25 % too short": 0.75}
 SHARES |= {"25 % too long": 1.25}
-"""Look-aheads as shares of the delay."""
+"""Look-aheads as shares of the hand's delay, by label."""
 
 WANTED_SHARE = 1 / 3
-"""Largest share of the error without look-ahead that may be left with it."""
+"""Largest accepted ratio of the error with look-ahead to the error without it."""
 
 
 # Colours of Okabe and Ito's colour-blind-safe set, with markers that differ as well.
@@ -49,14 +49,17 @@ def study_lookahead(
     delays: Sequence[int] = DELAYS,
     on_progress: OnProgress = lambda done, total: None,
 ) -> Path:
-    """Runs the study, writes its rows, `lookahead.png` and `lookahead.md`, and returns that path.
+    """Runs the study, and writes its rows, `lookahead.png` and `lookahead.md`.
 
     Args:
         out: Folder of the study, made if it isn't there.
         seeds: Seeds of the measurement noise.
-        cases: Keys of `CASES`.
+        cases: Keys of `CASES` to run.
         delays: Delays of the hand, in ticks.
-        on_progress: Called with the number of jobs done and of those that were missing.
+        on_progress: Called with the number of finished jobs and the number of jobs to do.
+
+    Returns:
+        The path of `lookahead.md`.
 
     Raises:
         OutputError: If the folder can't be used, or a run fails.
@@ -96,7 +99,7 @@ def study_lookahead(
 
 
 def goal_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns the errors of goals for each case, delay and look-ahead."""
+    """Returns a table of goal errors for each case, delay and look-ahead."""
     return pd.DataFrame(
         {
             "object": rows["case"],
@@ -111,7 +114,14 @@ def goal_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def remaining_shares(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns the shares of median and 95th percentile that the right look-ahead leaves."""
+    """Returns ratios of the error with look-ahead = delay to the error without look-ahead.
+
+    Args:
+        rows: Rows of `LookaheadErrors`, with the columns of their jobs.
+
+    Returns:
+        The ratios of the `median` and of the 95th percentile `p95`, by case and delay.
+    """
     keys, errors = ["case", "delay"], ["median", "p95"]
     without = rows[rows.lookahead == 0].set_index(keys)[errors]
     right = rows[np.isclose(rows.lookahead, rows.delay) & (rows.delay > 0)].set_index(keys)[errors]
@@ -119,7 +129,7 @@ def remaining_shares(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def remaining_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns the same in words, and whether they are small enough."""
+    """Formats `remaining_shares` as a table with verdicts by `WANTED_SHARE`."""
     shares = remaining_shares(rows)
     return pd.DataFrame(
         {
@@ -133,7 +143,7 @@ def remaining_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def lookback_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns root mean squares over seeds of the errors of past poses."""
+    """Returns a table of the root mean square errors of past poses over the seeds."""
     groups = rows.groupby(["case", "poses"])
     errors = groups[["position", "orientation", "velocity"]].agg(
         lambda e: 1e3 * np.sqrt(np.mean(np.square(e)))
@@ -149,7 +159,7 @@ def lookback_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def plot_lookahead(rows: pd.DataFrame) -> Figure:
-    """Returns a figure of goal errors over the hand's delay, a panel for each case."""
+    """Returns a figure of goal errors over the hand's delay, with one panel for each case."""
     cases = list(dict.fromkeys(rows["case"]))
     figure = Figure(figsize=(4.6 * len(cases), 4.2), layout="constrained")
     panels = np.atleast_1d(figure.subplots(1, len(cases), sharey=True))

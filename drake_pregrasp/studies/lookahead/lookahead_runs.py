@@ -1,4 +1,4 @@
-"""Runs of fast objects: errors of goals when a hand reaches them, and of smoothed past poses."""
+"""Runs of fast objects: errors of goals that a delayed hand reaches, and of past poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,15 +22,15 @@ from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 
 PERIOD = 0.0125
-"""Seconds between planning ticks; the hand's delays are multiples of it."""
+"""Planning period in seconds; the hand's delays are multiples of it."""
 
 SETTLED = 8
-"""Tick from which on goals count: after 0.1 s the velocity is known well enough."""
+"""First tick whose goals count: after 0.1 s, the velocity estimate has converged."""
 
 CASES: dict[str, Any] = yaml.safe_load(
     Path(__file__).with_name("lookahead_cases.yaml").read_text(encoding="utf-8")
 )
-"""For each case the shipped scenario, and what differs in it."""
+"""Shipped scenario and overrides of each case, by the case's name."""
 
 
 class LookaheadRun(NamedTuple):
@@ -38,12 +38,12 @@ class LookaheadRun(NamedTuple):
 
     Attributes:
         p_WC: Goals of the n contacts, shape (K, n, 3).
-        active: Whether contacts are active, shape (K, n).
-        p_WO: True positions, shape (K, 3).
-        R_WO: True orientations as quaternions x, y, z, w, shape (K, 4).
-        p_WO_estimated: Positions of the estimate that the goals belong to, shape (K, 3).
-        R_WO_estimated: Its orientations, shape (K, 4).
-        p_WO_covariance: Its covariance, shape (K, 3, 3), in m².
+        active: Whether each contact is active, shape (K, n).
+        p_WO: True positions of O, shape (K, 3).
+        R_WO: True orientations of O as quaternions x, y, z, w, shape (K, 4).
+        p_WO_estimated: Estimated positions of O that the goals belong to, shape (K, 3).
+        R_WO_estimated: Estimated orientations of O as quaternions x, y, z, w, shape (K, 4).
+        p_WO_covariance: Covariances of the estimated positions, shape (K, 3, 3), in m².
     """
 
     p_WC: FloatArray
@@ -55,17 +55,17 @@ class LookaheadRun(NamedTuple):
     p_WO_covariance: FloatArray
 
     def goal_errors(self, delay: int, start: int) -> FloatArray:
-        """Returns distances of goals, when a hand reaches them, from where they should be.
+        """Returns the errors of goals at the time when a delayed hand reaches them.
 
-        A goal issued at tick k is reached at tick k + delay. It should then be at the same point of
-        the object: the goal in O as estimated, at the pose that the object truly has by then.
+        The hand reaches the goal of tick k at tick k + delay. The goal's point of the object, from
+        the estimated pose of tick k, is then at the true pose of tick k + delay.
 
         Args:
             delay: Delay of the hand, in ticks.
             start: First tick whose goals count.
 
         Returns:
-            One distance in metres for each tick and active contact.
+            Distance between goal and point in metres, for each tick and active contact.
         """
         errors = []
         for k in range(start, len(self.p_WC) - delay):
@@ -77,9 +77,9 @@ class LookaheadRun(NamedTuple):
         return np.concatenate(errors)
 
     def normalised_errors(self, delay: int, start: int) -> FloatArray:
-        """Returns squared errors of the predicted positions by their covariance, e' Σ⁻¹ e.
+        """Returns squared errors of the predicted positions, normalised by covariance: e' Σ⁻¹ e.
 
-        If the covariance is right they are chi-square distributed: 3 on average.
+        With a correct covariance they are chi-square distributed with mean 3.
         """
         last = len(self.p_WC) - delay
         e = self.p_WO[start + delay :] - self.p_WO_estimated[start:last]
@@ -89,7 +89,7 @@ class LookaheadRun(NamedTuple):
 
 
 def lookahead_scenario(case: str, lookahead: float, seed: int) -> Scenario:
-    """Returns the scenario of a key of `CASES`, a look-ahead in seconds, and a seed."""
+    """Returns the scenario of a case, a key of `CASES`, with a look-ahead in seconds and a seed."""
     scenario = load_scenario(CASES[case]["scenario"], text=yaml.dump(CASES[case]["overrides"]))
     scenario.planner.estimator.lookahead = lookahead
     scenario.random_seed = seed
@@ -118,7 +118,7 @@ def run_lookahead(scenario: Scenario) -> LookaheadRun:
                 Rotation.from_matrix(estimate.rotation().matrix()).as_quat(),
                 planner.GetOutputPort("p_WO_covariance").Eval(goals).reshape(3, 3),
             )
-            ticks[tick] = [value.copy() for value in values]  # Drake's own change with time.
+            ticks[tick] = [value.copy() for value in values]  # Drake reuses its own arrays.
         return EventStatus.DidNothing()
 
     simulator = Simulator(diagram)
@@ -132,8 +132,8 @@ class LookaheadErrors:
     """Computes the rows of a case and a look-ahead, one for each delay of the hand.
 
     Attributes:
-        seeds: Seeds of the measurement noise; a row is about all of them.
-        delays: For each look-ahead in seconds, the delays of the hand in ticks.
+        seeds: Seeds of the measurement noise, all of which contribute to each row.
+        delays: Delays of the hand in ticks, by the look-ahead in seconds.
     """
 
     seeds: Sequence[int]
@@ -158,9 +158,10 @@ def _goal_row(runs: Sequence[LookaheadRun], delay: int) -> dict[str, float]:
 
 
 def lookback_errors(job: dict[str, Any]) -> list[dict[str, Any]]:
-    """Returns root mean square errors of past poses of a `case` and a `seed`, in SI units.
+    """Returns root mean square errors of past poses for a `case` and a `seed`, in SI units.
 
-    The run's true poses are measured with noise and filtered; the second row is of the smoother.
+    Noise is added to the true poses of the run. The first row is that of the filter, and the second
+    that of the smoother.
     """
     scenario = lookahead_scenario(job["case"], 0.0, job["seed"])
     run = run_lookahead(scenario)
@@ -191,7 +192,7 @@ def _past_errors(
         "orientation": (R * R_WO.inv()).as_rotvec(),
         "velocity": np.array([belief.v_WCoM for belief in beliefs]) - v_WO,
     }
-    past = slice(1, -1)  # Where the true velocity is a central difference.
+    past = slice(1, -1)  # Ticks whose true velocity is a central difference.
     return {
         name: float(np.sqrt(np.mean(np.sum(e[past] ** 2, axis=1)))) for name, e in errors.items()
     }

@@ -1,4 +1,4 @@
-"""The paper's claims: what it prints, what runs measure, and whether the claim holds."""
+"""Verdicts on the paper's claims, from published and measured values."""
 
 from collections.abc import Callable
 
@@ -16,10 +16,10 @@ from drake_pregrasp.simulation.summary import MEASURES
 from drake_pregrasp.studies.paper.paper_cases import SCENARIOS, SPACINGS, TABLE_2, TABLE_3
 
 STRATEGY_CASES = {"gii": "i", "msv": "h", "vew": "j", "position": "a"}
-"""Case of each strategy, from the most active to the least, as the paper ranks them."""
+"""Case of each strategy, from the most to the least active in the paper's ranking."""
 
 REFERENCE_SPACING = 0.00125
-"""Spacing of the surface that others are compared with, in metres."""
+"""Spacing of the reference surface, in metres."""
 
 Verdict = tuple[str, str, bool]
 """Measured value, published value, and whether the claim holds."""
@@ -32,7 +32,7 @@ def judge_claims(runs: pd.DataFrame, costs: pd.DataFrame) -> pd.DataFrame:
 
     Args:
         runs: Rows of `run_cases`.
-        costs: From `discretisation_costs`.
+        costs: Losses of quality from `discretisation_costs`.
     """
     present = [case for case in SCENARIOS if case in set(runs["case"])]
     of_cases = runs[runs["case"].isin(present)]
@@ -49,7 +49,7 @@ def judge_claims(runs: pd.DataFrame, costs: pd.DataFrame) -> pd.DataFrame:
 
 
 def _medians(runs: pd.DataFrame, kind: str) -> pd.DataFrame:
-    """Returns the medians over seeds of a kind of values, a row for each case."""
+    """Returns medians over the seeds of one kind of values, such as `best`; a row per case."""
     medians = runs.groupby("case")[[f"{kind} {name}" for name in MEASURES]].median()
     return medians.set_axis(list(MEASURES), axis=1)
 
@@ -60,7 +60,7 @@ def _published(cases: str, kind: str = "dynamic") -> pd.DataFrame:
 
 
 def _three(values: "pd.Series[float]", unit: str = "") -> str:
-    """Returns the three measures as text."""
+    """Formats the three measures as text."""
     return ", ".join(f"{name.upper()} {values[name]:.4f}{unit}" for name in MEASURES)
 
 
@@ -77,14 +77,14 @@ def dynamic_beats_static(runs: pd.DataFrame) -> Verdict:
 
 
 def damage_recovers(runs: pd.DataFrame) -> Verdict:
-    """Judges Sec. IV.B: after two fingers are lost, adapting beats the static set that is left."""
+    """Judges Sec. IV.B: after the loss of two fingers, adapting beats the remaining static set."""
     gain = _medians(runs, "best").loc["f"] - _medians(runs, "static").loc["f"]
     printed = _published("f").loc["f"] - _published("f", "static").loc["f"]
     return f"gain {_three(gain)}", f"gain {_three(printed)}", bool((gain > 0).all())
 
 
 def poor_start_recovers(runs: pd.DataFrame) -> Verdict:
-    """Judges Sec. IV.B: a poor start ends as well as the base case, to within 1 %."""
+    """Judges Sec. IV.B: a poor start reaches the quality of the base case to within 1 %."""
     best, printed = _medians(runs, "best"), _published("ag")
     ratio = best.loc["g"] / best.loc["a"]
     return _three(ratio), _three(printed.loc["g"] / printed.loc["a"]), bool((ratio > 0.99).all())
@@ -152,7 +152,7 @@ def spacing_costs(costs: pd.DataFrame) -> Verdict:
     """Judges Sec. IV.B: the discretisation of Y costs quality.
 
     Args:
-        costs: From `discretisation_costs`.
+        costs: Losses of quality from `discretisation_costs`.
     """
     return _by_spacing("loss of Q_GII in a step", costs.mean().to_numpy())
 
@@ -165,7 +165,7 @@ def spacing_drops(runs: pd.DataFrame) -> Verdict:
 
 
 def _by_spacing(what: str, values: FloatArray) -> Verdict:
-    """Returns a verdict that holds if values fall with the spacing."""
+    """Returns a verdict that holds if the values decrease with the spacing."""
     pairs = zip(values, _SPACING_NAMES, strict=True)
     shown = ", ".join(f"{value:.2g} at {name}" for value, name in pairs)
     return f"{what} {shown}", "Sec. IV.B", bool(np.all(np.diff(values) < 0))
@@ -186,16 +186,16 @@ _CLAIMS: tuple[tuple[str, str, Callable[[pd.DataFrame], Verdict]], ...] = (
 
 
 def discretisation_costs(scenario: Scenario, *, starts: int = 20, ticks: int = 12) -> pd.DataFrame:
-    """Returns the largest loss of Q_GII in a step, a row for each start, a column a spacing.
+    """Returns the largest loss of Q_GII in a step, with a row per start and a column per spacing.
 
     Position tracking is iterated on the reference surface without noise or physics. At each tick
-    each coarser surface makes one step from the same contacts; the loss is what its Q_GII falls
-    short of the reference's.
+    each coarser surface makes one step from the same contacts. The loss is the reference's Q_GII
+    minus that of the coarser surface.
 
     Args:
-        scenario: Object, surface and spread.
+        scenario: Scenario with the object, the surface and the spread.
         starts: Number of random initial contact sets.
-        ticks: Number of ticks for each.
+        ticks: Number of ticks from each initial set.
     """
     fine = scenario.make_surface(REFERENCE_SPACING)
     coarse = [scenario.make_surface(spacing) for spacing in SPACINGS]

@@ -1,4 +1,4 @@
-"""The paper's ten cases: what it prints about them, and runs of them with many seeds."""
+"""The paper's ten cases: published values, and runs with many seeds."""
 
 import functools
 from collections.abc import Sequence
@@ -18,16 +18,16 @@ from drake_pregrasp.simulation.summary import MEASURES, remaining_static_quality
 from drake_pregrasp.studies.runner import OnProgress, run_jobs
 
 TRAVEL_TIME = 1.5
-"""Seconds within which contacts come to rest, or into the cycle in which they stay."""
+"""Time in seconds within which contacts reach a fixed point or a limit cycle."""
 
 SPACINGS = (0.01, 0.005, 0.0025)
-"""Spacings of candidates that are compared, in metres."""
+"""Compared spacings of candidates, in metres."""
 
 Three = tuple[float | None, float | None, float | None]
 
 
 class Published(NamedTuple):
-    """A row of the paper's Tables II and III: (Q_MSV, Q_GII, Q_VEW), None where none is printed."""
+    """Row of the paper's Table II or III: (Q_MSV, Q_GII, Q_VEW), None if not printed."""
 
     static: Three
     dynamic: Three
@@ -40,7 +40,7 @@ SCENARIOS = {
         *("g_poor_start", "h_msv", "i_gii", "j_vew"),
     )
 }
-"""Scenario of each case of Tables I and III."""
+"""Shipped scenario of each case of Tables I and III."""
 
 _STATIC = (2.2089, 0.9749, 125.4176)
 
@@ -53,7 +53,7 @@ TABLE_2 = {
     "f": Published((1.6913, 0.9494, 26.8783), (1.7129, 0.9770, 27.0855)),
     "g": Published((1.9508, 0.9512, None), (2.2159, 0.9812, 125.3789)),
 }
-"""Table II. Row f is after the damage, and the static contacts of g are its poor start."""
+"""Table II. Row f holds after the damage; the static contacts of g are its poor start."""
 
 TABLE_3 = {
     "a": TABLE_2["a"],
@@ -64,17 +64,17 @@ TABLE_3 = {
 """Table III."""
 
 LITERAL = {"h": "h, literal", "i": "i, literal", "j": "j, literal"}
-"""Names of the cases run with the weights as printed; the stretch b - min b is not the paper's."""
+"""Labels of the cases with weights as printed: the paper does not state the stretch b - min b."""
 
 
 @dataclass(frozen=True)
 class CaseJob:
-    """A run to make.
+    """A run of a case.
 
     Attributes:
-        case: A case, one of `LITERAL`, or what else to call the run's row.
+        case: Label of the run's row: a case, one of `LITERAL`, or another name.
         seed: Seed of the measurement noise.
-        scenario: Name of the scenario.
+        scenario: Name of the shipped scenario.
         text: YAML that overrides keys of the scenario.
         folder: Name of the run's folder.
     """
@@ -109,12 +109,12 @@ def spacing_job(spacing: float, duration: float) -> CaseJob:
 def run_cases(
     jobs: Sequence[CaseJob], out: Path, *, on_progress: OnProgress = lambda done, total: None
 ) -> pd.DataFrame:
-    """Makes runs in parallel processes, and returns the row of each: its job and `run_values`.
+    """Makes runs in parallel processes, and returns their rows: the job and its `run_values`.
 
     Args:
         jobs: Runs to make.
-        out: Folder of the run folders.
-        on_progress: Called with the number of runs done and of all.
+        out: Parent of the run folders.
+        on_progress: Called with the number of finished runs and the number of all runs.
     """
     return run_jobs(functools.partial(_run_case, out=out), jobs, on_progress=on_progress).rows
 
@@ -126,15 +126,15 @@ def _run_case(job: CaseJob, out: Path) -> dict[str, Any]:
 
 
 class CaseLog:
-    """A run's scenario and `log.csv`, from which all tables, claims and figures are made.
+    """Scenario and `log.csv` of a run, the source of all tables, claims and figures.
 
     Attributes:
         folder: Folder of the run.
-        scenario: Scenario as it was run.
+        scenario: Scenario of the run.
         table: Rows of `log.csv`.
         static: Ticks at which all initial contacts are held.
         last_phase: Ticks of the paper's tables: after the static phase and after any damage.
-        settled: Those ticks without the first `TRAVEL_TIME`.
+        settled: Ticks of the last phase without its first `TRAVEL_TIME`.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -153,7 +153,7 @@ class CaseLog:
         return [i for i in range(self.scenario.num_contacts) if row[f"c{i}_active"]]
 
     def p_OC(self, tick: int) -> FloatArray:
-        """Returns the active contacts' goals at a tick, in the estimated O, shape (k, 3)."""
+        """Returns the active contacts' goals at a tick, in the estimated O, shape (k, 3), in m."""
         row = self.table.iloc[tick]
         p_WC = np.array([[row[f"c{i}_{axis}"] for axis in "xyz"] for i in self.active(tick)])
         p_WO = np.array([row[f"{axis}_wo_estimated"] for axis in "xyz"])
@@ -163,11 +163,11 @@ class CaseLog:
 
 
 def run_values(log: CaseLog) -> dict[str, float]:
-    """Returns what tables and claims say of a run.
+    """Returns the values of a run for tables and claims.
 
     `best` is the maximum of a measure over the last phase, reached `at` a time in seconds, and
     `settled` is its mean and `later` its maximum over the settled ticks. `static` is the mean over
-    the static phase; with damage, the measures of the initial contacts that are left.
+    the static phase; with damage, it is the measure of the remaining initial contacts.
     """
     quality = None
     if log.scenario.damage:
@@ -187,7 +187,7 @@ def run_values(log: CaseLog) -> dict[str, float]:
     half, p_OC = log.scenario.object.make_shape().mesh.extents / 2, log.p_OC(-1)
     axes = np.argmax(np.abs(p_OC / half), axis=1)
     signs = np.sign(np.take_along_axis(p_OC, axes[:, None], axis=1))[:, 0]
-    to_edges = np.sort(half - np.abs(p_OC), axis=1)[:, 1]  # The least is to the contact's own face.
+    to_edges = np.sort(half - np.abs(p_OC), axis=1)[:, 1]  # [:, 0]: to the contact's own face.
     q_gii = log.table["q_gii"].to_numpy()[log.settled]
     return values | {
         "mm_per_tick": float(1e3 * log.table["displacement"][log.settled].mean()),

@@ -1,4 +1,4 @@
-"""The paper's Figures 2c, 4, 5 and 6, from runs."""
+"""The paper's Figures 2c, 4, 5 and 6, made from runs."""
 
 import textwrap
 from collections.abc import Mapping
@@ -18,7 +18,7 @@ from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.studies.paper.paper_cases import CaseLog
 from drake_pregrasp.studies.pictures import ByteArray, render_goals
 
-# Okabe and Ito's colour-blind-safe set. Dashes show lines that run on top of each other.
+# Okabe and Ito's colour-blind-safe set. Dashes keep overlapping lines visible.
 _BLUE, _ORANGE, _GREEN, _PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 _STRATEGY_LINES = {
     "gii": (_BLUE, "-"),
@@ -40,7 +40,7 @@ def figure_2c(scenario: Scenario, contact: int) -> Figure:
     The side faces are unrolled: the horizontal axis goes once around the object.
 
     Args:
-        scenario: Object, surface and initial contacts.
+        scenario: Scenario with the object, the surface and the initial contacts.
         contact: Index of the contact whose region is shown.
     """
     surface = scenario.make_surface(0.0025)
@@ -72,7 +72,7 @@ def figure_2c(scenario: Scenario, contact: int) -> Figure:
 
 
 def _as_grid(strip: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Returns the coordinates of an unrolled grid's columns and rows, and the values on it."""
+    """Returns the coordinates of an unrolled grid's columns and rows, and the grid's values."""
     along, column = np.unique(np.round(strip[:, 0], 6), return_inverse=True)
     height, row = np.unique(np.round(strip[:, 1], 6), return_inverse=True)
     grid = np.full((len(height), len(along)), np.nan)
@@ -81,12 +81,12 @@ def _as_grid(strip: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatAr
 
 
 def unrolled(surface: ObjectSurface, p_OQ: FloatArray, nhat_OQ: FloatArray) -> FloatArray:
-    """Returns (distance around, height) in mm of points on a box's side faces, shape (k, 2).
+    """Returns (distance around, height) of points on a box's side faces, shape (k, 2), in mm.
 
     Args:
         surface: Surface of the box.
-        p_OQ: Points on the side faces, shape (k, 3), in metres.
-        nhat_OQ: Outward unit normals there, shape (k, 3).
+        p_OQ: Points on the side faces, in O, shape (k, 3), in metres.
+        nhat_OQ: Outward unit normals at the points, in O, shape (k, 3).
     """
     x, y, _ = surface.mesh.extents
     # Counterclockwise from the middle of the face -x: face -y, +x, +y, and -x again.
@@ -101,7 +101,7 @@ def figure_4(logs: Mapping[str, CaseLog]) -> Figure:
     """Returns Figure 4: measures over time, divided by those of contacts at the centre of mass.
 
     Args:
-        logs: One run of each case.
+        logs: Log of one run of each case, by the case.
     """
     rows = -(-len(logs) // 2)
     figure = Figure(figsize=(10, 2.1 * rows + 0.8), layout="constrained")
@@ -132,9 +132,9 @@ def figure_5(a: CaseLog, f: CaseLog, j: CaseLog) -> Figure:
     """Returns Figure 5: pictures of regions and goals from two sides.
 
     Args:
-        a: Run of case a, whose first and last ticks are shown.
-        f: Run of case f, whose last tick is shown.
-        j: Run of case j, whose last tick is shown.
+        a: Log of a run of case a, whose first and last ticks are shown.
+        f: Log of a run of case f, whose last tick is shown.
+        j: Log of a run of case j, whose last tick is shown.
     """
     figure = Figure(figsize=(12, 6.2), layout="constrained")
     columns = (
@@ -154,7 +154,7 @@ def figure_5(a: CaseLog, f: CaseLog, j: CaseLog) -> Figure:
 def _picture(log: CaseLog, tick: int, yaw: float) -> ByteArray:
     surface, p_OC, contacts = log.scenario.make_surface(), log.p_OC(tick), log.active(tick)
     regions = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(len(p_OC)), surface.forbidden)
-    # Regions number the active contacts, the picture numbers all contacts.
+    # Labels of regions index the active contacts, those of the picture all contacts.
     labels = np.append(contacts, NO_REGION)[regions.labels]
     return render_goals(surface, labels, p_OC, contacts, yaw=yaw)
 
@@ -163,7 +163,7 @@ def figure_6(logs: Mapping[str, CaseLog]) -> Figure:
     """Returns Figure 6: displacement and energy of the goals over time.
 
     Args:
-        logs: One run of each strategy.
+        logs: Log of one run of each strategy, by the strategy.
     """
     figure = Figure(figsize=(9, 6), layout="constrained")
     axes = figure.subplots(2, 1, sharex=True)

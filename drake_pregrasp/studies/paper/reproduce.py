@@ -1,4 +1,4 @@
-"""The paper's tables, figures and claims, from runs of its ten cases."""
+"""Reproduction of the paper's tables, figures and claims by runs of its ten cases."""
 
 import argparse
 import json
@@ -23,13 +23,13 @@ from drake_pregrasp.studies.runner import OnProgress
 from drake_pregrasp.studies.study_options import add_out_option, names, step_bar
 
 SEEDS = tuple(range(10))
-"""Seeds of each case."""
+"""Default seeds of each case."""
 
 DURATION = 20.0
-"""Simulated seconds of each run: the contacts have settled long before."""
+"""Default simulated time of each run in seconds, long after the contacts have settled."""
 
 SHOWN_REGION = 4
-"""Contact whose region Fig. 2c shows."""
+"""Index of the contact whose region Fig. 2c shows."""
 
 CAPTIONS = {
     "figure_2c": f"Fig. 2c: stretched weights on the safe region of contact {SHOWN_REGION} of the"
@@ -40,7 +40,7 @@ CAPTIONS = {
 }
 """Captions of the figures, by the names of their files."""
 
-_TRANSIENT = 1e-4  # Relative loss with which a best value counts as transient.
+_TRANSIENT = 1e-4  # Least relative loss of a transient best value.
 
 _NOTES = (
     "A run's best value is its maximum after the static phase, and after the damage in f, as in the"
@@ -69,16 +69,16 @@ def reproduce(
 
     Args:
         out: Folder of the report; run folders go into its folder `runs`.
-        cases: Keys of `SCENARIOS`.
-        seeds: Random seeds of each case; figures show the first.
-        duration: Simulated seconds of each run.
-        on_progress: Called with the number of runs done and of all.
+        cases: Keys of `SCENARIOS` to run.
+        seeds: Random seeds of each case; figures show the first seed.
+        duration: Simulated time of each run in seconds.
+        on_progress: Called with the number of finished runs and the number of all runs.
 
     Returns:
         The path of `report.html`.
 
     Raises:
-        ScenarioError: If there is no such case.
+        ScenarioError: If a case is unknown.
         OutputError: If the folder can't be written.
     """
     for case in cases:
@@ -87,7 +87,7 @@ def reproduce(
     out, cases = Path(out), list(dict.fromkeys(cases))
     make_folder(out)
     with writing(out):
-        for name in CAPTIONS:  # What an earlier report has left.
+        for name in CAPTIONS:  # Figures of an earlier report.
             (out / f"{name}.png").unlink(missing_ok=True)
             (out / f"{name}.svg").unlink(missing_ok=True)
     rows = [*cases, *(LITERAL[case] for case in cases if case in LITERAL)]
@@ -125,10 +125,10 @@ def reproduce(
 
 
 def paper_table(table: Mapping[str, paper_cases.Published], runs: pd.DataFrame) -> pd.DataFrame:
-    """Returns Table II or III beside our values, a row for each measure of each case that was run.
+    """Returns Table II or III beside our values, with a row for each measure of each run case.
 
     Args:
-        table: `TABLE_2` or `TABLE_3`.
+        table: Published table, `TABLE_2` or `TABLE_3`.
         runs: Rows of `run_cases`.
     """
     found = []
@@ -164,7 +164,7 @@ def _texts(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _figures(logs: Mapping[str, CaseLog]) -> dict[str, Figure]:
-    """Returns the figures that can be made of the cases that were run."""
+    """Returns the figures whose cases were run, by the names of their files."""
     figures = {
         "figure_2c": figure_2c(load_scenario("a_base"), SHOWN_REGION),
         "figure_4": figure_4(logs),
@@ -184,7 +184,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         type=names,
         default=list(SCENARIOS),
         metavar="a,b,...",
-        help=f"which; {','.join(SCENARIOS)} if not set",
+        help=f"cases to run; {','.join(SCENARIOS)} if not set",
     )
     parser.set_defaults(command=_command)
 

@@ -1,1 +1,1 @@
-"""A study that compares grasps with contacts planned once and contacts that adapt."""
+"""Study that compares grasps with contacts that are planned once and contacts that adapt."""

@@ -22,7 +22,7 @@ NAME = "static-versus-dynamic"  # Name of the study's folder.
 
 SEEDS = 30  # Default number of seeds.
 
-# Keys of methods in version 0.1, and what they are now.
+# Keys of methods in version 0.1, and their present keys.
 FORMER_METHODS = {"frozen": "fixed_plan", "still": "stationary"}
 
 
@@ -34,7 +34,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         (["--seeds"], count(1, study_options.MOST_SEEDS), SEEDS, "N", "number of seeds"),
         (["--first_seed"], count(0), 0, "K", "first seed"),
         (["--conditions"], names, ",".join(CONDITIONS), "a,b,...", "keys of conditions"),
-        # The second is the name in version 0.1.
+        # The second flag is that of version 0.1.
         (["--methods", "--arms"], names, ",".join(METHODS), "a,b,...", "keys of methods"),
     ):
         text = f"{text}; %(default)s if not set"
@@ -54,7 +54,12 @@ def _run(options: argparse.Namespace) -> int:
 def trial_jobs(
     conditions: Sequence[str], methods: Sequence[str], seeds: Sequence[int]
 ) -> list[TrialJob]:
-    """Returns the trials: all methods with one seed before the next, so half a study compares them.
+    """Returns the trials in order of their seeds, so that half a study compares all methods.
+
+    Args:
+        conditions: Keys of `CONDITIONS`.
+        methods: Keys of `METHODS`, or of `FORMER_METHODS`.
+        seeds: Seeds of the trials.
 
     Raises:
         InvalidArgumentError: If a condition or method is unknown.
@@ -90,16 +95,16 @@ def compare_methods(
     Args:
         folder: Folder of the study.
         jobs: Trials from `trial_jobs`.
-        on_progress: Called with the number of trials that have ended and of those that are needed;
-            then anew for the trials of each figure.
-        run: Simulates a trial, and returns its rows.
-        processes: Number of local processes; that of the processors if not set.
+        on_progress: Called with the number of finished trials and the number of trials to do;
+            then again for the trials of each figure.
+        run: Function that simulates a trial and returns its rows.
+        processes: Number of local processes; the number of processors if not set.
 
     Returns:
         The rows, and the path of the report.
 
     Raises:
-        OutputError: If the folder can't be used, or is of a study with other settings.
+        OutputError: If the folder can't be used, or has rows of other settings.
     """
     settings = {key: scenario_data(condition.scenario) for key, condition in CONDITIONS.items()}
     found = run_jobs(
@@ -111,7 +116,7 @@ def compare_methods(
         processes=processes,
         on_progress=on_progress,
     )
-    # The report comes first: figures take long, and an error in them must not lose it.
+    # The report comes first: figures are slow, and an error in them must not lose it.
     report = write_comparison(folder, found.rows, found.failed, settings)
     if len(found.rows):
         figures = figures_of_one_seed(folder, found.rows, processes, on_progress)

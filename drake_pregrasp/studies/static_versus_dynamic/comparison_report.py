@@ -1,4 +1,4 @@
-"""Report of the study: counts, paired tests, goals and figures, all computed from its rows."""
+"""Report of the study: counts, paired tests, goals and figures, computed from its rows."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -51,9 +51,9 @@ def write_comparison(
     Args:
         folder: Folder of the study.
         rows: Rows of the study.
-        failed: Jobs that failed, with their errors.
-        settings: Settings of the study.
-        figures: Figures of one seed.
+        failed: Failed jobs, with their errors.
+        settings: Settings of the study, shown at the end of the report.
+        figures: Parts of the report with the figures of one seed.
 
     Raises:
         OutputError: If the report can't be written.
@@ -95,7 +95,7 @@ def write_comparison(
 
 
 def overview_table(tests: pd.DataFrame) -> Table:
-    """Returns the verdict on each condition and other method, with the closing times."""
+    """Returns a table of verdicts for each condition and rival method, with the closing times."""
     cells: dict[str, dict[str, str]] = {}
     for (condition, method), group in tests.groupby(["condition", "method"], sort=False):
         words = [
@@ -114,7 +114,7 @@ def overview_table(tests: pd.DataFrame) -> Table:
 
 
 def outcome_table(rows: pd.DataFrame) -> Table:
-    """Returns counts and medians of a condition, a line for each method and closing time."""
+    """Returns counts and medians of a condition, with a row per method and closing time."""
     cells = rows.groupby(["method", "close_at"])
     seeds, table = cells.size(), pd.DataFrame(index=cells.size().index)
     for success in ("clean", "lifted"):
@@ -128,7 +128,7 @@ def outcome_table(rows: pd.DataFrame) -> Table:
 
 
 def reason_table(rows: pd.DataFrame) -> Table:
-    """Returns the reasons for which hands gave up, without what differs between grasps."""
+    """Returns counts of the reasons for giving up, without finger numbers and forces."""
     why = rows["gave_up"].str.replace(r"^finger \d+", "a finger", regex=True)
     why = why.str.replace(r": [\d.]+ N are left$", "", regex=True)
     reasons = pd.DataFrame({"method": rows["method"], "reason": why})[why != ""]
@@ -137,7 +137,7 @@ def reason_table(rows: pd.DataFrame) -> Table:
 
 
 def paired_test_table(tests: pd.DataFrame) -> Table:
-    """Returns the paired tests of a condition, a line for each other method and closing time."""
+    """Returns the paired tests of a condition, with a row per rival method and closing time."""
     table = tests.set_index(["method", "close_at"])
     columns = {
         "common seeds": table["pairs"],
@@ -145,7 +145,7 @@ def paired_test_table(tests: pd.DataFrame) -> Table:
         "only the other clean": table["lost"],
         "p": table["p"].map(_p),
         "p (Holm)": table["p_holm"].map(_p),
-        # Rounded outward, so that the interval covers as often as it says.
+        # Rounded outward, so that the interval keeps its coverage probability.
         "difference, least": (np.floor(1000 * table["low"]) / 10).map("{:+.1f} %".format),
         "most": (np.ceil(1000 * table["high"]) / 10).map("{:+.1f} %".format),
         f"{_TESTED} is": table["verdict"],
@@ -158,7 +158,7 @@ def paired_test_table(tests: pd.DataFrame) -> Table:
 
 
 def ranking_table(rows: pd.DataFrame) -> Table:
-    """Returns how well grasp measures tell successes from failures, over all conditions."""
+    """Returns the power of grasp measures to tell successes from failures, over all conditions."""
     lines = [
         (measure, success, *paired_statistics.ranking(rows[measure], rows[success].astype(bool)))
         for measure in ("q_msv", "q_gii")
@@ -173,7 +173,7 @@ def ranking_table(rows: pd.DataFrame) -> Table:
 
 
 def goal_table(rows: pd.DataFrame) -> Table:
-    """Returns which goals are reached. With another number of seeds than 30 they are shares."""
+    """Returns a table of the goals and verdicts. Counts are scaled to 30 seeds."""
     lines = []
     goals = [(m, key, bound) for m, bounds in GOALS.items() for key, bound in bounds.items()]
     for measure, condition, bound in goals:
@@ -198,7 +198,7 @@ def goal_table(rows: pd.DataFrame) -> Table:
 
 
 def plot_clean_shares(rows: pd.DataFrame) -> Figure:
-    """Returns a figure of the share of clean grasps of each method, a panel for each condition."""
+    """Returns a figure of each method's share of clean grasps, with one panel per condition."""
     conditions, methods = _present(rows["condition"], CONDITIONS), _present(rows["method"], METHODS)
     columns = min(4, len(conditions))
     lines = -(-len(conditions) // columns)
@@ -231,7 +231,7 @@ def _present(values: pd.Series, known: Mapping[str, Any]) -> list[str]:
 
 
 def _labelled(table: pd.DataFrame) -> pd.DataFrame:
-    """Returns a table with the labels of methods in their order, and texts of closing times."""
+    """Returns a table in the order of `METHODS`, with labels of methods and closing times."""
     table = table.loc[_present(table.index.get_level_values("method"), METHODS)].reset_index()
     table["method"] = table["method"].map(_LABELS)
     if "close_at" in table:
@@ -240,7 +240,7 @@ def _labelled(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def _styled(table: pd.DataFrame, caption: str) -> Table:
-    """Returns a table whose verdicts have the colours of the report's style."""
+    """Returns a table whose verdicts have the CSS classes of the report's style."""
     classes = table.map(lambda cell: _CLASSES.get(str(cell).partition(" at ")[0], ""))
     return Table(table.style.set_td_classes(classes), caption)
 

@@ -1,4 +1,4 @@
-"""Conditions of the study, whose scenarios are in `conditions.yaml`; random starts of trials."""
+"""Conditions of the study, with scenarios from `conditions.yaml`, and random starts of trials."""
 
 import functools
 from dataclasses import dataclass
@@ -21,9 +21,9 @@ from drake_pregrasp.systems.sources import MovingSolid
 
 FINGERS = 5  # Number of fingers of the hand.
 
-_LEAST_DISTANCE = 0.024  # Between random contacts, in metres.
-_HEIGHTS = (-0.030, 0.035)  # Range of the random contacts over the object's centre, in metres.
-_MISPLACEMENT_STD = (0.005, 0.005, float(np.radians(4)))  # Along x and y in metres, about z in rad.
+_LEAST_DISTANCE = 0.024  # Least distance between random contacts, in metres.
+_HEIGHTS = (-0.030, 0.035)  # Heights of random contacts above the object's centre, in metres.
+_MISPLACEMENT_STD = (0.005, 0.005, float(np.radians(4)))  # x and y in m, angle about z in rad.
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,10 @@ class Condition:
     """One condition under which the methods are compared.
 
     Attributes:
-        key: Name of its scenario.
-        label: Name in tables and figures.
-        closing_times: Times at which the hand is told to close, in seconds. All grasps of a trial
-            follow from one tracking run.
+        key: Name of the condition's scenario.
+        label: Name of the condition in tables and figures.
+        closing_times: Times at which the hand is commanded to close, in seconds. All grasps of a
+            trial start from one tracking run.
     """
 
     key: str
@@ -43,21 +43,21 @@ class Condition:
 
     @functools.cached_property
     def scenario(self) -> Scenario:
-        """Scenario with object, motion, sensor noise, hand, no-touch area and loss of fingers."""
+        """Scenario with object, motion, sensor noise, hand, no-touch area and lost fingers."""
         return load_scenario(self.key, file=Path(__file__).with_name("conditions.yaml"))
 
     @property
     def box(self) -> Box:
-        """The object."""
+        """Box that is grasped, with its size and mass."""
         return cast(Box, self.scenario.object)
 
     @property
     def area(self) -> list[MovingSolid]:
-        """No-touch area at time zero, in W."""
+        """Solids of the no-touch area at time zero, in W, with their velocities."""
         return [moving_solid(obstacle) for obstacle in self.scenario.obstacles]
 
     def area_at(self, time: float) -> list[Solid]:
-        """Returns the no-touch area at a time in seconds, in W."""
+        """Returns the solids of the no-touch area at a time in seconds, in W."""
         return [moving.solid.moved(np.eye(3), time * moving.velocity) for moving in self.area]
 
 
@@ -82,9 +82,10 @@ class Start(NamedTuple):
 
     Attributes:
         p_OC: Random contacts in the order of the fingers, in O, shape (n, 3), in metres.
-        yaw: Angle of the palm for these contacts, in radians.
-        misplacement: Offset of the object on the table: x and y in metres, angle about z in rad.
-        losses: Times of losses in seconds, each with the indices of the fingers that are lost.
+        yaw: Angle of the palm for the contacts, in radians.
+        misplacement: Offset of the object on the table, shape (3,): x and y in metres, angle about
+            z in radians.
+        losses: Times of losses in seconds, each with the indices of the lost fingers.
         noise_seed: Seed of the measurement noise.
     """
 
@@ -99,12 +100,13 @@ def random_start(condition: Condition, surface: ObjectSurface, hand: HandModel, 
     """Returns the start of the trials with a seed.
 
     Contacts are drawn on the surface, apart from each other and at a middle height, until the
-    fingers can be assigned to them. Of the fingers that are lost the scenario states the number.
+    fingers can be assigned to them. The scenario sets the number of lost fingers, and the seed
+    selects them.
 
     Args:
-        condition: The condition of the trial.
+        condition: Condition of the trial.
         surface: Surface of the object.
-        hand: The hand.
+        hand: Model of the hand.
         seed: Seed of all random values of the trial.
     """
     rng = np.random.default_rng([seed, FINGERS])

@@ -1,4 +1,4 @@
-"""Outcome of one simulated grasp: its measures, and how they are computed from the records."""
+"""Outcome of one simulated grasp: measures computed from the records of its ticks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ CLEAN_BELOW = {
     "slip_mm": 5.0,
 }
 
-# Definition of a clean grasp, as the report quotes it.
+# Definition of a clean grasp for the report.
 CLEAN_IN_WORDS = (
     f"A grasp is clean if the object is lifted by more than {LIFTED_ABOVE_MM:g} mm and tilted by"
     f" less than {LEVEL_BELOW_DEG:g}°, slips by less than {CLEAN_BELOW['slip_mm']:g} mm, and was"
@@ -36,7 +36,7 @@ CLEAN_IN_WORDS = (
     f" {CLEAN_BELOW['pushed_closing_mm']:g} mm in closing."
 )
 
-_AREA_FROM = 1.0  # Time from which fingertips have to keep out of the no-touch area, in seconds.
+_AREA_FROM = 1.0  # Time from which fingertips must avoid the no-touch area, in seconds.
 
 
 class TrialJob(NamedTuple):
@@ -63,8 +63,8 @@ class GoalSample(NamedTuple):
         time: Time in seconds.
         active: Number of active fingers.
         withdrawn: Number of fingers that are neither active nor lost.
-        distance: Least distance of a fingertip, in contact or at its standoff, from the no-touch
-            area, in metres, over all active goals; infinite if there is no goal or no area.
+        distance: Least distance from the no-touch area, in metres, over all active goals of a
+            fingertip in contact or at its standoff; infinite if there is no goal or no area.
     """
 
     time: float
@@ -80,26 +80,31 @@ class Outcome:
     They are columns of the study's rows, after those of the `TrialJob` and with `clean`.
 
     Attributes:
-        close_at: Time at which the hand was told to close, in seconds.
-        lifted: Whether the object was lifted, and still was at the end of the hold.
+        close_at: Time at which the hand was commanded to close, in seconds.
+        lifted: Whether the object was lifted, and was still raised at the end of the hold.
         level: Whether the object was level at the end of the hold.
-        pushed_before_mm: Distance by which the hand moved the object before the command to close.
-        turned_before_deg: Angle by which the hand turned the object before the command to close.
-        pushed_closing_mm: Distance by which the hand moved the object in closing.
-        slip_mm: Slip of the object in the hand; nan if the object was never lifted.
-        tilt_deg: Tilt of the object at the end of the hold.
-        residual_n: Residual of the balance of contact forces; nan if not all fingers had touched.
+        pushed_before_mm: Distance by which the hand moved the object before the command to close,
+            in millimetres.
+        turned_before_deg: Angle by which the hand turned the object before the command to close,
+            in degrees.
+        pushed_closing_mm: Distance by which the hand moved the object during closing, in
+            millimetres.
+        slip_mm: Slip of the object in the hand, in millimetres; nan if the object was never lifted.
+        tilt_deg: Tilt of the object at the end of the hold, in degrees.
+        residual_n: Residual of the balance of contact forces, in newtons; nan if not all fingers
+            had touched.
         fingers: Number of fingers that took part.
-        waited_s: Time for which the gate delayed the command to close.
-        withdrawn: Number of fingers that were not lost and had no goal, because it was out of reach
+        waited_s: Time for which the gate delayed the command to close, in seconds.
+        withdrawn: Number of fingers that were not lost but had no goal, because it was out of reach
             or too near to the no-touch area; mean over the planner's ticks before closing.
-        goal_in_area: Share of these ticks at which an active goal, for a fingertip in contact or at
-            its standoff, was in the no-touch area; nan if there is no such area.
+        goal_in_area: Share of the planner's ticks before closing at which an active goal, for a
+            fingertip in contact or at its standoff, was in the no-touch area; nan if there is no
+            such area.
         tip_in_area: Share of the control ticks from 1 s until the lift at which a fingertip was in
             the no-touch area; nan if there is no such area.
         q_msv: Q_MSV of the contacts at the end of closing; nan if not all fingers had touched.
         q_gii: Q_GII of the contacts at the end of closing; nan if not all fingers had touched.
-        gave_up: Reason for which the hand gave up; empty if it did not.
+        gave_up: Reason why the hand gave up; empty if it did not.
     """
 
     close_at: float
@@ -122,7 +127,7 @@ class Outcome:
 
     @property
     def clean(self) -> bool:
-        """Whether all of `CLEAN_IN_WORDS` holds; nan is not within a bound."""
+        """Whether the grasp is clean by `CLEAN_IN_WORDS`; nan violates every bound."""
         within = all(getattr(self, name) < bound for name, bound in CLEAN_BELOW.items())
         return self.lifted and self.level and within
 
@@ -139,10 +144,10 @@ def grasp_outcome(
 
     Args:
         condition: Condition of the trial.
-        close_at: Time at which the hand was told to close, in seconds.
+        close_at: Time at which the hand was commanded to close, in seconds.
         records: Records of all control ticks until the end of the grasp.
         samples: Goals at the planner's ticks of the tracking run.
-        state: State of the hand at the end.
+        state: State of the grasp at its end.
         tip_radii: Radii of the fingertips, shape (n,), in metres.
     """
     told = [r.time >= close_at - 1e-9 for r in records].index(True)
@@ -187,13 +192,13 @@ def grasp_outcome(
 
 
 def _first(phases: FloatArray, start: int, phase: GraspPhase) -> int | None:
-    """Returns the index of the first record of a phase from an index on, or None."""
+    """Returns the index of the first record of a phase at or after `start`, or None."""
     found = np.flatnonzero(phases[start:] == phase)
     return start + int(found[0]) if len(found) else None
 
 
 def _X_DO(record: GraspRecord) -> RigidTransform:
-    """Returns the pose of the object on the turntable."""
+    """Returns the pose of the object O on the turntable D."""
     return record.X_WD.inverse() @ record.X_WO
 
 
@@ -208,7 +213,7 @@ def _turned_deg(before: GraspRecord, after: GraspRecord) -> float:
 
 
 def _slip_mm(records: Sequence[GraspRecord], active: BoolArray) -> float:
-    """Returns the largest distance by which a fingertip moved over the object."""
+    """Returns the largest distance by which a fingertip moved over the object, in mm."""
     p_OT = np.array([(r.X_WO.inverse() @ r.p_WT[active].T).T for r in records])
     return 1e3 * float(np.max(np.linalg.norm(p_OT - p_OT[0], axis=2)))
 

@@ -1,4 +1,4 @@
-"""Methods that the study compares, and the systems of two that do not plan at every tick."""
+"""Compared methods of the study, and the systems of two methods that do not replan."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
@@ -14,8 +14,8 @@ from drake_pregrasp.contacts.assignment import mean_angle, wrapped
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.regions.constraints import Limit, Obstacles, RegionConstraints
 
-_RING_RADIUS = 0.092  # On which the fingertips of a stationary hand wait, in metres.
-_LARGEST_MEAN_OFFSET = float(np.radians(40))  # Of contacts from their fingers, about z of H.
+_RING_RADIUS = 0.092  # Radius on which a stationary hand's fingertips wait, in metres.
+_LARGEST_MEAN_OFFSET = float(np.radians(40))  # Largest mean angle between fingers and contacts.
 
 
 @dataclass(frozen=True)
@@ -23,15 +23,15 @@ class Method:
     """A method that chooses the contacts of a trial.
 
     Attributes:
-        label: Name in tables and figures.
-        text: Description in words.
-        color: Colour in figures, as hexadecimal RGB.
-        marker: Marker in figures, as matplotlib names it.
-        plans_start: Whether contacts are planned at the start, from the random ones.
-        replans: Whether contacts are planned anew at every tick.
+        label: Name of the method in tables and figures.
+        text: Description of the method's contacts.
+        color: Colour of the method in figures, as hexadecimal RGB.
+        marker: Matplotlib marker of the method in figures.
+        plans_start: Whether contacts are planned at the start, from random initial contacts.
+        replans: Whether contacts are planned at every tick.
         uses_reach: Whether planning at every tick respects the reach of the fingers.
-        is_fixed_in_world: Whether contacts stay in the world, not on the object.
-        is_reassigned: Whether contacts go to other fingers as the object turns.
+        is_fixed_in_world: Whether contacts stay in the world instead of on the object.
+        is_reassigned: Whether contacts are assigned to other fingers as the object turns.
         is_stationary: Whether the hand does not turn with the object.
     """
 
@@ -74,11 +74,11 @@ METHODS = {
     ),
 }
 
-TESTED = "dynamic_reach"  # Key of the method that each other one is tested against.
+TESTED = "dynamic_reach"  # Key of the method that is tested against each other method.
 
 
 def rays_at(azimuths: FloatArray) -> FloatArray:
-    """Returns horizontal unit vectors at azimuths, shape (n, 3)."""
+    """Returns the horizontal unit vectors at azimuths in radians, shape (n, 3)."""
     return np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(len(azimuths))], axis=1)
 
 
@@ -91,10 +91,11 @@ def _declare_goals(
     """Declares the output ports of the hand's goals.
 
     Args:
-        system: System with an input port `contact_weights`, whose lost fingers are lost.
+        system: System with an input port `contact_weights`, which marks lost fingers.
         tip_frames: Scoped names of the fingertips' frames.
-        targets: Returns X_WC of the fingers that have a target.
-        status: Returns the contact status of each finger, shape (n,), as if none were lost.
+        targets: Function that returns the targets X_WC by the fingers' indices.
+        status: Function that returns the contact status of each finger, shape (n,), without regard
+            to lost fingers.
     """
 
     def calc_targets(context: Context, output: AbstractValue) -> None:
@@ -127,15 +128,15 @@ class StationaryHand(LeafSystem):
         - fingertip_targets
         - contact_status
 
-    The ports are as those of `PregraspPlanner`, except `close`, the command to close. Fingers wait
-    on a ring around the object, which moves with it and does not turn. After the command their
-    goals are where the rays from the object's origin meet its surface. A finger is not active if
-    it is lost, or if the planner's limits forbid its contact there.
+    The ports are those of `PregraspPlanner`, except `close`, the command to close. Fingers wait on
+    a ring around the object, which translates with the object but does not turn. After the command,
+    their goals are the intersections of rays from the object's origin with its surface. A finger is
+    inactive if it is lost, or if the planner's limits forbid its contact.
 
     Args:
         tip_frames: Scoped names of the fingertips' frames.
         azimuths: Azimuths of the fingers in W, shape (n,), in radians.
-        box_size: Edge lengths of the object, a box about the origin of O, in metres.
+        box_size: Edge lengths of the object, a box centred at the origin of O, in metres.
         limits: Limits of the planner, with radii of the fingertips, clearance and standoff.
     """
 
@@ -165,7 +166,7 @@ class StationaryHand(LeafSystem):
         _declare_goals(self, tip_frames, self._targets, self._status)
 
     def _contacts(self, context: Context) -> tuple[FloatArray, FloatArray]:
-        """Returns where the rays meet the object, and the outward normals there, in W."""
+        """Returns the rays' intersections with the object and the outward normals there, in W."""
         X_WO: RigidTransform = self._X_WO.Eval(context)
         R_WO = X_WO.rotation().matrix()
         rays = self._rays @ R_WO
@@ -212,13 +213,13 @@ class Reassignment(LeafSystem):
         - fingertip_targets
         - contact_status
 
-    The ports are as those of `PregraspPlanner`. Fingers are lost, not contacts. When the mean
-    offset of the contacts from their fingers about z of H is more than 40 degrees, every finger
-    changes to the next contact in that direction.
+    The ports are those of `PregraspPlanner`. Losses concern fingers, not contacts. If the mean
+    angle from the fingers to their contacts about z of H exceeds 40 degrees, every finger changes
+    to a neighbouring contact, which reduces the angle.
 
     Args:
         tip_frames: Scoped names of the fingertips' frames.
-        azimuths: Azimuths of the fingers about z of H, shape (n,), in radians, in their order.
+        azimuths: Azimuths of the fingers about z of H, shape (n,), in radians, in order around H.
         period: Seconds between ticks.
     """
 

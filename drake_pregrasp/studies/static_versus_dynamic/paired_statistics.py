@@ -1,4 +1,4 @@
-"""Statistics of the study: exact intervals, paired tests with one correction, and rankings."""
+"""Statistics of the study: exact intervals, corrected paired tests, and rankings."""
 
 import math
 
@@ -12,13 +12,13 @@ from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS, TESTED
 
 CONFIDENCE = 0.95  # Confidence of all intervals.
 
-SIGNIFICANT = 0.05  # A difference is shown if its corrected p is below this.
+SIGNIFICANT = 0.05  # Significance level of corrected p values.
 
 
 def exact_interval(
     successes: pd.Series, trials: pd.Series, *, confidence: float = CONFIDENCE
 ) -> pd.DataFrame:
-    """Returns exact intervals of shares (Clopper and Pearson), in columns `low` and `high`.
+    """Returns exact intervals of shares (Clopper-Pearson), in columns `low` and `high`.
 
     Args:
         successes: Numbers of successes.
@@ -30,19 +30,19 @@ def exact_interval(
 
 
 def paired_tests(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns exact McNemar tests of the method `TESTED` against each other one.
+    """Returns exact McNemar tests of the method `TESTED` against each other method.
 
-    All tests are one family: each p is corrected for their number (Holm). The interval of the
-    difference of clean shares is made of two exact intervals, each with half of the error
+    All tests are one family, whose p values are corrected by Holm's method. The interval of the
+    difference of clean shares combines two exact intervals, each with half of the error
     probability (Bonferroni), so it is conservative.
 
     Args:
         rows: Rows of the study, with columns `condition`, `method`, `seed`, `close_at`, `clean`.
 
     Returns:
-        A row for each condition, other method and closing time with common seeds. Columns
+        A row for each condition, rival method and closing time with common seeds. Columns
         `condition`, `method`, `close_at`; the number of common seeds `pairs`; the number of seeds
-        with which only `TESTED` is clean, `gained`, and only the other method, `lost`; `p` and
+        with which only `TESTED` is clean, `gained`, and only the rival is clean, `lost`; `p` and
         `p_holm`; the interval `low`, `high` of the difference of shares; and the `verdict`.
     """
     keys = ["condition", "close_at"]
@@ -78,8 +78,8 @@ def paired_tests(rows: pd.DataFrame) -> pd.DataFrame:
 def least_pairs(num_tests: int) -> int:
     """Returns the least number of pairs with which one of several tests can show a difference.
 
-    If all pairs differ in one direction, p is 2 / 2^pairs, and the correction of the smallest p is
-    a factor of the number of tests.
+    If all pairs differ in one direction, p is 2 / 2^pairs. Holm's correction multiplies the
+    smallest p by the number of tests.
     """
     return math.floor(math.log2(2 * max(num_tests, 1) / SIGNIFICANT)) + 1
 
@@ -88,7 +88,7 @@ def ranking(values: pd.Series, succeeded: pd.Series) -> tuple[float, int, int]:
     """Returns the probability that a success has the larger value (AUC), and the group sizes.
 
     Args:
-        values: Measure of each grasp; nan is left out.
+        values: Value of a measure for each grasp; nan is left out.
         succeeded: Whether each grasp is a success.
 
     Returns:

@@ -1,4 +1,4 @@
-"""One simulated trial: the diagram of a method, its tracking run, and the grasps from it."""
+"""One simulated trial: the diagram of a method, its tracking run, and its grasps."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
@@ -32,31 +32,31 @@ from drake_pregrasp.systems.palm_posture import reach_frame
 from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 from drake_pregrasp.systems.sources import ContactWeights, MovingObstacles
 
-# Modules of this folder that the rows of the study depend on.
+# Modules of this folder on which the rows of the study depend.
 MODULES = (__name__, conditions.__name__, grasp_outcome.__name__, methods.__name__)
 
 # Closing times of strip charts, in seconds.
 TRACKED_CLOSING_TIMES = tuple(0.5 * k for k in range(1, 25))
 
-_START_TICKS = 60  # Ticks of the planner in which contacts of a fixed plan converge.
+_START_TICKS = 60  # Planning ticks within which the contacts of a fixed plan converge.
 _FOREVER = 1e6  # Static duration of the methods that plan at most once, in seconds.
-_CLOSE_DELAY = 3  # Control ticks in which goals of a stationary hand move from ring to object.
-_HOLD = 1.0  # Seconds of holding, after which the outcome is read.
-_LONGEST_GRASP = 8.0  # Seconds after the command, after which the grasp has failed.
+_CLOSE_DELAY = 3  # Control ticks between the goals' jump to the object and the closing.
+_HOLD = 1.0  # Seconds of holding before the outcome is measured.
+_LONGEST_GRASP = 8.0  # Seconds after the command until a grasp counts as failed.
 
 
 def run_trial(job: TrialJob) -> list[dict[str, Any]]:
-    """Simulates a trial; returns a row for each closing time of its condition."""
+    """Simulates a trial, and returns a row for each closing time of its condition."""
     with without_solver_chatter():
         outcomes = Trial(job).outcomes(conditions.CONDITIONS[job.condition].closing_times)
     return [asdict(outcome) | {"clean": outcome.clean} for outcome in outcomes]
 
 
 def tracking_rows(job: TrialJob) -> list[dict[str, Any]]:
-    """Simulates a trial with many closing times; returns a row for each tick of the planner.
+    """Simulates a trial with many closing times, and returns a row for each planning tick.
 
-    Columns are the `time`, the number of `active` fingers, the least `distance_mm` of a goal from
-    the no-touch area, and whether a grasp that closes then is `clean`, where that was tried.
+    Columns are the `time` in seconds, the number of `active` fingers, the least `distance_mm` of a
+    goal from the no-touch area, and at the closing times whether the grasp is `clean`.
     """
     with without_solver_chatter():
         trial = Trial(job)
@@ -79,14 +79,14 @@ class Trial:
         job: Condition, method and seed of the trial.
 
     Attributes:
-        condition: The condition.
-        method: The method.
+        condition: Condition of the trial.
+        method: Method of the trial.
         surface: Surface of the object.
         hand: Model of the hand.
-        diagram: The simulated diagram, with the input `close`.
-        station: Plant with object and hand.
-        planner: Planner, whose estimate of the pose the hand uses.
-        goals: System that emits `fingertip_targets` and `contact_status` of the hand.
+        diagram: Simulated diagram, with the input port `close`.
+        station: Plant with the object and the hand.
+        planner: Planner, whose pose estimate the hand uses.
+        goals: System that emits the hand's `fingertip_targets` and `contact_status`.
         context: Context of the diagram.
         records: Records of all control ticks so far.
         samples: Goals at the planner's ticks of the tracking run so far.
@@ -135,13 +135,13 @@ class Trial:
         return outcomes
 
     def track(self, until: float) -> None:
-        """Lets the hand follow the object until a tick of the planner at a time in seconds."""
+        """Tracks the object until a time in seconds, which is a tick of the planner."""
         while self.context.get_time() < until - 1e-9:
             self._advance()
             self.samples.append(self._sample())
 
     def grasp(self, close_at: float) -> GraspState:
-        """Closes the hand, simulates until it has held the object, and returns its state."""
+        """Closes the hand, simulates until the hold or a failure, and returns the state."""
         self._close.FixValue(self.context, [1.0])
         while self.context.get_time() < close_at + _LONGEST_GRASP:
             self._advance()
@@ -154,12 +154,12 @@ class Trial:
         return GraspState.from_vector(context.get_discrete_state(0).value())
 
     def _advance(self) -> None:
-        """Advances to the exact time of the planner's next tick, so that it plans only once."""
+        """Advances to the exact time of the next planning tick, so that the planner runs once."""
         tick = round(self.context.get_time() / self._period) + 1
         self._simulator.AdvanceTo(tick * self._period)
 
     def _planner_config(self, method: methods.Method) -> PlannerConfig:
-        """Returns settings of the planner of a method."""
+        """Returns the planner's settings for a method."""
         grasp = replace(self._grasp, use_reach=method.uses_reach)
         config = hand_planner(replace(self._scenario, grasp=grasp))
         limits = replace(config.limits, recover=method.replans)
@@ -168,7 +168,7 @@ class Trial:
     def _planned_start(self) -> FloatArray:
         """Returns the contacts to which the planner converges at the start, in O, shape (n, 3).
 
-        The planner knows the reach of the fingers, and the no-touch area as it is at the start.
+        The planner respects the reach of the fingers and the initial no-touch area.
         """
         builder = DiagramBuilder()
         config = self._planner_config(methods.METHODS["dynamic_reach"])
@@ -195,7 +195,7 @@ class Trial:
         return self._start.p_OC
 
     def _build(self) -> None:
-        """Wires the diagram."""
+        """Builds the diagram of the trial."""
         scenario, config, p_OC = self._scenario, self._config, self._initial_contacts()
         builder = DiagramBuilder()
         driven = add_driven_hand(
@@ -246,7 +246,7 @@ class Trial:
                 methods.StationaryHand(frames, azimuths=azimuths, box_size=size, limits=limits)
             )
             connect_named(builder, self.planner, goals, ["X_WO_estimated"])
-            # The controller closes only after the goals have moved from the ring to the object.
+            # The controller closes after the goals have moved from the ring to the object.
             delay = builder.AddSystem(DiscreteTimeDelay(self._grasp.period, _CLOSE_DELAY, 1))
             builder.ExportInput(goals.GetInputPort("close"), "close")
             builder.ConnectInput("close", delay.get_input_port())
@@ -262,7 +262,7 @@ class Trial:
         return goals
 
     def _add_measurements(self, builder: DiagramBuilder) -> None:
-        """Connects the measured pose to the planner; a constant one for contacts in the world."""
+        """Connects measured poses to the planner; a constant pose for contacts in the world."""
         if self.method.is_fixed_in_world:
             pose = builder.AddSystem(ConstantValueSource(AbstractValue.Make(self._X_WO)))
             builder.Connect(pose.get_output_port(), self.planner.GetInputPort("X_WO_measured"))

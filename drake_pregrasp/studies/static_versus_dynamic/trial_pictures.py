@@ -1,4 +1,4 @@
-"""Figures of one seed: pictures of trials by Drake's VTK renderer, and strip charts over time."""
+"""Figures of one seed: rendered pictures of trials, and strip charts over time."""
 
 import functools
 import textwrap
@@ -28,12 +28,12 @@ from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
 from drake_pregrasp.studies.static_versus_dynamic.trial import MODULES, Trial, tracking_rows
 from drake_pregrasp.systems.drawing import contact_color
 
-# Files of the two figures, and the folder of the rows of the strip charts.
+# Files of the two figures, and the folder of the strip charts' rows.
 PICTURES, STRIPS, TRACKING = "pictures.png", "strips.png", "strips"
 
 HEADLINE = "headline"  # Condition of the figures.
 
-PICTURED = ("fixed_plan", "stationary", "dynamic_reach")  # Methods that have a row of pictures.
+PICTURED = ("fixed_plan", "stationary", "dynamic_reach")  # Methods with a row of pictures.
 
 # Times of the pictures before the grasp, in seconds. The hand closes at the last one.
 MOMENTS = (0.5, 4.0, 8.0)
@@ -44,8 +44,8 @@ SEEDS_FOR_STRIPS = 5
 # Camera of the pictures.
 CAMERA = pictures.color_camera((600, 630), 0.55)
 _FARTHEST_MM = 60.0  # Largest distance from the no-touch area that strip charts show.
-_TARGET = np.array([0.0, 0.0, 0.14])  # Of the camera, from the turntable's centre, in metres.
-_P_TK = np.array([0.514, -0.514, 0.222])  # Of the camera from its target, in metres.
+_TARGET = np.array([0.0, 0.0, 0.14])  # Camera's target from the turntable's centre.
+_P_TK = np.array([0.514, -0.514, 0.222])  # Camera from its target, in metres.
 _LIGHTS = (
     pictures.Light([0.0, 0.1, 1.0], 0.75),
     pictures.Light([0.9, 0.2, 0.4], 0.3),
@@ -69,15 +69,15 @@ _STRIPS_TEXT = (
 def figures_of_one_seed(
     folder: Path, rows: pd.DataFrame, processes: int | None, on_progress: OnProgress
 ) -> list[Part]:
-    """Makes the figures, leaves them in the study's folder, and returns them for the report.
+    """Makes the figures in the study's folder, and returns them as parts of the report.
 
-    There are none without a seed of the headline condition that all methods with pictures have.
+    There are no figures unless some seed of the headline condition has all pictured methods.
 
     Args:
         folder: Folder of the study.
         rows: Rows of the study.
-        processes: Number of local processes; that of the processors if not set.
-        on_progress: Called with the number of trials simulated for a figure, and of all of them.
+        processes: Number of local processes; the number of processors if not set.
+        on_progress: Called with the number of finished trials of a figure and the number of all.
 
     Raises:
         OutputError: If a file can't be read or written.
@@ -105,13 +105,13 @@ def figures_of_one_seed(
 
 
 def representative_seed(closed: pd.DataFrame) -> tuple[int | None, str]:
-    """Returns the first seed whose grasps are what is most frequent, for the most methods.
+    """Returns the first seed whose grasps have the majority's outcome for the most methods.
 
     Args:
-        closed: Rows of one condition and closing time, with the methods that count.
+        closed: Rows of one condition and closing time, with the methods to compare.
 
     Returns:
-        The seed, or None if no seed has all methods; and the rule, for a caption.
+        The seed, or None if no seed has all methods; and the selection rule, for a caption.
     """
     clean = closed.pivot(index="seed", columns="method", values="clean")
     usual = 2 * clean.sum() >= clean.count()
@@ -136,11 +136,11 @@ def make_pictures(
     """Writes a grid of pictures: a row for each method, a column for each moment and the end.
 
     Args:
-        path: PNG to write.
+        path: Path of the PNG to write.
         outcomes: Rows of the grasps, one for each method.
         moments: Times of the pictures before the grasp, in seconds, at ticks of the planner. The
             hand closes at the last one.
-        simulate: Runs a function for jobs, as `run_jobs` does.
+        simulate: Function that runs another function for jobs, like `run_jobs`.
     """
     grasps = {row.method: row for row in outcomes.itertuples()}
     jobs = [TrialJob(grasps[m].condition, m, int(grasps[m].seed)) for m in METHODS if m in grasps]
@@ -166,7 +166,7 @@ def make_pictures(
 def _take_pictures(
     folder: Path, moments: tuple[float, ...], job: TrialJob
 ) -> list[dict[str, object]]:
-    """Takes the pictures of a trial; returns their files and the numbers of active fingers."""
+    """Takes the pictures of a trial, and returns their files and numbers of active fingers."""
     rows: list[dict[str, object]] = []
     with without_solver_chatter():
         trial = Trial(job)
@@ -184,10 +184,10 @@ def _take_pictures(
 def photograph(trial: Trial, *, annotate: bool) -> pictures.ByteArray:
     """Returns a picture of a trial at its present time, shape (height, width, 3).
 
-    All geometry is added to a copy of the trial's context, so the trial goes on unchanged.
+    All geometry is added to a copy of the trial's context, so the trial is not changed.
 
     Args:
-        trial: The trial.
+        trial: Trial to picture.
         annotate: Whether to draw a black ring at the contact of each active finger, and the safe
             regions of methods that plan at every tick as dots.
     """
@@ -199,7 +199,7 @@ def photograph(trial: Trial, *, annotate: bool) -> pictures.ByteArray:
         frame = scene.world_frame_id()
         scene.RegisterGeometry(scene_context, plant.get_source_id(), frame, instance)
     scene.AddRenderer(scene_context, CAMERA.core().renderer_name(), pictures.lit_renderer(_LIGHTS))
-    # Poses of geometry that was added to a context are computed when positions change.
+    # Setting the positions makes Drake compute the poses of the added geometry.
     plant_context = plant.GetMyMutableContextFromRoot(context)
     plant.SetPositions(plant_context, plant.GetPositions(plant_context))
     query = scene.get_query_output_port().Eval(scene_context)
@@ -207,7 +207,7 @@ def photograph(trial: Trial, *, annotate: bool) -> pictures.ByteArray:
 
 
 def camera_over(trial: Trial) -> RigidTransform:
-    """Returns X_WK of the camera K, which moves with the turntable but does not turn with it."""
+    """Returns X_WK of the camera K, which translates with the turntable but does not turn."""
     return pictures.camera_pose(
         _pose(trial, trial.context, "turntable").translation() + _TARGET, _P_TK
     )
@@ -228,7 +228,7 @@ def closing_contacts(trial: Trial) -> list[RigidTransform]:
 def _shapes(
     trial: Trial, context: Context, *, annotate: bool
 ) -> Iterator[tuple[RigidTransform, Shape, Rgba]]:
-    """Yields what is drawn besides the simulated geometry: X_WS, the shape S, and its colour."""
+    """Yields the drawn shapes besides the simulated geometry: X_WS, the shape S, its colour."""
     center, up = _pose(trial, context, "turntable").translation(), np.array([0.0, 0.0, 1.0])
     for solid in trial.condition.area_at(context.get_time()):
         if isinstance(solid, HalfSpace):

@@ -1,1 +1,1 @@
-"""Sweeps: one scenario, simulated with many values of any of its fields."""
+"""Sweeps: simulations of one scenario with many values of any of its fields."""

@@ -1,7 +1,6 @@
 """Fields of a scenario by dotted paths, such as `planner.period` or `object.size[0]`.
 
-A scenario is here what YAML makes of it, with every key, as `scenario_data` returns it: mappings,
-lists and scalars.
+A scenario is plain data with every key, as `scenario_data` returns it: mappings, lists and scalars.
 """
 
 import copy
@@ -21,21 +20,32 @@ _STEP = re.compile(rf"({_NAME})|\[(\d+)\]")
 def read_field(data: Mapping[str, Any], path: str, source: str) -> Any:
     """Returns the value of a field.
 
+    Args:
+        data: Scenario as plain data.
+        path: Dotted path of the field.
+        source: Name of the data's origin, for messages.
+
     Raises:
-        ScenarioError: If there is no such field; the message has the nearest name.
+        ScenarioError: If the field does not exist; the message suggests the nearest name.
     """
     holder, step = _find(data, path, source)
     return holder[step]
 
 
 def set_field(data: Mapping[str, Any], path: str, value: Any, source: str) -> None:
-    """Sets a field, in place.
+    """Sets a field in place.
 
-    A mapping changes only the keys that it has, as an overriding text does; but if its tag is
-    another one, or there was no mapping, it replaces the value.
+    A mapping changes only its own keys, like an overriding text. A mapping with another tag, or in
+    place of another kind of value, replaces the value.
+
+    Args:
+        data: Scenario as plain data, which is changed.
+        path: Dotted path of the field.
+        value: New value of the field.
+        source: Name of the data's origin, for messages.
 
     Raises:
-        ScenarioError: If there is no such field; the message has the nearest name.
+        ScenarioError: If the field does not exist; the message suggests the nearest name.
     """
     holder, step = _find(data, path, source)
     before = holder[step]
@@ -49,10 +59,15 @@ def set_field(data: Mapping[str, Any], path: str, value: Any, source: str) -> No
 
 
 def with_fields(data: Mapping[str, Any], changes: Mapping[str, Any], source: str) -> dict[str, Any]:
-    """Returns a copy of a scenario in which fields are set, by their paths.
+    """Returns a copy of a scenario with some fields set.
+
+    Args:
+        data: Scenario as plain data.
+        changes: New values by the fields' paths.
+        source: Name of the data's origin, for messages.
 
     Raises:
-        ScenarioError: If there is no such field; the message has the nearest name.
+        ScenarioError: If a field does not exist; the message suggests the nearest name.
     """
     changed = copy.deepcopy(dict(data))
     for path, value in changes.items():
@@ -61,7 +76,7 @@ def with_fields(data: Mapping[str, Any], changes: Mapping[str, Any], source: str
 
 
 def overlap(one: str, other: str) -> bool:
-    """Whether a field is another one, or is inside it."""
+    """Returns whether one of two fields contains the other, or both are the same."""
     short, long = sorted((one, other), key=len)
     return long.startswith(short) and long[len(short) : len(short) + 1] in ("", ".", "[")
 
@@ -92,11 +107,11 @@ def _unknown(data: Mapping[str, Any], path: str, source: str) -> ScenarioError:
 
 
 def walk(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yields the path and the value of a field and of all that are inside it.
+    """Yields the path and the value of a field and of all fields inside it.
 
     Args:
-        value: The field's value.
-        path: Its path; empty for a whole scenario.
+        value: Value of the field.
+        path: Path of the field; empty for a whole scenario.
     """
     if path:
         yield path, value

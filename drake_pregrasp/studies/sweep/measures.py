@@ -1,4 +1,4 @@
-"""One run of a sweep, and the numbers that its row has."""
+"""Simulation of one run of a sweep, and the measures in its row."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ _MARGINS = {
     "ferrari_canny": "Ferrari and Canny's radius at the end [N]",
     "independent_region_share": "share of force-closed choices at the end",
 }
-# In the summary of a grasp, these end in `_mm`.
+# The summary of a grasp has these names with the ending `_mm`.
 _GRASP = {
     "lift_height": "lift height [mm]",
     "closing_motion": "motion of the object in closing [mm]",
@@ -52,24 +52,24 @@ MEASURES: Mapping[str, str] = {
     "grasp_holds": "object held at the end (0 or 1)",
     **{f"grasp_{name}": label for name, label in _GRASP.items()},
 }
-"""All measures and their labels. Means, extremes and shares are over the phase in which all
-contacts adapt."""
+"""Labels of all measures by their names. Means, extremes and shares are over the phase in which
+all contacts adapt."""
 
 DEFAULT_MEASURES = (*(f"{q}_{kind}" for q in _QUALITIES for kind in ("mean", "final")), *_MOTION)
-"""The measures of a study that names none."""
+"""Default measures of a study."""
 
 
 @dataclass(frozen=True)
 class SweepRun:
-    """Simulates runs of a sweep and measures them; nothing is left behind.
+    """Simulates and measures runs of a sweep, without leaving files.
 
     Attributes:
-        plan: The runs.
-        scenario: What all runs start from, as `scenario_data` has it.
-        source: The study's file, for messages.
-        folder: Where relative paths in swept values start.
-        folders: Where files may be, besides `folder`.
-        measures: Names of the numbers to return.
+        plan: Plan of the runs.
+        scenario: Common scenario of all runs, as `scenario_data` returns it.
+        source: File of the study, for messages.
+        folder: Folder at which relative paths in swept values start.
+        folders: Further folders that may hold named files.
+        measures: Names of the measures to return.
     """
 
     plan: SweepPlan
@@ -80,7 +80,7 @@ class SweepRun:
     measures: tuple[str, ...]
 
     def __call__(self, job: Mapping[str, Any]) -> dict[str, float]:
-        """Returns the measures of the run of a job, nan where there is nothing to measure."""
+        """Returns the measures of a job's run, nan where there is nothing to measure."""
         changes = self.plan.changes(job["index"]) | {SEED_FIELD: job["seed"]}
         data = with_fields(self.scenario, changes, self.source)
         scenario = scenario_from_data(
@@ -96,14 +96,14 @@ def measure(scenario: Scenario, logged: LoggedRun, names: Sequence[str]) -> dict
     """Returns measures of a run, nan where there is nothing to measure.
 
     Args:
-        scenario: What was simulated.
-        logged: The run, simulated; its log is still there.
-        names: Keys of `MEASURES`.
+        scenario: Scenario of the run.
+        logged: Simulated run, whose log files still exist.
+        names: Names of the measures, keys of `MEASURES`.
     """
     log = logged.log
     columns = dict(zip(log.columns, log.read(*log.columns), strict=True))
     values: dict[str, Any] = _of_log(scenario, columns)
-    if any(name in _MARGINS for name in names):  # They take as long as seconds of a simulation.
+    if any(name in _MARGINS for name in names):  # Margins are as slow as seconds of simulation.
         margins = force_closure_summary(scenario, logged.surface, static=None, final=log.last)
         values |= {name: margins[name]["final"] for name in _MARGINS}
     if logged.grasp_log is not None:
@@ -139,10 +139,10 @@ def _of_log(scenario: Scenario, columns: Mapping[str, FloatArray]) -> dict[str, 
 
 
 def _motion_on_object(columns: Mapping[str, FloatArray], active: BoolArray) -> FloatArray:
-    """Returns how far contacts move over the object from the tick before, summed, in metres.
+    """Returns the summed motion of contacts over the object since the previous tick, in metres.
 
-    Positions are in the object's frame as it is estimated; contacts that are inactive at either
-    tick don't count. Shape (ticks,), 0 at the first.
+    Positions are in the estimated object frame; contacts that are inactive at either
+    tick don't count. Shape (ticks,), 0 at the first tick.
     """
     p_WC = np.stack([[columns[f"c{i}_{a}"] for a in "xyz"] for i in range(active.shape[1])])
     p_WO = np.stack([columns[f"{a}_wo_estimated"] for a in "xyz"])

@@ -1,4 +1,4 @@
-"""Sweeps from YAML files, and the files that rows depend on."""
+"""Sweeps from YAML files, and digests of the files that their rows depend on."""
 
 import contextlib
 import dataclasses
@@ -39,41 +39,42 @@ from drake_pregrasp.systems.pose_sensor import MAX_SEED
 
 @dataclass
 class StudyConfig:
-    """The keys of a sweep's file. docs/sweeps.md shows how the parts are used together."""
+    """Schema of a sweep's file. docs/sweeps.md explains its use."""
 
-    # One line for the report.
+    # One line of text for the report.
     description: str = ""
 
-    # The scenario that all runs start from: a shipped one, or an entry of `file`.
+    # Common scenario of all runs: the name of a shipped scenario, or of an entry of `file`.
     scenario: str = ""
 
-    # Its YAML file; a relative path starts at this file's folder.
+    # YAML file of the scenario; a relative path starts at this file's folder.
     file: str = field(default="", metadata={"path": True})
 
-    # Keys of the scenario that all runs have in common, as in an overriding text, or by paths.
+    # Changes of the scenario in all runs, as nested keys or by paths.
     overrides: dict[str, Any] = field(default_factory=dict)
 
-    # All combinations of these are run: from a field's path to a list of values; or from a name to
-    # a mapping from labels to mappings from paths to values, which change together.
+    # Axes whose combinations are all run. An entry maps a field's path to a list of values; or it
+    # maps a name to labels, and each label to paths and their values, which change together.
     grid: dict[str, Any] = field(default_factory=dict)
 
-    # Each sample draws these anew: from a field's path to `uniform: [a, b]`, `log_uniform: [a, b]`,
-    # `integer: [a, b]` or `choice: [...]`; with `fields: [...]` from a name to several fields.
+    # Axes that each sample draws at random. An entry maps a field's path to `uniform: [a, b]`,
+    # `log_uniform: [a, b]`, `integer: [a, b]` or `choice: [...]`. With `fields: [...]`, it maps a
+    # name to several fields with the same value.
     random: dict[str, Any] = field(default_factory=dict)
 
-    # Number of samples for each combination of the grid, the same samples for all.
+    # Number of samples for each combination of the grid; all combinations have the same samples.
     samples: int = field(default=1, metadata={"at_least": 1, "at_most": 1_000_000})
 
     # Seed of the samples.
     sampling_seed: int = field(default=0, metadata={"at_least": 0, "at_most": MAX_SEED})
 
-    # Number of values of `random_seed` that each point is run with, the same for all points.
+    # Number of values of `random_seed` for each point; all points have the same seeds.
     seeds: int = field(default=1, metadata={"at_least": 1, "at_most": 1_000_000})
 
-    # The first of them.
+    # First value of `random_seed`.
     first_seed: int = field(default=0, metadata={"at_least": 0, "at_most": MAX_SEED})
 
-    # The numbers that a row has, by their names in measures.py.
+    # Measures in each row, by their names in measures.py.
     measures: list[str] = field(
         default_factory=lambda: list(DEFAULT_MEASURES),
         metadata={"min_length": 1, "one_of": tuple(MEASURES)},
@@ -82,16 +83,16 @@ class StudyConfig:
 
 @dataclass(frozen=True)
 class Study:
-    """A sweep, ready to be run.
+    """A loaded sweep.
 
     Attributes:
-        name: Name of its folder and its report.
-        source: The file, for messages.
-        folder: Where relative paths in swept values start.
-        folders: Where files may be, besides that folder.
-        config: The keys of the file, with defaults.
-        scenario: What all runs start from, as `scenario_data` has it.
-        plan: The runs.
+        name: Name of the sweep's folder and report.
+        source: File of the sweep, for messages.
+        folder: Folder at which relative paths in swept values start.
+        folders: Further folders that may hold named files.
+        config: Content of the file, with defaults.
+        scenario: Common scenario of all runs, as `scenario_data` returns it.
+        plan: Plan of the runs.
     """
 
     name: str
@@ -104,14 +105,14 @@ class Study:
 
     @property
     def resolved(self) -> dict[str, Any]:
-        """The file with every key, those of the scenario in `overrides`: a study of its own."""
+        """Content of an equivalent file with every key, and the whole scenario in `overrides`."""
         keys = {**vars(self.config), "file": "", "overrides": self.scenario}
-        # With all keys overridden, any scenario will do, and no other file is needed.
+        # With all keys overridden, any shipped scenario serves, and no other file is needed.
         return {**keys, "scenario": "a_base"} if self.config.file else keys
 
     @property
     def settings(self) -> dict[str, Any]:
-        """All of the file that rows depend on, the order of axes and labels included."""
+        """Settings on which the rows depend, including the order of axes and labels."""
         beside = ("description", "scenario", "file")
         settings = {key: value for key, value in self.resolved.items() if key not in beside}
         grid = [[axis.name, *map(str, axis.labels)] for axis in self.plan.grid]
@@ -119,20 +120,20 @@ class Study:
 
 
 def shipped_studies() -> dict[str, Path]:
-    """Returns the files of the shipped sweeps by their names."""
+    """Returns the files of the shipped sweeps, by their names."""
     files = sorted((resource_folder("scenarios") / "sweeps").glob("*.yaml"))
     return {file.stem: file for file in files}
 
 
 def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
-    """Loads a sweep and checks all but its values, which are checked when they are run.
+    """Loads and checks a sweep. Its swept values are checked when they are run.
 
     Args:
-        name_or_file: Name of a shipped one, or a YAML file.
-        folders: Where files that it names may be, besides its own folder.
+        name_or_file: Name of a shipped sweep, or path of a YAML file.
+        folders: Further folders that may hold named files, besides the sweep's own folder.
 
     Raises:
-        ScenarioError: If anything is wrong with it; the message names file, key and value.
+        ScenarioError: If the sweep is invalid; the message names file, key and value.
     """
     file = _find(name_or_file)
     source = str(file)
@@ -145,7 +146,7 @@ def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
         problem = "a study's file is named with letters, digits, '_', '-' and '.'"
         raise ScenarioError("", file.stem, problem)
     _resolve_file(config, file, folders)
-    # A scenario's file in a folder below may name files beside the study.
+    # A scenario's file in a subfolder may name files beside the study.
     beside = [str(file.parent), *folders] if config.file else list(folders)
     base = scenario_data(
         load_scenario(config.scenario or None, file=config.file or None, folders=beside)
@@ -167,7 +168,7 @@ def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
 
 
 def _check_plain(source: str, key: str, value: Any) -> None:
-    """Refuses what YAML has, and no field of a scenario: dates, bytes, sets."""
+    """Rejects YAML types that no field of a scenario has: dates, bytes, sets."""
     for path, part in walk(value, key):
         for scalar in part if isinstance(part, Mapping) else [part]:
             if not isinstance(scalar, str | int | float | list | None):
@@ -195,15 +196,15 @@ def _resolve_file(config: StudyConfig, file: Path, folders: Sequence[str]) -> No
             raise ScenarioError(str(file), "file", str(error)) from error
         config.scenario = config.scenario or only_name(config.file)
     elif not config.scenario:
-        raise ScenarioError(str(file), "scenario", "is not there; name the scenario to start from")
+        raise ScenarioError(str(file), "scenario", "is missing; name the scenario to sweep")
 
 
 def named_files(study: Study) -> dict[str, str]:
     """Returns digests of all files that rows depend on, by their absolute paths.
 
-    Those are the files that the scenario and the swept values name, those that a hand's
-    description and its model name, and the buffers of a mesh. Shipped ones are left out, as the
-    package's digest has them, and those that can't be read, as a run that needs one has no row.
+    These are the files named by the scenario, the swept values, a hand's description and its
+    model, and the buffers of a mesh. Shipped files are left out, as they are part of the package's
+    digest, and so are files that can't be read, as a run that needs one has no row.
     """
     allowed = [study.folder, *map(Path, study.folders)]
     found: set[Path] = set()
@@ -211,7 +212,7 @@ def named_files(study: Study) -> dict[str, str]:
     for axis in study.plan.random:
         every += [dict.fromkeys(axis.fields, value) for value in axis.arguments]
     for changes in every:
-        # A run that needs what can't be used fails with this error.
+        # A run with invalid values or files fails with this error.
         with contextlib.suppress(ScenarioError, InvalidArgumentError):
             data = with_fields(study.scenario, changes, study.source)
             check_mapping(study.source, "", data, Scenario)
@@ -228,7 +229,7 @@ def named_files(study: Study) -> dict[str, str]:
     digests = {}
     for path in sorted(found):
         with contextlib.suppress(OSError):
-            if path.is_file() and path.stat().st_size <= MAX_BYTES:  # None that counts is larger.
+            if path.is_file() and path.stat().st_size <= MAX_BYTES:  # No valid file is larger.
                 digests[str(path)] = digest_files([path])
     return digests
 

@@ -1,4 +1,4 @@
-"""The command `drake-pregrasp sweep`: makes the runs that are missing, and a report of all."""
+"""The command `drake-pregrasp sweep`: makes the missing runs, and a report of all runs."""
 
 import argparse
 from pathlib import Path
@@ -13,7 +13,7 @@ from drake_pregrasp.studies.sweep.study_file import Study, load_study, named_fil
 from drake_pregrasp.studies.sweep.sweep_report import write_sweep_report
 
 STUDY = "study.yaml"
-"""The file of the study with every key."""
+"""File of the study's content with every key."""
 
 _MODULES = tuple(f"{__package__}.{name}" for name in ("field_path", "sweep_plan"))
 
@@ -29,12 +29,12 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FOLDER",
-        help="where files that the study names may be, besides its own folder; repeatable",
+        help="further folder with files that the study names; repeatable",
     )
     parser.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="make the runs on the Dask cluster of this scheduler, as tcp://host:8786",
+        help="make the runs on the Dask cluster of this scheduler, such as tcp://host:8786",
     )
 
 
@@ -46,22 +46,22 @@ def sweep(
     scheduler: str | None = None,
     on_progress: OnProgress = lambda done, total: None,
 ) -> tuple[StudyRows, Path]:
-    """Makes the runs of a study that are not there yet, and returns all rows and the report's path.
+    """Makes the missing runs of a study, and returns all rows and the path of the report.
 
     Args:
-        study: What to sweep.
-        out: Its folder with the study's name gets the results.
-        processes: Number of local processes; that of the processors if not set.
-        scheduler: Address of a Dask scheduler whose workers are used instead.
-        on_progress: Called with the number of runs made and of those that were missing.
+        study: Study to run.
+        out: Parent of the results' folder, which has the study's name.
+        processes: Number of local processes; the number of processors if not set.
+        scheduler: Address of a Dask scheduler whose workers replace the local processes.
+        on_progress: Called with the number of finished runs and the number of runs to do.
 
     Raises:
-        OutputError: If the folder can't be used, or is of a study with other settings.
+        OutputError: If the folder can't be used, or has rows of other settings.
         InvalidArgumentError: If the scheduler can't be used.
     """
     folder = Path(out) / study.name
     plan, measures = study.plan, tuple(study.config.measures)
-    # All points get one seed before any gets the next: half a study shows them all.
+    # All points get one seed before any point gets the next: half a study has all points.
     order = sorted(range(len(plan)), key=lambda index: (index % len(plan.seeds), index))
     found = run_jobs(
         SweepRun(plan, study.scenario, study.source, study.folder, study.folders, measures),
@@ -79,7 +79,7 @@ def sweep(
 
 def _command(options: argparse.Namespace) -> int:
     if options.scheduler is not None and options.processes is not None:
-        raise InvalidArgumentError("--processes: a cluster has its own; leave it out")
+        raise InvalidArgumentError("--processes: has no effect on a cluster; leave it out")
     study = load_study(options.study, options.allow)
     return study_options.make_rows_and_report(
         lambda on_progress: sweep(

@@ -1,4 +1,4 @@
-"""The swept fields of a study and their values, and its runs, each a function of its index."""
+"""Axes of a sweep, and its runs, each of which is a function of its index."""
 
 import json
 import math
@@ -18,32 +18,32 @@ MOST_RUNS = 1_000_000
 """Largest number of runs of a sweep."""
 
 SEED_FIELD = "random_seed"
-"""The field that differs between the runs of a point."""
+"""Field that differs between the runs of a point."""
 
 _WHOLE = np.iinfo(np.int64)
 _RANGES: Mapping[str, tuple[type, Mapping[str, Any]]] = {
     "uniform": (float, {}),
     "log_uniform": (float, {"above": 0}),
     "integer": (int, {"at_least": _WHOLE.min, "at_most": _WHOLE.max}),
-}  # The type of both ends of a range, and what they must be.
+}  # Type and range of both ends of an interval, by distribution.
 
 KINDS = (*_RANGES, "choice")
-"""The distributions of random values."""
+"""Distributions of random values."""
 
 Label = float | int | bool | str
-"""A value as a row shows it."""
+"""A value in a row."""
 
 _FIELDS = "fields"
 
 
 @dataclass(frozen=True)
 class GridAxis:
-    """A swept field, or several that change together, and the values in turn.
+    """A swept field, or several fields that change together, with their values.
 
     Attributes:
-        name: Path of the field, or the name of several.
-        labels: What rows say of each value.
-        changes: For each value, the fields that it sets, by their paths.
+        name: Path of the field, or name of several fields.
+        labels: Label of each value in the rows.
+        changes: Fields that each value sets, by their paths.
     """
 
     name: str
@@ -52,19 +52,19 @@ class GridAxis:
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """The paths of all fields that the axis sets."""
+        """Paths of all fields that the axis sets."""
         return tuple(dict.fromkeys(path for change in self.changes for path in change))
 
 
 @dataclass(frozen=True)
 class RandomAxis:
-    """A field, or several with the same value, that each sample draws anew.
+    """A field, or several fields with the same value, that each sample draws at random.
 
     Attributes:
-        name: Path of the field, or the name of several.
-        fields: The paths of all of them.
-        kind: One of `KINDS`.
-        arguments: The two ends of the range, or the values to choose from.
+        name: Path of the field, or name of several fields.
+        fields: Paths of all fields that the axis sets.
+        kind: Distribution of the values, one of `KINDS`.
+        arguments: Both ends of the interval, or the values to choose from.
     """
 
     name: str
@@ -73,11 +73,11 @@ class RandomAxis:
     arguments: tuple[Any, ...]
 
     def draw(self, seed: int, sample: int) -> Any:
-        """Returns the value of a sample, whatever else is swept and however many samples there are.
+        """Returns the value of a sample, independent of other axes and of the number of samples.
 
         Args:
-            seed: The study's `sampling_seed`.
-            sample: Number of the sample, from 0 on.
+            seed: Key `sampling_seed` of the study.
+            sample: Index of the sample, 0 or more.
         """
         generator = np.random.default_rng([seed, zlib.crc32(self.name.encode()), sample])
         if self.kind == "choice":
@@ -87,20 +87,20 @@ class RandomAxis:
             return int(generator.integers(low, high, endpoint=True))
         if self.kind == "log_uniform":
             value = low * (high / low) ** generator.random()
-            return float(min(max(value, low), high))  # Rounding may lead past an end.
+            return float(min(max(value, low), high))  # Rounding may exceed an end.
         return float(low + (high - low) * generator.random())
 
 
 @dataclass(frozen=True)
 class SweepPlan:
-    """The runs: the grid's product, the last axis fastest, times samples, times seeds.
+    """Plan of the runs: product of the grid (last axis fastest), the samples and the seeds.
 
     Attributes:
-        grid: The axes with given values.
-        random: The axes that each sample draws.
+        grid: Axes with listed values.
+        random: Axes whose values each sample draws.
         samples: Number of samples for each combination of the grid.
         sampling_seed: Seed of the samples.
-        seeds: The `random_seed` of the runs of each point.
+        seeds: Values of `random_seed` for the runs of each point.
     """
 
     grid: tuple[GridAxis, ...]
@@ -110,20 +110,20 @@ class SweepPlan:
     seeds: range
 
     def __len__(self) -> int:
-        """Number of runs."""
+        """Returns the number of runs."""
         return math.prod(len(axis.labels) for axis in self.grid) * self.samples * len(self.seeds)
 
     @property
     def axes(self) -> list[GridAxis | RandomAxis]:
-        """All axes."""
+        """All axes, those of the grid first."""
         return [*self.grid, *self.random]
 
     def changes(self, index: int) -> dict[str, Any]:
-        """Returns what differs from the scenario in a run, by the paths of fields."""
+        """Returns the values that a run changes in the scenario, by the paths of fields."""
         return self._run(index)[0]
 
     def job(self, index: int) -> dict[str, Label]:
-        """Returns the first columns of a run's row: index, axes, fields that they set, and seed."""
+        """Returns the first columns of a run's row: index, axes, their fields, and seed."""
         changes, said, seed = self._run(index)
         names = [axis.name for axis in self.axes]
         fields = [field for axis in self.axes for field in axis.fields]
@@ -150,21 +150,21 @@ class SweepPlan:
         """Checks axes against each other, and the number of runs.
 
         Args:
-            source: The study's file, for messages.
-            columns: Names that rows have besides those of axes.
+            source: File of the study, for messages.
+            columns: Names of the rows' columns besides those of axes.
 
         Raises:
-            ScenarioError: If two axes set the same field; if a name is there twice; if the seed is
-                swept; or if there are too many runs.
+            ScenarioError: If two axes set the same field or have the same name; if the seed is
+                swept; if several samples would be the same; or if there are too many runs.
         """
         if not self.axes:
             raise ScenarioError(source, "", "sweeps nothing; give it a grid, or random fields")
         for place, axis in enumerate(self.axes):
             if any(overlap(field, SEED_FIELD) for field in axis.fields):
-                problem = "can't be swept here; the key seeds says how many there are"
+                problem = "can't be swept; use the key seeds instead"
                 raise ScenarioError(source, SEED_FIELD, problem)
             if axis.name in columns:
-                raise ScenarioError(source, axis.name, "is a column of its own; use another name")
+                raise ScenarioError(source, axis.name, "is another column; use another name")
             for other in self.axes[:place]:
                 if axis.name == other.name:
                     raise ScenarioError(source, axis.name, "is swept twice")
@@ -173,7 +173,7 @@ class SweepPlan:
                         problem = f"is set by {axis.name} and by {other.name}"
                         raise ScenarioError(source, field, problem)
         if self.samples > 1 and not self.random:
-            problem = f"{self.samples} samples would be all alike: nothing is random"
+            problem = f"{self.samples} samples would be the same: no field is random"
             raise ScenarioError(source, "samples", problem)
         if len(self) > MOST_RUNS:
             problem = f"{len(self)} runs are too many; at most {MOST_RUNS} can be made"
@@ -184,14 +184,14 @@ def grid_axis(name: str, values: Any, data: Mapping[str, Any], source: str) -> G
     """Returns the axis of an entry of `grid`.
 
     Args:
-        name: The entry's key: a field's path if `values` is a list; a name if it is a mapping from
-            labels to mappings from paths to values.
-        values: The entry.
-        data: The scenario that is swept.
-        source: The study's file, for messages.
+        name: Key of the entry: a field's path if `values` is a list, or a name if `values` is a
+            mapping.
+        values: List of values; or mapping from labels to mappings from paths to values.
+        data: Scenario to sweep, as plain data.
+        source: File of the study, for messages.
 
     Raises:
-        ScenarioError: If the entry can't be used.
+        ScenarioError: If the entry is invalid.
     """
     key, source_of = f"grid.{name}", f"{source}: grid"
     labels: list[Label]
@@ -211,13 +211,13 @@ def grid_axis(name: str, values: Any, data: Mapping[str, Any], source: str) -> G
             changes.append({str(path): value for path, value in fields.items()})
         source_of = ""
     else:
-        problem = "must be a list of values, or a mapping from labels to what each sets; not empty"
+        problem = "must be a list of values, or a mapping from labels to changes; not empty"
         raise ScenarioError(source, key, problem)
     for label, change in zip(labels, changes, strict=True):
         with_fields(data, change, source_of or f"{source}: {key}.{label}")
     texts = [str(label) for label in labels]
     if twice := [text for text in texts if texts.count(text) > 1]:
-        raise ScenarioError(source, key, f"{twice[0]} is there twice; give each value once")
+        raise ScenarioError(source, key, f"{twice[0]} occurs twice; give each value once")
     return GridAxis(name, tuple(labels), tuple(changes))
 
 
@@ -225,18 +225,18 @@ def random_axis(name: str, entry: Any, data: Mapping[str, Any], source: str) -> 
     """Returns the axis of an entry of `random`.
 
     Args:
-        name: The entry's key: a field's path, or a name if the entry has the key `fields`.
-        entry: A mapping with one of `KINDS`, and `fields`, a list of paths, if there are several.
-        data: The scenario that is swept.
-        source: The study's file, for messages.
+        name: Key of the entry: a field's path, or a name if the entry has the key `fields`.
+        entry: Mapping with one of `KINDS` and, for several fields, a list of paths `fields`.
+        data: Scenario to sweep, as plain data.
+        source: File of the study, for messages.
 
     Raises:
-        ScenarioError: If the entry can't be used.
+        ScenarioError: If the entry is invalid.
     """
     key = f"random.{name}"
     kinds = [kind for kind in entry if kind != _FIELDS] if isinstance(entry, Mapping) else []
     if len(kinds) != 1 or kinds[0] not in KINDS:
-        problem = f"{entry!r} must be a mapping with one of: {', '.join(KINDS)}; and perhaps fields"
+        problem = f"{entry!r} must be a mapping with one of: {', '.join(KINDS)}; and maybe fields"
         raise ScenarioError(source, key, problem)
     fields, (kind,) = entry.get(_FIELDS, [name]), kinds
     for where, values in ((_FIELDS, fields), (kind, entry[kind])):
@@ -249,18 +249,18 @@ def random_axis(name: str, entry: Any, data: Mapping[str, Any], source: str) -> 
         type_, rules = _RANGES[kind]
         fits = len(arguments) == 2 and not any(scalar_problem(e, type_, rules) for e in arguments)
         if not fits or arguments[0] > arguments[1]:
-            problem = f"must be two, the lower first, each {scalar_problem(None, type_, rules)}"
+            problem = f"must be two, lower first, each {scalar_problem(None, type_, rules)}"
             raise ScenarioError(source, f"{key}.{kind}", f"{arguments} {problem}")
     return RandomAxis(name, tuple(map(str, fields)), kind, tuple(arguments))
 
 
 def _label(value: Any) -> Label:
-    """Returns a value as rows show it: a scalar, or JSON."""
+    """Returns a value for the rows: a scalar itself, or else JSON."""
     return value if isinstance(value, float | int | str) else json.dumps(value)
 
 
 def _number(value: Any) -> Any:
-    """Returns the number of a text that YAML 1.1 doesn't read as one, as 1e-3; else the value."""
+    """Converts texts that YAML 1.1 doesn't read as numbers, such as 1e-3; keeps other values."""
     try:
         return float(value) if isinstance(value, str) else value
     except ValueError:

@@ -1,4 +1,4 @@
-"""The report of a sweep: for each axis a figure and a table of the measures."""
+"""Report of a sweep, with a figure and a table of the measures for each axis."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,9 +25,9 @@ _SHOWN = (
     "displacement",
     "position_error_mean",
 )
-_MOST_COLORS = 7  # Axes of more values than that are not shown by colours.
-_MOST_GROUPS = 8  # Random numbers of more values than that are grouped by quarters of the runs.
-_LOG_RATIO = 20.0  # Of the largest to the least value on a logarithmic scale.
+_MOST_COLORS = 7  # Largest number of values that colours distinguish.
+_MOST_GROUPS = 8  # Random numbers with more values are grouped into quartiles.
+_LOG_RATIO = 20.0  # Ratio of largest to least value from which a scale is logarithmic.
 _UNITS = {
     "m": ("position_std", "position_spread", "size", "spacing", "radius", "clearance", "standoff"),
     "rad": ("orientation_std", "direction"),
@@ -43,12 +43,12 @@ def write_sweep_report(folder: Path, study: Study, found: StudyRows) -> Path:
     """Writes `report.html` and returns its path.
 
     Args:
-        folder: Of the study.
-        study: What was swept.
-        found: The rows and failures.
+        folder: Folder of the study.
+        study: Study of the report.
+        found: Rows and failures of the study.
 
     Raises:
-        OutputError: If it can't be written.
+        OutputError: If the report can't be written.
     """
     plan, config = study.plan, study.config
     counts = [f"{len(axis.labels)} values of {axis.name}" for axis in plan.grid]
@@ -83,7 +83,7 @@ def write_sweep_report(folder: Path, study: Study, found: StudyRows) -> Path:
 
 
 def with_categories(rows: pd.DataFrame, axes: Sequence[GridAxis | RandomAxis]) -> pd.DataFrame:
-    """Returns rows whose axes are numbers, or else texts in the order of the study."""
+    """Returns rows whose axes are numeric, or else categorical in the order of the study."""
     rows = rows.copy()
     for axis in axes if len(rows) else ():
         column = rows[axis.name]
@@ -97,14 +97,14 @@ def with_categories(rows: pd.DataFrame, axes: Sequence[GridAxis | RandomAxis]) -
 
 
 def is_scattered(rows: pd.DataFrame, axis: GridAxis | RandomAxis) -> bool:
-    """Whether a figure shows single runs, as those with random numbers differ in others too."""
+    """Returns whether a figure shows single runs, as it does for random numbers."""
     return isinstance(axis, RandomAxis) and pd.api.types.is_numeric_dtype(rows[axis.name])
 
 
 def color_axis(
     rows: pd.DataFrame, axes: Sequence[GridAxis | RandomAxis], axis: GridAxis | RandomAxis
 ) -> GridAxis | RandomAxis | None:
-    """Returns the axis that colours show in an axis's figure: the next one that has few values."""
+    """Returns the axis that colours show in an axis's figure: the next axis with few values."""
     place = axes.index(axis)
     for other in [*axes[place + 1 :], *axes[:place]]:
         if not is_scattered(rows, other) and 1 < rows[other.name].nunique() <= _MOST_COLORS:
@@ -115,7 +115,7 @@ def color_axis(
 def axis_table(
     rows: pd.DataFrame, axis: GridAxis | RandomAxis, measures: Sequence[str]
 ) -> pd.DataFrame:
-    """Returns the medians of measures, and their ranges, for each value of an axis."""
+    """Returns a table of the medians and ranges of measures for each value of an axis."""
     by = rows[axis.name]
     if is_scattered(rows, axis) and by.nunique() > _MOST_GROUPS:
         by = pd.qcut(by, 4, precision=4, duplicates="drop")
@@ -131,10 +131,10 @@ def axis_table(
 
 
 def axis_label(name: str) -> str:
-    """Returns the label of an axis, with the unit of its field where that is known."""
+    """Returns the label of an axis, with the unit of its field if the unit is known."""
     field = name.rpartition(".")[2].partition("[")[0]
     unit = next((unit for unit, fields in _UNITS.items() if field in fields), "")
-    # The names of several fields that change together bring their own.
+    # Names of several fields that change together may have a unit.
     return f"{name} [{unit}]" if unit and " [" not in name else name
 
 
@@ -144,13 +144,13 @@ def plot_axis(
     measures: Sequence[str],
     color: GridAxis | RandomAxis | None,
 ) -> Figure:
-    """Returns a figure of measures against an axis, a panel each: medians and quartiles, or points.
+    """Returns a figure of measures against an axis: medians and quartiles, or points.
 
     Args:
-        rows: From `with_categories`.
-        axis: The horizontal axis.
-        measures: The panels, by the names of measures.
-        color: The axis that colours show, if any.
+        rows: Rows from `with_categories`.
+        axis: Axis of the sweep on the horizontal axis.
+        measures: Names of the measures, one for each panel.
+        color: Axis of the sweep that colours show, or None.
     """
     shown_by_color = axis.name if color is None else color.name
     data = rows[list(measures)].assign(x=rows[axis.name], color=rows[shown_by_color])
@@ -165,7 +165,7 @@ def plot_axis(
     middle = {"estimator": "median", "errorbar": ("pi", 50)}
     own_scales = {"sharex": False, "sharey": False}
     style = {"style": shared.get("hue"), "facet_kws": own_scales}
-    # Names that users give are no formulas.
+    # Names from users are not formulas.
     with matplotlib.rc_context({"text.parse_math": False}):
         if is_scattered(rows, axis):
             grid = sns.relplot(data, kind="scatter", **shared, **style)
@@ -194,7 +194,7 @@ def plot_axis(
 
 
 def _scale(axis: Any, values: pd.Series) -> None:
-    """Makes an axis of magnitudes logarithmic, below the least that is not zero linear."""
+    """Makes an axis with a wide range of magnitudes logarithmic, and linear around zero."""
     above = values[values > 0]
     if (values < 0).any() or not above.max() > _LOG_RATIO * above.min():
         axis.axes.ticklabel_format(axis=axis.axis_name, useOffset=False)
