@@ -20,8 +20,8 @@ def config_with(
     """Returns the configuration of a system after a check of its ranges.
 
     Args:
-        config: Configuration that the caller gives, if any.
-        default: Configuration that `keywords` change.
+        config: Configuration from the caller, or None.
+        default: Configuration that the keywords change.
         keywords: Deprecated keywords with their values.
         owner: System whose constructor is called.
         names: Dotted path of the field for each keyword that has another name than its field.
@@ -36,7 +36,7 @@ def config_with(
         return config
     said = ", ".join(keywords)
     if config is not None:
-        raise TypeError(f"{type(owner).__name__} takes {said} from its config, not beside it")
+        raise TypeError(f"{type(owner).__name__} accepts {said} in its config, not as keywords too")
     for keyword, value in keywords.items():
         path = (names or {}).get(keyword, keyword)
         try:

@@ -49,7 +49,7 @@ def check_sensor(source: str, sensor: SensorConfig, period: float) -> None:
     """Raises a `ScenarioError` unless the sensor's faults are consistent with each other.
 
     Args:
-        source: Where the scenario is from, for the message.
+        source: Name of the scenario's origin, for the message.
         sensor: Configuration of the sensor, with keys, types and ranges checked.
         period: Seconds between planning ticks.
     """
@@ -95,7 +95,8 @@ def _contradictions(faults: MeasurementFaults, period: float) -> Iterator[tuple[
     if f.out_of_order and not f.jitter > between:
         yield (
             "out_of_order",
-            f"with a jitter of {f.jitter} s none overtakes; more than {between} s does",
+            f"it needs a jitter of more than {between} s, the time between measurements, not"
+            f" {f.jitter} s",
         )
     for kind, rate, duration in (
         ("dropout", f.dropout_rate, f.dropout_duration),

@@ -124,7 +124,7 @@ class SurfaceConfig:
     def make_surface(self, config: ObjectConfig, spacing: float | None = None) -> ObjectSurface:
         """Returns the sampled surface of an object.
 
-        The last few surfaces are cached, and made anew if the configuration or the file changes.
+        The two newest surfaces are cached, and made anew if the configuration or the file changes.
 
         Args:
             config: The object.
@@ -174,7 +174,7 @@ def check_surface(source: str, config: ObjectConfig, surface: SurfaceConfig) -> 
     """Returns the sampled surface of an object.
 
     Args:
-        source: Where the scenario is from, for the message.
+        source: Name of the scenario's origin, for the message.
         config: The object.
         surface: Configuration of the sampling.
 

@@ -289,10 +289,10 @@ class HandModel:
 
         Args:
             p_OC: Contacts in O, in the order of the fingers, shape (n, 3), in metres.
-            normals: Outward unit normals of the surface at them, in O, shape (n, 3).
+            normals: Outward unit normals of the surface at the contacts, in O, shape (n, 3).
 
         Raises:
-            InvalidArgumentError: If one is.
+            InvalidArgumentError: If a contact is on such a face.
         """
         for tip, point, normal in zip(self.description.fingertips, p_OC, normals, strict=True):
             for face in tip.forbidden_faces:

@@ -1,7 +1,7 @@
-"""A hand's model, found and added to a plant.
+"""Models of hands: paths, and Drake's parser.
 
-Where Drake demands a condition of what it is given, a failure reaches Python as `SystemExit`: it
-would end the process, whatever a file of unknown origin has made fail.
+A failed `DRAKE_DEMAND` reaches Python as `SystemExit`, which would end the process. Files of
+unknown origin must not cause that, so it is turned into an error.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from drake_pregrasp.robots.robot_models import ROBOTS_URL, cache_folder, robot_m
 
 @contextlib.contextmanager
 def failures_as_errors() -> Iterator[None]:
-    """Turns a failed demand of Drake's inside into a `RuntimeError` that says which."""
+    """Turns a failed `DRAKE_DEMAND` inside into a `RuntimeError` with its message."""
     try:
         yield
     except SystemExit as error:
@@ -33,7 +33,7 @@ def failures_as_errors() -> Iterator[None]:
 
 
 HAND = "hand"
-"""The model instance that a hand is, whatever its file calls it."""
+"""Name of a hand's model instance in the plant, for any name in its file."""
 
 
 def add_hand_model(
@@ -46,9 +46,10 @@ def add_hand_model(
     Drake's parser reads the models of this package, and checked copies of all others.
 
     Args:
-        plant: Where to add it.
-        description: The hand.
-        yaw_range: Of a carrier's wrist, in radians; an endless one leaves that of the model.
+        plant: Plant to which the hand is added.
+        description: Description of the hand.
+        yaw_range: Smallest and largest angle of a carrier's wrist, in radians; the model keeps its
+            own range by default.
 
     Raises:
         InvalidArgumentError: If its model can't be loaded.
@@ -83,7 +84,7 @@ def add_hand_model(
 
 @contextlib.contextmanager
 def _said_only_at_success() -> Iterator[None]:
-    """Holds back what Drake logs of a model; if it fails, the error says it, in one line."""
+    """Holds back Drake's log messages until success; after a failure, the error has the reason."""
     held: list[logging.LogRecord] = []
 
     def hold(record: logging.LogRecord) -> bool:
@@ -107,10 +108,10 @@ def _is_own(model: Path) -> bool:
 
 
 def model_path(model: str) -> Path:
-    """Returns where a hand's model is.
+    """Returns the path of a hand's model.
 
     Args:
-        model: As `HandDescription.model`.
+        model: Name of the model, as in `HandDescription.model`.
 
     Raises:
         InvalidArgumentError: If there is no such file.
