@@ -166,7 +166,7 @@ def tip_gaps(
 def hold_where_tips_meet(
     selection: SelectionInput, goals: FloatArray, pairs: Sequence[Pair]
 ) -> FloatArray:
-    """Undoes steps until no two fingertips are too near that were not so before.
+    """Undoes steps until no two fingertips are too near, except those that were so before.
 
     Undoing all of them always helps, so the search ends. Coupled contacts are held together.
 
@@ -300,7 +300,7 @@ def judged_goals(
     on_surface: BoolArray,
     contact_limits: ContactLimits,
 ) -> ContactGoals:
-    """Returns goals with their status: active are those with a region, permitted and with room.
+    """Returns goals with their status; a permitted goal with a region and with room is active.
 
     Args:
         selection: Surface and regions of this tick.

@@ -77,7 +77,7 @@ class ObjectSurface:
     Attributes:
         p_OQ: Candidate points q of Y, each on its own patch, shape (N, 3), in metres.
         nhat_OQ: Outward unit normals at the candidates, shape (N, 3).
-        areas: Surface area each candidate stands for, shape (N,), in m².
+        areas: Surface area that each candidate represents, shape (N,), in m².
         forbidden: Points Z that are part of the object.
         p_OCoM: The object's centre of mass, shape (3,), in metres.
         mesh: The whole surface, closed, in O.
