@@ -78,12 +78,12 @@ def run(
             early.
 
     Raises:
-        ScenarioError: If the scenario or its name can't be used.
+        ScenarioError: If the scenario or its name is invalid.
         OutputError: If the run folder can't be written, holds a run of another scenario, or is in
             use by another run.
     """
     if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", name):
-        raise ScenarioError("", name, "a run's name is made of letters, digits, '_', '-' and '.'")
+        raise ScenarioError("", name, "a run's name must have only letters, digits, '_', '-', '.'")
     check_scenario(scenario)
     if recording:
         check_recording("scenario", scenario, scenario.make_surface())
@@ -98,7 +98,7 @@ def run(
             )
         meshcat = start_meshcat() if recording else None
         logged = LoggedRun(scenario, folder, meshcat=meshcat, on_tick=on_tick)
-        with output.writing(folder):  # Not before everything else is known to be valid.
+        with output.writing(folder):  # Only after everything else has been checked.
             for file in earlier:
                 file.unlink()
         output.write_text(folder / "scenario.yaml", text)
