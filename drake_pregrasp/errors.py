@@ -29,7 +29,7 @@ class NoSurfaceError(InvalidArgumentError):
 class ScenarioError(PregraspError):
     """A scenario is invalid.
 
-    The message is one line of printable characters, whatever a file holds.
+    The message is one line of printable characters, for any content of a file.
 
     Args:
         source: File that holds the scenario, or the name of a text.

@@ -27,7 +27,7 @@ def config_with(
         names: Dotted path of the field for each keyword that has another name than its field.
 
     Raises:
-        TypeError: If a keyword is unknown, or given beside a configuration.
+        TypeError: If a keyword is unknown, or given in addition to a configuration.
         InvalidArgumentError: If a field is out of its range.
     """
     if not keywords:

@@ -26,7 +26,7 @@ class SensorConfig:
     # radians.
     orientation_std: float = field(default=0.0035, metadata={"at_least": 0, "at_most": 10})
 
-    # Faults of the measurements, beside the white noise.
+    # Faults of the measurements, besides the white noise.
     faults: MeasurementFaults = field(default_factory=MeasurementFaults)
 
 

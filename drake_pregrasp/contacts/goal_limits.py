@@ -260,7 +260,7 @@ def with_returning_contacts(
     """Moves each contact without a region towards the nearest permitted candidate.
 
     The candidate is on the contact's own side of a wall if there is one, since no step leads
-    through, and has room beside the other fingertips.
+    through, and has room next to the other fingertips.
     """
     surface, regions = selection.surface, selection.regions
     constraints, goals = regions.constraints, goals.copy()

@@ -225,7 +225,7 @@ def make_blend(
         friction: Coulomb's coefficient, for `margin`.
 
     Raises:
-        InvalidArgumentError: As of `make_strategy`, or if a weight is negative, or all are zero.
+        InvalidArgumentError: As for `make_strategy`, or if a weight is negative, or all are zero.
     """
     for name, weight in weights.items():
         if name not in STRATEGIES:

@@ -1,6 +1,6 @@
 """State machine of a grasp: approach, track, close until touch, squeeze, lift, hold, or back off.
 
-It takes the decisions at each control tick. Other parts move goals and joints, and measure forces.
+It decides at each control tick. Other parts move goals and joints, and measure forces.
 """
 
 from collections.abc import Callable

@@ -55,7 +55,7 @@ def squeeze_forces(
 ) -> Squeeze:
     """Returns the smallest forces that balance a wrench, each inside its friction cone.
 
-    This is the force-balance programme of grasping (Buss, Hashimoto & Moore, 1996, with pyramids
+    This is the force-balance program of grasping (Buss, Hashimoto & Moore, 1996, with pyramids
     in place of cones): min sum |f_i|² over f_i = R_i E a_i, a_i >= 0, with G f + wrench = 0 and
     with normal forces in bounds. Bounds get slack variables, and all equations a large weight. That
     makes it a non-negative least-squares problem, which has a solution even if nothing balances.

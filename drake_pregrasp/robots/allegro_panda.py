@@ -35,8 +35,8 @@ class RobotData:
     """An installed collection of robots.
 
     Attributes:
-        folder: What `MODELS_URL` stands for.
-        version: Of the distribution.
+        folder: Folder that `MODELS_URL` refers to.
+        version: Version of the distribution.
     """
 
     folder: Path
@@ -107,9 +107,9 @@ def write_allegro_panda(
     """Writes the pair's URDF and its meshes into a folder, and returns the URDF.
 
     Args:
-        data: Where arm and hand come from.
-        folder: Empty.
-        on_progress: Called with how many meshes are done, of how many.
+        data: Installed collection with the arm and the hand.
+        folder: Empty folder for the files.
+        on_progress: Function that is called with the numbers of meshes done and of all.
 
     Raises:
         InvalidArgumentError: If `data` lacks a file, or has one that can't be read.

@@ -29,12 +29,12 @@ def cache_folder() -> Path:
 def cached(name: str, make: Callable[[Path], object]) -> Path:
     """Returns the folder of a model, and makes it if there is none.
 
-    What is there is complete: it is made under another name, and renamed at its end. Of several
-    processes that make it at once the first one's stays, and they all return it.
+    The folder is made atomically, under another name, and renamed at the end. If several processes
+    make it at the same time, the first one wins, and all of them return its folder.
 
     Args:
-        name: Of the model in just this version.
-        make: Fills an empty folder that it is given.
+        name: Name of the model and its version.
+        make: Function that fills an empty folder.
 
     Raises:
         OutputError: If the folder can't be written.

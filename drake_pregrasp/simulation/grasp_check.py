@@ -55,15 +55,15 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     if not grasp.has_hand:
         return
     if not isinstance(scenario.object, Box):
-        yield "object", "a hand takes a !Box only; choose one, or no hand"
+        yield "object", "a hand can grasp a !Box only; choose one, or no hand"
         return
     if not isinstance(scenario.motion, Conveyor):
-        yield "motion", "a hand takes what is on a !Conveyor only"
+        yield "motion", "a hand can grasp objects on a !Conveyor only"
         return
     with errors_at("grasp.hand"):
         hand = load_hand(grasp.hand)
     if scenario.hand != HandConfig():
-        yield "hand", "has no use beside grasp.hand, which says where it is"
+        yield "hand", "has no effect with grasp.hand, which defines the frame H; leave it out"
     fingers = len(hand.fingertips)
     if fingers != (count := scenario.num_contacts):
         yield "grasp.hand", f"{fingers} fingertips must be {count}, one a contact"

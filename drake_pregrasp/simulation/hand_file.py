@@ -27,17 +27,18 @@ _VECTOR = {"length": 3, "at_least": -10, "at_most": 10}
 class HandConfig:
     """The hand's frame H, in which fingers have their reach."""
 
-    # Where H is: relative to the object's estimated origin if it follows, else in W; in metres.
+    # Position of H, relative to the object's estimated origin if H follows the object, else in W,
+    # in metres.
     position: list[float] = field(default_factory=zeros, metadata=_VECTOR)
 
-    # Its orientation in W, as roll, pitch and yaw, in radians. It stays.
+    # Orientation of H in W, as roll, pitch and yaw, in radians; it is constant.
     rpy: list[float] = field(default_factory=zeros, metadata=_VECTOR)
 
-    # Whether it follows the object.
+    # Whether H follows the object.
     follow: bool = True
 
-    # Where the fingertips are at the start in H, one row each, in metres. If given, each finger
-    # gets the contact that makes all of them together travel least, so that no two cross.
+    # Initial positions of the fingertips in H, one row each, in metres. If given, fingers are
+    # assigned to the initial contacts with the smallest sum of distances.
     fingertips: list[list[float]] = field(default_factory=list, metadata={"elements": _VECTOR})
 
     def initial_X_WH(self, X_WO: RigidTransform) -> RigidTransform:
@@ -51,11 +52,12 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
 
     Args:
         file: A path from the working directory, or `package://drake_pregrasp/...`.
-        folders: For a description of unknown origin: where its model, and what that names, may be
-            beside the description's own folder; or anywhere below. None: anywhere.
+        folders: For a description of unknown origin, further folders that may hold its model and
+            the files that the model names, at any depth; the description's own folder is always
+            allowed. None for any folder.
 
     Raises:
-        ScenarioError: If there is anything wrong with it; the message names file, key and value.
+        ScenarioError: If the description is invalid; the message names file, key and value.
     """
     try:
         path = resolve_path(str(file), Path.cwd())
@@ -75,12 +77,12 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
 
 
 def check_hand_files(hand: str, allowed: Sequence[Path], source: str) -> None:
-    """Raises a `ScenarioError` unless a hand's model, and what it names, may be read.
+    """Raises a `ScenarioError` unless a hand's model, and the files that it names, may be read.
 
     Args:
-        hand: File of its description; empty for none.
-        allowed: Folders that files may be in, or below, beside that of the description.
-        source: Where the scenario is from, for the message.
+        hand: File of the hand's description; empty for no hand.
+        allowed: Folders that may hold the files, at any depth, besides that of the description.
+        source: Name of the scenario's origin, for the message.
     """
     if not hand:
         return
@@ -91,15 +93,15 @@ def check_hand_files(hand: str, allowed: Sequence[Path], source: str) -> None:
 
 
 def load_hand_model(file: str | Path, yaw_range: tuple[float, float] = FREE_TURN) -> HandModel:
-    """Loads a hand and its model; as long as both files stay as they are, the one it made before.
+    """Loads a hand and its model, which is cached until one of the two files changes.
 
     Args:
         file: As for `load_hand`.
         yaw_range: As for `HandModel`.
 
     Raises:
-        ScenarioError: As `load_hand` does.
-        InvalidArgumentError: As `HandModel` does.
+        ScenarioError: As for `load_hand`.
+        InvalidArgumentError: As for `HandModel`.
     """
     path = model_path(load_hand(file).model)
     own = resolve_path(str(file), Path.cwd())

@@ -16,15 +16,15 @@ _VECTOR = {"length": 3, "at_least": -10, "at_most": 10}
 
 @dataclass
 class BallObstacle:
-    """A ball that moves steadily."""
+    """A ball with a constant velocity."""
 
-    # Its radius, in metres.
+    # Radius, in metres.
     radius: float = field(default=0.0, metadata={"required": True, "above": 0, "at_most": 100})
 
-    # Its centre at the start in W, in metres.
+    # Initial position of the centre in W, in metres.
     center: list[float] = field(default_factory=zeros, metadata=_POINT)
 
-    # Its velocity in W, in m/s.
+    # Velocity in W, in m/s.
     velocity: list[float] = field(default_factory=zeros, metadata=_VECTOR)
 
     def make_solid(self) -> Solid:
@@ -34,18 +34,18 @@ class BallObstacle:
 
 @dataclass
 class BoxObstacle:
-    """A box that moves steadily and doesn't turn."""
+    """A box with a constant velocity and orientation."""
 
     # Edge lengths, in metres.
     size: list[float] = field(default_factory=zeros, metadata={"required": True, **_SIZE})
 
-    # Its centre at the start in W, in metres.
+    # Initial position of the centre in W, in metres.
     center: list[float] = field(default_factory=zeros, metadata=_POINT)
 
-    # Its orientation in W, as roll, pitch and yaw, in radians.
+    # Orientation in W, as roll, pitch and yaw, in radians.
     rpy: list[float] = field(default_factory=zeros, metadata=_VECTOR)
 
-    # Its velocity in W, in m/s.
+    # Velocity in W, in m/s.
     velocity: list[float] = field(default_factory=zeros, metadata=_VECTOR)
 
     def make_solid(self) -> Solid:
@@ -56,15 +56,15 @@ class BoxObstacle:
 
 @dataclass
 class PlaneObstacle:
-    """All that is behind a plane, as a table or a wall."""
+    """The half-space behind a plane, for example a table or a wall."""
 
-    # A point of the plane at the start in W, in metres.
+    # Initial position of a point of the plane in W, in metres.
     point: list[float] = field(default_factory=zeros, metadata=_POINT)
 
-    # The plane's normal in W; it points away from the obstacle.
+    # Normal of the plane in W; it points away from the obstacle.
     normal: list[float] = field(default_factory=zeros, metadata={"required": True, **_POINT})
 
-    # Its velocity in W, in m/s.
+    # Velocity in W, in m/s.
     velocity: list[float] = field(default_factory=zeros, metadata=_VECTOR)
 
     def make_solid(self) -> Solid:

@@ -56,7 +56,7 @@ def load_scenario(
         name: Name of an entry of `file`, or of a shipped scenario if no file is given.
         file: YAML file. If it has a single entry, `name` can be left out.
         text: YAML that overrides single keys, for example `{planner: {period: 0.1}}`.
-        folders: Folders that may hold files which the scenario names, at any depth, beside the
+        folders: Folders that may hold files which the scenario names, at any depth, besides the
             file's own folder and, for files that `text` names, the working directory.
 
     Raises:
@@ -122,7 +122,7 @@ def scenario_from_data(
         data: Entry of a scenario file, as `parse_yaml` returns it; missing keys have defaults.
         source: Name of the data's origin, for error messages.
         folder: Folder at which relative paths start.
-        folders: Folders that may hold files which the scenario names, beside `folder`.
+        folders: Folders that may hold files which the scenario names, besides `folder`.
 
     Raises:
         ScenarioError: If the scenario can't be used; the message names source, key and value.

@@ -37,9 +37,9 @@ def check_mapping(source: str, key: str, data: object, schema: Any) -> None:
     """Raises a `ScenarioError` unless `data` fits into an instance of `schema`.
 
     Args:
-        source: What the data was read from, for the message.
-        key: Dotted path of the data in it.
-        data: What YAML made of it.
+        source: Name of the data's origin, for the message.
+        key: Dotted path of the data in its origin.
+        data: Data from a YAML file.
         schema: A dataclass, or one of Drake's configuration classes.
     """
     if not isinstance(data, Mapping):
@@ -64,8 +64,8 @@ def add_tags(data: object, config: object) -> None:
     """Tags every mapping that may be of several kinds, in place.
 
     Args:
-        data: What YAML made of the dumped configuration, which leaves out tags of first kinds.
-        config: The configuration: a dataclass, or a list of them; others have no tags inside.
+        data: Data of the dumped configuration, in which the tags of first kinds are missing.
+        config: The configuration: a dataclass or a list; other types have no tags inside.
     """
     if isinstance(config, list) and isinstance(data, list):
         for element, part in zip(data, config, strict=True):

@@ -13,7 +13,7 @@ from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.yaml_text import load_typed, parse_entries
 
 VELOCITY_COLUMNS = ("vx", "vy", "vz", "wx", "wy", "wz")
-"""Columns of the smoothed file beside `COLUMNS`: velocities of O in W, in m/s and rad/s."""
+"""Columns of the smoothed file besides `COLUMNS`: velocities of O in W, in m/s and rad/s."""
 
 CARRIED = EstimatorConfig(
     acceleration=0.5,

@@ -217,7 +217,7 @@ def fault_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Returns a line for each fault.
 
     Args:
-        rows: Of `run_faults`, with their jobs.
+        rows: Rows from `run_faults`, with their jobs.
     """
     texts = fault_scenarios()
     groups = rows.groupby(pd.Categorical(rows["scenario"], list(texts)), observed=True)

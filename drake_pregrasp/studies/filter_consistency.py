@@ -77,7 +77,7 @@ def consistency_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Returns means of normalised errors over runs, and the bands of a consistent filter.
 
     Args:
-        rows: Of `run_filter`, with their jobs.
+        rows: Rows from `run_filter`, with their jobs.
     """
     groups = rows.groupby("filter", sort=False)
     means, seeds = groups.mean(), groups.size()

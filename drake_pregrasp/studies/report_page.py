@@ -23,7 +23,7 @@ class Heading:
     """A heading.
 
     Attributes:
-        text: Of the heading.
+        text: Text of the heading.
         level: 2 for a section, 3 for a part of one.
     """
 
@@ -36,9 +36,9 @@ class Table:
     """A table.
 
     Attributes:
-        data: Its columns, numbers as texts where digits matter; a `Styler` of such columns for
-            classes and colours, which only the HTML page shows.
-        caption: What the table shows, above it.
+        data: Columns of the table, with numbers as texts if their digits matter; or a `Styler` of
+            such columns for classes and colours, which only the HTML page shows.
+        caption: Caption above the table.
     """
 
     data: "pd.DataFrame | Styler"
@@ -51,7 +51,7 @@ class Picture:
 
     Attributes:
         image: A PNG in the report's folder, or a figure of Matplotlib, which only the HTML shows.
-        caption: What the figure shows, below it.
+        caption: Caption below the figure.
     """
 
     image: Path | matplotlib.figure.Figure
@@ -63,8 +63,8 @@ class Details:
     """Preformatted text that the HTML page shows on demand.
 
     Attributes:
-        title: What is always shown.
-        text: What can be opened.
+        title: Title, which is always shown.
+        text: Text that can be opened.
     """
 
     title: str
@@ -86,10 +86,10 @@ def write_report(
     """Writes a report and returns the path of its first format.
 
     Args:
-        folder: Where it goes.
-        title: Its main heading; if empty, the Markdown has none.
-        parts: What it shows, in this order.
-        name: Of the files, without their endings.
+        folder: Folder of the report.
+        title: Main heading; if it is empty, the Markdown has none.
+        parts: Parts of the report, in their order.
+        name: Name of the files, without their endings.
         formats: "html", "md" or both.
 
     Raises:

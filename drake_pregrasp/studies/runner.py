@@ -66,20 +66,20 @@ def run_jobs(
 ) -> StudyRows:
     """Runs the jobs that have no rows in the folder, and returns all rows of the folder.
 
-    Rows are the same whatever order jobs end in, wherever they run, and however often the study
-    was interrupted. A job that fails stops no other, and runs again the next time.
+    Rows depend neither on the order in which jobs end, nor on the place where they run, nor on
+    interruptions. A job that fails stops no other, and runs again the next time.
 
     Args:
-        function: Returns the row of a job, or its rows, as mappings of plain values. It runs in
-            other processes: a module's function, a `partial` of one, or a dataclass with
-            `__call__`.
-        jobs: What to run, in this order.
-        folder: Where rows are kept, made if it isn't there; if not set, nothing is kept.
-        settings: All that rows depend on besides their jobs and the source, as JSON can say it.
+        function: Function that returns the row of a job, or its rows, as mappings of plain values.
+            It runs in other processes, so it must be a module's function, a `partial` of one, or a
+            dataclass with `__call__`.
+        jobs: Jobs in the order in which they are run.
+        folder: Folder in which rows are kept, created if it does not exist; None to keep nothing.
+        settings: All that rows depend on besides their jobs and the source, as JSON values.
         modules: Names of modules in `studies` that rows depend on, besides the function's own.
-        processes: Number of local processes; that of the processors if not set.
+        processes: Number of local processes; by default the number of processors.
         scheduler: Address of a Dask scheduler whose workers are used instead.
-        on_progress: Called after each job.
+        on_progress: Function that is called after each job.
 
     Raises:
         OutputError: If the folder can't be used, or is of a study with other settings or another

@@ -57,9 +57,10 @@ def add_report_command(
     """Adds the options of a study that has none but `--out`.
 
     Args:
-        parser: Of the command.
-        study: Makes the report in a folder, and returns its path; accepts `on_progress`.
-        out: The default folder.
+        parser: Parser of the command.
+        study: Function that makes the report in a folder and returns its path; it accepts
+            `on_progress`.
+        out: Default folder.
     """
 
     def command(options: argparse.Namespace) -> int:
@@ -75,12 +76,12 @@ def add_report_command(
 def make_rows_and_report(
     make: Callable[[OnProgress], tuple[StudyRows, Path]], *, folder: Path, noun: str = "run"
 ) -> int:
-    """Makes a study of many runs, says what is there, and returns the exit status.
+    """Makes a study of many runs, prints its result, and returns the exit status.
 
     Args:
-        make: Makes the rows and the report, and returns them and the report's path.
-        folder: The folder of the rows.
-        noun: What one run is called.
+        make: Function that makes rows and report, and returns the rows and the report's path.
+        folder: Folder of the rows.
+        noun: Name of one run, for messages.
     """
     try:
         with interruptible(), step_bar(noun) as on_progress:

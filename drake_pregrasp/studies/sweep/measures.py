@@ -64,12 +64,12 @@ class SweepRun:
     """Simulates runs of a sweep and measures them; nothing is left behind.
 
     Attributes:
-        plan: The runs.
-        scenario: What all runs start from, as `scenario_data` has it.
-        source: The study's file, for messages.
-        folder: Where relative paths in swept values start.
-        folders: Where files may be, besides `folder`.
-        measures: Names of the numbers to return.
+        plan: Plan of the runs.
+        scenario: Data of the scenario without the swept values, from `scenario_data`.
+        source: File of the study, for messages.
+        folder: Folder at which relative paths in swept values start.
+        folders: Folders that may hold files, besides `folder`.
+        measures: Names of the measures to return.
     """
 
     plan: SweepPlan
@@ -96,8 +96,8 @@ def measure(scenario: Scenario, logged: LoggedRun, names: Sequence[str]) -> dict
     """Returns measures of a run, nan where there is nothing to measure.
 
     Args:
-        scenario: What was simulated.
-        logged: The run, simulated; its log is still there.
+        scenario: Scenario of the run.
+        logged: Simulated run, with its log.
         names: Keys of `MEASURES`.
     """
     log = logged.log

@@ -87,11 +87,11 @@ class Study:
     Attributes:
         name: Name of its folder and its report.
         source: The file, for messages.
-        folder: Where relative paths in swept values start.
-        folders: Where files may be, besides that folder.
-        config: The keys of the file, with defaults.
-        scenario: What all runs start from, as `scenario_data` has it.
-        plan: The runs.
+        folder: Folder at which relative paths in swept values start.
+        folders: Folders that may hold files, besides that folder.
+        config: Keys of the file, with defaults.
+        scenario: Data of the scenario without the swept values, from `scenario_data`.
+        plan: Plan of the runs.
     """
 
     name: str
@@ -129,7 +129,7 @@ def load_study(name_or_file: str, folders: Sequence[str] = ()) -> Study:
 
     Args:
         name_or_file: Name of a shipped one, or a YAML file.
-        folders: Where files that it names may be, besides its own folder.
+        folders: Folders that may hold files which the study names, besides its own folder.
 
     Raises:
         ScenarioError: If anything is wrong with it; the message names file, key and value.

@@ -49,9 +49,9 @@ def sweep(
     """Makes the runs of a study that are not there yet, and returns all rows and the report's path.
 
     Args:
-        study: What to sweep.
-        out: Its folder with the study's name gets the results.
-        processes: Number of local processes; that of the processors if not set.
+        study: Study to sweep.
+        out: Folder in which the folder of the study is made.
+        processes: Number of local processes; by default the number of processors.
         scheduler: Address of a Dask scheduler whose workers are used instead.
         on_progress: Called with the number of runs made and of those that were missing.
 

@@ -42,8 +42,8 @@ class GridAxis:
 
     Attributes:
         name: Path of the field, or the name of several.
-        labels: What rows say of each value.
-        changes: For each value, the fields that it sets, by their paths.
+        labels: Label of each value, for rows.
+        changes: Fields that each value sets, by their paths.
     """
 
     name: str

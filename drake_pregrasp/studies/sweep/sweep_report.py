@@ -43,9 +43,9 @@ def write_sweep_report(folder: Path, study: Study, found: StudyRows) -> Path:
     """Writes `report.html` and returns its path.
 
     Args:
-        folder: Of the study.
-        study: What was swept.
-        found: The rows and failures.
+        folder: Folder of the study.
+        study: Study that was swept.
+        found: Rows and failures of the study.
 
     Raises:
         OutputError: If it can't be written.
