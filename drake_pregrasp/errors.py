@@ -49,7 +49,7 @@ class ScenarioError(PregraspError):
 
 
 class OutputError(PregraspError):
-    """A run folder can't be written, or its files can't be read back."""
+    """A run folder cannot be written, or its files cannot be read back."""
 
 
 class ContactError(PregraspError):

@@ -17,7 +17,7 @@ from drake_pregrasp.simulation.smooth_file import load_estimator, smooth_file
 from drake_pregrasp.version import __version__
 
 BAD_INPUT = 2
-"""Exit status of a command with invalid input, or whose output can't be written."""
+"""Exit status of a command with invalid input, or whose output cannot be written."""
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         if not has_stdout and options.command is _list:
-            raise OutputError("standard output: can't be written: it is closed")
+            raise OutputError("standard output: cannot be written: it is closed")
         status: int = options.command(options)
         sys.stdout.flush()
     except KeyboardInterrupt:
@@ -68,7 +68,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return BROKEN_PIPE
     except OSError as error:  # Every other file has its `OutputError`.
         _discard_output()
-        _print_error(f"standard output: can't be written: {error.strerror}")
+        _print_error(f"standard output: cannot be written: {error.strerror}")
         return BAD_INPUT
     return status
 

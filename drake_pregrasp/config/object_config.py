@@ -250,7 +250,7 @@ class PoseStream:
         """Returns the poses in the file.
 
         Raises:
-            InvalidArgumentError: If the file can't be read, or holds no valid poses.
+            InvalidArgumentError: If the file cannot be read, or holds no valid poses.
         """
         return read_recorded_poses(resolve_path(self.file, Path.cwd()))
 

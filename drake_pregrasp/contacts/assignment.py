@@ -28,7 +28,7 @@ def assign_fingers(fingertips: FloatArray, contacts: FloatArray) -> IntArray:
     """
     if fingertips.shape != contacts.shape:
         raise InvalidArgumentError(
-            f"{len(fingertips)} fingertips can't be assigned to {len(contacts)} contacts"
+            f"{len(fingertips)} fingertips cannot be assigned to {len(contacts)} contacts"
         )
     travel = np.linalg.norm(fingertips[:, None] - contacts, axis=2)
     _, assigned = linear_sum_assignment(travel)
@@ -66,7 +66,7 @@ def assign_fingers_round(
     n = len(finger_azimuths)
     if finger_azimuths.shape != contact_azimuths.shape:
         raise InvalidArgumentError(
-            f"{n} fingers can't be assigned to {len(contact_azimuths)} contacts"
+            f"{n} fingers cannot be assigned to {len(contact_azimuths)} contacts"
         )
     fingers, contacts = np.argsort(finger_azimuths), np.argsort(contact_azimuths)
     allowed = np.broadcast_to(largest_offset, n)[fingers]

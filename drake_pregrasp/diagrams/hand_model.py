@@ -139,7 +139,7 @@ class PalmArm:
                 return posed
         place = ", ".join(f"{x:.3g}" for x in X_WP.translation())
         raise InvalidArgumentError(
-            f"base: the arm can't hold the palm at ({place}) m, turned by {yaw:.3g} rad; it stays"
+            f"base: the arm cannot hold the palm at ({place}) m, turned by {yaw:.3g} rad; it stays"
             f" {1e3 * np.linalg.norm(error[3:]):.3g} mm and {np.linalg.norm(error[:3]):.3g} rad off"
         )
 

@@ -41,7 +41,7 @@ def add_hand_model(
     description: HandDescription,
     yaw_range: tuple[float, float] = FREE_TURN,
 ) -> ModelInstanceIndex:
-    """Adds a hand to a plant that isn't finalized, without gravity, as if it were compensated.
+    """Adds a hand to a plant that is not finalized, without gravity, as if it were compensated.
 
     Drake's parser reads the models of this package, and checked copies of all others.
 
@@ -52,7 +52,7 @@ def add_hand_model(
             own range by default.
 
     Raises:
-        InvalidArgumentError: If its model can't be loaded.
+        InvalidArgumentError: If its model cannot be loaded.
     """
     parser = Parser(plant)
     path = model_path(description.model)

@@ -99,7 +99,7 @@ _TAGS: Mapping[str, set[str]] = {
 """Elements of each format that are copied; others are left out."""
 
 _REFUSED = {"include", "attach", "heightmap", "image", "hfield", "flexcomp", "composite"}
-"""Elements without which a model would be another one, so that they can't be left out."""
+"""Elements without which a model would be another one, so that they cannot be left out."""
 
 _ATTRIBUTE_NAMES = """
     name type version relative_to attached_to expressed_in canonical_link joint xyz rpy value ixx
@@ -157,7 +157,7 @@ def checked_model(model: Path, folders: Sequence[Path] | None = None) -> Checked
 
     Raises:
         InvalidArgumentError: If the model is too large, or names a file that is elsewhere, is too
-            large, or can't be read as a mesh; the message names file, element and value.
+            large, or cannot be read as a mesh; the message names file, element and value.
     """
     packages = find_packages(model)
     allowed = None if folders is None else [*folders, *packages.values()]
@@ -184,7 +184,7 @@ def find_packages(model: Path) -> dict[str, Path]:
     variable ROS_PACKAGE_PATH.
 
     Raises:
-        InvalidArgumentError: If a `package.xml` above the model can't be read.
+        InvalidArgumentError: If a `package.xml` above the model cannot be read.
     """
     others = PackageMap.MakeEmpty()
     others.PopulateFromRosPackagePath()

@@ -53,7 +53,7 @@ def resized_box_sdf(path: Path, size: Sequence[float], mass: float) -> str:
     try:
         tree = ET.parse(path)
     except (OSError, ET.ParseError) as error:
-        raise InvalidArgumentError(f"{path} can't be read as SDF: {error}") from error
+        raise InvalidArgumentError(f"{path} cannot be read as SDF: {error}") from error
     size_element = tree.find(".//visual[@name='body']/geometry/box/size")
     if size_element is None:
         raise InvalidArgumentError(f"{path} has no visual named 'body' that is a box")

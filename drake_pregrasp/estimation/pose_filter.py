@@ -192,7 +192,7 @@ def predict(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief
         InvalidArgumentError: If `dt` is negative.
     """
     if dt < 0:
-        raise InvalidArgumentError(f"a belief can't be predicted {dt} s back in time")
+        raise InvalidArgumentError(f"a belief cannot be predicted {dt} s back in time")
     if dt == 0:
         return belief
     F_position, F_orientation = transitions(belief, dt)

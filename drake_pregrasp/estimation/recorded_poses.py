@@ -83,7 +83,7 @@ def read_recorded_poses(path: Path) -> RecordedPoses:
     try:
         rows = list(_rows(path, _lines(path)))
     except csv.Error as error:
-        raise InvalidArgumentError(f"{path}: can't be read: {error}") from error
+        raise InvalidArgumentError(f"{path}: cannot be read: {error}") from error
     if not rows:
         _refuse(path, "has no poses; at least one row must follow the header")
     table = np.array(rows)

@@ -132,7 +132,7 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
         scale: Length of the file's unit, in metres.
 
     Raises:
-        InvalidArgumentError: If the file can't be read, or the mesh is not watertight, has no
+        InvalidArgumentError: If the file cannot be read, or the mesh is not watertight, has no
             volume, or is too large or too small; the message says what would help.
     """
     if not path.is_file():

@@ -235,7 +235,7 @@ class ObjectSurface:
             p_OP: Shape (k, 3), in metres.
 
         Returns:
-            Shape (k,), in metres: below zero inside the object; NaN for points that aren't finite.
+            Shape (k,), in metres: below zero inside the object; NaN for points that are not finite.
         """
         distances = np.empty(len(p_OP))
         triangles = self.mesh.triangles

@@ -34,7 +34,7 @@ def fingers_have_arrived(view: GraspView, settings: GraspSettings) -> bool:
 def hindrance(
     view: GraspView, settings: GraspSettings, squeeze: Callable[[BoolArray], Squeeze]
 ) -> tuple[GiveUp, float] | None:
-    """Returns why the hand can't close now, with the detail of the reason, or None if it can.
+    """Returns why the hand cannot close now, with the detail of the reason, or None if it can.
 
     Args:
         view: Observations at the tick.

@@ -60,13 +60,13 @@ def find_robot_data() -> RobotData:
     """Returns the installed collection.
 
     Raises:
-        InvalidArgumentError: If it isn't installed.
+        InvalidArgumentError: If it is not installed.
     """
     try:
         distribution = importlib.metadata.distribution(PACKAGE)
     except importlib.metadata.PackageNotFoundError as error:
         raise InvalidArgumentError(
-            f"this robot's model is in {PACKAGE}, which isn't installed;"
+            f"this robot's model is in {PACKAGE}, which is not installed;"
             " pip install 'drake_pregrasp[robots]' brings it"
         ) from error
     for file in distribution.files or ():
@@ -112,7 +112,7 @@ def write_allegro_panda(
         on_progress: Function that is called with the numbers of meshes done and of all.
 
     Raises:
-        InvalidArgumentError: If `data` lacks a file, or has one that can't be read.
+        InvalidArgumentError: If `data` lacks a file, or has one that cannot be read.
     """
     robot = ElementTree.parse(data.find(_PANDA)).getroot()
     robot.set("name", "allegro_panda")

@@ -26,7 +26,7 @@ class ConvertedMesh:
 
     Attributes:
         path: Its OBJ file.
-        color: Red, green, blue and opacity, from 0 to 1, or None if the file doesn't say.
+        color: Red, green, blue and opacity, from 0 to 1, or None if the file does not say.
     """
 
     path: Path
@@ -42,18 +42,18 @@ def convert_mesh(source: Path, target: Path, *, colors: bool) -> list[ConvertedM
         colors: Whether each colour becomes a part of its own; else all is one part.
 
     Raises:
-        InvalidArgumentError: If the file can't be read.
+        InvalidArgumentError: If the file cannot be read.
     """
     try:
         with warnings.catch_warnings():  # pycollada uses what newer numpy will do without.
             warnings.simplefilter("ignore", DeprecationWarning)
             scene = trimesh.load_scene(source)
     except (OSError, ValueError, ImportError) as error:
-        problem = f"{source} can't be read as a mesh: {first_line(error)}"
+        problem = f"{source} cannot be read as a mesh: {first_line(error)}"
         raise InvalidArgumentError(problem) from error
     meshes = [mesh for mesh in scene.dump() if isinstance(mesh, trimesh.Trimesh)]
     if not meshes:
-        raise InvalidArgumentError(f"{source} can't be read as a mesh: it has no triangles")
+        raise InvalidArgumentError(f"{source} cannot be read as a mesh: it has no triangles")
     parts: dict[tuple[float, ...] | None, list[Any]] = {}
     for mesh in meshes:
         parts.setdefault(_color(mesh) if colors else None, []).append(mesh)

@@ -69,7 +69,7 @@ def _text(numbers: Iterable[float]) -> str:
 
 
 def drop_ignored(robot: Element) -> None:
-    """Removes what Drake can't use, and would warn of."""
+    """Removes what Drake cannot use, and would warn of."""
     for joint in robot.findall("joint"):
         for tag in _IGNORED:
             for element in joint.findall(tag):

@@ -32,9 +32,9 @@ def writing(path: Path, what: str = "written") -> Iterator[None]:
         yield
     except OSError as error:
         where, why = error.filename or path, error.strerror or error
-        raise OutputError(f"{where}: can't be {what}: {why}") from error
+        raise OutputError(f"{where}: cannot be {what}: {why}") from error
     except UnicodeDecodeError as error:
-        raise OutputError(f"{path}: can't be {what}: is no text in UTF-8") from error
+        raise OutputError(f"{path}: cannot be {what}: is no text in UTF-8") from error
 
 
 def reading_back(path: Path) -> contextlib.AbstractContextManager[None]:
@@ -71,7 +71,7 @@ def claimed(folder: Path) -> Iterator[None]:
     """Keeps other processes from writing into a folder. The lock ends with the process.
 
     Raises:
-        OutputError: If another process has claimed the folder, or it can't be written.
+        OutputError: If another process has claimed the folder, or it cannot be written.
     """
     path = folder / ".lock"
     with writing(path):

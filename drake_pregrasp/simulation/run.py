@@ -79,7 +79,7 @@ def run(
 
     Raises:
         ScenarioError: If the scenario or its name is invalid.
-        OutputError: If the run folder can't be written, holds a run of another scenario, or is in
+        OutputError: If the run folder cannot be written, holds a run of another scenario, or is in
             use by another run.
     """
     if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", name):
@@ -185,7 +185,7 @@ class LoggedRun:
                 simulation ends early.
 
         Raises:
-            OutputError: If a log can't be written.
+            OutputError: If a log cannot be written.
         """
         simulator = Simulator(self.diagram)
         ApplySimulatorConfig(self._scenario.simulator_config, simulator)
@@ -215,7 +215,7 @@ def write_graphviz(diagram: Diagram, path: Path) -> None:
     """Writes a diagram's Graphviz text.
 
     Raises:
-        OutputError: If the file can't be written.
+        OutputError: If the file cannot be written.
     """
     output.write_text(path, diagram.GetGraphvizString(max_depth=2))
 

@@ -32,7 +32,7 @@ class CsvLog:
     """Writes rows to a CSV file as they come, so that an interrupted run keeps them.
 
     Numbers are written with all digits: reading them back gives the same floats. The file is open
-    inside a `with` block, which raises an `OutputError` if it can't be written.
+    inside a `with` block, which raises an `OutputError` if it cannot be written.
 
     Args:
         path: File to write; an existing one is replaced.
@@ -80,7 +80,7 @@ class CsvLog:
         """Returns columns of the closed file.
 
         Raises:
-            OutputError: If the file can't be read.
+            OutputError: If the file cannot be read.
         """
         if self.num_rows == 0:
             return [np.empty(0) for _ in names]

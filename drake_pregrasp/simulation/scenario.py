@@ -149,7 +149,7 @@ class Scenario:
             surface: Surface of the object, from `make_surface`.
 
         Raises:
-            InvalidArgumentError: If the hand's fingers can't be assigned to them.
+            InvalidArgumentError: If the hand's fingers cannot be assigned to them.
         """
         if self.ring_contacts:
             p_OC = ring_contacts(surface, self.ring_contacts)

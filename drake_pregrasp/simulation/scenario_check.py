@@ -46,7 +46,7 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
         source: Name of its origin, for error messages.
 
     Raises:
-        ScenarioError: If the scenario can't be simulated.
+        ScenarioError: If the scenario cannot be simulated.
     """
     surface = check_surface(source, scenario.object, scenario.surface)
     check_sensor(source, scenario.sensor, scenario.planner.period)
@@ -201,7 +201,7 @@ def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSur
         if (contact := max(first, second)) >= num_contacts:
             yield pair_key, f"there is no contact {contact}; there are 0 to {num_contacts - 1}"
         if first == second:
-            yield pair_key, f"contact {first} can't follow itself"
+            yield pair_key, f"contact {first} cannot follow itself"
         yield from _size_problems(f"{pair_key}.distance", pair.distance, longest)
         if radii and pair.distance < (room := radii[first] + radii[second]):
             problem = f"contradicts tip_radii, which keep the two {room:.3g} m apart"

@@ -60,7 +60,7 @@ def load_scenario(
             file's own folder and, for files that `text` names, the working directory.
 
     Raises:
-        ScenarioError: If the scenario can't be used; the message names file, key and value.
+        ScenarioError: If the scenario cannot be used; the message names file, key and value.
     """
     if file is None and name is None:
         raise ScenarioError("", "", "a scenario needs a name or a file")
@@ -125,7 +125,7 @@ def scenario_from_data(
         folders: Folders that may hold files which the scenario names, besides `folder`.
 
     Raises:
-        ScenarioError: If the scenario can't be used; the message names source, key and value.
+        ScenarioError: If the scenario cannot be used; the message names source, key and value.
     """
     check_mapping(source, "", data, Scenario)
     scenario: Scenario = load_typed(Scenario, data, Scenario())
@@ -145,7 +145,7 @@ def check_scenario(scenario: Scenario) -> None:
     Relative paths, which start at the working directory, are made absolute.
 
     Raises:
-        ScenarioError: If the scenario can't be simulated.
+        ScenarioError: If the scenario cannot be simulated.
     """
     make_paths_absolute(scenario, Path.cwd())
     check_mapping("scenario", "", scenario_data(scenario), Scenario)
@@ -163,7 +163,7 @@ def read_mapping(file: Path) -> dict[str, Any]:
     """Returns the entries of a YAML file, without private ones, whose names begin with `_`.
 
     Raises:
-        ScenarioError: If the file can't be read, or is no mapping from names.
+        ScenarioError: If the file cannot be read, or is no mapping from names.
     """
     return _checked_entries(str(file), read_yaml(file))
 

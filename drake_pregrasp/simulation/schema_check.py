@@ -20,7 +20,7 @@ from drake_pregrasp.config.validation import is_scalar, length_problem, scalar_p
 from drake_pregrasp.errors import ScenarioError, nearest
 from drake_pregrasp.simulation.yaml_text import TAG_KEY
 
-# What Drake's own classes would abort over, or what a run here can't do with.
+# What Drake's own classes would abort over, or what a run here cannot do with.
 _DRAKE_RULES: Mapping[str, Mapping[str, Any]] = {
     "max_step_size": {"above": 0},
     "accuracy": {"above": 0},

@@ -107,7 +107,7 @@ def study_faults(
 
     Raises:
         InvalidArgumentError: If there is no such fault.
-        OutputError: If the folder can't be used.
+        OutputError: If the folder cannot be used.
     """
     known = fault_scenarios()
     chosen = list(known) if faults is None else list(dict.fromkeys(faults))

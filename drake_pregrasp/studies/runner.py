@@ -82,9 +82,9 @@ def run_jobs(
         on_progress: Function that is called after each job.
 
     Raises:
-        OutputError: If the folder can't be used, or is of a study with other settings or another
+        OutputError: If the folder cannot be used, or is of a study with other settings or another
             version of the package; or, without a folder, if a job fails.
-        InvalidArgumentError: If the scheduler can't be used.
+        InvalidArgumentError: If the scheduler cannot be used.
         KeyboardInterrupt: If SIGINT or SIGTERM has come; the rows so far are kept.
     """
     modules = [*modules, _module_of(function)]

@@ -131,7 +131,7 @@ def test_the_shipped_cube_is_the_base_case():
 
 
 def test_a_model_that_is_no_box_is_refused(tmp_path):
-    for text, problem in (("<sdf", "can't be read"), ("<sdf version='1.9'/>", "no visual named")):
+    for text, problem in (("<sdf", "cannot be read"), ("<sdf version='1.9'/>", "no visual named")):
         file = tmp_path / "bad.sdf"
         file.write_text(text)
         with pytest.raises(InvalidArgumentError, match=problem):

@@ -177,11 +177,11 @@ def touching():
         (edited(scale=1000.0), "long.ply", "60 m long; at most 3 m, .* scale: 0.001"),
         (edited(first=np.nan), "nan.ply", "a vertex that is not finite"),
         (None, "missing.obj", "no such file"),
-        ("no mesh at all", "garbage.stl", "can't be read as a mesh|no triangles"),
-        ("no mesh at all", "garbage.glb", "can't be read as a mesh"),
-        ("?", "unknown.xyzzy", "can't be read as a mesh"),
-        ("", "empty.obj", "can't be read as a mesh|no triangles"),
-        ("v 0 0 0\nv 1 0 0\n", "points.obj", "can't be read as a mesh|no triangles"),
+        ("no mesh at all", "garbage.stl", "cannot be read as a mesh|no triangles"),
+        ("no mesh at all", "garbage.glb", "cannot be read as a mesh"),
+        ("?", "unknown.xyzzy", "cannot be read as a mesh"),
+        ("", "empty.obj", "cannot be read as a mesh|no triangles"),
+        ("v 0 0 0\nv 1 0 0\n", "points.obj", "cannot be read as a mesh|no triangles"),
     ],
 )
 def test_what_is_no_mesh_or_no_body_is_refused_in_one_line(tmp_path, content, name, problem):

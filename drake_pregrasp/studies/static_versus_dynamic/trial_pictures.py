@@ -80,7 +80,7 @@ def figures_of_one_seed(
         on_progress: Called with the number of trials simulated for a figure, and of all of them.
 
     Raises:
-        OutputError: If a file can't be read or written.
+        OutputError: If a file cannot be read or written.
     """
     closed = rows[(rows["condition"] == HEADLINE) & (rows["close_at"] == MOMENTS[-1])]
     pictured = closed[closed["method"].isin(PICTURED)]

@@ -142,7 +142,7 @@ def _motion_on_object(columns: Mapping[str, FloatArray], active: BoolArray) -> F
     """Returns how far contacts move over the object from the tick before, summed, in metres.
 
     Positions are in the object's frame as it is estimated; contacts that are inactive at either
-    tick don't count. Shape (ticks,), 0 at the first.
+    tick do not count. Shape (ticks,), 0 at the first.
     """
     p_WC = np.stack([[columns[f"c{i}_{a}"] for a in "xyz"] for i in range(active.shape[1])])
     p_WO = np.stack([columns[f"{a}_wo_estimated"] for a in "xyz"])

@@ -203,7 +203,7 @@ def named_files(study: Study) -> dict[str, str]:
 
     Those are the files that the scenario and the swept values name, those that a hand's
     description and its model name, and the buffers of a mesh. Shipped ones are left out, as the
-    package's digest has them, and those that can't be read, as a run that needs one has no row.
+    package's digest has them, and those that cannot be read, as a run that needs one has no row.
     """
     allowed = [study.folder, *map(Path, study.folders)]
     found: set[Path] = set()
@@ -211,7 +211,7 @@ def named_files(study: Study) -> dict[str, str]:
     for axis in study.plan.random:
         every += [dict.fromkeys(axis.fields, value) for value in axis.arguments]
     for changes in every:
-        # A run that needs what can't be used fails with this error.
+        # A run that needs what cannot be used fails with this error.
         with contextlib.suppress(ScenarioError, InvalidArgumentError):
             data = with_fields(study.scenario, changes, study.source)
             check_mapping(study.source, "", data, Scenario)

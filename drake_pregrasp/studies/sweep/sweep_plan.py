@@ -161,7 +161,7 @@ class SweepPlan:
             raise ScenarioError(source, "", "sweeps nothing; give it a grid, or random fields")
         for place, axis in enumerate(self.axes):
             if any(overlap(field, SEED_FIELD) for field in axis.fields):
-                problem = "can't be swept here; the key seeds says how many there are"
+                problem = "cannot be swept here; the key seeds says how many there are"
                 raise ScenarioError(source, SEED_FIELD, problem)
             if axis.name in columns:
                 raise ScenarioError(source, axis.name, "is a column of its own; use another name")
@@ -191,7 +191,7 @@ def grid_axis(name: str, values: Any, data: Mapping[str, Any], source: str) -> G
         source: The study's file, for messages.
 
     Raises:
-        ScenarioError: If the entry can't be used.
+        ScenarioError: If the entry cannot be used.
     """
     key, source_of = f"grid.{name}", f"{source}: grid"
     labels: list[Label]
@@ -231,7 +231,7 @@ def random_axis(name: str, entry: Any, data: Mapping[str, Any], source: str) -> 
         source: The study's file, for messages.
 
     Raises:
-        ScenarioError: If the entry can't be used.
+        ScenarioError: If the entry cannot be used.
     """
     key = f"random.{name}"
     kinds = [kind for kind in entry if kind != _FIELDS] if isinstance(entry, Mapping) else []
@@ -260,7 +260,7 @@ def _label(value: Any) -> Label:
 
 
 def _number(value: Any) -> Any:
-    """Returns the number of a text that YAML 1.1 doesn't read as one, as 1e-3; else the value."""
+    """Returns the number of a text that YAML 1.1 does not read as one, as 1e-3; else the value."""
     try:
         return float(value) if isinstance(value, str) else value
     except ValueError:
