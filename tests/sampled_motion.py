@@ -21,10 +21,11 @@ def sampled_motion(rng, noise, dt, steps=40):
     return np.array(p), np.array(v), Rotation.concatenate(R), np.array(w)
 
 
-def measured(rng, p, R, noise):
-    """Returns measured positions and orientations."""
-    turns = Rotation.from_rotvec(rng.normal(scale=noise.orientation, size=p.shape))
-    return p + rng.normal(scale=noise.position, size=p.shape), turns * R
+def measured(rng, p, R, noise, p_OCoM=(0.0, 0.0, 0.0)):
+    """Returns the centres of mass that measured poses imply, and their orientations."""
+    R_z = Rotation.from_rotvec(rng.normal(scale=noise.orientation, size=p.shape)) * R
+    p_WO = p - R.apply(p_OCoM) + rng.normal(scale=noise.position, size=p.shape)
+    return p_WO + R_z.apply(p_OCoM), R_z
 
 
 def normalized_squares(belief, p, v, R, w):

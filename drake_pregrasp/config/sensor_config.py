@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from drake_pregrasp.arrays import first_tick
 from drake_pregrasp.config.validation import check_fields
-from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.fault_settings import (
     MAX_BURST_TICKS,
     MAX_DELAY_TICKS,
@@ -41,71 +41,46 @@ def check_faults(faults: MeasurementFaults, period: float) -> None:
         InvalidArgumentError: If a fault is out of range, or contradicts another one.
     """
     check_fields(faults, "faults")
-    for name, problem in _contradictions(faults, period):
+    for name, problem in fault_problems(faults, period):
         raise InvalidArgumentError(f"faults.{name}: {problem}")
 
 
-def check_sensor(source: str, sensor: SensorConfig, period: float) -> None:
-    """Raises a `ScenarioError` unless the sensor's faults are consistent with each other.
+def fault_problems(faults: MeasurementFaults, period: float) -> Iterator[tuple[str, str]]:
+    """Yields the name and the problem, in one line, of each field that contradicts another one.
 
     Args:
-        source: Name of the scenario's origin, for the message.
-        sensor: Configuration of the sensor, with keys, types and ranges checked.
+        faults: Faults with each field in its range.
         period: Seconds between planning ticks.
     """
-    for name, problem in _contradictions(sensor.faults, period):
-        raise ScenarioError(source, f"sensor.faults.{name}", problem)
-
-
-def _contradictions(faults: MeasurementFaults, period: float) -> Iterator[tuple[str, str]]:
-    """Yields names of fields and what is wrong with them, in one line."""
     f = faults
     angle = math.hypot(*f.orientation_bias)
     if angle > math.pi:
         yield "orientation_bias", f"{[*f.orientation_bias]} turns by {angle:.4g} rad; at most pi"
-    if 0 < f.degrees_of_freedom < 1:
-        yield (
-            "degrees_of_freedom",
-            f"{f.degrees_of_freedom} must be 0, for normal noise, or at least 1",
-        )
+    if 0 < (freedom := f.degrees_of_freedom) < 1:
+        yield "degrees_of_freedom", f"{freedom} must be 0, for normal noise, or at least 1"
     if f.outlier_probability and not (f.outlier_position or f.outlier_orientation):
-        yield (
-            "outlier_probability",
-            "outlier_position and outlier_orientation are both 0; one must be above",
-        )
+        problem = "outlier_position and outlier_orientation are both 0; one must be above"
+        yield "outlier_probability", problem
     if not f.start < f.end:
         yield "start", f"{f.start} must be less than end, which is {f.end}"
     if not first_tick(f.start, period) < first_tick(f.end, period):
-        yield (
-            "start",
-            f"{f.start} must be a tick before end, {f.end}: nothing is measured between",
-        )
+        yield "start", f"{f.start} must be a tick before end, {f.end}: nothing is measured between"
     if 0 < f.sample_period < period:
-        yield (
-            "sample_period",
-            f"{f.sample_period} must be 0 or at least the planning period, {period}",
-        )
+        problem = f"{f.sample_period} must be 0 or at least the planning period, {period}"
+        yield "sample_period", problem
     latest, limit = f.delay + f.jitter, MAX_DELAY_TICKS * period
     if latest > limit:
-        yield (
-            "delay",
-            f"it is {latest:g} s with jitter; at most {MAX_DELAY_TICKS} ticks, {limit:g} s",
-        )
+        most = f"{MAX_DELAY_TICKS} ticks, {limit:g} s"
+        yield "delay", f"it is {latest:g} s with jitter; at most {most}"
     between = max(period, f.sample_period)
     if f.out_of_order and not f.jitter > between:
-        yield (
-            "out_of_order",
-            f"it needs a jitter of more than {between} s, the time between measurements, not"
-            f" {f.jitter} s",
-        )
-    for kind, rate, duration in (
-        ("dropout", f.dropout_rate, f.dropout_duration),
-        ("freeze", f.freeze_rate, f.freeze_duration),
+        problem = f"it needs a jitter of more than {between} s, not {f.jitter} s"
+        yield "out_of_order", problem
+    for name, rate, duration in (
+        ("dropout_duration", f.dropout_rate, f.dropout_duration),
+        ("freeze_duration", f.freeze_rate, f.freeze_duration),
     ):
         reach = burst_reach(duration, period)
         if rate and reach > MAX_BURST_TICKS:
             longest = duration * MAX_BURST_TICKS / reach
-            yield (
-                f"{kind}_duration",
-                f"{duration} must be at most {longest:g} with a period of {period} s",
-            )
+            yield name, f"{duration} must be at most {longest:g} with a period of {period} s"

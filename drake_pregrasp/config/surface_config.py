@@ -2,14 +2,13 @@
 
 import contextlib
 import dataclasses
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from drake_pregrasp.config.object_config import POINT, Box, BoxFields, Mesh, ObjectConfig, zeros
-from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError, ScenarioError
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.box_surface import BOX_FACES, box_surface
 from drake_pregrasp.geometry.mesh_surface import (
     AxisArea,
@@ -168,37 +167,3 @@ class SurfaceConfig:
 
 _kept: dict[str, ObjectSurface] = {}
 _MOST_KEPT = 2  # One for planning and one for drawing.
-
-
-def check_surface(source: str, config: ObjectConfig, surface: SurfaceConfig) -> ObjectSurface:
-    """Returns the sampled surface of an object.
-
-    Args:
-        source: Name of the scenario's origin, for the message.
-        config: The object.
-        surface: Configuration of the sampling.
-
-    Raises:
-        ScenarioError: If the object cannot be made, or no allowed surface is left.
-    """
-    with _naming_key(source, "object.file" if isinstance(config, Mesh) else "object.profile"):
-        shape = config.make_shape()
-    for index, area in enumerate(surface.no_touch):
-        with _naming_key(source, f"surface.no_touch[{index}]"):
-            area.make_area(shape)
-    try:
-        return surface.make_surface(config)
-    except InvalidArgumentError as error:
-        key = "forbidden_spacing" if "forbidden_spacing" in str(error) else "spacing"
-        if isinstance(error, NoSurfaceError):
-            key = "no_touch" if surface.no_touch else "forbidden_faces"
-        raise ScenarioError(source, f"surface.{key}", str(error)) from error
-
-
-@contextlib.contextmanager
-def _naming_key(source: str, key: str) -> Iterator[None]:
-    """Names the key of a scenario behind an invalid argument."""
-    try:
-        yield
-    except InvalidArgumentError as error:
-        raise ScenarioError(source, key, str(error)) from error

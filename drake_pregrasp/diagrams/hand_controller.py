@@ -210,7 +210,7 @@ class HandController(Diagram):
                 **palm,
                 palm_frame=base.palm_frame,
                 X_GP=base.X_GP,
-                home=hand.relaxed,
+                home=base.with_home(hand.fingers_home),
                 p_WG=X_WG.translation(),
                 yaw=yaw,
                 lead=config.period + plant_time_step,

@@ -1,8 +1,7 @@
 """Kinematic model of a hand, from its model file and its description."""
 
-import contextlib
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Sequence
 
 import numpy as np
 from pydrake.common import Parallelism
@@ -13,9 +12,8 @@ from pydrake.planning import RobotDiagramBuilder, SceneGraphCollisionChecker
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Arm, BaseConfig, Carrier, HandDescription
-from drake_pregrasp.config.limits_config import SectorReach
 from drake_pregrasp.contacts.assignment import FREE_TURN
-from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
+from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model, held_messages
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.systems.fingertip_sensor import HandKinematics, frame_names
@@ -98,22 +96,16 @@ class PalmArm:
 
     def __init__(self, config: Arm, plant: MultibodyPlant, hand: ModelInstanceIndex) -> None:
         self.joints = _positions(plant, hand, config.joints)
-        if len(config.home) != len(self.joints):
-            raise InvalidArgumentError(
-                f"base.home: {len(config.home)} positions must be {len(self.joints)}, one a joint"
-            )
         if not plant.HasFrameNamed(config.palm, hand):
             there = ", ".join(frame_names(plant, hand))
             raise InvalidArgumentError(
                 f"base.palm: there is no frame {config.palm}; there are: {there}"
             )
-        lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-        own = self.joints
-        _check_home("base.home", config.joints, config.home, lower[own], upper[own])
         palm = plant.GetFrameByName(config.palm, hand)
         self.palm_frame = palm.scoped_name().get_full()
         self._plant = plant
-        self.kinematics = ArmKinematics(plant, palm, np.array(self.joints))
+        self.kinematics = arm = ArmKinematics(plant, palm, np.array(self.joints))
+        _check_home("base.home", config.joints, config.home, arm.lower, arm.upper)
         self.X_GP = RigidTransform(RollPitchYaw(config.palm_rpy), config.palm_position)
         self._home = np.array(config.home)
 
@@ -185,8 +177,13 @@ def _positions(plant: MultibodyPlant, hand: ModelInstanceIndex, names: list[str]
 
 
 def _check_home(
-    key: str, names: Iterable[str], home: list[float], lower: FloatArray, upper: FloatArray
+    key: str, names: Sequence[str], home: list[float], lower: FloatArray, upper: FloatArray
 ) -> None:
+    if len(home) != len(names):
+        raise InvalidArgumentError(
+            f"{key}: {len(home)} positions must be {len(names)}, one for each of its own joints:"
+            f" {', '.join(names)}"
+        )
     for name, value, least, most in zip(names, home, lower, upper, strict=True):
         if not least <= value <= most:
             raise InvalidArgumentError(
@@ -209,6 +206,7 @@ class HandModel:
         checker: Collision checker for Drake's `DifferentialInverseKinematicsSystem`.
         kinematics: Kinematics of the fingertips.
         base: Carrier or arm of the palm.
+        fingers_home: Home positions of the fingers, and zeros for the base, shape (nq,).
         tip_radii: Radii of the fingertips, shape (n,), in metres.
         withdrawn_radii: Radii for `FingertipGoalShaper`, shape (n,), in metres.
         azimuths: Azimuths of the fingertips at home, over the object at yaw 0, shape (n,), in
@@ -233,7 +231,7 @@ class HandModel:
         self.withdrawn_radii: FloatArray = np.array(
             [tip.withdrawn_radius for tip in description.fingertips]
         )
-        with _without_chatter():
+        with held_messages(logging.INFO):  # About the number of contexts.
             self.checker = SceneGraphCollisionChecker(
                 model=builder.Build(),
                 robot_model_instances=[hand],
@@ -241,8 +239,8 @@ class HandModel:
                 configuration_distance_function=lambda a, b: float(np.linalg.norm(a - b)),
                 implicit_context_parallelism=Parallelism(parallelize=False),
             )
-        self._fingers_home = self._place_fingers()
-        p_HT = self.home_tips()
+        self.fingers_home = self._place_fingers()
+        p_HT = self.base.seen_from_object(self.kinematics, self.fingers_home)
         self.azimuths: FloatArray = np.arctan2(p_HT[:, 1], p_HT[:, 0])
         self._check_reach(p_HT)
 
@@ -256,7 +254,7 @@ class HandModel:
         Raises:
             InvalidArgumentError: If an arm cannot hold the palm there.
         """
-        return self.base.posed(self._fingers_home, p_WO, yaw)
+        return self.base.posed(self.fingers_home, p_WO, yaw)
 
     def yaw_range(self, asked: tuple[float, float] = FREE_TURN) -> tuple[float, float]:
         """Returns the palm's smallest and largest angle, in radians.
@@ -304,13 +302,6 @@ class HandModel:
                         f" {', '.join(tip.forbidden_faces)}"
                     )
 
-    @property
-    def relaxed(self) -> FloatArray:
-        """Home positions of an arm and of the fingers, shape (nq,)."""
-        if isinstance(self.base, PalmArm):
-            return self.base.with_home(self._fingers_home)
-        return self._fingers_home
-
     def tips_at(self, q: FloatArray) -> FloatArray:
         """Returns the fingertips' centres in W at positions q, shape (n, 3), in metres."""
         plant = self.kinematics.plant
@@ -318,36 +309,25 @@ class HandModel:
         plant.SetPositions(context, q)
         return self.kinematics.tip_positions(context)
 
-    def home_tips(self) -> FloatArray:
-        """Returns the tips' centres at home, in the frame H of reach, shape (n, 3), in metres."""
-        return self.base.seen_from_object(self.kinematics, self._fingers_home)
-
     @property
     def largest_offsets(self) -> FloatArray:
         """Largest angles between fingertips and their fingers' azimuths, shape (n,), in radians."""
-        reaches = [tip.reach for tip in self.description.fingertips]
-        return np.array(
-            [reach.half_angle if isinstance(reach, SectorReach) else np.pi for reach in reaches]
-        )
+        tips = self.description.fingertips
+        return np.array([tip.reach.make_reach().half_angle for tip in tips])
 
     def _place_fingers(self) -> FloatArray:
-        """Returns home positions of the fingers, and zeros for the base, shape (nq,)."""
-        plant, kinematics = self.kinematics.plant, self.kinematics
-        names = np.array(_joint_names(plant))
+        kinematics = self.kinematics
+        joints = map(kinematics.plant.get_joint, kinematics.plant.GetJointIndices())
+        moving = sorted((j.position_start(), j.name()) for j in joints if j.num_positions())
+        names = np.array([name for _, name in moving])
         home = np.zeros(kinematics.num_positions)
         left = np.ones(len(home), dtype=bool)
         left[self.base.joints] = False
         for index, tip in enumerate(self.description.fingertips):
             own = kinematics.own_joints(index)
-            key = f"fingertips[{index}].home"
-            if len(own) != len(tip.home):
-                raise InvalidArgumentError(
-                    f"{key}: {len(tip.home)} positions must be {len(own)}, for the joints that move"
-                    f" {tip.frame} only: {', '.join(names[own])}"
-                )
-            home[own], left[own] = tip.home, False
             lower, upper = kinematics.lower[own], kinematics.upper[own]
-            _check_home(key, names[own], tip.home, lower, upper)
+            _check_home(f"fingertips[{index}].home", names[own].tolist(), tip.home, lower, upper)
+            home[own], left[own] = tip.home, False
         if np.any(left):
             raise InvalidArgumentError(
                 f"{', '.join(names[left])}: neither of base.joints, nor of one finger alone"
@@ -355,6 +335,7 @@ class HandModel:
         return home
 
     def _check_reach(self, p_HT: FloatArray) -> None:
+        """Checks that each finger reaches its home, where it is at the best angle."""
         for index, tip in enumerate(self.description.fingertips):
             key = f"fingertips[{index}].reach"
             try:
@@ -362,33 +343,10 @@ class HandModel:
             except InvalidArgumentError as error:
                 raise InvalidArgumentError(f"{key}: {error}") from error
             p_HC = p_HT[index : index + 1]
-            if not reach.permits(p_HC, _any_normal(reach.direction), p_HC)[0]:
+            normals = np.zeros((1, 3)) if reach.direction is None else reach.direction[None]
+            if not reach.permits(p_HC, normals, p_HC)[0]:
                 place = ", ".join(f"{x:.3g}" for x in p_HT[index])
                 raise InvalidArgumentError(
                     f"{key}: it must hold the finger's own home, where {tip.frame} is at ({place})"
                     " m in H"
                 )
-
-
-def _joint_names(plant: MultibodyPlant) -> list[str]:
-    """Returns the name of the joint of each position."""
-    joints = [plant.get_joint(index) for index in plant.GetJointIndices()]
-    moving = [joint for joint in joints if joint.num_positions()]
-    return [joint.name() for joint in sorted(moving, key=lambda joint: joint.position_start())]
-
-
-def _any_normal(direction: FloatArray | None) -> FloatArray:
-    """Returns a normal that satisfies any bound on incidence, shape (1, 3)."""
-    return np.zeros((1, 3)) if direction is None else direction[None]
-
-
-@contextlib.contextmanager
-def _without_chatter() -> Iterator[None]:
-    """Suppresses Drake's message about the number of contexts."""
-    logger = logging.getLogger("drake")
-    before = logger.level
-    logger.setLevel(logging.WARNING)
-    try:
-        yield
-    finally:
-        logger.setLevel(before)

@@ -32,6 +32,24 @@ def failures_as_errors() -> Iterator[None]:
         raise RuntimeError(error.code) from error
 
 
+@contextlib.contextmanager
+def held_messages(most: int = logging.CRITICAL) -> Iterator[list[logging.LogRecord]]:
+    """Holds back Drake's log messages up to a level, and yields their list."""
+    held: list[logging.LogRecord] = []
+
+    def is_shown(record: logging.LogRecord) -> bool:
+        if record.levelno <= most:
+            held.append(record)
+        return record.levelno > most
+
+    logger = logging.getLogger("drake")
+    logger.addFilter(is_shown)
+    try:
+        yield held
+    finally:
+        logger.removeFilter(is_shown)
+
+
 HAND = "hand"
 """Name of a hand's model instance in the plant, for any name in its file."""
 
@@ -59,7 +77,7 @@ def add_hand_model(
     parser.SetAutoRenaming(True)
     copy = None if _is_own(path) else checked_model(path)
     try:
-        with _said_only_at_success(), failures_as_errors():
+        with held_messages() as messages, failures_as_errors():  # An error says them in one line.
             if copy is None:
                 models = parser.AddModels(str(path))
             else:
@@ -67,6 +85,8 @@ def add_hand_model(
     except (RuntimeError, ValueError) as error:
         problem = first_line(error)
         raise InvalidArgumentError(f"model: {path} is no model of a hand: {problem}") from error
+    for message in messages:
+        logging.getLogger("drake").handle(message)
     if len(models) != 1:
         raise InvalidArgumentError(
             f"model: {path} must hold one model, the hand with what carries it, not {len(models)}"
@@ -80,25 +100,6 @@ def add_hand_model(
             joint = plant.GetMutableJointByName(wrist, hand)
             joint.set_position_limits([yaw_range[0]], [yaw_range[1]])
     return hand
-
-
-@contextlib.contextmanager
-def _said_only_at_success() -> Iterator[None]:
-    """Holds back Drake's log messages until success; after a failure, the error has the reason."""
-    held: list[logging.LogRecord] = []
-
-    def hold(record: logging.LogRecord) -> bool:
-        held.append(record)
-        return False
-
-    logger = logging.getLogger("drake")
-    logger.addFilter(hold)
-    try:
-        yield
-    finally:
-        logger.removeFilter(hold)
-    for record in held:
-        logger.handle(record)
 
 
 def _is_own(model: Path) -> bool:

@@ -19,7 +19,7 @@ from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
 from drake_pregrasp.diagrams.object_body import add_solid_collision
-from drake_pregrasp.diagrams.object_plant import add_conveyor
+from drake_pregrasp.diagrams.object_plant import add_moving_object
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.solids import BoxSolid, HalfSpace
 from drake_pregrasp.systems.sources import BodyPose, MovingSolid
@@ -95,7 +95,7 @@ class HandStation(Diagram):
             solid.extend(add_solid_collision(plant, body, object_config, friction=coefficients))
             add_hand_model(plant, hand, yaw_range)
 
-        moving = add_conveyor(
+        moving = add_moving_object(
             builder, object_config, motion_config, plant_config, add_more=add_hand
         )
         self.plant, self.scene_graph = moving.plant, moving.scene_graph

@@ -115,16 +115,14 @@ _ATTRIBUTE_NAMES = """
 _ATTRIBUTES = set(_ATTRIBUTE_NAMES.split())
 """Attributes that are copied: those of SDF, URDF and Drake first, then those of MJCF."""
 
-_LINKS = ("link", "body")
-_GEOMETRIES = ("visual", "collision", "geom")
 _OTHERS = """
     joint freejoint drake:joint frame motor position velocity general transmission connect weld
     exclude pair default drake:ball_constraint drake:collision_filter_group drake:linear_bushing_rpy
     drake:linear_spring_damper drake:member drake:tendon_constraint
 """
 _COUNTED: Mapping[str, tuple[str, int]] = {
-    **dict.fromkeys(_LINKS, ("links", MAX_LINKS)),
-    **dict.fromkeys(_GEOMETRIES, ("geometries", MAX_GEOMETRIES)),
+    **dict.fromkeys(("link", "body"), ("links", MAX_LINKS)),
+    **dict.fromkeys(("visual", "collision", "geom"), ("geometries", MAX_GEOMETRIES)),
     **{name: (f"elements <{name}>", MAX_OTHERS) for name in _OTHERS.split()},
 }
 
@@ -144,6 +142,7 @@ class CheckedModel:
     files: tuple[Path, ...]
 
 
+_ROOT = Path("/")
 _copies: dict[Path, tuple[list[tuple[int, int]], CheckedModel]] = {}
 
 
@@ -160,15 +159,14 @@ def checked_model(model: Path, folders: Sequence[Path] | None = None) -> Checked
             large, or cannot be read as a mesh; the message names file, element and value.
     """
     packages = find_packages(model)
-    allowed = None if folders is None else [*folders, *packages.values()]
-    if allowed is not None:
-        check_inside(model, allowed)
+    allowed = [_ROOT] if folders is None else [*folders, *packages.values()]
+    check_inside(model, allowed)
     if model not in _copies or _copies[model][0] != _stamps(_copies[model][1].files):
         copy = _Copier(model, packages, allowed).copy()
         _copies[model] = _stamps(copy.files), copy
     copy = _copies[model][1]
-    for file in copy.files if allowed is not None else ():
-        check_inside(file, allowed or ())
+    for file in copy.files:
+        check_inside(file, allowed)
     return copy
 
 
@@ -219,11 +217,12 @@ class _BoundedTree(ElementTree.TreeBuilder):
 
 
 def _parse(file: Path) -> Element:
-    text = read_bounded_text(file, MAX_MODEL_BYTES)
     try:
+        text = read_bounded_text(file, MAX_MODEL_BYTES)
         return ElementTree.fromstring(text, ElementTree.XMLParser(target=_BoundedTree()))
     except (ElementTree.ParseError, ValueError) as error:
-        raise InvalidArgumentError(f"{file} is no model of a hand: {first_line(error)}") from error
+        problem = first_line(error)
+        raise InvalidArgumentError(f"model: {file} is no model of a hand: {problem}") from error
 
 
 class _Copier:
@@ -232,12 +231,10 @@ class _Copier:
     Args:
         model: The model.
         packages: Folders of the packages that it may name, by their names.
-        allowed: Folders that files may be in, or None for anywhere.
+        allowed: Folders that files may be in, or below.
     """
 
-    def __init__(
-        self, model: Path, packages: Mapping[str, Path], allowed: Sequence[Path] | None
-    ) -> None:
+    def __init__(self, model: Path, packages: Mapping[str, Path], allowed: Sequence[Path]) -> None:
         self._model, self._packages, self._allowed = model, packages, allowed
         self._folder, self._strips_path = model.parent, False  # Of the names of meshes.
         self._counts: Counter[str] = Counter()
@@ -249,10 +246,7 @@ class _Copier:
 
     def copy(self) -> CheckedModel:
         """Returns the copy."""
-        try:
-            root = _parse(self._model)
-        except InvalidArgumentError as error:
-            raise InvalidArgumentError(f"model: {error}") from error
+        root = _parse(self._model)
         if root.tag not in _KINDS:
             raise self._error(
                 f"is no model of a hand: its root is <{root.tag}>; it must be <sdf>, <robot> (URDF)"
@@ -338,8 +332,7 @@ class _Copier:
 
     def _write_mesh(self, name: str, path: Path) -> Path:
         try:
-            if self._allowed is not None:
-                check_inside(path, self._allowed)
+            check_inside(path, self._allowed)
             if path.suffix.lower() not in MESH_SUFFIXES:
                 raise InvalidArgumentError(f"it must be one of: {', '.join(MESH_SUFFIXES)}")
             files = [path, *companions(path)]

@@ -9,7 +9,6 @@ tables and pushers are compliant.
 
 import xml.etree.ElementTree as ET
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 from pydrake.common import MemoryFile
@@ -29,7 +28,6 @@ from pydrake.multibody.tree import RigidBody, RotationalInertia, SpatialInertia
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.object_config import Box, ObjectConfig
-from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.resources import resource_folder
 
@@ -37,45 +35,29 @@ from drake_pregrasp.resources import resource_folder
 ET.register_namespace("drake", "http://drake.mit.edu")
 
 
-def resized_box_sdf(path: Path, size: Sequence[float], mass: float) -> str:
-    """Returns the SDF text of a one-link box model with another size and mass.
+def resized_box_sdf(size: Sequence[float], mass: float) -> str:
+    """Returns the SDF text of the shipped cube as a homogeneous box of another size and mass.
 
-    Spheres at the corners of the file's box (its feet) move to the corners of the new one.
+    The spheres at the corners of the cube, its feet, move to the corners of the box.
 
     Args:
-        path: SDF file whose visual named `body` is the box.
-        size: New edge lengths, in metres.
-        mass: New mass of the homogeneous box, in kg.
-
-    Raises:
-        InvalidArgumentError: If the file cannot be read, or is not such a model.
+        size: Edge lengths of the box, in metres.
+        mass: Mass of the box, in kg.
     """
-    try:
-        tree = ET.parse(path)
-    except (OSError, ET.ParseError) as error:
-        raise InvalidArgumentError(f"{path} cannot be read as SDF: {error}") from error
-    size_element = tree.find(".//visual[@name='body']/geometry/box/size")
-    if size_element is None:
-        raise InvalidArgumentError(f"{path} has no visual named 'body' that is a box")
+    root = ET.parse(resource_folder("models") / "cube.sdf").getroot()
+    (size_element,) = root.iterfind(".//visual[@name='body']/geometry/box/size")
     growth = (np.array(size) - _numbers(size_element)) / 2
     size_element.text = _text(size)
-    for collision in tree.iter("collision"):
-        pose = collision.find("pose")
-        if pose is not None:
-            values = _numbers(pose)
-            values[:3] += np.sign(values[:3]) * growth
-            pose.text = _text(values)
-
-    inertial = tree.find(".//inertial")
-    if inertial is None:
-        raise InvalidArgumentError(f"{path} has no inertial element")
+    for pose in root.iterfind(".//collision/pose"):
+        values = _numbers(pose)
+        values[:3] += np.sign(values[:3]) * growth
+        pose.text = _text(values)
     squares = np.array(size) ** 2
     moments = mass / 12 * (np.sum(squares) - squares)
-    new_values = {"mass": mass, **dict(zip(("ixx", "iyy", "izz"), moments, strict=True))}
-    for tag, value in new_values.items():
-        for element in inertial.iter(tag):
-            element.text = _text([value])
-    return ET.tostring(tree.getroot(), encoding="unicode")
+    for tag, value in zip(("mass", "ixx", "iyy", "izz"), [mass, *moments], strict=True):
+        (element,) = root.iterfind(f".//inertial//{tag}")
+        element.text = _text([value])
+    return ET.tostring(root, encoding="unicode")
 
 
 def _numbers(element: ET.Element) -> FloatArray:
@@ -98,9 +80,7 @@ _DIGITS = 12  # Digits of coordinates in the OBJ text of a mesh for Drake.
 def add_object_body(plant: MultibodyPlant, object_config: ObjectConfig) -> RigidBody:
     """Adds the object to a plant that is not finalized, and returns its body, whose frame is O."""
     if isinstance(object_config, Box):
-        sdf = resized_box_sdf(
-            resource_folder("models") / "cube.sdf", object_config.size, object_config.mass
-        )
+        sdf = resized_box_sdf(object_config.size, object_config.mass)
         (cube,) = Parser(plant).AddModelsFromString(sdf, "sdf")
         return plant.GetBodyByName("cube", cube)
     shape = object_config.make_shape()

@@ -1,11 +1,11 @@
 """Plant with the moving object, as one diagram."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
-from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
@@ -20,11 +20,8 @@ from drake_pregrasp.config.object_config import (
     Push,
     Toss,
 )
-from drake_pregrasp.diagrams.object_body import (
-    add_object_body,
-    add_solid_collision,
-    standing_position,
-)
+from drake_pregrasp.diagrams.expected_path import initial_pose
+from drake_pregrasp.diagrams.object_body import add_object_body, add_solid_collision
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.systems.sources import BodyPose, Launch, ObjectMotion, PoseReplay
@@ -52,42 +49,48 @@ def add_model(plant: MultibodyPlant, file: str) -> ModelInstanceIndex:
     return model
 
 
-def add_pose_output(builder: DiagramBuilder, plant: MultibodyPlant, body: RigidBody) -> OutputPort:
-    """Adds a system that emits the pose of a body in W, and returns its output port."""
-    pose = builder.AddNamedSystem("object_pose", BodyPose(body.index()))
-    builder.Connect(plant.get_body_poses_output_port(), pose.get_input_port())
-    return pose.get_output_port()
-
-
-def add_conveyor(
+def add_moving_object(
     builder: DiagramBuilder,
     object_config: ObjectConfig,
-    motion: Conveyor,
+    motion: MotionConfig,
     plant_config: MultibodyPlantConfig,
     *,
     add_more: Callable[[MultibodyPlant, RigidBody], None] | None = None,
 ) -> MovingObject:
-    """Adds a conveyor with the object at rest in its middle.
+    """Adds a plant with the object, and what moves it.
 
     Args:
         builder: Builder of the diagram.
         object_config: The object.
-        motion: Motion of the conveyor.
+        motion: Motion of the object.
         plant_config: Time step and contact model.
         add_more: Function that adds more models to the plant; it is given the object's body.
     """
+    if isinstance(motion, PoseStream):
+        return _add_replay(builder, object_config, motion, plant_config)
     plant, scene_graph = AddMultibodyPlant(plant_config, builder)
     body = add_object_body(plant, object_config)
-    table = add_model(plant, "conveyor_table.sdf")
+    if isinstance(motion, Conveyor):
+        driven, profile = add_model(plant, "conveyor_table.sdf"), motion.velocities()
+    elif isinstance(motion, Push):
+        driven = _add_pusher(plant, scene_graph, body, object_config, motion)
+        profile = push_profile(motion)
+    elif motion.table:
+        add_solid_collision(plant, body, object_config)
+        add_model(plant, "table.sdf")
     if add_more is not None:
         add_more(plant, body)
     plant.Finalize()
-    X_WO = RigidTransform(standing_position(object_config))
-    plant.SetDefaultFloatingBaseBodyPose(body, X_WO)
-    profile = VelocityProfile(motion.velocities())
-    command = builder.AddNamedSystem("object_motion", ObjectMotion(profile))
-    builder.Connect(command.get_output_port(), plant.get_desired_state_input_port(table))
-    return MovingObject(plant, scene_graph, add_pose_output(builder, plant, body))
+    plant.SetDefaultFloatingBaseBodyPose(body, initial_pose(motion, object_config))
+    if isinstance(motion, Toss):
+        launch = builder.AddNamedSystem("launch", _launch(plant, body, motion))
+        builder.Connect(launch.get_output_port(), plant.get_applied_spatial_force_input_port())
+    else:
+        command = builder.AddNamedSystem("object_motion", ObjectMotion(VelocityProfile(profile)))
+        builder.Connect(command.get_output_port(), plant.get_desired_state_input_port(driven))
+    pose = builder.AddNamedSystem("object_pose", BodyPose(body.index()))
+    builder.Connect(plant.get_body_poses_output_port(), pose.get_input_port())
+    return MovingObject(plant, scene_graph, pose.get_output_port())
 
 
 TIP_RADIUS = 0.012
@@ -97,38 +100,28 @@ RAMP = 0.1
 """Time in which the tip accelerates to its speed, and in which it stops, in seconds."""
 
 
-def add_push(
-    builder: DiagramBuilder,
+def _add_pusher(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    body: RigidBody,
     object_config: ObjectConfig,
     motion: Push,
-    plant_config: MultibodyPlantConfig,
-) -> MovingObject:
-    """Adds a table with the object at rest, and a pusher behind the object."""
-    plant, scene_graph = AddMultibodyPlant(plant_config, builder)
-    body = add_object_body(plant, object_config)
+) -> ModelInstanceIndex:
+    """Adds a table under the object and a pusher behind it; returns the pusher's instance."""
     solid = add_solid_collision(plant, body, object_config)
     table = plant.GetBodyByName("table", add_model(plant, "table.sdf"))
-    pusher = add_model(plant, "pusher.sdf")
-    R_WP = RotationMatrix.MakeZRotation(motion.direction)
-    behind = [-(motion.start_distance + TIP_RADIUS), motion.offset, motion.height]
-    plant.WeldFrames(
-        plant.world_frame(),
-        plant.GetFrameByName("guide", pusher),
-        RigidTransform(R_WP, R_WP @ behind),
-    )
-    plant.Finalize()
     # The object stands on its feet: its bottom face would be a single contact point that hops.
     scene_graph.collision_filter_manager().Apply(
         CollisionFilterDeclaration().ExcludeBetween(
             GeometrySet(solid), GeometrySet(plant.GetCollisionGeometriesForBody(table))
         )
     )
-    X_WO = RigidTransform(standing_position(object_config))
-    plant.SetDefaultFloatingBaseBodyPose(body, X_WO)
-    profile = VelocityProfile(push_profile(motion))
-    command = builder.AddNamedSystem("object_motion", ObjectMotion(profile))
-    builder.Connect(command.get_output_port(), plant.get_desired_state_input_port(pusher))
-    return MovingObject(plant, scene_graph, add_pose_output(builder, plant, body))
+    pusher = add_model(plant, "pusher.sdf")
+    guide = plant.GetFrameByName("guide", pusher)
+    R_WP = RotationMatrix.MakeZRotation(motion.direction)
+    behind = [-(motion.start_distance + TIP_RADIUS), motion.offset, motion.height]
+    plant.WeldFrames(plant.world_frame(), guide, RigidTransform(R_WP, R_WP @ behind))
+    return pusher
 
 
 def push_profile(motion: Push) -> list[list[float]]:
@@ -141,7 +134,19 @@ def push_profile(motion: Push) -> list[list[float]]:
     return [[time, speed] for time, speed in dict(corners).items()]  # Without repeated times.
 
 
-def add_replay(
+def _launch(plant: MultibodyPlant, body: RigidBody, motion: Toss) -> Launch:
+    """Returns the system that launches a body in the plant's first step.
+
+    In time steps of h, a body falls by g t (t + h)/2. A launch that is faster by g h/2 upwards
+    makes the parabola of the centre of mass exact at the steps. The orientation of a tumbling body
+    still has an error of the order of h.
+    """
+    half_step = -plant.gravity_field().gravity_vector() * plant.time_step() / 2
+    V_WOcm = SpatialVelocity(w=motion.spin, v=np.array(motion.velocity) + half_step)
+    return Launch(plant, body, V_WOcm)
+
+
+def _add_replay(
     builder: DiagramBuilder,
     object_config: ObjectConfig,
     motion: PoseStream,
@@ -160,44 +165,6 @@ def add_replay(
     replay = builder.AddNamedSystem("pose_replay", PoseReplay(motion.read(), frame))
     builder.Connect(replay.GetOutputPort("geometry_pose"), scene_graph.get_source_pose_port(source))
     return MovingObject(plant, scene_graph, replay.GetOutputPort("X_WO"))
-
-
-def add_toss(
-    builder: DiagramBuilder,
-    object_config: ObjectConfig,
-    motion: Toss,
-    plant_config: MultibodyPlantConfig,
-) -> MovingObject:
-    """Adds an object that is launched in the plant's first step.
-
-    In time steps of h, a body falls by g t (t + h)/2. A launch that is faster by g h/2 upwards
-    makes the parabola of the centre of mass exact at the steps. The orientation of a tumbling body
-    still has an error of the order of h.
-    """
-    plant, scene_graph = AddMultibodyPlant(plant_config, builder)
-    body = add_object_body(plant, object_config)
-    if motion.table:
-        add_solid_collision(plant, body, object_config)
-        add_model(plant, "table.sdf")
-    plant.Finalize()
-    R_WO = RollPitchYaw(motion.rpy).ToRotationMatrix()
-    p_OCoM = body.CalcCenterOfMassInBodyFrame(plant.CreateDefaultContext())
-    plant.SetDefaultFloatingBaseBodyPose(
-        body, RigidTransform(R_WO, np.array(motion.position) - R_WO @ p_OCoM)
-    )
-    half_step = -plant.gravity_field().gravity_vector() * plant.time_step() / 2
-    V_WOcm = SpatialVelocity(w=motion.spin, v=np.array(motion.velocity) + half_step)
-    launch = builder.AddNamedSystem("launch", Launch(plant, body, V_WOcm))
-    builder.Connect(launch.get_output_port(), plant.get_applied_spatial_force_input_port())
-    return MovingObject(plant, scene_graph, add_pose_output(builder, plant, body))
-
-
-_MOTIONS: dict[type, Callable[[DiagramBuilder, ObjectConfig, Any, Any], MovingObject]] = {
-    Conveyor: add_conveyor,
-    Toss: add_toss,
-    Push: add_push,
-    PoseStream: add_replay,
-}
 
 
 class ObjectPlant(Diagram):
@@ -235,8 +202,7 @@ class ObjectPlant(Diagram):
     ) -> None:
         super().__init__()
         builder = DiagramBuilder()
-        add_motion = _MOTIONS[type(motion_config)]
-        moving = add_motion(builder, object_config, motion_config, plant_config)
+        moving = add_moving_object(builder, object_config, motion_config, plant_config)
         self.plant, self.scene_graph = moving.plant, moving.scene_graph
         builder.ExportOutput(moving.X_WO, "X_WO")
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")

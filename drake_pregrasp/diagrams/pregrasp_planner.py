@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 
-import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.arrays import FloatArray
@@ -132,7 +131,6 @@ def AddPregraspPlanner(
             `CentroidSelector`.
         name: Name of the system.
     """
-    p_OC = np.asarray(p_OC, dtype=float)
     planner = PregraspPlanner(
         config, surface, p_OC, fingertip_frames=fingertip_frames, weight_function=weight_function
     )

@@ -10,13 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_pregrasp.arrays import (
-    BoolArray,
-    FloatArray,
-    is_valid_pose,
-    pack,
-    unpack,
-)
+from drake_pregrasp.arrays import BoolArray, FloatArray, is_valid_pose, pack, unpack
 from drake_pregrasp.estimation.pose_filter import (
     NO_BELIEF,
     NO_MEASUREMENT,

@@ -12,12 +12,11 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import SLACK, tick_index
 from drake_pregrasp.config.limits_config import LimitsConfig
-from drake_pregrasp.config.object_config import Box, Conveyor, PoseStream, Push, Toss
-from drake_pregrasp.config.sensor_config import check_sensor
-from drake_pregrasp.config.surface_config import check_surface
+from drake_pregrasp.config.object_config import Box, Conveyor, Mesh, PoseStream, Push, Toss
+from drake_pregrasp.config.sensor_config import fault_problems
 from drake_pregrasp.contacts.strategies import BLEND, STRATEGIES
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors
-from drake_pregrasp.errors import first_line
+from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError, first_line
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.simulation.grasp_check import Problems, errors_at, grasp_problems, raise_first
 from drake_pregrasp.simulation.scenario import Scenario
@@ -48,12 +47,29 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
     Raises:
         ScenarioError: If the scenario cannot be simulated.
     """
-    surface = check_surface(source, scenario.object, scenario.surface)
-    check_sensor(source, scenario.sensor, scenario.planner.period)
-    raise_first(source, _problems(scenario, surface))
+    raise_first(source, _surface_problems(scenario))
+    raise_first(source, _problems(scenario, scenario.make_surface()))
+
+
+def _surface_problems(scenario: Scenario) -> Problems:
+    sampling = scenario.surface
+    with errors_at("object.file" if isinstance(scenario.object, Mesh) else "object.profile"):
+        shape = scenario.object.make_shape()
+    for index, area in enumerate(sampling.no_touch):
+        with errors_at(f"surface.no_touch[{index}]"):
+            area.make_area(shape)
+    try:
+        scenario.make_surface()
+    except NoSurfaceError as error:
+        yield f"surface.{'no_touch' if sampling.no_touch else 'forbidden_faces'}", str(error)
+    except InvalidArgumentError as error:
+        key = "forbidden_spacing" if "forbidden_spacing" in str(error) else "spacing"
+        yield f"surface.{key}", str(error)
 
 
 def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
+    for name, problem in fault_problems(scenario.sensor.faults, scenario.planner.period):
+        yield f"sensor.faults.{name}", problem
     for index, obstacle in enumerate(scenario.obstacles):
         with errors_at(f"obstacles[{index}]"):
             obstacle.make_solid()

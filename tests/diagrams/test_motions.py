@@ -5,13 +5,11 @@ import pytest
 from pydrake.geometry import Role
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlantConfig
-from pydrake.multibody.tree import SpatialInertia
 from pydrake.systems.analysis import Simulator
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import ObjectPlant, load_scenario, shipped_scenarios
-from drake_pregrasp.config.object_config import Box, Conveyor, PoseStream, Push, Toss
-from drake_pregrasp.diagrams import object_plant
+from drake_pregrasp.config.object_config import Box, Conveyor, Mesh, PoseStream, Push, Toss
 from drake_pregrasp.diagrams.expected_path import expected_path
 from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
@@ -70,19 +68,15 @@ def test_a_tumbling_bodys_turn_comes_closer_to_its_limit_with_the_time_step():
     assert errors[1] / errors[0] == pytest.approx(4, rel=0.2)
 
 
-def test_a_thrown_body_follows_its_centre_of_mass(monkeypatch):
+def test_a_thrown_body_follows_its_centre_of_mass():
     """Also where that is not at O, and the body is thrown in any orientation."""
-    p_OCoM = np.array([0.05, -0.02, 0.03])
-    inertia = SpatialInertia.SolidBoxWithMass(0.4, 0.1, 0.06, 0.14).Shift(-p_OCoM)
-
-    def add_off_centre_body(plant, object_config):
-        return plant.AddRigidBody("cube", inertia)
-
-    monkeypatch.setattr(object_plant, "add_object_body", add_off_centre_body)
+    bracket = Mesh(file="package://drake_pregrasp/bracket.obj")
+    p_OCoM = bracket.make_shape().p_OCoM
+    assert np.linalg.norm(p_OCoM) > 0.005
     p, v, spin = np.array([0, 0, 1.0]), np.array([1.0, 0, 2]), np.array([2.0, 5, -3])
     motion = Toss(position=list(p), rpy=[1, 0.5, -2], velocity=list(v), spin=list(spin))
     h = 0.001
-    start, step, later = poses(motion, [0.0, h, 0.5], time_step=h)
+    start, step, later = poses(motion, [0.0, h, 0.5], h, bracket)
     np.testing.assert_allclose(start @ p_OCoM, p, atol=1e-12)
     turn = Rotation.from_matrix((step.rotation() @ start.rotation().inverse()).matrix())
     np.testing.assert_allclose(turn.as_rotvec() / h, spin, rtol=1e-4)

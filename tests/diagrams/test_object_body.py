@@ -12,15 +12,9 @@ from thin_cup import PROFILE
 
 from drake_pregrasp import ObjectPlant
 from drake_pregrasp.config.object_config import Ball, Box, Conveyor, Cylinder, Mesh, Revolved
-from drake_pregrasp.diagrams.object_body import (
-    add_object_body,
-    resized_box_sdf,
-    standing_position,
-)
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.diagrams.object_body import add_object_body, resized_box_sdf, standing_position
 from drake_pregrasp.resources import resource_folder
 
-CUBE = resource_folder("models") / "cube.sdf"
 OBJECTS = {
     "box": Box(size=[0.05, 0.06, 0.1]),
     "cup": Revolved(profile=PROFILE, mass=0.2),
@@ -112,7 +106,7 @@ def test_the_table_carries_a_box_on_its_feet(scenario, size, v, w):
 
 @pytest.mark.parametrize("size", [[0.1, 0.1, 0.1], [0.2, 0.2, 0.1], [0.07, 0.07, 0.075]])
 def test_the_feet_of_a_box_are_at_the_corners_of_its_underside(size):
-    model = ET.fromstring(resized_box_sdf(CUBE, size, 1.0))
+    model = ET.fromstring(resized_box_sdf(size, 1.0))
     radius = float(model.find(".//sphere/radius").text)
     poses = [collision.find("pose").text.split() for collision in model.iter("collision")]
     feet = np.array(poses, dtype=float)[:, :3]
@@ -122,17 +116,10 @@ def test_the_feet_of_a_box_are_at_the_corners_of_its_underside(size):
 
 
 def test_the_shipped_cube_is_the_base_case():
-    texts = CUBE.read_text(), resized_box_sdf(CUBE, Box().size, Box().mass)
+    cube = resource_folder("models") / "cube.sdf"
+    texts = cube.read_text(), resized_box_sdf(Box().size, Box().mass)
     shipped, resized = (
         [float(word) for part in ET.fromstring(text).itertext() for word in part.split()]
         for text in texts
     )
     np.testing.assert_allclose(shipped, resized, rtol=1e-12)
-
-
-def test_a_model_that_is_no_box_is_refused(tmp_path):
-    for text, problem in (("<sdf", "cannot be read"), ("<sdf version='1.9'/>", "no visual named")):
-        file = tmp_path / "bad.sdf"
-        file.write_text(text)
-        with pytest.raises(InvalidArgumentError, match=problem):
-            resized_box_sdf(file, [0.1, 0.1, 0.1], 1.0)

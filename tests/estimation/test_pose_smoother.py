@@ -1,5 +1,3 @@
-import dataclasses
-
 import numpy as np
 import pytest
 from sampled_motion import measured, normalized_squares, sampled_motion
@@ -72,31 +70,9 @@ def test_past_poses_come_closer_to_the_truth_by_what_the_covariance_says():
             errors = [np.linalg.norm(p[k] - b.p_WCoM) for b in (before, after)]
             R_WO = Rotation.from_matrix([before.R_WO, after.R_WO])
             gains.append([errors, (R[k].inv() * R_WO).magnitude()])
-            for name in ("P_position", "P_orientation"):
-                P, P_s = getattr(before, name), getattr(after, name)
-                scale = np.sqrt(np.outer(np.diag(P), np.diag(P)))
-                gain = np.linalg.eigvalsh((P - P_s) / scale)
-                assert gain.min() > -1e-9
-                assert gain.max() > 0.1
-                assert np.linalg.eigvalsh(P_s).min() > 0
     before, after = np.sqrt(np.mean(np.square(gains), axis=0)).T
     assert np.all(after < 0.8 * before)
     np.testing.assert_allclose(np.mean(squares, axis=0), 6, atol=0.8)
-
-
-def test_an_exact_recording_stays_as_it_is():
-    times = DT * np.arange(30)
-    fall = np.array([0, 0, -NOISE.gravity / 2])
-    p = times[:, None] * [1.0, 2, 3] + times[:, None] ** 2 * fall
-    R = Rotation.from_rotvec(times[:, None] * [2.0, -3, 1]).as_matrix()
-    exact = dataclasses.replace(
-        NOISE, position=1e-7, orientation=1e-7, initial_velocity=10, initial_angular_velocity=100
-    )
-    smoothed = smooth(filter_poses(times, p, R, exact), exact)
-    for belief, p_WO, R_WO in zip(smoothed, p, R, strict=True):
-        np.testing.assert_allclose(belief.p_WCoM, p_WO, atol=1e-7)
-        assert Rotation.from_matrix(belief.R_WO.T @ R_WO).magnitude() < 1e-6
-        np.testing.assert_allclose(belief.w_WO, [2, -3, 1], atol=1e-3)
 
 
 def test_beliefs_out_of_order_are_refused_and_few_are_fine():

@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import MeasurementVerdict as Verdict
-from drake_pregrasp import PoseFilterNoise
 from drake_pregrasp.arrays import FARTHEST, pack
 from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
 from drake_pregrasp.estimation.pose_filter import (
@@ -22,15 +21,8 @@ from drake_pregrasp.estimation.pose_filter import (
 from drake_pregrasp.estimation.pose_track import PoseTrack
 from drake_pregrasp.estimation.pose_tracker import OLDEST, update_track
 
-NOISE = PoseFilterNoise(
-    position=5e-4,
-    orientation=3.5e-3,
-    acceleration=1e-2,
-    angular_acceleration=5e-2,
-    initial_velocity=0.1,
-    initial_angular_velocity=0.5,
-)
-SETTINGS = replace(tracker_settings(EstimatorConfig()), noise=NOISE)
+SETTINGS = tracker_settings(EstimatorConfig(acceleration=1e-2, angular_acceleration=5e-2))
+NOISE = SETTINGS.noise
 DT = 0.05
 V, W = np.array([0.02, -0.01, 0.005]), np.array([0.1, 0.05, -0.2])
 
@@ -42,13 +34,17 @@ def measured(time, rng, noise=1.0, at=None):
     return PoseMeasurement(time if at is None else at, p, R_WO)
 
 
-def follow(measurements, settings=SETTINGS, memory=20, track=None):
-    """Takes (now, measurement) pairs and returns the track and the verdicts."""
-    track, verdicts = track or PoseTrack.empty(memory), []
-    for now, measurement in measurements:
-        track = update_track(track, measurement, now, settings)
-        verdicts.append(track.verdict)
-    return track, verdicts
+def tracks(stream, settings=SETTINGS, memory=20, track=None):
+    """Yields the track after each pair of a time and the measurement that arrives then."""
+    track = track or PoseTrack.empty(memory)
+    for now, measurement in stream:
+        yield (track := update_track(track, measurement, now, settings))
+
+
+def follow(stream, settings=SETTINGS, memory=20, track=None):
+    """Returns the last track and the verdicts of all."""
+    found = list(tracks(stream, settings, memory, track))
+    return found[-1], [track.verdict for track in found]
 
 
 def in_time(count, rng, start=0, noise=1.0):
@@ -103,16 +99,10 @@ def test_measurements_in_any_order_give_the_same_belief(order):
     ]
 
 
-def test_late_measurements_are_refused_if_they_are_too_old_or_too_far():
-    rng = np.random.default_rng(3)
-    old = measured(0.5 * DT, rng)
-    for memory, expected in ((30, Verdict.USED_LATE), (5, Verdict.TOO_LATE)):
-        track, _ = follow(in_time(20, rng), memory=memory)
-        later = update_track(track, old, 20 * DT, SETTINGS)
-        assert later.verdict == expected
-        assert np.array_equal(later.steps, track.steps) == expected.is_refusal
-    track, _ = follow(in_time(20, rng))
-    after = update_track(track, replace(old, p_WCoM=old.p_WCoM + 1.0), 20 * DT, SETTINGS)
+def test_a_late_measurement_that_is_too_far_is_refused():
+    rng, track = tracked(3, 20)
+    late = measured(0.5 * DT, rng)
+    after = update_track(track, replace(late, p_WCoM=late.p_WCoM + 1.0), 20 * DT, SETTINGS)
     assert after.verdict == Verdict.OUTLIER
     np.testing.assert_array_equal(after.steps, track.steps)
     assert after.innovation_squared[0] > SETTINGS.gate**2 > after.innovation_squared[1]
@@ -129,11 +119,7 @@ def test_a_measurement_counts_once():
 @pytest.mark.parametrize(
     "change",
     [
-        {"p_WCoM": np.array([np.nan, 0, 0])},
-        {"p_WCoM": np.array([np.inf, 0, 0])},
         {"p_WCoM": np.array([2 * FARTHEST, 0, 0])},
-        {"R_WO": np.full((3, 3), np.nan)},
-        {"R_WO": 1.1 * np.eye(3)},
         {"R_WO": -np.eye(3)},
         {"time": np.nan},
         {"time": np.inf},
@@ -276,10 +262,8 @@ def test_a_frozen_value_is_refused_but_only_of_a_noisy_sensor_and_a_moving_objec
 
 @pytest.mark.slow
 def test_the_innovation_is_chi_square_distributed():
-    squares, track = [], PoseTrack.empty(3)
-    for now, z in in_time(4000, np.random.default_rng(10)):
-        track = update_track(track, z, now, SETTINGS)
-        squares.append(track.innovation_squared)
+    stream = in_time(4000, np.random.default_rng(10))
+    squares = [track.innovation_squared for track in tracks(stream, memory=3)]
     # The truth has no acceleration, so that the filter expects a little more than there is.
     means = np.mean(squares[100:], axis=0)
     assert np.all((means > 2) & (means < 3))
@@ -288,27 +272,23 @@ def test_the_innovation_is_chi_square_distributed():
 @pytest.mark.parametrize("factor", [1.0, 4.0])
 def test_a_sensor_noisier_than_assumed_is_believed_less(factor):
     rng, track = tracked(12, 40)
-    errors, verdicts = [], []
-    for now, z in in_time(120, rng, start=40, noise=factor):
-        track = update_track(track, z, now, SETTINGS)
-        verdicts.append(track.verdict)
-        errors.append(error(track, now))
-    assert (track.noise_factor > 2) == (factor > 2)
-    assert Verdict.REACQUIRED not in verdicts
+    stream = in_time(120, rng, start=40, noise=factor)
+    found = list(tracks(stream, track=track))
+    errors = [error(after, now) for after, (now, _) in zip(found, stream, strict=True)]
+    assert (found[-1].noise_factor > 2) == (factor > 2)
+    assert Verdict.REACQUIRED not in [after.verdict for after in found]
     assert max(errors[40:]) < 2 * factor * NOISE.position
 
 
-@pytest.mark.parametrize("late", [False, True])
-def test_a_noisy_sensor_is_believed_less_when_it_is_late_too(late):
+def test_a_noisy_sensor_is_believed_less_when_it_is_late_too():
+    """Of two measurements, the second one comes first."""
     stream = in_time(400, np.random.default_rng(15), noise=3.0)
-    if late:  # Of two measurements, the second one comes first.
-        pairs = zip(stream[::2], stream[1::2], strict=True)
-        stream = [(now, z) for (_, first), (now, second) in pairs for z in (second, first)]
-    track, squares = PoseTrack.empty(20), []
-    for now, z in stream:
-        track = update_track(track, z, now, SETTINGS)
-        e = V * track.newest.time - track.newest.p_WCoM
-        squares.append(e @ np.linalg.solve(track.newest.P_position[:3, :3], e))
+    pairs = zip(stream[::2], stream[1::2], strict=True)
+    stream = [(now, z) for (_, first), (now, second) in pairs for z in (second, first)]
+    squares = []
+    for belief in (track.newest for track in tracks(stream)):
+        e = V * belief.time - belief.p_WCoM
+        squares.append(e @ np.linalg.solve(belief.P_position[:3, :3], e))
     assert np.mean(squares[100:]) < 6  # 3 are expected; a noise estimate that lags costs some.
 
 

@@ -27,20 +27,15 @@ def value(tick):
     return np.arange(POSE_SIZE) + 100.0 * tick
 
 
-def played(faults, seed=0, ticks=range(TICKS), memory=None):
+def played(faults, seed=0, ticks=range(TICKS)):
     """Returns the memories after the ticks, each by way of the vector that is stored."""
-    empty = SensorMemory.empty(faults, T)
-    memory = memory or empty
+    memory = empty = SensorMemory.empty(faults, T)
     found = []
     for tick in ticks:
         now = {"time": tick * T, "tick": tick, "faults": faults, "period": T, "seed": seed}
         memory = unpack(empty, pack(next_memory(memory, value(tick), **now)))
         found.append(memory)
     return found
-
-
-def stamps(memories):
-    return np.array([memory.stamp for memory in memories])
 
 
 def transcribed(faults, seed):
@@ -59,7 +54,6 @@ def transcribed(faults, seed):
         yield (-math.inf, math.nan) if tick is None else (tick * T, 100.0 * shown)
 
 
-@pytest.mark.slow
 @settings(max_examples=40)
 @given(
     faults=st.builds(
@@ -90,26 +84,13 @@ def test_each_measurement_arrives_not_before_its_delay_nor_after_the_jitter():
     assert lags.max() < faults.delay + faults.jitter + T
     # On average a lag is up to the next tick, half a period.
     assert np.mean(lags) == pytest.approx(0.12 + 0.15 + T / 2, abs=0.01)
-    late = np.arange(TICKS) * T - stamps(played(faults, 1))
-    assert late.min() >= faults.delay - 1e-12
-
-
-def test_time_goes_back_only_if_measurements_may_come_out_of_order():
-    for out_of_order in (False, True):
-        faults = MeasurementFaults(delay=0.05, jitter=0.4, out_of_order=out_of_order)
-        steps = np.diff(stamps(played(faults))[10:])
-        assert np.any(steps < 0) == out_of_order
-        assert np.any(steps == 0)
 
 
 def test_what_is_frozen_is_not_kept_over_ticks_that_were_skipped():
-    faults = MeasurementFaults(freeze_rate=1.0)
-    for tick in range(2, TICKS):
-        if all(is_frozen(k, faults, T, 0) for k in (tick - 2, tick - 1, tick)):
-            found = played(faults, ticks=[tick - 2, tick])
-            np.testing.assert_array_equal(found[1].pose, value(tick))
-            return
-    raise AssertionError("no burst of three ticks")
+    always = MeasurementFaults(freeze_rate=1000.0)
+    for skipped_to, shown in ((1, 0), (2, 2)):
+        *_, last = played(always, ticks=[0, skipped_to])
+        np.testing.assert_array_equal(last.pose, value(shown))
 
 
 @pytest.mark.parametrize("sample_period", [0.05, 0.1, 0.12, 0.3, 1.0])
@@ -123,57 +104,31 @@ def test_a_low_rate_takes_the_first_tick_of_each_turn(sample_period, period):
     assert abs(1200 * period - len(taken) * sample_period) <= max(sample_period, period) + 1e-6
 
 
-def test_outside_of_their_time_faults_do_nothing():
-    faults = MeasurementFaults(
-        dropout_rate=5.0, delay=0.1, jitter=0.3, freeze_rate=5.0, sample_period=0.2, start=2, end=4
-    )
-    found = played(faults)
-    for tick, memory in enumerate(found):
-        if not 40 <= tick < 80:
-            assert memory.stamp == tick * T
-            np.testing.assert_array_equal(memory.pose, value(tick))
-    assert np.sum(stamps(found[40:80]) != np.arange(40, 80) * T) > 30
-
-
-def test_a_memory_of_the_future_is_none():
-    faults = MeasurementFaults(delay=0.1, freeze_rate=2.0, dropout_rate=1.0)
-    future = played(faults)[-1]
-    anew, other = played(faults, ticks=range(20)), played(faults, ticks=range(20), memory=future)
-    np.testing.assert_array_equal([pack(m) for m in other], [pack(m) for m in anew])
-
-
 USABLE = {"outlier_probability": 0.1, "dropout_rate": 1.0, "freeze_rate": 1.0}
+PLANNING = 0.04  # Seconds between ticks.
 
 
 @pytest.mark.parametrize(
     ("name", "changed"),
     [
-        ("position_bias", {"position_bias": (0.0, 1.0)}),
-        ("position_bias", {"position_bias": (0.0, 1.0, math.nan)}),
         ("orientation_bias", {"orientation_bias": (0.0, 3.0, 1.0)}),
         ("noise_factor", {"noise_factor": -1.0}),
         ("degrees_of_freedom", {"degrees_of_freedom": 0.5}),
-        ("outlier_probability", {"outlier_probability": 1.1}),
         ("outlier_probability", {"outlier_position": 0.0, "outlier_orientation": 0.0}),
-        ("outlier_orientation", {"outlier_orientation": 3.2}),
-        ("nan_probability", {"nan_probability": math.nan}),
-        ("sign_flip_probability", {"sign_flip_probability": -0.1}),
-        ("dropout_rate", {"dropout_rate": math.inf}),
-        ("dropout_duration", {"dropout_duration": 0.0}),
-        ("dropout_duration", {"dropout_duration": 101.0}),
-        ("freeze_duration", {"freeze_duration": 101.0}),
-        ("delay", {"delay": 30.0, "jitter": 21.0}),
-        ("out_of_order", {"jitter": 0.05, "out_of_order": True}),
+        ("dropout_duration", {"dropout_duration": 81.0}),
+        ("freeze_duration", {"freeze_duration": 81.0}),
+        ("delay", {"delay": 30.0, "jitter": 11.0}),
+        ("out_of_order", {"jitter": 0.04, "out_of_order": True}),
         ("out_of_order", {"jitter": 0.2, "sample_period": 0.2, "out_of_order": True}),
-        ("sample_period", {"sample_period": 0.04}),
+        ("sample_period", {"sample_period": 0.03}),
         ("start", {"start": 2.0, "end": 2.0}),
-        ("end", {"end": math.inf}),
+        ("start", {"start": 2.01, "end": 2.03}),
     ],
 )
 def test_what_is_unusable_is_named(name, changed):
-    check_faults(MeasurementFaults(**USABLE), T)
+    check_faults(MeasurementFaults(**USABLE), PLANNING)
     with pytest.raises(InvalidArgumentError) as caught:
-        check_faults(MeasurementFaults(**{**USABLE, **changed}), T)
+        check_faults(MeasurementFaults(**USABLE | changed), PLANNING)
     assert str(caught.value).startswith(f"faults.{name}")
     assert "\n" not in str(caught.value)
 

@@ -7,6 +7,7 @@ import random
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
@@ -49,30 +50,13 @@ _MESHES: Mapping[str, bytes] = {
 _MATERIALS = b"newmtl m\nKd 1 0.5 0\nd 0.5\nmap_Kd x.png\n"
 _NUMBER = re.compile(rb"-?\d+\.?\d*(?:e-?\d+)?")
 _NUMBERS = (*b"nan inf -1 0 1e308 -1e308 1e-320 99999999999 1e5".split(), b"")
-_URDF = """<robot name="r" xmlns:drake="http://drake.mit.edu"><link name="a"><inertial><mass
-value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial><visual><geometry>
-<mesh filename="x.obj" scale="1 1 1"/></geometry><material name="m"><color rgba="1 0 0 1"/>
-</material></visual></link><link name="b"><collision><origin xyz="0 0 0" rpy="0 0 0"/><geometry>
-<sphere radius="1"/></geometry><drake:proximity_properties><drake:mesh_resolution_hint
-value="0.1"/><drake:hydroelastic_modulus value="1e6"/><drake:compliant_hydroelastic/>
-</drake:proximity_properties></collision></link><joint name="j" type="revolute"><parent link="a"/>
-<child link="b"/><axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/><mimic
-joint="j"/></joint><transmission><type>SimpleTransmission</type><joint name="j"/><actuator
-name="j"><drake:rotor_inertia value="0.1"/><drake:controller_gains p="1" d="1"/></actuator>
-</transmission></robot>"""
-_MJCF = """<mujoco model="m"><compiler angle="radian" meshdir="." eulerseq="xyz"/><default><joint
-damping="1"/><default class="c"><geom type="box" size="1 1 1"/></default></default><asset><mesh
-name="x" file="x.obj" scale="1 1 1"/><material name="m" rgba="1 0 0 1"/></asset><worldbody><body
-name="a" pos="0 0 0" euler="0 1 0"><joint name="j" type="hinge" axis="0 1 0" range="-1 1"/>
-<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><geom type="mesh" mesh="x" material="m"/><body
-name="b" childclass="c"><freejoint/><geom mass="1"/><geom type="capsule" size="1" fromto="0 0 0 1 1
-1"/></body></body></worldbody><actuator><position joint="j" kp="1" kv="1"/><motor joint="j"/>
-</actuator><equality><weld body1="a" body2="b"/></equality><contact><exclude body1="a" body2="b"/>
-</contact></mujoco>"""
 _MESH = "<visual name='x'><geometry><mesh><uri>x.obj</uri></mesh></geometry></visual>"
 _SDF = _DATA["five_finger_hand.sdf"].decode()
 _SDF = _SDF.replace('<link name="palm">', '<link name="palm">' + _MESH)
-_BODIES = {"sdf": _SDF, "urdf": _URDF, "xml": _MJCF}
+_BODIES = {
+    "sdf": _SDF,
+    **{name: (Path(__file__).parent / f"model.{name}").read_text() for name in ("urdf", "xml")},
+}
 
 
 @dataclass
@@ -205,7 +189,7 @@ def _altered_model(text: str, rng: random.Random) -> str:
         if way == 0 and len(parent):
             parent.remove(rng.choice(list(parent)))
         elif way == 1 and sum(1 for _ in other.iter()) < 50:
-            parent.extend([copy.deepcopy(other)] * rng.choice((1, 1, 2, 50, 500)))
+            parent.extend([copy.deepcopy(other) for _ in range(rng.choice((1, 1, 2, 50, 500)))])
         elif way == 2:
             parent.tag = rng.choice((other.tag, "include", "mesh", "uri", "x"))
         elif way == 3 and parent.attrib:

@@ -26,20 +26,13 @@ SOLIDS = {
 }
 
 
-def points_in_triangles(corners, per_triangle, seed=0):
-    """Corners and random points of triangles, shape (k, 3)."""
-    rng = np.random.default_rng(seed)
-    weights = rng.dirichlet(np.ones(3), (len(corners), per_triangle))
-    inside = np.einsum("tpk,tkj->tpj", weights, corners).reshape(-1, 3)
-    return np.concatenate([corners.reshape(-1, 3), inside])
-
-
 @pytest.mark.parametrize("name", SOLIDS)
 def test_no_point_of_an_allowed_patch_lies_in_a_forbidden_solid(name):
     solid = SOLIDS[name]
     surface = mesh_surface(CAN, spacing=0.008, no_touch=[solid])
-    points = points_in_triangles(surface.patches, 20)
-    assert np.min(solid.distance(points)) >= -1e-12
+    inside = np.random.default_rng(0).dirichlet(np.ones(3), 20)
+    points = np.vstack([np.eye(3), inside]) @ surface.patches  # Corners, and points between them.
+    assert np.min(solid.distance(points.reshape(-1, 3))) >= -1e-12
     # Nor is more forbidden than triangles that reach into it: half a spacing at the most.
     everywhere = split_triangles(np.array(CAN.mesh.triangles), CAN.mesh.face_normals, 0.004)
     clear = solid.distance(everywhere.centroids) > 0.004
@@ -56,11 +49,6 @@ def test_a_facing_area_forbids_a_cone_of_normals(angle):
     assert np.max(cosines) < np.cos(angle)
     assert np.max(cosines) > np.cos(angle + 0.2)
     assert np.min(surface.forbidden.normals @ direction / 5) >= np.cos(angle) - 1e-9
-
-
-def test_a_facing_area_needs_a_direction():
-    with pytest.raises(InvalidArgumentError, match="must not be zero"):
-        FacingArea(np.zeros(3), 0.5)
 
 
 @pytest.mark.parametrize("face", ["+x", "-x", "+y", "-y", "+z", "-z"])
@@ -98,17 +86,6 @@ def test_areas_add_up():
     assert not np.any(is_forbidden(triangles, CAN.face_parts, []))
 
 
-def test_with_all_surface_forbidden_none_is_left():
-    with pytest.raises(NoSurfaceError, match="make the forbidden areas smaller"):
-        mesh_surface(CAN, spacing=0.01, no_touch=[BallSolid(np.zeros(3), 1.0)])
-
-
-@pytest.mark.parametrize("spacings", [{"spacing": 0.0}, {"spacing": 0.1, "forbidden_spacing": -1}])
-def test_spacings_are_lengths(spacings):
-    with pytest.raises(InvalidArgumentError, match="above 0 m"):
-        mesh_surface(CAN, **spacings)
-
-
 def test_forbidden_points_are_spread_over_their_area():
     surface = mesh_surface(CAN, spacing=0.006, no_touch=[AxisArea("+z")], forbidden_spacing=0.01)
     forbidden = surface.forbidden
@@ -126,3 +103,22 @@ def test_candidates_in_the_balls_round_forbidden_points_are_known():
     clear = np.all(gaps > surface.forbidden.radii, axis=1)
     assert 0 < np.sum(~clear) < len(clear)
     np.testing.assert_array_equal(surface.is_clear_of_forbidden_points, clear)
+
+
+@pytest.mark.parametrize(
+    ("make", "problem"),
+    [
+        (lambda: mesh_surface(CAN, spacing=0.0), "spacings must be above 0 m"),
+        (lambda: mesh_surface(CAN, spacing=0.1, forbidden_spacing=-1), "above 0 m"),
+        (lambda: mesh_surface(CAN, spacing=1e-5), "choose a larger spacing"),
+        (lambda: FacingArea(np.zeros(3), 0.5), "must not be zero"),
+    ],
+)
+def test_settings_without_sense_are_refused(make, problem):
+    with pytest.raises(InvalidArgumentError, match=problem):
+        make()
+
+
+def test_with_all_surface_forbidden_none_is_left():
+    with pytest.raises(NoSurfaceError, match="make the forbidden areas smaller"):
+        mesh_surface(CAN, spacing=0.01, no_touch=[BallSolid(np.zeros(3), 1.0)])

@@ -5,11 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.geometry.rotations import (
-    left_jacobian,
-    rotation_matrix,
-    rotation_vector,
-)
+from drake_pregrasp.geometry.rotations import left_jacobian, rotation_matrix, rotation_vector
 
 seeds = st.integers(0, 2**32 - 1)
 angles = st.one_of(

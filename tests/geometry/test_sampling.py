@@ -4,14 +4,11 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import cKDTree
-from selections import selection_of
 from thin_cup import CUP
 
-from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.sampling import choose_evenly, lifted, split_triangles
-from drake_pregrasp.geometry.shapes import Shape, ball_shape, box_shape, cylinder_shape
+from drake_pregrasp.geometry.shapes import Shape, ball_shape, box_shape
 
 NO_ENDS = (AxisArea("+z"), AxisArea("-z"))
 
@@ -32,11 +29,6 @@ def test_a_split_surface_is_the_same_surface(edge):
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     np.testing.assert_allclose(normals, triangles.normals, atol=1e-6)
     np.testing.assert_array_equal(triangles.normals, mesh.face_normals[triangles.faces])
-
-
-def test_a_spacing_that_memory_cannot_hold_is_refused():
-    with pytest.raises(InvalidArgumentError, match="choose a larger spacing"):
-        mesh_surface(box_shape([1, 1, 1]), spacing=1e-4)
 
 
 @pytest.mark.parametrize("distance", [0.004, 0.02])
@@ -150,8 +142,19 @@ def test_at_a_sharp_edge_signs_tell_in_from_out():
     np.testing.assert_array_equal(surface.distance(points) < 0, inside)
 
 
+def uneven_plate():
+    """A plate whose triangles are a hundred times denser on its right than on its left."""
+    xs = np.concatenate([[-0.05, -0.025], np.linspace(0, 0.05, 101)])
+    points = np.array([[x, y] for x in xs for y in (-0.02, 0.02)])
+    cells = 2 * np.arange(len(xs) - 1)[:, None]
+    faces = np.concatenate([cells + np.array([0, 2, 1]), cells + np.array([1, 2, 3])])
+    return extruded(points, faces, 0.01)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("shape", [CUP, ball_shape(0.03)], ids=["cup", "ball"])
+@pytest.mark.parametrize(
+    "shape", [CUP, ball_shape(0.03), uneven_plate()], ids=["cup", "ball", "uneven plate"]
+)
 def test_area_weighted_sums_approach_the_integral(shape):
     """The centroid of the half of the surface with x > 0, against the mesh's own triangles."""
     fine = pieces(shape, edge=0.001)
@@ -161,38 +164,8 @@ def test_area_weighted_sums_approach_the_integral(shape):
     for spacing in spacings:
         surface = mesh_surface(shape, spacing=spacing)
         mine = surface.p_OQ[:, 0] > 0
+        assert np.mean(mine) == pytest.approx(0.5, abs=0.12)
         centroid = np.average(surface.p_OQ[mine], axis=0, weights=surface.areas[mine])
         errors.append(np.linalg.norm(centroid - exact))
     assert errors[-1] < 0.4 * errors[0]
     assert np.all(np.array(errors) < 0.25 * spacings)
-
-
-@pytest.mark.slow
-def test_contacts_approach_a_limit_as_the_spacing_shrinks():
-    """After some ticks of safe regions and position tracking, on the side of a can."""
-    shape = cylinder_shape(0.035, 0.12)
-    angles = np.array([0.0, 1.9, 4.0])
-    start = np.stack([0.035 * np.cos(angles), 0.035 * np.sin(angles), [0.01, -0.02, 0.03]], axis=1)
-    ends = []
-    for spacing in (0.016, 0.008, 0.004, 0.002):
-        surface = mesh_surface(shape, spacing=spacing, no_touch=NO_ENDS)
-        p_OC, _ = surface.project(start)
-        for _ in range(6):
-            p_OC = select_contacts(selection_of(surface, p_OC), position_tracking).p_OC
-        ends.append(p_OC)
-    errors = [np.max(np.linalg.norm(end - ends[-1], axis=1)) for end in ends[:-1]]
-    assert errors[2] < 0.5 * errors[0]
-    assert errors[2] < 0.002
-
-
-def test_uneven_sampling_does_not_pull_centroids():
-    """A plate whose triangles are a hundred times denser on its right than on its left."""
-    xs = np.concatenate([[-0.05, -0.025], np.linspace(0, 0.05, 101)])
-    points = np.array([[x, y] for x in xs for y in (-0.02, 0.02)])
-    cells = 2 * np.arange(len(xs) - 1)[:, None]
-    faces = np.concatenate([cells + np.array([0, 2, 1]), cells + np.array([1, 2, 3])])
-    surface = mesh_surface(extruded(points, faces, 0.01), spacing=0.006)
-    top = np.flatnonzero(surface.nhat_OQ[:, 2] > 0.9)
-    centroid = np.average(surface.p_OQ[top], axis=0, weights=surface.areas[top])
-    np.testing.assert_allclose(centroid[:2], 0, atol=6e-4)
-    assert np.mean(surface.p_OQ[top, 0] > 0) == pytest.approx(0.5, abs=0.12)

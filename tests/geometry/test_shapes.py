@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
-from thin_cup import HEIGHT, PROFILE, RADIUS, WALL
+from thin_cup import PROFILE
 
 from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.geometry.meshes import MESH_SUFFIXES
@@ -45,26 +45,19 @@ def test_primitives_are_exact_up_to_their_facets(shape, half, volume, round_area
     np.testing.assert_allclose(shape.p_OCoM, 0, atol=1e-12)
 
 
-def test_a_cup_has_the_volume_and_the_centre_of_its_wall():
-    shape = revolved_shape(PROFILE)
-    assert_closed(shape)
-    solid = np.pi * RADIUS**2 * HEIGHT
-    hollow = np.pi * (RADIUS - WALL) ** 2 * (HEIGHT - WALL)
-    around = 4 * np.pi * RADIUS * HEIGHT  # More than the area of the outside and the inside.
-    assert shape.mesh.volume == pytest.approx(solid - hollow, abs=FACET_ERROR * around)
-    # All sections lie between the same circles, so the centre is that of the round cup.
-    height = (solid * HEIGHT / 2 - hollow * (HEIGHT + WALL) / 2) / (solid - hollow)
-    np.testing.assert_allclose(shape.p_OCoM, [0, 0, height], atol=1e-6)
+RING = [[0.02, 0], [0.03, 0], [0.03, 0.01], [0.02, 0.01]]
 
 
-@pytest.mark.parametrize("step", [1, -1])
-def test_a_profile_off_the_axis_is_closed_into_a_ring_either_way_round(step):
-    inner, outer, height = 0.02, 0.03, 0.01
-    shape = revolved_shape([[inner, 0], [outer, 0], [outer, height], [inner, height]][::step])
+@pytest.mark.parametrize(("profile", "euler_number"), [(PROFILE, 2), (RING, 0), (RING[::-1], 0)])
+def test_solids_of_revolution_are_closed_either_way_round(profile, euler_number):
+    shape = revolved_shape(profile)
     assert_closed(shape)
-    volume = np.pi * (outer**2 - inner**2) * height
-    assert shape.mesh.volume == pytest.approx(volume, abs=FACET_ERROR * 2 * np.pi * 0.05 * height)
-    assert shape.mesh.euler_number == 0  # Of a torus.
+    assert shape.mesh.euler_number == euler_number  # Of a ball, or of a torus.
+    # The volume is the sum of those of the truncated cones below the profile's edges.
+    (r, z), (r_next, z_next) = np.transpose(profile), np.roll(profile, -1, axis=0).T
+    volume = abs(np.pi / 3 * np.sum((z_next - z) * (r**2 + r * r_next + r_next**2)))
+    area = np.pi * np.sum((r + r_next) * np.hypot(r_next - r, z_next - z))
+    assert shape.mesh.volume == pytest.approx(volume, abs=FACET_ERROR * area)
 
 
 @pytest.mark.parametrize(
@@ -101,20 +94,14 @@ def test_every_format_holds_the_same_body_at_its_scale(tmp_path, suffix):
     np.testing.assert_allclose(shape.mesh.bounds, mesh.bounds, atol=1e-7)
 
 
-def write_obj(path, mesh, parts):
-    """Writes an OBJ file of one closed surface, in objects of some of its faces each."""
-    lines = [f"v {x:.9f} {y:.9f} {z:.9f}" for x, y, z in mesh.vertices]
-    for name, faces in parts.items():
-        lines.append(f"o {name}")
-        lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces[faces] + 1]
-    path.write_text("\n".join(lines) + "\n")
-
-
 def test_objects_of_an_obj_file_are_parts(tmp_path):
     mesh = ell()
     on_top = mesh.triangles_center[:, 2] > 0.03 - 1e-9
-    parts = {"top": np.flatnonzero(on_top), "rest": np.flatnonzero(~on_top)}
-    write_obj(tmp_path / "ell.obj", mesh, parts)
+    parts = {
+        "top": mesh.submesh([on_top], append=True),
+        "rest": mesh.submesh([~on_top], append=True),
+    }
+    trimesh.Scene(parts).export(tmp_path / "ell.obj")
     shape = load_shape(tmp_path / "ell.obj")
     assert_closed(shape)
     assert set(shape.part_names) == {"top", "rest"}
@@ -139,9 +126,9 @@ def test_meshes_of_a_gltf_file_are_parts_where_their_nodes_place_them(tmp_path):
         np.testing.assert_allclose(np.mean(centers, axis=0), [x, 0, 0], atol=1e-6)
 
 
-def edited(scale=1.0, faces=slice(None), first=0.0):
+def edited(scale=1.0, faces=slice(None), first=0.0, all_of_them=0.0):
     mesh = ell()
-    vertices = scale * mesh.vertices
+    vertices = scale * mesh.vertices + all_of_them
     vertices[3, 1] += first
     return trimesh.Trimesh(vertices, mesh.faces[faces], process=False)
 
@@ -175,11 +162,18 @@ def touching():
         ),
         (flat(), "flat.ply", "encloses no volume"),
         (edited(scale=1000.0), "long.ply", "60 m long; at most 3 m, .* scale: 0.001"),
+        ("v 1e308 0 0\nv -1e308 0 0\nv 0 1 0\nf 1 2 3\n", "huge.obj", "m long; at most 3 m"),
+        (edited(all_of_them=1e6), "far.ply", "m away from its own origin; at most 100 m"),
         (edited(first=np.nan), "nan.ply", "a vertex that is not finite"),
+        *(
+            (f"v 0 0 0\nv 1 0 0\n{vertex}\nf 1 2 3\n", "flat.obj", "cannot be read as a mesh")
+            for vertex in ("v 0", "v", "v 0 0")
+        ),
         (None, "missing.obj", "no such file"),
         ("no mesh at all", "garbage.stl", "cannot be read as a mesh|no triangles"),
         ("no mesh at all", "garbage.glb", "cannot be read as a mesh"),
-        ("?", "unknown.xyzzy", "cannot be read as a mesh"),
+        ("", "body.dae", r"cannot be read as a mesh: its name must end with \.obj, \.stl"),
+        ("", "body", "its name must end with"),
         ("", "empty.obj", "cannot be read as a mesh|no triangles"),
         ("v 0 0 0\nv 1 0 0\n", "points.obj", "cannot be read as a mesh|no triangles"),
     ],

@@ -1,13 +1,15 @@
 """Runs a seeded sample of single-line mutations with cosmic-ray, and prints the score.
 
-Everything happens in a clone of the last commit. A mutation is killed if the tests nearest to it
-fail, or else the quick tests do. Survivors are printed, to be explained or killed.
+Everything happens in a clone of the last commit. A mutation is killed if a quick test that executes
+its line fails; coverage.py records which these are. Survivors are printed, to be explained or
+killed.
 
     python -m tests.mutation.sample --count 200 --seed 1
 """
 
 import argparse
 import ast
+import os
 import random
 import subprocess
 import sys
@@ -16,6 +18,8 @@ from pathlib import Path
 
 from cosmic_ray.work_db import use_db
 from cosmic_ray.work_item import TestOutcome, WorkItem
+
+from tests.mutation.nearest_tests import PYTEST
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 FOLDERS = ("geometry", "quality", "regions", "contacts", "estimation", "grasping", "systems")
@@ -91,6 +95,14 @@ def main() -> int:
                 [sys.executable, "-m", "cosmic_ray.cli", *command], cwd=clone, check=True
             )
 
+        coverage = ("--cov=drake_pregrasp", "--cov-context=test", "--cov-report=")
+        subprocess.run(
+            [*PYTEST, *coverage],
+            cwd=clone,
+            check=True,
+            stdout=subprocess.DEVNULL,
+            env=os.environ | {"PYTHONPATH": str(clone)},
+        )
         cosmic_ray("init", config.name, SESSION)
         with use_db(str(clone / SESSION)) as database:
             chosen = choose(list(database.work_items), clone, args.count, args.seed)

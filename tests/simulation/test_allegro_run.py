@@ -133,7 +133,11 @@ def test_where_the_arm_does_not_reach_is_said_before_it_moves(hand):
         ("palm: palm_link", "palm: hand", r"base.palm: there is no frame hand; there are: panda_"),
         ("panda_joint7]", "panda_joint8]", r"base.joints: panda_joint8 is weld; it must"),
         ("home: [0.0, -0.3,", "home: [9.0, -0.3,", r"base.home: 9 of panda_joint1 must be from"),
-        ("home: [0.0, -0.3,", "home: [-0.3,", r"base.home: 6 positions must be 7, one a joint"),
+        (
+            "home: [0.0, -0.3,",
+            "home: [-0.3,",
+            r"base.home: 6 positions must be 7, one for each of its",
+        ),
     ],
 )
 def test_an_arm_that_is_not_as_described_is_refused(allegro_panda, tmp_path, old, new, message):

@@ -59,6 +59,7 @@ def soak(
 
     simulator = Simulator(make_diagram(config, config.make_surface(), sink=add))
     ApplySimulatorConfig(config.simulator_config, simulator)
+    simulator.Initialize()  # The tick at time zero is of no hour.
     found = []
     for index in range(hours):
         total[:] = 0
