@@ -272,5 +272,5 @@ def test_a_folder_or_a_name_that_cannot_be_used_is_refused(tmp_path):
         run(load_scenario("a_base"), name="a", out=blocked)
     assert blocked.read_text() == "precious"
     for name in ("../up", "", ".", "a/b"):
-        with pytest.raises(ScenarioError, match="name is made of"):
+        with pytest.raises(ScenarioError, match="name must have only"):
             run(load_scenario("a_base"), name=name, out=tmp_path)
