@@ -28,8 +28,8 @@ class ForbiddenPoints:
     """Points Z that contacts keep away from (the obstacles z_j of the paper).
 
     Attributes:
-        points: z_j, shape (m, d), in metres, d = 3 unless regions use more coordinates; the
-            frame is named by whoever holds them.
+        points: Points z_j, shape (m, d), in metres, in the frame of the object that holds them;
+            d = 3 unless regions use more coordinates.
         radii: R_j, shape (m,), in metres.
         normals: Outward unit normals of the surface that the points sample, shape (m, d); zero, as
             by default, for points that sample no surface.

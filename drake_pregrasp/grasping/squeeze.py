@@ -62,7 +62,7 @@ def squeeze_forces(
 
     Args:
         p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
-        nhat: Outward unit normals there, in the same frame, shape (n, 3).
+        nhat: Outward unit normals at the contacts, in the same frame, shape (n, 3).
         wrench: Other wrench on the object, such as its weight: force in N and torque about the
             centre of mass in N m, in the frame of the contacts, shape (6,).
         friction: Coulomb's coefficient for the plan. The margin to the real one covers errors of
@@ -119,7 +119,7 @@ def safest_squeeze(
     least_normal: float,
     largest_normal: float | FloatArray,
 ) -> Squeeze:
-    """Returns the squeeze that balances a wrench with the least of `FRICTION_SHARES`.
+    """Returns the squeeze that balances a wrench with the smallest of `FRICTION_SHARES`.
 
     The smallest forces lie on the edges of their cones. Narrower cones with larger forces leave a
     margin, so that forces with errors stay inside the true cones. If no narrower cone balances the

@@ -274,7 +274,7 @@ class RegionConstraints:
     def _obstacle_gaps(
         self, centres: FloatArray, normals: FloatArray
     ) -> Iterator[tuple[int, FloatArray]]:
-        """Yields each obstacle's index, and its least distances from fingertips, shape (k,).
+        """Yields each obstacle's index, and its smallest distances from fingertips, shape (k,).
 
         The distances are from the tips' centres, between surface and standoff, now or later.
         """

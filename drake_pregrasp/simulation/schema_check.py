@@ -3,10 +3,10 @@
 Drake's own loader rejects unknown keys and wrong types, but without saying where, and it knows
 nothing of ranges. A schema's field states its range in its metadata, as `config.validation` says.
 
-A field that may be one of several dataclasses, a union, is told by its YAML tag which one it is, as
-in `!Cylinder {radius: 0.03}`; without a tag it is the first.
+If a field is a union of dataclasses, a YAML tag selects one of them, as in
+`!Cylinder {radius: 0.03}`; without a tag, the first one is used.
 
-What a field of type `dict` holds is for others to check.
+The content of fields of type `dict` is not checked here.
 """
 
 import dataclasses
