@@ -29,7 +29,7 @@ class NoSurfaceError(InvalidArgumentError):
 class ScenarioError(PregraspError):
     """A scenario is invalid.
 
-    The message is one line of printable characters, whatever a file holds.
+    The message is one line of printable characters, for any content of a file.
 
     Args:
         source: File that holds the scenario, or the name of a text.
@@ -49,7 +49,7 @@ class ScenarioError(PregraspError):
 
 
 class OutputError(PregraspError):
-    """A run folder can't be written, or its files can't be read back."""
+    """A run folder cannot be written, or its files cannot be read back."""
 
 
 class ContactError(PregraspError):

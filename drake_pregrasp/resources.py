@@ -30,7 +30,7 @@ def resolve_path(text: str, folder: Path) -> Path:
         folder: Folder at which relative names start.
 
     Raises:
-        InvalidArgumentError: If it is a URL of another kind, can't be a file's name, or leads out
+        InvalidArgumentError: If it is a URL of another kind, cannot be a file's name, or leads out
             of `models`.
     """
     if "://" in text and not text.startswith(MODELS_URL):
@@ -48,7 +48,7 @@ def resolve_path(text: str, folder: Path) -> Path:
         if isinstance(error, InvalidArgumentError):
             raise
         why = getattr(error, "strerror", None) or str(error)
-        raise InvalidArgumentError(f"{text!r} can't be a file: {why}") from error
+        raise InvalidArgumentError(f"{text!r} cannot be a file: {why}") from error
     return path
 
 
@@ -83,21 +83,21 @@ def read_bounded(path: Path, most: int) -> bytes:
         most: Largest allowed size, in bytes.
 
     Raises:
-        InvalidArgumentError: If the file is not a regular file, can't be read, or is larger.
+        InvalidArgumentError: If the file is not a regular file, cannot be read, or is larger.
     """
     try:
         if path.exists() and not path.is_file():
-            raise InvalidArgumentError(f"{path}: can't be read: it is no regular file")
+            raise InvalidArgumentError(f"{path}: cannot be read: it is no regular file")
         with path.open("rb") as file:
             data = file.read(most + 1)
     except (OSError, ValueError) as error:
         if isinstance(error, InvalidArgumentError):
             raise
         why = getattr(error, "strerror", None) or str(error)
-        raise InvalidArgumentError(f"{path}: can't be read: {why}") from error
+        raise InvalidArgumentError(f"{path}: cannot be read: {why}") from error
     if len(data) > most:
         raise InvalidArgumentError(
-            f"{path}: can't be read: it has more than {most / _MEGABYTE:g} MB; make it smaller"
+            f"{path}: cannot be read: it has more than {most / _MEGABYTE:g} MB; make it smaller"
         )
     return data
 
@@ -115,7 +115,7 @@ def read_bounded_text(path: Path, most: int) -> str:
     try:
         return read_bounded(path, most).decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise InvalidArgumentError(f"{path}: can't be read: {error}") from error
+        raise InvalidArgumentError(f"{path}: cannot be read: {error}") from error
 
 
 def make_paths_absolute(
@@ -136,7 +136,7 @@ def make_paths_absolute(
         key: Dotted path of the configuration in its origin.
 
     Raises:
-        ScenarioError: If a file is elsewhere, or a string can't be a file's name.
+        ScenarioError: If a file is elsewhere, or a string cannot be a file's name.
     """
     for f in dataclasses.fields(config) if dataclasses.is_dataclass(config) else ():
         value = getattr(config, f.name)

@@ -76,7 +76,7 @@ def read_log(path: Path) -> dict[str, np.ndarray]:
 
 
 def lacking_robots() -> str:
-    """Says that the extra `robots` isn't installed, or nothing."""
+    """Says that the extra `robots` is not installed, or nothing."""
     try:
         find_robot_data()
     except InvalidArgumentError as error:
@@ -86,14 +86,14 @@ def lacking_robots() -> str:
 
 @pytest.fixture(scope="session")
 def allegro_panda() -> Path:
-    """The URDF of an Allegro hand on a Panda arm, made if it isn't there yet."""
+    """The URDF of an Allegro hand on a Panda arm, made if it is not there yet."""
     if lacking_robots():
         pytest.skip(lacking_robots())
     return robot_model("robots://allegro_panda.urdf")
 
 
 def usable_scenarios() -> list[Any]:
-    """The names of the shipped scenarios; those of robots that aren't there are skipped."""
+    """The names of the shipped scenarios; those of robots that are not there are skipped."""
     lacking = pytest.mark.skipif(bool(lacking_robots()), reason=lacking_robots() or "there")
     return [
         pytest.param(name, marks=lacking if name == "grasp_allegro_panda" else ())

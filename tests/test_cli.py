@@ -76,7 +76,7 @@ def test_smooth_writes_a_stream_and_says_so(tmp_path, capsys):
     assert capsys.readouterr().out == f"121 poses smoothed into {target}\n"
     assert len(target.read_text().splitlines()) == 122
     assert main(["smooth", str(source), "/dev/null/x"]) == 2
-    assert "/dev/null/x: can't be written" in capsys.readouterr().err
+    assert "/dev/null/x: cannot be written" in capsys.readouterr().err
 
 
 COMMAND = [sys.executable, "-m", "drake_pregrasp", "run", "a_base", "--no-recording", "--out"]

@@ -17,15 +17,15 @@ from drake_pregrasp.simulation.smooth_file import load_estimator, smooth_file
 from drake_pregrasp.version import __version__
 
 BAD_INPUT = 2
-"""Exit status of a command with invalid input, or whose output can't be written."""
+"""Exit status of a command with invalid input, or whose output cannot be written."""
 
 
 class OneLineParser(argparse.ArgumentParser):
     """Parser that reports an error in one line, without the usage before it.
 
     Attributes:
-        add_options: Adds the options of a command when it is given, and not before; none if not
-            set.
+        add_options: Function that adds the options of a command when the command is given; None for
+            no further options.
     """
 
     add_options: "Callable[[OneLineParser], None] | None" = None
@@ -44,7 +44,7 @@ class OneLineParser(argparse.ArgumentParser):
 
 
 BROKEN_PIPE = 141
-"""Exit status of a command whose output nobody reads any more."""
+"""Exit status of a command whose output is no longer read."""
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -54,7 +54,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     try:
         if not has_stdout and options.command is _list:
-            raise OutputError("standard output: can't be written: it is closed")
+            raise OutputError("standard output: cannot be written: it is closed")
         status: int = options.command(options)
         sys.stdout.flush()
     except KeyboardInterrupt:
@@ -68,15 +68,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return BROKEN_PIPE
     except OSError as error:  # Every other file has its `OutputError`.
         _discard_output()
-        _print_error(f"standard output: can't be written: {error.strerror}")
+        _print_error(f"standard output: cannot be written: {error.strerror}")
         return BAD_INPUT
     return status
 
 
 def _open_standard_streams() -> bool:
-    """Replaces closed standard streams by the null device; returns whether the output was open.
+    """Replaces closed standard streams by the null device, and returns whether stdout was open.
 
-    Otherwise the next file that is opened would get the number of a standard stream.
+    Without this, the next file that is opened would get the number of a standard stream.
     """
     has_stdout = sys.stdout is not None
     while (number := os.open(os.devnull, os.O_RDWR)) <= 2:
@@ -114,7 +114,7 @@ def _parser() -> argparse.ArgumentParser:
     smoother = commands.add_parser("smooth", help="smooth recorded poses and add velocities")
     smoother.set_defaults(command=_smooth)
     smoother.add_argument("input", metavar="IN.csv", help="columns time,x,y,z,qw,qx,qy,qz")
-    smoother.add_argument("output", metavar="OUT.csv", help="the same and vx,vy,vz,wx,wy,wz")
+    smoother.add_argument("output", metavar="OUT.csv", help="the same, and vx,vy,vz,wx,wy,wz")
     smoother.add_argument(
         "--estimator",
         default="{}",

@@ -89,7 +89,7 @@ def print_result(result: RunResult, *, recorded: bool) -> None:
     if late := summary["deadline_overruns"]:
         print(f"late        {late} of {summary['ticks']} ticks took longer than planner.period")
     for contact, reason in summary["inactive_contacts"].items():
-        print(f"at the end contact {contact} has no place, and doesn't count: {reason}")
+        print(f"inactive    contact {contact} has no goal at the end: {reason}")
     if not result.completed:
         log, end = result.folder / "log.csv", summary["simulated_seconds"]
         print(f"interrupted at {end:g} s: the log up to that tick is in {log}")
@@ -153,13 +153,13 @@ def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
         action="append",
         default=[],
         metavar="FOLDER",
-        help="folder of files that the scenario names, beside its own folder; repeatable",
+        help="also allow files of this folder, which the scenario names; repeatable",
     )
     add("--simulation_duration", metavar="SECONDS", type=float, help="overrides that key")
     add("--out", default="runs", metavar="FOLDER", help="folder of run folders (%(default)s)")
     add("--overwrite", action="store_true", help="replace a run of another scenario")
-    add("--no-recording", action="store_true", help="leave out recording.html")
-    add("--graphviz", metavar="FILE", help="write the diagram to this file and don't simulate")
+    add("--no-recording", action="store_true", help="do not make recording.html")
+    add("--graphviz", metavar="FILE", help="write the diagram to this file, without a simulation")
 
 
 def _run(options: argparse.Namespace) -> int:

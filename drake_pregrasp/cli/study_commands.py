@@ -7,28 +7,28 @@ from typing import Any
 
 _STUDIES = "drake_pregrasp.studies"
 
-# Of each command, a module with `add_options(parser)`, or the function of a study whose only
+# For each command: a module with `add_options(parser)`, or the function of a study whose only
 # option is --out; and its line of help.
 _COMMANDS = {
     "reproduce": ("paper.reproduce", "reproduce the paper's tables and figures"),
     "sweep": ("sweep.sweep_command", "simulate a scenario with many values of its fields"),
-    "bench": ("bench.bench", "measure how long planning takes"),
+    "bench": ("bench.bench", "measure planning times"),
 }
 _STUDY_COMMANDS = {
     "gallery": ("gallery:make_gallery", "pictures of the shipped scenarios, with their measures"),
     "grasps": ("grasp_pictures:picture_grasps", "pictures of the shipped hands"),
     "lookahead": (
         "lookahead.lookahead:study_lookahead",
-        "what goals for a later pose gain on fast objects",
+        "gain of look-ahead on fast objects",
     ),
     "shapes": (
         "shape_study:study_shapes",
-        "whether contacts stay where they may be, on ten shapes",
+        "check of the contacts on ten shapes",
     ),
-    "faults": ("faults", "how the planner stands up to faulty measurements"),
+    "faults": ("faults", "robustness against faulty measurements"),
     "static-versus-dynamic": (
         "static_versus_dynamic.comparison_command",
-        "what planning anew gains, in simulated grasps",
+        "gain of dynamic planning in simulated grasps",
     ),
 }
 

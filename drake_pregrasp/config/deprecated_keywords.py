@@ -20,14 +20,14 @@ def config_with(
     """Returns the configuration of a system after a check of its ranges.
 
     Args:
-        config: Configuration that the caller gives, if any.
-        default: Configuration that `keywords` change.
+        config: Configuration from the caller, or None.
+        default: Configuration that the keywords change.
         keywords: Deprecated keywords with their values.
         owner: System whose constructor is called.
         names: Dotted path of the field for each keyword that has another name than its field.
 
     Raises:
-        TypeError: If a keyword is unknown, or given beside a configuration.
+        TypeError: If a keyword is unknown, or given in addition to a configuration.
         InvalidArgumentError: If a field is out of its range.
     """
     system, said = type(owner).__name__, ", ".join(keywords)

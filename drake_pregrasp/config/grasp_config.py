@@ -65,8 +65,9 @@ class GraspConfig:
     # Largest normal force of each finger, in newtons.
     largest_force: float = field(default=12.0, metadata=_FORCE)
 
-    # Seconds for which the hand waits for fingers on their way, and for enough fingers that can
-    # balance the weight. Then it closes with those at their goals, or gives up.
+    # Seconds for which the hand waits for the fingers to arrive at their goals, and for enough
+    # fingers that can balance the weight. Then it closes with all active fingers, or gives up if
+    # these are too few or cannot balance the weight.
     gate_limit: float = field(default=1.5, metadata={"at_least": 0, "at_most": 1e6})
 
     # Height of the lift, in metres.
@@ -114,7 +115,7 @@ class GraspConfig:
         )
 
     def closing_duration(self, fingertips: Sequence[Fingertip] = ()) -> float:
-        """Returns how long fingers take from their standoff to the end of their search, in seconds.
+        """Returns the duration of closing from the standoff to the end of the search, in seconds.
 
         They accelerate with a constant a to their speed v and then keep it: a distance d takes
         d/v + v/(2 a) if it is long enough to reach v. The slowest finger determines the duration.
@@ -134,7 +135,7 @@ class GraspConfig:
         return self.close_at + settings.gate_limit + closing + settings.stop_duration
 
     def largest_lift(self, fingertips: Sequence[Fingertip]) -> float:
-        """Returns the weight that fingers can hold by friction alone, in newtons."""
+        """Returns the largest weight that fingers can hold by friction alone, in newtons."""
         forces = [min(self.largest_force, tip.closing.force) for tip in fingertips]
         return sum(forces) * self.planned_friction
 

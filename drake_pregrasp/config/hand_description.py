@@ -95,9 +95,9 @@ class Fingertip:
 class HandDescription:
     """A hand with its carrier or arm."""
 
-    # A URDF or SDF with one model, all of whose joints are driven with gains: a path from this
-    # file's folder, package://drake_pregrasp/... for a model that is shipped, or
-    # robots://allegro_panda.urdf for one that the extra `robots` brings.
+    # An SDF, a URDF or an MJCF with one model, all of whose joints have drives with gains: a path
+    # from this file's folder, package://drake_pregrasp/... for a shipped model, or
+    # robots://allegro_panda.urdf for the model of the extra `robots`.
     model: str = field(default="", metadata={"required": True, "path": True})
 
     # Base of the palm: !Carrier or !Arm.

@@ -133,8 +133,8 @@ class Revolved:
 class Mesh:
     """A homogeneous body with the surface of a mesh file, whose frame is O."""
 
-    # OBJ, STL, PLY or glTF file with a watertight mesh, relative to the folder of the scenario's
-    # file; or package://drake_pregrasp/... for a mesh that is shipped.
+    # OBJ, STL, PLY, OFF or glTF file with a watertight mesh, relative to the folder of the
+    # scenario's file; or package://drake_pregrasp/... for a shipped mesh.
     file: str = field(default="", metadata={"required": True, "path": True})
 
     # Length of one unit of the file, in metres.
@@ -184,23 +184,23 @@ class Conveyor:
 class Toss:
     """Free flight under gravity: a tossed or a falling object."""
 
-    # Where the object's centre of mass starts in W, in metres.
+    # Initial position of the object's centre of mass in W, in metres.
     position: list[float] = field(
         default_factory=lambda: [0.0, 0.0, 1.0],
         metadata={"length": 3, "at_least": -100, "at_most": 100},
     )
 
-    # Its orientation at the start, as roll, pitch and yaw, in radians.
+    # Initial orientation of O in W, as roll, pitch and yaw, in radians.
     rpy: list[float] = field(
         default_factory=zeros, metadata={"length": 3, "at_least": -10, "at_most": 10}
     )
 
-    # Velocity of its centre of mass at the start, in W, in m/s.
+    # Initial velocity of the centre of mass in W, in m/s.
     velocity: list[float] = field(
         default_factory=zeros, metadata={"length": 3, "at_least": -50, "at_most": 50}
     )
 
-    # Angular velocity at the start, in W, in rad/s; constant for equal moments of inertia.
+    # Initial angular velocity in W, in rad/s; it stays constant for equal moments of inertia.
     spin: list[float] = field(default_factory=zeros, metadata={"length": 3, **_LARGEST_TURN})
 
     # Whether there is a table with its top at z = 0.
@@ -242,15 +242,15 @@ class PoseStream:
     """Recorded poses of the object, from a camera or another program."""
 
     # CSV file with the header time,x,y,z,qw,qx,qy,qz: seconds, metres and a unit quaternion, the
-    # pose of the object O in W. A relative path starts at the folder of the scenario's
-    # file, package://drake_pregrasp/ at the folder of the package's models.
+    # pose of the object O in W. A path is relative to the folder of the scenario's file; a path
+    # after package://drake_pregrasp/ is relative to the folder of the package's models.
     file: str = field(default="", metadata={"required": True, "path": True})
 
     def read(self) -> RecordedPoses:
         """Returns the poses in the file.
 
         Raises:
-            InvalidArgumentError: If the file can't be read, or holds no valid poses.
+            InvalidArgumentError: If the file cannot be read, or holds no valid poses.
         """
         return read_recorded_poses(resolve_path(self.file, Path.cwd()))
 

@@ -46,7 +46,7 @@ class EstimatorConfig:
     # free flight.
     gravity: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
 
-    # Seconds by which the estimate, and with it the goals, are predicted ahead. Measures still take
+    # Seconds by which the estimate, and with it the goals, are predicted ahead. Measures still use
     # the object's present pose; position errors compare poses of the same time.
     lookahead: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
 
@@ -127,8 +127,8 @@ class PlannerConfig:
     # Distance of the fingertip targets from the surface while the object is not tracked, in metres.
     lost_standoff: float = field(default=0.02, metadata={"at_least": 0, "at_most": 10})
 
-    # How a contact moves inside its safe region: position tracking, a measure of the grasp matrix,
-    # the force-closure margin, or a blend of them.
+    # Weights of a contact's goal in its safe region: position tracking, a measure of the grasp
+    # matrix, the force-closure margin, or a blend of them.
     strategy: str = field(default="position", metadata={"one_of": (*STRATEGIES, BLEND)})
 
     # Weights for the strategy blend; at least one must be above 0.
@@ -158,7 +158,7 @@ class PlannerConfig:
     # filter's own, 0.2 mm in the base case, would select the candidate closest to the centre.
     position_spread: float = field(default=0.04, metadata={"at_least": 1e-6, "at_most": 1000})
 
-    # What keeps a region from extending through a thin wall: nothing, the angle between outward
+    # Test that keeps a region from extending through a thin wall: none, the angle between outward
     # normals, or the distance over the surface.
     wall_test: str = field(default="none", metadata={"one_of": WALL_TESTS})
 

@@ -26,7 +26,7 @@ class SensorConfig:
     # radians.
     orientation_std: float = field(default=0.0035, metadata={"at_least": 0, "at_most": 10})
 
-    # Faults of the measurements, beside the white noise.
+    # Faults of the measurements, besides the white noise.
     faults: MeasurementFaults = field(default_factory=MeasurementFaults)
 
 
@@ -46,7 +46,7 @@ def check_faults(faults: MeasurementFaults, period: float) -> None:
 
 
 def fault_problems(faults: MeasurementFaults, period: float) -> Iterator[tuple[str, str]]:
-    """Yields names of fields that contradict others, and what is wrong with them, in one line.
+    """Yields the name and the problem, in one line, of each field that contradicts another one.
 
     Args:
         faults: Faults with each field in its range.
@@ -74,7 +74,7 @@ def fault_problems(faults: MeasurementFaults, period: float) -> Iterator[tuple[s
         yield "delay", f"it is {latest:g} s with jitter; at most {most}"
     between = max(period, f.sample_period)
     if f.out_of_order and not f.jitter > between:
-        problem = f"with a jitter of {f.jitter} s none overtakes; more than {between} s does"
+        problem = f"it needs a jitter of more than {between} s, not {f.jitter} s"
         yield "out_of_order", problem
     for name, rate, duration in (
         ("dropout_duration", f.dropout_rate, f.dropout_duration),

@@ -123,7 +123,7 @@ class SurfaceConfig:
     def make_surface(self, config: ObjectConfig, spacing: float | None = None) -> ObjectSurface:
         """Returns the sampled surface of an object.
 
-        The last few surfaces are cached, and made anew if the configuration or the file changes.
+        The two newest surfaces are cached, and made anew if the configuration or the file changes.
 
         Args:
             config: The object.

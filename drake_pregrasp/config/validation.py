@@ -45,7 +45,7 @@ def is_scalar(kind: Any) -> bool:
 
 
 def scalar_problem(value: object, kind: Any, rules: Mapping[str, Any]) -> str | None:
-    """Returns what a scalar must be, or None if it is that.
+    """Returns the requirement that a scalar violates, in words, or None if it is valid.
 
     Args:
         value: The value to check.
@@ -69,11 +69,11 @@ def scalar_problem(value: object, kind: Any, rules: Mapping[str, Any]) -> str | 
 
 
 def length_problem(length: int, rules: Mapping[str, Any]) -> str | None:
-    """Returns what a list must be, or None if its length is right.
+    """Returns the requirement that the length of a list violates, in words, or None if it is valid.
 
     Args:
-        length: Number of its elements.
-        rules: Metadata of its field.
+        length: Number of elements of the list.
+        rules: Metadata of the list's field.
     """
     least, most = rules.get("min_length", 0), rules.get("max_length", MAX_LENGTH)
     if length != (exact := rules.get("length", length)):

@@ -10,24 +10,25 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ObjectSurface
 
 FREE_TURN = (-np.inf, np.inf)
-"""Range of a palm that turns as far as it likes."""
+"""Range of a palm that turns without limits, in radians."""
 
 
 def assign_fingers(fingertips: FloatArray, contacts: FloatArray) -> IntArray:
-    """Returns for each finger the contact that it goes to, so that all together travel least.
+    """Returns the index of each finger's contact with the smallest sum of distances, shape (n,).
 
-    Straight ways of least total length never cross in a plane: uncrossing two would shorten them.
+    In a plane, the straight paths of such an assignment do not cross: uncrossing two paths would
+    shorten them.
 
     Args:
-        fingertips: Where the fingertips are, shape (n, 3), in metres.
-        contacts: Where they are to go, in the same frame, shape (n, 3).
+        fingertips: Positions of the fingertips, shape (n, 3), in metres.
+        contacts: Positions of the contacts in the same frame, shape (n, 3), in metres.
 
     Raises:
         InvalidArgumentError: If there is not one contact for each fingertip.
     """
     if fingertips.shape != contacts.shape:
         raise InvalidArgumentError(
-            f"{len(fingertips)} fingertips can't be assigned to {len(contacts)} contacts"
+            f"{len(fingertips)} fingertips cannot be assigned to {len(contacts)} contacts"
         )
     travel = np.linalg.norm(fingertips[:, None] - contacts, axis=2)
     _, assigned = linear_sum_assignment(travel)
@@ -42,21 +43,22 @@ def assign_fingers_round(
     largest_offset: float | FloatArray = np.pi,
     yaw_range: tuple[float, float] = FREE_TURN,
 ) -> tuple[IntArray, float]:
-    """Returns for each finger of a radial hand its contact, and how far the palm has to turn.
+    """Returns the contact of each finger of a radial hand, and the angle of the palm.
 
-    Fingers keep their order round the palm, so that none crosses another. Of the n ways to do so,
-    each with the palm turned by the mean offset, as far as it can, the one is taken that leaves
-    most to spare: whose largest excess over what a finger may be aside is least.
+    Fingers keep their order around the palm, so that none crosses another. There are n such
+    assignments; for each of them the palm turns by the mean offset within its range. The function
+    returns the assignment with the largest margin: the one that minimises the largest excess of an
+    offset over its limit.
 
     Args:
-        finger_azimuths: Where the fingers are about the palm's axis, shape (n,), in radians.
-        contact_azimuths: Where they are to go, about the same axis, shape (n,).
-        largest_offset: Up to where a finger reaches aside from its own azimuth, in radians; or that
-            of each, shape (n,).
-        yaw_range: Least and largest angle of the palm, in radians.
+        finger_azimuths: Azimuths of the fingers about the palm's axis, shape (n,), in radians.
+        contact_azimuths: Azimuths of the contacts about the same axis, shape (n,), in radians.
+        largest_offset: Largest angle between a fingertip and its finger's azimuth, in radians; or
+            that of each finger, shape (n,).
+        yaw_range: Smallest and largest angle of the palm, in radians.
 
     Returns:
-        The index of each finger's contact, shape (n,), and the palm's angle.
+        The index of each finger's contact, shape (n,), and the palm's angle, in radians.
 
     Raises:
         InvalidArgumentError: If there is not one contact for each finger, or one is out of reach.
@@ -64,7 +66,7 @@ def assign_fingers_round(
     n = len(finger_azimuths)
     if finger_azimuths.shape != contact_azimuths.shape:
         raise InvalidArgumentError(
-            f"{n} fingers can't be assigned to {len(contact_azimuths)} contacts"
+            f"{n} fingers cannot be assigned to {len(contact_azimuths)} contacts"
         )
     fingers, contacts = np.argsort(finger_azimuths), np.argsort(contact_azimuths)
     allowed = np.broadcast_to(largest_offset, n)[fingers]
@@ -81,8 +83,8 @@ def assign_fingers_round(
     if excess > 0:
         worst = int(np.argmax(offsets - allowed))
         raise InvalidArgumentError(
-            f"no finger reaches contact {shifted[worst]}: it is {offsets[worst]:.2f} rad aside"
-            f" from the nearest in turn, at most {allowed[worst]:g}"
+            f"no finger reaches contact {shifted[worst]}: it is {offsets[worst]:.2f} rad away from"
+            f" the azimuth of its finger, which reaches {allowed[worst]:g} rad to either side"
         )
     order = np.empty(n, dtype=np.int64)
     order[fingers] = shifted
@@ -100,24 +102,24 @@ def palm_turn(
     before: float,
     yaw_range: tuple[float, float] = FREE_TURN,
 ) -> float:
-    """Returns how far a palm turns so that its fingers are least aside from their own azimuths.
+    """Returns the palm's yaw with the smallest mean angle of fingertips to their azimuths.
 
     Args:
-        p_GT: Where the fingertips are to be about the palm's axis, z, shape (n, 3), in metres.
-        finger_azimuths: Where the fingers are about it at yaw 0, shape (n,), in radians.
-        before: The last yaw: there is no jump at half a turn.
-        yaw_range: Least and largest angle of the palm, in radians.
+        p_GT: Goals of the fingertips relative to the palm's axis z, shape (n, 3), in metres.
+        finger_azimuths: Azimuths of the fingers about that axis at yaw 0, shape (n,), in radians.
+        before: Last yaw, in radians; the result is continuous with it.
+        yaw_range: Smallest and largest angle of the palm, in radians.
     """
     yaw = mean_angle(np.arctan2(p_GT[:, 1], p_GT[:, 0]) - finger_azimuths)
     return float(np.clip(before + math.remainder(yaw - before, 2 * math.pi), *yaw_range))
 
 
 def turned_within(yaw: float, yaw_range: tuple[float, float]) -> float:
-    """Returns an angle, or one that is whole turns away, as near to it as a range has it.
+    """Returns an angle of a range that equals another one up to whole turns, or the nearest limit.
 
     Args:
-        yaw: In radians.
-        yaw_range: Least and largest angle, in radians; of an endless range, all are inside.
+        yaw: Any angle, in radians.
+        yaw_range: Smallest and largest angle of the range, in radians.
     """
     low, high = yaw_range
     if not np.isfinite(low + high):
@@ -137,21 +139,18 @@ _FACING = 0.5
 
 
 def ring_contacts(surface: ObjectSurface, count: int) -> FloatArray:
-    """Returns contacts on a ring round the centre of mass, as of a hand that closes on it.
+    """Returns contacts on a ring around the centre of mass, shape (n, 3), in O, in metres.
 
-    For each, a ray goes out level from the centre of mass, at equal angles about z of O from x on.
-    The contact is the candidate that is nearest to the ray, among those that face its way if there
-    are any.
+    The contacts belong to n rays from the centre of mass, parallel to the x-y plane of O and at
+    equal angles from x of O on. Each contact is the candidate nearest to its ray, among those that
+    face its direction if there are any.
 
     Args:
         surface: The object's surface.
-        count: n, at least 1.
-
-    Returns:
-        Shape (n, 3), in O, in metres.
+        count: Number of contacts n, at least 1.
 
     Raises:
-        InvalidArgumentError: If the surface has fewer candidates than that.
+        InvalidArgumentError: If the surface has fewer than n candidates.
     """
     if not 1 <= count <= len(surface.p_OQ):
         raise InvalidArgumentError(

@@ -30,10 +30,9 @@ def gaussian_log_weights(q: FloatArray, mu: FloatArray, Sigma: FloatArray) -> Fl
 
     b_n = P(q_n, mu, Sigma) = exp(-(q_n - mu)ᵀ Sigma⁻¹ (q_n - mu) / 2) / sqrt(det(Sigma) (2 pi)^d)
 
-    The logarithm keeps apart what the density itself rounds to zero: with a covariance of
-    millimetres, exp(-(0.05/0.001)²/2) underflows on the whole surface, and the centroid would be
-    0/0. A tiny covariance thus selects the candidate nearest to the mean, a huge one the plain
-    centroid.
+    The logarithm avoids underflow: with a standard deviation of a millimetre, exp(-(0.05/0.001)²/2)
+    is zero on the whole surface, and the centroid would be 0/0. A tiny covariance selects the
+    candidate nearest to the mean, a huge one the plain centroid.
 
     Args:
         q: Points q_n, shape (N, 3), in metres.
@@ -57,15 +56,15 @@ def weighted_centroid(q: FloatArray, log_b: FloatArray, areas: FloatArray) -> Fl
 
     c_i = sum b_n A_n q_n / sum b_n A_n
 
-    The areas A_n make the sum an integral over the surface, so that uneven sampling has no pull.
+    The areas A_n make the sum an integral over the surface, so uneven sampling has no influence.
 
     Args:
         q: Points q_n, shape (k, 3) with k >= 1, in metres.
         log_b: log(b_n) up to a constant, shape (k,); -inf for a weight of zero.
-        areas: Surface area each point stands for, shape (k,), in m².
+        areas: Surface area that each point represents, shape (k,), in m².
     """
     highest = log_b.max()
-    # If all weights are zero, none stands out.
+    # If all weights are zero, all points count equally.
     b = np.exp(log_b - highest) * areas if highest > -np.inf else areas
     c_i: FloatArray = b @ q / b.sum()
     return c_i
@@ -76,8 +75,8 @@ def region_goals(
 ) -> FloatArray:
     """Returns the weighted centroids of the contacts' regions, projected onto them, shape (k, 3).
 
-    The centroid of a region that bends round an edge is a point of a chord, inside the object: the
-    goal is its projection onto the region's patches.
+    The centroid of a region that bends around an edge lies inside the object. The goal is its
+    projection onto the region's patches.
 
     Args:
         selection: Surface, contacts, regions and estimate of this tick.
@@ -96,7 +95,7 @@ def region_goals(
 def best_points(
     selection: SelectionInput, contacts: Iterable[int], strategy: WeightFunction
 ) -> FloatArray:
-    """Returns the candidate of the largest weight in each contact's region, shape (k, 3).
+    """Returns the candidate with the largest weight in each contact's region, shape (k, 3).
 
     Args:
         selection: Surface, contacts, regions and estimate of this tick.
@@ -123,9 +122,9 @@ def select_contacts(
     Args:
         selection: Surface, contacts, regions and estimate of this tick.
         strategy: Weights of the candidates, from `make_strategy` or a function of your own.
-        best_point: Whether to move to the candidate of the largest weight instead of the centroid.
-        in_turns: Whether the contacts move one after another, each seeing where those before it
-            have gone, instead of all as if the others stayed. The regions are those of the tick.
+        best_point: Whether to move to the candidate with the largest weight, not to the centroid.
+        in_turns: Whether the contacts move one after another, each with the new goals of those
+            before it, and not all at once. The regions are those of the tick in both cases.
         limits: Limits on the goals.
         choose: A faster implementation of `region_goals` with that strategy.
     """
@@ -172,7 +171,7 @@ def verify_contacts(surface: ObjectSurface, goals: ContactGoals) -> None:
         goals: Contact goals in O.
 
     Raises:
-        ContactError: If one is farther off than `CONTACT_TOLERANCE`; the message says how far.
+        ContactError: If a goal is off by more than `CONTACT_TOLERANCE`; the message has the error.
     """
     contacts = np.flatnonzero(goals.active)
     if len(contacts) == 0:

@@ -166,7 +166,7 @@ def tip_gaps(
 def hold_where_tips_meet(
     selection: SelectionInput, goals: FloatArray, pairs: Sequence[Pair]
 ) -> FloatArray:
-    """Undoes steps until no two fingertips are too near that were not so before.
+    """Undoes steps until no two fingertips are too near, except those that were so before.
 
     Undoing all of them always helps, so the search ends. Coupled contacts are held together.
 
@@ -260,7 +260,7 @@ def with_returning_contacts(
     """Moves each contact without a region towards the nearest permitted candidate.
 
     The candidate is on the contact's own side of a wall if there is one, since no step leads
-    through, and has room beside the other fingertips.
+    through, and has room next to the other fingertips.
     """
     surface, regions = selection.surface, selection.regions
     constraints, goals = regions.constraints, goals.copy()
@@ -300,7 +300,7 @@ def judged_goals(
     on_surface: BoolArray,
     contact_limits: ContactLimits,
 ) -> ContactGoals:
-    """Returns goals with their status: active are those with a region, permitted and with room.
+    """Returns goals with their status; a permitted goal with a region and with room is active.
 
     Args:
         selection: Surface and regions of this tick.

@@ -15,19 +15,19 @@ GUARDS = ("q_msv", "q_gii", "q_vew", "margin")
 """Measures that can be guarded: those of the complete grasp matrix, and the margin."""
 
 Measure = Callable[[FloatArray, FloatArray], Iterable[float]]
-"""Maps lever arms and normals of active contacts, shapes (n, 3), to measures, one by one: a caller
-that has seen one that is too low does not compute the others."""
+"""Maps lever arms and normals of active contacts, shapes (n, 3), to measures. They are computed one
+by one, so that a caller can stop at the first one that is too low."""
 
 _REMEMBERED = 8  # Margins in the cache. Contacts that stay have that of the previous tick.
 
 
 def guard_measure(names: Sequence[str], friction: float) -> Measure | None:
-    """Returns the measures of some names as one function, or None for no name.
+    """Returns the named measures as one function, or None if there are no names.
 
-    The margin comes last: it is a linear programme, and the others are not.
+    The margin comes last, because it is slow: it solves a linear program.
 
     Args:
-        names: Names out of `GUARDS`.
+        names: Names from `GUARDS`.
         friction: Coulomb's coefficient, for the margin.
 
     Raises:

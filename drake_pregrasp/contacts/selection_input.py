@@ -26,12 +26,13 @@ class _DeprecatedNames(EnumType):
 class ContactStatus(IntEnum, metaclass=_DeprecatedNames):
     """Status of a contact at a tick.
 
-    Above zero it is active: the goal lies on the allowed surface, has a safe region and counts in
-    G. Values from two on in size name the limit that leaves it a tiny region, or an empty one.
+    Above zero the contact is active: its goal lies on the allowed surface, has a safe region and
+    counts in G. The values ±2 to ±7 name the limit that leaves the contact a tiny region (positive)
+    or an empty one (negative).
     """
 
     LOST = -1
-    """The finger is gone (its weight h_i is -inf); its goal is void."""
+    """The finger is lost: its weight h_i is -inf, and its goal is not valid."""
     INACTIVE = 0
     """Nothing has been planned yet."""
     ACTIVE = 1
@@ -62,7 +63,7 @@ def describe_status(
 
     Args:
         status: A `ContactStatus`.
-        cause: Index of the contact or obstacle behind it, or `NO_CAUSE`.
+        cause: Index of the contact or obstacle that causes the status, or `NO_CAUSE`.
         obstacle_names: Names of obstacles by their index.
     """
     index = int(cause)
@@ -95,7 +96,7 @@ class SelectionInput:
     Attributes:
         surface: The object's surface, in O. The mean mu of the Gaussian weights is its centre of
             mass, because O has the estimated pose.
-        p_OC: Contact points as they are, shape (n, 3), in metres.
+        p_OC: Contact points before this tick, in O, shape (n, 3), in metres.
         regions: The contacts' safe regions.
         covariance_O: Covariance Sigma of the Gaussian weights, expressed in O, shape (3, 3), in m²:
             that of the estimated position, plus the square of `position_spread`.
@@ -151,8 +152,8 @@ class ContactGoals:
 
     Attributes:
         p_OC: Contact points, shape (n, 3), in metres.
-        status: A `ContactStatus` for each, shape (n,).
-        causes: Index of the contact or obstacle behind it, or `NO_CAUSE`, shape (n,).
+        status: `ContactStatus` of each contact, shape (n,).
+        causes: Index of the contact or obstacle that causes each status, or `NO_CAUSE`, shape (n,).
     """
 
     p_OC: FloatArray

@@ -1,21 +1,21 @@
 """Strategies: weights b_n of the candidates q_n of a safe region (Eq. 5-7), and blends of them.
 
 A strategy maps the selection's input and the index i of a contact to log(b_n) of the candidates in
-its region S_i, shape (k,). `STRATEGIES` names those there are.
+its region S_i, shape (k,). `STRATEGIES` lists the names.
 
-The paper weighs a candidate by a measure of the partial grasp matrix G_qn and leaves open which
-matrix that is. Both readings are here:
+The paper weights a candidate by a measure of the partial grasp matrix G_qn, but does not define
+this matrix. There are two readings:
 
 - `contact`: the 6 x 6 matrix of q_n alone. With rho = |q_n - CoM|, sigma_min is
   sqrt(1 + rho²/4) - rho/2 and sigma_max = 1/sigma_min: isotropy is sigma_min², and the volume is
   constant.
-- `hand`: the matrix of the whole hand with contact i at q_n, and the other active ones held.
+- `hand`: the matrix of the whole hand with contact i at q_n, and the other active contacts fixed.
 
-These measures do not see force closure. The strategy `margin`, which the paper does not have,
-weighs a candidate by a lower bound of the hand's min-weight margin, in the reading `hand` only.
+These measures ignore force closure. The strategy `margin`, which the paper does not have, weights a
+candidate by a lower bound of the hand's min-weight margin, in the reading `hand` only.
 
-Either is nearly flat over a region. Stretched, b_n - min b over the region, the weights say where
-in the region the measure is better rather than that it is good all over.
+All these weights are nearly constant over a region. Stretched weights, b_n - min b over the region,
+depend only on the differences within the region.
 """
 
 from collections.abc import Callable, Mapping
@@ -37,28 +37,28 @@ READINGS = ("contact", "hand")
 """The two readings of the partial grasp matrix."""
 
 BLEND = "blend"
-"""Name of a blend in a setting, beside the names of single strategies."""
+"""Name of a blend in a configuration, besides the names of single strategies."""
 
 FLAT = 1e-13
-"""Share of their mean below which stretched weights are nothing but rounding."""
+"""Share of the mean weight below which stretched weights are only rounding errors."""
 
 Measure = Callable[[SelectionInput, int], FloatArray]
 """Maps a selection's input and the index of a contact to b_n of its region, shape (k,)."""
 
 
 def hand_singular_values(r: FloatArray, q: FloatArray) -> FloatArray:
-    """Returns the singular values of the hand's G_qn, rising, for each place q_n, shape (k, 6).
+    """Returns the singular values of the hand's G_qn, ascending, for each place q_n, shape (k, 6).
 
-    They are the roots of the eigenvalues of G Gᵀ. With G_i = [[I, 0], [[r_i]x, I]], r_i being the
-    lever arm of a contact about the centre of mass, the product over n contacts is
+    They are the square roots of the eigenvalues of G Gᵀ. With G_i = [[I, 0], [[r_i]x, I]] and the
+    lever arms r_i of n contacts about the centre of mass, the product is
 
         G Gᵀ = [[n I, -[t]x], [[t]x, n I + B]],  t = sum r_i,  B = sum (|r_i|² I - r_i r_iᵀ),
 
     since [r]x [r]xᵀ = |r|² I - r rᵀ.
 
     Args:
-        r: Lever arms of the contacts that are held, shape (n - 1, 3), in metres.
-        q: Lever arms of the places q_n of one contact more, shape (k, 3), in metres.
+        r: Lever arms of the fixed contacts, shape (n - 1, 3), in metres.
+        q: Lever arms of the places q_n of one more contact, shape (k, 3), in metres.
     """
     n = len(r) + 1
     t = r.sum(axis=0) + q
@@ -113,10 +113,10 @@ def contact_vew(selection: SelectionInput, i: int) -> FloatArray:
 
 
 def hand_margin(selection: SelectionInput, i: int, *, friction: float = FRICTION) -> FloatArray:
-    """Returns the bound b of the hand's margin, hard fingers, with contact i at each candidate.
+    """Returns the lower bound b of the hand's margin with contact i at each candidate, shape (k,).
 
-    Where b < 0 it is b / (1 - b), which keeps the order, is never below -1, and so leaves places
-    that are far from force closure without a say in how the others compare.
+    The contacts are hard fingers. A negative b is replaced by b / (1 - b), which keeps the order
+    and is never below -1, so that places far from force closure hardly affect the stretch.
 
     Args:
         selection: Contacts and their regions.
@@ -133,7 +133,7 @@ def hand_margin(selection: SelectionInput, i: int, *, friction: float = FRICTION
         p_CoMQ=surface.p_OQ[members] - surface.p_OCoM,
         nhat_Q=surface.nhat_OQ[members],
     )
-    # 1/(1 - b) - 1 is b/(1 - b), and -1 for the b = -inf of a grasp that can't be told.
+    # 1/(1 - b) - 1 is b/(1 - b), and -1 for b = -inf, where the bound does not exist.
     return np.where(bound < 0, 1 / (1 - np.minimum(bound, 0)) - 1, bound)
 
 
@@ -159,10 +159,10 @@ def make_strategy(
 
     Args:
         name: One of `STRATEGIES`.
-        reading: One of `READINGS`; `position` and `margin` have only one.
-        stretch: Whether to stretch the weights over each region; not for `position`.
-        power: Exponent of the weights, after the stretch; not for `position`. The larger it is,
-            the nearer the weighted centroid comes to the best point.
+        reading: One of `READINGS`; `position` and `margin` ignore it.
+        stretch: Whether to stretch the weights over each region; `position` ignores it.
+        power: Exponent of the weights, after the stretch; `position` ignores it. The larger it is,
+            the closer the weighted centroid is to the best point.
         friction: Coulomb's coefficient, for `margin`.
 
     Raises:
@@ -194,11 +194,11 @@ def make_strategy(
 
 
 def stretched(b: FloatArray, areas: FloatArray) -> FloatArray:
-    """Returns b_n - min b over a region, shape (k,); zeros if that is nothing but rounding.
+    """Returns b_n - min b over a region, shape (k,); zeros if the differences are only rounding.
 
     Args:
         b: Weights of the region's candidates, shape (k,).
-        areas: Surface area each candidate stands for, shape (k,), in m².
+        areas: Surface area that each candidate represents, shape (k,), in m².
     """
     difference: FloatArray = b - b.min()
     return difference if difference @ areas > FLAT * (b @ areas) else np.zeros(len(b))
@@ -212,20 +212,20 @@ def make_blend(
     power: float = 1.0,
     friction: float = FRICTION,
 ) -> WeightFunction:
-    """Returns b_n = sum_s w_s b_n,s / max b_s, each maximum over the candidate's region.
+    """Returns the weight function of b_n = sum_s w_s b_n,s / max b_s, with maxima over the region.
 
-    The weights of every strategy s so reach from 0 to 1 in each region, whatever their units are.
-    A strategy without a preference in a region, all its weights being zero, has no say there.
+    The weights of every strategy s are therefore from 0 to 1 in each region, in any unit. If all
+    weights of a strategy are zero in a region, the strategy has no influence there.
 
     Args:
-        weights: Weights w_s by the strategies' names; what is missing is zero. Their ratios count.
+        weights: Weights w_s by the strategies' names, 0 for missing names. Only ratios matter.
         reading: Reading of the grasp matrix, as for `make_strategy`.
         stretch: Whether to stretch weights, as for `make_strategy`.
         power: Exponent of the weights, as for `make_strategy`.
         friction: Coulomb's coefficient, for `margin`.
 
     Raises:
-        InvalidArgumentError: As of `make_strategy`, or if a weight is negative, or all are zero.
+        InvalidArgumentError: As for `make_strategy`, or if a weight is negative, or all are zero.
     """
     for name, weight in weights.items():
         if name not in STRATEGIES:

@@ -40,8 +40,8 @@ def fingertip_kinematics(
 
     Args:
         hand: Model of the hand.
-        more_masks: Axis masks of the frames to follow besides the fingertips, shape (6,): which of
-            their rotations and translations count.
+        more_masks: Axis masks of the frames to follow besides the fingertips, by scoped name, shape
+            (6,): 1 for each rotation and translation that counts, else 0.
         period: Seconds between control ticks.
     """
     system = DifferentialInverseKinematicsSystem
@@ -109,8 +109,8 @@ class HandController(Diagram):
     `ArmPosture`) for the reach of the fingers, and `hold_contacts` (`GraspSequencer`), which holds
     its goals while the hand grasps.
 
-    Goals are predicted ahead by the control period, after which the reference is there, and by the
-    plant's time step, at whose start the plant samples desired states.
+    Goals are predicted ahead by the control period, in which the reference moves to its new value,
+    and by the plant's time step, because the plant samples desired states at its start.
 
     The attribute `initial` holds the initial positions of the hand, shape (nq,): over the object,
     raised, and turned toward its contacts.

@@ -131,7 +131,7 @@ class PalmArm:
                 return posed
         place = ", ".join(f"{x:.3g}" for x in X_WP.translation())
         raise InvalidArgumentError(
-            f"base: the arm can't hold the palm at ({place}) m, turned by {yaw:.3g} rad; it stays"
+            f"base: the arm cannot hold the palm at ({place}) m, turned by {yaw:.3g} rad; it stays"
             f" {1e3 * np.linalg.norm(error[3:]):.3g} mm and {np.linalg.norm(error[:3]):.3g} rad off"
         )
 
@@ -287,10 +287,10 @@ class HandModel:
 
         Args:
             p_OC: Contacts in O, in the order of the fingers, shape (n, 3), in metres.
-            normals: Outward unit normals of the surface at them, in O, shape (n, 3).
+            normals: Outward unit normals of the surface at the contacts, in O, shape (n, 3).
 
         Raises:
-            InvalidArgumentError: If one is.
+            InvalidArgumentError: If a contact is on such a face.
         """
         for tip, point, normal in zip(self.description.fingertips, p_OC, normals, strict=True):
             for face in tip.forbidden_faces:

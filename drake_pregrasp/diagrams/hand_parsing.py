@@ -1,7 +1,7 @@
-"""A hand's model, found and added to a plant.
+"""Models of hands: paths, and Drake's parser.
 
-Where Drake demands a condition of what it is given, a failure reaches Python as `SystemExit`: it
-would end the process, whatever a file of unknown origin has made fail.
+A failed `DRAKE_DEMAND` reaches Python as `SystemExit`, which would end the process. Files of
+unknown origin must not cause that, so it is turned into an error.
 """
 
 import contextlib
@@ -23,7 +23,7 @@ from drake_pregrasp.robots.robot_models import ROBOTS_URL, cache_folder, robot_m
 
 @contextlib.contextmanager
 def failures_as_errors() -> Iterator[None]:
-    """Turns a failed demand of Drake's inside into a `RuntimeError` that says which."""
+    """Turns a failed `DRAKE_DEMAND` inside into a `RuntimeError` with its message."""
     try:
         yield
     except SystemExit as error:
@@ -34,7 +34,7 @@ def failures_as_errors() -> Iterator[None]:
 
 @contextlib.contextmanager
 def held_messages(most: int = logging.CRITICAL) -> Iterator[list[logging.LogRecord]]:
-    """Holds back what Drake logs, up to a level, and yields the list of it."""
+    """Holds back Drake's log messages up to a level, and yields their list."""
     held: list[logging.LogRecord] = []
 
     def is_shown(record: logging.LogRecord) -> bool:
@@ -51,7 +51,7 @@ def held_messages(most: int = logging.CRITICAL) -> Iterator[list[logging.LogReco
 
 
 HAND = "hand"
-"""The model instance that a hand is, whatever its file calls it."""
+"""Name of a hand's model instance in the plant, for any name in its file."""
 
 
 def add_hand_model(
@@ -59,17 +59,18 @@ def add_hand_model(
     description: HandDescription,
     yaw_range: tuple[float, float] = FREE_TURN,
 ) -> ModelInstanceIndex:
-    """Adds a hand to a plant that isn't finalized, without gravity, as if it were compensated.
+    """Adds a hand to a plant that is not finalized, without gravity, as if it were compensated.
 
     Drake's parser reads the models of this package, and checked copies of all others.
 
     Args:
-        plant: Where to add it.
-        description: The hand.
-        yaw_range: Of a carrier's wrist, in radians; an endless one leaves that of the model.
+        plant: Plant to which the hand is added.
+        description: Description of the hand.
+        yaw_range: Smallest and largest angle of a carrier's wrist, in radians; the model keeps its
+            own range by default.
 
     Raises:
-        InvalidArgumentError: If its model can't be loaded.
+        InvalidArgumentError: If its model cannot be loaded.
     """
     parser = Parser(plant)
     path = model_path(description.model)
@@ -108,10 +109,10 @@ def _is_own(model: Path) -> bool:
 
 
 def model_path(model: str) -> Path:
-    """Returns where a hand's model is.
+    """Returns the path of a hand's model.
 
     Args:
-        model: As `HandDescription.model`.
+        model: Name of the model, as in `HandDescription.model`.
 
     Raises:
         InvalidArgumentError: If there is no such file.

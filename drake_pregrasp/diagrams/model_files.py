@@ -24,35 +24,35 @@ from drake_pregrasp.robots.robot_meshes import write_obj
 from drake_pregrasp.robots.urdf_mending import DRAKE
 
 MAX_MODEL_BYTES = 5_000_000
-"""Bytes of a model."""
+"""Largest size of a model, in bytes."""
 
 MAX_PART_BYTES = 50_000_000
-"""Bytes of all mesh files that a model names, together."""
+"""Largest size of all mesh files of a model together, in bytes."""
 
 MAX_ELEMENTS = 20_000
-"""XML elements of a model."""
+"""Largest number of XML elements of a model."""
 
 MAX_DEPTH = 64
-"""Levels of elements in a model."""
+"""Largest number of levels of elements in a model."""
 
 MAX_VALUE = 1000
-"""Characters of an attribute, or of the text of an element."""
+"""Largest number of characters of an attribute, or of the text of an element."""
 
 MAX_LINKS = 200
-"""Links of a model."""
+"""Largest number of links of a model."""
 
 MAX_GEOMETRIES = 1000
-"""Visual and collision geometries of a model, together."""
+"""Largest number of visual and collision geometries of a model, together."""
 
 MAX_OTHERS = 300
-"""Joints of a model; actuators, frames, constraints and collision filters, of each kind."""
+"""Largest number of joints; and of actuators, frames, constraints and filters, of each kind."""
 
 MAX_TRIANGLES = 100_000
-"""Triangles of all mesh files that a model names, together."""
+"""Largest number of triangles of all mesh files of a model together."""
 
 MAX_CELLS = 1000
-"""Sum of (size / resolution hint)² of a model's hydroelastic geometries, which Drake meshes; of
-one with a mesh file, a tenth of its triangles."""
+"""Largest number of cells into which Drake splits a model's hydroelastic geometries: the sum of
+(size / resolution hint)², and a tenth of the triangles of a geometry with a mesh file."""
 
 _KINDS = {"sdf": "sdf", "robot": "urdf", "mujoco": "xml"}  # Formats by the tags of roots.
 _MESH_NAMES = {"urdf": "filename", "xml": "file"}  # Attributes; SDF has an element.
@@ -99,7 +99,7 @@ _TAGS: Mapping[str, set[str]] = {
 """Elements of each format that are copied; others are left out."""
 
 _REFUSED = {"include", "attach", "heightmap", "image", "hfield", "flexcomp", "composite"}
-"""Elements without which a model would be another one, so that they can't be left out."""
+"""Elements without which a model would be another one, so that they cannot be left out."""
 
 _ATTRIBUTE_NAMES = """
     name type version relative_to attached_to expressed_in canonical_link joint xyz rpy value ixx
@@ -147,16 +147,16 @@ _copies: dict[Path, tuple[list[tuple[int, int]], CheckedModel]] = {}
 
 
 def checked_model(model: Path, folders: Sequence[Path] | None = None) -> CheckedModel:
-    """Returns a checked copy of a model: as long as its files stay as they are, the same one.
+    """Returns a checked copy of a model, which is cached until one of its files changes.
 
     Args:
-        model: An SDF, a URDF or an MJCF.
-        folders: Folders that files may be in, or below, beside the packages that the model is in.
-            None: anywhere.
+        model: Path of an SDF, a URDF or an MJCF.
+        folders: Folders that files may be in, or below, besides the packages of `find_packages`;
+            None for any folder.
 
     Raises:
         InvalidArgumentError: If the model is too large, or names a file that is elsewhere, is too
-            large, or can't be read as a mesh; the message names file, element and value.
+            large, or cannot be read as a mesh; the message names file, element and value.
     """
     packages = find_packages(model)
     allowed = [_ROOT] if folders is None else [*folders, *packages.values()]
@@ -178,11 +178,11 @@ def _stamps(files: Sequence[Path]) -> list[tuple[int, int]]:
 def find_packages(model: Path) -> dict[str, Path]:
     """Returns the folders of the packages that a model may name, by the packages' names.
 
-    Those are this package, packages that the model is in, and packages of the environment's
-    ROS_PACKAGE_PATH.
+    They are this package, the packages that the model is in, and the packages in the environment
+    variable ROS_PACKAGE_PATH.
 
     Raises:
-        InvalidArgumentError: If a `package.xml` above the model can't be read.
+        InvalidArgumentError: If a `package.xml` above the model cannot be read.
     """
     others = PackageMap.MakeEmpty()
     others.PopulateFromRosPackagePath()
@@ -260,7 +260,7 @@ class _Copier:
         self._fill(copied, root)
         if self._left_out:
             logging.getLogger(__name__).warning(
-                "%s: a hand needs none of these elements, they are left out: %s",
+                "%s: these elements are left out, because a hand does not need them: %s",
                 self._model,
                 printable(", ".join(sorted(self._left_out)), MAX_VALUE),
             )

@@ -51,8 +51,8 @@ class PregraspPlanner(Diagram):
 
     At a tick, all outputs are the same before and after the discrete update, except `safe_regions`
     and `p_WC_previous`, which change when the update stores the tick's new goals. If the pose at
-    `X_WH` depends on the goals, it must depend on `p_WC_previous`, because the other goals depend
-    on `X_WH`.
+    `X_WH` depends on the goals, it must use those of `p_WC_previous`, because the goals of `p_WC`
+    depend on `X_WH`.
 
     Args:
         config: Configuration of the planner.

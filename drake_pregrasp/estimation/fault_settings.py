@@ -91,7 +91,7 @@ def burst_reach(duration: float, period: float) -> int:
 
 @functools.lru_cache(maxsize=_REMEMBERED)
 def _draws(seed: int, tick: int, channel: FaultChannel) -> tuple[float, float]:
-    """Returns a number from 0 to 1, and the length in means of a burst that starts there."""
+    """Returns a number from 0 to 1, and the length, in mean lengths, of a burst from that tick."""
     generator = fault_generator(seed, tick, channel)
     return generator.random(), generator.standard_exponential()
 
@@ -144,14 +144,15 @@ class MeasurementFaults:
     # Mean length of an occlusion, in seconds. Lengths are exponential, up to five times the mean.
     dropout_duration: float = field(default=0.5, metadata=_DURATION)
 
-    # Seconds from a measurement to its arrival. With jitter at most a thousand planning periods.
+    # Seconds from a measurement to its arrival; together with `jitter`, at most 1000 planning
+    # periods.
     delay: float = field(default=0.0, metadata=_LAG)
 
     # Largest addition to the delay, in seconds; additions are uniform from 0 on.
     jitter: float = field(default=0.0, metadata=_LAG)
 
-    # Whether out-of-sequence measurements count when they arrive; otherwise they are dropped.
-    # Needs a jitter longer than the time between measurements.
+    # Whether out-of-sequence measurements count when they arrive; otherwise they are dropped. This
+    # needs a jitter longer than the time between measurements.
     out_of_order: bool = False
 
     # Mean number of times per second that the measured value freezes: it repeats, with new times.

@@ -149,7 +149,7 @@ class SensorMemory:
         stamp: Time of the measurement that arrived last, in seconds; -inf if none has.
         pose: Pose of the measurement that arrived last, shape (12,); NaN if there is none.
         is_frozen: Whether a value is repeated.
-        frozen: The value that is repeated, shape (12,).
+        frozen: Pose that is repeated, shape (12,); NaN if there is none.
         under_way: Measurements that have not arrived, shape (capacity, 14): time of each, in
             seconds, index of the tick at which it arrives, and pose; infinite where there is none.
     """
@@ -192,8 +192,8 @@ def next_memory(
     2. While the value is frozen, it is that of the burst's first measurement, with a new time.
     3. While the object is occluded, the measurement is lost.
     4. The measurement arrives at the first tick after delay and jitter. If several arrive at one
-       tick, the one that was taken last counts. One that was overtaken, as a later one has arrived
-       at an earlier tick, counts only if `out_of_order`.
+       tick, the one that was taken last counts. An out-of-sequence measurement, which arrives after
+       a later one, counts only if `out_of_order`.
 
     If the memory is of this tick or a later one, the sensor starts anew. Nothing is measured at
     ticks that were skipped, and no value stays frozen over them.

@@ -64,7 +64,7 @@ class PoseMeasurement:
     """A measured pose.
 
     Attributes:
-        time: When the pose was measured, in seconds; -inf if there is no measurement.
+        time: Time of the measurement, in seconds; -inf if there is none.
         p_WCoM: Centre of mass that the measured pose implies, shape (3,), in metres.
         R_WO: Measured orientation, shape (3, 3).
     """
@@ -106,12 +106,12 @@ _SHORTEST = 1e-6  # Seconds.
 _UPPER = np.kron(np.array([[0, 1], [0, 0]]), _I)  # Place of dt in a transition.
 
 NO_MEASUREMENT = PoseMeasurement(-math.inf, np.zeros(3), _I)
-"""Stands for a measurement that is not there."""
+"""Placeholder for a missing measurement."""
 
 NO_BELIEF = PoseBelief(
     -math.inf, np.zeros(3), np.zeros(3), _I, np.zeros(3), np.zeros((6, 6)), np.zeros((6, 6))
 )
-"""Stands for the belief before the first measurement."""
+"""Placeholder for the belief before the first measurement."""
 
 
 def first_belief(
@@ -147,11 +147,11 @@ def two_point_belief(
 ) -> PoseBelief:
     """Returns the belief after two measured poses, without any earlier knowledge of the twist.
 
-    The twist is the difference of the poses over the time dt between them, with the shorter way
-    round, so that v has the covariance 2 R / dt² of two measurements and q² dt / 3 of white
-    acceleration with the density q². An error e_1 of the first orientation and e_2 of the second
-    make the error J⁻¹ (e_2 - Exp(w dt) e_1) / dt of w, with the left Jacobian J of w dt. Times that
-    differ by no more than their rounding tell nothing of the twist; it then is the initial one.
+    The twist is the difference of the poses, by the shorter rotation, over the time dt between
+    them. The covariance of v is then 2 R / dt², from two measurements, plus q² dt / 3, from white
+    acceleration with the density q². The errors e_1 and e_2 of the two orientations cause the error
+    J⁻¹ (e_2 - Exp(w dt) e_1) / dt of w, with the left Jacobian J of w dt. If the times differ only
+    by rounding, the twist is the initial one.
 
     Args:
         earlier: Belief whose pose counts as the first measured pose.
@@ -192,7 +192,7 @@ def predict(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief
         InvalidArgumentError: If `dt` is negative.
     """
     if dt < 0:
-        raise InvalidArgumentError(f"a belief can't be predicted {dt} s back in time")
+        raise InvalidArgumentError(f"a belief cannot be predicted {dt} s back in time")
     if dt == 0:
         return belief
     F_position, F_orientation = transitions(belief, dt)

@@ -68,9 +68,9 @@ class MeasurementVerdict(IntEnum):
         USED_LATE: The measurement corrected the belief of its own time, and the later measurements
             were used again.
         STARTED: The belief starts from this measurement: it is the first one, or the belief before
-            it can't be kept.
-        REACQUIRED: With the refused measurements before it, it has refuted the belief, which goes
-            on from them.
+            it is too uncertain.
+        REACQUIRED: The measurement and the refused ones before it refute the belief, which
+            continues from them.
         UNUSABLE: Refused: its time or its pose is invalid.
         TOO_LATE: Refused: it is older than all measurements in memory.
         OUTLIER: Refused: it is too far from the prediction, or the alternative hypothesis explains
@@ -95,7 +95,7 @@ class MeasurementVerdict(IntEnum):
 
 
 NO_ALTERNATIVE = pack(NO_BELIEF)
-"""Stands for an alternative hypothesis that is not there."""
+"""Placeholder for a missing alternative hypothesis."""
 
 MEASUREMENT_SIZE = len(pack(NO_MEASUREMENT))
 """Number of columns of `PoseTrack.steps` that hold the measurement; the belief comes after it."""
@@ -106,7 +106,7 @@ class PoseTrack:
     """State of the tracker. Measurements and beliefs in it are packed into vectors.
 
     Attributes:
-        steps: Newest measurements that were used, each with the belief after it, the oldest first,
+        steps: Newest measurements that were used, each with the belief after it, oldest first,
             shape (memory, 104); empty rows come first and have the time -inf.
         last_seen: Last valid measurement, whether used or not, shape (13,).
         alternative: Alternative hypothesis, shape (91,): the belief that follows from refused

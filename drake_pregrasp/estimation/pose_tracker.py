@@ -1,7 +1,7 @@
 """Tracks a moving object by pose measurements that may be delayed, lost, repeated or wrong.
 
-The pose filter estimates; the tracker decides which measurements it gets. Its state is a
-`PoseTrack`, and `update_track` is the step from one to the next.
+The pose filter estimates the pose; the tracker decides which measurements the filter uses. The
+state of the tracker is a `PoseTrack`, which `update_track` updates at each tick.
 """
 
 import math
@@ -38,7 +38,7 @@ _SLACK = 1e-6  # Seconds by which rounding may put a time ahead of the clock.
 _FORGETTING = 0.05  # Share of the newest innovation in the running means.
 _LARGEST_EXCESS = 9.0  # Largest excess of a single innovation: it may be an outlier.
 _TOLERATED_EXCESS = 2.0  # Excess of the innovations' variance that may be chance.
-_VAGUE = 1.0  # Radians: with a larger deviation a small turn can't correct the orientation.
+_VAGUE = 1.0  # Radians; a larger deviation is beyond the linearisation of the correction.
 _NOISY = 0.25  # Noise level of a sensor without noise is below this.
 _DOUBT = 2  # Times `reacquire_after`: with so many outliers in excess the track is not locked.
 _PATIENCE = 5  # Times `reacquire_after`: with so many outliers in excess the belief is dropped.
@@ -77,8 +77,8 @@ def update_track(
 ) -> PoseTrack:
     """Returns the track after the sensor's output at a tick.
 
-    A measurement counts for the time it was made at. An out-of-sequence measurement, one older than
-    the newest that was used, corrects the belief of its own time, and the later ones are used
+    A measurement applies to its own time. An out-of-sequence measurement, which is older than the
+    newest one that was used, corrects the belief of its own time; the later ones are then applied
     again.
 
     Args:
@@ -132,8 +132,8 @@ def update_track(
             return _refuse(after, alternative, support, measurement, settings)
     posterior = corrected(prior, new)
     step = np.concatenate([track.last_seen, pack(posterior)])
-    # Noise makes an innovation differ from the one before it, by 2 S in the mean of the square. A
-    # motion that the filter does not expect makes innovations that are like each other.
+    # With noise, successive innovations differ, with the covariance 2 S. With a motion that the
+    # filter does not expect, they are similar.
     change = new.nu - track.last_innovation
     shares = np.einsum("ij,ij->i", change, change) / np.einsum("ijj->i", new.S)
     level = min(1.0, float(shares.sum()) / 4)
@@ -180,8 +180,8 @@ def _start(
 ) -> PoseTrack:
     """Returns the track that starts from a measurement.
 
-    With a prior whose orientation is too uncertain, though only one measurement was used before,
-    the initial velocities alone make it so. The orientation then starts from both measurements.
+    If the prior's orientation is too uncertain after a single measurement, only the initial
+    uncertainty of the velocities causes that. The orientation then starts from both measurements.
     """
     belief = first_belief(measurement, settings.noise, settings.p_OCoM)
     if prior.time > -math.inf and np.sum(track.steps[:, 0] > -np.inf) == 1:
@@ -196,7 +196,7 @@ def _start(
 def _insert(
     track: PoseTrack, after: PoseTrack, belief: PoseBelief, settings: TrackerSettings
 ) -> PoseTrack:
-    """Returns the track with the last measurement in its place, and the later ones used again.
+    """Returns the track with the last measurement inserted, and the later ones applied again.
 
     Args:
         track: Track before the measurement, with the measurement as the last one seen.
@@ -225,13 +225,13 @@ def _next_alternative(
 ) -> tuple[PoseBelief, int, bool]:
     """Returns the alternative hypothesis after a measurement, and its support.
 
-    Position and orientation are checked separately: the part that the belief expects goes on. The
-    other part has jumped, in the first alternative, but moves on as before. If that does not hold,
-    its velocity starts from the difference of the last two poses. Any two poses agree with a
-    twist, so the next ones have to confirm it.
+    Position and orientation are checked separately: the part that the belief expects continues. In
+    the first alternative, the other part has jumped and keeps its velocity. If the next measurement
+    contradicts this, its velocity starts from the difference of the last two poses. Any two poses
+    agree with some twist, so later measurements must confirm it.
 
     The last value is whether the alternative explains the measurement better than the belief does:
-    a fast rotation comes near to the belief's orientation again and again by chance.
+    by chance, a fast rotation repeatedly comes close to the belief's orientation.
     """
     noise, p_OCoM = settings.noise, settings.p_OCoM
     earlier = unpack(NO_BELIEF, track.alternative)
@@ -259,10 +259,9 @@ def _refuse(
     measurement: PoseMeasurement,
     settings: TrackerSettings,
 ) -> PoseTrack:
-    """Returns the track after an outlier, which goes on from the alternative with enough support.
+    """Returns the track after an outlier; it continues from an alternative with enough support.
 
-    If so many measurements in a row were outliers and still no alternative held, the belief starts
-    anew.
+    After too many outliers without such an alternative, the belief starts anew.
     """
     if support >= settings.reacquire_after:
         return _begin(track, alternative, MeasurementVerdict.REACQUIRED, support > 1)
@@ -282,7 +281,7 @@ def _refuse(
 
 
 def _combined(first: PoseBelief, second: PoseBelief, is_first: BoolArray) -> PoseBelief:
-    """Returns a belief with position and orientation each of one of two beliefs."""
+    """Returns a belief with the position of one of two beliefs, and the orientation of one."""
     position, orientation = (first if mine else second for mine in is_first)
     return replace(
         position,

@@ -1,8 +1,8 @@
 """An optional compiled implementation of safe regions and contact goals, the extra `fast` (numba).
 
 `regions.safe_regions.label_candidates` and `contacts.centroids.region_goals` are the reference.
-Here are the same functions for a surface whose candidates are known beforehand, tested against it.
-Systems choose once, by `fast_labels` and `fast_goals`; None stands for the reference.
+This package has the same functions for a surface whose candidates are known beforehand; tests
+compare both. Systems choose once, by `fast_labels` and `fast_goals`; None means the reference.
 """
 
 import functools
@@ -14,7 +14,7 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.safe_regions import LabelCandidates
 
 SWITCH = "DRAKE_PREGRASP_FAST"
-"""Environment variable; 0 chooses the reference even where numba is installed."""
+"""Environment variable; the value 0 chooses the reference even if numba is installed."""
 
 
 @functools.cache
@@ -48,11 +48,11 @@ def fast_goals(
     stretch: bool = True,
     power: float = 1.0,
 ) -> GoalFunction | None:
-    """Returns `region_goals` compiled for a surface and strategy, or None if it is not there.
+    """Returns `region_goals` compiled for a surface and strategy, or None for the reference.
 
     Args:
         surface: The object's surface.
-        strategy: Name of the strategy, as for `make_strategy`, and so the other arguments.
+        strategy: Name of the strategy; this and the other arguments are as for `make_strategy`.
         reading: Reading of the grasp matrix.
         stretch: Whether weights are stretched over each region.
         power: Exponent of the weights.

@@ -16,8 +16,8 @@ def closest_point(p, corners):  # type: ignore[no-untyped-def]
     """Returns a triangle's point nearest to p, as `closest_points` does, and its squared distance.
 
     Args:
-        p: Shape (3,).
-        corners: Shape (3, 3).
+        p: Point, shape (3,), in metres.
+        corners: Corners of the triangle, shape (3, 3), in metres.
     """
     least, best = np.inf, np.zeros(3)
     edges, squares, along = np.empty((3, 3)), np.empty(3), np.empty(3)
@@ -56,13 +56,13 @@ def projected(points, contacts, labels, q, patches, patch_starts, reach):  # typ
     """Returns the nearest points on the patches of the contacts' regions, shape (k, 3).
 
     Args:
-        points: A point for each contact, shape (k, 3).
-        contacts: Indices of contacts, shape (k,).
+        points: Point of each contact, shape (k, 3), in metres.
+        contacts: Indices of the contacts, shape (k,).
         labels: Region of each candidate, shape (N,).
-        q: Candidates, each on its patch, shape (N, 3).
-        patches: Triangles, shape (T, 3, 3).
-        patch_starts: Place of each candidate's first triangle, and T, shape (N + 1,).
-        reach: No patch goes farther from its candidate than that.
+        q: Candidates, each on its patch, shape (N, 3), in metres.
+        patches: Triangles of the patches, shape (T, 3, 3), in metres.
+        patch_starts: Index of each candidate's first triangle, and T, shape (N + 1,).
+        reach: Largest distance of a patch's points from its candidate, in metres.
     """
     place = np.full(max(contacts.max(), labels.max()) + 1, -1)
     place[contacts] = np.arange(len(contacts))
@@ -93,7 +93,7 @@ class CompiledGoals:
     Args:
         surface: The object's surface.
         strategy: One of `KINDS`.
-        stretch: Whether to subtract a region's least weight; not for `position`.
+        stretch: Whether to subtract a region's smallest weight; `position` ignores it.
     """
 
     def __init__(self, surface: ObjectSurface, strategy: str, *, stretch: bool) -> None:
@@ -107,7 +107,7 @@ class CompiledGoals:
         self._reach = surface.patch_reach
 
     def __call__(self, selection: SelectionInput, contacts: IntArray) -> FloatArray:
-        """Returns what `region_goals` does.
+        """Returns the goals, shape (k, 3), in O, in metres, as `region_goals` does.
 
         Args:
             selection: Surface, contacts, regions and estimate of this tick.

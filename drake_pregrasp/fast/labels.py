@@ -1,4 +1,4 @@
-"""Labels of candidates in compact blocks: whole blocks are decided by their bounding boxes."""
+"""Labels of candidates in compact blocks with bounding boxes, which decide whole blocks at once."""
 
 from collections.abc import Callable
 from typing import Any
@@ -12,7 +12,7 @@ from drake_pregrasp.regions.half_spaces import HalfSpaces
 from drake_pregrasp.regions.safe_regions import NO_REGION
 
 BLOCK = 64
-"""Candidates in a block, at most."""
+"""Largest number of candidates in a block."""
 
 _SLACK = 1e-12  # Share of its terms by which a half-space must clear a box to decide it.
 
@@ -20,10 +20,10 @@ _SLACK = 1e-12  # Share of its terms by which a half-space must clear a box to d
 def compiled(signature: str | None = None) -> Callable[[Callable[..., Any]], Any]:
     """Returns a decorator that compiles a function with numba and keeps the code on disk.
 
-    With a signature it is compiled, or loaded, when it is defined, so that no tick waits for that.
+    With a signature, it is compiled or loaded when it is defined, so that no tick waits for it.
 
     Args:
-        signature: Numba's types of result and arguments.
+        signature: Types of the result and the arguments, in numba's notation.
     """
 
     def compile_(function: Callable[..., Any]) -> Any:
@@ -36,7 +36,7 @@ def compiled(signature: str | None = None) -> Callable[[Callable[..., Any]], Any
 
 
 def compact_blocks(q: FloatArray) -> list[IntArray]:
-    """Returns the indices of points in blocks, cut in the middle across their longest side.
+    """Returns the indices of points in blocks, made by bisection of the longest side.
 
     Args:
         q: Points, shape (N, 3), in metres.
@@ -58,9 +58,9 @@ def compact_blocks(q: FloatArray) -> list[IntArray]:
 def cutting_half_spaces(  # type: ignore[no-untyped-def]
     normals, bounds, slack, c, center, half, cutting
 ):
-    """Writes which half-spaces do not contain a whole box, and returns their number.
+    """Writes the indices of half-spaces that do not contain a whole box, and returns their number.
 
-    One that excludes the whole box is the only one then.
+    If a half-space excludes the whole box, it is the only one.
     """
     x, y, z = center[0] - c[0], center[1] - c[1], center[2] - c[2]
     count = 0
@@ -83,19 +83,19 @@ def cutting_half_spaces(  # type: ignore[no-untyped-def]
 def label_blocks(  # type: ignore[no-untyped-def]
     q, order, starts, centers, halves, c, half_power, normals, bounds, same_side
 ):
-    """Returns the label of each candidate, in their own order, shape (N,).
+    """Returns the label of each candidate, in the order of the candidates, shape (N,).
 
     Args:
-        q: Candidates in the order of the blocks, shape (N, 3).
-        order: Index of the candidate at each place, shape (N,).
+        q: Candidates in the order of the blocks, shape (N, 3), in metres.
+        order: Index of the candidate at each place of that order, shape (N,).
         starts: First place of each block, and N, shape (B + 1,).
-        centers: Midpoints of the boxes around the blocks, shape (B, 3).
-        halves: Half edges of those boxes, shape (B, 3).
-        c: Contacts, shape (n, 3).
-        half_power: (|c_i|² - h_i)/2, shape (n,); infinite for lost fingers.
-        normals: Normals of the half-spaces, shape (n, m, 3).
-        bounds: Bounds of the half-spaces, shape (n, m), for points relative to the contact.
-        same_side: Candidates that each contact sees, shape (n, N), or empty for all.
+        centers: Midpoints of the bounding boxes of the blocks, shape (B, 3), in metres.
+        halves: Half edge lengths of these boxes, shape (B, 3), in metres.
+        c: Contacts, shape (n, 3), in metres.
+        half_power: (|c_i|² - h_i)/2, shape (n,), in m²; infinite for lost fingers.
+        normals: Normals of the half-spaces, shape (n, m, 3), in metres.
+        bounds: Bounds of the half-spaces for points relative to the contact, shape (n, m), in m².
+        same_side: Candidates that no wall hides from each contact, shape (n, N), or empty for all.
     """
     labels = np.empty(len(q), dtype=np.int64)
     owners = np.empty(BLOCK, dtype=np.int64)
@@ -167,17 +167,17 @@ class CompactCandidates:
         half_spaces: HalfSpaces | None = None,
         same_side: BoolArray | None = None,
     ) -> IntArray:
-        """Returns what `label_candidates` does.
+        """Returns the region of each candidate, or `NO_REGION`, as `label_candidates` does.
 
         Args:
-            q: The same candidates as in the constructor, shape (N, 3).
-            c: Contact points, as for `label_candidates`, and so the other arguments.
+            q: The same candidates as in the constructor, shape (N, 3), in metres.
+            c: Contact points; this and the other arguments are as for `label_candidates`.
             h: Weights of the contacts.
             half_spaces: Bounds of the regions inside the cells.
             same_side: Candidates that no wall hides from each contact.
 
         Raises:
-            InvalidArgumentError: If the candidates are others.
+            InvalidArgumentError: If the number of candidates differs from the constructor's.
         """
         if q.shape != self._q.shape:
             raise InvalidArgumentError(f"{len(self._q)} candidates were expected, not {q.shape}")

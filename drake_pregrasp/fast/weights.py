@@ -15,9 +15,9 @@ the plane across t:
 where b11, b and P are the blocks of B in that basis. The smallest singular value comes from the
 largest root, which belongs to the lower mu; the largest one, with x = -y, from y² - y nu = tau and
 the upper eigenvalue nu of P + b bᵀ / (y - b11). Eigenvalues of 2 x 2 matrices have a closed form,
-and a few Newton steps, with mu linearised and the quadratic solved exactly, find the roots: double
-ones too, because the square root inside the closed form takes them up. Near y = b11 the elimination
-divides by nearly nothing: there the matrix is decomposed.
+and a few Newton steps, with mu linearised and the quadratic solved exactly, find the roots, also
+double ones, because the closed form contains their square root. Near y = b11 the elimination would
+divide by nearly zero; the matrix is then decomposed.
 """
 
 import math
@@ -31,8 +31,8 @@ KINDS = ("position", "msv", "gii", "vew")
 """Strategies that are compiled, the measures in the reading `hand`."""
 
 _POSITION, _MSV, _GII, _VEW = range(4)
-_STEPS = 12  # At most: three reach rounding where a hand holds a cube, long objects need more.
-_SETTLED = 1e-7  # Share of itself by which a root may still move: its square is what is left.
+_STEPS = 12  # Largest number of steps. Three are enough on a cube; long objects need more.
+_SETTLED = 1e-7  # Relative step after which a root has converged: the error is its square.
 
 
 @compiled()
@@ -66,7 +66,7 @@ def volume(t, B, n, q):  # type: ignore[no-untyped-def]
 
 @compiled()
 def eigenvalue(sign, gap, p11, p12, p22, b1, b2):  # type: ignore[no-untyped-def]
-    """Returns an eigenvalue of P + sign b bᵀ/gap, upper or lower as sign, and (b·v)²/gap²."""
+    """Returns the upper or lower (by sign) eigenvalue of P + sign b bᵀ/gap, and (b·v)²/gap²."""
     d = 1.0 / (gap if gap > 0.0 else 1.0)
     a11, a12, a22 = p11 + sign * d * b1 * b1, p12 + sign * d * b1 * b2, p22 + sign * d * b2 * b2
     half = (a11 - a22) / 2.0
@@ -145,15 +145,15 @@ def weighted_centroids(  # type: ignore[no-untyped-def]
     """Returns the centroids of some contacts' regions, relative to the centre of mass, (k, 3).
 
     Args:
-        kind: Place of the strategy in `KINDS`.
-        stretch: Whether to subtract a region's least weight.
-        contacts: Contacts that move, shape (k,).
+        kind: Index of the strategy in `KINDS`.
+        stretch: Whether to subtract a region's smallest weight.
+        contacts: Indices of the contacts that move, shape (k,).
         labels: Region of each candidate, shape (N,).
         active: Mask of the contacts that take part in the grasp, shape (n,).
-        r: Lever arms of the contacts, shape (n, 3).
-        precision: Inverse of the position's covariance, shape (3, 3).
-        q: Lever arms of the candidates, shape (N, 3).
-        areas: Surface area each candidate stands for, shape (N,).
+        r: Lever arms of the contacts, shape (n, 3), in metres.
+        precision: Inverse of the position's covariance, shape (3, 3), in 1/m².
+        q: Lever arms of the candidates, shape (N, 3), in metres.
+        areas: Surface area that each candidate represents, shape (N,), in m².
     """
     n = np.count_nonzero(active)
     t, B = others_sums(r, active)

@@ -67,14 +67,14 @@ def orient_components(mesh: trimesh.Trimesh, what: str) -> None:
 
 
 def is_inside(points: FloatArray, triangles: FloatArray) -> BoolArray:
-    """Returns which points a closed surface winds round, whichever way it is turned, shape (k,).
+    """Returns the mask of points inside a closed surface of either orientation, shape (k,).
 
     The solid angles of its triangles add up to 4 pi, or -4 pi, for points inside, to 0 for others
-    (van Oosterom & Strackee, 1983, give the angle of one).
+    (van Oosterom & Strackee, 1983, give the solid angle of a triangle).
 
     Args:
-        points: Shape (k, 3).
-        triangles: Shape (F, 3, 3).
+        points: Points, shape (k, 3), in metres.
+        triangles: Triangles of the surface, shape (F, 3, 3), in metres.
     """
     total = np.zeros(len(points))
     step = max(1, _CHUNK // max(1, len(triangles)))

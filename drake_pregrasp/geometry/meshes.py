@@ -88,12 +88,12 @@ def read_pieces(path: Path, *, colors: bool = False) -> list[Piece]:
             instead of its named objects.
 
     Raises:
-        InvalidArgumentError: If the file can't be read or exceeds a limit.
+        InvalidArgumentError: If the file cannot be read or exceeds a limit.
     """
     kind = path.suffix.lower()
     if kind not in _OPTIONS:
         raise InvalidArgumentError(
-            f"{path} can't be read as a mesh: its name must end with {', '.join(MESH_SUFFIXES)}"
+            f"{path} cannot be read as a mesh: its name must end with {', '.join(MESH_SUFFIXES)}"
         )
     data = read_bounded(path, MAX_MESH_BYTES)
     with _naming(path):
@@ -122,7 +122,7 @@ def companions(path: Path) -> list[Path]:
     They are the buffers of a glTF file, or the first material library of an OBJ file.
 
     Raises:
-        InvalidArgumentError: If the file can't be read.
+        InvalidArgumentError: If the file cannot be read.
     """
     kind = path.suffix.lower()
     if kind not in (".obj", ".gltf"):
@@ -195,7 +195,7 @@ def _placed_pieces(scene: trimesh.Scene) -> list[Piece]:
             if geometry.vertices.shape[1:] != (3,):  # Some readers take the width of any row.
                 raise InvalidArgumentError("it has a vertex without three coordinates")
             if not 0 <= np.min(geometry.faces) <= np.max(geometry.faces) < len(geometry.vertices):
-                raise InvalidArgumentError("it has a triangle with a vertex that isn't there")
+                raise InvalidArgumentError("it has a triangle with a vertex that is not there")
             material = getattr(geometry.visual, "material", None)
             color = None if material is None else tuple((material.main_color / 255).tolist())
             mesh = trimesh.Trimesh(geometry.vertices, geometry.faces, process=False)

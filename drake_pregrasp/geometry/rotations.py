@@ -1,7 +1,7 @@
 """Exponential map of rotations, its inverse and its left Jacobian, one rotation at a time.
 
 `scipy.spatial.transform.Rotation` does the same for many at once; for a single one its call takes
-ten to forty times as long, which a filter at a kilohertz can't afford.
+ten to forty times as long, which a filter at a kilohertz cannot afford.
 """
 
 import math

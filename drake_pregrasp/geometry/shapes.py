@@ -25,7 +25,7 @@ MAX_COORDINATE = 100.0
 MIN_EXTENT = 1e-3
 """Smallest extent of an object, the longest edge of its bounding box, in metres."""
 
-_SECTIONS = (24, 256)  # Smallest and largest number of facets round a circle.
+_SECTIONS = (24, 256)  # Smallest and largest number of facets around a circle.
 _SUBDIVISIONS = (3, 6)  # Smallest and largest number, from the faces of an icosahedron.
 
 _SUBDIVISION_ERROR = 0.292
@@ -132,7 +132,7 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
         scale: Length of the file's unit, in metres.
 
     Raises:
-        InvalidArgumentError: If the file can't be read, or the mesh is not watertight, has no
+        InvalidArgumentError: If the file cannot be read, or the mesh is not watertight, has no
             volume, or is too large or too small; the message says what would help.
     """
     if not path.is_file():

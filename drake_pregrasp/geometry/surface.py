@@ -28,8 +28,8 @@ class ForbiddenPoints:
     """Points Z that contacts keep away from (the obstacles z_j of the paper).
 
     Attributes:
-        points: z_j, shape (m, d), in metres, d = 3 unless regions use more coordinates; the
-            frame is named by whoever holds them.
+        points: Points z_j, shape (m, d), in metres, in the frame of the object that holds them;
+            d = 3 unless regions use more coordinates.
         radii: R_j, shape (m,), in metres.
         normals: Outward unit normals of the surface that the points sample, shape (m, d); zero, as
             by default, for points that sample no surface.
@@ -77,7 +77,7 @@ class ObjectSurface:
     Attributes:
         p_OQ: Candidate points q of Y, each on its own patch, shape (N, 3), in metres.
         nhat_OQ: Outward unit normals at the candidates, shape (N, 3).
-        areas: Surface area each candidate stands for, shape (N,), in m².
+        areas: Surface area that each candidate represents, shape (N,), in m².
         forbidden: Points Z that are part of the object.
         p_OCoM: The object's centre of mass, shape (3,), in metres.
         mesh: The whole surface, closed, in O.
@@ -226,7 +226,7 @@ class ObjectSurface:
             p_OP: Shape (k, 3), in metres.
 
         Returns:
-            Shape (k,), in metres: below zero inside the object; NaN for points that aren't finite.
+            Shape (k,), in metres: below zero inside the object; NaN for points that are not finite.
         """
         distances = np.empty(len(p_OP))
         triangles = self.mesh.triangles

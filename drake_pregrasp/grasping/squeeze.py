@@ -55,7 +55,7 @@ def squeeze_forces(
 ) -> Squeeze:
     """Returns the smallest forces that balance a wrench, each inside its friction cone.
 
-    This is the force-balance programme of grasping (Buss, Hashimoto & Moore, 1996, with pyramids
+    This is the force-balance program of grasping (Buss, Hashimoto & Moore, 1996, with pyramids
     in place of cones): min sum |f_i|² over f_i = R_i E a_i, a_i >= 0, with G f + wrench = 0 and
     with normal forces in bounds. Bounds get slack variables, and all equations get a large weight.
     The result is a non-negative least-squares problem, which always has a solution.
@@ -119,7 +119,7 @@ def safest_squeeze(
     least_normal: float,
     largest_normal: float | FloatArray,
 ) -> Squeeze:
-    """Returns the squeeze that balances a wrench with the least of `FRICTION_SHARES`.
+    """Returns the squeeze that balances a wrench with the smallest of `FRICTION_SHARES`.
 
     The smallest forces lie on the edges of their cones. Narrower cones with larger forces leave a
     margin, so that forces with errors stay inside the true cones. If no narrower cone balances the

@@ -1,7 +1,7 @@
 """Margins of force closure: min-weight, Ferrari-Canny, and a certified lower bound in closed form.
 
-Both look at the primitive wrenches of a grasp: what the edges of a pyramid inside each contact's
-cone of forces pass on to the object, per newton of normal force.
+All use the primitive wrenches of a grasp: the wrenches on the object of the edges of a pyramid
+inside each contact's friction cone, per newton of normal force.
 """
 
 import numpy as np
@@ -13,21 +13,21 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.quality.grasp_quality import contact_blocks
 
 CONE_MODELS = ("hard_finger", "soft_finger", "frictionless")
-"""The contact models with a cone of forces. The complete one pulls as well as it pushes."""
+"""Contact models with a friction cone. The complete model has none, because it also pulls."""
 
 _RANK_TOLERANCE = 1e-9  # Of singular values, for wrenches of the order of one.
 
 CONE_EDGES = 8
-"""Edges of the pyramid that stands for a friction cone."""
+"""Number of edges of the pyramid inside a friction cone."""
 
 FRICTION = 0.7
-"""Coulomb's coefficient where none is given: rubber on most things."""
+"""Default of Coulomb's coefficient: rubber on most materials."""
 
 TORSIONAL_FRICTION = 0.004
-"""Moment about the normal that a soft finger holds per newton of normal force, in metres.
+"""Largest moment about the normal of a soft finger per newton of normal force, in metres.
 
 It is 3 pi/16 times friction times the patch's radius (Johnson, Contact Mechanics, 1985, for a
-Hertzian patch that turns as a whole): 4 mm are a patch of 10 mm with friction 0.7.
+Hertzian patch that turns as a whole): 4 mm for a patch of radius 10 mm with friction 0.7.
 """
 
 
@@ -41,17 +41,17 @@ def min_weight_margin(
 ) -> float:
     """Returns the normalised min-weight margin of a grasp, in [0, 1].
 
-    The m primitive wrenches of all contacts are to balance with weights a >= 0 that add up to one;
-    the margin is m times the largest possible least weight. It is above zero if and only if the
-    grasp has force closure, which Q_MSV, Q_GII and Q_VEW don't see. The metric is that of FRoGGeR
-    (Li et al., arXiv 2302.13687). It doesn't depend on the unit of length.
+    The m primitive wrenches of all contacts must balance with weights a >= 0 that add up to one;
+    the margin is m times the largest possible minimum of a. It is above zero if and only if the
+    grasp has force closure, which Q_MSV, Q_GII and Q_VEW do not measure. The metric is that of
+    FRoGGeR (Li et al., arXiv 2302.13687). It does not depend on the unit of length.
 
     Args:
         p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
-        nhat: Outward unit normals there, in the same frame, shape (n, 3).
+        nhat: Outward unit normals at the contacts, in the same frame, shape (n, 3).
         friction: Coulomb's coefficient.
         model: One of `CONE_MODELS`.
-        torsional_friction: Of the soft finger, in metres.
+        torsional_friction: Torsional friction of the soft finger, in metres.
 
     Raises:
         InvalidArgumentError: If there is no such model, or a coefficient is below 0.
@@ -59,7 +59,7 @@ def min_weight_margin(
     W = primitive_wrenches(
         p_CoMC, nhat, friction, model=model, torsional_friction=torsional_friction
     )
-    # In this unit of torque tolerances mean the same on any object.
+    # With torques in this unit, tolerances have the same meaning for objects of any size.
     W[3:] /= longest_arm(p_CoMC)
     if not _spans_all_wrenches(W):
         return 0.0
@@ -76,7 +76,7 @@ def min_weight_margin(
 
 
 def longest_arm(p_CoMC: FloatArray) -> float:
-    """Returns the longest of some lever arms, shape (..., 3), in metres; above zero in any case."""
+    """Returns the longest of lever arms, shape (..., 3), in metres; it is always above zero."""
     lengths = np.linalg.norm(p_CoMC, axis=-1)
     return float(max(np.max(lengths, initial=0.0), np.finfo(float).tiny))
 
@@ -90,22 +90,23 @@ def ferrari_canny(
     model: str = "hard_finger",
     torsional_friction: float = TORSIONAL_FRICTION,
 ) -> float:
-    """Returns the radius of the largest ball about the origin that the grasp wrench space holds.
+    """Returns the radius of the largest ball about the origin inside the grasp wrench space.
 
     The space is the convex hull of the primitive wrenches: normal forces that add up to one newton
-    (the L1 metric of Ferrari & Canny, ICRA 1992). The radius is the smallest wrench that defeats
-    them, in newtons, with torques divided by `length`; zero without force closure.
+    (the L1 metric of Ferrari & Canny, ICRA 1992). The radius is the norm of the smallest wrench
+    that the grasp cannot resist, in newtons, with torques divided by `length`. It is zero without
+    force closure.
 
     Args:
         p_CoMC: As for `min_weight_margin`.
         nhat: As for `min_weight_margin`.
         friction: As for `min_weight_margin`.
-        length: What torques are divided by, in metres.
+        length: Length by which torques are divided, in metres, greater than zero.
         model: One of `CONE_MODELS`.
-        torsional_friction: Of the soft finger, in metres.
+        torsional_friction: As for `min_weight_margin`.
 
     Raises:
-        InvalidArgumentError: As of `min_weight_margin`, or if the length isn't above 0.
+        InvalidArgumentError: As for `min_weight_margin`, or if the length is not above 0.
     """
     if not length > 0:
         raise InvalidArgumentError(f"length must be greater than 0 m, not {length}")
@@ -113,13 +114,13 @@ def ferrari_canny(
         p_CoMC, nhat, friction, model=model, torsional_friction=torsional_friction
     )
     W[3:] /= longest_arm(p_CoMC)
-    # A hull in six dimensions has seven corners or more.
+    # A hull in six dimensions has at least seven corners.
     if W.shape[1] <= len(W) or not _spans_all_wrenches(W):
         return 0.0
     W[3:] *= longest_arm(p_CoMC) / length
     try:
         hull = ConvexHull(W.T)
-    except QhullError:  # All wrenches lie in one plane beside the origin.
+    except QhullError:  # All wrenches lie in one plane that does not contain the origin.
         return 0.0
     # Each facet's plane is normal @ x + offset = 0, with its unit normal pointing out.
     return max(0.0, float(-np.max(hull.equations[:, -1])))
@@ -128,7 +129,7 @@ def ferrari_canny(
 def primitive_wrenches(
     p_CoMC: FloatArray, nhat: FloatArray, friction: float, *, model: str, torsional_friction: float
 ) -> FloatArray:
-    """Returns the wrenches of unit normal force along the cones' edges, torques in metres.
+    """Returns the wrenches of the cones' edges per newton of normal force, shape (6, en).
 
     Args:
         p_CoMC: As for `min_weight_margin`.
@@ -138,7 +139,7 @@ def primitive_wrenches(
         torsional_friction: As for `min_weight_margin`.
 
     Returns:
-        Shape (6, en) for e edges a contact.
+        The wrenches for e edges per contact, force rows first, torques in N m per newton.
     """
     edges = cone_edges(friction, model, torsional_friction)
     wrenches = contact_blocks(p_CoMC, nhat, model) @ edges
@@ -149,11 +150,12 @@ def primitive_wrenches(
 def cone_edges(friction: float, model: str, torsional_friction: float) -> FloatArray:
     """Returns the edges of a contact's cone in the coordinates of its model: n, t, o, moment.
 
-    A soft finger has two edges more, with moment and without tangential force: the polytope is
-    inscribed in the ellipsoid that bounds both together.
+    A soft finger has two more edges, with a moment and without tangential force: the polytope is
+    inscribed in the ellipsoid that bounds moment and tangential force together.
 
     Returns:
-        Shape (k, e); the first row, normal forces, is all ones, and E Eᵀ is diagonal.
+        The edges as columns of E, shape (k, e). The first row, the normal forces, is all ones, and
+        E Eᵀ is diagonal.
 
     Raises:
         InvalidArgumentError: If there is no such model, or a coefficient is below 0.
@@ -181,7 +183,7 @@ def _spans_all_wrenches(W: FloatArray) -> bool:
     return bool(np.linalg.matrix_rank(W, tol=_RANK_TOLERANCE) == len(W))
 
 
-_GRAM_RANK_TOLERANCE = 1e-10  # Of a pivot over the largest one, torques being divided by an arm.
+_GRAM_RANK_TOLERANCE = 1e-10  # Of a pivot over the largest one, with torques divided by an arm.
 
 
 def least_norm_margin(
@@ -192,20 +194,19 @@ def least_norm_margin(
     model: str = "hard_finger",
     torsional_friction: float = TORSIONAL_FRICTION,
 ) -> FloatArray:
-    """Returns the lower bound m min(a) of the margin, at most 1, for sets of n contacts at once.
+    """Returns the lower bound m min(a) of the margin for sets of n contacts at once, shape (...).
+
+    It is at most 1, and -inf where the primitive wrenches do not span all wrenches.
 
     Args:
         p_CoMC: Lever arms from the centre of mass to the contacts, shape (..., n, 3), in metres.
-        nhat: Outward unit normals there, in the same frame, shape (..., n, 3).
+        nhat: Outward unit normals at the contacts, in the same frame, shape (..., n, 3).
         friction: Coulomb's coefficient.
         model: One of `CONE_MODELS`.
-        torsional_friction: Of the soft finger, in metres.
-
-    Returns:
-        Shape (...); -inf where the wrenches don't span all there are.
+        torsional_friction: Torsional friction of the soft finger, in metres.
 
     Raises:
-        InvalidArgumentError: As of `min_weight_margin`.
+        InvalidArgumentError: As for `min_weight_margin`.
     """
     E = cone_edges(friction, model, torsional_friction)
     P = _balance_blocks(p_CoMC, nhat, model, longest_arm(p_CoMC))
@@ -227,7 +228,7 @@ def moved_least_norm_margin(
     model: str = "hard_finger",
     torsional_friction: float = TORSIONAL_FRICTION,
 ) -> FloatArray:
-    """Returns `least_norm_margin` of one grasp with one contact moved, for N places at once.
+    """Returns `least_norm_margin` of a grasp with one contact at each of N places, shape (N,).
 
     Args:
         p_CoMC: As for `least_norm_margin`, shape (n, 3).
@@ -235,15 +236,12 @@ def moved_least_norm_margin(
         friction: As for `least_norm_margin`.
         moved: Index of the contact that moves to the places.
         p_CoMQ: Lever arms of the places, shape (N, 3), in metres.
-        nhat_Q: Outward unit normals there, shape (N, 3).
+        nhat_Q: Outward unit normals at the places, shape (N, 3).
         model: As for `least_norm_margin`.
         torsional_friction: As for `least_norm_margin`.
 
-    Returns:
-        Shape (N,).
-
     Raises:
-        InvalidArgumentError: As of `min_weight_margin`.
+        InvalidArgumentError: As for `min_weight_margin`.
     """
     E = cone_edges(friction, model, torsional_friction)
     arm = max(longest_arm(p_CoMC), longest_arm(p_CoMQ))
@@ -262,7 +260,7 @@ def moved_least_norm_margin(
 
 
 def _balance_blocks(p_CoMC: FloatArray, nhat: FloatArray, model: str, arm: float) -> FloatArray:
-    """Returns P_i, shape (7, k, n, ...) for contacts (..., n, 3), torques divided by an arm."""
+    """Returns P_i, shape (7, k, n, ...), of contacts (..., n, 3); torques are divided by an arm."""
     G = contact_blocks(p_CoMC, nhat, model)
     G[..., 3:, :] /= arm
     ones = np.zeros((*G.shape[:-2], 1, G.shape[-1]))
@@ -279,7 +277,7 @@ def _grams(P: FloatArray, E: FloatArray) -> FloatArray:
 
 
 def _edge_weights(P: FloatArray, E: FloatArray, y: FloatArray) -> FloatArray:
-    """Returns the weights Eᵀ P_iᵀ y of the edges, shape (e, n, ...), y running along axis 0."""
+    """Returns the weights Eᵀ P_iᵀ y of the edges, shape (e, n, ...), for y along axis 0."""
     components = np.sum(P * y, axis=0)
     weights: FloatArray = np.tensordot(E.T, components, axes=1)
     return weights

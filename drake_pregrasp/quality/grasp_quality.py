@@ -8,7 +8,7 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
 
 CONTACT_MODELS = ("complete", "hard_finger", "soft_finger", "frictionless")
-"""The contact models, by name."""
+"""Names of the contact models."""
 
 _COLUMNS = {
     "complete": (3, 3),
@@ -18,7 +18,7 @@ _COLUMNS = {
 }
 
 NEED_NORMALS = ("soft_finger", "frictionless")
-"""Those whose measures depend on the normals at the contacts."""
+"""Contact models whose measures depend on the normals at the contacts."""
 
 _WRENCH_SIZE = 6
 _RANK_TOLERANCE = 1e-9
@@ -27,26 +27,27 @@ _RANK_TOLERANCE = 1e-9
 def grasp_matrix(
     p_CoMC: FloatArray, nhat: FloatArray | None, model: str, *, length: float = 1.0
 ) -> FloatArray:
-    """Returns G = [G_1 ... G_n], from what the contacts pass on to the wrench on the object.
+    """Returns G = [G_1 ... G_n], which maps contact forces to the wrench on the object.
 
-    For the complete model G_i = [[I, 0], [[r_i]x, I]]; with it Table II's values come out, and
-    all singular values are near sqrt(n).
+    For the complete model G_i = [[I, 0], [[r_i]x, I]]. It gives the values of Table II, and all
+    singular values are near sqrt(n).
 
     Args:
-        p_CoMC: Lever arms r_i from the centre of mass to the contacts, shape (n, 3), in metres,
-            expressed in any one frame: singular values do not depend on it.
-        nhat: Outward unit normals at the contacts, in that frame, shape (n, 3). The complete
-            model doesn't use them; the hard finger's t and o may be any axes, so that without
-            normals its forces are along those of the frame.
+        p_CoMC: Lever arms r_i from the centre of mass to the contacts, shape (n, 3), in metres, in
+            any frame, because singular values do not depend on it.
+        nhat: Outward unit normals at the contacts, in the same frame, shape (n, 3). The complete
+            model does not use them. Without normals, the forces of a hard finger are expressed in
+            the frame's axes, which gives the same singular values.
         model: One of `CONTACT_MODELS`.
-        length: Unit of the lever arms, in metres: torques and moments count in newtons times it,
-            so that G has no unit.
+        length: Unit of the lever arms, in metres. Torques and moments are divided by it, so that G
+            has no unit.
 
     Returns:
-        Shape (6, kn), k being the model's number of columns for a contact; force rows first.
+        The matrix, shape (6, kn), for k columns per contact; force rows first.
 
     Raises:
-        InvalidArgumentError: If there is no such model, it needs normals, or the length isn't > 0.
+        InvalidArgumentError: If there is no such model, it needs normals, or the length is not
+            above 0.
     """
     if not length > 0:
         raise InvalidArgumentError(f"length must be greater than 0 m, not {length}")
@@ -57,15 +58,12 @@ def grasp_matrix(
 
 
 def contact_blocks(p_CoMC: FloatArray, nhat: FloatArray | None, model: str) -> FloatArray:
-    """Returns the G_i of `grasp_matrix` for sets of contacts at once, in metres and newtons.
+    """Returns the G_i of `grasp_matrix` for sets of contacts at once, shape (..., 6, k).
 
     Args:
-        p_CoMC: Lever arms, shape (..., 3).
+        p_CoMC: Lever arms, shape (..., 3), in the unit of length of the result.
         nhat: Outward unit normals, shape (..., 3).
         model: One of `CONTACT_MODELS`.
-
-    Returns:
-        Shape (..., 6, k).
 
     Raises:
         InvalidArgumentError: If there is no such model, or it needs normals.
@@ -92,13 +90,12 @@ def contact_blocks(p_CoMC: FloatArray, nhat: FloatArray | None, model: str) -> F
 
 
 def contact_axes(nhat: FloatArray) -> FloatArray:
-    """Returns the axes of the contact frames, the inward normal n, t and o, as columns.
+    """Returns the axes of the contact frames as columns of matrices, shape (..., 3, 3).
+
+    They are the inward normal n, and two tangents t and o.
 
     Args:
         nhat: Outward unit normals, shape (..., 3).
-
-    Returns:
-        Rotation matrices, shape (..., 3, 3).
     """
     helper = np.eye(3)[np.argmin(np.abs(nhat), axis=-1)]
     t = np.cross(nhat, helper)
@@ -152,17 +149,17 @@ def grasp_quality(
 ) -> GraspQuality:
     """Measures a grasp by the grasp matrix of a contact model, and classifies it (Eq. 8-9).
 
-    Of the complete model the classification would be vacuous: with two contacts or more, 6n > 6
-    columns of rank 6 always make it graspable. It is then run on the hard-finger model.
+    With the complete model, two contacts or more would always be graspable, because 6n > 6 columns
+    have rank 6. The classification then uses the hard-finger model.
 
     Args:
         p_CoMC: Lever arms of the active contacts, as for `grasp_matrix`.
-        nhat: Outward unit normals there, as for `grasp_matrix`.
+        nhat: Outward unit normals at the active contacts, as for `grasp_matrix`.
         model: One of `CONTACT_MODELS`.
         length: Unit of the lever arms in the measures, as for `grasp_matrix`; the paper's is 1 m.
 
     Raises:
-        InvalidArgumentError: As of `grasp_matrix`.
+        InvalidArgumentError: As for `grasp_matrix`.
     """
     sigma = np.zeros(_WRENCH_SIZE)
     G = grasp_matrix(p_CoMC, nhat, model, length=length)
@@ -171,10 +168,10 @@ def grasp_quality(
     # Fewer than six columns leave singular values of zero.
     found = np.linalg.svd(G, compute_uv=False)
     sigma[: len(found)] = found
-    # Of each contact the first columns, up to three, are the forces: all that a hard finger has.
+    # The first columns of each contact, at most three, are forces; a hard finger has no others.
     blocks = G.reshape(_WRENCH_SIZE, len(p_CoMC), -1)
     blocks = (blocks[:, :, :3] if model == "complete" else blocks).copy()
-    # Their torques are divided by the longest lever arm, so that ranks don't depend on units.
+    # Their torques are divided by the longest lever arm, so that ranks do not depend on units.
     longest = max(float(np.sqrt((p_CoMC**2).sum(axis=1).max())), np.finfo(float).tiny)
     blocks[3:, :, :3] *= length / longest
     H = blocks.reshape(_WRENCH_SIZE, -1)
@@ -191,7 +188,7 @@ def grasp_quality(
 def distance_to_singularity(J: FloatArray) -> FloatArray:
     """Returns the smallest singular value of J: zero at a singular configuration.
 
-    With fewer joints than rows, k < r, it is always zero: some velocity can't be made.
+    With fewer joints than rows, k < r, it is always zero, because some velocities are impossible.
 
     Args:
         J: Shape (..., r, k).
@@ -220,8 +217,8 @@ def manipulability_volume(J: FloatArray) -> FloatArray:
 def uniformity_of_transformation(J: FloatArray) -> FloatArray:
     """Returns the smallest over the largest singular value, in [0, 1]; zero for J = 0.
 
-    It is 1 where all directions are equally easy. Roa & Suárez state its inverse, the condition
-    number (after Salisbury & Craig, 1982); this way round, more is better.
+    It is 1 if all directions are equally easy. It is the inverse of the condition number, which Roa
+    & Suárez use (after Salisbury & Craig, 1982), so that larger is better.
 
     Args:
         J: Shape (..., r, k).
@@ -236,7 +233,7 @@ def uniformity_of_transformation(J: FloatArray) -> FloatArray:
 
 
 def _singular_values(J: FloatArray) -> FloatArray:
-    """Returns r singular values in falling order, with zeros where there are fewer columns."""
+    """Returns r singular values in descending order, padded with zeros for fewer columns."""
     if J.ndim < 2 or J.shape[-2] not in (3, 6) or J.shape[-1] == 0:
         raise InvalidArgumentError(
             f"a Jacobian must have shape (..., 3, k) or (..., 6, k), k >= 1, not {J.shape}"

@@ -24,12 +24,12 @@ class FingerReach:
 
     Attributes:
         solid: Solid that has to contain the contact, or None.
-        direction: Direction in which the finger points away from the hand's axis, shape (3,), of
-            any length but zero; None if neither angle below is limited.
+        direction: Direction in which the finger points away from the hand's axis, shape (3,), not
+            zero; None if neither angle below is limited.
         half_angle: Largest angle between `direction` and the vector from the axis to the fingertip
             at its standoff, both projected across the axis, in radians.
         incidence: Largest angle between `direction` and the outward normal at the contact, in
-            radians. Beyond it, a finger reaches round an edge and touches with a link.
+            radians. Beyond it, a finger reaches around an edge and touches with a link.
         origin: Point of the hand's axis, shape (3,), in metres.
         axis: Axis of the hand, a unit vector, shape (3,).
     """
@@ -54,12 +54,13 @@ class FingerReach:
             raise InvalidArgumentError("a sector's direction must not be along the hand's axis")
 
     def permits(self, contacts: FloatArray, normals: FloatArray, tips: FloatArray) -> BoolArray:
-        """Returns which contacts the finger reaches, shape (k,).
+        """Returns the mask of the contacts that the finger reaches, shape (k,).
 
         Args:
             contacts: Contacts in F, shape (k, 3), in metres.
             normals: Outward unit normals at the contacts, shape (k, 3).
-            tips: Centres of the fingertip at its standoff from each, shape (k, 3), in metres.
+            tips: Centres of the fingertip at its standoff from each contact, in F, shape (k, 3), in
+                metres.
         """
         permitted = np.ones(len(contacts), dtype=bool)
         if self.solid is not None:
@@ -75,7 +76,7 @@ class FingerReach:
         return permitted
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "FingerReach":
-        """Returns the same reach expressed in a frame G, in which F has that pose."""
+        """Returns the reach expressed in a frame G in which F has the given pose."""
         return replace(
             self,
             solid=None if self.solid is None else self.solid.moved(R_GF, p_GF),
@@ -91,7 +92,7 @@ class FingerReach:
 
 
 NO_CAUSE = -1
-"""Cause of a limit that neither a contact nor an obstacle is behind."""
+"""Cause of a limit that no contact and no obstacle causes."""
 
 OPPOSITE = -0.5
 """Cosine between outward normals below which they count as opposite: 120 degrees."""
@@ -121,7 +122,7 @@ class Limit(IntEnum):
 
 @dataclass(frozen=True, eq=False)
 class Obstacles:
-    """Obstacles, in the world or in another frame that their holder names.
+    """Obstacles in a frame F, for example the world.
 
     The index of an obstacle counts the solids first, then the points.
 
@@ -132,7 +133,7 @@ class Obstacles:
             Points do not move.
 
     Raises:
-        InvalidArgumentError: If there are velocities, but not one for each solid, or a number is
+        InvalidArgumentError: If velocities are given, but not one for each solid, or if a number is
             not finite.
     """
 
@@ -165,7 +166,7 @@ class Obstacles:
         return replace(self, solids=tuple(solid.moved(np.eye(3), shift) for solid, shift in moved))
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "Obstacles":
-        """Returns the same obstacles expressed in a frame G, in which F has that pose."""
+        """Returns the obstacles expressed in a frame G in which F has the given pose."""
         return Obstacles(
             tuple(solid.moved(R_GF, p_GF) for solid in self.solids),
             ForbiddenPoints(
@@ -224,7 +225,7 @@ class RegionConstraints:
 
     @cached_property
     def add_half_spaces(self) -> bool:
-        """Whether more than all forbidden points bounds the regions inside their cells."""
+        """Whether the half-spaces of the regions differ from those of all forbidden points."""
         obstacles = self.obstacles.solids or len(self.obstacles.points)
         tips = np.any(self.tip_radii) or self.tip_gap > 0
         return bool(obstacles or tips or self.fencing is not None)
@@ -233,7 +234,7 @@ class RegionConstraints:
         """Returns outward normals of candidates, shape (k, 3); zeros if there are no normals.
 
         Args:
-            candidates: Their indices, shape (k,).
+            candidates: Indices of the candidates, shape (k,).
         """
         return self.nhat_OQ[candidates] if len(self.nhat_OQ) else np.zeros((len(candidates), 3))
 
@@ -273,7 +274,7 @@ class RegionConstraints:
     def _obstacle_gaps(
         self, centres: FloatArray, normals: FloatArray
     ) -> Iterator[tuple[int, FloatArray]]:
-        """Yields each obstacle's index, and its least distances from fingertips, shape (k,).
+        """Yields each obstacle's index, and its smallest distances from fingertips, shape (k,).
 
         The distances are from the tips' centres, between surface and standoff, now or later.
         """
@@ -290,4 +291,4 @@ class RegionConstraints:
 
 
 UNCONSTRAINED = RegionConstraints()
-"""Nothing limits the regions beside forbidden points."""
+"""Constraints that limit nothing: the forbidden points alone bound the regions."""

@@ -17,8 +17,8 @@ class HalfSpaces:
     Attributes:
         normals: Normals n_ij, of any length, shape (n, m, d), in metres.
         bounds: Bounds b_ij, shape (n, m), in m² for normals in metres; inf where nothing is bound.
-        limits: The `Limit` that each half-space stands for, shape (m,).
-        causes: Index of the contact or obstacle behind each, or `NO_CAUSE`, shape (m,).
+        limits: `Limit` of each half-space, shape (m,).
+        causes: Index of the contact or obstacle that causes each, or `NO_CAUSE`, shape (m,).
     """
 
     normals: FloatArray
@@ -40,11 +40,11 @@ def joined(parts: Sequence[HalfSpaces]) -> HalfSpaces:
 def solid_half_spaces(c: FloatArray, solids: Sequence[Solid], margins: FloatArray) -> HalfSpaces:
     """Returns the half-spaces that touch each solid at its points nearest to the contacts.
 
-    A half-space is set back by the margin, so that the whole convex solid is on its far side, at
-    least as far off as that.
+    A half-space is set back by the margin, so that the distance of the convex solid from it is at
+    least the margin.
 
     Args:
-        c: Contacts, shape (n, d), in metres; their first three coordinates are places.
+        c: Contacts, shape (n, d), in metres; their first three coordinates are positions.
         solids: Convex obstacles.
         margins: Distance by which the half-spaces of each contact are set back, shape (n,), in
             metres.

@@ -15,7 +15,7 @@ from drake_pregrasp.quality.force_closure import (
 )
 from drake_pregrasp.regions.safe_regions import SafeRegions
 
-_LEAST_MARGIN = 1e-7  # The linear programme returns a margin of zero up to this error.
+_LEAST_MARGIN = 1e-7  # The linear program returns a margin of zero up to this error.
 
 
 def force_closed_share(
@@ -30,8 +30,9 @@ def force_closed_share(
 ) -> float:
     """Returns the share of sampled choices, one candidate per region, with force closure.
 
-    Candidates are sampled by the areas they stand for. The bound in closed form decides the good
-    choices, and a linear programme the others. Contacts without a region are ignored.
+    Candidates are sampled with probabilities proportional to the areas that they represent. The
+    lower bound in closed form decides the clear cases, and a linear program the others. Contacts
+    without a region are ignored.
 
     Args:
         surface: The object's surface.
@@ -43,7 +44,7 @@ def force_closed_share(
         torsional_friction: Torsional friction of the soft finger, in metres.
 
     Raises:
-        InvalidArgumentError: As of `min_weight_margin`.
+        InvalidArgumentError: As for `min_weight_margin`.
     """
     chosen = []
     for contact in np.flatnonzero(regions.sizes() > 0):

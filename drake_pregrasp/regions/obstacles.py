@@ -1,4 +1,4 @@
-"""Obstacles expressed in another frame, whatever their numbers are."""
+"""Obstacles expressed in another frame, with a safe result for invalid numbers."""
 
 import numpy as np
 
@@ -17,8 +17,9 @@ def place_obstacles(
 ) -> Obstacles:
     """Returns obstacles at a later time, expressed in a frame G.
 
-    Obstacles with numbers that are not finite cannot be made. If one's numbers stop being finite
-    later, `ANYWHERE` replaces it: all regions are then empty, and contacts' status names it.
+    Obstacles with numbers that are not finite cannot be constructed. If numbers of an obstacle
+    become invalid later, `ANYWHERE` replaces it: all regions are then empty, and the status of the
+    contacts names the obstacle.
 
     Args:
         obstacles: Obstacles in a frame F.

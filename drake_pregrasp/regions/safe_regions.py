@@ -1,7 +1,7 @@
 """Safe regions S_i of the contacts: obstacle-aware weighted Voronoi cells (Eq. 1-2).
 
-`safe_region_labels` is Eq. 1-2 as printed, and the oracle of the tests. What plans is
-`compute_safe_regions`: the same inequalities as half-spaces, and further constraints beside them.
+`safe_region_labels` is Eq. 1-2 as printed, and the oracle of the tests. The planner uses
+`compute_safe_regions`: the same inequalities as half-spaces, and further constraints.
 """
 
 from collections.abc import Callable
@@ -30,7 +30,7 @@ NO_REGION = -1
 """Label of a candidate point that lies in no safe region."""
 
 TINY_SHARE = 0.05
-"""A region is tiny if it has less than this share of what each contact would have of Y."""
+"""A region is tiny if it has less than this fraction of an equal share of the candidates."""
 
 
 def safe_region_labels(
@@ -46,8 +46,8 @@ def safe_region_labels(
         R: Radius R_j around each forbidden point, shape (m,), in metres.
 
     Returns:
-        Index i of the region S_i that each candidate lies in, or `NO_REGION`, shape (N,). Between
-        contacts at equal power distances the lowest index has the candidate.
+        Index i of the region S_i that each candidate lies in, or `NO_REGION`, shape (N,). If power
+        distances are equal, the candidate belongs to the contact with the lowest index.
     """
     # |c_i - q|² - h_i <= |c_k - q|² - h_k for all k: the least power distance owns q.
     distance_squared = cdist(q, c, "sqeuclidean")
@@ -68,8 +68,8 @@ class SafeRegions:
         labels: Index i of the region that each candidate lies in, or `NO_REGION`, shape (N,).
         lost: Mask of the contacts whose finger is lost and that have no region, shape (n,).
         limits: The `Limit` that leaves each contact an empty or tiny region, shape (n,).
-        causes: Index of the contact or obstacle behind that limit, or `NO_CAUSE`, shape (n,).
-        constraints: Constraints of the regions beside the forbidden points.
+        causes: Index of the contact or obstacle that causes that limit, or `NO_CAUSE`, shape (n,).
+        constraints: Constraints of the regions, besides the forbidden points.
     """
 
     labels: IntArray
@@ -116,11 +116,11 @@ def compute_safe_regions(
 ) -> SafeRegions:
     """Computes the safe regions of the contacts over the candidate points.
 
-    A contact of weight -inf is lost: it has no region, and the others share what it had.
+    A contact with weight -inf is lost: it has no region, and its candidates belong to the others.
 
-    Points may have more coordinates than three, as the paper proposes for forces, torques or joint
-    capability (Sec. III.A), each scaled to metres. Forbidden points may leave the further ones out,
-    and then hold for all of their values; solids always do, and are about the first three.
+    Points may have more than three coordinates, as the paper proposes for forces, torques or joint
+    capability (Sec. III.A), each scaled to metres. Forbidden points may omit the further
+    coordinates, and then apply to all values of them. Solids concern only the first three.
 
     Args:
         p_OQ: Candidate points q of Y in O, shape (N, d), d >= 3, in metres.
@@ -220,11 +220,12 @@ def point_half_spaces(
 
     Args:
         c: Contacts c_i, shape (n, d), in metres.
-        points: Points z_j and radii R_j, with d coordinates or the first few of them: such a point
-            stands for all values of the others.
+        points: Points z_j and radii R_j, with d coordinates or fewer; a point with fewer applies to
+            all values of the others.
         margins: Distance added to each radius, in metres; or that of each contact, shape (n, 1).
-        limit: The limit that the half-spaces stand for.
-        first_cause: Cause of the first point; those of the others follow. `NO_CAUSE` for none.
+        limit: `Limit` of the half-spaces.
+        first_cause: Cause of the first point, from which the others count up; or `NO_CAUSE` for
+            all.
     """
     m, size = points.points.shape
     normals = np.zeros((len(c), m, c.shape[1]))
@@ -241,8 +242,8 @@ def with_constraints(
     """Returns the half-spaces of the regions with those of fingertips, solids and obstacle points.
 
     Args:
-        half_spaces: Those of the forbidden points.
-        c: Contacts, shape (n, d), in metres; their first three coordinates are places.
+        half_spaces: Half-spaces of the forbidden points.
+        c: Contacts, shape (n, d), in metres; their first three coordinates are positions.
         h: Weights h_i, shape (n,), in m²; -inf for lost fingers.
         constraints: Fingertips, obstacles, and the forbidden points that apply to each contact.
     """
@@ -281,7 +282,8 @@ def _limit_of_region(
 ) -> tuple[int, int]:
     """Returns the limit that leaves a contact a tiny region, and its cause.
 
-    It is that of the cell if that is tiny already, else what excludes most candidates of the cell.
+    If the cell is tiny already, it is the limit of the cell, else the one that excludes most
+    candidates of the cell.
 
     Args:
         i: Index of the contact.

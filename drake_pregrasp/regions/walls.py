@@ -13,15 +13,15 @@ WALL_TESTS = ("none", "normals", "surface")
 """No test; by the angle between outward normals; by paths over the surface."""
 
 _DETOUR = 2.5
-"""Largest ratio of a path over the surface to the straight line. Half round a ball it is
-1.6, round the edge of a box at most 1.4, from face to face of a cube 2, of a plate much more."""
+"""Largest ratio of a path over the surface to the straight line. It is 1.6 half-way around a ball,
+at most 1.4 around the edge of a box, 2 between opposite faces of a cube, and more on a plate."""
 
 _LINK = 2.0
 """Longest link of the surface's graph, in mean distances of candidates."""
 
 
 def normals_agree(nhat_OC: FloatArray, normals: FloatArray) -> BoolArray:
-    """Returns which normals are not opposite to those at the contacts, shape (n, k).
+    """Returns the mask of normals that are not opposite to those at the contacts, shape (n, k).
 
     Args:
         nhat_OC: Outward unit normals at the contacts, shape (n, 3).
@@ -54,14 +54,14 @@ class SurfaceGraph:
         )
 
     def near_over_the_surface(self, p_OC: FloatArray, nhat_OC: FloatArray) -> BoolArray:
-        """Returns the candidates to which the path over the surface is no long detour, (n, N).
+        """Returns the mask of candidates with a short path over the surface, shape (n, N).
 
         Args:
             p_OC: Contacts, shape (n, 3), in metres.
             nhat_OC: Outward unit normals at the contacts, shape (n, 3).
         """
         straight = np.linalg.norm(self._p_OQ - p_OC[:, None], axis=2)
-        # Paths start at the nearest candidate on the contact's side: the other is a bit farther.
+        # Paths start at the nearest candidate on the contact's own side.
         penalty = np.where(normals_agree(nhat_OC, self._normals), 0.0, np.inf)
         starts = np.argmin(straight + penalty, axis=1)
         paths = dijkstra(self._links, directed=False, indices=starts)

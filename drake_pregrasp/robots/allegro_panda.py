@@ -34,8 +34,8 @@ class RobotData:
     """An installed collection of robots.
 
     Attributes:
-        folder: What `MODELS_URL` stands for.
-        version: Of the distribution.
+        folder: Folder that `MODELS_URL` refers to.
+        version: Version of the distribution.
     """
 
     folder: Path
@@ -59,13 +59,13 @@ def find_robot_data() -> RobotData:
     """Returns the installed collection.
 
     Raises:
-        InvalidArgumentError: If it isn't installed.
+        InvalidArgumentError: If it is not installed.
     """
     try:
         distribution = importlib.metadata.distribution(PACKAGE)
     except importlib.metadata.PackageNotFoundError as error:
         raise InvalidArgumentError(
-            f"this robot's model is in {PACKAGE}, which isn't installed;"
+            f"this robot's model is in {PACKAGE}, which is not installed;"
             " pip install 'drake_pregrasp[robots]' brings it"
         ) from error
     for file in distribution.files or ():
@@ -106,12 +106,12 @@ def write_allegro_panda(
     """Writes the pair's URDF and its meshes into a folder, and returns the URDF.
 
     Args:
-        data: Where arm and hand come from.
-        folder: Empty.
-        on_progress: Called with how many meshes are done, of how many.
+        data: Installed collection with the arm and the hand.
+        folder: Empty folder for the files.
+        on_progress: Function that is called with the numbers of meshes done and of all.
 
     Raises:
-        InvalidArgumentError: If `data` lacks a file, or has one that can't be read.
+        InvalidArgumentError: If `data` lacks a file, or has one that cannot be read.
     """
     robot = ElementTree.parse(data.find(_PANDA)).getroot()
     robot.set("name", "allegro_panda")

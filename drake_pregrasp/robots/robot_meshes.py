@@ -28,14 +28,14 @@ def convert_mesh(source: Path, target: Path, *, colors: bool) -> dict[Path, Colo
         colors: Whether each colour becomes a part of its own; else all is one part.
 
     Raises:
-        InvalidArgumentError: If the file can't be read.
+        InvalidArgumentError: If the file cannot be read.
     """
     try:
         with warnings.catch_warnings():  # pycollada uses what newer numpy will do without.
             warnings.simplefilter("ignore", DeprecationWarning)
             scene = trimesh.load_scene(source)
     except (OSError, ValueError, ImportError) as error:
-        problem = f"{source} can't be read as a mesh: {first_line(error)}"
+        problem = f"{source} cannot be read as a mesh: {first_line(error)}"
         raise InvalidArgumentError(problem) from error
     meshes = [mesh for mesh in scene.dump() if isinstance(mesh, trimesh.Trimesh)]
     if not meshes:
@@ -107,17 +107,17 @@ def convert_meshes(
     folder: Path,
     on_progress: Callable[[int, int], None],
 ) -> None:
-    """Converts all meshes of a robot, and has it name the new files, relative to a folder.
+    """Converts all meshes of a robot, and replaces their names by those of the new files.
 
-    Those of collision shapes are declared to be convex hulls: that is what they were made as, and
-    the only kind that meets others as it is. Visual ones become a shape for each of their colours.
+    Collision meshes are declared to be convex, because they were made as convex hulls. A visual
+    mesh becomes one visual for each of its colours.
 
     Args:
         robot: The URDF.
-        find: Gives the file of a name.
-        folder: Where new files go, below `collision` and `visual` as their sources lie to each
-            other.
-        on_progress: Called with how many files are done, of how many.
+        find: Function that returns the file of a name.
+        folder: Folder for the new files, which have the same relative paths as their sources in its
+            folders `collision` and `visual`.
+        on_progress: Function that is called with the numbers of files done and of all.
     """
     visuals = [(link, visual) for link in robot.iter("link") for visual in link.findall("visual")]
     hulls = list(robot.iterfind("link/collision/geometry/mesh"))

@@ -16,7 +16,7 @@ from drake_pregrasp.errors import InvalidArgumentError, OutputError
 from drake_pregrasp.robots.allegro_panda import RobotData, find_robot_data, write_allegro_panda
 
 _PARTIAL = ".partial-"
-_ABANDONED = 3600.0  # Seconds after which a folder that was begun is nobody's any more.
+_ABANDONED = 3600.0  # Seconds after which an unfinished folder is removed.
 
 
 def cache_folder() -> Path:
@@ -29,15 +29,15 @@ def cache_folder() -> Path:
 def cached(name: str, make: Callable[[Path], object]) -> Path:
     """Returns the folder of a model, and makes it if there is none.
 
-    What is there is complete: it is made under another name, and renamed at its end. Of several
-    processes that make it at once the first one's stays, and they all return it.
+    The folder is made atomically, under another name, and renamed at the end. If several processes
+    make it at the same time, the first one wins, and all of them return its folder.
 
     Args:
-        name: Of the model in just this version.
-        make: Fills an empty folder that it is given.
+        name: Name of the model and its version.
+        make: Function that fills an empty folder.
 
     Raises:
-        OutputError: If the folder can't be written.
+        OutputError: If the folder cannot be written.
     """
     parent = cache_folder()
     final = parent / name
@@ -48,13 +48,13 @@ def cached(name: str, make: Callable[[Path], object]) -> Path:
         _sweep(parent)
         partial = Path(tempfile.mkdtemp(prefix=f"{_PARTIAL}{name}-", dir=parent))
     except OSError as error:
-        raise OutputError(f"{parent} can't be written: {error.strerror}") from error
+        raise OutputError(f"{parent} cannot be written: {error.strerror}") from error
     try:
         make(partial)
         os.replace(partial, final)
     except OSError as error:
         if not final.is_dir():  # Else another process has been quicker.
-            raise OutputError(f"{final} can't be written: {error.strerror}") from error
+            raise OutputError(f"{final} cannot be written: {error.strerror}") from error
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return final
@@ -96,8 +96,8 @@ def robot_model(url: str) -> Path:
         url: `ROBOTS_URL` and the robot's name.
 
     Raises:
-        InvalidArgumentError: If there is no such robot, or the package isn't installed.
-        OutputError: If the cache can't be written.
+        InvalidArgumentError: If there is no such robot, or the package is not installed.
+        OutputError: If the cache cannot be written.
     """
     name = url.removeprefix(ROBOTS_URL)
     if name not in _WRITERS:

@@ -68,7 +68,7 @@ def _text(numbers: Iterable[float]) -> str:
 
 
 def drop_ignored(robot: Element) -> None:
-    """Removes what Drake can't use, and would warn of."""
+    """Removes what Drake cannot use, and would warn of."""
     for joint in robot.findall("joint"):
         for element in [element for element in joint if element.tag in _IGNORED]:
             joint.remove(element)

@@ -45,7 +45,7 @@ def errors_at(key: str, prefix: str = "") -> Iterator[None]:
 
 
 def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
-    """Yields the key and a description of each reason why the hand can't grasp the object.
+    """Yields the key and a description of each reason why the hand cannot grasp the object.
 
     Args:
         scenario: Scenario whose keys, types and ranges have been checked.

@@ -114,4 +114,4 @@ def _model(
         with failures_as_errors():
             return HandModel(load_hand(file), yaw_range)
     except RuntimeError as error:
-        raise InvalidArgumentError(f"model: {model} can't be used: {first_line(error)}") from error
+        raise InvalidArgumentError(f"model: {model} cannot be used: {first_line(error)}") from error

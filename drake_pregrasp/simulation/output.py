@@ -32,7 +32,7 @@ def writing(path: Path, what: str = "written") -> Iterator[None]:
         yield
     except OSError as error:
         where, why = error.filename or path, error.strerror or error
-        raise OutputError(f"{where}: can't be {what}: {why}") from error
+        raise OutputError(f"{where}: cannot be {what}: {why}") from error
     except UnicodeDecodeError as error:
         raise OutputError(f"{path}: can't be {what}: is not UTF-8 text") from error
 
@@ -71,7 +71,7 @@ def claimed(folder: Path) -> Iterator[None]:
     """Locks a folder against other writing processes, until the end of the block or process.
 
     Raises:
-        OutputError: If another process has claimed the folder, or it can't be written.
+        OutputError: If another process has claimed the folder, or it cannot be written.
     """
     path = folder / ".lock"
     with writing(path):

@@ -41,7 +41,7 @@ def start_meshcat() -> Meshcat:
     try:
         return Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
     except RuntimeError as error:
-        raise OutputError(f"Meshcat can't start ({error}); run without a recording") from error
+        raise OutputError(f"Meshcat cannot start ({error}); run without a recording") from error
 
 
 def connect_named(

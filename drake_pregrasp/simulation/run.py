@@ -83,7 +83,7 @@ def run(
             use by another run.
     """
     if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", name):
-        raise ScenarioError("", name, "a run's name is made of letters, digits, '_', '-' and '.'")
+        raise ScenarioError("", name, "a run's name must have only letters, digits, '_', '-', '.'")
     check_scenario(scenario)
     if recording:
         check_recording("scenario", scenario, scenario.make_surface())
@@ -185,7 +185,7 @@ class LoggedRun:
                 simulation ends early.
 
         Raises:
-            OutputError: If a log can't be written.
+            OutputError: If a log cannot be written.
         """
         simulator = Simulator(self.diagram)
         ApplySimulatorConfig(self._scenario.simulator_config, simulator)
@@ -215,7 +215,7 @@ def write_graphviz(diagram: Diagram, path: Path) -> None:
     """Writes a diagram as Graphviz text.
 
     Raises:
-        OutputError: If the file can't be written.
+        OutputError: If the file cannot be written.
     """
     output.write_text(path, diagram.GetGraphvizString(max_depth=2))
 

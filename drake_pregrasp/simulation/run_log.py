@@ -80,7 +80,7 @@ class CsvLog:
         """Returns columns of the closed file.
 
         Raises:
-            OutputError: If the file can't be read.
+            OutputError: If the file cannot be read.
         """
         if self.num_rows == 0:
             return [np.empty(0) for _ in names]

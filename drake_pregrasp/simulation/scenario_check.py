@@ -45,7 +45,7 @@ def validate(scenario: Scenario, source: str = "scenario") -> None:
         source: Name of the scenario's origin, for error messages.
 
     Raises:
-        ScenarioError: If the scenario can't be simulated.
+        ScenarioError: If the scenario cannot be simulated.
     """
     raise_first(source, _surface_problems(scenario))
     raise_first(source, _problems(scenario, scenario.make_surface()))
@@ -217,7 +217,7 @@ def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSur
         if (contact := max(first, second)) >= num_contacts:
             yield pair_key, f"there is no contact {contact}; there are 0 to {num_contacts - 1}"
         if first == second:
-            yield pair_key, f"contact {first} can't follow itself"
+            yield pair_key, f"contact {first} cannot follow itself"
         yield from _size_problems(f"{pair_key}.distance", pair.distance, longest)
         if radii and pair.distance < (room := radii[first] + radii[second]):
             problem = f"contradicts tip_radii, which keep the two {room:.3g} m apart"

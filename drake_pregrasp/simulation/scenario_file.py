@@ -147,7 +147,7 @@ def check_scenario(scenario: Scenario) -> None:
     Relative paths start at the working directory, and are made absolute.
 
     Raises:
-        ScenarioError: If the scenario can't be simulated.
+        ScenarioError: If the scenario cannot be simulated.
     """
     make_paths_absolute(scenario, Path.cwd())
     check_mapping("scenario", "", scenario_data(scenario), Scenario)

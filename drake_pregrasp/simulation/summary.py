@@ -294,7 +294,7 @@ def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary
     """Plots the three measures and the contacts' displacement over time.
 
     Raises:
-        OutputError: If the file can't be written.
+        OutputError: If the file cannot be written.
     """
     # Imported here because the import takes a fifth of a second.
     from matplotlib.backends.backend_agg import FigureCanvasAgg

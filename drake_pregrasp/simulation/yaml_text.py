@@ -73,7 +73,7 @@ def read_yaml(path: Path) -> Any:
     """Returns the content of a YAML file, as `parse_entries` does.
 
     Raises:
-        ScenarioError: If the file can't be read, is not valid YAML, or exceeds a limit.
+        ScenarioError: If the file cannot be read, is not valid YAML, or exceeds a limit.
     """
     try:
         text = read_bounded_text(path, MAX_BYTES)
@@ -151,7 +151,7 @@ def _check_document(source: str, root: yaml.Node) -> None:
         seen = set()
         for key in keys:
             if not isinstance(key, yaml.ScalarNode):
-                raise error(key, "a list or mapping can't be a key")
+                raise error(key, "a list or mapping cannot be a key")
             if key.value == TAG_KEY:
                 raise error(key, f"{TAG_KEY} is not a key; write a tag, as in !Box {{...}}")
             if key.tag != _MERGE and (key.tag, key.value) in seen:

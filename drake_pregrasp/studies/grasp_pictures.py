@@ -43,7 +43,7 @@ def picture_grasps(out: str | Path, *, on_progress: OnProgress = lambda done, to
 
     Raises:
         ScenarioError: If the model of a hand is not installed.
-        OutputError: If the folder can't be written.
+        OutputError: If the folder cannot be written.
     """
     folder = Path(out)
     make_folder(folder)

@@ -94,7 +94,7 @@ def write_report(
         formats: Formats to write: "html", "md" or both.
 
     Raises:
-        OutputError: If a file can't be written, or a PNG can't be read.
+        OutputError: If a file cannot be written, or a PNG cannot be read.
     """
     writers = {"html": to_html, "md": to_markdown}
     for ending in formats:

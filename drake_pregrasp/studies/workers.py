@@ -77,7 +77,7 @@ def call_for_all(
         scheduler: Address of a Dask scheduler whose workers replace the local processes.
 
     Raises:
-        InvalidArgumentError: If the scheduler or its workers can't be used.
+        InvalidArgumentError: If the scheduler or its workers cannot be used.
         OutputError: If the connection to the scheduler is lost.
         KeyboardInterrupt: If SIGINT or SIGTERM arrives; no further job is started.
     """
@@ -115,7 +115,7 @@ class _Dispatcher:
             source = untried or suspects
             most = min(len(untried), JOBS_A_WORKER * workers) or 1
             batch = deque(source.popleft() for _ in range(most))
-            # Threads don't survive a fork, so processes are spawned.
+            # Threads do not survive a fork, so processes are spawned.
             context = multiprocessing.get_context("spawn")
             processes = min(workers, most)
             with ProcessPoolExecutor(processes, context, initializer=_prepare_worker) as pool:
@@ -227,7 +227,7 @@ def _check_workers(client: Any, address: str, call: _Call) -> None:
     found = client.run(package_digest, *call.modules, on_error="return")
     for worker, theirs in found.items():
         if isinstance(theirs, BaseException):
-            problem = f"can't import the package: {first_line(theirs)}"
+            problem = f"cannot import the package: {first_line(theirs)}"
         elif differing := differences(theirs, call.package):
             problem = f"has another package: {differing}"
         else:

@@ -52,13 +52,14 @@ class CentroidSelector(LeafSystem):
     is invalid, the object is treated as lost at its last valid pose.
 
     Port `p_WO_covariance` accepts a vector of 9: the covariance of the estimated position in W,
-    row-major, in m². If it is invalid, `position_spread` alone is used.
+    row-major, in m². If it is not finite, `position_spread` alone is used. A matrix that is not a
+    covariance is replaced by the nearest one.
 
     Port `safe_regions` accepts the `SafeRegions` of the contacts at `p_WC_previous`.
 
-    Port `hold_contacts` (optional) accepts a vector of 1: above 0 or NaN, all goals stay where they
-    are on the object and keep their status, for example while a hand closes on them. A finger that
-    is lost meanwhile is reported once the goals are released.
+    Port `hold_contacts` (optional) accepts a vector of 1: if it is above 0 or NaN, all goals stay
+    where they are on the object and keep their status, for example while a hand closes on them. If
+    a finger is lost meanwhile, its status changes once the goals are released.
 
     Port `tracking_status` (optional) accepts a vector of 1: a `TrackingStatus`; any other number
     counts as `LOST`. While goals must not follow the estimate, they are held as by `hold_contacts`,
@@ -83,16 +84,17 @@ class CentroidSelector(LeafSystem):
     Port `contact_causes` emits a vector of n: the index of the contact or obstacle that causes the
     status, or -1.
 
-    The state holds the goals in O. At a tick, all outputs but `p_WC_previous` are that tick's new
-    goals, both before and after the discrete update that stores them. `p_WC_previous` changes with
-    the update: before it, it is the goals of the tick before.
+    The state holds the goals in O. At a tick, all outputs except `p_WC_previous` are those of the
+    tick's new goals, both before and after the discrete update that stores them. Before the update,
+    `p_WC_previous` emits the goals of the tick before.
 
     Args:
-        config: Configuration of the planner; `PlannerConfig()` by default. The fields that are for
-            the estimator or for the regions only are not used.
+        config: Configuration of the planner; `PlannerConfig()` by default. Fields that concern only
+            the estimator or the regions are not used.
         surface: The object's surface.
         p_OC: Initial contact points on the surface, in O, shape (n, 3), in metres, n >= 1.
-        fingertip_frames: Names for `fingertip_targets`; by default `fingertip_0` and so on.
+        fingertip_frames: Names of the n entries of `fingertip_targets`; by default `fingertip_0`
+            and so on.
         weight_function: A strategy of your own, in place of `config.strategy`: maps a
             `SelectionInput` and the index i of a contact to log(b_n) of the candidates in its safe
             region, shape (k,).

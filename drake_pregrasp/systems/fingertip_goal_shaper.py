@@ -75,12 +75,12 @@ class FingertipGoalShaper(LeafSystem):
     surface at its contact, in metres; negative values press. NaN, and an unconnected port, mean the
     standoff of `config`.
 
-    Port `hold_contacts` (optional) accepts a vector of 1: above 0 or NaN, contacts stay where they
-    are in O, and fingers stay active or inactive.
+    Port `hold_contacts` (optional) accepts a vector of 1: if it is above 0 or NaN, contacts stay
+    where they are in O, and fingers stay active or inactive.
 
-    Port `obstacles` (optional) accepts `Obstacles` in W, whose solids fingertips avoid, except for
-    fingers that hold their contacts. While one has numbers that are not finite, fingertips stay
-    where they are in G.
+    Port `obstacles` (optional) accepts `Obstacles` in W. Fingertips avoid its solids, unless they
+    hold their contacts. While an obstacle has numbers that are not finite, fingertips stay where
+    they are in G.
 
     Port `X_WU` (optional) accepts a `RigidTransform`: the pose of the palm's frame U. Fingers
     without an active contact wait at their own azimuths in U; if the port is unconnected or its
@@ -91,8 +91,8 @@ class FingertipGoalShaper(LeafSystem):
     holds for all active fingers.
 
     Port `tracking_status` (optional) accepts a vector of 1: a `TrackingStatus`; any other number
-    counts as `LOST`. While goals must not follow the estimate, contacts are not updated: then
-    `fingertip_targets` are off the surface, and tips keep the standoff that is asked for. If the
+    counts as `LOST`. While goals must not follow the estimate, contacts are not updated, because
+    `fingertip_targets` are then off the surface. Fingertips keep their commanded standoff. If the
     port is unconnected, the object is tracked.
 
     Port `tip_goals` emits a `BusValue`: for each name in `tip_frames` a `RigidTransform` in W, the
@@ -123,8 +123,8 @@ class FingertipGoalShaper(LeafSystem):
             ticks contact goals do not change in O.
         lead: Seconds by which `tip_goals` are ahead: the delay of the system that follows them.
         withdrawn_radii: Distance from z of G at which each finger without an active contact waits,
-            shape (n,), in metres. 0, and the default, mean the initial distance of the fingertips
-            on average.
+            shape (n,), in metres. 0, also the default, stands for the mean initial distance of the
+            fingertips from z of G.
 
     Raises:
         InvalidArgumentError: If an argument or a field of `config` is out of its range.

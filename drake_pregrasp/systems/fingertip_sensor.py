@@ -129,7 +129,7 @@ def _stiffness(plant: MultibodyPlant) -> FloatArray:
         joint = plant.get_joint(index)
         if joint.num_positions() and not stiffness[joint.position_start()] > 0:
             raise InvalidArgumentError(
-                f"joint {joint.name()} isn't driven; give it an effort and drake:controller_gains"
+                f"joint {joint.name()} is not driven; give it an effort and drake:controller_gains"
             )
     return stiffness
 

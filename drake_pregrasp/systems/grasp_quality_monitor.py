@@ -41,9 +41,9 @@ class GraspQualityMonitor(LeafSystem):
     not active are ignored. If the port is unconnected, all contacts are active.
 
     Port `grasp_quality` emits a vector of 5: q_msv, q_gii and q_vew of the grasp matrix about the
-    true centre of mass, then graspable and indeterminate, each 0 or 1, as of `grasp_quality`. With
-    the complete contact model, the last two are those of the hard finger. `GraspQualityView` names
-    them.
+    true centre of mass, then graspable and indeterminate, each 0 or 1, as `grasp_quality` computes
+    them. With the complete contact model, the last two are those of the hard finger.
+    `GraspQualityView` names the elements.
 
     Args:
         config: Contact model and unit of lever arms; `MeasuresConfig()` by default.

@@ -1,4 +1,4 @@
-"""Sequence of a grasp: when the hand closes, how hard it presses, and how it moves the object."""
+"""Sequence of a grasp: the moment of closing, the forces, and the motion of the object."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -55,10 +55,10 @@ class GraspSequencer(LeafSystem):
         - squeeze_forces
         - grasp_report
 
-    Port `close` accepts a vector of 1: above 0.5 the hand must close and stay closed. It closes
-    once all active fingers are at their goals and enough of them can balance the object's weight.
-    After `gate_limit` it waits no longer: it closes with the fingers that are at their goals, or
-    gives up if they are too few or cannot balance the weight. NaN keeps the last command.
+    Port `close` accepts a vector of 1: above 0.5, the hand must close and stay closed. It closes
+    once all active fingers are at their goals and can balance the object's weight. After
+    `gate_limit` it no longer waits: it closes with all active fingers, or gives up if they are too
+    few or cannot balance the weight. NaN keeps the last command.
 
     Port `contact_status` accepts a vector of n `ContactStatus` values.
 
@@ -75,12 +75,12 @@ class GraspSequencer(LeafSystem):
     close with a finger whose position is not finite.
 
     Port `f_T_W` accepts a vector of 3n: the forces that the fingertips press with, in W, in newtons
-    (`FingertipSensor`). A force that is not finite is not felt.
+    (`FingertipSensor`). A force that is not finite counts as unknown: it is neither touch nor loss.
 
     Port `tracking_status` (optional) accepts a vector of 1: a `TrackingStatus`; any other number
-    counts as `LOST`. While goals must not follow the estimate, the hand comes no lower, waits to
-    close without a time limit and reports that, and opens unless all fingers have touched the
-    object. If they have, it goes on. If the port is unconnected, the object is tracked.
+    counts as `LOST`. While goals must not follow the estimate, the hand does not descend, and it
+    waits to close without a time limit and reports that. A closing hand opens unless all fingers
+    have touched the object; then it continues. If the port is unconnected, the object is tracked.
 
     Port `X_WG` emits a `RigidTransform`: the pose of the frame G in which goals are planned. It is
     the estimated pose of O, raised while the hand approaches. Once all fingers have touched, the
@@ -91,7 +91,8 @@ class GraspSequencer(LeafSystem):
 
     Port `standoffs` emits a vector of n: the desired gap of each fingertip, in metres.
 
-    Port `hold_contacts` emits a vector of 1: 1 from the moment the hand closes, 0 before.
+    Port `hold_contacts` emits a vector of 1: 1 from the moment the hand closes or gives up until it
+    approaches again, else 0.
 
     Port `fingers_hold` emits a vector of n: 1 for each finger on its contact or on the way to it,
     from the moment the hand closes until it releases; 0 for fingers that may avoid obstacles.
@@ -148,7 +149,7 @@ class GraspSequencer(LeafSystem):
         self._pose = LastPose(self, self._X_WO, tracking_status)
         stored, time = self.xd_ticket(), self.time_ticket()
         self._remembered = state = declare_cache(
-            self, "the state as an object", first, self._calc_remembered, stored
+            self, "state of the grasp", first, self._calc_remembered, stored
         )
         self._motion = motion = declare_cache(
             self,
@@ -209,7 +210,7 @@ class GraspSequencer(LeafSystem):
         p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
         p_GT = (X_WG.inverse() @ p_WT.T).T
         presses = np.zeros(len(p_OC))
-        if state.phase >= GraspPhase.CLOSE:  # Forces take time to compute, and count from here on.
+        if state.phase >= GraspPhase.CLOSE:  # Forces are slow to compute, and not used before.
             f_T_W = validated_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
             f_T_G = f_T_W @ X_WG.rotation().matrix()
             presses = -np.sum(f_T_G * nhat, axis=1)

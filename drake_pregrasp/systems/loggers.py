@@ -62,11 +62,11 @@ class TickLogger(LeafSystem):
         - tracking_status
         - time_since_measurement
 
-    The ports accept what the ports of these names emit: `p_WC`, `contact_status` and
+    The ports accept the values of the output ports with these names: `p_WC`, `contact_status` and
     `contact_causes` of `CentroidSelector`, `grasp_quality` of `GraspQualityMonitor`,
-    `safe_regions` of `SafeRegionPartitioner`, `X_WO` of `ObjectPlant`, and `X_WO_estimated` and,
-    optional, `tracking_status` and `time_since_measurement` of `PoseEstimator`. If these two are
-    unconnected, the object is always tracked.
+    `safe_regions` of `SafeRegionPartitioner`, `X_WO` of `ObjectPlant`, and `X_WO_estimated`,
+    `tracking_status` (optional) and `time_since_measurement` (optional) of `PoseEstimator`. If the
+    last two are unconnected, the record has the status `TRACKING` and the age 0.
 
     Publish events of one time run in the order in which systems were added. Add this system before
     visualizers, so that it times the planner and not a cache look-up.
@@ -164,8 +164,8 @@ class GraspLogger(LeafSystem):
 
     All ports except `f_T_W` must be connected; without it, the recorded forces are zero.
 
-    The ports accept what ports of these names emit: `grasp_report`, `p_GT`, `p_WT`, `f_T_W` and
-    `X_WG` of `HandController`, `X_WO` and `X_WD` of `HandStation`.
+    The ports accept the values of the output ports with these names: `grasp_report`, `p_GT`,
+    `p_WT`, `f_T_W` and `X_WG` of `HandController`, `X_WO` and `X_WD` of `HandStation`.
 
     Args:
         num_fingers: Number of fingers n.

@@ -17,7 +17,7 @@ ROOT = "/drake/obstacles"
 _COLOR = Rgba(0.84, 0.37, 0.0, 0.3)
 _PLATE = 0.36  # Edge of the plate that represents a half-space, in metres.
 _THICKNESS = 0.004
-_DEPTH = 0.004  # Depth of its middle below the plane, where often something else is drawn.
+_DEPTH = 0.004  # Depth of its middle below the plane, so that it does not hide a table, in metres.
 
 
 class ObstacleVisualizer(LeafSystem):

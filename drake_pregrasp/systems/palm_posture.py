@@ -31,7 +31,7 @@ from drake_pregrasp.systems.ports import (
 
 _DAMPING = 1e-4  # Damping of joint steps against palm steps, in metres or radians of the palm.
 _LARGEST_STEP = 0.2  # Largest step of a joint, in radians.
-_POSTURE_SHARE = 0.1  # Share of the way home in a step, in the null space of the palm's task.
+_POSTURE_SHARE = 0.1  # Share of the distance to home per step, in the null space of the palm.
 
 
 class ArmKinematics:
@@ -284,7 +284,7 @@ class ArmPosture(_PalmPosture):
         - X_WH
         - X_WU
 
-    The other ports are as those of `CarrierPosture`, and:
+    The ports are as those of `CarrierPosture`, except for these:
 
     Port `goals` emits a `BusValue` for `DifferentialInverseKinematicsSystem`: the valid goals of
     the fingertips, and the desired pose of the palm at the same time. The palm is over the object

@@ -217,7 +217,7 @@ def is_valid(X: RigidTransform) -> bool:
 
 
 def eval_obstacles(system: LeafSystem, port: InputPort, context: Context) -> Obstacles:
-    """Returns the obstacles at a port in W; none if the port is unconnected.
+    """Returns the obstacles at a port, in W; no obstacles if the port is unconnected.
 
     Raises:
         InvalidArgumentError: If the value has another type.

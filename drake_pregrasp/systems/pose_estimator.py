@@ -66,8 +66,8 @@ class PoseEstimator(LeafSystem):
     Port `V_WO_estimated` emits a `SpatialVelocity`: the velocity of O in W, expressed in W.
 
     Port `p_WO_covariance` emits a vector of 9: the covariance Sigma of the position estimate in W,
-    row-major, in m². The position is estimated at the centre of mass. The covariance grows
-    while no measurement is used.
+    row-major, in m². It is that of the centre of mass, because the position is estimated there.
+    The covariance grows while no measurement is used; before the first one it is 1 m² per axis.
 
     Port `tracking_status` emits a vector of 1: a `TrackingStatus`. It is not `TRACKING` while
     measurements contradict a belief whose twist no measurement has confirmed. While it is `LOST`,
@@ -78,8 +78,8 @@ class PoseEstimator(LeafSystem):
     Port `time_since_measurement` emits a vector of 1: the age of the newest measurement that was
     used, in seconds; the Context's time if none was used yet.
 
-    Port `measurement_verdict` emits a vector of 1: a `MeasurementVerdict`, which says what became
-    of the last tick's sample.
+    Port `measurement_verdict` emits a vector of 1: the `MeasurementVerdict` on the last tick's
+    sample.
 
     Port `innovation_squared` emits a vector of 2: νᵀ S⁻¹ ν of the position and of the orientation
     for the last measurement that was compared with a prediction. If the filter's assumptions hold,
@@ -122,7 +122,7 @@ class PoseEstimator(LeafSystem):
         self._config, self._period, self._p_OCoM = config, period, place
         self._settings = tracker_settings(config, place if np.any(place) else None)
         self._noise = self._settings.noise
-        # One more than may be newer than an out-of-sequence measurement: the belief before them.
+        # The track also holds the belief before the measurements that may be newer.
         self._no_track = PoseTrack.empty(config.late_measurements + 1)
 
         self._time_index = self.DeclareDiscreteState(np.array([-np.inf]))

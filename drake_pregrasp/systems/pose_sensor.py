@@ -97,9 +97,10 @@ class NoisyPoseSensor(LeafSystem):
     Port `noise` accepts a vector of 6 standard normal numbers, three for the position and three
     for the orientation. It is a random input of Drake; `NoiseSource` is the recommended source.
 
-    Port `X_WO_measured` emits a `RigidTransform` M with p_WM = p_WO + position_std * noise[:3] and
-    R_WM = Exp(orientation_std * noise[3:]) R_WO, changed by the faults (`faulty_disturbance`). It
-    is the measurement that arrived last, and NaN before the first one arrives.
+    Port `X_WO_measured` emits a `RigidTransform`: the pose in W of the measured frame M, with
+    p_WM = p_WO + position_std * noise[:3] and R_WM = Exp(orientation_std * noise[3:]) R_WO, changed
+    by the faults (`faulty_disturbance`). It is the measurement that arrived last, and NaN before
+    the first one arrives.
 
     Port `measurement_time` emits a vector of 1: the time at which the pose at `X_WO_measured` was
     measured, in seconds; -inf before the first measurement arrives. If nothing arrives at a tick,
@@ -115,7 +116,7 @@ class NoisyPoseSensor(LeafSystem):
 
     Args:
         config: Noise and faults; `SensorConfig()` by default.
-        period: Seconds between ticks; only faults need it.
+        period: Seconds between ticks, greater than zero; only faults need it.
         seed: Default of the faults' seed, an integer from 0 to 2**53.
 
     Raises:

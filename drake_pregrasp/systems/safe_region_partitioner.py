@@ -67,10 +67,10 @@ class SafeRegionPartitioner(LeafSystem):
     unconnected, all weights are zero.
 
     Port `obstacles` (optional) accepts `Obstacles` in W. An obstacle whose numbers are no longer
-    finite may be anywhere: all regions are then empty, and the contacts' status names the obstacle.
+    finite has an unknown place: all regions are then empty, and the contacts' status names it.
 
-    Port `X_WH` (optional) accepts a `RigidTransform`: the pose of the hand frame H, in which the
-    fingers' reach is given. If the port is unconnected, H is W. If the pose is invalid, fingers
+    Port `X_WH` (optional) accepts a `RigidTransform`: the pose in W of the hand frame H, in which
+    the fingers' reach is given. If the port is unconnected, H is W. If the pose is invalid, fingers
     with a limited reach can reach nothing.
 
     `obstacles` and `X_WH` must be for the same time as `X_WO_estimated`: if the estimate looks
@@ -85,12 +85,14 @@ class SafeRegionPartitioner(LeafSystem):
     discrete update of that tick, because the stored contacts do.
 
     Args:
-        config: Configuration of the planner; `limits`, `wall_test` and `normal_length` are used.
+        config: Configuration of the planner, of which `limits`, `wall_test` and `normal_length` are
+            used; `PlannerConfig()` by default.
         surface: The object's surface.
         num_contacts: Number of contacts n.
 
     Raises:
-        InvalidArgumentError: If a field of `config` is out of its range, or its length is not n.
+        InvalidArgumentError: If a field of `config` is out of its range, a list in `limits` has
+            neither 0 nor n elements, or a gap or standoff lacks `tip_radii`.
     """
 
     def __init__(

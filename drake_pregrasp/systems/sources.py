@@ -57,8 +57,8 @@ class ObjectMotion(LeafSystem):
         output_ports:
         - desired_state
 
-    Port `desired_state` emits a vector of 2 k: the k positions, which are 0 at time 0, then their k
-    rates, in metres, radians and seconds.
+    Port `desired_state` emits a vector of 2k: the k positions, which are 0 at time 0, in metres or
+    radians, then their k rates, in m/s or rad/s.
 
     Args:
         profile: Rates over time.
@@ -122,8 +122,8 @@ class Launch(LeafSystem):
     Port `spatial_forces` emits a list of `ExternallyAppliedSpatialForce`, for the plant's port
     `applied_spatial_force`: one force in the first step and none from the second step on. The force
     is M V / h, with the body's spatial inertia M about its centre of mass and the time step h.
-    A plant has default poses but no default velocities, so this makes its default Context the start
-    of the motion.
+    A plant has default poses but no default velocities, so a force makes the motion start from the
+    default Context.
 
     Args:
         plant: The body's plant, finalized and discrete.
@@ -256,8 +256,8 @@ class MovingObstacles(LeafSystem):
 
     Args:
         obstacles: The solids, in the order of their indices.
-        lookahead: Seconds by which the obstacles are ahead of the Context's time: that of the goals
-            that must be clear of them.
+        lookahead: Seconds by which the obstacles are ahead of the Context's time: the same as for
+            the goals that must be clear of them.
     """
 
     def __init__(self, obstacles: Sequence[MovingSolid], *, lookahead: float = 0.0) -> None:

@@ -1,4 +1,4 @@
-"""Labels over the object that say what limits the contacts."""
+"""Labels over the object with the limits of the contacts."""
 
 from collections.abc import Mapping
 

@@ -56,7 +56,7 @@ def test_without_keywords_the_configuration_is_the_callers_or_the_default():
     ("config", "keywords", "message"),
     [
         (None, {"colour": 1}, "no argument colour"),
-        (PlannerConfig(), {"period": 0.1}, "takes period from its config, not beside it"),
+        (PlannerConfig(), {"period": 0.1}, "accepts period in its config, not as keywords too"),
     ],
 )
 def test_unknown_keywords_and_keywords_beside_a_configuration_are_refused(

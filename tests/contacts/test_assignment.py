@@ -132,7 +132,7 @@ def test_contacts_out_of_reach_or_too_few_are_refused():
     crowded = np.array([0.0, 0.1, 0.2, 0.3, 3.0])
     with pytest.raises(InvalidArgumentError, match=r"no finger reaches contact \d: it is"):
         assign_fingers_round(fingers, crowded, largest_offset=0.5)
-    with pytest.raises(InvalidArgumentError, match="5 fingers can't be assigned to 4 contacts"):
+    with pytest.raises(InvalidArgumentError, match="5 fingers cannot be assigned to 4 contacts"):
         assign_fingers_round(fingers, crowded[:4])
-    with pytest.raises(InvalidArgumentError, match="3 fingertips can't be assigned to 2 contacts"):
+    with pytest.raises(InvalidArgumentError, match="3 fingertips cannot be assigned to 2 contacts"):
         assign_fingers(np.zeros((3, 3)), np.zeros((2, 3)))

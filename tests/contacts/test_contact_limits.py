@@ -187,7 +187,7 @@ def test_pairs_keep_their_distance_when_one_of_them_has_to_leave():
 def test_a_pair_whose_distance_cannot_be_met_stays():
     p_OC = paired_contacts(BALL, 3)
     chosen = selection_of(BALL, p_OC)
-    chosen.regions.labels[chosen.regions.labels == 1] = NO_REGION  # The second can't follow.
+    chosen.regions.labels[chosen.regions.labels == 1] = NO_REGION  # The second cannot follow.
     free, goals = (
         select_contacts(chosen, position_tracking, limits=ContactLimits(pairs=pairs)).p_OC
         for pairs in ((), (PAIR,))
@@ -281,7 +281,7 @@ def test_of_a_pair_both_are_held_where_one_meets_a_fingertip():
 
 
 def test_who_is_held_may_hold_those_behind():
-    """In a row, each moves to where the one before it was, and the first one can't."""
+    """In a row, each moves to where the one before it was, and the first one cannot."""
     before = on_face((0.045, 0.005), (0.025, 0.005), (0.005, 0.005), (-0.015, 0.005))
     goals = goals_towards(
         on_face((0.045, 0.015), (0.045, 0.005), (0.025, 0.005), (0.005, 0.005)), before, 0.009

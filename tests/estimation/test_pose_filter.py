@@ -83,7 +83,7 @@ def test_errors_are_as_large_as_the_covariance_says(noise, p_OCoM):
     """The mean normalised squared error of many runs lies in its chi-square band.
 
     Also in flight, with the centre of mass far from the frame that is measured; a filter that
-    doesn't know how far is too sure of itself.
+    does not know how far is too sure of itself.
     """
     squares, unaware = [], []
     for seed in range(RUNS):

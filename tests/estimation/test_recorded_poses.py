@@ -49,7 +49,7 @@ def test_rows_become_poses_whatever_the_order_of_the_columns(tmp_path, text):
         (HEADER + "0,1,2,350,1,0,0,0\n", "column z: 350 m is more than 100 m away; positions"),
         (HEADER + "0,1,2,3,0,0,0,0\n", "columns qw to qz: a quaternion of length 0 must have"),
         (HEADER + "0,1,2,3,1,0.2,0,0\n", "a quaternion of length 1.02 must have length 1"),
-        (b"\xff\xfe\x00", "can't be read"),
+        (b"\xff\xfe\x00", "cannot be read"),
         (HEADER + 'a"' + "b" * 200_000 + "\n", "row 2: has more than 10000 characters"),
     ],
 )
@@ -62,7 +62,7 @@ def test_bad_files_are_refused_in_one_line(tmp_path, text, problem):
 
 
 def test_files_that_are_not_there_or_too_long_are_refused(tmp_path, monkeypatch):
-    with pytest.raises(InvalidArgumentError, match="can't be read"):
+    with pytest.raises(InvalidArgumentError, match="cannot be read"):
         read_recorded_poses(tmp_path / "none.csv")
     monkeypatch.setattr(recorded_poses, "MAX_ROWS", 2)
     rows = [f"{k},0,0,0,1,0,0,0\n" for k in range(3)]

@@ -108,9 +108,9 @@ def _check_outputs(variant: Variant, context: Context) -> None:
         port = diagram.get_output_port(index)
         value = port.Eval(context)
         if isinstance(value, np.ndarray):
-            _require(bool(np.all(np.isfinite(value))), f"{port.get_name()} isn't finite")
+            _require(bool(np.all(np.isfinite(value))), f"{port.get_name()} is not finite")
         elif isinstance(value, RigidTransform):
-            _require(is_valid(value), f"{port.get_name()} isn't a pose")
+            _require(is_valid(value), f"{port.get_name()} is not a pose")
     status = diagram.GetOutputPort("contact_status").Eval(context)
     _require(set(status.tolist()) <= _STATUSES, "a status is none")
     _require(np.min(diagram.GetOutputPort("contact_causes").Eval(context)) >= -1, "no such cause")
@@ -118,14 +118,14 @@ def _check_outputs(variant: Variant, context: Context) -> None:
     for finger, kind in enumerate(status):
         X_WC = targets.Find(f"fingertip_{finger}")
         _require((X_WC is None) == (kind == ContactStatus.LOST), "targets and losses differ")
-        _require(X_WC is None or is_valid(X_WC), "a target isn't a pose")
+        _require(X_WC is None or is_valid(X_WC), "a target is not a pose")
 
 
 def _check_step(
     variant: Variant, context: Context, before: np.ndarray, regions: SafeRegions, held: bool
 ) -> None:
     p_OC = _stored(variant, context)
-    _require(bool(np.all(np.isfinite(p_OC))), "stored goals aren't finite")
+    _require(bool(np.all(np.isfinite(p_OC))), "stored goals are not finite")
     ways = np.linalg.norm(p_OC - before, axis=1)
     _require(np.max(ways) <= (0 if held else variant.limits.max_step + _ROUNDING), "a step too far")
     own = variant.selector.GetMyContextFromRoot(context)

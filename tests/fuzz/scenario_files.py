@@ -28,7 +28,7 @@ from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 
 SECONDS = 10.0
-"""Longest that one file may take, of processor time: other processes don't count."""
+"""Longest that one file may take, of processor time: other processes do not count."""
 
 BATCH = 1000
 """Files that one process loads: Drake keeps some memory for each diagram."""

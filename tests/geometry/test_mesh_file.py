@@ -69,7 +69,7 @@ def test_colors_of_a_material_library_are_whole_or_refused(tmp_path, material, c
     file.write_text("mtllib box.mtl\nusemtl a\n" + box().export(file_type="obj"))
     (tmp_path / "box.mtl").write_text(f"newmtl a\n{material}\n")
     if color is None:
-        with pytest.raises(InvalidArgumentError, match=r"box\.obj can't be read as a mesh"):
+        with pytest.raises(InvalidArgumentError, match=r"box\.obj cannot be read as a mesh"):
             read_pieces(file, colors=True)
     else:
         assert read_pieces(file, colors=True)[0].color == color

@@ -45,7 +45,7 @@ def test_the_left_jacobian_is_the_derivative(seed, angle):
     theta, step = turn(seed, angle), 1e-5
     J = left_jacobian(theta)
     for axis in np.eye(3):
-        # scipy's own, so that an error in the exponential can't hide one here.
+        # scipy's own, so that an error in the exponential cannot hide one here.
         after, before = (Rotation.from_rotvec(theta + s * axis) for s in (step, -step))
         difference = (after * before.inv()).as_rotvec() / (2 * step)
         np.testing.assert_allclose(J @ axis, difference, rtol=0, atol=1e-9)

@@ -71,7 +71,7 @@ def test_patches_partition_the_allowed_surface(cup):
     owners = patch_owners(cup)
     areas = np.bincount(owners, weights=trimesh.triangles.area(cup.patches))
     np.testing.assert_allclose(areas, cup.areas, rtol=1e-9)
-    # All triangles together have the area, and no two are the same: so they don't overlap.
+    # All triangles together have the area, and no two are the same: so they do not overlap.
     centroids = np.mean(cup.patches, axis=1)
     assert np.min(cKDTree(centroids).query(centroids, k=2)[0][:, 1]) > 1e-5
     assert np.max(np.linalg.norm(centroids - cup.p_OQ[owners], axis=1)) <= 0.75 * 0.008

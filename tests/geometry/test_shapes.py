@@ -166,16 +166,16 @@ def touching():
         (edited(all_of_them=1e6), "far.ply", "m away from its own origin; at most 100 m"),
         (edited(first=np.nan), "nan.ply", "a vertex that is not finite"),
         *(
-            (f"v 0 0 0\nv 1 0 0\n{vertex}\nf 1 2 3\n", "flat.obj", "can't be read as a mesh")
+            (f"v 0 0 0\nv 1 0 0\n{vertex}\nf 1 2 3\n", "flat.obj", "cannot be read as a mesh")
             for vertex in ("v 0", "v", "v 0 0")
         ),
         (None, "missing.obj", "no such file"),
-        ("no mesh at all", "garbage.stl", "can't be read as a mesh|no triangles"),
-        ("no mesh at all", "garbage.glb", "can't be read as a mesh"),
-        ("", "body.dae", r"can't be read as a mesh: its name must end with \.obj, \.stl"),
+        ("no mesh at all", "garbage.stl", "cannot be read as a mesh|no triangles"),
+        ("no mesh at all", "garbage.glb", "cannot be read as a mesh"),
+        ("", "body.dae", r"cannot be read as a mesh: its name must end with \.obj, \.stl"),
         ("", "body", "its name must end with"),
-        ("", "empty.obj", "can't be read as a mesh|no triangles"),
-        ("v 0 0 0\nv 1 0 0\n", "points.obj", "can't be read as a mesh|no triangles"),
+        ("", "empty.obj", "cannot be read as a mesh|no triangles"),
+        ("v 0 0 0\nv 1 0 0\n", "points.obj", "cannot be read as a mesh|no triangles"),
     ],
 )
 def test_what_is_no_mesh_or_no_body_is_refused_in_one_line(tmp_path, content, name, problem):

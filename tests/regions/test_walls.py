@@ -69,7 +69,7 @@ def test_by_normals_nobody_has_the_side_of_a_plate_without_contacts():
 
 
 def test_the_way_over_the_surface_leads_round_edges_that_normals_do_not_pass():
-    """On a cup's rim both sides are near each other; deep in the cup they aren't."""
+    """On a cup's rim both sides are near each other; deep in the cup they are not."""
     surface = mesh_surface(CUP, spacing=0.004)
     high = surface.project(np.array([[RADIUS, 0, 0.0895]]))
     low = surface.project(np.array([[RADIUS, 0, 0.03]]))

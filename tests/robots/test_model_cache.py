@@ -88,7 +88,7 @@ def test_two_processes_at_once_get_the_same_complete_model(tmp_path):
 def test_a_folder_that_cannot_be_written_is_told_in_a_line(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
-    with pytest.raises(OutputError, match="can't be written") as error:
+    with pytest.raises(OutputError, match="cannot be written") as error:
         cached("arm-1", fill)
     assert "\n" not in str(error.value)
 

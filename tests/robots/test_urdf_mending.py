@@ -84,6 +84,6 @@ def test_an_error_without_a_first_line_is_told_in_a_line_too(text, line):
 
 def test_a_file_that_is_no_mesh_is_refused_in_a_line(tmp_path):
     (tmp_path / "no.stl").write_text("solid\nnothing")
-    with pytest.raises(InvalidArgumentError, match=r"no.stl can't be read as a mesh") as error:
+    with pytest.raises(InvalidArgumentError, match=r"no.stl cannot be read as a mesh") as error:
         convert_mesh(tmp_path / "no.stl", tmp_path / "part", colors=False)
     assert "\n" not in str(error.value)

@@ -13,7 +13,7 @@ def write_hand(folder: Path, old="", new="", *, count=1, model="", text=SHIPPED_
     """Writes a description, with a text replaced in it and with a model `own.sdf` if one is given.
 
     Args:
-        folder: Where it goes, made if it isn't there.
+        folder: Where it goes, made if it is not there.
         old: What is replaced in the text.
         new: What replaces it.
         count: How often it is replaced, from the start.

@@ -119,7 +119,7 @@ def test_steps_of_an_arm_converge_quadratically(hand):
 
 
 def test_where_the_arm_does_not_reach_is_said_before_it_moves(hand):
-    with pytest.raises(InvalidArgumentError, match=r"can't hold the palm at \(0.9\d+, ") as error:
+    with pytest.raises(InvalidArgumentError, match=r"cannot hold the palm at \(0.9\d+, ") as error:
         hand.home(np.array([1.0, 0.0, 0.0]), 0.0)
     assert "\n" not in str(error.value)
     with pytest.raises(ScenarioError, match=r"motion: at \S+ s the object is out of the arm's re"):

@@ -68,9 +68,9 @@ def test_a_text_names_files_in_the_working_directory(there, monkeypatch):
     [
         ("package://drake_pregrasp/../README.md", "leads out of package://drake_pregrasp/"),
         ("https://example.org/x.obj", "only package://drake_pregrasp/ is known as a URL"),
-        ("x" * 300, "can't be a file: File name too long"),
-        ("a\0b", "can't be a file: .*embedded null"),
-        ("~nobody-of-that-name/x", "can't be a file: "),
+        ("x" * 300, "cannot be a file: File name too long"),
+        ("a\0b", "cannot be a file: .*embedded null"),
+        ("~nobody-of-that-name/x", "cannot be a file: "),
     ],
 )
 def test_what_is_no_file_is_refused(tmp_path, name, problem):

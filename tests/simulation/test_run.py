@@ -143,7 +143,7 @@ def test_poor_start_recovers(base_run, tmp_path):
 
 @pytest.mark.slow
 def test_damage_is_recovered_from(tmp_path, capsys):
-    """Row f of Table II: both sets are measured after the loss; Q_VEW can't be below 3³ = 27."""
+    """Row f of Table II: both sets are measured after the loss; Q_VEW cannot be below 3³ = 27."""
     text = "simulation_duration: 9.0, damage: [{at: 7.0, contacts: [3, 4]}]"
     result = run_text("f_damage", text, tmp_path)
     log = run_log(result)
@@ -268,9 +268,9 @@ def test_a_bad_scenario_from_python_is_refused_before_anything_is_touched(tmp_pa
 def test_a_folder_or_a_name_that_cannot_be_used_is_refused(tmp_path):
     blocked = tmp_path / "file"
     blocked.write_text("precious")
-    with pytest.raises(OutputError, match=r"file.*can't be written"):
+    with pytest.raises(OutputError, match=r"file.*cannot be written"):
         run(load_scenario("a_base"), name="a", out=blocked)
     assert blocked.read_text() == "precious"
     for name in ("../up", "", ".", "a/b"):
-        with pytest.raises(ScenarioError, match="name is made of"):
+        with pytest.raises(ScenarioError, match="name must have only"):
             run(load_scenario("a_base"), name=name, out=tmp_path)

@@ -103,7 +103,7 @@ def small_disk():
 def test_a_full_disk_leaves_the_old_file_or_none(tmp_path):
     write_text(tmp_path / "old.txt", "old")
     for name in ("old.txt", "new.txt"):
-        with pytest.raises(OutputError, match=rf"{name}: can't be written: File too large"):
+        with pytest.raises(OutputError, match=rf"{name}: cannot be written: File too large"):
             write_text(tmp_path / name, "x" * 20_000)
     assert contents(tmp_path) == {"old.txt": b"old"}
 
@@ -115,7 +115,7 @@ def test_a_full_disk_leaves_whole_rows_in_a_log(tmp_path):
             for _ in range(10):
                 log.write(np.full(100, 1 / 3))
 
-    with pytest.raises(OutputError, match=r"log\.csv: can't be written"):
+    with pytest.raises(OutputError, match=r"log\.csv: cannot be written"):
         write_rows()
     lines = (tmp_path / "log.csv").read_text().splitlines()
     assert 1 < len(lines) < 10
@@ -126,8 +126,8 @@ def test_a_full_disk_leaves_whole_rows_in_a_log(tmp_path):
 @pytest.mark.parametrize(
     ("line", "status", "problem"),
     [
-        ("list > /dev/full", 2, "standard output: can't be written: No space left on device"),
-        ("list >&-", 2, "standard output: can't be written: it is closed"),
+        ("list > /dev/full", 2, "standard output: cannot be written: No space left on device"),
+        ("list >&-", 2, "standard output: cannot be written: it is closed"),
         (f"{' '.join(COMMAND)} '{SHORT}' --out runs > /dev/full", 2, "No space left on device"),
         (f"{' '.join(COMMAND)} '{SHORT}' --out runs <&- >&- 2>&-", 0, ""),
         ("run z_none <&- >&- 2>&-", 2, ""),

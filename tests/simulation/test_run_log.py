@@ -1,4 +1,4 @@
-"""The log of a run is read back as it was written, or says why it can't be."""
+"""The log of a run is read back as it was written, or says why it cannot be."""
 
 import pytest
 
@@ -19,7 +19,7 @@ def test_columns_are_read_back_to_the_last_digit(tmp_path):
     assert x_wo.tolist() == [tick.X_WO.translation()[0] for tick in ticks]
     for spoil in ((tmp_path / "log.csv").unlink, (tmp_path / "log.csv").mkdir):
         spoil()
-        with pytest.raises(OutputError, match=r"log\.csv: can't be read back: .*"):
+        with pytest.raises(OutputError, match=r"log\.csv: cannot be read back: .*"):
             logged.log.read("time")
 
 
@@ -31,5 +31,5 @@ def test_no_ticks_are_read_from_no_file(tmp_path):
 
 
 def test_a_log_that_cannot_be_written_says_so(tmp_path):
-    with pytest.raises(OutputError, match=r"log\.csv: can't be written: .*"):
+    with pytest.raises(OutputError, match=r"log\.csv: cannot be written: .*"):
         RunLog(tmp_path / "missing" / "log.csv", 2).__enter__()

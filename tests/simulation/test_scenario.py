@@ -28,7 +28,7 @@ def test_bad_keys_are_named_in_one_line(tmp_path, text, key, problem):
     [
         ("case: [1", "is not valid YAML"),
         ("- a\n- b\n", "must be a mapping"),
-        (b"\xff\xfe\x00", "can't be read"),
+        (b"\xff\xfe\x00", "cannot be read"),
         ("", "must be a mapping"),
         ("a: {}\nb: {}\n", "there are: a, b"),
         ("1: {}\n", "is not a name"),
@@ -52,7 +52,7 @@ def refusal(folder, content):
 
 
 def test_missing_files_and_names_are_named(tmp_path):
-    with pytest.raises(ScenarioError, match="can't be read"):
+    with pytest.raises(ScenarioError, match="cannot be read"):
         load_scenario(file=tmp_path / "none.yaml")
     with pytest.raises(ScenarioError, match="no such scenario; there are: a_base"):
         load_scenario("z_none")

@@ -134,7 +134,7 @@ def test_the_page_is_self_contained_and_all_text_is_escaped(tmp_path):
 def test_a_study_without_rows_has_a_page_and_one_without_its_picture_has_none(tmp_path):
     none = pd.DataFrame()
     assert "There are no grasps yet." in text_of(write_comparison(tmp_path, none, none, {}))
-    with pytest.raises(OutputError, match=r"none.png: can't be read back"):
+    with pytest.raises(OutputError, match=r"none.png: cannot be read back"):
         write_comparison(tmp_path, ROWS, none, {}, [Picture(tmp_path / "none.png", "x")])
 
 

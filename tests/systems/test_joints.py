@@ -71,7 +71,7 @@ JOINTS = [JOINT.format("j1", "palm", "a"), JOINT.format("j2", "a", "b")]
 @pytest.mark.parametrize(
     ("drives", "message"),
     [
-        ([("j1", GAINS), ("j2", "")], "joint j2 isn't driven"),
+        ([("j1", GAINS), ("j2", "")], "joint j2 is not driven"),
         ([("j2", GAINS), ("j1", GAINS)], "j1_drive must come in the order of the joints"),
     ],
 )

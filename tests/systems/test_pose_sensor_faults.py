@@ -120,7 +120,7 @@ def test_a_context_that_is_copied_or_set_back_repeats():
     other.context.SetTimeStateAndParametersFrom(sensor.context)
     rest = sensor.emitted(range(30, 60))
     np.testing.assert_array_equal(other.emitted(range(30, 60)), rest)
-    # Set back in time alone, it forgets what it can't have measured yet.
+    # Set back in time alone, it forgets what it cannot have measured yet.
     np.testing.assert_array_equal(sensor.emitted(range(30)), first)
 
 

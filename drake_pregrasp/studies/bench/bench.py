@@ -88,7 +88,7 @@ def bench(
         The path of `bench.md`.
 
     Raises:
-        OutputError: If the folder can't be written.
+        OutputError: If the folder cannot be written.
     """
     out = Path(out)
     make_folder(out)

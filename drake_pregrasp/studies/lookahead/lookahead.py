@@ -52,7 +52,7 @@ def study_lookahead(
     """Runs the study, and writes its rows, `lookahead.png` and `lookahead.md`.
 
     Args:
-        out: Folder of the study, made if it isn't there.
+        out: Folder of the study, made if it is not there.
         seeds: Seeds of the measurement noise.
         cases: Keys of `CASES` to run.
         delays: Delays of the hand, in ticks.
@@ -62,7 +62,7 @@ def study_lookahead(
         The path of `lookahead.md`.
 
     Raises:
-        OutputError: If the folder can't be used, or a run fails.
+        OutputError: If the folder cannot be used, or a run fails.
     """
     out = Path(out)
     delays_of: dict[float, list[int]] = {}
@@ -87,7 +87,7 @@ def study_lookahead(
     parts: list[Part] = [
         f"{len(seeds)} seeds a run. A goal issued at time t is reached by the hand at t + delay;"
         " its error is the distance to the same point of the object at the true pose of that"
-        f" moment. Goals of the first {SETTLED * PERIOD:g} s don't count.",
+        f" moment. Goals of the first {SETTLED * PERIOD:g} s do not count.",
         Picture(out / "lookahead.png", "Goal error at the moment of contact over the hand's delay"),
         Table(goal_table(rows)),
         Heading("Is at most a third of the error left?"),

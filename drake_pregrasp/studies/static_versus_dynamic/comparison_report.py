@@ -56,7 +56,7 @@ def write_comparison(
         figures: Parts of the report with the figures of one seed.
 
     Raises:
-        OutputError: If the report can't be written.
+        OutputError: If the report cannot be written.
     """
     parts: list[Part] = [CLEAN_IN_WORDS]
     if len(failed):
@@ -70,7 +70,7 @@ def write_comparison(
             f"{trials} trials, {len(rows)} grasps. With p corrected for all {len(tests)} tests"
             f" (Holm), the probability that {_TESTED} is found ahead or behind by chance is below"
             f" {paired_statistics.SIGNIFICANT:g}. Fewer than"
-            f" {paired_statistics.least_pairs(len(tests))} common seeds can't show a difference.",
+            f" {paired_statistics.least_pairs(len(tests))} common seeds cannot show a difference.",
             overview_table(tests),
             Heading("Clean grasps"),
             Picture(plot_clean_shares(rows), "Shares with exact 95 % intervals."),

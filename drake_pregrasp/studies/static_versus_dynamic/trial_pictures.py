@@ -80,7 +80,7 @@ def figures_of_one_seed(
         on_progress: Called with the number of finished trials of a figure and the number of all.
 
     Raises:
-        OutputError: If a file can't be read or written.
+        OutputError: If a file cannot be read or written.
     """
     closed = rows[(rows["condition"] == HEADLINE) & (rows["close_at"] == MOMENTS[-1])]
     pictured = closed[closed["method"].isin(PICTURED)]
