@@ -80,7 +80,7 @@ def read_recorded_poses(path: Path) -> RecordedPoses:
     try:
         table = np.array(list(_rows(text)))
     except csv.Error as error:
-        raise InvalidArgumentError(f"{path}: can't be read: {error}") from error
+        raise InvalidArgumentError(f"{path}: cannot be read: {error}") from error
     except InvalidArgumentError as error:
         raise InvalidArgumentError(f"{path}: {error}") from error
     if not len(table):

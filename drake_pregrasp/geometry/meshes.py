@@ -141,7 +141,7 @@ def _naming(path: Path) -> Iterator[None]:
         problem = " ".join(str(error).split()) or type(error).__name__
         if isinstance(error, ImportError):  # Of what guesses an encoding, once all else failed.
             problem = f"it is no {path.suffix.lower().removeprefix('.')} file"
-        raise InvalidArgumentError(f"{path} can't be read as a mesh: {problem}") from error
+        raise InvalidArgumentError(f"{path} cannot be read as a mesh: {problem}") from error
 
 
 def _plain(kind: str, data: bytes, *, by_material: bool = False) -> tuple[bytes, list[str]]:

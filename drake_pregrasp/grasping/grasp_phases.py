@@ -35,7 +35,7 @@ def fingers_have_arrived(view: GraspView, settings: GraspSettings) -> bool:
 def hindrance(
     view: GraspView, settings: GraspSettings, squeeze: Callable[[BoolArray], Squeeze]
 ) -> tuple[GiveUp, float] | None:
-    """Returns the reason why the hand can't close, with its detail, or None if it can.
+    """Returns the reason why the hand cannot close, with its detail, or None if it can.
 
     Args:
         view: Observations at the tick.

@@ -39,7 +39,7 @@ def convert_mesh(source: Path, target: Path, *, colors: bool) -> dict[Path, Colo
         raise InvalidArgumentError(problem) from error
     meshes = [mesh for mesh in scene.dump() if isinstance(mesh, trimesh.Trimesh)]
     if not meshes:
-        raise InvalidArgumentError(f"{source} can't be read as a mesh: it has no triangles")
+        raise InvalidArgumentError(f"{source} cannot be read as a mesh: it has no triangles")
     parts: dict[Color | None, list[Piece]] = {}
     for mesh in meshes:
         parts.setdefault(_color(mesh) if colors else None, []).append(Piece("", mesh))

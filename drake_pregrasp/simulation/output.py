@@ -34,7 +34,7 @@ def writing(path: Path, what: str = "written") -> Iterator[None]:
         where, why = error.filename or path, error.strerror or error
         raise OutputError(f"{where}: cannot be {what}: {why}") from error
     except UnicodeDecodeError as error:
-        raise OutputError(f"{path}: can't be {what}: is not UTF-8 text") from error
+        raise OutputError(f"{path}: cannot be {what}: is not UTF-8 text") from error
 
 
 def reading_back(path: Path) -> contextlib.AbstractContextManager[None]:
@@ -94,7 +94,7 @@ def make_folder(folder: Path) -> None:
     """Makes a folder and its parents if they do not exist.
 
     Raises:
-        OutputError: If the folder can't be made.
+        OutputError: If the folder cannot be made.
     """
     with writing(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -104,7 +104,7 @@ def write_text(path: Path, text: str) -> None:
     """Writes a text file atomically.
 
     Raises:
-        OutputError: If the file can't be written.
+        OutputError: If the file cannot be written.
     """
     with writing(path), replacing(path) as partial:
         partial.write_text(text, encoding="utf-8", newline="\n")

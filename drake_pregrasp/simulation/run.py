@@ -79,7 +79,7 @@ def run(
 
     Raises:
         ScenarioError: If the scenario or the name is invalid.
-        OutputError: If the run folder can't be written, has a run of another scenario, or is in
+        OutputError: If the run folder cannot be written, has a run of another scenario, or is in
             use by another run.
     """
     if not re.fullmatch(r"[A-Za-z0-9_-][A-Za-z0-9_.-]*", name):

@@ -32,7 +32,7 @@ class CsvLog:
     """Writes rows to a CSV file during a run, so that an interrupted run keeps them.
 
     Numbers are written with all digits, so reading them back gives the same floats. The file is
-    open inside a `with` block, which raises an `OutputError` if the file can't be written.
+    open inside a `with` block, which raises an `OutputError` if the file cannot be written.
 
     Args:
         path: File to write; an existing one is replaced.

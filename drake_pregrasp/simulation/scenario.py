@@ -149,7 +149,7 @@ class Scenario:
             surface: Surface of the object, from `make_surface`.
 
         Raises:
-            InvalidArgumentError: If the hand's fingers can't be assigned to the contacts.
+            InvalidArgumentError: If the hand's fingers cannot be assigned to the contacts.
         """
         if self.ring_contacts:
             p_OC = ring_contacts(surface, self.ring_contacts)

@@ -165,7 +165,7 @@ def read_mapping(file: Path) -> dict[str, Any]:
     """Returns the entries of a YAML file, without private entries, whose names begin with `_`.
 
     Raises:
-        ScenarioError: If the file can't be read, or is not a mapping from names.
+        ScenarioError: If the file cannot be read, or is not a mapping from names.
     """
     return _checked_entries(str(file), read_yaml(file))
 

@@ -48,8 +48,8 @@ def smooth_file(source: Path, target: Path, config: EstimatorConfig) -> int:
         config: Settings of the filter.
 
     Raises:
-        InvalidArgumentError: If the source can't be read or is invalid.
-        OutputError: If the target can't be written.
+        InvalidArgumentError: If the source cannot be read or is invalid.
+        OutputError: If the target cannot be written.
     """
     track = read_recorded_poses(source)
     noise = filter_noise(config)

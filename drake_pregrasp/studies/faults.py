@@ -110,7 +110,7 @@ def study_faults(
 
     Raises:
         InvalidArgumentError: If a name is not that of a shipped scenario with faults.
-        OutputError: If the folder can't be used.
+        OutputError: If the folder cannot be used.
     """
     known = fault_scenarios()
     chosen = list(known) if faults is None else list(dict.fromkeys(faults))

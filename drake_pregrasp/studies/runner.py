@@ -74,7 +74,7 @@ def run_jobs(
             It runs in other processes, so it is a module's function, a `partial` of one, or a
             dataclass with `__call__`.
         jobs: Jobs to run, in their order.
-        folder: Folder that stores the rows, made if it isn't there; if not set, nothing is stored.
+        folder: Folder that stores the rows, made if it is not there; if not set, nothing is stored.
         settings: Further settings that the rows depend on, serializable as JSON.
         modules: Names of the modules in `studies` that the rows depend on besides the function's.
         processes: Number of local processes; the number of processors if not set.
@@ -82,9 +82,9 @@ def run_jobs(
         on_progress: Called at the start and after each job.
 
     Raises:
-        OutputError: If the folder can't be used, or has rows of other settings or of another
+        OutputError: If the folder cannot be used, or has rows of other settings or of another
             version of the package; or, without a folder, if a job fails.
-        InvalidArgumentError: If the scheduler can't be used.
+        InvalidArgumentError: If the scheduler cannot be used.
         KeyboardInterrupt: If SIGINT or SIGTERM arrives; the rows so far are stored.
     """
     modules = [*modules, _module_of(function)]

@@ -238,7 +238,7 @@ def _check_workers(client: Any, address: str, call: _Call) -> None:
 def _result(future: "Future[Any]") -> Any:
     try:
         return future.result()
-    except Exception as error:  # The result can't be pickled, or Dask has failed.
+    except Exception as error:  # The result cannot be pickled, or Dask has failed.
         return Failure(one_line(error))
 
 
@@ -247,7 +247,7 @@ def _noted_interrupts() -> Generator[threading.Event, None, None]:
     """Sets an event on SIGINT or SIGTERM; an exception could leave a pool or a client locked."""
     came = threading.Event()
     before = {}
-    if threading.current_thread() is threading.main_thread():  # Other threads can't set handlers.
+    if threading.current_thread() is threading.main_thread():  # Other threads cannot set handlers.
         for number in (signal.SIGINT, signal.SIGTERM):
             if callable(signal.getsignal(number)):  # Not if the parent ignores them.
                 before[number] = signal.signal(number, lambda number, frame: came.set())
@@ -275,7 +275,7 @@ def _prepare_worker() -> None:
 
 
 def _end_with_parent() -> None:
-    # A killed parent can't end its processes, which would wait for jobs forever.
+    # A killed parent cannot end its processes, which would wait for jobs forever.
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

@@ -25,7 +25,7 @@ def test_shipped_files_are_read_as_drake_reads_them(file):
     ("text", "problem"),
     [
         ("a: 1\nb: {c: 1, c: 2}", "line 2: the key c occurs twice"),
-        ("? [1]\n: 2", "line 1: a list or mapping can't be a key"),
+        ("? [1]\n: 2", "line 1: a list or mapping cannot be a key"),
         ("a: &a [*a]", "line 1: an alias contains itself"),
         ("a: *b", "is not valid YAML: line 1: found undefined alias"),
         ("a: 2001-02-30", "is not valid YAML: day is out of range"),

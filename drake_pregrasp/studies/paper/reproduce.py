@@ -79,7 +79,7 @@ def reproduce(
 
     Raises:
         ScenarioError: If a case is unknown.
-        OutputError: If the folder can't be written.
+        OutputError: If the folder cannot be written.
     """
     for case in cases:
         if case not in SCENARIOS:

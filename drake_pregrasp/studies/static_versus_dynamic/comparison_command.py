@@ -104,7 +104,7 @@ def compare_methods(
         The rows, and the path of the report.
 
     Raises:
-        OutputError: If the folder can't be used, or has rows of other settings.
+        OutputError: If the folder cannot be used, or has rows of other settings.
     """
     settings = {key: scenario_data(condition.scenario) for key, condition in CONDITIONS.items()}
     found = run_jobs(

@@ -142,7 +142,7 @@ def _motion_on_object(columns: Mapping[str, FloatArray], active: BoolArray) -> F
     """Returns the summed motion of contacts over the object since the previous tick, in metres.
 
     Positions are in the estimated object frame; contacts that are inactive at either
-    tick don't count. Shape (ticks,), 0 at the first tick.
+    tick do not count. Shape (ticks,), 0 at the first tick.
     """
     p_WC = np.stack([[columns[f"c{i}_{a}"] for a in "xyz"] for i in range(active.shape[1])])
     p_WO = np.stack([columns[f"{a}_wo_estimated"] for a in "xyz"])

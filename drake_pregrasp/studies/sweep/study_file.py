@@ -204,7 +204,7 @@ def named_files(study: Study) -> dict[str, str]:
 
     These are the files named by the scenario, the swept values, a hand's description and its
     model, and the buffers of a mesh. Shipped files are left out, as they are part of the package's
-    digest, and so are files that can't be read, as a run that needs one has no row.
+    digest, and so are files that cannot be read, as a run that needs one has no row.
     """
     allowed = [study.folder, *map(Path, study.folders)]
     found: set[Path] = set()

@@ -56,8 +56,8 @@ def sweep(
         on_progress: Called with the number of finished runs and the number of runs to do.
 
     Raises:
-        OutputError: If the folder can't be used, or has rows of other settings.
-        InvalidArgumentError: If the scheduler can't be used.
+        OutputError: If the folder cannot be used, or has rows of other settings.
+        InvalidArgumentError: If the scheduler cannot be used.
     """
     folder = Path(out) / study.name
     plan, measures = study.plan, tuple(study.config.measures)

@@ -161,7 +161,7 @@ class SweepPlan:
             raise ScenarioError(source, "", "sweeps nothing; give it a grid, or random fields")
         for place, axis in enumerate(self.axes):
             if any(overlap(field, SEED_FIELD) for field in axis.fields):
-                problem = "can't be swept; use the key seeds instead"
+                problem = "cannot be swept; use the key seeds instead"
                 raise ScenarioError(source, SEED_FIELD, problem)
             if axis.name in columns:
                 raise ScenarioError(source, axis.name, "is another column; use another name")
@@ -260,7 +260,7 @@ def _label(value: Any) -> Label:
 
 
 def _number(value: Any) -> Any:
-    """Converts texts that YAML 1.1 doesn't read as numbers, such as 1e-3; keeps other values."""
+    """Converts texts that YAML 1.1 does not read as numbers, such as 1e-3; keeps other values."""
     try:
         return float(value) if isinstance(value, str) else value
     except ValueError:

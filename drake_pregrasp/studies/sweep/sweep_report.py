@@ -48,7 +48,7 @@ def write_sweep_report(folder: Path, study: Study, found: StudyRows) -> Path:
         found: Rows and failures of the study.
 
     Raises:
-        OutputError: If the report can't be written.
+        OutputError: If the report cannot be written.
     """
     plan, config = study.plan, study.config
     counts = [f"{len(axis.labels)} values of {axis.name}" for axis in plan.grid]
