@@ -199,8 +199,16 @@ def _placed_pieces(scene: trimesh.Scene) -> list[Piece]:
             material = getattr(geometry.visual, "material", None)
             color = None if material is None else tuple((material.main_color / 255).tolist())
             mesh = trimesh.Trimesh(geometry.vertices, geometry.faces, process=False)
-            pieces.append(Piece(str(name)[:MAX_NAME], mesh.apply_transform(transform), color))
+            pieces.append(
+                Piece(str(name)[:MAX_NAME], mesh.apply_transform(transform), plain_color(geometry))
+            )
     return pieces
+
+
+def plain_color(mesh: trimesh.Trimesh) -> Color | None:
+    """Returns the plain colour of a mesh's material, or None if it has none."""
+    material = getattr(mesh.visual, "material", None)
+    return None if material is None else tuple((material.main_color / 255).tolist())
 
 
 _SPACES = bytes.maketrans(b"\r\t\v\f", b"\n   ")

@@ -12,7 +12,7 @@ import numpy as np
 import trimesh
 
 from drake_pregrasp.errors import InvalidArgumentError, first_line
-from drake_pregrasp.geometry.meshes import Color, Piece
+from drake_pregrasp.geometry.meshes import Color, Piece, plain_color
 from drake_pregrasp.robots.urdf_mending import DRAKE
 
 _EXACT, _SHORT = ".17g", ".5f"  # Formats of coordinates in metres: all digits, or ten micrometres.
@@ -42,7 +42,7 @@ def convert_mesh(source: Path, target: Path, *, colors: bool) -> dict[Path, Colo
         raise InvalidArgumentError(f"{source} cannot be read as a mesh: it has no triangles")
     parts: dict[Color | None, list[Piece]] = {}
     for mesh in meshes:
-        parts.setdefault(_color(mesh) if colors else None, []).append(Piece("", mesh))
+        parts.setdefault(plain_color(mesh) if colors else None, []).append(Piece("", mesh))
     converted = {}
     target.parent.mkdir(parents=True, exist_ok=True)
     for index, color in enumerate(sorted(parts, key=str)):
@@ -50,13 +50,6 @@ def convert_mesh(source: Path, target: Path, *, colors: bool) -> dict[Path, Colo
         path = target.with_name(f"{target.name}{number}.obj")
         converted[write_obj(parts[color], path, coordinates=_SHORT)] = color
     return converted
-
-
-def _color(mesh: Any) -> Color | None:
-    material = getattr(mesh.visual, "material", None)
-    if material is None:
-        return None
-    return tuple(np.round(np.array(material.main_color) / 255, 3).tolist())
 
 
 def _shaded(mesh: Any) -> Any:
