@@ -32,7 +32,7 @@ def config_with(
     """
     system, said = type(owner).__name__, ", ".join(keywords)
     if keywords and config is not None:
-        raise TypeError(f"{system} takes {said} from its config, not beside it")
+        raise TypeError(f"{system} accepts {said} in its config, not as keywords too")
     for keyword, value in keywords.items():
         path = (names or {}).get(keyword, keyword)
         try:

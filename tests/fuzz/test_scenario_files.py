@@ -50,4 +50,4 @@ def test_what_is_small_in_a_file_may_not_grow(folder):
         text = "\n".join([*lines, "case: {planner: *a19}", ""])
         outcome, said = load(Case("bomb", text.encode()), folder)
         assert outcome == "refused"
-        assert "its aliases make more than 100000 values" in said
+        assert "its aliases expand to more than 100000 values" in said
