@@ -26,8 +26,6 @@ from drake_pregrasp.cli import main
 from drake_pregrasp.estimation.recorded_poses import MAX_ROWS
 from drake_pregrasp.simulation.run_log import grasp_columns, log_columns
 from drake_pregrasp.studies import runner
-from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS
-from drake_pregrasp.studies.runner import SETTINGS as SWEEP_SETTINGS
 from drake_pregrasp.studies.static_versus_dynamic.comparison_command import SEEDS
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import CLEAN_IN_WORDS
@@ -36,6 +34,8 @@ from drake_pregrasp.studies.static_versus_dynamic.trial_pictures import PICTURES
 from drake_pregrasp.studies.sweep.measures import MEASURES, SweepRun
 from drake_pregrasp.studies.sweep.study_file import StudyConfig, load_study
 from drake_pregrasp.studies.sweep.sweep_command import STUDY
+
+FILES = (runner.ROWS, runner.JOURNAL, runner.FAILED, runner.SETTINGS)  # Of every study.
 
 
 @pytest.fixture
@@ -157,8 +157,7 @@ def test_the_page_on_the_study_says_what_the_code_does():
     trials = len(CONDITIONS) * len(METHODS) * SEEDS
     counted = f"{len(CONDITIONS)} conditions x {len(METHODS)} methods x {SEEDS} seeds, {trials} "
     assert counted in text
-    files = ("report.html", f"{TRACKING}/", PICTURES, STRIPS)
-    files += (runner.ROWS, runner.JOURNAL, runner.FAILED, runner.SETTINGS)
+    files = ("report.html", f"{TRACKING}/", PICTURES, STRIPS, *FILES)
     assert [file for file in files if f"`{file}`" not in text] == []
 
 
@@ -193,7 +192,7 @@ def test_the_guide_to_sweeps_names_what_there_is():
     for name in MEASURES:
         of_quality = re.match(r"q_(gii|vew)_", name)
         assert f"`{name}`" in text or (of_quality and f"`q_{of_quality[1]}`" in text), name
-    for file in (ROWS, FAILED, JOURNAL, STUDY, SWEEP_SETTINGS, "report.html"):
+    for file in (*FILES, STUDY, "report.html"):
         assert f"| `{file}` |" in text
     assert f"{len(load_study('tracking').plan):,} runs" in text
     for field in dataclasses.fields(StudyConfig):

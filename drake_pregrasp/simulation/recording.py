@@ -1,10 +1,8 @@
 """Visualizers of a simulation, and its recording in Meshcat."""
 
-from collections.abc import Iterable
-
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams, MeshcatVisualizer, MeshcatVisualizerParams
-from pydrake.systems.framework import DiagramBuilder, System
+from pydrake.systems.framework import DiagramBuilder
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Arm
@@ -12,6 +10,7 @@ from drake_pregrasp.diagrams.expected_path import expected_path
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
+from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.errors import OutputError
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import load_hand
@@ -88,8 +87,8 @@ def add_visualizers(
         record=record,
     )
     builder.AddNamedSystem("pregrasp_visualizer", visualizer)
-    drawn = ["X_WO_estimated", "p_WC", "contact_status", "safe_regions", "p_WO_covariance"]
-    connect_named(builder, planner, visualizer, drawn)
+    drawn = "X_WO_estimated p_WC contact_status safe_regions p_WO_covariance"
+    connect(builder, planner, drawn, visualizer)
     labels = StatusLabels(
         meshcat=meshcat,
         num_contacts=num_contacts,
@@ -99,8 +98,8 @@ def add_visualizers(
         obstacle_names=scenario.obstacle_names,
     )
     builder.AddNamedSystem("status_labels", labels)
-    labelled = ["X_WO_estimated", "contact_status", "contact_causes", "tracking_status"]
-    connect_named(builder, planner, labels, labelled)
+    labelled = "X_WO_estimated contact_status contact_causes tracking_status"
+    connect(builder, planner, labelled, labels)
     extent = max(0.1, float(surface.mesh.extents.max()))
     for name in ("/Grid", "/Axes"):
         meshcat.SetProperty(name, "visible", False)

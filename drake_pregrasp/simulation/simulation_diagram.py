@@ -18,11 +18,12 @@ from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.diagrams.hand_station import TABLE, DrivenHand, HandStation, add_driven_hand
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
+from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import GraspQuality
 from drake_pregrasp.simulation.hand_file import load_hand, load_hand_model
 from drake_pregrasp.simulation.obstacle_config import moving_solid
-from drake_pregrasp.simulation.recording import add_visualizers, connect_named
+from drake_pregrasp.simulation.recording import add_visualizers
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
 from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord, TickLogger, TickRecord
@@ -84,7 +85,7 @@ def make_diagram(
     add("grasp_quality_monitor", monitor)
     _add_obstacles(builder, scenario, planner, hand, meshcat)
     if config.limits.reach and hand is not None:
-        connect_named(builder, hand.controller, planner, ["X_WH"])
+        connect(builder, hand.controller, "X_WH", planner)
     elif config.limits.reach:
         X_WH = scenario.hand.initial_X_WH(RigidTransform())
         pose = add("hand_pose", HandPose(X_WH, follow=scenario.hand.follow))
@@ -94,19 +95,18 @@ def make_diagram(
         _connect_hand(builder, scenario, hand, planner, grasp_sink)
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
     builder.Connect(weights.get_output_port(), planner.GetInputPort("contact_weights"))
-    connect_named(builder, object_plant, sensor, ["X_WO"])
-    connect_named(builder, sensor, planner, ["X_WO_measured", "measurement_time"])
-    connect_named(builder, object_plant, monitor, ["X_WO"])
-    connect_named(builder, planner, monitor, ["p_WC", "contact_status"])
+    connect(builder, object_plant, "X_WO", sensor)
+    connect(builder, sensor, "X_WO_measured measurement_time", planner)
+    connect(builder, object_plant, "X_WO", monitor)
+    connect(builder, planner, "p_WC contact_status", monitor)
     if sink is not None:
         size = len(GraspQuality.names())
         logger = TickLogger(num_contacts=n, quality_size=size, period=period, sink=sink)
         add("tick_logger", logger)
-        connect_named(builder, object_plant, logger, ["X_WO"])
-        connect_named(builder, monitor, logger, ["grasp_quality"])
-        connect_named(builder, planner, logger, ["p_WC", "contact_status", "contact_causes"])
-        connect_named(builder, planner, logger, ["safe_regions", "X_WO_estimated"])
-        connect_named(builder, planner, logger, ["tracking_status", "time_since_measurement"])
+        connect(builder, object_plant, "X_WO", logger)
+        connect(builder, monitor, "grasp_quality", logger)
+        connect(builder, planner, "p_WC contact_status contact_causes safe_regions", logger)
+        connect(builder, planner, "X_WO_estimated tracking_status time_since_measurement", logger)
     if meshcat is not None:
         add_visualizers(builder, meshcat, scenario, surface, object_plant, planner, record=record)
     diagram = builder.Build()
@@ -143,17 +143,17 @@ def _add_obstacles(
     if hand is not None:
         # The table comes last, so that obstacles keep their indices of the scenario.
         applied = builder.AddNamedSystem("applied_obstacles", MovingObstacles([*solids, TABLE]))
-        connect_named(builder, applied, planner, ["obstacles"])
+        connect(builder, applied, "obstacles", planner)
     if not solids:
         return
     moving = MovingObstacles(solids, lookahead=scenario.planner.estimator.lookahead)
     builder.AddNamedSystem("moving_obstacles", moving)
-    connect_named(builder, moving, hand.controller if hand else planner, ["obstacles"])
+    connect(builder, moving, "obstacles", hand.controller if hand else planner)
     if meshcat is not None:
         shown, period = [o.solid for o in solids], scenario.recording.publish_period
         visualizer = ObstacleVisualizer(meshcat=meshcat, solids=shown, publish_period=period)
         builder.AddNamedSystem("obstacle_visualizer", visualizer)
-        connect_named(builder, moving, visualizer, ["obstacles"])
+        connect(builder, moving, "obstacles", visualizer)
 
 
 def _connect_hand(
@@ -165,10 +165,9 @@ def _connect_hand(
 ) -> None:
     """Connects a hand to the planner, the command to close, and the logger."""
     controller = hand.controller
-    connect_named(builder, planner, controller, ["fingertip_targets", "contact_status"])
-    connect_named(builder, planner, controller, ["X_WO_estimated", "V_WO_estimated"])
-    connect_named(builder, planner, controller, ["tracking_status"])
-    connect_named(builder, controller, planner, ["hold_contacts"])
+    connect(builder, planner, "fingertip_targets contact_status", controller)
+    connect(builder, planner, "X_WO_estimated V_WO_estimated tracking_status", controller)
+    connect(builder, controller, "hold_contacts", planner)
     command = builder.AddNamedSystem("close_command", _step_at(scenario.grasp.close_at))
     builder.Connect(command.get_output_port(), controller.GetInputPort("close"))
     if sink is None:
@@ -176,8 +175,8 @@ def _connect_hand(
     fingers, period = len(hand.tip_frames), scenario.grasp.period
     logger = GraspLogger(num_fingers=fingers, period=period, sink=sink)
     builder.AddNamedSystem("grasp_logger", logger)
-    connect_named(builder, controller, logger, ["grasp_report", "p_GT", "p_WT", "f_T_W", "X_WG"])
-    connect_named(builder, hand.station, logger, ["X_WO", "X_WD"])
+    connect(builder, controller, "grasp_report p_GT p_WT f_T_W X_WG", logger)
+    connect(builder, hand.station, "X_WO X_WD", logger)
 
 
 def _step_at(time: float) -> TrajectorySource:

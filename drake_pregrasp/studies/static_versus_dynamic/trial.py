@@ -18,11 +18,11 @@ from drake_pregrasp.contacts.selection_input import ContactStatus, is_active
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_station import TABLE, add_driven_hand
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
+from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.simulation.hand_file import load_hand_model
 from drake_pregrasp.simulation.output import without_solver_chatter
-from drake_pregrasp.simulation.recording import connect_named
 from drake_pregrasp.simulation.simulation_diagram import hand_planner
 from drake_pregrasp.studies.static_versus_dynamic import conditions, grasp_outcome, methods
 from drake_pregrasp.studies.static_versus_dynamic.conditions import FINGERS
@@ -216,23 +216,23 @@ class Trial:
             builder, config, self.surface, p_OC, fingertip_frames=driven.tip_frames
         )
         self.goals = self._add_goals(builder)
-        ports = ["hold_contacts", "X_WH"] if self.method.uses_reach else ["hold_contacts"]
-        connect_named(builder, controller, self.planner, ports)
-        connect_named(builder, self.goals, controller, ["fingertip_targets", "contact_status"])
-        connect_named(builder, self.planner, controller, ["X_WO_estimated", "V_WO_estimated"])
+        ports = "hold_contacts X_WH" if self.method.uses_reach else "hold_contacts"
+        connect(builder, controller, ports, self.planner)
+        connect(builder, self.goals, "fingertip_targets contact_status", controller)
+        connect(builder, self.planner, "X_WO_estimated V_WO_estimated", controller)
         self._add_measurements(builder)
         weights = builder.AddSystem(ContactWeights(np.zeros(FINGERS), self._start.losses))
-        connect_named(builder, weights, self.goals, ["contact_weights"])
+        connect(builder, weights, "contact_weights", self.goals)
         obstacles = builder.AddSystem(MovingObstacles([*self.condition.area, TABLE]))
         for system in {self.planner, self.goals}:
             if system.HasInputPort("obstacles"):
-                connect_named(builder, obstacles, system, ["obstacles"])
+                connect(builder, obstacles, "obstacles", system)
         area = builder.AddSystem(MovingObstacles(self.condition.area))
-        connect_named(builder, area, controller, ["obstacles"])
+        connect(builder, area, "obstacles", controller)
         period, sink = self._grasp.period, self.records.append
         logger = builder.AddSystem(GraspLogger(num_fingers=FINGERS, period=period, sink=sink))
-        connect_named(builder, controller, logger, ["grasp_report", "p_GT", "p_WT", "X_WG"])
-        connect_named(builder, self.station, logger, ["X_WO", "X_WD"])
+        connect(builder, controller, "grasp_report p_GT p_WT X_WG", logger)
+        connect(builder, self.station, "X_WO X_WD", logger)
         self.diagram = builder.Build()
 
     def _add_goals(self, builder: DiagramBuilder) -> System:
@@ -256,8 +256,8 @@ class Trial:
             goals = builder.AddSystem(
                 methods.Reassignment(frames, azimuths=azimuths, period=self._period)
             )
-            connect_named(builder, self.planner, goals, ["fingertip_targets", "contact_status"])
-            connect_named(builder, self._controller, goals, ["X_WH"])
+            connect(builder, self.planner, "fingertip_targets contact_status", goals)
+            connect(builder, self._controller, "X_WH", goals)
         builder.ExportInput(self._controller.GetInputPort("close"), "close")
         return goals
 
@@ -271,8 +271,8 @@ class Trial:
         noise = builder.AddSystem(NoiseSource(size=size, period=self._period, seed=seed))
         sensor = builder.AddSystem(NoisyPoseSensor(self._scenario.sensor))
         builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
-        connect_named(builder, self.station, sensor, ["X_WO"])
-        connect_named(builder, sensor, self.planner, ["X_WO_measured"])
+        connect(builder, self.station, "X_WO", sensor)
+        connect(builder, sensor, "X_WO_measured", self.planner)
 
     def _misplace_object(self) -> None:
         plant = self.station.plant
