@@ -1,7 +1,7 @@
 """Exponential map of rotations, its inverse and its left Jacobian, one rotation at a time.
 
-`scipy.spatial.transform.Rotation` does the same for many at once; for a single one its call takes
-ten to forty times as long, which a filter at a kilohertz can't afford.
+`scipy.spatial.transform.Rotation` does the same for many rotations at once. For a single rotation
+it takes ten to forty times as long, which a filter at a kilohertz can't afford.
 """
 
 import math
@@ -11,14 +11,14 @@ import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
 
-_SMALL = 1e-2  # Radians: below it the series are exact to rounding.
+_SMALL = 1e-2  # Angle in radians, below which the series are exact to rounding.
 
 
 def rotation_vector(R: FloatArray) -> FloatArray:
     """Returns the shortest theta with Exp(theta) = R, shape (3,), in radians.
 
     It is computed from the largest component of the unit quaternion (Shepperd, "Quaternion from
-    rotation matrix", 1978), so that it is exact at half a turn as well.
+    rotation matrix", 1978), so that it is also exact at half a turn.
 
     Args:
         R: Rotation matrix, shape (3, 3).

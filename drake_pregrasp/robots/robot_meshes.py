@@ -1,4 +1,4 @@
-"""Meshes that a URDF names, converted and named anew."""
+"""Conversion of the meshes of a URDF to formats that Drake reads."""
 
 import copy
 import os
@@ -37,15 +37,15 @@ def convert_mesh(source: Path, target: Path, *, colors: bool) -> list[ConvertedM
     """Converts a mesh file, STL or DAE, and returns its parts.
 
     Args:
-        source: The file.
-        target: Its new place, to which `.obj` is added; folders that lack are made.
-        colors: Whether each colour becomes a part of its own; else all is one part.
+        source: Path of the mesh file.
+        target: Path of the OBJ files without extension; missing folders are made.
+        colors: Whether each colour becomes a separate part; otherwise there is one part.
 
     Raises:
         InvalidArgumentError: If the file can't be read.
     """
     try:
-        with warnings.catch_warnings():  # pycollada uses what newer numpy will do without.
+        with warnings.catch_warnings():  # pycollada uses deprecated functions of numpy.
             warnings.simplefilter("ignore", DeprecationWarning)
             scene = trimesh.load_scene(source)
     except (OSError, ValueError, ImportError) as error:
@@ -76,7 +76,7 @@ def _color(mesh: Any) -> tuple[float, ...] | None:
 
 def _shaded(mesh: Any) -> Any:
     """Returns a mesh with smooth normals, except at its creases."""
-    bare = trimesh.Trimesh(vertices=mesh.vertices, faces=mesh.faces)  # Without its old normals.
+    bare = trimesh.Trimesh(vertices=mesh.vertices, faces=mesh.faces)  # Without the old normals.
     bare.merge_vertices()
     return trimesh.graph.smooth_shade(bare, angle=_CREASE)
 
@@ -120,7 +120,7 @@ def write_obj(pieces: Sequence[Piece], path: Path) -> Path:
     return path
 
 
-_HULL, _SHOWN = "collision", "visual"  # Folders of what is made.
+_HULL, _SHOWN = "collision", "visual"  # Folders of the converted meshes.
 
 
 def convert_meshes(
@@ -129,21 +129,21 @@ def convert_meshes(
     folder: Path,
     on_progress: Callable[[int, int], None],
 ) -> None:
-    """Converts all meshes of a robot, and has it name the new files, relative to a folder.
+    """Converts all meshes of a robot, and replaces their names by paths relative to a folder.
 
-    Those of collision shapes are declared to be convex hulls: that is what they were made as, and
-    the only kind that meets others as it is. Visual ones become a shape for each of their colours.
+    Collision meshes are declared convex: their sources are convex hulls, the only meshes that
+    Drake's point contact uses unchanged. Visual meshes become one shape for each of their colours.
 
     Args:
-        robot: The URDF.
-        find: Gives the file of a name.
-        folder: Where new files go, below `collision` and `visual` as their sources lie to each
-            other.
-        on_progress: Called with how many files are done, of how many.
+        robot: Root element of the URDF, which is changed.
+        find: Function that returns the path of a mesh by its name.
+        folder: Folder for the new files, in `collision` and `visual` with the relative paths of
+            their sources.
+        on_progress: Called with the number of finished files and the number of all.
     """
     visuals = [(link, visual) for link in robot.iter("link") for visual in link.findall("visual")]
     hulls = list(robot.iterfind("link/collision/geometry/mesh"))
-    # One file may be of both kinds: hulls are whole, whatever its colours.
+    # One file may be of both kinds; its hull is whole, regardless of colours.
     uses = sorted(
         {(_HULL, _name(mesh)) for mesh in hulls}
         | {(_SHOWN, _name(mesh)) for _, visual in visuals for mesh in visual.iter("mesh")}
@@ -165,7 +165,7 @@ def convert_meshes(
 
 
 def _targets(sources: Mapping[str, Path]) -> dict[str, Path]:
-    """Returns where each file goes: its path below the folder that holds all of them."""
+    """Returns the path of each file relative to the common folder of all files."""
     resolved = {name: source.resolve() for name, source in sources.items()}
     if not resolved:
         return {}
@@ -178,7 +178,7 @@ def _name(mesh: Element) -> str:
 
 
 def _show(link: Element, visual: Element, parts: list[ConvertedMesh], folder: Path) -> None:
-    """Puts visuals of the parts in place of one visual."""
+    """Replaces a visual by visuals of its parts."""
     place = list(link).index(visual)
     link.remove(visual)
     for part in parts:

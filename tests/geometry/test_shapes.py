@@ -158,7 +158,7 @@ def touching():
         (
             touching(),
             "two.ply",
-            "not watertight: 0 edges .*, 1 have more than two; .* part what touches",
+            "not watertight: 0 edges .*, 1 have more than two; .* separate touching parts",
         ),
         (flat(), "flat.ply", "encloses no volume"),
         (edited(scale=1000.0), "long.ply", "60 m long; at most 3 m, .* scale: 0.001"),

@@ -107,7 +107,7 @@ def test_the_safest_squeeze_uses_narrower_cones_the_larger_forces_may_be():
 def test_bad_arguments_are_refused():
     with pytest.raises(InvalidArgumentError, match="at least one contact"):
         squeeze(np.empty((0, 3)), np.empty((0, 3)))
-    with pytest.raises(InvalidArgumentError, match=r"and not from -1 to 30\.0 N"):
+    with pytest.raises(InvalidArgumentError, match=r"not -1 and 30\.0 N"):
         squeeze(least=-1)
-    with pytest.raises(InvalidArgumentError, match="and not from 5 to 4 N"):
+    with pytest.raises(InvalidArgumentError, match="not 5 and 4 N"):
         squeeze(least=5, largest=4)

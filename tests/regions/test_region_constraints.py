@@ -259,7 +259,7 @@ def test_forbidden_points_without_the_further_coordinates_hold_for_all_values():
     np.testing.assert_array_equal(result.labels, flat.labels)
 
 
-def test_with_normals_regions_keep_to_ground_that_faces_their_way():
+def test_with_normals_regions_stay_on_surface_that_faces_the_same_way():
     p_OC = np.array([[0.05, 0.0, 0.0], [0.03, 0.05, 0.0]])
     on_plus_x = CUBE.nhat_OQ[:, 0] > 0.9
     for length, strays in ((0.0, True), (0.2, False)):
