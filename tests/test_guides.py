@@ -216,7 +216,7 @@ def test_the_study_in_the_guide_to_sweeps_makes_its_runs(tmp_path):
     assert values["active_share"] == 1
 
 
-def test_the_guide_to_sweeps_names_what_there_is(capsys):
+def test_the_guide_to_sweeps_names_all_measures_files_and_keys(capsys):
     text = (DOCS / "sweeps.md").read_text(encoding="utf-8")
     for name in MEASURES:
         of_quality = re.match(r"q_(gii|vew)_", name)

@@ -189,8 +189,8 @@ def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
         _, counts = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
         raise InvalidArgumentError(
             f"{what} is not watertight: {np.sum(counts == 1)} edges have a face on one side only,"
-            f" {np.sum(counts > 2)} have more than two; close its holes and separate touching parts, for"
-            " example with Blender's 3D-print tools"
+            f" {np.sum(counts > 2)} have more than two; close its holes and separate touching"
+            " parts, for example with Blender's 3D-print tools"
         )
     if not mesh.is_winding_consistent:
         mesh.faces = _with_one_winding(mesh)

@@ -178,7 +178,7 @@ def _name(mesh: Element) -> str:
 
 
 def _show(link: Element, visual: Element, parts: list[ConvertedMesh], folder: Path) -> None:
-    """Replaces a visual by visuals of its parts."""
+    """Puts visuals of the parts in place of one visual."""
     place = list(link).index(visual)
     link.remove(visual)
     for part in parts:

@@ -33,7 +33,7 @@ class Drive:
 
 
 def drop_from(robot: Element, link: str) -> None:
-    """Removes a link with its descendants and their joints."""
+    """Removes a link and all that hangs on it, with their joints."""
     for joint in list(robot.findall("joint")):
         if _end(joint, "child") == link:
             robot.remove(joint)

@@ -1,4 +1,4 @@
-"""Which finger goes where, and where contacts start."""
+"""Assignment of fingers to contacts, and initial contacts on a ring."""
 
 from itertools import permutations
 

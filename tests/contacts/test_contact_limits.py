@@ -1,4 +1,4 @@
-"""What holds contact goals back from one tick to the next, over many ticks."""
+"""Limits on the motion of contact goals from tick to tick."""
 
 import numpy as np
 import pytest

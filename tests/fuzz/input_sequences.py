@@ -1,4 +1,4 @@
-"""Feeds many planners with random sequences of inputs, and says what came of them.
+"""Feeds many planners with random sequences of inputs, and reports the outcomes.
 
     python -m tests.fuzz.input_sequences --count 100000 --seed 0
 

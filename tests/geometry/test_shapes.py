@@ -178,7 +178,7 @@ def touching():
         ("v 0 0 0\nv 1 0 0\n", "points.obj", "can't be read as a mesh|no triangles"),
     ],
 )
-def test_what_is_no_mesh_or_no_body_is_refused_in_one_line(tmp_path, content, name, problem):
+def test_files_without_a_mesh_of_a_body_are_refused_in_one_line(tmp_path, content, name, problem):
     path = tmp_path / name
     if isinstance(content, str):
         path.write_text(content)

@@ -1,4 +1,4 @@
-"""The limit that leaves a contact a tiny region, and its cause."""
+"""Limit and cause of a contact's tiny or empty region."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""What limits safe regions beside Eq. 1, against slow transcriptions and as laws."""
+"""Constraints of safe regions besides Eq. 1, against slow references and as laws."""
 
 import numpy as np
 import pytest
@@ -65,7 +65,7 @@ def nearest_point(solid, c):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_an_obstacle_removes_what_is_too_near_or_beyond_its_plane_and_nothing_else(seed):
+def test_an_obstacle_removes_only_candidates_too_near_to_it_or_beyond_its_plane(seed):
     p_OC, tips = contacts(BALL, 4, seed), np.array([0.0, 0.002, 0.004, 0.006])
     obstacles, solids = near_obstacles(seed)
     outside = np.all([solid.distance(p_OC) > 0 for solid in solids], axis=0)
@@ -88,7 +88,7 @@ def test_an_obstacle_removes_what_is_too_near_or_beyond_its_plane_and_nothing_el
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_straight_ways_inside_a_region_keep_clear_of_obstacles(seed):
+def test_straight_paths_inside_a_region_keep_clear_of_obstacles(seed):
     obstacles, solids = near_obstacles(seed)
     p_OC = contacts(BALL, 5, seed + 10)
     limited = regions_of(BALL, p_OC, obstacles=obstacles, clearance=CLEARANCE)

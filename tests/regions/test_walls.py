@@ -62,7 +62,7 @@ def test_candidates_behind_a_wall_belong_to_the_nearest_contact_on_their_side(te
         assert np.all(labels[side] == contact)
 
 
-def test_by_normals_nobody_has_the_side_of_a_plate_without_contacts():
+def test_by_normals_the_side_of_a_plate_without_contacts_is_in_no_region():
     labels = labels_of(PLATE, ON_PLATE, "normals")
     assert np.all(labels[PLATE.nhat_OQ[:, 2] < -0.9] == NO_REGION)
     assert np.all(labels[PLATE.nhat_OQ[:, 2] > 0.9] != NO_REGION)

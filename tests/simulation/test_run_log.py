@@ -1,4 +1,4 @@
-"""The log of a run is read back as it was written, or says why it can't be."""
+"""The log of a run is read back as it was written, or an error names the reason."""
 
 import pytest
 
@@ -30,6 +30,6 @@ def test_no_ticks_are_read_from_no_file(tmp_path):
     assert [column.shape for column in log.read("time", "c0_x")] == [(0,), (0,)]
 
 
-def test_a_log_that_cannot_be_written_says_so(tmp_path):
+def test_a_log_that_cannot_be_written_is_an_error(tmp_path):
     with pytest.raises(OutputError, match=r"log\.csv: can't be written: .*"):
         RunLog(tmp_path / "missing" / "log.csv", 2).__enter__()
