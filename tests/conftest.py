@@ -1,4 +1,4 @@
-"""What many tests stand on."""
+"""Fixtures that many tests share."""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""Short runs of shipped scenarios, and what their logs hold."""
+"""Short runs of shipped scenarios, and their logs."""
 
 import numpy as np
 from conftest import read_log

@@ -1,4 +1,4 @@
-"""Whatever a stranger's files name, no other file's content gets into a run folder."""
+"""Untrusted files can't copy the content of other files into a run folder."""
 # ruff: noqa: E501
 
 import base64

@@ -1,4 +1,4 @@
-"""Whatever comes in, what is used is finite, and what could be used is left as it is."""
+"""Validation of port inputs: results are finite, and valid inputs are unchanged."""
 
 import numpy as np
 import pytest
@@ -79,14 +79,14 @@ def test_a_covariance_is_used_as_it_is(numbers):
     np.testing.assert_array_equal(usable, R.T @ covariance @ R + 0.04**2 * np.eye(3))
 
 
-def test_what_is_no_number_leaves_the_spread_alone():
+def test_a_nan_covariance_leaves_only_the_spread():
     unknown = np.full((3, 3), np.nan)
     np.testing.assert_allclose(validated_covariance(unknown, R, 0.04), 0.04**2 * np.eye(3))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300, 2 * FARTHEST])
 @pytest.mark.parametrize("index", range(3))
-def test_poses_that_are_none_are_told_apart(bad, index):
+def test_invalid_poses_are_recognized(bad, index):
     p = np.array([0.1, -0.2, 0.3])
     assert is_valid_pose(R, p)
     assert is_valid_pose(R.astype(np.float32).astype(float), 1e6 * p)
@@ -99,7 +99,7 @@ def test_poses_that_are_none_are_told_apart(bad, index):
 @pytest.mark.parametrize(
     "matrix", [np.zeros((3, 3)), 1.001 * R, -R, np.diag([1.0, 1, -1]), np.ones((3, 3))]
 )
-def test_matrices_that_are_no_rotation_are_told_apart(matrix):
+def test_invalid_rotations_are_recognized(matrix):
     assert not is_valid_pose(matrix, np.zeros(3))
 
 
@@ -113,6 +113,6 @@ def test_rates_are_used_all_or_none(numbers):
 
 
 @given(ANY_NUMBER)
-def test_what_is_no_status_is_one_that_nobody_follows(number):
+def test_an_invalid_tracking_status_counts_as_lost(number):
     status = TrackingStatus(number)
     assert status == (number if number in list(TrackingStatus) else TrackingStatus.LOST)

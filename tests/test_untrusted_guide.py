@@ -1,4 +1,4 @@
-"""The page on files from strangers states the limits that the code has."""
+"""The page on untrusted files states the limits of the code."""
 
 import importlib
 import re

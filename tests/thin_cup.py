@@ -1,4 +1,4 @@
-"""A cup with a wall of 3 mm, which several tests stand on."""
+"""A cup with a wall of 3 mm, which several tests share."""
 
 from drake_pregrasp.geometry.shapes import revolved_shape
 

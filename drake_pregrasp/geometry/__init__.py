@@ -1,1 +1,1 @@
-"""Surfaces, shapes and solids: the geometry of the object, without Drake."""
+"""Geometry of the object without Drake: surfaces, shapes and solids."""

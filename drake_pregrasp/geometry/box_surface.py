@@ -10,10 +10,10 @@ from drake_pregrasp.geometry.shapes import box_shape
 from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
 
 MAX_POINTS = 2_000_000
-"""Default of the most candidates of a box, and of its most forbidden points."""
+"""Default of the largest number of a box's candidates, and of its forbidden points."""
 
 BOX_FACES = ("+x", "-x", "+y", "-y", "+z", "-z")
-"""Names of a box's faces: their outward normals in the object frame."""
+"""Names of a box's faces, by their outward normals in the object frame."""
 
 
 def box_surface(
@@ -33,14 +33,14 @@ def box_surface(
     Args:
         size: Edge lengths along x, y and z of O, in metres.
         spacing: Largest distance between neighbouring candidates, in metres.
-        forbidden_faces: Names, out of `BOX_FACES`, of the faces that become forbidden points.
+        forbidden_faces: Names from `BOX_FACES` of the faces that become forbidden points.
         forbidden_spacing: Largest distance between neighbouring forbidden points, in metres.
-        forbidden_radius: R_j of each forbidden point, in metres.
+        forbidden_radius: Radius R_j of each forbidden point, in metres.
         max_points: Largest number of candidates, and of forbidden points.
 
     Raises:
-        InvalidArgumentError: If a length is not above 0, a face has no such name, or there would be
-            more than `max_points`.
+        InvalidArgumentError: If a length is not above 0, a face's name is unknown, or there would
+            be more than `max_points` points.
         NoSurfaceError: If no face is left for contacts.
     """
     if len(size) != 3 or not all(length > 0 for length in size):
@@ -49,7 +49,7 @@ def box_surface(
         raise InvalidArgumentError("spacings must be above 0 m")
     for face in forbidden_faces:
         if face not in BOX_FACES:
-            raise InvalidArgumentError(f"{face!r} is no face of a box: {', '.join(BOX_FACES)}")
+            raise InvalidArgumentError(f"{face!r} is not a face of a box: {', '.join(BOX_FACES)}")
     allowed_faces = [face for face in BOX_FACES if face not in forbidden_faces]
     if not allowed_faces:
         raise NoSurfaceError("all faces of the box are forbidden: none is left for contacts")
@@ -76,7 +76,7 @@ def box_surface(
 
 
 def _joined(faces: Sequence[str], points: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Returns the points of all faces and the normals there, each shape (k, 3)."""
+    """Returns the points of all faces in O in metres and their normals, each shape (k, 3)."""
     normals = [np.tile(face_normal(f), (len(p), 1)) for f, p in zip(faces, points, strict=True)]
     empty = np.empty((0, 3))
     return np.concatenate([empty, *points]), np.concatenate([empty, *normals])
@@ -85,7 +85,7 @@ def _joined(faces: Sequence[str], points: Sequence[FloatArray]) -> tuple[FloatAr
 def _check_number(
     faces: Sequence[str], half: FloatArray, name: str, spacing: float, max_points: int
 ) -> None:
-    count = 0.0  # A float, as integers could overflow.
+    count = 0.0  # A float, because integers could overflow.
     for face in faces:
         first, second = (2 * half[face_normal(face) == 0]).tolist()  # Overflows to inf in silence.
         count += (first / spacing + 1) * (second / spacing + 1)
@@ -97,7 +97,7 @@ def _check_number(
 
 
 def face_normal(face: str) -> FloatArray:
-    """Returns the outward normal of the face of that name, shape (3,)."""
+    """Returns the outward normal of a face in O, shape (3,), by the face's name."""
     normal = np.zeros(3)
     normal["xyz".index(face[1])] = 1.0 if face[0] == "+" else -1.0
     return normal
@@ -106,7 +106,7 @@ def face_normal(face: str) -> FloatArray:
 def _face_grid(
     face: str, half: FloatArray, spacing: float, *, corners: bool
 ) -> tuple[FloatArray, FloatArray]:
-    """Returns the corners, or the centres, of a face's cells, shape (k, 3), and a cell's edges."""
+    """Returns corners or centres of a face's cells, shape (k, 3), and a cell's edge lengths."""
     normal = face_normal(face)
     axis, others = np.flatnonzero(normal)[0], np.flatnonzero(normal == 0)
     lengths = 2 * half[others]
@@ -124,7 +124,7 @@ def _face_grid(
 
 
 def _cell_triangles(face: str, centres: FloatArray, cell: FloatArray) -> FloatArray:
-    """Returns the two triangles of each cell, shape (2k, 3, 3), their normals outward."""
+    """Returns two triangles of each cell with outward normals, shape (2k, 3, 3)."""
     normal = face_normal(face)
     u, v = cell[:, None] / 2 * np.eye(3)[normal == 0]
     if np.cross(u, v) @ normal < 0:

@@ -1,4 +1,4 @@
-"""The closed surfaces that a mesh consists of: bodies, and cavities in them."""
+"""Closed surfaces of a mesh: bodies, and cavities in them."""
 
 import itertools
 
@@ -9,26 +9,26 @@ from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
 
 MAX_COMPONENTS = 100
-"""Closed surfaces that a mesh may be made of."""
+"""Largest number of closed surfaces of a mesh."""
 
 MAX_PAIRS = 20_000_000
-"""Pairs of a point and a triangle, of closed surfaces whose bounding boxes overlap: each ten
-million take two to four seconds."""
+"""Largest number of pairs of a point and a triangle from closed surfaces whose bounding boxes
+overlap: ten million pairs take two to four seconds."""
 
-_CHUNK = 2_000_000  # Pairs of a point and a triangle that are looked at in one go.
+_CHUNK = 2_000_000  # Pairs of a point and a triangle in one vectorized step.
 
 
 def orient_components(mesh: trimesh.Trimesh, what: str) -> None:
-    """Turns each closed surface of a mesh so that its normals point out of the material, in place.
+    """Orients the closed surfaces of a mesh in place, with normals out of the material.
 
-    A surface inside another one is a cavity, one inside of that is solid again, and so on.
+    A surface inside another surface is a cavity, a surface inside a cavity is solid, and so on.
 
     Args:
-        mesh: Watertight, each of its surfaces with one winding.
-        what: Names the mesh in errors.
+        mesh: Watertight mesh, each of whose closed surfaces has a consistent winding.
+        what: Name of the mesh in errors.
 
     Raises:
-        InvalidArgumentError: If two surfaces cross, so that a part of one lies inside the other.
+        InvalidArgumentError: If two surfaces cross, or if there are too many surfaces or pairs.
     """
     labels = trimesh.graph.connected_component_labels(mesh.face_adjacency, len(mesh.faces))
     count = int(np.max(labels)) + 1

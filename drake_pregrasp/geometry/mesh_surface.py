@@ -1,4 +1,4 @@
-"""Surface of any closed mesh, sampled evenly, and areas of it without contacts."""
+"""Evenly sampled surface of a closed mesh, and its no-touch areas."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,21 +13,21 @@ from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
 
 _DISTANCE = 0.75
-"""Least distance of two candidates over the spacing: neighbours are 0.75 to 1.5 spacings apart."""
+"""Ratio of candidates' least distance to the spacing: neighbours are 0.75 to 1.5 spacings apart."""
 
 EDGE = 0.5
-"""Longest edge of the patches' triangles over the spacing."""
+"""Ratio of the longest edge of the patches' triangles to the spacing."""
 
 _SLIVER = 1e-8
-"""Area of triangles too thin for a normal, over the square of their longest edge."""
+"""Ratio of area to squared longest edge, up to which a triangle is too thin for a normal."""
 
 
 @dataclass(frozen=True, eq=False)
 class FacingArea:
-    """Surface whose outward normal is near a direction.
+    """Area whose outward normal is near a direction.
 
     Attributes:
-        direction: Direction in O, shape (3,), of any length but zero.
+        direction: Direction in O, shape (3,), not zero; it is normalized.
         angle: Largest angle between normal and direction, in radians.
     """
 
@@ -43,7 +43,7 @@ class FacingArea:
 
 @dataclass(frozen=True)
 class AxisArea:
-    """Surface whose outward normal is nearer to one axis of O than to the others.
+    """Area whose outward normal is nearer to one axis of O than to the others.
 
     Attributes:
         face: Sign and name of the axis, such as `+z`.
@@ -52,7 +52,7 @@ class AxisArea:
     face: str
 
     def holds(self, normals: FloatArray) -> BoolArray:
-        """Returns which outward unit normals, shape (k, 3), belong to the area, shape (k,)."""
+        """Returns whether outward unit normals in O, shape (k, 3), belong to the area, as (k,)."""
         axis, sign = "xyz".index(self.face[1]), -1.0 if self.face[0] == "-" else 1.0
         nearest = np.argmax(np.abs(normals), axis=1)
         on_it: BoolArray = (nearest == axis) & (sign * normals[:, axis] > 0)
@@ -61,7 +61,7 @@ class AxisArea:
 
 @dataclass(frozen=True)
 class PartArea:
-    """Part of the mesh.
+    """Area of one part of the mesh.
 
     Attributes:
         part: Index of the part in the shape.
@@ -71,21 +71,21 @@ class PartArea:
 
 
 NoTouchArea = FacingArea | AxisArea | PartArea | Solid
-"""Area without contacts. A solid, in O, forbids the surface inside it."""
+"""Area without contacts. A solid in O forbids the surface inside it."""
 
 
 def is_forbidden(
     triangles: Triangles, face_parts: IntArray, areas: Sequence[NoTouchArea]
 ) -> BoolArray:
-    """Returns which triangles are forbidden, shape (T,).
+    """Returns whether each triangle is forbidden, shape (T,).
 
-    A triangle that reaches into a solid is forbidden as a whole, so that the allowed surface is
-    outside.
+    A triangle that may overlap a solid is forbidden as a whole, so that the allowed surface is
+    outside the solid.
 
     Args:
-        triangles: Pieces of the mesh's faces.
+        triangles: Triangles in O that the mesh's faces are split into.
         face_parts: Index of each face's part, shape (F,).
-        areas: No-touch areas.
+        areas: No-touch areas of the surface.
     """
     forbidden = np.zeros(len(triangles.faces), dtype=bool)
     for area in areas:
@@ -111,16 +111,17 @@ def mesh_surface(
 ) -> ObjectSurface:
     """Returns the surface of a homogeneous body from its mesh.
 
-    Candidates are spread evenly over the allowed surface. Each has a patch: the part of the surface
-    that is nearer to it than to the others. The rest becomes forbidden points.
+    Candidates are spread evenly over the allowed surface. The patch of a candidate is the allowed
+    surface that is nearer to it than to other candidates. Forbidden points sample the remaining
+    surface.
 
     Args:
-        shape: Closed mesh.
+        shape: Shape of the body, a closed mesh.
         spacing: Mean distance of neighbouring candidates, in metres.
         seed: Seed of the choice of candidates.
         no_touch: Areas without contacts.
         forbidden_spacing: Mean distance of neighbouring forbidden points, in metres.
-        forbidden_radius: R_j of each forbidden point, in metres.
+        forbidden_radius: Radius R_j of each forbidden point, in metres.
 
     Raises:
         InvalidArgumentError: If a length is not above 0, or the spacing is so fine that the

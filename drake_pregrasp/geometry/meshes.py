@@ -26,16 +26,16 @@ MAX_MESH_BYTES = 50_000_000
 """Largest size of a mesh file, and of each buffer beside it, in bytes."""
 
 MAX_FACES = 200_000
-"""Largest number of triangles of a mesh, for the sake of the simulation's speed."""
+"""Largest number of triangles of a mesh, which bounds the simulation's computing time."""
 
 MAX_VERTICES = 3 * MAX_FACES
-"""Largest number of vertices of a mesh: that of triangles that share none."""
+"""Largest number of vertices of a mesh, reached by triangles without shared vertices."""
 
 MAX_PIECES = 1000
 """Largest number of parts of a mesh file; a part counts once for each placement."""
 
 MAX_NAME = 200
-"""Largest number of characters of a part's name and of a vertex; the rest is left out."""
+"""Largest number of characters of a part's name and of a vertex; further ones are ignored."""
 
 MAX_MATERIAL_BYTES = 1_000_000
 """Largest size of a material library of an OBJ file, in bytes."""
@@ -46,7 +46,7 @@ MAX_WORDS = 4_000_000
 MAX_VALUES = 500_000
 """Largest number of values in the JSON of a glTF file."""
 
-_MAX_NUMBERS = 20_000_000  # In the arrays of a glTF file, which may claim any count.
+_MAX_NUMBERS = 20_000_000  # Numbers in a glTF file's arrays, which may claim any count.
 
 _OPTIONS: Mapping[str, Mapping[str, Any]] = {
     ".obj": {"split_objects": True, "skip_materials": True},
@@ -69,9 +69,9 @@ class Piece(NamedTuple):
     """A named part of a mesh file.
 
     Attributes:
-        name: Name of the part, or of its material if parts are told apart by materials.
+        name: Name of the part, or of its material if parts are separated by materials.
         mesh: Triangles of the part, in the frame of the file.
-        color: Red, green, blue and opacity, from 0 to 1, or None if the file does not say.
+        color: Red, green, blue and opacity, from 0 to 1, or None if the file has no colour.
     """
 
     name: str
@@ -247,7 +247,7 @@ def _plain_obj(data: bytes, *, by_material: bool) -> tuple[bytes, list[str]]:
 
 
 def _read_materials(folder: Path, library: str) -> dict[str, Color]:
-    """Returns the plain colours of a material library by name, empty without such a file."""
+    """Returns the plain colours of a material library by name; empty if the file is missing."""
     path = folder / library
     check_inside(path, [folder])
     if not path.is_file():

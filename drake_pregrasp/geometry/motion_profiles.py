@@ -1,4 +1,4 @@
-"""Velocity profiles: velocities over time, and the positions that they lead to."""
+"""Velocity profiles: velocities over time, and their integrals."""
 
 from collections.abc import Sequence
 
@@ -12,8 +12,8 @@ class VelocityProfile:
     """Velocities that are linear between the rows of a table, and constant after the last row.
 
     Args:
-        rows: Rows of a time in seconds and k velocities; times increase from 0. One row makes a
-            constant velocity.
+        rows: Rows of a time in seconds and k velocities, with times that increase from 0. One row
+            is a constant velocity.
 
     Raises:
         InvalidArgumentError: If the times do not increase from 0, or rows differ in length.
@@ -38,14 +38,14 @@ class VelocityProfile:
 
     @property
     def size(self) -> int:
-        """The number k of velocities."""
+        """Number k of velocities."""
         return int(self._velocities.shape[1])
 
     def at(self, time: float) -> tuple[FloatArray, FloatArray]:
-        """Returns positions and velocities at a time from 0 on, shapes (k,).
+        """Returns positions and velocities at a time of 0 s or more, shapes (k,).
 
-        Positions start at 0 and are the exact integral: over a linear piece, the time times the
-        mean of the velocities at its ends.
+        Positions are the exact integral of the velocities from 0: over a linear piece, the time
+        times the mean of the velocities at its ends.
         """
         row = int(self._times.searchsorted(time, side="right")) - 1
         since = time - self._times[row]

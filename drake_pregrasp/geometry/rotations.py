@@ -11,14 +11,14 @@ import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
 
-_SMALL = 1e-2  # Radians: below it the series are exact to rounding.
+_SMALL = 1e-2  # Angle in radians, below which the series are exact to rounding.
 
 
 def rotation_vector(R: FloatArray) -> FloatArray:
     """Returns the shortest theta with Exp(theta) = R, shape (3,), in radians.
 
     It is computed from the largest component of the unit quaternion (Shepperd, "Quaternion from
-    rotation matrix", 1978), so that it is exact at half a turn as well.
+    rotation matrix", 1978), so that it is also exact at half a turn.
 
     Args:
         R: Rotation matrix, shape (3, 3).

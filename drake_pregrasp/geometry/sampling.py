@@ -11,7 +11,7 @@ from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
 
 MAX_TRIANGLES = 1_000_000
-"""Largest number of triangles that a surface is split into: they take some 0.3 GB and 5 s."""
+"""Largest number of triangles of a split surface, which take about 0.3 GB and 5 s."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,10 +55,10 @@ def split_triangles(corners: FloatArray, normals: FloatArray, longest_edge: floa
     Args:
         corners: Corners of the triangles, shape (F, 3, 3), in metres.
         normals: Unit normals of the triangles, shape (F, 3).
-        longest_edge: Limit of the edges, in metres.
+        longest_edge: Largest allowed edge, in metres.
 
     Raises:
-        InvalidArgumentError: If that would make more than `MAX_TRIANGLES`.
+        InvalidArgumentError: If there would be more than `MAX_TRIANGLES`.
     """
     area = float(np.sum(trimesh.triangles.area(corners)))
     if (
@@ -98,7 +98,7 @@ def unit_normals(corners: FloatArray) -> FloatArray:
     """Returns the unit normals of triangles by their winding, shape (T, 3).
 
     Args:
-        corners: Corners, shape (T, 3, 3), in metres.
+        corners: Corners of the triangles, shape (T, 3, 3), in metres.
     """
     crosses: FloatArray = trimesh.triangles.cross(corners)
     lengths = np.linalg.norm(crosses, axis=1, keepdims=True)
@@ -106,14 +106,14 @@ def unit_normals(corners: FloatArray) -> FloatArray:
 
 
 def lifted(points: FloatArray, normals: FloatArray, length: float) -> FloatArray:
-    """Returns points with their scaled normals as three more coordinates, shape (k, 6).
+    """Returns points with their scaled normals as three further coordinates, shape (k, 6).
 
     The two sides of a thin wall are then at least two lengths apart.
 
     Args:
-        points: Points, shape (k, 3), in metres.
-        normals: Unit normals, shape (k, 3).
-        length: Factor on the normals, in metres.
+        points: Positions of the points, shape (k, 3), in metres.
+        normals: Unit normals at the points, shape (k, 3).
+        length: Factor of the normals, in metres.
     """
     return np.hstack([points, length * normals])
 
@@ -123,17 +123,17 @@ def choose_evenly(
 ) -> tuple[IntArray, IntArray]:
     """Returns a maximal Poisson-disk sample of the triangles' centroids, and their owners.
 
-    No two samples are nearer to each other than `distance`, and no further one would fit. Distances
-    are between lifted points, so that each side of a thin wall gets its own samples.
+    No two samples are nearer to each other than `distance`, and no further sample fits. Distances
+    are between lifted points, so that each side of a thin wall has its own samples.
 
     Args:
-        triangles: Triangles to choose from.
+        triangles: Triangles whose centroids are sampled.
         distance: Smallest distance of two samples, in metres.
         generator: Generator of the order in which triangles are tried.
 
     Returns:
-        Indices of the chosen triangles, ascending, shape (N,); and for each triangle the place of
-        the nearest sample among them, shape (T,).
+        Ascending indices of the sampled triangles, shape (N,); and the position of the nearest
+        sample in this array for each triangle, shape (T,).
     """
     points = lifted(triangles.centroids, triangles.normals, distance)
     tree = cKDTree(points)

@@ -14,7 +14,7 @@ from drake_pregrasp.geometry.closed_surfaces import orient_components
 from drake_pregrasp.geometry.meshes import read_pieces
 
 FACET_ERROR = 5e-5
-"""Largest distance of facets from the round surface that they approximate, in metres."""
+"""Largest distance of facets from the approximated round surface, in metres."""
 
 MAX_EXTENT = 3.0
 """Largest extent of an object, in metres: a file in millimetres is a thousand times too large."""
@@ -29,16 +29,16 @@ _SECTIONS = (24, 256)  # Smallest and largest number of facets around a circle.
 _SUBDIVISIONS = (3, 6)  # Smallest and largest number, from the faces of an icosahedron.
 
 _SUBDIVISION_ERROR = 0.292
-"""Upper bound of 4^k times the error of a unit ball's facets after k subdivisions."""
+"""Upper bound of 4^k times the facet error of a unit ball after k subdivisions."""
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """An object's closed surface, in its frame O.
+    """Closed surface of an object in its frame O.
 
     Attributes:
         mesh: Watertight mesh with outward normals, in metres.
-        part_names: Names of the parts.
+        part_names: Names of the mesh's parts.
         face_parts: Index of each face's part, shape (F,).
     """
 
@@ -48,14 +48,14 @@ class Shape:
 
     @property
     def p_OCoM(self) -> FloatArray:
-        """The centre of mass of the homogeneous body, shape (3,), in metres."""
+        """Centre of mass of the homogeneous body in O, shape (3,), in metres."""
         return np.array(self.mesh.center_mass)
 
     def part(self, name: str) -> int:
-        """Returns the index of the part of that name.
+        """Returns the index of the part with a name.
 
         Raises:
-            InvalidArgumentError: If there is no such part; the message lists the names.
+            InvalidArgumentError: If the name is unknown; the message lists the names.
         """
         if name not in self.part_names:
             raise InvalidArgumentError(
@@ -68,7 +68,7 @@ def box_shape(size: Sequence[float]) -> Shape:
     """Returns a box centred on the origin.
 
     Args:
-        size: Edge lengths, in metres.
+        size: Edge lengths along x, y and z, in metres.
     """
     return _one_part(trimesh.creation.box(extents=size))
 
@@ -77,8 +77,8 @@ def cylinder_shape(radius: float, length: float) -> Shape:
     """Returns a cylinder centred on the origin, with its axis along z.
 
     Args:
-        radius: Radius, in metres.
-        length: Length, in metres.
+        radius: Radius of the cylinder, in metres.
+        length: Length of the cylinder along z, in metres.
     """
     z = length / 2
     return revolved_shape([[0, -z], [radius, -z], [radius, z], [0, z]])
@@ -88,7 +88,7 @@ def ball_shape(radius: float) -> Shape:
     """Returns a ball centred on the origin.
 
     Args:
-        radius: Radius, in metres.
+        radius: Radius of the ball, in metres.
     """
     fewest, most = _SUBDIVISIONS
     needed = np.ceil(np.log(_SUBDIVISION_ERROR * radius / FACET_ERROR) / np.log(4))
@@ -100,8 +100,8 @@ def revolved_shape(profile: Sequence[Sequence[float]]) -> Shape:
     """Returns the solid of revolution of a profile about z.
 
     Args:
-        profile: Points (r, z) of a line, r >= 0, in metres. A line whose ends are not both on the
-            axis is closed, which makes a ring.
+        profile: Points (r, z) of a polyline with r >= 0, shape (k, 2), in metres. A polyline whose
+            ends are not both on the axis is closed, which makes a ring.
 
     Raises:
         InvalidArgumentError: If the profile encloses no solid.
@@ -128,7 +128,7 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
     Named objects of the file become the shape's parts.
 
     Args:
-        path: Path of the file.
+        path: Path of the mesh file.
         scale: Length of the file's unit, in metres.
 
     Raises:
@@ -150,7 +150,7 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
     if not np.all(np.isfinite(vertices)):
         raise InvalidArgumentError(f"{path} has a vertex that is not finite")
     _check_size(vertices, str(path))
-    # Pieces of one closed surface share their seams only once equal vertices are merged.
+    # Pieces of a closed surface share their seams only after equal vertices are merged.
     mesh = trimesh.Trimesh(vertices, whole.faces, process=False)
     mesh.merge_vertices()
     return Shape(_checked(mesh, str(path)), part_names, face_parts)
@@ -161,7 +161,7 @@ def _one_part(mesh: trimesh.Trimesh) -> Shape:
 
 
 def _check_size(vertices: FloatArray, what: str) -> float:
-    """Returns the longest edge of the bounding box, in metres, after checking its size."""
+    """Checks the size of the bounding box, and returns its longest edge in metres."""
     low, high = np.min(vertices, axis=0), np.max(vertices, axis=0)
     with np.errstate(over="ignore"):
         longest = float(np.max(high - low))
@@ -189,8 +189,8 @@ def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
         _, counts = np.unique(mesh.edges_sorted, axis=0, return_counts=True)
         raise InvalidArgumentError(
             f"{what} is not watertight: {np.sum(counts == 1)} edges have a face on one side only,"
-            f" {np.sum(counts > 2)} have more than two; close its holes and part what touches, for"
-            " example with Blender's 3D-print tools"
+            f" {np.sum(counts > 2)} have more than two; close its holes and separate touching"
+            " parts, for example with Blender's 3D-print tools"
         )
     if not mesh.is_winding_consistent:
         mesh.faces = _with_one_winding(mesh)
@@ -209,16 +209,16 @@ def _checked(mesh: trimesh.Trimesh, what: str) -> trimesh.Trimesh:
 
 
 def _with_one_winding(mesh: trimesh.Trimesh) -> IntArray:
-    """Returns the faces of a watertight mesh, turned so that neighbours agree, shape (F, 3)."""
+    """Returns the faces of a watertight mesh with a consistent winding, shape (F, 3)."""
     faces = np.array(mesh.faces, dtype=np.int64)
     pairs, edges = mesh.face_adjacency, mesh.face_adjacency_edges
-    # Two faces agree if they run along their edge in opposite ways.
+    # Two faces agree if they traverse their common edge in opposite directions.
     runs = [
         np.any((faces[f] == edges[:, :1]) & (np.roll(faces[f], -1, 1) == edges[:, 1:]), axis=1)
         for f in pairs.T
     ]
     differ = (runs[0] == runs[1]).astype(np.int64)
-    # Each face is there twice, as it is and turned; faces that agree are connected.
+    # The graph has each face twice, original and flipped, and connects faces that agree.
     count = len(faces)
     first = np.concatenate([pairs[:, 0], pairs[:, 0] + count])
     second = np.concatenate([pairs[:, 1] + count * differ, pairs[:, 1] + count * (1 - differ)])

@@ -17,10 +17,11 @@ class Solid(ABC):
         """Returns the signed distances of points and their gradients.
 
         Args:
-            p_FP: Points in F, shape (k, 3), in metres.
+            p_FP: Positions of the points in F, shape (k, 3), in metres.
 
         Returns:
-            Distances, shape (k,), in metres, below zero inside; and unit gradients, shape (k, 3).
+            Distances, shape (k,), in metres, below zero inside; and unit gradients in F, shape
+            (k, 3).
         """
 
     @abstractmethod
@@ -29,14 +30,14 @@ class Solid(ABC):
 
         Args:
             R_GF: Orientation of F in G, shape (3, 3).
-            p_GF: Origin of F in G, shape (3,), in metres.
+            p_GF: Position of F in G, shape (3,), in metres.
         """
 
     def distance(self, p_FP: FloatArray) -> FloatArray:
         """Returns the signed distances of points, shape (k,), in metres, below zero inside.
 
         Args:
-            p_FP: Points in F, shape (k, 3), in metres.
+            p_FP: Positions of the points in F, shape (k, 3), in metres.
         """
         return self.distance_and_gradient(p_FP)[0]
 
@@ -46,8 +47,8 @@ class BallSolid(Solid):
     """A ball.
 
     Attributes:
-        center: Centre in F, shape (3,), in metres.
-        radius: Radius, at least zero, in metres.
+        center: Position of the centre in F, shape (3,), in metres.
+        radius: Radius of the ball, at least zero, in metres.
     """
 
     center: FloatArray
@@ -75,9 +76,9 @@ class BoxSolid(Solid):
     """A box.
 
     Attributes:
-        center: Centre in F, shape (3,), in metres.
-        R_FB: Orientation of the box's axes in F, shape (3, 3).
-        size: Edge lengths, shape (3,), in metres.
+        center: Position of the centre in F, shape (3,), in metres.
+        R_FB: Orientation of the box B in F, shape (3, 3).
+        size: Edge lengths along the axes of B, shape (3,), in metres.
     """
 
     center: FloatArray
@@ -110,11 +111,11 @@ class BoxSolid(Solid):
 
 @dataclass(frozen=True, eq=False)
 class HalfSpace(Solid):
-    """All points on one side of a plane.
+    """A half-space, the points on one side of a plane.
 
     Attributes:
-        point: Point of the plane in F, shape (3,), in metres.
-        normal: Outward normal in F, shape (3,), of any length but zero; it is normalized.
+        point: Position of a point of the plane in F, shape (3,), in metres.
+        normal: Outward normal in F, shape (3,), not zero; it is normalized.
     """
 
     point: FloatArray

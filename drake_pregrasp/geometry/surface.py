@@ -1,4 +1,4 @@
-"""The surface of an object: where contacts may be, and projection onto it."""
+"""Allowed surface of an object for contacts, and projection onto it."""
 
 import itertools
 from collections.abc import Sequence
@@ -14,13 +14,13 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.sampling import Triangles, unit_normals
 
 CONTACT_TOLERANCE = 1e-4
-"""Largest distance from the surface of a contact that counts as on it, in metres."""
+"""Largest distance from the surface of a contact that counts as on the surface, in metres."""
 
 _ROUNDING = 1 + 1e-9
 
 FLAT_CORNER = 1e-12
-"""Squared sine of a corner below which a triangle counts as its edges: rounding would decide on
-which side of them a point is."""
+"""Squared sine of a corner up to which a triangle counts as degenerate: rounding would decide on
+which side of its edges a point is."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class ForbiddenPoints:
 
     points: FloatArray
     radii: FloatArray
-    normals: FloatArray = None  # type: ignore[assignment]  # Made of the points' shape.
+    normals: FloatArray = None  # type: ignore[assignment]  # Zeros in the points' shape.
 
     def __post_init__(self) -> None:
         if self.points.ndim != 2 or self.points.shape[1] < 1:
@@ -58,7 +58,7 @@ class ForbiddenPoints:
         return ForbiddenPoints(np.empty((0, 3)), np.empty(0))
 
     def joined(self, other: "ForbiddenPoints") -> "ForbiddenPoints":
-        """Returns the union with `other`, which is in the same frame."""
+        """Returns the union with other points in the same frame."""
         return ForbiddenPoints(
             np.concatenate([self.points, other.points]),
             np.concatenate([self.radii, other.radii]),
@@ -115,15 +115,15 @@ class ObjectSurface:
             p_OP: Points in O, shape (k, 3), in metres.
 
         Returns:
-            The nearest allowed points, shape (k, 3), and the outward normals there, shape (k, 3).
-            Of patches at the same distance the first one counts.
+            The nearest allowed points in O, shape (k, 3), in metres, and their outward normals,
+            shape (k, 3). Of patches at the same distance, the first one counts.
 
         Raises:
             InvalidArgumentError: If a point is not finite.
         """
         if not np.isfinite(p_OP).all():
             raise InvalidArgumentError(f"points must be finite, not {p_OP.tolist()}")
-        # A candidate is on its patch, so that the nearest one bounds the distance to the surface.
+        # A candidate is on its patch, so the nearest one bounds the distance to the surface.
         bounds, _ = self._tree.query(p_OP)
         reach = bounds * _ROUNDING + self.patch_reach
         near = self._tree.query_ball_point(p_OP, reach, return_sorted=True)
@@ -138,10 +138,10 @@ class ObjectSurface:
 
         Args:
             p_OP: Points in O, shape (k, 3), in metres.
-            candidates: For each point the indices of one candidate or more, in ascending order.
+            candidates: Indices of each point's candidates, at least one, in ascending order.
 
         Returns:
-            As `project` does.
+            Points and normals; see `project`.
 
         Raises:
             InvalidArgumentError: If a point is not finite, or has no candidates.
@@ -220,10 +220,10 @@ class ObjectSurface:
         return float(np.max(self._triangles.radii))
 
     def distance(self, p_OP: FloatArray) -> FloatArray:
-        """Returns the signed distances of points in O from the whole surface.
+        """Returns the signed distances of points from the whole surface.
 
         Args:
-            p_OP: Shape (k, 3), in metres.
+            p_OP: Positions of the points in O, shape (k, 3), in metres.
 
         Returns:
             Shape (k,), in metres: below zero inside the object; NaN for points that are not finite.
@@ -237,7 +237,7 @@ class ObjectSurface:
                 distances[index] = np.nan
                 continue
             best = np.flatnonzero(squares <= np.min(squares) + 1e-18)
-            # At an edge the face that is seen best tells in from out.
+            # At an edge, the face whose plane is farthest from the point sets the sign.
             heights = np.einsum("ij,ij->i", away[best], self.mesh.face_normals[best])
             height = heights[np.argmax(np.abs(heights))]
             distances[index] = np.copysign(np.sqrt(squares[best[0]]), height)
@@ -247,13 +247,13 @@ class ObjectSurface:
 def closest_points(triangles: FloatArray, points: FloatArray) -> FloatArray:
     """Returns the point of each triangle that is nearest to its point, shape (k, 3).
 
-    It is the foot of the perpendicular if that is inside the triangle, or else on the nearest edge.
-    There are no tolerances: trimesh's are absolute, in the fourth power of a length, and take
-    triangles of millimetres for points.
+    It is the foot of the perpendicular if the foot is inside the triangle, or else on the nearest
+    edge. No absolute tolerances are used: those of trimesh are fourth powers of a length, and treat
+    triangles of millimetres as points.
 
     Args:
-        triangles: Corners a, b, c of each, shape (k, 3, 3), in metres.
-        points: A point for each, shape (k, 3), or one for all, shape (3,), in metres.
+        triangles: Corners a, b, c of each triangle, shape (k, 3, 3), in metres.
+        points: Point for each triangle, shape (k, 3), or for all triangles, shape (3,), in metres.
     """
     away = points[..., None, :] - triangles
     edges = triangles.take((1, 2, 0), axis=1) - triangles
@@ -276,10 +276,10 @@ def closest_points(triangles: FloatArray, points: FloatArray) -> FloatArray:
 
 
 class RememberedProjection:
-    """Projects points as `ObjectSurface.project` does, but the same point only once.
+    """Projects points like `ObjectSurface.project`, with a cache of the results.
 
     Args:
-        surface: Surface onto which points are projected.
+        surface: Surface for the projection.
     """
 
     def __init__(self, surface: ObjectSurface) -> None:
@@ -287,7 +287,7 @@ class RememberedProjection:
         self._known: dict[bytes, tuple[FloatArray, FloatArray]] = {}
 
     def __call__(self, p_OP: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the nearest allowed points and the outward normals there, each (k, 3)."""
+        """Returns the nearest allowed points and their outward normals in O, each (k, 3)."""
         keys = [point.tobytes() for point in p_OP]
         new = [index for index, key in enumerate(keys) if key not in self._known]
         if new:

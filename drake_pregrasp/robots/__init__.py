@@ -1,1 +1,1 @@
-"""Robots whose models come from another package, made fit for simulation on first use."""
+"""Robots with models from another package, which are converted for Drake on first use."""

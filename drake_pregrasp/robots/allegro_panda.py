@@ -21,10 +21,10 @@ from drake_pregrasp.robots.urdf_mending import (
 )
 
 PACKAGE = "example-robot-data"
-"""The distribution, as pip knows it."""
+"""Name of the pip distribution with the models."""
 
 MODELS_URL = f"package://{PACKAGE}/"
-"""Prefix of the names of meshes in its models."""
+"""Prefix of the names of meshes in the distribution's models."""
 
 _LANDMARK = f"{PACKAGE}/package.xml"
 
@@ -42,10 +42,10 @@ class RobotData:
     version: str
 
     def find(self, name: str) -> Path:
-        """Returns the file of a name, which may start with `MODELS_URL`.
+        """Returns the path of a file by its name, which may start with `MODELS_URL`.
 
         Raises:
-            InvalidArgumentError: If this version has none.
+            InvalidArgumentError: If this version does not have the file.
         """
         path = self.folder / name.removeprefix(MODELS_URL)
         if not path.is_file():
@@ -56,7 +56,7 @@ class RobotData:
 
 
 def find_robot_data() -> RobotData:
-    """Returns the installed collection.
+    """Returns the installed collection of robots.
 
     Raises:
         InvalidArgumentError: If it is not installed.
@@ -77,33 +77,33 @@ def find_robot_data() -> RobotData:
 _PANDA = "robots/panda_description/urdf/panda.urdf"
 _ALLEGRO = "robots/allegro_hand_description/urdf/allegro_right_hand.urdf"
 
-# The arm stands behind the conveyor, and reaches over it.
+# Position of the arm's base in W: it stands behind the conveyor, and reaches over it.
 _BASE_XYZ = (-0.55, 0.0, 0.0)
 
-# Fingers that hang down would not do: the thumb ends 0.1 m before the others. The palm's face, its
-# x axis, is along the flange's z, and fingers reach forward before they bend down.
+# Pose of the palm on the flange. The palm's x axis, normal to its face, is along the flange's z, so
+# fingers reach forward and bend down. Hanging fingers fail: the thumb ends 0.1 m above the others.
 _PALM_XYZ = (-0.02, 0.0, 0.045)
 _PALM_RPY = (math.pi, -math.pi / 2, 0.0)
 
-# Stiff where the arm is long, and with rotors, as the real ones have behind their gears. Each
-# prefix is that of some joints' names.
+# Drives by prefixes of joints' names: stiff where the arm is long, and with the inertia of rotors
+# behind gears, like the real ones.
 _DRIVES = {
     **dict.fromkeys([f"panda_joint{i}" for i in range(1, 5)], Drive(9000.0, 600.0, 0.1)),
     **dict.fromkeys([f"panda_joint{i}" for i in range(5, 7)], Drive(4500.0, 200.0, 0.1)),
     "panda_joint7": Drive(3000.0, 120.0, 0.1),
-    # The model allows 15 N m; the hand's maker says 0.9.
+    # The model allows 15 N m, the manufacturer 0.9 N m.
     **dict.fromkeys([f"joint_{i}.0" for i in range(12)], Drive(4.0, 0.12, 5e-4, effort=0.9)),
     **dict.fromkeys([f"joint_{i}.0" for i in range(12, 16)], Drive(1.5, 0.05, 5e-4, effort=0.9)),
 }
 
-_FRICTION = 0.7  # Of rubber on most things.
-_STIFFNESS = 1e4  # Of rubber tips, in N/m: contacts that were harder would come and go.
+_FRICTION = 0.7  # Friction coefficient of rubber on most materials.
+_STIFFNESS = 1e4  # Stiffness of rubber tips in N/m; harder contacts would chatter.
 
 
 def write_allegro_panda(
     data: RobotData, folder: Path, on_progress: Callable[[int, int], None]
 ) -> Path:
-    """Writes the pair's URDF and its meshes into a folder, and returns the URDF.
+    """Writes the URDF of arm and hand and their meshes, and returns the path of the URDF.
 
     Args:
         data: Installed collection with the arm and the hand.

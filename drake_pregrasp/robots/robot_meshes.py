@@ -1,4 +1,4 @@
-"""Meshes that a URDF names, converted and named anew."""
+"""Conversion of the meshes of a URDF to formats that Drake reads."""
 
 import copy
 import os
@@ -23,15 +23,15 @@ def convert_mesh(source: Path, target: Path, *, colors: bool) -> dict[Path, Colo
     """Converts a mesh file, STL or DAE, and returns the OBJ file of each part with its colour.
 
     Args:
-        source: The file.
-        target: Its new place, to which `.obj` is added; folders that lack are made.
-        colors: Whether each colour becomes a part of its own; else all is one part.
+        source: Path of the mesh file.
+        target: Path of the OBJ files without extension; missing folders are made.
+        colors: Whether each colour becomes a separate part; otherwise there is one part.
 
     Raises:
         InvalidArgumentError: If the file cannot be read.
     """
     try:
-        with warnings.catch_warnings():  # pycollada uses what newer numpy will do without.
+        with warnings.catch_warnings():  # pycollada uses deprecated functions of numpy.
             warnings.simplefilter("ignore", DeprecationWarning)
             scene = trimesh.load_scene(source)
     except (OSError, ValueError, ImportError) as error:
@@ -54,7 +54,7 @@ def convert_mesh(source: Path, target: Path, *, colors: bool) -> dict[Path, Colo
 
 def _shaded(mesh: Any) -> Any:
     """Returns a mesh with smooth normals, except at its creases."""
-    bare = trimesh.Trimesh(vertices=mesh.vertices, faces=mesh.faces)  # Without its old normals.
+    bare = trimesh.Trimesh(vertices=mesh.vertices, faces=mesh.faces)  # Without the old normals.
     bare.merge_vertices()
     return trimesh.graph.smooth_shade(bare, angle=_CREASE)
 
@@ -91,7 +91,7 @@ def write_obj(pieces: Sequence[Piece], path: Path, *, coordinates: str = _EXACT)
     return path
 
 
-_HULL, _SHOWN = "collision", "visual"  # Folders of what is made.
+_HULL, _SHOWN = "collision", "visual"  # Folders of the converted meshes.
 
 
 def convert_meshes(
@@ -114,7 +114,7 @@ def convert_meshes(
     """
     visuals = [(link, visual) for link in robot.iter("link") for visual in link.findall("visual")]
     hulls = list(robot.iterfind("link/collision/geometry/mesh"))
-    # One file may be of both kinds: hulls are whole, whatever its colours.
+    # One file may be of both kinds; its hull is whole, regardless of colours.
     uses = sorted(
         {(_HULL, _name(mesh)) for mesh in hulls}
         | {(_SHOWN, _name(mesh)) for _, visual in visuals for mesh in visual.iter("mesh")}
@@ -136,7 +136,7 @@ def convert_meshes(
 
 
 def _targets(sources: Mapping[str, Path]) -> dict[str, Path]:
-    """Returns where each file goes: its path below the folder that holds all of them."""
+    """Returns the path of each file relative to the common folder of all files."""
     resolved = {name: source.resolve() for name, source in sources.items()}
     if not resolved:
         return {}

@@ -1,4 +1,4 @@
-"""Robots by their names, as URDF files that Drake can use as they are."""
+"""URDF files of robots by their names, converted for Drake and cached."""
 
 import hashlib
 import os
@@ -20,14 +20,14 @@ _ABANDONED = 3600.0  # Seconds after which an unfinished folder is removed.
 
 
 def cache_folder() -> Path:
-    """Returns the folder, by the XDG Base Directory Specification: `$XDG_CACHE_HOME`."""
+    """Returns the cache of robots, by the XDG Base Directory Specification: `$XDG_CACHE_HOME`."""
     base = os.environ.get("XDG_CACHE_HOME", "")
     root = Path(base) if Path(base).is_absolute() else Path.home() / ".cache"
     return root / "drake_pregrasp" / "robots"
 
 
 def cached(name: str, make: Callable[[Path], object]) -> Path:
-    """Returns the folder of a model, and makes it if there is none.
+    """Returns the cached folder of a model, and makes it if it does not exist.
 
     The folder is made atomically, under another name, and renamed at the end. If several processes
     make it at the same time, the first one wins, and all of them return its folder.
@@ -69,31 +69,31 @@ def source_digest(folder: Path) -> str:
 
 
 def _sweep(parent: Path) -> None:
-    """Removes what processes that were killed have left."""
+    """Removes unfinished folders of killed processes."""
     for partial in parent.glob(f"{_PARTIAL}*"):
         try:
             abandoned = time.time() - partial.stat().st_mtime > _ABANDONED
-        except OSError:  # It is gone by now.
+        except OSError:  # Another process has removed it.
             continue
         if abandoned:
             shutil.rmtree(partial, ignore_errors=True)
 
 
 ROBOTS_URL = "robots://"
-"""Prefix of the names of these models."""
+"""Prefix of the names of the robots' models."""
 
 _Writer = Callable[[RobotData, Path, Callable[[int, int], None]], Path]
 _WRITERS: Mapping[str, _Writer] = {"allegro_panda.urdf": write_allegro_panda}
 
 
 def robot_model(url: str) -> Path:
-    """Returns the URDF of a robot; the first time it is made, which takes some seconds.
+    """Returns the path of a robot's URDF. The first call converts it, which takes some seconds.
 
-    It is kept in `cache_folder()`, for the version of the package that it is made from and for the
-    way it is made.
+    The URDF is stored in `cache_folder()`, by the version of its package and by a digest of the
+    converting code.
 
     Args:
-        url: `ROBOTS_URL` and the robot's name.
+        url: Name of the robot, after the prefix `ROBOTS_URL`.
 
     Raises:
         InvalidArgumentError: If there is no such robot, or the package is not installed.
@@ -115,7 +115,7 @@ def robot_model(url: str) -> Path:
 
 @contextmanager
 def _bar(text: str) -> Iterator[Callable[[int, int], None]]:
-    """Shows progress on a terminal."""
+    """Shows a progress bar on a terminal."""
     console = Console(stderr=True)
     columns = (TextColumn(text), BarColumn(), TextColumn("{task.completed} of {task.total}"))
     with Progress(*columns, console=console, disable=not console.is_terminal) as bar:

@@ -1,4 +1,4 @@
-"""Adds what Drake needs to a URDF that was made for other simulators, and removes the rest."""
+"""Adapts URDF files of other simulators to Drake."""
 
 import copy
 from collections.abc import Iterable
@@ -11,8 +11,8 @@ import numpy as np
 DRAKE = "http://drake.mit.edu"
 """Namespace of Drake's own elements."""
 
-_IGNORED = ("safety_controller", "dynamics")  # Of joints: Drake warns of what is in them.
-_SLACK = 1e-12  # Of moments of inertia, in kg m².
+_IGNORED = ("safety_controller", "dynamics")  # Elements of joints that Drake warns about.
+_SLACK = 1e-12  # Rounding error of moments of inertia, in kg m².
 
 
 @dataclass(frozen=True)
@@ -20,10 +20,10 @@ class Drive:
     """Drive of a joint to desired positions.
 
     Attributes:
-        stiffness: Gain of the position, in N m/rad.
-        damping: Gain of the velocity, in N m s/rad.
-        rotor_inertia: Behind the gears, in kg m².
-        effort: Largest torque, in N m, or None for the model's own.
+        stiffness: Gain of the position error, in N m/rad.
+        damping: Gain of the velocity error, in N m s/rad.
+        rotor_inertia: Inertia of the rotor reflected by the gears, in kg m².
+        effort: Largest torque, in N m, or None for that of the model.
     """
 
     stiffness: float
@@ -56,7 +56,7 @@ def add_robot(robot: Element, other: Element) -> None:
 def weld(
     robot: Element, parent: str, child: str, *, xyz: Iterable[float], rpy: Iterable[float]
 ) -> None:
-    """Adds a fixed joint between two links; `world` is Drake's own."""
+    """Adds a fixed joint between two links, of which `world` is Drake's world body."""
     joint = SubElement(robot, "joint", name=f"{child}_to_{parent}", type="fixed")
     SubElement(joint, "origin", xyz=_text(xyz), rpy=_text(rpy))
     SubElement(joint, "parent", link=parent)
@@ -75,10 +75,10 @@ def drop_ignored(robot: Element) -> None:
 
 
 def mend_inertias(robot: Element) -> list[str]:
-    """Makes rotational inertias possible, and returns the links that had impossible ones.
+    """Makes rotational inertias physically valid, and returns the names of changed links.
 
-    Where the principal moments a, b, c break a + b >= c, which those of no body can, products of
-    inertia are dropped. Inertias of links without mass are left out.
+    If the principal moments violate the triangle inequality a + b >= c or are not positive,
+    products of inertia are set to zero. Inertias of links without mass are removed.
     """
     mended = []
     for link in robot.findall("link"):
@@ -124,7 +124,7 @@ def drive_joints(robot: Element, drive: Drive, *, prefix: str) -> None:
 
 
 def set_contact(robot: Element, coefficient: float, stiffness: float) -> None:
-    """Gives collision shapes Coulomb's coefficient, and a stiffness in N/m for point contact."""
+    """Sets the Coulomb friction coefficient and point-contact stiffness in N/m of collisions."""
     for collision in robot.iterfind("link/collision"):
         properties = SubElement(collision, f"{{{DRAKE}}}proximity_properties")
         SubElement(properties, f"{{{DRAKE}}}mu_static", value=f"{coefficient:g}")

@@ -1,4 +1,4 @@
-"""Keywords of the release before still configure a system, with a warning."""
+"""Keywords of the previous release still configure a system, with a warning."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The keys of what limits contacts."""
+"""Configuration of the limits of contacts."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Surfaces of scenarios are kept as long as nothing that they depend on changes."""
+"""Surfaces of scenarios are cached until their files or settings change."""
 
 import os
 

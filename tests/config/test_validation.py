@@ -1,4 +1,4 @@
-"""Configurations are checked by the ranges that their fields state."""
+"""Configurations are validated by the ranges in the metadata of their fields."""
 
 from dataclasses import dataclass, field
 

@@ -1,4 +1,4 @@
-"""Which finger goes where, and where contacts start."""
+"""Assignment of fingers to contacts, and initial contacts on a ring."""
 
 from itertools import permutations
 
@@ -65,7 +65,7 @@ def test_a_ring_stands_on_the_outside_of_a_cup():
     assert np.min(np.hypot(p_OC[:, 0], p_OC[:, 1])) > RADIUS - WALL / 2
 
 
-def test_a_ring_may_fill_all_ground_and_no_more():
+def test_a_ring_has_at_most_as_many_contacts_as_the_allowed_surface_has_candidates():
     surface = box_surface([0.03, 0.03, 0.03], spacing=0.02)
     count = len(surface.p_OQ)
     assert len(np.unique(ring_contacts(surface, count), axis=0)) == count

@@ -39,14 +39,14 @@ def test_goals_go_from_one_strategy_to_the_other_with_the_weights(chosen):
     np.testing.assert_allclose(only_ratios_count, along[2], atol=1e-12)
 
 
-def test_a_strategy_without_preference_has_no_say(chosen):
+def test_a_constant_strategy_does_not_change_a_blend(chosen):
     """The volume of the candidate alone is constant: stretched, its weights are zero."""
     alone = goals(chosen, {"position": 1.0}, reading="contact")
     beside = goals(chosen, {"position": 1.0, "vew": 5.0}, reading="contact")
     np.testing.assert_allclose(beside, alone, atol=1e-12)
 
 
-def test_unusable_weights_are_refused():
+def test_invalid_weights_are_refused():
     with pytest.raises(InvalidArgumentError, match="no strategy 'luck'; there are: position"):
         make_blend({"luck": 1})
     with pytest.raises(InvalidArgumentError, match="weight of msv must be at least 0, not -1"):

@@ -1,4 +1,4 @@
-"""What holds contact goals back from one tick to the next, over many ticks."""
+"""Limits on the motion of contact goals from tick to tick."""
 
 import numpy as np
 import pytest
@@ -51,7 +51,7 @@ def tracking_goals(surface, p_OC, limits=None, **constraints):
 
 
 @pytest.mark.parametrize("surface", [BALL, CUBE, THIN_CUP], ids=["ball", "cube", "cup"])
-def test_no_step_is_longer_than_max_step_and_all_end_on_the_ground(surface):
+def test_no_step_is_longer_than_max_step_and_all_end_on_the_allowed_surface(surface):
     limits = ContactLimits(max_step=0.004)
     moved = 0.0
     for _, before, goals in wander(surface, spread_contacts(surface, 4, 0.02), limits, 15):
@@ -92,7 +92,7 @@ def test_no_step_leads_through_a_wall(surface, start, goal, max_step):
     assert np.linalg.norm(place - goal) < WALL + 2e-4  # Opposite to it, and no farther.
 
 
-def test_a_contact_off_the_ground_goes_there_at_once():
+def test_a_contact_off_the_allowed_surface_moves_to_it_in_one_tick():
     inside = np.array([0.02, 0.0, 0.0])
     place = step_toward(BALL, inside, BALL.project(np.array([[-1.0, 0, 0]]))[0][0], 0.001)
     np.testing.assert_allclose(place, BALL.project(inside[None])[0][0])
@@ -122,12 +122,12 @@ def test_the_deadband_holds_no_contact_where_it_may_not_be():
     assert p_OC[0, 1] >= 0.002
 
 
-def test_goals_keep_to_their_regions_ground_and_to_what_is_permitted():
-    """The centroid of two candidates lies between them, on ground of neither."""
+def test_goals_stay_on_permitted_surface_of_their_regions():
+    """The centroid of two candidates lies between them, on the surface of neither."""
     p_OC = np.array([[0.05, -0.02, 0.005]])
     both = [nearest_candidate(CUBE, [0.05, y, 0.005]) for y in (-0.015, 0.025)]
     ball = Obstacles((BallSolid(np.array([0.05, 0.005, 0.005]), 0.018),))
-    # Cells are of 10 mm: ground ends at -10 and 20 mm, where the ball is; candidates are out of it.
+    # Cells of 10 mm: regions end at -10 and 20 mm, inside the ball; candidates are outside of it.
     for obstacles, places in ((Obstacles(), (-0.01, 0.02)), (ball, (-0.015, 0.025))):
         regions = given_regions(CUBE, both, obstacles=obstacles)
         chosen = SelectionInput(CUBE, p_OC, regions, np.eye(3))
@@ -289,7 +289,7 @@ def test_who_is_held_may_hold_those_behind():
     np.testing.assert_array_equal(goals, before)
 
 
-def test_held_contacts_are_inactive_on_forbidden_ground_or_an_active_fingertip_and_say_so():
+def test_held_contacts_on_forbidden_surface_or_an_active_fingertip_are_inactive_with_the_cause():
     """The third overlaps only the second, which is inactive; the last is on the cube's top."""
     p_OC = np.vstack([on_face((0, 0), (0.015, 0), (0.03, 0)), [[0, 0, 0.05]]])
     members = np.array_split(np.arange(len(CUBE.p_OQ)), 4)
@@ -378,7 +378,7 @@ def test_without_recovery_it_stays():
     start = p_OC[1].copy()
     reach = [None, FingerReach(BallSolid(-start, 0.02)), None, None]
     for recover in (False, True):
-        for _ in range(4):  # Round the ball: no step goes to ground that faces the other way.
+        for _ in range(4):  # Around the ball: no step leads to surface that faces the other way.
             chosen = selection_of(BALL, p_OC, reach=reach)
             chosen.regions.labels[chosen.regions.labels == 1] = NO_REGION
             limits = ContactLimits(recover=recover)

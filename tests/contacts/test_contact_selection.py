@@ -128,7 +128,7 @@ def test_an_active_goal_off_the_object_is_found(chosen, surface, height, side):
     verify(surface, p_OC)
 
 
-def test_a_goal_on_forbidden_ground_and_one_that_is_no_number_are_found(surface):
+def test_verification_finds_goals_on_forbidden_surface_and_goals_that_are_not_finite(surface):
     verify(surface, np.empty((0, 3)))
     with pytest.raises(ContactError, match="contact 0 is 40 mm off the allowed surface"):
         verify(surface, np.array([[0.01, 0.0, 0.05]]))

@@ -1,4 +1,4 @@
-"""Goals that move only as far as no guarded measure of the grasp falls."""
+"""Guarded goals move only if no guarded measure of the grasp decreases."""
 
 import numpy as np
 import pytest
@@ -37,7 +37,7 @@ def test_guarded_measures_never_fall(names, tips):
     assert np.min(np.diff(values, axis=0)) < -1e-4
 
 
-def test_a_step_that_is_taken_back_takes_back_what_paid_only_with_it():
+def test_a_reverted_step_also_reverts_steps_that_depend_on_it():
     """The measure is the product of two heights; the first contact meets a fingertip."""
     before = np.array([[0.05, -0.015, 0.005], [0.05, 0.005, -0.035], [0.05, 0.035, 0.005]])
     after = before + np.array([[0, 0.04, 0], [0, 0.04, 0], [0, 0, 0]])

@@ -169,6 +169,6 @@ def test_the_volume_strategy_spreads_the_contacts_and_singular_values_are_restle
         ("margin", {"friction": -0.1}, r"friction must be at least 0, not -0\.1"),
     ],
 )
-def test_unusable_settings_are_refused(name, options, problem):
+def test_invalid_settings_are_refused(name, options, problem):
     with pytest.raises(InvalidArgumentError, match=problem):
         make_strategy(name, **options)

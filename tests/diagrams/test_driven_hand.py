@@ -34,7 +34,7 @@ def driven():
     return hand, diagram, diagram.CreateDefaultContext()
 
 
-def test_what_is_desired_first_is_what_is_there(driven):
+def test_the_first_desired_state_is_the_present_state(driven):
     hand, _, context = driven
     own = hand.station.GetMyContextFromRoot(context)
     desired = hand.station.GetInputPort("desired_state").Eval(own)

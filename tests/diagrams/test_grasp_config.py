@@ -1,4 +1,4 @@
-"""When a hand closes, how long that takes, and how far its wrist may turn."""
+"""Time of a grasp's closing, its duration, and the range of the wrist."""
 
 from dataclasses import replace
 

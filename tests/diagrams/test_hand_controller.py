@@ -1,4 +1,4 @@
-"""The hand's controller as others build it: what it takes, and what it refuses."""
+"""The hand's controller: accepted and rejected arguments, and outputs."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The plant with object and hand: who can touch whom."""
+"""The plant with object and hand, and its collision filters."""
 
 from itertools import combinations
 

@@ -1,4 +1,4 @@
-"""The motions beside the plain conveyor."""
+"""Motions of the object besides the plain conveyor."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Fast objects are locked on at once, and a track that is not locked is not said to be TRACKING."""
+"""Fast objects are tracked within a few ticks, and the status is TRACKING only then."""
 
 import numpy as np
 import pytest

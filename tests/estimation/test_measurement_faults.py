@@ -89,7 +89,7 @@ def test_more_outliers_are_the_same_ones_and_others():
     np.testing.assert_array_equal(many[out], few[out])
 
 
-def test_a_measurement_that_is_not_a_number_is_none_throughout_and_so_are_as_many_as_stated():
+def test_nan_measurements_are_nan_throughout_and_have_the_set_probability():
     found = [
         faulty_disturbance(n, *STD, MeasurementFaults(nan_probability=0.2), tick=k, seed=0)
         for k, n in enumerate(NORMAL)

@@ -1,4 +1,4 @@
-"""Which measurements are used, refused, or start anew, by what the tracker makes of streams."""
+"""Verdicts of the tracker: measurements that are used, rejected, or restart the track."""
 
 from dataclasses import replace
 

@@ -86,7 +86,7 @@ def test_each_measurement_arrives_not_before_its_delay_nor_after_the_jitter():
     assert np.mean(lags) == pytest.approx(0.12 + 0.15 + T / 2, abs=0.01)
 
 
-def test_what_is_frozen_is_not_kept_over_ticks_that_were_skipped():
+def test_a_frozen_value_is_not_kept_over_skipped_ticks():
     always = MeasurementFaults(freeze_rate=1000.0)
     for skipped_to, shown in ((1, 0), (2, 2)):
         *_, last = played(always, ticks=[0, skipped_to])
@@ -125,7 +125,7 @@ PLANNING = 0.04  # Seconds between ticks.
         ("start", {"start": 2.01, "end": 2.03}),
     ],
 )
-def test_what_is_unusable_is_named(name, changed):
+def test_invalid_settings_are_named(name, changed):
     check_faults(MeasurementFaults(**USABLE), PLANNING)
     with pytest.raises(InvalidArgumentError) as caught:
         check_faults(MeasurementFaults(**USABLE | changed), PLANNING)

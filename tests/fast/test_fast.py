@@ -1,4 +1,4 @@
-"""The compiled implementation does what the reference does."""
+"""The compiled implementation equals the reference."""
 
 import numpy as np
 import pytest
@@ -210,7 +210,7 @@ def test_no_tick_waits_for_the_compiler_whatever_arrays_it_meets(kind):
         assert not entry._can_compile
 
 
-def test_the_reference_is_chosen_for_what_is_not_compiled(monkeypatch):
+def test_the_reference_computes_settings_that_are_not_compiled(monkeypatch):
     surface = SURFACES["few"]
     assert fast_goals(surface, "margin") is None
     assert fast_goals(surface, "msv", reading="contact") is None

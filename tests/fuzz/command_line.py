@@ -1,4 +1,4 @@
-"""The command line of the harnesses: which cases are tried, for how long, and what is printed."""
+"""Command line of the harnesses: cases to run, time limit, and output."""
 
 import argparse
 import collections

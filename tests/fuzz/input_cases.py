@@ -1,4 +1,4 @@
-"""Random sequences of what may come to the ports of a planner, as plain data that prints."""
+"""Random sequences of inputs for the ports of a planner, as printable plain data."""
 
 import random
 from dataclasses import dataclass, field

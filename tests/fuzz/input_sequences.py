@@ -1,4 +1,4 @@
-"""Feeds many planners with random sequences of inputs, and says what came of them.
+"""Feeds many planners with random sequences of inputs, and reports the outcomes.
 
     python -m tests.fuzz.input_sequences --count 100000 --seed 0
 
@@ -136,7 +136,7 @@ def _check_step(
     if np.any(off > CONTACT_TOLERANCE):
         on_mesh = np.abs(variant.surface.distance(p_OC)) <= CONTACT_TOLERANCE
         _require(bool(np.all(on_mesh)), "a goal is off the object")
-    _require(np.max(off[active], initial=0) <= CONTACT_TOLERANCE, "active on forbidden ground")
+    _require(np.max(off[active], initial=0) <= CONTACT_TOLERANCE, "active on forbidden surface")
     if held:
         return
     _require(

@@ -1,4 +1,4 @@
-"""Planners that random inputs are tried on: small, so that a tick takes a millisecond or two."""
+"""Small planners for random inputs, with ticks of one or two milliseconds."""
 
 import dataclasses
 import functools

@@ -1,4 +1,4 @@
-"""Loads many bad scenario files, and says what came of them.
+"""Loads many bad scenario files, and reports the outcomes.
 
     python -m tests.fuzz.scenario_files --count 100000 --seed 0
 
@@ -43,7 +43,7 @@ GOOD = ("accepted", "refused")
 """Outcomes that are as they should be; all others are failures."""
 
 _LONGEST = 2 * LONGEST_MESSAGE + LONGEST_KEY
-_LAST = 3 * SECONDS  # Of processor time, until the kernel ends a process that heeds no timer.
+_LAST = 3 * SECONDS  # Of processor time, until the kernel ends a process that ignores timers.
 _PATIENCE = 12 * SECONDS  # Until a process that takes no processor time is killed.
 
 
@@ -96,7 +96,7 @@ def _work(seed: int, first: int, end: int, folder: Path, connection: Connection)
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stderr.fileno())  # Drake's parser is chatty.
     for number in range(first, end):
         case, start = make_case(seed, number), time.process_time()
-        # The kernel ends a process that heeds no timer.
+        # The kernel ends a process that ignores timers.
         resource.setrlimit(resource.RLIMIT_CPU, (int(start + _LAST), resource.RLIM_INFINITY))
         outcome, said = load(case, folder, build=number % BUILT == 0)
         failure = "" if outcome in GOOD else f"{case}\n{said}"

@@ -1,4 +1,4 @@
-"""Random values of a schema, and values that fit nowhere."""
+"""Random values of a schema, and invalid values."""
 
 import dataclasses
 import random

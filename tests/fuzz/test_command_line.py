@@ -1,4 +1,4 @@
-"""What the harnesses have in common: what they are asked for, and how they end."""
+"""Options and exit statuses that the harnesses share."""
 
 import sys
 

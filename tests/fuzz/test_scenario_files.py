@@ -40,7 +40,7 @@ def test_texts_are_accepted_or_refused_in_one_line(folder, text):
     assert outcome in GOOD, said
 
 
-def test_what_is_small_in_a_file_may_not_grow(folder):
+def test_small_files_that_expand_to_large_ones_are_refused(folder):
     """The billion laughs, as lists and as merges."""
     for start, link in (("[1]", "[{}]"), ("{x: 1}", "{{<<: [{}]}}")):
         lines = [f"_a0: &a0 {start}"]

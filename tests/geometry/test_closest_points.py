@@ -1,4 +1,4 @@
-"""The nearest point of a triangle, by what tells it from all others."""
+"""Nearest point of a triangle, by its optimality conditions."""
 
 import numpy as np
 import pytest

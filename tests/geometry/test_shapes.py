@@ -158,7 +158,7 @@ def touching():
         (
             touching(),
             "two.ply",
-            "not watertight: 0 edges .*, 1 have more than two; .* part what touches",
+            "not watertight: 0 edges .*, 1 have more than two; .* separate touching parts",
         ),
         (flat(), "flat.ply", "encloses no volume"),
         (edited(scale=1000.0), "long.ply", "60 m long; at most 3 m, .* scale: 0.001"),
@@ -178,7 +178,7 @@ def touching():
         ("v 0 0 0\nv 1 0 0\n", "points.obj", "cannot be read as a mesh|no triangles"),
     ],
 )
-def test_what_is_no_mesh_or_no_body_is_refused_in_one_line(tmp_path, content, name, problem):
+def test_files_without_a_mesh_of_a_body_are_refused_in_one_line(tmp_path, content, name, problem):
     path = tmp_path / name
     if isinstance(content, str):
         path.write_text(content)

@@ -1,4 +1,4 @@
-"""Goals of fingertips: what room they have, how they move, and where they wait."""
+"""Goals of fingertips: free space, paths, and positions of withdrawn fingers."""
 
 import numpy as np
 import pytest
@@ -130,7 +130,7 @@ def test_a_tip_without_a_direction_has_that_of_its_finger():
 
 
 @given(three_tips)
-def test_room_keeps_tips_off_what_there_is_by_their_radii_and_a_clearance(p_GT):
+def test_room_keeps_tips_off_solids_and_other_tips_by_radii_and_clearances(p_GT):
     gaps = np.array([0.02, 0.001, -0.003])
     room = room_of(gaps, fixed=[TABLE])
     permitted = room.permitted(p_GT)

@@ -1,4 +1,4 @@
-"""What a hand does next: laws of the closing gate, of touch, and of giving up."""
+"""State machine of a grasp: laws of the closing gate, of touch, and of giving up."""
 
 from dataclasses import replace
 from itertools import groupby
@@ -308,7 +308,7 @@ def test_a_hand_comes_no_lower_while_it_does_not_see_what_it_comes_down_to():
     assert heights[-1] == 0
 
 
-def test_a_force_that_is_not_known_hides_no_other():
+def test_an_unknown_force_hides_no_other_force():
     scene, last = Scene(), play(Scene())[-1]
     for others, phase in ((0.0, GraspPhase.HOLD), (100.0, GraspPhase.BACK_OFF)):
         scene.force = np.where(np.arange(N) == 0, np.nan, others)

@@ -1,4 +1,4 @@
-"""Squeezes balance what acts on the object, inside their cones, and with no more than it takes."""
+"""Squeezes balance the wrench on the object with the smallest forces inside friction cones."""
 
 import numpy as np
 import pytest

@@ -75,6 +75,6 @@ def test_skew_is_the_cross_product():
         ("complete", 0.0, "length must be greater than 0 m, not 0"),
     ],
 )
-def test_what_is_missing_or_unknown_is_said(model, length, message):
+def test_missing_or_unknown_arguments_are_named(model, length, message):
     with pytest.raises(InvalidArgumentError, match=message):
         grasp_matrix(anywhere(0, 3)[0], None, model, length=length)

@@ -1,4 +1,4 @@
-"""What a finger reaches."""
+"""Reach of a finger."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The share of choices from regions that close a grasp by force."""
+"""Share of force-closed choices of points from the regions."""
 
 from dataclasses import replace
 from functools import partial

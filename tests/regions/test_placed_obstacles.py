@@ -1,4 +1,4 @@
-"""Obstacles with senseless numbers are refused, and nothing comes near those that became so."""
+"""Invalid obstacles are rejected, and an obstacle that becomes invalid blocks all regions."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The limit that leaves a contact a tiny region, and its cause."""
+"""Limit and cause of a contact's tiny or empty region."""
 
 import math
 
@@ -82,7 +82,7 @@ def test_the_cause_of_a_tiny_region_is_named(constraints, expected):
     assert np.all(result.labels == NO_REGION) == others_too
 
 
-def test_forbidden_ground_is_named():
+def test_the_cause_forbidden_surface_is_named():
     z = FOUR[0] + [[0, 0.004, 0], [0, -0.004, 0], [0, 0, 0.004], [0, 0, -0.004]]
     fence = ForbiddenPoints(z, np.full(4, 0.002))
     limit, index, size = cause(compute_safe_regions(CUBE.p_OQ, FOUR, np.zeros(4), fence))

@@ -1,4 +1,4 @@
-"""What limits safe regions beside Eq. 1, against slow transcriptions and as laws."""
+"""Constraints of safe regions besides Eq. 1, against slow references and as laws."""
 
 import numpy as np
 import pytest
@@ -65,7 +65,7 @@ def nearest_point(solid, c):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_an_obstacle_removes_what_is_too_near_or_beyond_its_plane_and_nothing_else(seed):
+def test_an_obstacle_removes_only_candidates_too_near_to_it_or_beyond_its_plane(seed):
     p_OC, tips = contacts(BALL, 4, seed), np.array([0.0, 0.002, 0.004, 0.006])
     obstacles, solids = near_obstacles(seed)
     outside = np.all([solid.distance(p_OC) > 0 for solid in solids], axis=0)
@@ -88,7 +88,7 @@ def test_an_obstacle_removes_what_is_too_near_or_beyond_its_plane_and_nothing_el
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_straight_ways_inside_a_region_keep_clear_of_obstacles(seed):
+def test_straight_paths_inside_a_region_keep_clear_of_obstacles(seed):
     obstacles, solids = near_obstacles(seed)
     p_OC = contacts(BALL, 5, seed + 10)
     limited = regions_of(BALL, p_OC, obstacles=obstacles, clearance=CLEARANCE)
@@ -259,7 +259,7 @@ def test_forbidden_points_without_the_further_coordinates_hold_for_all_values():
     np.testing.assert_array_equal(result.labels, flat.labels)
 
 
-def test_with_normals_regions_keep_to_ground_that_faces_their_way():
+def test_with_normals_regions_stay_on_surface_that_faces_the_same_way():
     p_OC = np.array([[0.05, 0.0, 0.0], [0.03, 0.05, 0.0]])
     on_plus_x = CUBE.nhat_OQ[:, 0] > 0.9
     for length, strays in ((0.0, True), (0.2, False)):

@@ -52,7 +52,7 @@ def test_only_without_a_test_regions_reach_through_thin_walls(surface, p_OC, tes
 
 
 @pytest.mark.parametrize("test", ["normals", "surface"])
-def test_ground_behind_a_wall_goes_to_the_nearest_contact_on_its_side(test):
+def test_candidates_behind_a_wall_belong_to_the_nearest_contact_on_their_side(test):
     p_OC = np.array([[0.01, 0.0, 0.0015], [-0.01, 0.0, -0.0015]])
     labels = labels_of(PLATE, p_OC, test)
     inner = np.all(np.abs(PLATE.p_OQ[:, :2]) < 0.02, axis=1)
@@ -62,7 +62,7 @@ def test_ground_behind_a_wall_goes_to_the_nearest_contact_on_its_side(test):
         assert np.all(labels[side] == contact)
 
 
-def test_by_normals_nobody_has_the_side_of_a_plate_without_contacts():
+def test_by_normals_the_side_of_a_plate_without_contacts_is_in_no_region():
     labels = labels_of(PLATE, ON_PLATE, "normals")
     assert np.all(labels[PLATE.nhat_OQ[:, 2] < -0.9] == NO_REGION)
     assert np.all(labels[PLATE.nhat_OQ[:, 2] > 0.9] != NO_REGION)
@@ -101,14 +101,14 @@ def test_a_small_hole_in_the_allowed_surface_is_no_wall():
     assert np.all(near)
 
 
-def test_normals_agree_up_to_120_degrees_and_with_what_is_no_ground():
+def test_normals_agree_up_to_120_degrees_and_with_points_off_the_surface():
     angles = np.radians([0, 90, 119, 121, 180])
     normals = np.stack([np.cos(angles), np.sin(angles), np.zeros(5)], axis=1)
     agrees = normals_agree(np.array([[1.0, 0, 0]]), np.vstack([normals, np.zeros(3)]))
     np.testing.assert_array_equal(agrees, [[True, True, True, False, False, True]])
 
 
-def test_forbidden_ground_behind_a_wall_does_not_fence():
+def test_forbidden_surface_behind_a_wall_does_not_fence():
     """The lower side of a plate is forbidden; its upper one is free up to the rims."""
     plate = mesh_surface(box_shape([0.1, 0.1, 0.003]), spacing=0.006, no_touch=[AxisArea("-z")])
     p_OC = np.array([[0.0, 0.0, 0.0015]])

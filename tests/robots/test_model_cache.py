@@ -1,4 +1,4 @@
-"""Models are made once, wholly or not at all."""
+"""Models are made once, and appear in the cache atomically."""
 
 import os
 import subprocess
@@ -22,7 +22,7 @@ def fill(folder):
     (folder / "model.urdf").write_text("complete")
 
 
-def test_what_is_there_is_not_made_again():
+def test_a_cached_model_is_not_made_again():
     made = []
     for _ in range(2):
         model = cached("arm-1", lambda folder: (fill(folder), made.append(folder)))

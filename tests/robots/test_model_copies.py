@@ -1,4 +1,4 @@
-"""Copies of models: what is kept, what is left out, and what is refused before it costs."""
+"""Copies of models: kept and omitted content, and early rejection of large files."""
 
 from pathlib import Path
 from xml.etree import ElementTree
@@ -117,7 +117,7 @@ SOFT = f"<collision name='c'>{BALL}<drake:proximity_properties>{HINT}</drake:pro
         (f"<link>{SOFT.format(1)}</collision></link>".replace(">1<", ">1e308<", 1), "at most 1000"),
     ],
 )
-def test_what_is_too_much_is_refused_by_number(tmp_path, inside, problem):
+def test_too_many_elements_are_refused(tmp_path, inside, problem):
     text = f'<sdf version="1.9" xmlns:drake="http://drake.mit.edu"><model name="m">{inside}'
     model = write(tmp_path, text + "</model></sdf>")
     with pytest.raises(InvalidArgumentError, match=problem) as error:
@@ -128,7 +128,7 @@ def test_what_is_too_much_is_refused_by_number(tmp_path, inside, problem):
 @pytest.mark.parametrize(
     ("name", "most"), [("MAX_PART_BYTES", 999), ("MAX_TRIANGLES", 319), ("MAX_MODEL_BYTES", 99)]
 )
-def test_what_is_too_large_is_refused(tmp_path, monkeypatch, name, most):
+def test_too_large_files_are_refused(tmp_path, monkeypatch, name, most):
     monkeypatch.setattr(model_files, name, most)
     with pytest.raises(InvalidArgumentError, match=r"own.xml.* more than"):
         checked_model(write(tmp_path, MJCF, "own.xml"))

@@ -1,4 +1,4 @@
-"""Which files a scenario, and a hand's model, may name."""
+"""Folders of the files that a scenario and a hand's model may name."""
 
 import re
 
@@ -73,7 +73,7 @@ def test_a_text_names_files_in_the_working_directory(there, monkeypatch):
         ("~nobody-of-that-name/x", "cannot be a file: "),
     ],
 )
-def test_what_is_no_file_is_refused(tmp_path, name, problem):
+def test_names_that_are_not_files_are_refused(tmp_path, name, problem):
     with pytest.raises(InvalidArgumentError, match=problem):
         resolve_path(name, tmp_path)
 

@@ -1,4 +1,4 @@
-"""The closing words of a run, `summary.json` and `position_error` say what happened."""
+"""Final output of a run, `summary.json` and `position_error` report the events of the run."""
 
 import dataclasses
 import re

@@ -132,9 +132,9 @@ def test_the_table_is_the_last_obstacle_of_the_planner_and_none_of_the_controlle
         system = diagram.GetSubsystemByName(name)
         port, context = system.GetInputPort("obstacles"), system.GetMyContextFromRoot(root)
         given.append(port.Eval(context).solids if port.HasValue(context) else ())
-    (*solids, table), heeded = given
+    (*solids, table), applied = given
     count = len(scenario.obstacles)
-    assert len(solids) == len(heeded) == count
+    assert len(solids) == len(applied) == count
     assert isinstance(table, HalfSpace)
     assert scenario.obstacle_names == {count: "the table"}
     assert load_scenario("a_base").obstacle_names == {}

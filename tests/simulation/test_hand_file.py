@@ -1,4 +1,4 @@
-"""Descriptions of hands: what is loaded, and what is refused in one line."""
+"""Descriptions of hands: loaded values, and rejections in one line."""
 
 import os
 import re
@@ -78,7 +78,7 @@ def test_a_hand_that_is_not_as_described_is_refused_in_one_line(tmp_path, old, n
     assert "\n" not in f"{alone.value}{in_scenario.value}"
 
 
-def test_joints_that_are_nobodys_are_named(tmp_path):
+def test_joints_without_a_finger_or_base_are_named(tmp_path):
     path = write_hand(tmp_path, text=re.sub(r".*finger_4_tip.*\n", "", SHIPPED_TEXT))
     with pytest.raises(PregraspError, match=r"finger_4_\w+, .*: neither of base.joints, nor of"):
         HandModel(load_hand(path))

@@ -1,4 +1,4 @@
-"""Runs of the shipped motions, and what a run of a pose stream leaves."""
+"""Runs of the shipped motions, and the results of a run with a pose stream."""
 
 import numpy as np
 import pytest

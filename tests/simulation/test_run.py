@@ -129,7 +129,7 @@ def test_metric_strategies_reach_table_3(name, q_vew, tmp_path):
 
 @pytest.mark.slow
 def test_poor_start_recovers(base_run, tmp_path):
-    """Row g of Table II: four contacts on one face to begin with, the fifth on forbidden ground."""
+    """Row g of Table II: first four contacts on one face, the fifth on forbidden surface."""
     result = run_text("g_poor_start", "simulation_duration: 8.0", tmp_path)
     log = run_log(result)
     static = log["time"] < 4
@@ -222,7 +222,7 @@ def test_scenarios_of_other_measures_run(name, base_run, tmp_path):
 
 
 @pytest.mark.slow
-def test_damage_ends_the_static_phase_and_leaves_no_contact_on_forbidden_ground(tmp_path):
+def test_damage_ends_the_static_phase_and_leaves_no_contact_on_forbidden_surface(tmp_path):
     text = "simulation_duration: 6.0, damage: [{at: 2.0, contacts: [3, 4]}]"
     summary = run_text("a_base", text, tmp_path).summary
     assert summary["static"]["q_vew"] == pytest.approx(125.4157, abs=0.01)

@@ -77,7 +77,7 @@ def test_two_runs_into_one_folder_exclude_each_other(tmp_path):
 
 
 @pytest.mark.slow
-def test_the_lock_of_a_killed_run_blocks_nobody(tmp_path):
+def test_the_lock_of_a_killed_run_does_not_block_other_runs(tmp_path):
     code = f"""
 import os, pathlib
 from drake_pregrasp.simulation.output import claimed

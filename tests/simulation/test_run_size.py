@@ -1,4 +1,4 @@
-"""Runs, recordings and samples have an end."""
+"""Limits on the size of runs, recordings and samples."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""How well an object was tracked, in shares of ticks."""
+"""Summary of the tracking, in shares of ticks."""
 
 import numpy as np
 import pytest

@@ -41,7 +41,7 @@ def test_shipped_files_are_read_as_drake_reads_them(file):
         ("x" * (yaml_text.MAX_BYTES + 1), f"has more than {yaml_text.MAX_BYTES} characters"),
     ],
 )
-def test_what_is_refused_is_said_in_one_line(text, problem):
+def test_errors_are_one_printable_line(text, problem):
     with pytest.raises(ScenarioError) as caught:
         parse_yaml("file", text)
     assert str(caught.value).startswith(f"file: {problem}")

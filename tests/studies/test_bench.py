@@ -1,4 +1,4 @@
-"""The benchmark: all implementations do the same work, and times are what they are called."""
+"""The benchmark: all implementations do the same work, and times are labelled correctly."""
 
 import json
 import os

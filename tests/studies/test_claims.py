@@ -1,4 +1,4 @@
-"""Verdicts go both ways: each judge is given runs of either kind."""
+"""Each claim's judge accepts runs that support the claim, and rejects others."""
 
 import numpy as np
 import pandas as pd

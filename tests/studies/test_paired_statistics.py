@@ -1,4 +1,4 @@
-"""Paired tests, their intervals, and rankings: laws, and what scipy says."""
+"""Paired tests, their intervals, and rankings, as laws and against scipy."""
 
 import math
 

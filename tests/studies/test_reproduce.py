@@ -1,4 +1,4 @@
-"""The reproduction on short runs: it is complete, follows from the logs, and says what they say."""
+"""The reproduction on short runs is complete and agrees with the logs."""
 
 import functools
 import html

@@ -1,4 +1,4 @@
-"""Rows of a study are the same whoever makes them, and survive whatever ends it."""
+"""Rows of a study are the same in all processes, and survive interruptions."""
 
 import functools
 import os

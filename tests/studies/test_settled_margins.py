@@ -1,4 +1,4 @@
-"""Where the planner's contacts settle."""
+"""Steady-state contacts of the planner."""
 
 import pytest
 

@@ -1,4 +1,4 @@
-"""Commands of studies are there without the studies' libraries, and ask for them when given."""
+"""Commands of studies exist without the studies' libraries, and then ask to install them."""
 
 import subprocess
 import sys

@@ -1,4 +1,4 @@
-"""The command `sweep`: its rows are what runs come to, and its report what the rows say."""
+"""The command `sweep`: its rows agree with the runs, and its report with the rows."""
 
 import itertools
 import re
@@ -144,7 +144,7 @@ def test_all_that_a_study_names_is_escaped_and_missing_rows_are_said_to_be(study
     assert "There are no rows yet." in page
 
 
-def test_a_table_has_medians_and_ranges_by_value_and_leaves_out_what_is_no_number(study, rows):
+def test_a_table_has_medians_and_ranges_by_value_without_nan(study, rows):
     axes = study.plan.axes
     rows = sweep_report.with_categories(rows, axes)
     by_speed = axis_table(rows, axes[0], MADE_UP)

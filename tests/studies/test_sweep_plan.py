@@ -1,4 +1,4 @@
-"""What a sweep's file comes to: its runs, and the lines about what is wrong with it."""
+"""Runs of a sweep's file, and messages about invalid files."""
 
 import itertools
 import re
@@ -108,7 +108,7 @@ def test_a_scenario_is_the_same_as_data(name, tmp_path):
 
 
 @pytest.mark.parametrize(("changes", "problem"), BAD, ids=lambda value: str(value)[:40])
-def test_what_is_wrong_is_said_before_anything_runs(changes, problem, tmp_path):
+def test_invalid_studies_are_refused_before_anything_runs(changes, problem, tmp_path):
     with pytest.raises(ScenarioError, match=re.escape(problem)) as error:
         load_study(write_study(tmp_path, **changes))
     assert "\n" not in str(error.value)

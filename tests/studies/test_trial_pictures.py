@@ -1,4 +1,4 @@
-"""Figures of one seed: which seed, and what the pictures show where."""
+"""Figures of one seed: choice of the seed, and content of the pictures."""
 
 import numpy as np
 import pandas as pd

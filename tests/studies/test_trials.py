@@ -1,4 +1,4 @@
-"""Trials of the study: who says where fingers go, what is random, and what is read from a grasp."""
+"""Trials of the study: goals of the methods, random starts, and outcomes of grasps."""
 
 import dataclasses
 

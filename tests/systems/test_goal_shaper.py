@@ -1,4 +1,4 @@
-"""Goals of fingertips around a cube: where they come, and what they keep clear of."""
+"""Goals of fingertips around a cube: positions and clearances."""
 
 import numpy as np
 import pytest
@@ -128,7 +128,7 @@ def test_a_contact_too_low_for_a_tip_is_shifted_up():
     np.testing.assert_allclose(shaper.goals(0.5), goals, atol=1e-9)
 
 
-def test_obstacles_push_goals_away_but_not_what_is_held():
+def test_obstacles_push_goals_away_but_not_held_contacts():
     shaper = Shaper()
     before = shaper.goals(1.0)
     ball = BallSolid(before[0] + [0.0, 0.03, 0.0], 0.02)

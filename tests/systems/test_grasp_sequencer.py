@@ -1,4 +1,4 @@
-"""The sequencer of a grasp: its frame, its forces, and who holds."""
+"""The sequencer of a grasp: its frame, its forces, and the holding fingers."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Whatever comes to the hand's systems, what they command is finite and within their limits."""
+"""For any inputs, the commands of the hand's systems are finite and within limits."""
 
 import numpy as np
 import pytest

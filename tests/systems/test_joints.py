@@ -1,4 +1,4 @@
-"""Systems of a hand's joints: what fingertips feel, and the reference of the joints."""
+"""Systems of a hand's joints: measured fingertip forces, and the joints' reference."""
 
 import numpy as np
 import pytest

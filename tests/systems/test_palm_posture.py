@@ -1,4 +1,4 @@
-"""Where a carrier and an arm hold the palm: over the object, without a lag, and calm."""
+"""Posture of the palm on a carrier or an arm: above the object, without lag or jitter."""
 
 import numpy as np
 import pytest

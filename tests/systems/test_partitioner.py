@@ -152,7 +152,7 @@ def test_settings_that_make_no_sense_are_refused(surface, p_OC, arguments, probl
 
 
 @pytest.mark.parametrize("X", NO_POSES)
-def test_without_a_pose_nobody_has_a_region_or_is_in_reach(surface, p_OC, X):
+def test_without_a_pose_all_regions_are_empty_and_no_contact_is_in_reach(surface, p_OC, X):
     assert np.all(partition(surface, p_OC, X=X).sizes() == 0)
     reach = [ball_reach(X_WO.translation(), 1.0)] * 3 + [None] * 2
     assert np.all(partition(surface, p_OC, reach=reach).sizes() > 0)

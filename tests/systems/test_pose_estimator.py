@@ -1,4 +1,4 @@
-"""The estimator while it sees the object: it does what the filter does, and when."""
+"""The estimator with measurements: it agrees with the filter at each time."""
 
 import numpy as np
 import pytest

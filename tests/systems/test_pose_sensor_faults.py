@@ -157,7 +157,7 @@ def test_nothing_has_arrived_before_the_delay():
 
 
 @MEMORIES
-def test_what_is_not_a_number_is_emitted_as_it_is_with_its_time(freeze_rate):
+def test_nan_measurements_are_emitted_unchanged_with_their_times(freeze_rate):
     faults = MeasurementFaults(nan_probability=1.0, freeze_rate=freeze_rate)
     found = Sensor(faults).emitted(range(5))
     assert np.all(np.isnan(found[:, :-1]))
@@ -180,7 +180,7 @@ def test_measured_rotations_are_rotations():
         ({"period": 0.1}, "faults.sample_period: 0.08 must be 0 or at least the planning period"),
     ],
 )
-def test_unusable_arguments_are_named(arguments, message):
+def test_invalid_arguments_are_named(arguments, message):
     with pytest.raises(InvalidArgumentError, match=message):
         NoisyPoseSensor(SensorConfig(faults=MeasurementFaults(sample_period=0.08)), **arguments)
 

@@ -61,7 +61,7 @@ def test_quality_is_that_of_the_contact_model(p_OC, surface, model, length):
         ({"length": -1}, "length must be a number at least 0"),
     ],
 )
-def test_unusable_arguments_are_refused(p_OC, surface, options, message):
+def test_invalid_arguments_are_refused(p_OC, surface, options, message):
     with pytest.raises(InvalidArgumentError, match=message):
         quality(p_OC, surface, **options)
 

@@ -178,7 +178,7 @@ def test_goals_are_verified_if_settings_say_so(surface, p_OC, monkeypatch):
         Selector(surface, p_OC, verify_contacts=True).numbers()
 
 
-def test_what_has_become_of_each_contact_is_said_with_its_cause(selector, surface, p_OC):
+def test_the_status_of_each_contact_is_emitted_with_its_cause(selector, surface, p_OC):
     balls = Obstacles((BallSolid(np.array([9.0, 0, 0]), 0.1), BallSolid(X_WO @ p_OC[1], 0.05)))
     reach = [None, None, BallReach(center=[9.0, 0, 0], radius=0.1), None, None]
     selector.fix(safe_regions=partition(surface, p_OC, {"obstacles": balls}, reach=reach))

@@ -1,4 +1,4 @@
-"""The estimator when measurements fail: what it says, and that it goes on."""
+"""The estimator without valid measurements: its status and its predictions."""
 
 import numpy as np
 import pytest
@@ -145,7 +145,7 @@ def test_a_time_that_was_there_before_is_nothing_new():
 
 
 @pytest.mark.parametrize("X", [NAN, RigidTransform([0, 2 * FARTHEST, 0])])
-def test_what_is_no_pose_is_refused_at_first_and_later(X):
+def test_an_invalid_pose_is_refused_at_the_first_and_at_later_ticks(X):
     tracked = Tracked()
     tracked.see(0, X)
     assert tracked.status == TrackingStatus.WAITING
@@ -164,7 +164,7 @@ def test_without_a_gate_all_is_taken(gate, verdict):
 
 @pytest.mark.parametrize("late", [1, 3])
 @pytest.mark.parametrize(("more", "verdict"), [(0, Verdict.USED_LATE), (1, Verdict.TOO_LATE)])
-def test_a_measurement_may_be_as_many_late_as_is_said(late, more, verdict):
+def test_late_measurements_are_used_up_to_the_set_number(late, more, verdict):
     tracked = Tracked(late_measurements=late)
     for k in range(10):
         tracked.see(k, X_true(k * PERIOD), k * PERIOD)

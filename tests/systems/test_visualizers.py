@@ -1,4 +1,4 @@
-"""What Meshcat shows of the planner: regions, goals, obstacles, and words about contacts."""
+"""Drawings of the planner in Meshcat: regions, goals, obstacles, and labels of contacts."""
 
 import struct
 
