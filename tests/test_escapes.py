@@ -1,4 +1,4 @@
-"""Untrusted files can't copy the content of other files into a run folder."""
+"""Untrusted files cannot copy the content of other files into a run folder."""
 # ruff: noqa: E501
 
 import base64

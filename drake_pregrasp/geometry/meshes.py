@@ -196,8 +196,6 @@ def _placed_pieces(scene: trimesh.Scene) -> list[Piece]:
                 raise InvalidArgumentError("it has a vertex without three coordinates")
             if not 0 <= np.min(geometry.faces) <= np.max(geometry.faces) < len(geometry.vertices):
                 raise InvalidArgumentError("it has a triangle with a vertex that is not there")
-            material = getattr(geometry.visual, "material", None)
-            color = None if material is None else tuple((material.main_color / 255).tolist())
             mesh = trimesh.Trimesh(geometry.vertices, geometry.faces, process=False)
             pieces.append(
                 Piece(str(name)[:MAX_NAME], mesh.apply_transform(transform), plain_color(geometry))

@@ -43,14 +43,6 @@ def start_meshcat() -> Meshcat:
         raise OutputError(f"Meshcat cannot start ({error}); run without a recording") from error
 
 
-def connect_named(
-    builder: DiagramBuilder, source: System, target: System, ports: Iterable[str]
-) -> None:
-    """Connects output ports of a system to another system's input ports of the same names."""
-    for port in ports:
-        builder.Connect(source.GetOutputPort(port), target.GetInputPort(port))
-
-
 def add_visualizers(
     builder: DiagramBuilder,
     meshcat: Meshcat,

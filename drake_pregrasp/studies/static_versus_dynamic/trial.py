@@ -245,7 +245,7 @@ class Trial:
             goals = builder.AddSystem(
                 methods.StationaryHand(frames, azimuths=azimuths, box_size=size, limits=limits)
             )
-            connect_named(builder, self.planner, goals, ["X_WO_estimated"])
+            connect(builder, self.planner, "X_WO_estimated", goals)
             # The controller closes after the goals have moved from the ring to the object.
             delay = builder.AddSystem(DiscreteTimeDelay(self._grasp.period, _CLOSE_DELAY, 1))
             builder.ExportInput(goals.GetInputPort("close"), "close")
