@@ -284,7 +284,7 @@ class ArmPosture(_PalmPosture):
         - X_WH
         - X_WU
 
-    The other ports are as those of `CarrierPosture`, and:
+    The ports are those of `CarrierPosture`, except for these:
 
     Port `goals` emits a `BusValue` for `DifferentialInverseKinematicsSystem`: the valid goals of
     the fingertips, and the desired pose of the palm at the same time. The palm is over the object

@@ -78,7 +78,7 @@ def test_every_port_has_a_sentence(systems) -> None:
     docs = {c.__name__: inspect.getdoc(c) or "" for c in systems}
     for system_class, system in systems.items():
         doc = docs[system_class.__name__]
-        if like := re.search(r"ports are (?:as )?those of `(\w+)`", doc):
+        if like := re.search(r"ports are those of `(\w+)`", doc):
             doc += docs[like.group(1)]
         assert [
             name for name in itertools.chain(*port_names(system)) if f"`{name}`" not in doc
