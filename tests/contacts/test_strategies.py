@@ -151,7 +151,7 @@ def activity_and_volume(strategy, p_OC):
 
 
 def test_the_volume_strategy_spreads_the_contacts_and_singular_values_are_restless(p_OC):
-    """What the paper tells of Figures 5 and 6, for the hand's reading with the stretch."""
+    """The paper's observations on Figures 5 and 6, for the hand's reading with the stretch."""
     position, msv, vew = (
         activity_and_volume(strategy, p_OC)
         for strategy in (position_tracking, make_strategy("msv"), make_strategy("vew"))

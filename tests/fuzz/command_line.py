@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 
 class Result(NamedTuple):
-    """What came of a case.
+    """The outcome of a case.
 
     Attributes:
         number: Number of the case.

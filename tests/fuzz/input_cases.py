@@ -26,7 +26,7 @@ Value = tuple[Any, ...]
 
 @dataclass
 class Tick:
-    """What changes at a tick.
+    """The changes of inputs at a tick.
 
     Attributes:
         steps: Planning periods since the last one.

@@ -26,7 +26,7 @@ NASTY = (
     *("1e300", "1e154", "-1e300", "[1e300, 1e300, 1e300]", "[0, 0, 0]", "[.nan, 0, 0]", "@"),
     "{_tag: 3}",
 )
-"""What breaks programs that expect something else; each is YAML in flow style, or nearly."""
+"""Values that break careless programs, as YAML in flow style or nearly so."""
 
 
 def some_text(rng: random.Random, schema: Any, bad: float = 0.0) -> str:

@@ -38,7 +38,7 @@ def test_forbidden_points_reach_the_rims_of_forbidden_faces_only():
 
 
 def test_unknown_and_exhausted_faces_are_refused():
-    with pytest.raises(InvalidArgumentError, match="'top' is no face"):
+    with pytest.raises(InvalidArgumentError, match="'top' is not a face"):
         box_surface([0.1] * 3, spacing=0.01, forbidden_faces=["top"])
     with pytest.raises(InvalidArgumentError, match="none is left"):
         box_surface([0.1] * 3, spacing=0.01, forbidden_faces=["+x", "-x", "+y", "-y", "+z", "-z"])

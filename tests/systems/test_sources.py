@@ -39,7 +39,7 @@ PROBES = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 3))
 
 
 def emitted(source, time, seed=None):
-    """What the only port of a source emits at a time, after it has been asked at another."""
+    """The output of a source's only port at a time, after an evaluation at another time."""
     driven = Driven(source)
     source.get_output_port().Eval(driven.context)
     driven.at(time)
