@@ -27,16 +27,24 @@ class ContactStatus(IntEnum, metaclass=_DeprecatedNames):
     """Status of a contact at a tick.
 
     Above zero the contact is active: its goal lies on the allowed surface, has a safe region and
-    counts in G. The values ±2 to ±7 name the limit that leaves the contact a tiny region (positive)
+    counts in G. The values ±2 to ±6 name the limit that leaves the contact a tiny region (positive)
     or an empty one (negative).
+
+    Attributes:
+        LOST: The finger is lost: its weight h_i is -inf, and its goal is not valid.
+        INACTIVE: Nothing has been planned yet.
+        ACTIVE: The goal has a region of its own.
+        NO_ALLOWED_SURFACE, LITTLE_ALLOWED_SURFACE: Forbidden points and areas.
+        CROWDED_OUT, CROWDED: Another contact, which is the cause.
+        OUT_OF_REACH, HARDLY_IN_REACH: Reach of the finger.
+        OBSTRUCTED, NEARLY_OBSTRUCTED: An obstacle, which is the cause.
+        BEHIND_WALL, NEARLY_BEHIND_WALL: The candidates nearby are on the other side of a wall.
+        APART_FROM_PARTNER: The goal is not at its distance from the coupled contact, the cause.
     """
 
     LOST = -1
-    """The finger is lost: its weight h_i is -inf, and its goal is not valid."""
     INACTIVE = 0
-    """Nothing has been planned yet."""
     ACTIVE = 1
-    """The goal has a region of its own."""
     NO_ALLOWED_SURFACE = -2
     LITTLE_ALLOWED_SURFACE = 2
     CROWDED_OUT = -3

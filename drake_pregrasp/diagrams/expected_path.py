@@ -14,11 +14,9 @@ from drake_pregrasp.config.object_config import (
 )
 from drake_pregrasp.diagrams.object_body import standing_position
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
+from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
 _SAMPLES = 50
-
-GRAVITY = 9.81
-"""Acceleration of gravity in Drake's plants, in m/s²."""
 
 
 def expected_path(motion: MotionConfig, duration: float, object_config: ObjectConfig) -> FloatArray:

@@ -9,7 +9,17 @@ from drake_pregrasp.arrays import BoolArray, FloatArray, pack, unpack
 
 
 class GraspPhase(IntEnum):
-    """Phases of a grasp."""
+    """Phases of a grasp.
+
+    Attributes:
+        APPROACH: The hand comes down to the object.
+        TRACK: The hand follows the object, fingertips at their standoff.
+        CLOSE: The fingertips move along the normals until they touch.
+        SQUEEZE: The normal forces increase.
+        LIFT: The hand stops, and moves up.
+        HOLD: The hand holds the object at the height of the lift.
+        BACK_OFF: The hand opens and rises.
+    """
 
     APPROACH = 0
     TRACK = 1
@@ -21,7 +31,18 @@ class GraspPhase(IntEnum):
 
 
 class GiveUp(IntEnum):
-    """Reasons why the hand has opened again, or waits before closing."""
+    """Reasons why the hand has opened again, or waits before closing.
+
+    Attributes:
+        NONE: The hand has not given up.
+        TOLD_TO_OPEN: The command to close was withdrawn.
+        TOO_FEW_FINGERS: Fewer fingers are active than a grasp needs.
+        MET_NOTHING: A finger has found no surface within its search distance.
+        PRESSED_TOO_HARD: A finger pressed with more than the largest force.
+        OUT_OF_BALANCE: No squeeze within the friction cones balances the weight.
+        LOST_TOUCH: A finger lost touch in the lift or after it.
+        OBJECT_UNSEEN: The estimator lost the object before all fingers touched it.
+    """
 
     NONE = 0
     TOLD_TO_OPEN = 1

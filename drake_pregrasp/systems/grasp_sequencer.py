@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.tree import UniformGravityFieldElement
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, validated_numbers
@@ -25,7 +26,7 @@ from drake_pregrasp.systems.ports import (
     validated_velocity,
 )
 
-GRAVITY = 9.81
+GRAVITY: float = UniformGravityFieldElement.kDefaultStrength
 """Acceleration of gravity along -z of W, in m/s²."""
 
 _COASTING_SIZE = 18  # Number of elements of `Coasting.to_vector`.
