@@ -66,7 +66,9 @@ def test_unknown_keywords_and_keywords_beside_a_configuration_are_refused(
         config_with(config, PlannerConfig(), keywords, object())
 
 
-ESTIMATOR = EstimatorConfig(position_std=0.01, gravity=9.81, gate=5.0, lost_after=1e6)
+ESTIMATOR = EstimatorConfig(
+    position_std=0.01, gravity=9.81, gate=5.0, lost_after=1e6, reacquire_after=4
+)
 TIPS = {"tip_frames": ["a"], "tip_radius": 0.01, "object_solid": BallSolid(np.zeros(3), 0.05)}
 TIPS |= {"object_top": 0.05, "fixed": [], "p_GT": np.ones((1, 3)), "finger_azimuths": [0.0]}
 CASES = {
@@ -77,6 +79,7 @@ CASES = {
             noise=PoseFilterNoise(**vars(filter_noise(ESTIMATOR))),
             gate=5.0,
             lost_after=np.inf,
+            reacquire_after=4,
         ),
         ESTIMATOR,
     ),

@@ -66,8 +66,9 @@ def test_a_gltf_file_opens_no_other_file_and_claims_no_more_than_it_holds(
 )
 def test_colors_of_a_material_library_are_whole_or_refused(tmp_path, material, color):
     file = tmp_path / "box.obj"
-    file.write_text("mtllib box.mtl\nusemtl a\n" + box().export(file_type="obj"))
+    file.write_text("mtllib box.mtl\nmtllib other.mtl\nusemtl a\n" + box().export(file_type="obj"))
     (tmp_path / "box.mtl").write_text(f"newmtl a\n{material}\n")
+    (tmp_path / "other.mtl").write_text("newmtl a\nKd 0 1 0\n")
     if color is None:
         with pytest.raises(InvalidArgumentError, match=r"box\.obj cannot be read as a mesh"):
             read_pieces(file, colors=True)
