@@ -3,13 +3,14 @@
 import functools
 import math
 from dataclasses import dataclass, field
-from enum import IntEnum
+from enum import IntEnum, unique
 
 import numpy as np
 
 from drake_pregrasp.arrays import first_tick
 
 
+@unique
 class FaultChannel(IntEnum):
     """Use of a stream of random numbers.
 
