@@ -83,3 +83,14 @@ def test_every_port_has_a_sentence(systems) -> None:
         assert [
             name for name in itertools.chain(*port_names(system)) if f"`{name}`" not in doc
         ] == []
+
+
+def test_updates_are_at_multiples_of_their_periods(systems) -> None:
+    timings = {
+        c.__name__: system.GetUniquePeriodicDiscreteUpdateAttribute()
+        for c, system in systems.items()
+        if not issubclass(c, Diagram)
+    }
+    updating = {name: timing for name, timing in timings.items() if timing is not None}
+    assert len(updating) > 5
+    assert {name for name, timing in updating.items() if timing.offset_sec() != 0} == set()
