@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp.grasping import squeeze as squeeze_module
 from drake_pregrasp.grasping.squeeze import FRICTION_SHARES, safest_squeeze, squeeze_forces
 
 WEIGHT = np.array([0, 0, -4.0, 0, 0, 0])
@@ -102,6 +103,16 @@ def test_the_safest_squeeze_uses_narrower_cones_the_larger_forces_may_be():
     used = [steepest(safest(largest=largest).forces) for largest in (2.5, 3.0, 4.0, 12.0)]
     np.testing.assert_allclose(used, sorted(used, reverse=True), rtol=1e-12)
     assert used[-1] <= FRICTION_SHARES[0] * 0.5 + 1e-9 < used[0]
+
+
+def test_without_a_solution_nothing_presses_and_the_whole_weight_is_left(monkeypatch):
+    def fails(*arguments, **options):
+        raise RuntimeError
+
+    monkeypatch.setattr(squeeze_module, "nnls", fails)
+    found = squeeze()
+    np.testing.assert_array_equal(found.forces, np.zeros_like(RING))
+    assert found.residual == pytest.approx(np.linalg.norm(WEIGHT))
 
 
 def test_bad_arguments_are_refused():

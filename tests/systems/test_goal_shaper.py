@@ -91,7 +91,7 @@ def test_fingers_without_a_contact_wait_above():
 
 @pytest.mark.parametrize("yaw", [0.0, 0.7, -2.0])
 def test_fingers_without_a_contact_wait_at_their_own_azimuths_in_the_hand(yaw):
-    shaper = Shaper()
+    shaper = Shaper(p_GT=RING + np.array([0.0, 0.0, 0.1]))
     shaper.set_status(ContactStatus.OUT_OF_REACH, *range(N))
     X_WG = RigidTransform(RotationMatrix.MakeZRotation(1.1), [0.2, 0.1, 0.3])
     X_WU = RigidTransform(RotationMatrix.MakeZRotation(yaw), [0.2, 0.1, 0.05])
@@ -99,6 +99,8 @@ def test_fingers_without_a_contact_wait_at_their_own_azimuths_in_the_hand(yaw):
     away = shaper.goals(3.0) - X_WG.translation()
     azimuths = np.arctan2(away[:, 1], away[:, 0])
     np.testing.assert_allclose(wrapped(azimuths - AROUND - yaw), 0, atol=1e-6)
+    radii = np.linalg.norm(RING[:, :2], axis=1)
+    np.testing.assert_allclose(np.linalg.norm(away[:, :2], axis=1), radii.mean(), atol=1e-6)
     np.testing.assert_allclose(away[:, 2], 0.05 + RADIUS + 0.02, atol=1e-9)
 
 
