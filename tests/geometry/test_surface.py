@@ -46,7 +46,12 @@ def test_unknown_and_exhausted_faces_are_refused():
 
 @pytest.mark.parametrize(
     ("points", "radii", "normals"),
-    [((2,), [0, 0], None), ((2, 3), [0, 0], (1, 3)), ((2, 3), [0.0, -1.0], None)],
+    [
+        ((2, 3), [1.0], None),
+        ((2,), [0, 0], None),
+        ((2, 3), [0, 0], (1, 3)),
+        ((2, 3), [0.0, -1.0], None),
+    ],
 )
 def test_forbidden_points_refuse_shapes_and_negative_radii(points, radii, normals):
     with pytest.raises(InvalidArgumentError):

@@ -224,6 +224,9 @@ def test_longer_words_make_wider_boards_of_the_same_height():
         file = board.source().in_memory().mesh_file
         scene = trimesh.load_scene(trimesh.util.wrap_as_stream(file.contents()), file_type="gltf")
         sizes.append(scene.extents)
+        width, height = scene.extents[:2]  # Its lower edge has its middle at the origin.
+        bounds = [[-width / 2, 0, 0], [width / 2, height, 0]]
+        np.testing.assert_allclose(scene.bounds, bounds, atol=1e-9)
         np.testing.assert_allclose(scene.area, np.prod(scene.extents[:2]))  # Nothing is cut off.
     np.testing.assert_allclose(np.array(sizes)[:, 1], 0.02)
     assert sizes[1][0] > 3 * sizes[0][0]
