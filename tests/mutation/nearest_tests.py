@@ -1,4 +1,4 @@
-"""Runs the quick tests that execute the line that is changed in this checkout."""
+"""Runs the quick tests, first those that execute the line that is changed in this checkout."""
 
 import os
 import re
@@ -21,9 +21,8 @@ def main() -> int:
     line = int(re.findall(r"^@@ -\d+(?:,\d+)? \+(\d+)", diff, flags=re.MULTILINE)[0])
     module, folder = Path(name).stem, f"tests/{Path(name).parts[1]}"
     naming = _git("grep", "-lw", module, "--", f"{folder}/test_*.py")
-    # What is executed only when the module is imported concerns all tests.
-    others = [naming] if (covering := covering_tests(name, line)) else [naming, [folder], ["tests"]]
-    for tests in (covering, *others):
+    # All quick tests come last: coverage does not see what is executed in other processes.
+    for tests in (covering_tests(name, line), naming, [folder], ["tests"]):
         if tests:
             processes = ["-n0"] if len(tests) < _FEW and "::" in tests[0] else []
             command = [*PYTEST, "-x", *processes, *tests]
