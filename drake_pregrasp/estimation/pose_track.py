@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from enum import IntEnum
+from enum import IntEnum, unique
 from functools import cached_property
 
 import numpy as np
@@ -11,6 +11,7 @@ from drake_pregrasp.arrays import SLACK, FloatArray, pack, unpack
 from drake_pregrasp.estimation.pose_filter import NO_BELIEF, NO_MEASUREMENT, PoseBelief
 
 
+@unique
 class TrackingStatus(IntEnum):
     """Quality of the estimate of an object's pose. A number without a status counts as `LOST`.
 
@@ -59,6 +60,7 @@ def tracking_status(
     return TrackingStatus.COASTING if overdue <= lost_after else TrackingStatus.LOST
 
 
+@unique
 class MeasurementVerdict(IntEnum):
     """Result of the check of a measurement.
 

@@ -115,6 +115,7 @@ def test_before_any_measurement_it_waits_and_is_finite():
     for k in range(5):
         tracked.see(k, NAN)
         assert tracked.status == TrackingStatus.WAITING
+        np.testing.assert_array_equal(tracked.covariance, np.eye(3))  # In m²; see the docs.
         assert tracked.age == pytest.approx(k * PERIOD)
     assert tracked.eval("X_WO_estimated").IsExactlyIdentity()
     tracked.follow(1, start=5)
