@@ -1,4 +1,4 @@
-"""What is mended in a URDF, one after another."""
+"""Mends of a URDF, one test for each."""
 
 from xml.etree import ElementTree
 
