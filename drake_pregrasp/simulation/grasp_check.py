@@ -13,7 +13,7 @@ from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import PregraspError, ScenarioError
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.simulation.hand_file import HandConfig, load_hand, load_hand_model
+from drake_pregrasp.simulation.hand_file import HandConfig, load_hand
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
@@ -76,7 +76,7 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     if ahead := scenario.planner.estimator.lookahead:
         yield "planner.estimator.lookahead", f"{ahead} must be 0: a hand looks ahead itself"
     with errors_at("grasp.hand", f"{grasp.hand}: "):
-        model = load_hand_model(grasp.hand)
+        model = scenario.load_hand_model()
     with errors_at("grasp.wrist_range"):
         model.yaw_range(grasp.yaw_range)
     largest = np.min(grasp.make_settings(hand.fingertips).largest_force)

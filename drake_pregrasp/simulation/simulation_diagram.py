@@ -21,7 +21,6 @@ from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, Pregras
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import GraspQuality
-from drake_pregrasp.simulation.hand_file import load_hand, load_hand_model
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.recording import add_visualizers
 from drake_pregrasp.simulation.scenario import Scenario
@@ -65,7 +64,7 @@ def make_diagram(
             cast(Conveyor, scenario.motion),
             scenario.plant_config,
             scenario.grasp,
-            load_hand_model(scenario.grasp.hand, scenario.grasp.yaw_range),
+            scenario.load_hand_model(scenario.grasp.yaw_range),
             p_OCoM=surface.p_OCoM,
             p_OC=p_OC,
             target_period=period,
@@ -124,7 +123,8 @@ def hand_planner(scenario: Scenario) -> PlannerConfig:
     if not grasp.has_hand:
         return config
     own, default = config.limits, LimitsConfig()
-    limits = hand_limits(load_hand(grasp.hand), grasp, reach=grasp.use_reach)
+    hand = scenario.load_hand_model().description
+    limits = hand_limits(hand, grasp, reach=grasp.use_reach)
     given = {name: value for name, value in vars(own).items() if value != getattr(default, name)}
     if len(own.forbidden_faces) == len(limits.forbidden_faces):
         both = zip(own.forbidden_faces, limits.forbidden_faces, strict=True)
