@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import CollisionFilterDeclaration, GeometryId, GeometrySet, SceneGraph
-from pydrake.multibody.plant import CoulombFriction, MultibodyPlant, MultibodyPlantConfig
+from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
@@ -18,7 +18,6 @@ from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
-from drake_pregrasp.diagrams.object_body import add_solid_collision
 from drake_pregrasp.diagrams.object_plant import add_moving_object
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.solids import BoxSolid, HalfSpace
@@ -53,9 +52,8 @@ class HandStation(Diagram):
 
     Port `X_WD` emits a `RigidTransform`: the pose of the turntable D, on which the box stands.
 
-    The box touches the turntable with its feet, and the hand with its faces. Of the hand's bodies,
-    only those of the fingertips collide with each other. Gravity does not act on the hand, as if it
-    were compensated.
+    Of the hand's bodies, only those of the fingertips collide with each other. Gravity does not act
+    on the hand, as if it were compensated.
 
     The attributes `plant` and `scene_graph` hold the plant and its SceneGraph.
 
@@ -64,7 +62,7 @@ class HandStation(Diagram):
         motion_config: Motion of the conveyor.
         plant_config: Time step and contact model.
         hand: Description of the hand.
-        friction: Coulomb's coefficient of the box in contact with the hand.
+        friction: Coulomb's coefficient of the box.
         initial: Initial positions of the hand, shape (nq,).
         yaw_range: Range of the wrist, as for `add_hand_model`.
 
@@ -88,19 +86,17 @@ class HandStation(Diagram):
     ) -> None:
         super().__init__()
         builder = DiagramBuilder()
-        solid: list[GeometryId] = []
-
-        def add_hand(plant: MultibodyPlant, body: RigidBody) -> None:
-            coefficients = CoulombFriction(static_friction=friction, dynamic_friction=friction)
-            solid.extend(add_solid_collision(plant, body, object_config, friction=coefficients))
-            add_hand_model(plant, hand, yaw_range)
-
         self.plant, self.scene_graph, X_WO = add_moving_object(
-            builder, object_config, motion_config, plant_config, add_more=add_hand
+            builder,
+            object_config,
+            motion_config,
+            plant_config,
+            friction=friction,
+            add_more=lambda plant: add_hand_model(plant, hand, yaw_range),
         )
         instance = self.plant.GetModelInstanceByName(HAND)
         self.plant.SetDefaultPositions(instance, initial)
-        self._filter_collisions(instance, solid, hand)
+        self._filter_collisions(instance, hand)
         turntable = self.plant.GetBodyByName("turntable")
         disc = builder.AddNamedSystem("turntable_pose", BodyPose(turntable.index()))
         builder.Connect(self.plant.get_body_poses_output_port(), disc.get_input_port())
@@ -112,28 +108,18 @@ class HandStation(Diagram):
         builder.ExportOutput(disc.get_output_port(), "X_WD")
         builder.BuildInto(self)
 
-    def _filter_collisions(
-        self, instance: ModelInstanceIndex, solid: list[GeometryId], hand: HandDescription
-    ) -> None:
+    def _filter_collisions(self, instance: ModelInstanceIndex, hand: HandDescription) -> None:
         plant = self.plant
 
         def shapes(bodies: Iterable[RigidBody]) -> list[GeometryId]:
             return [g for body in bodies for g in plant.GetCollisionGeometriesForBody(body)]
 
-        turntable = shapes([plant.GetBodyByName("turntable")])
-        cube = plant.GetBodyByName("cube")
-        feet = [geometry for geometry in shapes([cube]) if geometry not in solid]
         geometries = shapes(plant.get_body(index) for index in plant.GetBodyIndices(instance))
         frames = [plant.GetFrameByName(tip.frame, instance) for tip in hand.fingertips]
         tips = shapes(frame.body() for frame in frames)
-        links = [geometry for geometry in geometries if geometry not in tips]
-        manager = self.scene_graph.collision_filter_manager()
-        # The whole bottom face on the table would be a single contact point that hops.
-        for some, others in ((solid, turntable), (feet, geometries), (links, tips)):
-            manager.Apply(
-                CollisionFilterDeclaration().ExcludeBetween(GeometrySet(some), GeometrySet(others))
-            )
-        manager.Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet(links)))
+        links = GeometrySet([geometry for geometry in geometries if geometry not in tips])
+        own = CollisionFilterDeclaration().ExcludeBetween(links, GeometrySet(tips))
+        self.scene_graph.collision_filter_manager().Apply(own.ExcludeWithin(links))
 
 
 TABLE = MovingSolid(HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0])), np.zeros(3))
