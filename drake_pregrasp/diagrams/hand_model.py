@@ -219,10 +219,10 @@ class HandModel:
         self, description: HandDescription, yaw_range: tuple[float, float] = FREE_TURN
     ) -> None:
         self.description, self._yaw_range = description, yaw_range
-        diagram, self.kinematics = self._parse()
-        self._diagram = diagram  # Keeps the plant alive.
-        plant = diagram.plant()
+        self._diagram = self._parse()  # Keeps the plant alive.
+        plant = self._diagram.plant()
         self.base = make_base(description.base, plant, plant.GetModelInstanceByName(HAND))
+        self.kinematics = self._kinematics(self._diagram)
         self.tip_radii: FloatArray = np.array([tip.radius for tip in description.fingertips])
         self.withdrawn_radii: FloatArray = np.array(
             [tip.withdrawn_radius for tip in description.fingertips]
@@ -232,13 +232,15 @@ class HandModel:
         self.azimuths: FloatArray = np.arctan2(p_HT[:, 1], p_HT[:, 0])
         self._check_reach(p_HT)
 
-    def _parse(self) -> tuple[RobotDiagram, HandKinematics]:
+    def _parse(self) -> RobotDiagram:
         builder = RobotDiagramBuilder(time_step=0.0)
         add_hand_model(builder.plant(), self.description, self._yaw_range)
         builder.plant().Finalize()
-        diagram = builder.Build()
+        return builder.Build()
+
+    def _kinematics(self, diagram: RobotDiagram) -> HandKinematics:
         frames = [f"{HAND}::{tip.frame}" for tip in self.description.fingertips]
-        return diagram, HandKinematics(diagram.plant(), frames)
+        return HandKinematics(diagram.plant(), frames)
 
     def make_scene(self, object_solid: Solid, fixed: Sequence[Solid]) -> HandScene:
         """Returns a scene of the hand with an object.
@@ -247,9 +249,13 @@ class HandModel:
             object_solid: The object in O.
             fixed: Solids in W that do not move, such as the table.
         """
-        diagram, hand = self._parse()
+        diagram = self._parse()
         return HandScene(
-            diagram, hand, tip_radii=self.tip_radii, object_solid=object_solid, fixed=fixed
+            diagram,
+            self._kinematics(diagram),
+            tip_radii=self.tip_radii,
+            object_solid=object_solid,
+            fixed=fixed,
         )
 
     def home(self, p_WO: FloatArray, yaw: float) -> FloatArray:

@@ -17,6 +17,9 @@ from drake_pregrasp.systems.ports import declare_output
 LARGEST_RATE = 10.0
 """Largest rate of any joint, in rad/s or m/s."""
 
+BASE = -1
+"""Index of the palm with its carrier or arm, which belong to no finger."""
+
 _FORCE_DIRECTIONS = 3
 _DAMPING = 1e-10  # Added to J Jᵀ, in m², which is singular for a finger that is stretched out.
 
@@ -108,7 +111,7 @@ class HandLink:
 
     Attributes:
         frame: Frame of its body.
-        finger: Index of its finger, -1 for the base.
+        finger: Index of its finger, or `BASE`.
         is_tip: Whether it is a fingertip.
     """
 
@@ -147,7 +150,7 @@ def hand_links(
     for index in plant.GetBodyIndices(tip_frames[0].model_instance()):
         body_frame = plant.get_body(index).body_frame()
         fingers = np.flatnonzero(own @ _joints_to(plant, body_frame))
-        finger = int(fingers[0]) if len(fingers) else -1
+        finger = int(fingers[0]) if len(fingers) else BASE
         for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index)):
             links[geometry] = HandLink(body_frame, finger, geometry in tips)
     return links

@@ -1,12 +1,14 @@
 """Signed distances between the links of a hand, the object, and what is around them."""
 
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import (
     Box,
     CollisionFilterDeclaration,
+    CollisionFilterManager,
     FramePoseVector,
     GeometryFrame,
     GeometryId,
@@ -25,7 +27,7 @@ from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace, Solid
-from drake_pregrasp.systems.fingertip_sensor import HandKinematics, hand_links
+from drake_pregrasp.systems.fingertip_sensor import BASE, HandKinematics, HandLink, hand_links
 
 LINK_CLEARANCE = 0.005
 """Least gap of links to everything but the hand, in metres: more than the error of an estimate."""
@@ -68,6 +70,23 @@ def drake_shape(solid: Solid) -> tuple[Shape, RigidTransform]:
     return Box(_HUGE, _HUGE, _HUGE), RigidTransform(R_FB, center)
 
 
+def separate_fingers(manager: CollisionFilterManager, links: Mapping[GeometryId, HandLink]) -> None:
+    """Lets links collide with those of other fingers, but not with the base or their own finger.
+
+    Neighbouring links overlap at their joints.
+
+    Args:
+        manager: Collision filters of the SceneGraph.
+        links: Collision geometries of the hand.
+    """
+    limbs: dict[int, list[GeometryId]] = defaultdict(list)
+    for geometry, link in links.items():
+        limbs[link.finger].append(geometry)
+    base = GeometrySet(limbs[BASE])
+    for limb in map(GeometrySet, limbs.values()):
+        manager.Apply(CollisionFilterDeclaration().ExcludeWithin(limb).ExcludeBetween(limb, base))
+
+
 class HandScene:
     """A hand, the object, and what is around them. The caller provides the Context.
 
@@ -106,12 +125,7 @@ class HandScene:
             geometry = _geometry(f"fixed {index}", *drake_shape(solid))
             self._graph.RegisterAnchoredGeometry(self._source, geometry)
         self._links = hand_links(hand.plant, hand.frames, tip_radii, self._graph.model_inspector())
-        manager, geometries = self._graph.collision_filter_manager(), self._links.items()
-        base = GeometrySet([geometry for geometry, link in geometries if link.finger < 0])
-        for finger in range(-1, len(hand.frames)):
-            own = GeometrySet([geometry for geometry, link in geometries if link.finger == finger])
-            apart = CollisionFilterDeclaration().ExcludeWithin(own).ExcludeBetween(own, base)
-            manager.Apply(apart)
+        separate_fingers(self._graph.collision_filter_manager(), self._links)
 
     def place(
         self, context: Context, q: FloatArray, X_WO: RigidTransform, obstacles: Sequence[Solid]
@@ -147,9 +161,7 @@ class HandScene:
         for geometry in names.values():
             self._graph.RemoveGeometry(graph, self._source, geometry)
 
-    def clearances(
-        self, context: Context, V_WO: SpatialVelocity, holding: BoolArray
-    ) -> Clearances:
+    def clearances(self, context: Context, V_WO: SpatialVelocity, holding: BoolArray) -> Clearances:
         """Returns the constraints on the hand's velocities.
 
         Fingertips may touch the object, but their links stay farther from it than they do.
