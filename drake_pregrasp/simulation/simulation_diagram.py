@@ -214,7 +214,7 @@ def _connect_hand(
     logger = GraspLogger(num_fingers=fingers, period=period, sink=sink)
     builder.AddNamedSystem("grasp_logger", logger)
     connect(builder, controller, "grasp_report p_GT p_WT f_T_W X_WG", logger)
-    connect(builder, hand.station, "X_WO X_WD", logger)
+    connect(builder, hand.station, "X_WO X_WD link_forces", logger)
 
 
 def _step_at(time: float) -> TrajectorySource:

@@ -31,6 +31,7 @@ from drake_pregrasp.simulation import run_log
 from drake_pregrasp.simulation.output import replacing, writing
 from drake_pregrasp.simulation.run_log import GraspLog, RunLog
 from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.systems.link_contacts import TOUCHED
 from drake_pregrasp.systems.loggers import TickRecord
 from drake_pregrasp.version import __version__
 
@@ -101,6 +102,8 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
     - `slip_lift_mm`, `slip_hold_mm`: largest motion over the object of any fingertip that pressed
       at the start of the lift.
     - `tip_forces`: contact force of each finger at the end, in newtons.
+    - `link_forces`: largest force with which a link that is no fingertip touched the object, the
+      surroundings, and another finger, in newtons.
     - `gave_up`: reason why the hand opened again, or null.
     """
     time, phase, reason, detail = log.read("time", "phase", "gave_up", "gave_up_detail")
@@ -130,6 +133,9 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
         "slip_lift_mm": _largest_motion(on_object, phase == GraspPhase.LIFT),
         "slip_hold_mm": _largest_motion(on_object, phase == GraspPhase.HOLD),
         "tip_forces": np.linalg.norm(forces[-1], axis=1).tolist(),
+        "link_forces": {
+            touched: float(np.max(log.read(f"link_force_{touched}"))) for touched in TOUCHED
+        },
     }
 
 

@@ -1,9 +1,11 @@
 """Kinematics of a hand's fingertips, and the sensor that measures their poses and forces."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from pydrake.common.value import AbstractValue
+from pydrake.geometry import GeometryId, SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable, ModelInstanceIndex
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
@@ -11,6 +13,12 @@ from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.systems.ports import declare_output
+
+LARGEST_RATE = 10.0
+"""Largest rate of any joint, in rad/s or m/s."""
+
+BASE = -1
+"""Index of the palm with its carrier or arm, which belong to no finger."""
 
 _FORCE_DIRECTIONS = 3
 _LEAST_SHARE = 0.08  # Singular value of a Jacobian below which it is damped, of its largest one.
@@ -28,10 +36,13 @@ class HandKinematics:
     Attributes:
         plant: The plant.
         tip_frames: Scoped names of the fingertips' frames.
+        frames: The fingertips' frames.
         stiffness: Proportional gain of each joint, shape (nq,).
         efforts: Largest torque or force of each joint, shape (nq,), in N m or N.
         lower: Lower limit of each joint, shape (nq,).
         upper: Upper limit of each joint, shape (nq,).
+        rate_limit: Largest rate of each joint, shape (nq,), at most `LARGEST_RATE`.
+        acceleration_limit: Largest acceleration of each joint, shape (nq,), in 1/s².
 
     Raises:
         InvalidArgumentError: If a frame does not exist, or a joint is not driven.
@@ -40,12 +51,14 @@ class HandKinematics:
     def __init__(self, plant: MultibodyPlant, tip_frames: Sequence[str]) -> None:
         self.plant = plant
         self.tip_frames = list(tip_frames)
-        self._frames = [_find_frame(plant, name) for name in tip_frames]
+        self.frames = [scoped_frame(plant, name) for name in tip_frames]
         self.stiffness = _stiffness(plant)
         drives = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
         self.efforts: FloatArray = np.array([drive.effort_limit() for drive in drives])
         self.lower, self.upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-        moves = np.array([_joints_to(plant, frame) for frame in self._frames])
+        self.rate_limit = np.minimum(plant.GetVelocityUpperLimits(), LARGEST_RATE)
+        self.acceleration_limit = plant.GetAccelerationUpperLimits()
+        moves = np.array([_joints_to(plant, frame) for frame in self.frames])
         self._is_own = moves & (np.sum(moves, axis=0) == 1)
         for name, own in zip(tip_frames, self._is_own, strict=True):
             if np.sum(own) < _FORCE_DIRECTIONS:
@@ -65,7 +78,7 @@ class HandKinematics:
 
     def tip_positions(self, plant_context: Context) -> FloatArray:
         """Returns the fingertips' centres in W, shape (n, 3), in metres."""
-        return np.array([f.CalcPoseInWorld(plant_context).translation() for f in self._frames])
+        return np.array([f.CalcPoseInWorld(plant_context).translation() for f in self.frames])
 
     def tip_jacobians(self, plant_context: Context) -> FloatArray:
         """Returns the Jacobians of the fingertips' velocities in W, shape (n, 3, nq)."""
@@ -75,7 +88,7 @@ class HandKinematics:
                 self.plant.CalcJacobianTranslationalVelocity(
                     plant_context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world
                 )
-                for frame in self._frames
+                for frame in self.frames
             ]
         )
 
@@ -98,7 +111,63 @@ class HandKinematics:
         return forces
 
 
-def _find_frame(plant: MultibodyPlant, scoped_name: str) -> Frame:
+@dataclass(frozen=True)
+class HandLink:
+    """A collision geometry of a hand.
+
+    Attributes:
+        frame: Frame of its body.
+        finger: Index of its finger, or `BASE`.
+        is_tip: Whether it is a fingertip.
+    """
+
+    frame: Frame
+    finger: int
+    is_tip: bool
+
+
+def hand_links(
+    plant: MultibodyPlant,
+    tip_frames: Sequence[Frame],
+    tip_radii: Sequence[float] | FloatArray,
+    inspector: SceneGraphInspector,
+) -> dict[GeometryId, HandLink]:
+    """Returns all collision geometries of a hand.
+
+    A fingertip is the geometry whose centre is within its radius of its frame. If a body has none
+    there, all its geometries count as the fingertip.
+
+    Args:
+        plant: Finalized plant with the hand.
+        tip_frames: Frames of the fingertips.
+        tip_radii: Radii of the fingertips, shape (n,), in metres.
+        inspector: Inspector of the plant's SceneGraph.
+    """
+    moves = np.array([_joints_to(plant, frame) for frame in tip_frames])
+    own = moves & (np.sum(moves, axis=0) == 1)
+    tips: set[GeometryId] = set()
+    for frame, radius in zip(tip_frames, tip_radii, strict=True):
+        p_BT = frame.GetFixedPoseInBodyFrame().translation()
+        there = plant.GetCollisionGeometriesForBody(frame.body())
+        places = [inspector.GetPoseInFrame(geometry).translation() for geometry in there]
+        near = [np.linalg.norm(place - p_BT) <= radius for place in places]
+        tips.update(g for g, is_near in zip(there, near, strict=True) if is_near or not any(near))
+    links = {}
+    for index in plant.GetBodyIndices(tip_frames[0].model_instance()):
+        body_frame = plant.get_body(index).body_frame()
+        fingers = np.flatnonzero(own @ _joints_to(plant, body_frame))
+        finger = int(fingers[0]) if len(fingers) else BASE
+        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index)):
+            links[geometry] = HandLink(body_frame, finger, geometry in tips)
+    return links
+
+
+def scoped_frame(plant: MultibodyPlant, scoped_name: str) -> Frame:
+    """Returns a frame by its scoped name.
+
+    Raises:
+        InvalidArgumentError: If there is no such frame.
+    """
     instance, _, name = scoped_name.rpartition("::")
     if plant.HasModelInstanceNamed(instance):
         model = plant.GetModelInstanceByName(instance)

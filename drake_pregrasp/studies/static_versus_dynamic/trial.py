@@ -276,7 +276,7 @@ class Trial:
     def _misplace_object(self) -> None:
         plant = self.station.plant
         context = plant.GetMyMutableContextFromRoot(self.context)
-        body = plant.GetBodyByName("cube")
+        body = plant.GetBodyByName("object")
         X_WO = plant.GetFreeBodyPose(context, body)
         x, y, angle = self._start.misplacement
         R_WO = RotationMatrix.MakeZRotation(angle) @ X_WO.rotation()

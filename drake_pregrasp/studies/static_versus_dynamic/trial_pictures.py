@@ -251,7 +251,7 @@ def _shapes(
                 if labels[k] == finger
             ]
             dots = pictures.drawn_mesh(_rings(X_OQ, *_DOT))
-            yield _pose(trial, context, "cube"), dots, contact_color(finger)
+            yield _pose(trial, context, "object"), dots, contact_color(finger)
 
 
 def _rings(

@@ -1,0 +1,232 @@
+"""Signed distances between the links of a hand, the object, and what is around them."""
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.geometry import (
+    Box,
+    CollisionFilterDeclaration,
+    CollisionFilterManager,
+    FramePoseVector,
+    GeometryFrame,
+    GeometryId,
+    GeometryInstance,
+    GeometrySet,
+    ProximityProperties,
+    Role,
+    Shape,
+    Sphere,
+)
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.tree import JacobianWrtVariable
+from pydrake.planning import RobotDiagram
+from pydrake.systems.framework import Context
+
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace, Solid
+from drake_pregrasp.systems.fingertip_sensor import BASE, HandKinematics, HandLink, hand_links
+
+LINK_CLEARANCE = 0.005
+"""Least gap of links to everything but the hand, in metres: more than the error of an estimate."""
+
+OWN_CLEARANCE = 0.002
+"""Least gap between links of different fingers, and of fingertips to all but the object, in metres;
+goals of fingertips keep a larger one."""
+
+_TIP_LEAD = 0.002  # Least distance by which a fingertip is nearer to the object than its links.
+_INFLUENCE = 0.03  # Distance below which motions are limited, in metres.
+_RATE = 10.0  # Largest ratio of the speed of approach to the distance that is left, in 1/s.
+_HUGE = 10.0  # Edge of the box that represents a half-space, in metres.
+
+
+@dataclass(frozen=True, eq=False)
+class Clearances:
+    """Linear constraints that keep a hand clear: rows v >= least for its joint velocities v.
+
+    Attributes:
+        rows: Gradients of signed distances, shape (k, nq).
+        least: Least rates of change of the distances by the hand's own motion, shape (k,), in m/s.
+        fingers: Index of a finger that each row keeps clear, -1 for the base, shape (k,).
+    """
+
+    rows: FloatArray
+    least: FloatArray
+    fingers: IntArray
+
+
+def drake_shape(solid: Solid) -> tuple[Shape, RigidTransform]:
+    """Returns a solid's shape for Drake and the pose of its frame; half-spaces are large boxes."""
+    if isinstance(solid, BallSolid):
+        return Sphere(solid.radius), RigidTransform(np.array(solid.center))
+    if isinstance(solid, BoxSolid):
+        R_FB = RotationMatrix.ProjectToRotationMatrix(solid.R_FB)
+        return Box(*solid.size), RigidTransform(R_FB, solid.center)
+    assert isinstance(solid, HalfSpace)
+    R_FB = RotationMatrix.MakeFromOneVector(solid.normal, axis_index=2)
+    center = solid.point - _HUGE / 2 * solid.normal
+    return Box(_HUGE, _HUGE, _HUGE), RigidTransform(R_FB, center)
+
+
+def separate_fingers(manager: CollisionFilterManager, links: Mapping[GeometryId, HandLink]) -> None:
+    """Lets links collide with those of other fingers, but not with the base or their own finger.
+
+    Neighbouring links overlap at their joints.
+
+    Args:
+        manager: Collision filters of the SceneGraph.
+        links: Collision geometries of the hand.
+    """
+    limbs: dict[int, list[GeometryId]] = defaultdict(list)
+    for geometry, link in links.items():
+        limbs[link.finger].append(geometry)
+    base = GeometrySet(limbs[BASE])
+    for limb in map(GeometrySet, limbs.values()):
+        manager.Apply(CollisionFilterDeclaration().ExcludeWithin(limb).ExcludeBetween(limb, base))
+
+
+class HandScene:
+    """A hand, the object, and what is around them. The caller provides the Context.
+
+    Fingers are kept clear of each other, but not of the base, nor a finger of itself.
+
+    The attribute `diagram` holds the plant and its SceneGraph, and `hand` the hand's kinematics.
+
+    Args:
+        diagram: Plant with only the hand, and its SceneGraph; no Context of it exists.
+        hand: Kinematics of the hand in this plant.
+        tip_radii: Radii of the fingertips, shape (n,), in metres.
+        object_solid: The object in O.
+        fixed: Solids in W that do not move, such as the table.
+    """
+
+    def __init__(
+        self,
+        diagram: RobotDiagram,
+        hand: HandKinematics,
+        *,
+        tip_radii: FloatArray,
+        object_solid: Solid,
+        fixed: Sequence[Solid],
+    ) -> None:
+        self.diagram, self.hand = diagram, hand
+        self._graph = diagram.mutable_scene_graph()
+        self._source = self._graph.RegisterSource("scene")
+        frames = [GeometryFrame("object"), GeometryFrame("obstacles")]
+        self._object_frame, self._obstacle_frame = (
+            self._graph.RegisterFrame(self._source, frame) for frame in frames
+        )
+        self._object = self._graph.RegisterGeometry(
+            self._source, self._object_frame, _geometry("object", *drake_shape(object_solid))
+        )
+        for index, solid in enumerate(fixed):
+            geometry = _geometry(f"fixed {index}", *drake_shape(solid))
+            self._graph.RegisterAnchoredGeometry(self._source, geometry)
+        self._links = hand_links(hand.plant, hand.frames, tip_radii, self._graph.model_inspector())
+        separate_fingers(self._graph.collision_filter_manager(), self._links)
+
+    def place(
+        self, context: Context, q: FloatArray, X_WO: RigidTransform, obstacles: Sequence[Solid]
+    ) -> None:
+        """Sets the positions of the hand, and the places of the object and of obstacles.
+
+        Args:
+            context: Context of the diagram.
+            q: Positions of all joints, shape (nq,).
+            X_WO: Pose of the object.
+            obstacles: Further solids in W.
+        """
+        self.hand.plant.SetPositions(self.hand.plant.GetMyMutableContextFromRoot(context), q)
+        graph = self._graph.GetMyMutableContextFromRoot(context)
+        poses = FramePoseVector()
+        poses.set_value(self._object_frame, X_WO)
+        poses.set_value(self._obstacle_frame, RigidTransform())
+        self._graph.get_source_pose_port(self._source).FixValue(graph, poses)
+        inspector = self._graph.get_query_output_port().Eval(graph).inspector()
+        old = inspector.GetGeometries(self._obstacle_frame, Role.kProximity)
+        names = {inspector.GetName(g): g for g in old}
+        for index, solid in enumerate(obstacles):
+            shape, X_WS = drake_shape(solid)
+            geometry = names.pop(f"obstacle {index}", None)
+            if geometry is None:
+                added = _geometry(f"obstacle {index}", shape, X_WS)
+                self._graph.RegisterGeometry(graph, self._source, self._obstacle_frame, added)
+            elif not (
+                X_WS.IsExactlyEqualTo(inspector.GetPoseInFrame(geometry))
+                and repr(shape) == repr(inspector.GetShape(geometry))
+            ):
+                self._graph.ChangeShape(graph, self._source, geometry, shape, X_WS)
+        for geometry in names.values():
+            self._graph.RemoveGeometry(graph, self._source, geometry)
+
+    def clearances(self, context: Context, V_WO: SpatialVelocity, holding: BoolArray) -> Clearances:
+        """Returns the constraints on the hand's velocities.
+
+        Fingertips may touch the object, but their links stay farther from it than they do.
+
+        Args:
+            context: Context of the diagram after `place`.
+            V_WO: Velocity of the object in W.
+            holding: Whether each fingertip holds the object, shape (n,): obstacles do not move it.
+        """
+        plant, links = self.hand.plant, self._links
+        query = self._graph.get_query_output_port().Eval(self._graph.GetMyContextFromRoot(context))
+        pairs = query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE)
+        near = [(pair, links.get(pair.id_A), links.get(pair.id_B)) for pair in pairs]
+        tip_gaps = np.full(len(self.hand.frames), np.inf)
+        for pair, a, b in near:
+            link = a or b
+            if link and link.is_tip and self._object in (pair.id_A, pair.id_B):
+                tip_gaps[link.finger] = min(pair.distance, tip_gaps[link.finger])
+        rows, least, fingers = [], [], []
+        moving = plant.GetMyContextFromRoot(context)
+        for pair, a, b in near:
+            link = a or b
+            if link is None:
+                continue
+            gap = OWN_CLEARANCE
+            if self._object in (pair.id_A, pair.id_B):
+                if link.is_tip:
+                    continue
+                gap = min(LINK_CLEARANCE, tip_gaps[link.finger] + _TIP_LEAD)
+            elif a and b:
+                if a.is_tip and b.is_tip:
+                    continue
+            elif link.is_tip and holding[link.finger]:
+                continue
+            elif not link.is_tip:
+                gap = LINK_CLEARANCE
+            row, drift = np.zeros(self.hand.num_positions), 0.0
+            for geometry, p_GC, part, n in (
+                (pair.id_A, pair.p_ACa, a, pair.nhat_BA_W),
+                (pair.id_B, pair.p_BCb, b, -pair.nhat_BA_W),
+            ):
+                p_WC = query.GetPoseInWorld(geometry) @ p_GC
+                if part:
+                    row += n @ plant.CalcJacobianTranslationalVelocity(
+                        moving,
+                        JacobianWrtVariable.kV,
+                        part.frame,
+                        part.frame.CalcPoseInWorld(moving).inverse() @ p_WC,
+                        plant.world_frame(),
+                        plant.world_frame(),
+                    )
+                elif geometry == self._object:
+                    X_WO = query.GetPoseInWorld(self._object_frame)
+                    drift = n @ V_WO.Shift(p_WC - X_WO.translation()).translational()
+            rows.append(row)
+            least.append(_RATE * (gap - pair.distance) - drift)
+            fingers.append(link.finger)
+        return Clearances(
+            np.reshape(rows, (-1, self.hand.num_positions)),
+            np.array(least, dtype=float),
+            np.array(fingers, dtype=int),
+        )
+
+
+def _geometry(name: str, shape: Shape, X_FG: RigidTransform) -> GeometryInstance:
+    geometry = GeometryInstance(X_FG, shape, name)
+    geometry.set_proximity_properties(ProximityProperties())
+    return geometry
