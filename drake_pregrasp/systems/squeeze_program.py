@@ -17,7 +17,7 @@ from drake_pregrasp.quality.grasp_quality import contact_axes, contact_blocks
 PREFERRED_SHARE = 0.5
 """Share of the friction coefficient that forces need not exceed if larger forces can avoid it."""
 
-# Balance takes precedence over the preferred cones, and these over small forces, whose cost is 1 per
+# Balance takes precedence over the preferred cones, these over small forces, whose cost is 1 per
 # squared newton. Such linear costs do not change the solution if it can do without.
 _IMBALANCE_COST = 1e5  # Per newton of the residual.
 _EXCESS_COST = 1e4  # Per newton outside the preferred cones.
