@@ -31,7 +31,7 @@ CLEAR = -2
 _TRACKING_WEIGHT = 100.0  # Weight of goals against posture.
 _DAMPING = 1e-3  # Singular value of a Jacobian, in metres, below which its direction is given up.
 _LIMIT_RATE = 10.0  # Largest ratio of a joint's speed to its distance from a limit, in 1/s.
-_USED = 0.85  # Share of the limit of acceleration that is commanded; drives overshoot by 12 %.
+_USED = 0.8  # Share of the limit of acceleration that is commanded; drives overshoot by 12 %.
 _TOLERANCE = 1e-9  # Violation of a constraint that is rounding, in m/s or rad/s.
 
 
