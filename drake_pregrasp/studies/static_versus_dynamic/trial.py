@@ -21,7 +21,6 @@ from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.simulation.hand_file import load_hand_model
 from drake_pregrasp.simulation.output import without_solver_chatter
 from drake_pregrasp.simulation.simulation_diagram import hand_planner
 from drake_pregrasp.studies.static_versus_dynamic import conditions, grasp_outcome, methods
@@ -98,7 +97,7 @@ class Trial:
         self._scenario = self.condition.scenario
         self._grasp = self._scenario.grasp
         self.surface = self._scenario.make_surface()
-        self.hand = load_hand_model(self._grasp.hand, self._grasp.yaw_range)
+        self.hand = self._scenario.load_hand_model(self._grasp.yaw_range)
         self._start = conditions.random_start(self.condition, self.surface, self.hand, job.seed)
         self._X_WO = initial_pose(self._scenario.motion, self._scenario.object)
         self._config = self._planner_config(self.method)
