@@ -132,7 +132,7 @@ def hand_links(
     tip_radii: Sequence[float] | FloatArray,
     inspector: SceneGraphInspector,
 ) -> dict[GeometryId, HandLink]:
-    """Returns all collision geometries of a hand.
+    """Returns the collision geometries of a hand, except those of bodies that do not move.
 
     A fingertip is the geometry whose centre is within its radius of its frame. If a body has none
     there, all its geometries count as the fingertip.
@@ -155,7 +155,10 @@ def hand_links(
     links = {}
     for index in plant.GetBodyIndices(tip_frames[0].model_instance()):
         body_frame = plant.get_body(index).body_frame()
-        fingers = np.flatnonzero(own @ _joints_to(plant, body_frame))
+        moved = _joints_to(plant, body_frame)
+        if not np.any(moved):
+            continue
+        fingers = np.flatnonzero(own @ moved)
         finger = int(fingers[0]) if len(fingers) else BASE
         for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index)):
             links[geometry] = HandLink(body_frame, finger, geometry in tips)
