@@ -235,8 +235,14 @@ def _contact_measures(
     weight = np.zeros(6)
     weight[:3] = -GRAVITY * condition.box.mass * X_OW.rotation().matrix()[:, 2]
     grasp = condition.scenario.grasp
-    forces = {"least_normal": grasp.least_force, "largest_normal": grasp.largest_force}
-    squeeze = plan_squeeze(p_CoMC, normals, weight, friction=grasp.planned_friction, **forces)
+    squeeze = plan_squeeze(
+        p_CoMC,
+        normals,
+        weight,
+        friction=grasp.planned_friction,
+        least_normal=grasp.least_force,
+        largest_normal=grasp.largest_force,
+    )
     quality = grasp_quality(p_CoMC)
     return squeeze.residual, quality.q_msv, quality.q_gii
 
