@@ -222,4 +222,7 @@ class DifferentialKinematics(LeafSystem):
         stopping = np.sqrt(change * (change / 4 + 2 * speed)) - change / 2
         wanted = v_G + toward * min(1.0, stopping / max(speed, stopping))
         jump = wanted - v_last
-        return v_last + jump * min(1.0, change / max(float(np.linalg.norm(jump)), change))
+        limited: FloatArray = v_last + jump * min(
+            1.0, change / max(float(np.linalg.norm(jump)), change)
+        )
+        return limited

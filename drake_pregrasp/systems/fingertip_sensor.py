@@ -113,11 +113,13 @@ class HandLink:
         frame: Frame of its body.
         finger: Index of its finger, or `BASE`.
         is_tip: Whether it is a fingertip.
+        is_last: Whether no joint moves it relative to the fingertip.
     """
 
     frame: Frame
     finger: int
     is_tip: bool
+    is_last: bool
 
 
 def hand_links(
@@ -155,7 +157,8 @@ def hand_links(
         fingers = np.flatnonzero(own @ moved)
         finger = int(fingers[0]) if len(fingers) else BASE
         for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index)):
-            links[geometry] = HandLink(body_frame, finger, geometry in tips)
+            is_last = finger != BASE and np.array_equal(moved, moves[finger])
+            links[geometry] = HandLink(body_frame, finger, geometry in tips, is_last)
     return links
 
 
