@@ -50,6 +50,10 @@ class GraspConfig:
     # Largest speed of a fingertip goal over the object, in m/s.
     goal_speed: float = field(default=0.3, metadata=_LENGTH)
 
+    # Largest acceleration of fingertips on the way to their goals, in m/s²: half of what the axes
+    # of the five-finger hand's carrier allow, so that the palm can follow.
+    tip_acceleration: float = field(default=5.0, metadata=_LENGTH)
+
     # Gap between fingertips and object while tracking, in metres.
     standoff: float = field(default=0.02, metadata={"at_least": 0.008, "at_most": 1})
 

@@ -175,6 +175,7 @@ class HandController(Diagram):
                 hand.make_scene(object_solid, fixed),
                 masks=masks,
                 posture_gain=POSTURE_GAIN,
+                acceleration=config.tip_acceleration,
                 period=config.period,
             ),
         )

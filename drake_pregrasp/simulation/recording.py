@@ -13,7 +13,6 @@ from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.errors import OutputError
 from drake_pregrasp.geometry.surface import ObjectSurface
-
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
 from drake_pregrasp.systems.status_labels import StatusLabels
@@ -30,6 +29,7 @@ _VIEW = 0.5  # Share of a path's length that counts as object size, so that all 
 
 _LABEL_HOVER = 0.065  # Height of the labels above the object, in metres.
 
+
 def start_meshcat() -> Meshcat:
     """Starts a viewer at any free port, for connections from this machine only.
 
@@ -40,6 +40,7 @@ def start_meshcat() -> Meshcat:
         return Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
     except RuntimeError as error:
         raise OutputError(f"Meshcat cannot start ({error}); run without a recording") from error
+
 
 def add_visualizers(
     builder: DiagramBuilder,
@@ -102,6 +103,7 @@ def add_visualizers(
         live = scenario.simulator_config.target_realtime_rate > 0
         meshcat.StartRecording(1 / period, set_visualizations_while_recording=live)
 
+
 def shown_path(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
     """Returns the positions that the camera must show, and the camera's direction.
 
@@ -120,6 +122,7 @@ def shown_path(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
     raised = path[[0, -1]] + [0.0, 0.0, above + has_arm * _ARM_RAISED]
     return np.concatenate([path, raised]), _ARM_CAMERA if has_arm else _CAMERA
 
+
 def camera_pose(
     path: FloatArray, extent: float, direction: FloatArray = _CAMERA
 ) -> tuple[FloatArray, FloatArray]:
@@ -135,6 +138,7 @@ def camera_pose(
     target: FloatArray = (low + high) / 2
     scale = max(extent, _VIEW * float((high - low).max() + extent))
     return target + scale * direction, target
+
 
 def recording_html(meshcat: Meshcat) -> str:
     """Ends the recording and returns it as one self-contained page."""

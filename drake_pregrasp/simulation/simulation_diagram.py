@@ -138,9 +138,7 @@ def hand_planner(scenario: Scenario) -> PlannerConfig:
     return replace(config, limits=replace(limits, **given))
 
 
-def initial_contacts(
-    scenario: Scenario, surface: ObjectSurface
-) -> tuple[FloatArray, BoolArray]:
+def initial_contacts(scenario: Scenario, surface: ObjectSurface) -> tuple[FloatArray, BoolArray]:
     """Returns the initial contacts in O, shape (n, 3), in metres, and which have room, shape (n,).
 
     Where fingertips of a hand overlap, they get other ground. A finger that has none, or whose
@@ -156,7 +154,9 @@ def initial_contacts(
     hand, limits = scenario.load_hand_model(), hand_planner(scenario).limits
     X_WO = initial_pose(scenario.motion, scenario.object)
     R_WO, p_WO = X_WO.rotation().matrix(), X_WO.translation()
-    yaw = palm_turn((p_OC - surface.p_OCoM) @ R_WO.T, hand.azimuths, 0.0, hand.yaw_range(grasp.yaw_range))
+    yaw = palm_turn(
+        (p_OC - surface.p_OCoM) @ R_WO.T, hand.azimuths, 0.0, hand.yaw_range(grasp.yaw_range)
+    )
     R_OH = R_WO.T @ RotationMatrix.MakeZRotation(yaw).matrix()
     constraints = RegionConstraints(
         obstacles=Obstacles((TABLE.solid,)).moved(R_WO.T, -R_WO.T @ p_WO),

@@ -96,8 +96,9 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
       their goals, relative to the estimated object at the same time, while the hand approaches
       and tracks, after `SETTLED`. Each goal is compared with the fingertip after the
       controller's lead.
-    - `closing_motion_mm`, `squeeze_motion_mm`: largest motion of the object's origin on the
-      turntable while fingers close until touch, and while forces increase.
+    - `early_motion_mm`, `closing_motion_mm`, `squeeze_motion_mm`: largest motion of the object's
+      origin on the turntable from `SETTLED` until the squeeze, while fingers close until touch, and
+      while forces increase.
     - `lift_height_mm`: height of the object at the end above its height before the lift.
     - `slip_lift_mm`, `slip_hold_mm`: largest motion over the object of any fingertip that pressed
       at the start of the lift.
@@ -115,6 +116,7 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
     carried = _seen_from(log.read_pose("wg"), tips)
     errors = 1e3 * np.linalg.norm(carried - _shifted(time, goals, lead), axis=2)
     tracking = (phase <= GraspPhase.TRACK) & (time > SETTLED)
+    early = (phase <= GraspPhase.CLOSE) & (time > SETTLED)
     on_table = 1e3 * _seen_from(table_poses, object_poses[:, None, :3])
     on_object = 1e3 * _seen_from(object_poses, tips)
     lifting = np.flatnonzero(phase == GraspPhase.LIFT)
@@ -127,6 +129,7 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
         "gave_up": describe_give_up(int(reason[-1]), detail[-1]),
         "tracking_error_mean_mm": _reduced(np.mean, errors[tracking]),
         "tracking_error_max_mm": _reduced(np.max, errors[tracking]),
+        "early_motion_mm": _largest_motion(on_table, early),
         "closing_motion_mm": _largest_motion(on_table, phase == GraspPhase.CLOSE),
         "squeeze_motion_mm": _largest_motion(on_table, phase == GraspPhase.SQUEEZE),
         "lift_height_mm": _reduced(lambda z: 1e3 * (z[-1] - z[0]), lifted_z),

@@ -1,7 +1,7 @@
 """Signed distances between the links of a hand, the object, and what is around them."""
 
 from collections import defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,13 +32,13 @@ from drake_pregrasp.systems.fingertip_sensor import BASE, HandKinematics, HandLi
 LINK_CLEARANCE = 0.005
 """Least gap of links to everything but the hand, in metres: more than the error of an estimate."""
 
-OWN_CLEARANCE = 0.002
-"""Least gap between links of different fingers, and of fingertips to all but the object, in metres;
-goals of fingertips keep a larger one."""
+TIP_CLEARANCE = 0.002
+"""Least gap of fingertips, and between links of different fingers, in metres; goals keep more."""
 
 _TIP_LEAD = 0.002  # Least distance by which a fingertip is nearer to the object than its links.
-_INFLUENCE = 0.03  # Distance below which motions are limited, in metres.
-_RATE = 10.0  # Largest ratio of the speed of approach to the distance that is left, in 1/s.
+_INFLUENCE = 0.025  # Distance below which motions are limited, in metres.
+_RATE = 15.0  # Largest ratio of the speed of approach to the distance that is left, in 1/s.
+_RETREAT = 0.05  # Largest speed at which a clearance that is violated is restored, in m/s.
 _HUGE = 10.0  # Edge of the box that represents a half-space, in metres.
 
 
@@ -164,66 +164,76 @@ class HandScene:
     def clearances(self, context: Context, V_WO: SpatialVelocity, holding: BoolArray) -> Clearances:
         """Returns the constraints on the hand's velocities.
 
-        Fingertips may touch the object, but their links stay farther from it than they do.
+        Fingertips that hold the object may touch it, but their links stay farther from it.
 
         Args:
             context: Context of the diagram after `place`.
             V_WO: Velocity of the object in W.
-            holding: Whether each fingertip holds the object, shape (n,): obstacles do not move it.
+            holding: Whether each fingertip holds the object or closes on it, shape (n,): only other
+                fingers are kept clear of it.
         """
-        plant, links = self.hand.plant, self._links
         query = self._graph.get_query_output_port().Eval(self._graph.GetMyContextFromRoot(context))
-        pairs = query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE)
-        near = [(pair, links.get(pair.id_A), links.get(pair.id_B)) for pair in pairs]
+        near = [
+            (pair, self._links.get(pair.id_A), self._links.get(pair.id_B))
+            for pair in query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE)
+        ]
         tip_gaps = np.full(len(self.hand.frames), np.inf)
         for pair, a, b in near:
             link = a or b
             if link and link.is_tip and self._object in (pair.id_A, pair.id_B):
                 tip_gaps[link.finger] = min(pair.distance, tip_gaps[link.finger])
-        rows, least, fingers = [], [], []
-        moving = plant.GetMyContextFromRoot(context)
+        motion = self._motions(context, V_WO)
+        wrenches, changes, least, fingers = [], [], [], []
         for pair, a, b in near:
-            link = a or b
-            if link is None:
+            link, among_fingers = a or b, bool(a and b)
+            if link is None or (link.is_tip and holding[link.finger] and not among_fingers):
                 continue
-            gap = OWN_CLEARANCE
-            if self._object in (pair.id_A, pair.id_B):
-                if link.is_tip:
-                    continue
-                gap = min(LINK_CLEARANCE, tip_gaps[link.finger] + _TIP_LEAD)
-            elif a and b:
-                if a.is_tip and b.is_tip:
-                    continue
-            elif link.is_tip and holding[link.finger]:
-                continue
-            elif not link.is_tip:
-                gap = LINK_CLEARANCE
-            row, drift = np.zeros(self.hand.num_positions), 0.0
-            for geometry, p_GC, part, n in (
-                (pair.id_A, pair.p_ACa, a, pair.nhat_BA_W),
-                (pair.id_B, pair.p_BCb, b, -pair.nhat_BA_W),
-            ):
-                p_WC = query.GetPoseInWorld(geometry) @ p_GC
-                if part:
-                    row += n @ plant.CalcJacobianTranslationalVelocity(
-                        moving,
-                        JacobianWrtVariable.kV,
-                        part.frame,
-                        part.frame.CalcPoseInWorld(moving).inverse() @ p_WC,
-                        plant.world_frame(),
-                        plant.world_frame(),
-                    )
-                elif geometry == self._object:
-                    X_WO = query.GetPoseInWorld(self._object_frame)
-                    drift = n @ V_WO.Shift(p_WC - X_WO.translation()).translational()
-            rows.append(row)
-            least.append(_RATE * (gap - pair.distance) - drift)
+            gap = TIP_CLEARANCE if among_fingers or link.is_tip else LINK_CLEARANCE
+            if not link.is_tip and self._object in (pair.id_A, pair.id_B):
+                gap = min(gap, tip_gaps[link.finger] + _TIP_LEAD)
+            p_WC = query.GetPoseInWorld(pair.id_A) @ pair.p_ACa
+            wrenches.append((p_WC, pair.nhat_BA_W))
+            changes.append(motion(pair.id_A, a) - motion(pair.id_B, b))
+            least.append(min(_RATE * (gap - pair.distance), _RETREAT))
             fingers.append(link.finger)
-        return Clearances(
-            np.reshape(rows, (-1, self.hand.num_positions)),
-            np.array(least, dtype=float),
-            np.array(fingers, dtype=int),
-        )
+        if not least:
+            none = np.empty(0)
+            return Clearances(np.empty((0, self.hand.num_positions)), none, none.astype(int))
+        points, normals = np.array(wrenches).swapaxes(0, 1)
+        along = np.hstack([np.cross(points, normals), normals])
+        rates = np.einsum("ki,kij->kj", along, np.array(changes))
+        return Clearances(rates[:, :-1], np.array(least) - rates[:, -1], np.array(fingers))
+
+    def _motions(
+        self, context: Context, V_WO: SpatialVelocity
+    ) -> Callable[[GeometryId, HandLink | None], FloatArray]:
+        """Returns a function that returns how a geometry moves, shape (6, nq + 1).
+
+        The columns are spatial velocities in W at the origin of W: by each joint, and the last one
+        by the object.
+        """
+        plant, nq = self.hand.plant, self.hand.num_positions
+        posed, world = plant.GetMyContextFromRoot(context), plant.world_frame()
+        still = np.zeros((6, nq + 1))
+        query = self._graph.get_query_output_port().Eval(self._graph.GetMyContextFromRoot(context))
+        p_WO = query.GetPoseInWorld(self._object).translation()
+        carried = still.copy()
+        carried[:, -1] = V_WO.Shift(-p_WO).get_coeffs()
+        known: dict[int, FloatArray] = {}
+
+        def motion(geometry: GeometryId, link: HandLink | None) -> FloatArray:
+            if link is None:
+                return carried if geometry == self._object else still
+            body = int(link.frame.index())
+            if body not in known:
+                p_BW = link.frame.CalcPoseInWorld(posed).inverse().translation()
+                known[body] = still.copy()
+                known[body][:, :-1] = plant.CalcJacobianSpatialVelocity(
+                    posed, JacobianWrtVariable.kV, link.frame, p_BW, world, world
+                )
+            return known[body]
+
+        return motion
 
 
 def _geometry(name: str, shape: Shape, X_FG: RigidTransform) -> GeometryInstance:
