@@ -12,13 +12,11 @@ from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.systems.ports import declare_output
 
 LARGEST_RATE = 10.0
 """Largest rate of any joint, in rad/s or m/s."""
-
-BASE = -1
-"""Index of the palm with its carrier or arm, which belong to no finger."""
 
 _FORCE_DIRECTIONS = 3
 _LEAST_SHARE = 0.08  # Singular value of a Jacobian below which it is damped, of its largest one.

@@ -27,7 +27,8 @@ from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace, Solid
-from drake_pregrasp.systems.fingertip_sensor import BASE, HandKinematics, HandLink, hand_links
+from drake_pregrasp.grasping.grasp_state import BASE
+from drake_pregrasp.systems.fingertip_sensor import HandKinematics, HandLink, hand_links
 
 LINK_CLEARANCE = 0.005
 """Least gap of links to everything but the hand, in metres: more than the error of an estimate."""
