@@ -82,9 +82,9 @@ def test_only_common_seeds_and_only_the_tested_method_are_compared():
     kept = rows[(rows["method"] != "fixed_plan") | (rows["seed"] % 2 == 1)]
     (test,) = paired_tests(kept).itertuples()
     assert (test.pairs, test.gained, test.lost) == (10, 10, 0)
-    rivals = pd.concat([kept, rows_of(counts_to_pairs(20, 0), rival="carried")])
+    rivals = pd.concat([kept, rows_of(counts_to_pairs(20, 0), rival="reassigned")])
     tests = paired_tests(rivals.drop_duplicates(["method", "seed"]))
-    assert set(tests["method"]) == {"fixed_plan", "carried"}
+    assert set(tests["method"]) == {"fixed_plan", "reassigned"}
     assert paired_tests(rows[rows["method"] == "fixed_plan"]).empty
 
 
