@@ -10,6 +10,8 @@ from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.grasping.grasp_state import NOT_HINDERED
+from drake_pregrasp.regions.constraints import Obstacles
+from drake_pregrasp.regions.obstacles import ANYWHERE, place_obstacles
 from drake_pregrasp.systems.fingertip_sensor import scoped_frame
 from drake_pregrasp.systems.hand_scene import HandScene
 from drake_pregrasp.systems.palm_posture import pose_error
@@ -67,7 +69,8 @@ class DifferentialKinematics(LeafSystem):
     `X_WG` and `V_WG` those of the frame G of the hand, which replaces the object while fingers hold
     it: while a value of `fingers_hold`, a vector of n, is above 0 or NaN.
 
-    Port `obstacles` (optional) accepts `Obstacles` in W.
+    Port `obstacles` (optional) accepts `Obstacles` in W. Only their solids count, and not those
+    with numbers that are not finite.
 
     Port `commanded_velocity` emits a vector of nq. It minimizes the errors of goals J v - V first
     and of the posture second, within the limits of speed and acceleration of the joints, and such
@@ -138,8 +141,10 @@ class DifferentialKinematics(LeafSystem):
     def _calc_placed(self, context: Context, output: AbstractValue) -> None:
         is_held = np.any(self._holding(context))
         X_WO = self._X_WG.Eval(context) if is_held else self._pose.eval(context)
-        obstacles = eval_obstacles(self, self._obstacles, context).solids
-        self._scene.place(output.get_mutable_value(), self._q.Eval(context), X_WO, obstacles)
+        given = Obstacles(eval_obstacles(self, self._obstacles, context).solids)
+        placed = place_obstacles(given, np.eye(3), np.zeros(3)).solids
+        known = [solid for solid in placed if solid is not ANYWHERE]
+        self._scene.place(output.get_mutable_value(), self._q.Eval(context), X_WO, known)
 
     def _calc_step(self, context: Context) -> tuple[FloatArray, int]:
         placed, holding = self._placed.Eval(context), self._holding(context)
@@ -215,12 +220,10 @@ class DifferentialKinematics(LeafSystem):
             v_G: Velocity of G at the frame in W, shape (3,), in m/s.
             v_last: Velocity of the frame in the last period in W, shape (3,), in m/s.
         """
+        change = self._acceleration * self._period
         toward = v - v_G
-        speed, change = float(np.linalg.norm(toward)), self._acceleration * self._period
+        speed = float(np.linalg.norm(toward))
         stopping = np.sqrt(change * (change / 4 + 2 * speed)) - change / 2
-        wanted = v_G + toward * min(1.0, stopping / max(speed, stopping))
-        jump = wanted - v_last
-        limited: FloatArray = v_last + jump * min(
-            1.0, change / max(float(np.linalg.norm(jump)), change)
-        )
+        jump = v_G + toward * (stopping / speed if speed > stopping else 1.0) - v_last
+        limited: FloatArray = v_last + jump / max(1.0, float(np.linalg.norm(jump)) / change)
         return limited

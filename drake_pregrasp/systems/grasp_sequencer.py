@@ -56,6 +56,7 @@ class GraspSequencer(LeafSystem):
         - f_T_W
         - tracking_status
         - J_WT
+        - hindered_finger
         output_ports:
         - X_WG
         - V_WG
