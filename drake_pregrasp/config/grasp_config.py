@@ -69,9 +69,8 @@ class GraspConfig:
     # Largest normal force of each finger, in newtons.
     largest_force: float = field(default=12.0, metadata=_FORCE)
 
-    # Seconds for which the hand waits for the fingers to arrive at their goals, and for enough
-    # fingers that can balance the weight. Then it closes with all active fingers, or gives up if
-    # these are too few or cannot balance the weight.
+    # Seconds for which the hand waits until enough fingers are active, have arrived at their goals,
+    # and can balance the weight. Then it gives up.
     gate_limit: float = field(default=1.5, metadata={"at_least": 0, "at_most": 1e6})
 
     # Height of the lift, in metres.

@@ -187,7 +187,12 @@ class HandController(Diagram):
         sequencer = builder.AddNamedSystem(
             "grasp_sequencer",
             GraspSequencer(
-                config, fingertips=hand.description.fingertips, mass=mass, p_OCoM=p_OCoM
+                config,
+                fingertips=hand.description.fingertips,
+                mass=mass,
+                p_OCoM=p_OCoM,
+                object_solid=object_solid,
+                efforts=hand.kinematics.efforts,
             ),
         )
         for source, names, targets in (
@@ -202,7 +207,7 @@ class HandController(Diagram):
             (kinematics, "commanded_velocity", [reference]),
             (sequencer, "squeeze_forces:f_T_W", [reference]),
             (shaper, "contact_frames", [sequencer]),
-            (sensor, "p_WT f_T_W", [sequencer]),
+            (sensor, "p_WT f_T_W J_WT", [sequencer]),
         ):
             connect(builder, source, names, *targets)
         for inputs, systems in (

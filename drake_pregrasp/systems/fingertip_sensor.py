@@ -21,7 +21,7 @@ BASE = -1
 """Index of the palm with its carrier or arm, which belong to no finger."""
 
 _FORCE_DIRECTIONS = 3
-_DAMPING = 1e-10  # Added to J Jᵀ, in m², which is singular for a finger that is stretched out.
+_LEAST_SHARE = 0.08  # Singular value of a Jacobian below which it is damped, of its largest one.
 
 
 class HandKinematics:
@@ -38,6 +38,7 @@ class HandKinematics:
         tip_frames: Scoped names of the fingertips' frames.
         frames: The fingertips' frames.
         stiffness: Proportional gain of each joint, shape (nq,).
+        efforts: Largest torque or force of each joint, shape (nq,), in N m or N.
         lower: Lower limit of each joint, shape (nq,).
         upper: Upper limit of each joint, shape (nq,).
         rate_limit: Largest rate of each joint, shape (nq,), at most `LARGEST_RATE`.
@@ -52,6 +53,8 @@ class HandKinematics:
         self.tip_frames = list(tip_frames)
         self.frames = [scoped_frame(plant, name) for name in tip_frames]
         self.stiffness = _stiffness(plant)
+        drives = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+        self.efforts: FloatArray = np.array([drive.effort_limit() for drive in drives])
         self.lower, self.upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
         self.rate_limit = np.minimum(plant.GetVelocityUpperLimits(), LARGEST_RATE)
         self.acceleration_limit = plant.GetAccelerationUpperLimits()
@@ -93,15 +96,18 @@ class HandKinematics:
         """Returns the forces that fingertips press with, in W, shape (n, 3), in newtons.
 
         At rest and without gravity, the torques of a finger's own joints are tau = J^T f. With more
-        than three joints, f is the least-squares solution.
+        than three joints, f is the least-squares solution. Torques hardly show a force along a
+        direction in which a stretched finger hardly moves, with a singular value s near zero: f has
+        the component tau/s there, and tau s/s0^2 below s0, so that |f| <= |tau|/s0.
 
         Args:
             plant_context: Context of the plant at the hand's positions.
             actuation: Torques of all joints, shape (nq,), in N m.
         """
         J = self.tip_jacobians(plant_context) * self._is_own[:, None]
-        squares = J @ J.transpose(0, 2, 1) + _DAMPING * np.eye(3)
-        forces: FloatArray = np.linalg.solve(squares, (J @ actuation)[:, :, None])[:, :, 0]
+        U, s, Vt = np.linalg.svd(J, full_matrices=False)
+        gains = s / np.maximum(s, _LEAST_SHARE * s[:, :1]) ** 2
+        forces: FloatArray = np.einsum("nij,nj->ni", U, gains * (Vt @ actuation))
         return forces
 
 
@@ -126,7 +132,7 @@ def hand_links(
     tip_radii: Sequence[float] | FloatArray,
     inspector: SceneGraphInspector,
 ) -> dict[GeometryId, HandLink]:
-    """Returns all collision geometries of a hand.
+    """Returns the collision geometries of a hand, except those of bodies that do not move.
 
     A fingertip is the geometry whose centre is within its radius of its frame. If a body has none
     there, all its geometries count as the fingertip.
@@ -149,7 +155,10 @@ def hand_links(
     links = {}
     for index in plant.GetBodyIndices(tip_frames[0].model_instance()):
         body_frame = plant.get_body(index).body_frame()
-        fingers = np.flatnonzero(own @ _joints_to(plant, body_frame))
+        moved = _joints_to(plant, body_frame)
+        if not np.any(moved):
+            continue
+        fingers = np.flatnonzero(own @ moved)
         finger = int(fingers[0]) if len(fingers) else BASE
         for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index)):
             links[geometry] = HandLink(body_frame, finger, geometry in tips)
@@ -226,6 +235,7 @@ class FingertipSensor(LeafSystem):
         output_ports:
         - p_WT
         - f_T_W
+        - J_WT
 
     Port `hand_state` accepts a vector of 2 nq: positions and velocities of the hand's joints.
 
@@ -238,6 +248,9 @@ class FingertipSensor(LeafSystem):
 
     Port `f_T_W` emits a vector of 3n: the forces that the fingertips press with, in W, in newtons;
     NaN if a position or a torque is not finite.
+
+    Port `J_WT` emits a vector of 3n nq: the Jacobians of the fingertips' velocities in W, shape (n,
+    3, nq); NaN if a position is not finite.
 
     Args:
         hand: Kinematics of the hand.
@@ -259,6 +272,7 @@ class FingertipSensor(LeafSystem):
         posed, actuation = self._posed, self._actuation
         declare_output(self, "p_WT", 3 * n, self._calc_positions, posed)
         declare_output(self, "f_T_W", 3 * n, self._calc_forces, posed, actuation)
+        declare_output(self, "J_WT", 3 * n * nq, self._calc_jacobians, posed)
 
     def _positions(self, context: Context) -> FloatArray:
         return validated_numbers(self._state.Eval(context)[: self._hand.num_positions])
@@ -270,6 +284,11 @@ class FingertipSensor(LeafSystem):
         if np.any(np.isnan(self._positions(context))):  # Drake aborts the process on NaN.
             return np.full((len(self._hand.tip_frames), 3), np.nan)
         return self._hand.tip_positions(self._posed.Eval(context))
+
+    def _calc_jacobians(self, context: Context) -> FloatArray:
+        if np.any(np.isnan(self._positions(context))):
+            return np.full((len(self._hand.tip_frames), 3, self._hand.num_positions), np.nan)
+        return self._hand.tip_jacobians(self._posed.Eval(context))
 
     def _calc_forces(self, context: Context) -> FloatArray:
         actuation = validated_numbers(self._actuation.Eval(context))

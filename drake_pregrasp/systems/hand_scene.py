@@ -33,7 +33,10 @@ LINK_CLEARANCE = 0.005
 """Least gap of links to everything but the hand, in metres: more than the error of an estimate."""
 
 TIP_CLEARANCE = 0.002
-"""Least gap of fingertips, and between links of different fingers, in metres; goals keep more."""
+"""Least gap of fingertips to everything but the hand, in metres; their goals keep a larger one."""
+
+FINGER_CLEARANCE = 0.0005
+"""Least gap between different fingers, in metres: their positions are known."""
 
 _TIP_LEAD = 0.002  # Least distance by which a fingertip is nearer to the object than its links.
 _INFLUENCE = 0.025  # Distance below which motions are limited, in metres.
@@ -173,36 +176,47 @@ class HandScene:
                 fingers are kept clear of it.
         """
         query = self._graph.get_query_output_port().Eval(self._graph.GetMyContextFromRoot(context))
-        near = [
-            (pair, self._links.get(pair.id_A), self._links.get(pair.id_B))
-            for pair in query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE)
-        ]
-        tip_gaps = np.full(len(self.hand.frames), np.inf)
-        for pair, a, b in near:
-            link = a or b
-            if link and link.is_tip and self._object in (pair.id_A, pair.id_B):
-                tip_gaps[link.finger] = min(pair.distance, tip_gaps[link.finger])
         motion = self._motions(context, V_WO)
-        wrenches, changes, least, fingers = [], [], [], []
-        for pair, a, b in near:
+        least_gap, is_kept, fingers, wrenches, changes, gaps = [], [], [], [], [], []
+        tips: dict[int, int] = {}
+        on_object: list[int] = []
+        for pair in query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE):
+            a, b = self._links.get(pair.id_A), self._links.get(pair.id_B)
             link, among_fingers = a or b, bool(a and b)
-            if link is None or (link.is_tip and holding[link.finger] and not among_fingers):
+            if link is None:
                 continue
-            gap = TIP_CLEARANCE if among_fingers or link.is_tip else LINK_CLEARANCE
-            if not link.is_tip and self._object in (pair.id_A, pair.id_B):
-                gap = min(gap, tip_gaps[link.finger] + _TIP_LEAD)
+            if self._object in (pair.id_A, pair.id_B):
+                if link.is_tip:
+                    tips[link.finger] = len(gaps)
+                else:
+                    on_object.append(len(gaps))
+            is_kept.append(among_fingers or not (link.is_tip and holding[link.finger]))
+            least_gap.append(
+                FINGER_CLEARANCE
+                if among_fingers
+                else TIP_CLEARANCE
+                if link.is_tip
+                else LINK_CLEARANCE
+            )
+            fingers.append(link.finger)
+            gaps.append(pair.distance)
             p_WC = query.GetPoseInWorld(pair.id_A) @ pair.p_ACa
             wrenches.append((p_WC, pair.nhat_BA_W))
             changes.append(motion(pair.id_A, a) - motion(pair.id_B, b))
-            least.append(min(_RATE * (gap - pair.distance), _RETREAT))
-            fingers.append(link.finger)
-        if not least:
-            none = np.empty(0)
-            return Clearances(np.empty((0, self.hand.num_positions)), none, none.astype(int))
+        if not gaps:
+            return Clearances(np.empty((0, self.hand.num_positions)), np.empty(0), np.empty(0, int))
         points, normals = np.array(wrenches).swapaxes(0, 1)
         along = np.hstack([np.cross(points, normals), normals])
         rates = np.einsum("ki,kij->kj", along, np.array(changes))
-        return Clearances(rates[:, :-1], np.array(least) - rates[:, -1], np.array(fingers))
+        speeds = np.minimum(_RATE * (np.array(least_gap) - gaps), _RETREAT) - rates[:, -1]
+        for row in on_object:
+            tip = tips.get(fingers[row])
+            if tip is not None and holding[fingers[row]]:
+                lead = gaps[row] - gaps[tip]
+                rates[row] -= rates[tip]
+                speeds[row] = min(_RATE * (_TIP_LEAD - lead), 0.0) - rates[row, -1]
+        kept = np.array(is_kept)
+        return Clearances(rates[kept, :-1], speeds[kept], np.array(fingers)[kept])
 
     def _motions(
         self, context: Context, V_WO: SpatialVelocity

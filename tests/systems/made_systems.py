@@ -10,6 +10,7 @@ from pydrake.systems.framework import BusValue
 from drake_pregrasp import (
     ArmPosture,
     BallReach,
+    BallSolid,
     BoxSolid,
     CarrierPosture,
     CentroidSelector,
@@ -93,7 +94,15 @@ def make_shaper(*, fixed=(), p_GT=1.2 * 0.079 * RING, target_period=PERIOD, lead
 
 def make_sequencer():
     tips = [Fingertip(radius=RADIUS)] * N
-    return GraspSequencer(GraspConfig(), fingertips=tips, mass=0.4, p_OCoM=np.zeros(3))
+    ball, efforts = BallSolid(np.zeros(3), 0.05), np.full(NQ, 9.0)
+    return GraspSequencer(
+        GraspConfig(),
+        fingertips=tips,
+        mass=0.4,
+        p_OCoM=np.zeros(3),
+        object_solid=ball,
+        efforts=efforts,
+    )
 
 
 def make_reference(initial=None):
@@ -225,6 +234,7 @@ VALUES = {
     "contact_frames": (CONTACT_FRAMES, -CONTACT_FRAMES),
     "p_WT": (ring(0.05 + RADIUS + 0.02).ravel(), ring(0.05).ravel()),
     "f_T_W": (np.zeros(3 * N), np.ones(3 * N)),
+    "J_WT": (np.zeros(3 * N * NQ), np.ones(3 * N * NQ)),
     "hand_state": (np.zeros(2 * NQ), np.full(2 * NQ, 0.1)),
     "net_actuation": (np.ones(NQ), np.full(NQ, 2.0)),
     "commanded_velocity": (np.full(NQ, 0.1), np.zeros(NQ)),

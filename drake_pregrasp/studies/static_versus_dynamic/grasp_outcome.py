@@ -11,12 +11,17 @@ from scipy.spatial.transform import Rotation
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.geometry.solids import BoxSolid
-from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState, describe_give_up
-from drake_pregrasp.grasping.squeeze import squeeze_forces
+from drake_pregrasp.grasping.grasp_state import (
+    UNBALANCED,
+    GraspPhase,
+    GraspState,
+    describe_give_up,
+)
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.studies.static_versus_dynamic.conditions import Condition
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 from drake_pregrasp.systems.loggers import GraspRecord
+from drake_pregrasp.systems.squeeze_program import plan_squeeze
 
 LIFTED_ABOVE_MM = 80.0
 LEVEL_BELOW_DEG = 20.0
@@ -170,7 +175,7 @@ def grasp_outcome(
     first, end = records[0], records[-1]
     on_table = end if lifting is None else records[lifting]
     touched = _first(phases, told, GraspPhase.SQUEEZE)
-    if touched is None and closing is not None and state.reason == GiveUp.OUT_OF_BALANCE:
+    if touched is None and closing is not None and state.reason in UNBALANCED:
         touched = _first(phases, told, GraspPhase.BACK_OFF)  # All fingers had touched.
     residual, q_msv, q_gii = np.nan, np.nan, np.nan
     if touched is not None:
@@ -248,7 +253,7 @@ def _contact_measures(
     weight[:3] = -GRAVITY * condition.box.mass * X_OW.rotation().matrix()[:, 2]
     grasp = condition.scenario.grasp
     forces = {"least_normal": grasp.least_force, "largest_normal": grasp.largest_force}
-    squeeze = squeeze_forces(p_CoMC, normals, weight, friction=grasp.planned_friction, **forces)
+    squeeze = plan_squeeze(p_CoMC, normals, weight, friction=grasp.planned_friction, **forces)
     quality = grasp_quality(p_CoMC)
     return squeeze.residual, quality.q_msv, quality.q_gii
 
