@@ -11,6 +11,7 @@ import numpy as np
 
 from drake_pregrasp.arrays import BoolArray
 from drake_pregrasp.grasping.grasp_state import (
+    NOT_HINDERED,
     GiveUp,
     GraspPhase,
     GraspSettings,
@@ -27,11 +28,6 @@ CRUSHING = 1.3
 """Ratio of force to largest planned force at which a hand opens; measured forces are rough."""
 
 
-def fingers_have_arrived(view: GraspView, settings: GraspSettings) -> bool:
-    """Returns whether all active fingers are at their goals."""
-    return bool(np.all(view.distances[view.active] <= settings.gate_distance))
-
-
 def hindrance(
     view: GraspView, settings: GraspSettings, squeeze: Callable[[BoolArray], Squeeze]
 ) -> tuple[GiveUp, float] | None:
@@ -45,9 +41,13 @@ def hindrance(
     count = int(np.sum(view.active))
     if count < settings.least_fingers:
         return GiveUp.TOO_FEW_FINGERS, count
-    residual = squeeze(view.active).residual
+    distances = np.where(view.active, view.distances, 0.0)
+    farthest = int(np.argmax(distances))
+    if distances[farthest] > settings.gate_distance:
+        return GiveUp.OFF_GOAL, farthest
+    planned = squeeze(view.active)
     allowed = GATE_SHARE * settings.imbalance
-    return (GiveUp.OUT_OF_BALANCE, residual) if residual > allowed else None
+    return (planned.lack, planned.residual) if planned.residual > allowed else None
 
 
 def next_state(
@@ -69,6 +69,10 @@ def next_state(
     """
     asked = min(state.asked, view.time) if view.close else np.inf
     state = replace(state, asked=asked)
+    if view.hindered != NOT_HINDERED and state.phase < GraspPhase.BACK_OFF:
+        state = replace(state, reason=GiveUp.HINDERED, detail=float(view.hindered))
+    elif state.reason == GiveUp.HINDERED:
+        state = replace(state, reason=GiveUp.NONE, detail=0.0)
     if GraspPhase.CLOSE <= state.phase <= GraspPhase.HOLD:
         fault = _fault(state, view, settings)
         if fault is not None:
@@ -141,7 +145,7 @@ def _track(
     settings: GraspSettings,
     squeeze: Callable[[BoolArray], Squeeze],
 ) -> GraspState:
-    """Waits until the fingers are at their goals and can hold the object, up to a time limit.
+    """Waits until the fingers are at their goals and can hold the object, or gives up.
 
     While the object is not tracked, the hand waits without a limit. The limit then starts again.
     """
@@ -153,8 +157,6 @@ def _track(
     if state.reason == GiveUp.OBJECT_UNSEEN:
         state = replace(state, reason=GiveUp.NONE, detail=0.0)
     waited = view.time - max(state.asked, state.since) >= settings.gate_limit - 1e-9
-    if not waited and not fingers_have_arrived(view, settings):
-        return state
     why_not = hindrance(view, settings, squeeze)
     if why_not is None:
         closing = _enter(state, GraspPhase.CLOSE, view)
@@ -195,7 +197,7 @@ def _begin_squeeze(
 ) -> GraspState:
     planned = squeeze(state.active)
     if planned.residual > settings.imbalance:
-        return _open(state, view, GiveUp.OUT_OF_BALANCE, planned.residual)
+        return _open(state, view, planned.lack, planned.residual)
     return replace(
         _enter(state, GraspPhase.SQUEEZE, view),
         gripped=view.time,

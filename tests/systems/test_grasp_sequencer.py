@@ -10,6 +10,10 @@ from pydrake.multibody.math import SpatialVelocity
 AT_TABLE = RigidTransform(RotationMatrix.MakeXRotation(0.3), [0.0, 0.0, 0.05])
 
 
+def tips_at(X_WO, gap):
+    return (X_WO @ ((0.05 + RADIUS + gap) * RING).T).T.ravel()
+
+
 def sequencer_over(X_WO):
     return Driven(
         make_sequencer(),
@@ -18,9 +22,16 @@ def sequencer_over(X_WO):
         contact_frames=np.concatenate([0.05 * RING, RING]).ravel(),
         X_WO_estimated=X_WO,
         V_WO_estimated=SpatialVelocity.Zero(),
-        p_WT=(X_WO @ ((0.05 + RADIUS) * RING).T).T.ravel(),
+        p_WT=tips_at(X_WO, 0.0),
         f_T_W=np.zeros(3 * N),
     )
+
+
+def close_until_touch(hand, X_WO):
+    """Closes with fingertips at their standoff, and then on the object."""
+    hand.fix(close=[1.0], p_WT=tips_at(X_WO, SETTINGS.standoff))
+    hand.advance(SETTINGS.approach_duration + 0.1)
+    hand.fix(p_WT=tips_at(X_WO, 0.0))
 
 
 def felt_by_first(nhat_W):
@@ -29,11 +40,13 @@ def felt_by_first(nhat_W):
 
 
 def test_fingers_hold_from_closing_until_they_let_go():
-    hand = sequencer_over(RigidTransform([0.0, 0.0, 0.05]))
-    touching = {"f_T_W": felt_by_first(RING).ravel(), "close": [1.0]}
+    X_WO = RigidTransform([0.0, 0.0, 0.05])
+    hand = sequencer_over(X_WO)
+    np.testing.assert_array_equal(hand.array("fingers_hold"), 0)
+    touching = {"f_T_W": felt_by_first(RING).ravel()}
+    close_until_touch(hand, X_WO)
     for inputs, seconds, holding in (
-        ({}, SETTINGS.approach_duration + 0.1, [0] * N),
-        (touching, SETTINGS.gate_limit + 0.1, [1] * N),
+        (touching, 0.1, [1] * N),
         ({"close": [0.0]}, CONTROL_PERIOD, [1, 0, 0, 0, 0]),
         ({}, SETTINGS.squeeze_duration, [0] * N),
     ):
@@ -46,14 +59,17 @@ def test_fingers_hold_from_closing_until_they_let_go():
 def test_fingers_that_have_touched_keep_touching_and_all_together_carry_the_weight():
     hand = sequencer_over(AT_TABLE)
     nhat_W = RING @ AT_TABLE.rotation().matrix().T
-    hand.fix(close=[1.0], f_T_W=felt_by_first(nhat_W).ravel())
-    hand.advance(SETTINGS.approach_duration + SETTINGS.gate_limit + 0.1)
+    close_until_touch(hand, AT_TABLE)
+    hand.fix(f_T_W=felt_by_first(nhat_W).ravel())
+    hand.advance(0.1)
     forces = hand.array("squeeze_forces").reshape(N, 3)
     np.testing.assert_allclose(forces, felt_by_first(nhat_W) / 2, atol=1e-12)
     hand.fix(f_T_W=(-nhat_W).ravel())
     hand.advance(SETTINGS.squeeze_duration + 0.1)
     forces = hand.array("squeeze_forces").reshape(N, 3)
-    np.testing.assert_allclose(forces.sum(axis=0), [0, 0, 0.4 * 9.81], atol=0.01)
+    # The largest acceleration of the lift is 6 h/T^2.
+    lift = 6 * SETTINGS.lift_height / SETTINGS.lift_duration**2
+    np.testing.assert_allclose(forces.sum(axis=0), [0, 0, 0.4 * (9.81 + lift)], atol=0.01)
     assert np.min(-np.sum(forces * nhat_W, axis=1)) >= SETTINGS.least_force - 1e-3
 
 

@@ -8,8 +8,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.systems.fingertip_sensor import FingertipSensor, HandKinematics
-from drake_pregrasp.systems.joint_reference import LARGEST_RATE
+from drake_pregrasp.systems.fingertip_sensor import LARGEST_RATE, FingertipSensor, HandKinematics
 
 Q = HAND.home(np.array([0.1, -0.05, 0.05]), 0.4) + 0.05 * np.sin(np.arange(NQ))
 FORCES = np.random.default_rng(1).normal(size=(N, 3))

@@ -9,18 +9,29 @@ from pydrake.math import RigidTransform
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.geometry.solids import BoxSolid
-from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState, describe_give_up
-from drake_pregrasp.grasping.squeeze import squeeze_forces
+from drake_pregrasp.grasping.grasp_state import (
+    UNBALANCED,
+    GraspPhase,
+    GraspState,
+    describe_give_up,
+)
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.studies.static_versus_dynamic.conditions import Condition
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 from drake_pregrasp.systems.loggers import GraspRecord
+from drake_pregrasp.systems.squeeze_program import plan_squeeze
 
 LIFTED_ABOVE_MM = 80.0
 LEVEL_BELOW_DEG = 20.0
+# Force from which on a link counts as touching: what counts as touch of a fingertip. To slide the
+# object of the study over the turntable takes some eight times as much.
+TOUCHING_N = GraspConfig.touch_force
 # Bounds of a clean grasp on measures of an `Outcome`.
 CLEAN_BELOW = {
+    "link_on_object_n": TOUCHING_N,
+    "link_on_surroundings_n": TOUCHING_N,
     "pushed_before_mm": 5.0,
     "turned_before_deg": 5.0,
     "pushed_closing_mm": 5.0,
@@ -33,7 +44,8 @@ CLEAN_IN_WORDS = (
     f" less than {LEVEL_BELOW_DEG:g}°, slips by less than {CLEAN_BELOW['slip_mm']:g} mm, and was"
     f" moved by less than {CLEAN_BELOW['pushed_before_mm']:g} mm and turned by less than"
     f" {CLEAN_BELOW['turned_before_deg']:g}° before the hand closed, and moved by less than"
-    f" {CLEAN_BELOW['pushed_closing_mm']:g} mm in closing."
+    f" {CLEAN_BELOW['pushed_closing_mm']:g} mm in closing; and if no link other than a fingertip"
+    f" ever touched object, table or wall with {TOUCHING_N:g} N or more."
 )
 
 _AREA_FROM = 1.0  # Time from which fingertips must avoid the no-touch area, in seconds.
@@ -60,14 +72,12 @@ class GoalSample(NamedTuple):
     """Goals at one tick of the planner.
 
     Attributes:
-        time: Time in seconds.
         active: Number of active fingers.
         withdrawn: Number of fingers that are neither active nor lost.
         distance: Least distance from the no-touch area, in metres, over all active goals of a
             fingertip in contact or at its standoff; infinite if there is no goal or no area.
     """
 
-    time: float
     active: int
     withdrawn: int
     distance: float
@@ -100,6 +110,11 @@ class Outcome:
         goal_in_area: Share of the planner's ticks before closing at which an active goal, for a
             fingertip in contact or at its standoff, was in the no-touch area; nan if there is no
             such area.
+        link_on_object_n: Largest force between the object and a link that is no fingertip, in
+            newtons.
+        link_on_surroundings_n: Largest force between such a link and the table or a wall, in
+            newtons.
+        link_on_hand_n: Largest force between such a link and another finger, in newtons.
         tip_in_area: Share of the control ticks from 1 s until the lift at which a fingertip was in
             the no-touch area; nan if there is no such area.
         q_msv: Q_MSV of the contacts at the end of closing; nan if not all fingers had touched.
@@ -120,6 +135,9 @@ class Outcome:
     waited_s: float
     withdrawn: float
     goal_in_area: float
+    link_on_object_n: float
+    link_on_surroundings_n: float
+    link_on_hand_n: float
     tip_in_area: float
     q_msv: float
     q_gii: float
@@ -157,13 +175,14 @@ def grasp_outcome(
     first, end = records[0], records[-1]
     on_table = end if lifting is None else records[lifting]
     touched = _first(phases, told, GraspPhase.SQUEEZE)
-    if touched is None and closing is not None and state.reason == GiveUp.OUT_OF_BALANCE:
+    if touched is None and closing is not None and state.reason in UNBALANCED:
         touched = _first(phases, told, GraspPhase.BACK_OFF)  # All fingers had touched.
     residual, q_msv, q_gii = np.nan, np.nan, np.nan
     if touched is not None:
         residual, q_msv, q_gii = _contact_measures(records[touched], state.active, condition)
     raised = 1e3 * (end.X_WO.translation()[2] - on_table.X_WO.translation()[2])
     tilt = np.degrees(np.arccos(np.clip(end.X_WO.rotation().matrix()[2, 2], -1, 1)))
+    on_object, on_surroundings, on_hand = np.max([r.link_forces for r in records], axis=0).tolist()
     has_area = bool(condition.area)
     tip_in_area = [
         any(np.any(solid.distance(r.p_WT) < tip_radii) for solid in condition.area_at(r.time))
@@ -184,6 +203,9 @@ def grasp_outcome(
         waited_s=float((end if closing is None else records[closing]).time - close_at),
         withdrawn=_mean([sample.withdrawn for sample in samples]),
         goal_in_area=_mean([sample.distance < 0 for sample in samples if has_area]),
+        link_on_object_n=on_object,
+        link_on_surroundings_n=on_surroundings,
+        link_on_hand_n=on_hand,
         tip_in_area=_mean(tip_in_area),
         q_msv=q_msv,
         q_gii=q_gii,
@@ -230,8 +252,14 @@ def _contact_measures(
     weight = np.zeros(6)
     weight[:3] = -GRAVITY * condition.box.mass * X_OW.rotation().matrix()[:, 2]
     grasp = condition.scenario.grasp
-    forces = {"least_normal": grasp.least_force, "largest_normal": grasp.largest_force}
-    squeeze = squeeze_forces(p_CoMC, normals, weight, friction=grasp.planned_friction, **forces)
+    squeeze = plan_squeeze(
+        p_CoMC,
+        normals,
+        weight,
+        friction=grasp.planned_friction,
+        least_normal=grasp.least_force,
+        largest_normal=grasp.largest_force,
+    )
     quality = grasp_quality(p_CoMC)
     return squeeze.residual, quality.q_msv, quality.q_gii
 

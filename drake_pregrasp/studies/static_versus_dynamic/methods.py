@@ -1,6 +1,6 @@
 """Compared methods of the study, and the systems of two methods that do not replan."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 
 import numpy as np
@@ -8,7 +8,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import BasicVector, BusValue, Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.assignment import mean_angle, wrapped
 from drake_pregrasp.contacts.selection_input import ContactStatus
@@ -30,9 +30,9 @@ class Method:
         plans_start: Whether contacts are planned at the start, from random initial contacts.
         replans: Whether contacts are planned at every tick.
         uses_reach: Whether planning at every tick respects the reach of the fingers.
-        is_fixed_in_world: Whether contacts stay in the world instead of on the object.
         is_reassigned: Whether contacts are assigned to other fingers as the object turns.
         is_stationary: Whether the hand does not turn with the object.
+        is_reactive: Whether a grasp is chosen at every tick by distance and alignment.
     """
 
     label: str
@@ -43,31 +43,27 @@ class Method:
     plans_start: bool = False
     replans: bool = False
     uses_reach: bool = False
-    is_fixed_in_world: bool = False
     is_reassigned: bool = False
     is_stationary: bool = False
+    is_reactive: bool = False
 
 
-_WORLD = "contacts stay where they are in the world"
-_CARRIED = "random contacts are carried with the object"
 _FIXED = "contacts are planned at the start, then carried with it"
 _REASSIGNED = "as the fixed plan, but contacts go to other fingers, round the hand, as it turns"
 _STATIONARY = "the hand follows the object, does not turn, and closes without a plan"
+_REACTIVE = "the antipodal grasp and the three fingers nearest to it are chosen at every tick"
 _DYNAMIC = "contacts are planned anew at every tick"
 _REACH = "contacts are planned anew at every tick, within the reach of each finger"
 
 # The methods by their keys, in the order of tables and figures.
 # Colours of Okabe and Ito's colour-blind-safe set, without its yellow, which is pale on white.
 METHODS = {
-    "world": Method(
-        "fixed in the world", _WORLD, "#000000", "x", plans_start=True, is_fixed_in_world=True
-    ),
-    "carried": Method("carried", _CARRIED, "#CC79A7", "v"),
     "fixed_plan": Method("fixed plan", _FIXED, "#E69F00", "s", plans_start=True),
     "reassigned": Method(
         "re-assigned plan", _REASSIGNED, "#D55E00", "D", plans_start=True, is_reassigned=True
     ),
     "stationary": Method("stationary hand", _STATIONARY, "#56B4E9", "P", is_stationary=True),
+    "reactive": Method("reactive choice", _REACTIVE, "#CC79A7", "v", is_reactive=True),
     "dynamic": Method("dynamic without reach", _DYNAMIC, "#009E73", "^", replans=True),
     "dynamic_reach": Method(
         "dynamic with reach", _REACH, "#0072B2", "o", replans=True, uses_reach=True
@@ -82,7 +78,7 @@ def rays_at(azimuths: FloatArray) -> FloatArray:
     return np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(len(azimuths))], axis=1)
 
 
-def _declare_goals(
+def declare_goals(
     system: LeafSystem,
     tip_frames: Sequence[str],
     targets: Callable[[Context], Mapping[int, RigidTransform]],
@@ -113,7 +109,58 @@ def _declare_goals(
     system.DeclareVectorOutputPort("contact_status", len(tip_frames), calc_status)
 
 
-class StationaryHand(LeafSystem):
+class GoalsOnBox(LeafSystem):
+    """Input ports of systems that choose goals on a box, and the obstacles' limits on them.
+
+    Subclasses declare their other input ports, and give the goals to `declare_goals`.
+
+    Args:
+        num_fingers: Number of fingers n.
+        limits: Limits of the planner, with radii of the fingertips, clearance and standoff.
+    """
+
+    def __init__(self, num_fingers: int, limits: LimitsConfig) -> None:
+        super().__init__()
+        self._constraints = RegionConstraints(
+            clearance=limits.clearance,
+            tip_radii=np.array(limits.tip_radii),
+            standoff=limits.standoff,
+        )
+        self._X_WO = self.DeclareAbstractInputPort(
+            "X_WO_estimated", AbstractValue.Make(RigidTransform())
+        )
+        self._weights = self.DeclareVectorInputPort("contact_weights", num_fingers)
+        self._obstacles = self.DeclareAbstractInputPort(
+            "obstacles", AbstractValue.Make(Obstacles())
+        )
+
+    def permitted(
+        self, context: Context, finger: int, p_WC: FloatArray, nhat_WC: FloatArray
+    ) -> BoolArray:
+        """Returns the mask of contacts that obstacles permit to a finger, shape (k,).
+
+        Args:
+            context: Context of the system.
+            finger: Index of the finger.
+            p_WC: Contacts in W, shape (k, 3), in metres.
+            nhat_WC: Outward unit normals there, shape (k, 3).
+        """
+        constraints = replace(self._constraints, obstacles=self._obstacles.Eval(context))
+        permitted: BoolArray = constraints.limits_at(finger, p_WC, nhat_WC)[0] == Limit.NONE
+        return permitted
+
+
+def goals_at(
+    fingers: Iterable[int], points: FloatArray, normals: FloatArray
+) -> Mapping[int, RigidTransform]:
+    """Returns targets X_WC by fingers, from contacts and outward normals in W, shape (k, 3)."""
+    return {
+        finger: RigidTransform(RotationMatrix.MakeFromOneVector(-normal, 2), point)
+        for finger, point, normal in zip(fingers, points, normals, strict=True)
+    }
+
+
+class StationaryHand(GoalsOnBox):
     """Emits goals of fingers on a ring around the object that does not turn with it.
 
     .. pydrake_system::
@@ -148,22 +195,11 @@ class StationaryHand(LeafSystem):
         box_size: Sequence[float],
         limits: LimitsConfig,
     ) -> None:
-        super().__init__()
+        super().__init__(len(tip_frames), limits)
         self._rays, self._half = rays_at(azimuths), np.array(box_size) / 2
-        radii = np.array(limits.tip_radii)
-        self._constraints = RegionConstraints(
-            clearance=limits.clearance, tip_radii=radii, standoff=limits.standoff
-        )
-        self._goal_radius = _RING_RADIUS - (limits.standoff + radii[0])
-        self._X_WO = self.DeclareAbstractInputPort(
-            "X_WO_estimated", AbstractValue.Make(RigidTransform())
-        )
-        self.DeclareVectorInputPort("contact_weights", len(tip_frames))
-        self._obstacles = self.DeclareAbstractInputPort(
-            "obstacles", AbstractValue.Make(Obstacles())
-        )
+        self._goal_radius = _RING_RADIUS - (limits.standoff + limits.tip_radii[0])
         self._close = self.DeclareVectorInputPort("close", 1)
-        _declare_goals(self, tip_frames, self._targets, self._status)
+        declare_goals(self, tip_frames, self._targets, self._status)
 
     def _contacts(self, context: Context) -> tuple[FloatArray, FloatArray]:
         """Returns the rays' intersections with the object and the outward normals there, in W."""
@@ -182,19 +218,14 @@ class StationaryHand(LeafSystem):
         else:
             p_WO = self._X_WO.Eval(context).translation()
             points, normals = p_WO + self._goal_radius * self._rays, self._rays
-        return {
-            finger: RigidTransform(RotationMatrix.MakeFromOneVector(-normal, 2), point)
-            for finger, (point, normal) in enumerate(zip(points, normals, strict=True))
-        }
+        return goals_at(range(len(points)), points, normals)
 
     def _status(self, context: Context) -> FloatArray:
         points, normals = self._contacts(context)
-        constraints = replace(self._constraints, obstacles=self._obstacles.Eval(context))
-        limits = [
-            constraints.limits_at(finger, points[[finger]], normals[[finger]])[0][0]
+        permitted = [
+            self.permitted(context, finger, points[[finger]], normals[[finger]])[0]
             for finger in range(len(points))
         ]
-        permitted = np.array(limits) == Limit.NONE
         return np.where(permitted, float(ContactStatus.ACTIVE), float(ContactStatus.OBSTRUCTED))
 
 
@@ -233,7 +264,7 @@ class Reassignment(LeafSystem):
         self._given_status = self.DeclareVectorInputPort("contact_status", len(tip_frames))
         self.DeclareVectorInputPort("contact_weights", len(tip_frames))
         self._X_WH = self.DeclareAbstractInputPort("X_WH", AbstractValue.Make(RigidTransform()))
-        _declare_goals(self, tip_frames, self._targets, self._status)
+        declare_goals(self, tip_frames, self._targets, self._status)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_shift)
 
     def _contact_of_finger(self, context: Context) -> IntArray:
