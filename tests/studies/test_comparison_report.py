@@ -70,9 +70,9 @@ def test_clean_and_other_lifted_objects_are_counted_for_each_closing_time():
     rows = rows_with("wall", {"fixed_plan": 0, "dynamic_reach": 3}, seeds=4, times=[3.0, 9.0])
     rows.loc[(rows["seed"] == 3) & (rows["close_at"] == 9), "lifted"] = True
     first, last = comparison_report.results_table(rows).data.to_dict("records")
-    head = {"condition": "wall", "closes at": "3 s", "seeds": 4}
+    head = {"condition": "wall", "closes at [s]": 3.0, "seeds": 4}
     assert first == {**head, "fixed plan": "0", "dynamic with reach": "3"}
-    head["closes at"] = "9 s"
+    head["closes at [s]"] = 9.0
     assert last == {**head, "fixed plan": "0 (+1)", "dynamic with reach": "3 (+1)"}
 
 

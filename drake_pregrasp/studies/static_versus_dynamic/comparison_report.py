@@ -79,7 +79,6 @@ def write_comparison(
                 reason_table(own),
                 paired_test_table(tests[tests["condition"] == key]),
             ]
-        parts += [Heading("Do measures of the contacts predict success?"), ranking_table(rows)]
     methods = [{"method": method.label, "contacts": method.text} for method in METHODS.values()]
     parts += [Heading("Methods"), Table(pd.DataFrame(methods)), Heading("Limits"), _LIMITS]
     parts += [Details("Settings", json.dumps(settings, indent=1))]
@@ -111,14 +110,12 @@ def results_table(rows: pd.DataFrame) -> Table:
     rows = rows.assign(lifted=rows["lifted"] & ~rows["clean"])
     cells = rows.groupby([*times, "method"])[["clean", "lifted"]].sum()
     counts = cells["clean"].astype(str) + cells["lifted"].map(lambda n: f" (+{n})" if n else "")
-    table = counts.unstack("method").reindex(columns=_present(rows["method"], METHODS))
-    table = table.reindex(_present(rows["condition"], CONDITIONS), level="condition")
-    seeds = rows.groupby(times)["seed"].nunique().rename("seeds")
-    table = seeds.to_frame().join(table, how="right").rename(columns=_LABELS).reset_index()
+    table = counts.unstack("method")[_present(rows["method"], METHODS)].rename(columns=_LABELS)
+    table.insert(0, "seeds", rows.groupby(times)["seed"].nunique())
+    table = table.loc[_present(rows["condition"], CONDITIONS)].reset_index()
     table["condition"] = table["condition"].map(lambda key: CONDITIONS[key].label)
-    table["close_at"] = table["close_at"].map("{:g} s".format)
     return Table(
-        table.rename(columns={"close_at": "closes at"}),
+        table.rename(columns={"close_at": "closes at [s]"}),
         "Numbers of clean grasps; in brackets, objects that were lifted but not by a clean grasp.",
     )
 
@@ -166,21 +163,6 @@ def paired_test_table(tests: pd.DataFrame) -> Table:
         _labelled(pd.DataFrame(columns, index=table.index)),
         f"{_TESTED.capitalize()} against each other method by common seeds: exact McNemar tests,"
         " and conservative 95 % intervals of the difference of clean shares.",
-    )
-
-
-def ranking_table(rows: pd.DataFrame) -> Table:
-    """Returns the power of grasp measures to tell successes from failures, over all conditions."""
-    lines = [
-        (measure, success, *paired_statistics.ranking(rows[measure], rows[success].astype(bool)))
-        for measure in ("q_msv", "q_gii")
-        for success in ("lifted", "clean")
-    ]
-    table = pd.DataFrame(lines, columns=["measure", "success", "AUC", "successes", "failures"])
-    return Table(
-        table.assign(AUC=table["AUC"].map("{:.2f}".format)),
-        "Probability that a success has a higher measure than a failure (AUC), over all conditions:"
-        " 1 tells all apart, 0.5 none. Grasps without contacts are left out.",
     )
 
 

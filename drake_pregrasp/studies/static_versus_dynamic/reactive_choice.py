@@ -141,24 +141,20 @@ class ReactiveChoice(GoalsOnBox):
         chosen = before if kept else best
         discrete_state.set_value(self._chosen, [chosen if np.isfinite(costs[chosen]) else _NONE])
 
-    def _grasp(self, context: Context) -> tuple[list[int], int] | None:
-        """Returns the fingers and the index of the present grasp, or None if there is none."""
+    def _grasp(self, context: Context) -> tuple[list[int], int]:
+        """Returns the fingers of the present grasp, none without one, and its index."""
         chosen = int(context.get_discrete_state(self._chosen)[0])
-        if chosen < 0:
-            return None
         fingers, grasp = divmod(chosen, len(self._p_OC))
-        return self._sets[fingers].tolist(), grasp
+        return self._sets[fingers].tolist() if chosen >= 0 else [], grasp
 
     def _targets(self, context: Context) -> Mapping[int, RigidTransform]:
-        if (present := self._grasp(context)) is None:
-            return {}
-        fingers, grasp = present
-        return goals_at(fingers, *(of_all[grasp] for of_all in self._contacts(context)))
+        fingers, grasp = self._grasp(context)
+        points, normals = (of_all[grasp] for of_all in self._contacts(context))
+        return goals_at(fingers, points[: len(fingers)], normals[: len(fingers)])
 
     def _status(self, context: Context) -> FloatArray:
-        present = self._grasp(context)
-        if present is None:
-            return np.full(self._weights.size(), float(ContactStatus.OBSTRUCTED))
-        status = np.full(self._weights.size(), float(ContactStatus.INACTIVE))
-        status[present[0]] = float(ContactStatus.ACTIVE)
+        fingers, _ = self._grasp(context)
+        others = ContactStatus.INACTIVE if fingers else ContactStatus.OBSTRUCTED
+        status = np.full(self._weights.size(), float(others))
+        status[fingers] = float(ContactStatus.ACTIVE)
         return status

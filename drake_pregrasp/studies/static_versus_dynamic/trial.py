@@ -37,10 +37,8 @@ from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 from drake_pregrasp.systems.sources import ContactWeights, MovingObstacles
 
 # Modules of this folder on which the rows of the study depend.
-MODULES = (
-    __name__,
-    *(module.__name__ for module in (conditions, grasp_outcome, methods, reactive_choice)),
-)
+_OTHERS = (conditions, grasp_outcome, methods, reactive_choice)
+MODULES = (__name__, *(module.__name__ for module in _OTHERS))
 
 _START_TICKS = 60  # Planning ticks within which the contacts of a fixed plan converge.
 _FOREVER = 1e6  # Static duration of the methods that plan at most once, in seconds.
