@@ -205,6 +205,7 @@ class HandController(Diagram):
             (posture, "nominal_posture", [kinematics]),
             (reference, "position velocity", [kinematics]),
             (kinematics, "commanded_velocity", [reference]),
+            (kinematics, "hindered_finger", [sequencer]),
             (sequencer, "squeeze_forces:f_T_W", [reference]),
             (shaper, "contact_frames", [sequencer]),
             (sensor, "p_WT f_T_W J_WT", [sequencer]),

@@ -11,6 +11,7 @@ import numpy as np
 
 from drake_pregrasp.arrays import BoolArray
 from drake_pregrasp.grasping.grasp_state import (
+    NOT_HINDERED,
     GiveUp,
     GraspPhase,
     GraspSettings,
@@ -68,6 +69,10 @@ def next_state(
     """
     asked = min(state.asked, view.time) if view.close else np.inf
     state = replace(state, asked=asked)
+    if view.hindered != NOT_HINDERED and state.phase < GraspPhase.BACK_OFF:
+        state = replace(state, reason=GiveUp.HINDERED, detail=float(view.hindered))
+    elif state.reason == GiveUp.HINDERED:
+        state = replace(state, reason=GiveUp.NONE, detail=0.0)
     if GraspPhase.CLOSE <= state.phase <= GraspPhase.HOLD:
         fault = _fault(state, view, settings)
         if fault is not None:

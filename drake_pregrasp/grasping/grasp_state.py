@@ -7,6 +7,12 @@ import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, pack, unpack
 
+BASE = -1
+"""Index of the palm with its carrier or arm, which belong to no finger."""
+
+NOT_HINDERED = -2
+"""Index of the finger that stops a hand which can move."""
+
 
 class GraspPhase(IntEnum):
     """Phases of a grasp.
@@ -46,6 +52,7 @@ class GiveUp(IntEnum):
         NEEDS_FORCE: A squeeze would balance the weight only above the largest force.
         NEEDS_TORQUE: A squeeze would balance the weight only above the torques of the joints.
         NEEDS_FRICTION: A squeeze would balance the weight only with more friction.
+        HINDERED: No motion keeps all links clear; the hand stands still until there is one.
     """
 
     NONE = 0
@@ -60,6 +67,7 @@ class GiveUp(IntEnum):
     NEEDS_FORCE = 9
     NEEDS_TORQUE = 10
     NEEDS_FRICTION = 11
+    HINDERED = 12
 
 
 UNBALANCED = (
@@ -84,6 +92,7 @@ _REASONS = {
     GiveUp.NEEDS_FORCE: f"{_IMBALANCE} at the largest force",
     GiveUp.NEEDS_TORQUE: f"{_IMBALANCE} at the largest torque of a joint",
     GiveUp.NEEDS_FRICTION: f"{_IMBALANCE} for lack of friction",
+    GiveUp.HINDERED: "no way is clear for the links of finger {:.0f}",
 }
 
 
@@ -94,6 +103,8 @@ def describe_give_up(reason: int, detail: float) -> str | None:
         reason: Value of `GiveUp`.
         detail: Index of a finger, number of fingers or force in newtons, for the text.
     """
+    if reason == GiveUp.HINDERED and detail == BASE:
+        return "no way is clear for the base of the hand"
     return None if reason == GiveUp.NONE else _REASONS[GiveUp(reason)].format(detail)
 
 
@@ -285,6 +296,7 @@ class GraspView:
         presses: Normal force of each fingertip on the object, shape (n,), in newtons; ignored until
             the hand closes.
         sees: Whether the object is tracked.
+        hindered: Index of the finger that stops the hand, `BASE`, or `NOT_HINDERED`.
     """
 
     time: float
@@ -294,3 +306,4 @@ class GraspView:
     gaps: FloatArray
     presses: FloatArray
     sees: bool = True
+    hindered: int = NOT_HINDERED

@@ -96,10 +96,11 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         p_OC = scenario.initial_p_OC(surface)
         model.check_contacts(p_OC, surface.project(p_OC)[1])
     _, has_room = initial_contacts(scenario, surface)
-    if (count := np.sum(has_room)) < (least := grasp.make_settings().least_fingers):
-        away = [t.frame for t, room in zip(hand.fingertips, has_room, strict=True) if not room]
-        problem = f"only {count} fingers reach it with room beside each other, {least} are needed;"
-        yield "object", f"{problem} there is no place for {', '.join(away)}"
+    away = [tip.frame for tip, room in zip(hand.fingertips, has_room, strict=True) if not room]
+    taking_part, least = fingers - len(away), grasp.make_settings().least_fingers
+    if away and taking_part < least:
+        problem = f"only {taking_part} fingers reach it and have room, {least} are needed"
+        yield "object", f"{problem}; there is no place for {', '.join(away)}"
     _check_arm(scenario, scenario.motion, model, p_OC)
 
 

@@ -9,6 +9,9 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.grasping.grasp_state import NOT_HINDERED
+from drake_pregrasp.regions.constraints import Obstacles
+from drake_pregrasp.regions.obstacles import ANYWHERE, place_obstacles
 from drake_pregrasp.systems.fingertip_sensor import scoped_frame
 from drake_pregrasp.systems.hand_scene import HandScene
 from drake_pregrasp.systems.palm_posture import pose_error
@@ -24,9 +27,6 @@ from drake_pregrasp.systems.ports import (
     validated_poses,
     validated_velocity,
 )
-
-CLEAR = -2
-"""Value of `hindered_finger` while the hand can move; -1 stands for the base of the hand."""
 
 _TRACKING_WEIGHT = 100.0  # Weight of goals against posture.
 _DAMPING = 1e-3  # Singular value of a Jacobian, in metres, below which its direction is given up.
@@ -69,15 +69,16 @@ class DifferentialKinematics(LeafSystem):
     `X_WG` and `V_WG` those of the frame G of the hand, which replaces the object while fingers hold
     it: while a value of `fingers_hold`, a vector of n, is above 0 or NaN.
 
-    Port `obstacles` (optional) accepts `Obstacles` in W.
+    Port `obstacles` (optional) accepts `Obstacles` in W. Only their solids count, and not those
+    with numbers that are not finite.
 
     Port `commanded_velocity` emits a vector of nq. It minimizes the errors of goals J v - V first
     and of the posture second, within the limits of speed and acceleration of the joints, and such
     that links keep their clearances (`HandScene`). If no velocity satisfies this, the joints stop
     with their largest deceleration.
 
-    Port `hindered_finger` emits a vector of 1: the index of the finger that stops the hand, -1 for
-    the base of the hand, or `CLEAR`.
+    Port `hindered_finger` emits a vector of 1: the index of the finger that stops the hand, `BASE`,
+    or `NOT_HINDERED`.
 
     Args:
         scene: The hand and what it must be clear of.
@@ -127,7 +128,7 @@ class DifferentialKinematics(LeafSystem):
         )
         inputs = (self._v, self._posture, self._goals, self._V_WG, self._V_WO)
         self._step = declare_cache(
-            self, "velocities", (np.zeros(nq), CLEAR), self._calc_step, self._placed, *inputs
+            self, "velocities", (np.zeros(nq), NOT_HINDERED), self._calc_step, self._placed, *inputs
         )
         declare_output(self, "commanded_velocity", nq, lambda c: self._step.Eval(c)[0], self._step)
         declare_output(self, "hindered_finger", 1, lambda c: self._step.Eval(c)[1], self._step)
@@ -140,8 +141,10 @@ class DifferentialKinematics(LeafSystem):
     def _calc_placed(self, context: Context, output: AbstractValue) -> None:
         is_held = np.any(self._holding(context))
         X_WO = self._X_WG.Eval(context) if is_held else self._pose.eval(context)
-        obstacles = eval_obstacles(self, self._obstacles, context).solids
-        self._scene.place(output.get_mutable_value(), self._q.Eval(context), X_WO, obstacles)
+        given = Obstacles(eval_obstacles(self, self._obstacles, context).solids)
+        placed = place_obstacles(given, np.eye(3), np.zeros(3)).solids
+        known = [solid for solid in placed if solid is not ANYWHERE]
+        self._scene.place(output.get_mutable_value(), self._q.Eval(context), X_WO, known)
 
     def _calc_step(self, context: Context) -> tuple[FloatArray, int]:
         placed, holding = self._placed.Eval(context), self._holding(context)
@@ -158,7 +161,7 @@ class DifferentialKinematics(LeafSystem):
         lacking = clear.least - clear.rows @ v
         within = np.all(v >= least - _TOLERANCE) and np.all(v <= most + _TOLERANCE)
         if within and np.max(lacking, initial=0.0) <= _TOLERANCE:
-            return v, CLEAR
+            return v, NOT_HINDERED
         program = MathematicalProgram()
         x = program.NewContinuousVariables(len(v))
         # Both costs are zero at the v from above, which is the minimum without constraints.
@@ -170,7 +173,7 @@ class DifferentialKinematics(LeafSystem):
             program.AddLinearConstraint(clear.rows, clear.least, unbounded, x)
         result = self._solver.Solve(program)
         if result.is_success():
-            return np.clip(result.GetSolution(x), least, most), CLEAR
+            return np.clip(result.GetSolution(x), least, most), NOT_HINDERED
         stopped = np.clip(0.0, v_last - self._change, v_last + self._change)
         worst = np.argmax(clear.least - clear.rows @ stopped)
         return stopped, int(clear.fingers[worst])
@@ -217,9 +220,10 @@ class DifferentialKinematics(LeafSystem):
             v_G: Velocity of G at the frame in W, shape (3,), in m/s.
             v_last: Velocity of the frame in the last period in W, shape (3,), in m/s.
         """
+        change = self._acceleration * self._period
         toward = v - v_G
-        speed, change = float(np.linalg.norm(toward)), self._acceleration * self._period
+        speed = float(np.linalg.norm(toward))
         stopping = np.sqrt(change * (change / 4 + 2 * speed)) - change / 2
-        wanted = v_G + toward * min(1.0, stopping / max(speed, stopping))
-        jump = wanted - v_last
-        return v_last + jump * min(1.0, change / max(float(np.linalg.norm(jump)), change))
+        jump = v_G + toward * (stopping / speed if speed > stopping else 1.0) - v_last
+        limited: FloatArray = v_last + jump / max(1.0, float(np.linalg.norm(jump)) / change)
+        return limited

@@ -12,13 +12,11 @@ from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.systems.ports import declare_output
 
 LARGEST_RATE = 10.0
 """Largest rate of any joint, in rad/s or m/s."""
-
-BASE = -1
-"""Index of the palm with its carrier or arm, which belong to no finger."""
 
 _FORCE_DIRECTIONS = 3
 _LEAST_SHARE = 0.08  # Singular value of a Jacobian below which it is damped, of its largest one.
@@ -119,11 +117,13 @@ class HandLink:
         frame: Frame of its body.
         finger: Index of its finger, or `BASE`.
         is_tip: Whether it is a fingertip.
+        is_last: Whether no joint moves it relative to the fingertip.
     """
 
     frame: Frame
     finger: int
     is_tip: bool
+    is_last: bool
 
 
 def hand_links(
@@ -161,7 +161,8 @@ def hand_links(
         fingers = np.flatnonzero(own @ moved)
         finger = int(fingers[0]) if len(fingers) else BASE
         for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index)):
-            links[geometry] = HandLink(body_frame, finger, geometry in tips)
+            is_last = finger != BASE and np.array_equal(moved, moves[finger])
+            links[geometry] = HandLink(body_frame, finger, geometry in tips, is_last)
     return links
 
 

@@ -16,7 +16,13 @@ from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.grasping.grasp_phases import next_state
-from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, GraspView
+from drake_pregrasp.grasping.grasp_state import (
+    BASE,
+    NOT_HINDERED,
+    GraspPhase,
+    GraspState,
+    GraspView,
+)
 from drake_pregrasp.grasping.squeeze import Coasting, Squeeze
 from drake_pregrasp.systems.ports import (
     POSE,
@@ -50,6 +56,7 @@ class GraspSequencer(LeafSystem):
         - f_T_W
         - tracking_status
         - J_WT
+        - hindered_finger
         output_ports:
         - X_WG
         - V_WG
@@ -88,6 +95,9 @@ class GraspSequencer(LeafSystem):
     Port `J_WT` (optional) accepts a vector of 3n nq: the Jacobians of the fingertips' velocities in
     W, shape (n, 3, nq) (`FingertipSensor`). If it is finite, the squeeze is within the largest
     torques of the joints.
+
+    Port `hindered_finger` (optional) accepts a vector of 1: the finger whose links stop the hand,
+    `BASE`, or `NOT_HINDERED` (`DifferentialKinematics`). The report says so while the hand stands.
 
     Port `X_WG` emits a `RigidTransform`: the pose of the frame G in which goals are planned. It is
     the estimated pose of O, raised while the hand approaches. Once all fingers have touched, the
@@ -162,6 +172,7 @@ class GraspSequencer(LeafSystem):
         self._f_T_W = self.DeclareVectorInputPort("f_T_W", 3 * n)
         tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
         self._J_WT = self.DeclareVectorInputPort("J_WT", 3 * n * len(self._efforts))
+        self._hindered = self.DeclareVectorInputPort("hindered_finger", 1)
         self._pose = LastPose(self, self._X_WO, tracking_status)
         stored, time = self.xd_ticket(), self.time_ticket()
         self._remembered = state = declare_cache(
@@ -239,6 +250,10 @@ class GraspSequencer(LeafSystem):
         distances = np.linalg.norm(p_GT_goal - p_GT, axis=1)
         active = is_active(np.asarray(self._status.Eval(context)))
         close = float(self._close.Eval(context)[0])
+        hindered = NOT_HINDERED
+        if self._hindered.HasValue(context):
+            finger = float(self._hindered.Eval(context)[0])
+            hindered = int(finger) if finger in range(BASE, len(active)) else NOT_HINDERED
         view = GraspView(
             time=context.get_time(),
             close=np.isfinite(state.asked) if np.isnan(close) else close > 0.5,
@@ -247,6 +262,7 @@ class GraspSequencer(LeafSystem):
             gaps=np.sum((p_GT - p_OC) * nhat, axis=1) - self._radius,
             presses=presses,
             sees=self._pose.is_tracked(context),
+            hindered=hindered,
         )
         after = next_state(
             state,

@@ -27,7 +27,8 @@ from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace, Solid
-from drake_pregrasp.systems.fingertip_sensor import BASE, HandKinematics, HandLink, hand_links
+from drake_pregrasp.grasping.grasp_state import BASE
+from drake_pregrasp.systems.fingertip_sensor import HandKinematics, HandLink, hand_links
 
 LINK_CLEARANCE = 0.005
 """Least gap of links to everything but the hand, in metres: more than the error of an estimate."""
@@ -177,9 +178,10 @@ class HandScene:
         """
         query = self._graph.get_query_output_port().Eval(self._graph.GetMyContextFromRoot(context))
         motion = self._motions(context, V_WO)
-        least_gap, is_kept, fingers, wrenches, changes, gaps = [], [], [], [], [], []
+        gaps: list[float] = []
+        least_gaps, is_kept, fingers, wrenches, changes = [], [], [], [], []
         tips: dict[int, int] = {}
-        on_object: list[int] = []
+        last_links: list[int] = []
         for pair in query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE):
             a, b = self._links.get(pair.id_A), self._links.get(pair.id_B)
             link, among_fingers = a or b, bool(a and b)
@@ -188,16 +190,11 @@ class HandScene:
             if self._object in (pair.id_A, pair.id_B):
                 if link.is_tip:
                     tips[link.finger] = len(gaps)
-                else:
-                    on_object.append(len(gaps))
+                elif link.is_last and holding[link.finger]:
+                    last_links.append(len(gaps))
             is_kept.append(among_fingers or not (link.is_tip and holding[link.finger]))
-            least_gap.append(
-                FINGER_CLEARANCE
-                if among_fingers
-                else TIP_CLEARANCE
-                if link.is_tip
-                else LINK_CLEARANCE
-            )
+            alone = TIP_CLEARANCE if link.is_tip else LINK_CLEARANCE
+            least_gaps.append(FINGER_CLEARANCE if among_fingers else alone)
             fingers.append(link.finger)
             gaps.append(pair.distance)
             p_WC = query.GetPoseInWorld(pair.id_A) @ pair.p_ACa
@@ -208,10 +205,9 @@ class HandScene:
         points, normals = np.array(wrenches).swapaxes(0, 1)
         along = np.hstack([np.cross(points, normals), normals])
         rates = np.einsum("ki,kij->kj", along, np.array(changes))
-        speeds = np.minimum(_RATE * (np.array(least_gap) - gaps), _RETREAT) - rates[:, -1]
-        for row in on_object:
-            tip = tips.get(fingers[row])
-            if tip is not None and holding[fingers[row]]:
+        speeds = np.minimum(_RATE * (np.array(least_gaps) - gaps), _RETREAT) - rates[:, -1]
+        for row in last_links:  # The fingertip on this link comes first, wherever the object is.
+            if (tip := tips.get(fingers[row])) is not None:
                 lead = gaps[row] - gaps[tip]
                 rates[row] -= rates[tip]
                 speeds[row] = min(_RATE * (_TIP_LEAD - lead), 0.0) - rates[row, -1]

@@ -78,17 +78,17 @@ def plan_squeeze(
     if jacobians is not None:  # tau = sum of J_i^T R_i f_i.
         torques = np.einsum("nji,njk->ink", jacobians, R).reshape(-1, 3 * len(R))
     balance = scale[:, None] * G.transpose(1, 0, 2).reshape(6, -1), scale * wrench
-    limits = {
-        GiveUp.NEEDS_FORCE: largest_normal,
+    limits: dict[GiveUp, FloatArray] = {
+        GiveUp.NEEDS_FORCE: np.broadcast_to(largest_normal, len(R)),
         GiveUp.NEEDS_TORQUE: np.empty(0) if efforts is None else efforts,
-        GiveUp.NEEDS_FRICTION: friction,
+        GiveUp.NEEDS_FRICTION: np.array(friction),
     }
     f, residual = _solve(*balance, torques, least_normal, *limits.values())
     squeeze = Squeeze(np.einsum("nij,nj->ni", R, f), residual)
     if residual <= _IN_BALANCE:
         return squeeze
     for lack, limit in limits.items():
-        without = limits | {lack: np.full_like(limit, _UNLIMITED, dtype=float)}
+        without = limits | {lack: np.full(limit.shape, _UNLIMITED)}
         if _solve(*balance, torques, least_normal, *without.values())[1] <= _IN_BALANCE:
             return squeeze._replace(lack=lack)
     return squeeze
@@ -99,9 +99,9 @@ def _solve(
     wrench: FloatArray,
     torques: FloatArray,
     least: float,
-    largest: float | FloatArray,
+    largest: FloatArray,
     efforts: FloatArray,
-    friction: float | FloatArray,
+    friction: FloatArray,
 ) -> tuple[FloatArray, float]:
     """Returns forces in the axes of their contacts, shape (n, 3), and the norm of the residual."""
     n = G.shape[1] // 3
@@ -113,7 +113,7 @@ def _solve(
     residual = block_diag(1.0, G)  # Times (imbalance, f), plus the wrench: (imbalance, r).
     program.AddLorentzConeConstraint(residual, np.append(0.0, wrench), np.append(imbalance, f))
     program.AddBoundingBoxConstraint(0, np.inf, excess)
-    program.AddBoundingBoxConstraint(np.full(n, least), np.broadcast_to(largest, n), f[::3])
+    program.AddBoundingBoxConstraint(np.full(n, least), largest, f[::3])
     for i in range(n):
         normal, *along = f[3 * i : 3 * i + 3]
         friction_limit = float(friction) * normal

@@ -38,6 +38,7 @@ from drake_pregrasp import (
 from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
+from drake_pregrasp.grasping.grasp_state import NOT_HINDERED
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.systems.sources import HandPose
 
@@ -220,6 +221,7 @@ VALUES = {
     "measurement_time": ([0.0], [-np.inf]),
     "p_WO_covariance": (1e-6 * np.eye(3).ravel(), 1e-2 * np.eye(3).ravel()),
     "tracking_status": ([TrackingStatus.TRACKING], [TrackingStatus.LOST]),
+    "hindered_finger": ([NOT_HINDERED], [1.0]),
     "contact_weights": (np.zeros(N), np.array([0, 0, 0, 0, 1e-2])),
     "obstacles": (wall(0.12), wall(0.06)),
     "safe_regions": (regions_of(SURFACE, P_OC), regions_of(SURFACE, OTHER)),
