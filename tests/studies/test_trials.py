@@ -21,6 +21,7 @@ from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.simulation.hand_file import load_hand, load_hand_model
 from drake_pregrasp.simulation.output import without_solver_chatter
 from drake_pregrasp.studies.static_versus_dynamic import grasp_outcome, methods
+from drake_pregrasp.studies.static_versus_dynamic.box_goals import ReactiveChoice, StationaryHand
 from drake_pregrasp.studies.static_versus_dynamic.comparison_command import compare_methods
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS, random_start
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import (
@@ -29,7 +30,6 @@ from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import (
     TrialJob,
 )
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS, rays_at
-from drake_pregrasp.studies.static_versus_dynamic.reactive_choice import ReactiveChoice
 from drake_pregrasp.studies.static_versus_dynamic.trial import Trial, run_trial
 from drake_pregrasp.systems.loggers import GraspRecord
 
@@ -121,7 +121,7 @@ def test_contacts_that_turn_away_go_to_the_next_finger_round_the_hand():
 
 def stationary_hand(close, *, obstacles=(), yaw=0.3):
     limits = LimitsConfig(tip_radii=[0.009] * 5, standoff=0.02, clearance=0.004)
-    system = methods.StationaryHand(FRAMES, azimuths=AROUND, box_size=[0.1] * 3, limits=limits)
+    system = StationaryHand(FRAMES, azimuths=AROUND, box_size=[0.1] * 3, limits=limits)
     context = system.CreateDefaultContext()
     X_WO = RigidTransform(RotationMatrix.MakeZRotation(yaw), [0.2, 0.1, 0.05])
     system.GetInputPort("X_WO_estimated").FixValue(context, X_WO)

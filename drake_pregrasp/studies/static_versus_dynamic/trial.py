@@ -24,9 +24,9 @@ from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.simulation.output import without_solver_chatter
 from drake_pregrasp.simulation.simulation_diagram import hand_planner
 from drake_pregrasp.studies.static_versus_dynamic import conditions, grasp_outcome, methods
+from drake_pregrasp.studies.static_versus_dynamic.box_goals import ReactiveChoice, StationaryHand
 from drake_pregrasp.studies.static_versus_dynamic.conditions import FINGERS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalSample, Outcome, TrialJob
-from drake_pregrasp.studies.static_versus_dynamic.reactive_choice import ReactiveChoice
 from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord
 from drake_pregrasp.systems.palm_posture import reach_frame
 from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
@@ -221,7 +221,7 @@ class Trial:
         frames, azimuths = self.hand.kinematics.tip_frames, self.hand.azimuths
         if self.method.is_stationary:
             azimuths = azimuths + self._start.yaw
-            goals = builder.AddSystem(methods.StationaryHand(frames, azimuths=azimuths, **box))
+            goals = builder.AddSystem(StationaryHand(frames, azimuths=azimuths, **box))
             connect(builder, self.planner, "X_WO_estimated", goals)
             # The controller closes after the goals have moved from the ring to the object.
             delay = builder.AddSystem(DiscreteTimeDelay(self._grasp.period, _CLOSE_DELAY, 1))
