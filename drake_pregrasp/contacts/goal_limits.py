@@ -287,6 +287,7 @@ def _has_room(
     p_OC: FloatArray,
     nhat_OC: FloatArray,
     there: BoolArray,
+    axes: FloatArray | None = None,
 ) -> BoolArray:
     """Returns the mask of candidates that a contact may have beside others, shape (N,).
 
@@ -297,6 +298,7 @@ def _has_room(
         p_OC: All contacts, shape (n, 3), in metres.
         nhat_OC: Outward unit normals at the contacts, shape (n, 3).
         there: Mask of the other contacts, shape (n,).
+        axes: Shares of x, y and z of O in distances between fingertips, shape (3,); None for all.
     """
     limits, _ = constraints.limits_at(contact, surface.p_OQ, surface.nhat_OQ)
     free: BoolArray = (limits == Limit.NONE) & surface.is_clear_of_forbidden_points
@@ -306,7 +308,7 @@ def _has_room(
         other_radius = constraints.tip_radius(other)
         away = centres - (p_OC[other] + other_radius * nhat_OC[other])
         room = radius + other_radius + constraints.tip_gap
-        free &= np.linalg.norm(away, axis=1) > room
+        free &= np.linalg.norm(away if axes is None else away * axes, axis=1) > room
     return free
 
 
@@ -315,6 +317,7 @@ def make_room(
 ) -> tuple[FloatArray, BoolArray]:
     """Moves contacts whose fingertips overlap to the nearest permitted candidates with room.
 
+    Fingers come from above, along z of O, so there is no room for one fingertip under another.
     Contacts that overlap with the fewest others have precedence.
 
     Args:
@@ -325,17 +328,21 @@ def make_room(
     Returns:
         The contacts, and the mask of those that have room, each on its own allowed surface.
     """
-    p_OC, (_, normals) = p_OC.copy(), surface.project(p_OC)
-    gaps = tip_gaps(p_OC, normals, constraints.tip_radii, constraints.tip_gap)
+    p_OC, (_, normals), level = p_OC.copy(), surface.project(p_OC), np.array([1.0, 1.0, 0.0])
+
+    def gaps() -> FloatArray:
+        tips = constraints.tip_radii, constraints.tip_gap
+        return tip_gaps(p_OC * level, normals * level, *tips)
+
     there = np.zeros(len(p_OC), dtype=bool)
-    for contact in np.argsort(np.sum(gaps < 0, axis=1), kind="stable").tolist():
-        choices = np.flatnonzero(_has_room(surface, constraints, contact, p_OC, normals, there))
-        there[contact] = len(choices) > 0
-        if len(choices) and np.any(gaps[contact, there] < 0):
+    for contact in np.argsort(np.sum(gaps() < 0, axis=1), kind="stable").tolist():
+        room = _has_room(surface, constraints, contact, p_OC, normals, there, level)
+        choices = np.flatnonzero(room)
+        if len(choices) and np.any(gaps()[contact, there] < 0):
             offsets = surface.p_OQ[choices] - p_OC[contact]
             nearest = choices[np.argmin(np.sum(offsets**2, axis=1))]
             p_OC[contact], normals[contact] = surface.p_OQ[nearest], surface.nhat_OQ[nearest]
-            gaps = tip_gaps(p_OC, normals, constraints.tip_radii, constraints.tip_gap)
+        there[contact] = len(choices) > 0
     return p_OC, there
 
 

@@ -1,19 +1,26 @@
 """The object as a body of a plant, with the mesh of the planner's surface.
 
-An object of any shape is a rigid hydroelastic body with its own triangle mesh. Contact is then
-correct for concave shapes too: a convex decomposition would fill a cup. Pressure patches hold the
-object on a moving table, where single contact points would hop. Drake allows contact of a rigid
-mesh only with compliant bodies, so tables and pushers are compliant. Bodies without hydroelastic
-properties, such as fingertips, touch the mesh's convex hull at a point.
+Contact is hydroelastic: pressure patches hold the object on a moving table, where single contact
+points would hop. A flat solid meets a body where it meets its convex hull, so tables touch the
+hull, as a compliant solid. A rigid mesh with an edge deep in a compliant table gains energy in time
+steps of 10 ms. Spheres, such as the tip of a pusher, touch the rigid mesh itself if the object is
+not convex: its hull would fill a cup.
 """
 
 import numpy as np
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
+    AddCompliantHydroelasticProperties,
     AddContactMaterial,
     AddRigidHydroelasticProperties,
+    CollisionFilterDeclaration,
+    Convex,
+    GeometrySet,
     InMemoryMesh,
     ProximityProperties,
+    Role,
+    SceneGraph,
+    Sphere,
 )
 from pydrake.geometry import Mesh as MeshGeometry
 from pydrake.math import RigidTransform
@@ -33,6 +40,9 @@ FRICTION = 0.8
 
 _COLOR = np.array([0.78, 0.80, 0.83, 1.0])
 _DIGITS = 12  # Digits of coordinates in the OBJ text of a mesh for Drake.
+_MODULUS = 1e7  # Hydroelastic modulus of the hull, the same as that of tables, in Pa.
+_DISSIPATION = 300.0  # Dissipation of Hunt and Crossley, so that nothing bounces, in s/m.
+_RESOLUTION = 0.1  # Drake requires it, but a hull is not tessellated.
 
 
 def add_object_body(
@@ -49,18 +59,42 @@ def add_object_body(
     body = plant.AddRigidBody(
         "object", plant.AddModelInstance("object"), _spatial_inertia(shape, object_config.mass)
     )
-    if plant.geometry_source_is_registered():
-        text = shape.mesh.export(file_type="obj", digits=_DIGITS)
-        mesh = MeshGeometry(
-            mesh_data=InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "object.obj")), scale=1.0
-        )
-        properties = ProximityProperties()
+    if not plant.geometry_source_is_registered():
+        return body
+    text = shape.mesh.export(file_type="obj", digits=_DIGITS)
+    data = InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "object.obj"))
+    mesh, X_OG = MeshGeometry(mesh_data=data), RigidTransform()
+    compliant, rigid = ProximityProperties(), ProximityProperties()
+    for properties in (compliant, rigid):
         AddContactMaterial(friction=CoulombFriction(friction, friction), properties=properties)
-        AddRigidHydroelasticProperties(properties=properties)
-        X_OG = RigidTransform()
-        plant.RegisterCollisionGeometry(body, X_OG, mesh, "surface", properties)
-        plant.RegisterVisualGeometry(body, X_OG, mesh, "surface", _COLOR)
+        properties.AddProperty("material", "hunt_crossley_dissipation", _DISSIPATION)
+    AddCompliantHydroelasticProperties(_RESOLUTION, _MODULUS, compliant)
+    AddRigidHydroelasticProperties(rigid)
+    plant.RegisterCollisionGeometry(body, X_OG, Convex(mesh_data=data), "hull", compliant)
+    if not shape.mesh.is_convex:
+        plant.RegisterCollisionGeometry(body, X_OG, mesh, "surface", rigid)
+    plant.RegisterVisualGeometry(body, X_OG, mesh, "surface", _COLOR)
     return body
+
+
+def separate_contacts(plant: MultibodyPlant, scene_graph: SceneGraph, body: RigidBody) -> None:
+    """Lets spheres touch the mesh of an object that is not convex, and all other shapes its hull.
+
+    Args:
+        plant: Plant with all bodies that the object may touch.
+        scene_graph: SceneGraph of the plant.
+        body: Body of the object.
+    """
+    hull, *surface = plant.GetCollisionGeometriesForBody(body)
+    inspector = scene_graph.model_inspector()
+    ids = inspector.GetAllGeometryIds(Role.kProximity)
+    spheres = [i for i in ids if isinstance(inspector.GetShape(i), Sphere)]
+    others = [i for i in ids if i not in spheres]
+    if surface:
+        only = CollisionFilterDeclaration()
+        only.ExcludeBetween(GeometrySet(hull), GeometrySet(spheres))
+        only.ExcludeBetween(GeometrySet(surface), GeometrySet(others))
+        scene_graph.collision_filter_manager().Apply(only)
 
 
 def standing_position(object_config: ObjectConfig) -> FloatArray:

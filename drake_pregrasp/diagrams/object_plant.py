@@ -20,7 +20,7 @@ from drake_pregrasp.config.object_config import (
     Toss,
 )
 from drake_pregrasp.diagrams.expected_path import initial_pose
-from drake_pregrasp.diagrams.object_body import FRICTION, add_object_body
+from drake_pregrasp.diagrams.object_body import FRICTION, add_object_body, separate_contacts
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.systems.sources import BodyPose, Launch, ObjectMotion, PoseReplay
@@ -70,6 +70,7 @@ def add_moving_object(
     if add_more is not None:
         add_more(plant)
     plant.Finalize()
+    separate_contacts(plant, scene_graph, body)
     plant.SetDefaultFloatingBaseBodyPose(body, initial_pose(motion, object_config))
     if isinstance(motion, Toss):
         launch = builder.AddNamedSystem("launch", _launch(plant, body, motion))

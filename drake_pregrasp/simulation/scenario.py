@@ -68,15 +68,11 @@ class Scenario:
 
     # Configuration of Drake's plant. The time step is half the planning period, so that both fall
     # on exactly the same times. Without sampled output ports, the plant steps in the same pass as
-    # the planner, which then sees the same pose as loggers and visualizers. With the lower SAP
-    # threshold, the object sinks into the table by micrometres instead of half a millimetre.
+    # the planner, which then sees the same pose as loggers and visualizers. Contact is hydroelastic
+    # and `lagged`, as by default: with `sap`, sliding objects hop.
     plant_config: MultibodyPlantConfig = field(
         default_factory=lambda: MultibodyPlantConfig(
-            time_step=0.025,
-            use_sampled_output_ports=False,
-            sap_near_rigid_threshold=0.1,
-            contact_model="hydroelastic_with_fallback",
-            discrete_contact_approximation="sap",
+            time_step=0.025, use_sampled_output_ports=False
         )
     )
 

@@ -136,8 +136,8 @@ def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
                 yield f"initial_contacts[{index}]", f"{problem} surface; {rule} and none beyond"
     yield from _length_problems("contact_weights", scenario.contact_weights, count)
     yield from _damage_problems(scenario)
-    if not isinstance(scenario.object, Box) and plant.contact_model == "point":
-        problem = "point contact fills hollow objects, and only boxes can stand on it"
+    if plant.contact_model == "point":
+        problem = "objects hop and sink with point contact"
         yield "plant_config.contact_model", f"{problem}; choose hydroelastic_with_fallback"
     coast, lost = planner.estimator.coast_after, planner.estimator.lost_after
     if coast > lost:

@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.grasping.grasp_phases import next_state
 from drake_pregrasp.grasping.grasp_state import (
+    BASE,
+    NOT_HINDERED,
     GiveUp,
     GraspPhase,
     GraspState,
@@ -38,7 +40,7 @@ class Scene:
         self.offset, self.active, self.distance = np.broadcast_to(offset, N), active, distance
         self.stiffness = stiffness
         self.force = np.zeros(N)
-        self.sees = True
+        self.sees, self.hindered = True, NOT_HINDERED
         self.time = self.residual = 0.0
 
     def view(self, time, close, state):
@@ -49,7 +51,8 @@ class Scene:
         presses += state.touched * SETTINGS.touch_force * (1 - share) + self.force
         gaps = np.maximum(state.standoffs, -self.offset)
         distances = np.broadcast_to(self.distance, N)
-        return GraspView(time, close, self.active, distances, gaps, presses, self.sees)
+        seen = (self.sees, self.hindered)
+        return GraspView(time, close, self.active, distances, gaps, presses, *seen)
 
 
 def play(
@@ -326,3 +329,16 @@ def test_a_fingertip_that_is_said_to_be_deep_inside_stops_where_it_may_search():
     view = GraspView(3.0, True, ALL, np.zeros(N), gaps, np.ones(N))
     after = next_state(state, view, SETTINGS, PERIOD, balanced)
     assert after.standoffs[0] == -SETTINGS.search
+
+
+@pytest.mark.parametrize(("finger", "words"), [(2, "finger 2"), (BASE, "the base")])
+def test_a_hand_says_what_hinders_it_for_as_long_as_it_stands(finger, words):
+    def hinder(scene, state):
+        scene.hindered = finger if 0.5 <= scene.time < 1.0 else NOT_HINDERED
+
+    states = play(Scene(), close_at=2.0, change=hinder)
+    reasons = [describe_give_up(state.reason, state.detail) for state in states]
+    standing = [reason for reason in reasons if reason is not None]
+    assert len(standing) == round(0.5 / PERIOD)
+    assert all(words in reason for reason in standing)
+    assert states[-1].phase == GraspPhase.HOLD
