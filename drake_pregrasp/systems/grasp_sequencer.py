@@ -68,7 +68,8 @@ class GraspSequencer(LeafSystem):
 
     Port `close` accepts a vector of 1: above 0.5, the hand must close and stay closed. It closes
     once enough fingers are active, all of these are at their goals, and they can balance the
-    object's weight. After `gate_limit` it gives up. NaN keeps the last command.
+    object's weight. After `gate_limit` it closes without the fingers that are off their goals, or
+    gives up if the others cannot hold the object. NaN keeps the last command.
 
     Port `contact_status` accepts a vector of n `ContactStatus` values.
 

@@ -159,6 +159,14 @@ def test_lost_fingers_take_no_part_and_the_gate_does_not_wait_for_them():
     assert states[-1].standoffs[3] == SETTINGS.standoff
 
 
+def test_fingers_that_come_too_late_take_no_part():
+    late = np.arange(N) >= 3
+    states = play(Scene(distance=0.025 * late))
+    assert phases(states) == WHOLE
+    assert closing_time(states) == pytest.approx(2.0 + SETTINGS.gate_limit)
+    np.testing.assert_array_equal(states[-1].touched, ~late)
+
+
 def pressed(scene, state):
     scene.force = np.where(np.arange(N) == 2, 20.0 * (state.phase == GraspPhase.SQUEEZE), 0.0)
 
@@ -175,7 +183,7 @@ def unbalanced(active):
     ("scene", "more", "reason"),
     [
         (Scene(active=FEW), {}, "only 2 active fingers"),
-        (Scene(distance=0.025 * FEW), {}, "finger 0 did not arrive at its goal"),
+        (Scene(distance=0.025 * ~FEW), {}, "finger 2 did not arrive at its goal"),
         (Scene(offset=0.03 * (np.arange(N) == 1)), {}, "finger 1 met nothing"),
         (Scene(), {"change": pressed}, "finger 2 pressed too hard"),
         (Scene(), {"change": slipped}, "finger 4 lost touch"),

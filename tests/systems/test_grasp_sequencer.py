@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from driven import Driven
-from made_systems import CONTROL_PERIOD, RADIUS, RING, SETTINGS, N, make_sequencer
+from made_systems import CONTROL_PERIOD, NQ, RADIUS, RING, SETTINGS, N, make_sequencer
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
+
+from drake_pregrasp.grasping.grasp_state import GiveUp
 
 AT_TABLE = RigidTransform(RotationMatrix.MakeXRotation(0.3), [0.0, 0.0, 0.05])
 
@@ -71,6 +73,32 @@ def test_fingers_that_have_touched_keep_touching_and_all_together_carry_the_weig
     lift = 6 * SETTINGS.lift_height / SETTINGS.lift_duration**2
     np.testing.assert_allclose(forces.sum(axis=0), [0, 0, 0.4 * (9.81 + lift)], atol=0.01)
     assert np.min(-np.sum(forces * nhat_W, axis=1)) >= SETTINGS.least_force - 1e-3
+
+
+def squeeze_at(X_WO, **inputs):
+    """Returns a hand that has been told to close and feels all fingers, after the squeeze."""
+    hand = sequencer_over(X_WO)
+    close_until_touch(hand, X_WO)
+    hand.fix(f_T_W=(-RING @ X_WO.rotation().matrix().T).ravel(), **inputs)
+    hand.advance(SETTINGS.squeeze_duration + 0.1)
+    return hand
+
+
+def test_forces_are_planned_at_the_measured_fingertips_with_the_normals_there():
+    X_WO = RigidTransform([0.0, 0.0, 0.05])
+    turned = RING @ RotationMatrix.MakeZRotation(0.4).matrix().T  # Beside the goals on a ball.
+    p_WT = (X_WO @ ((0.05 + RADIUS) * turned).T).T
+    forces = squeeze_at(X_WO, p_WT=p_WT.ravel()).array("squeeze_forces").reshape(N, 3)
+    pressing = forces * [1, 1, 0] / np.linalg.norm(forces[:, :2], axis=1, keepdims=True)
+    np.testing.assert_allclose(pressing, -turned, atol=1e-3)
+
+
+@pytest.mark.parametrize(("lever", "reason"), [(0.1, GiveUp.NONE), (10.0, GiveUp.NEEDS_TORQUE)])
+def test_the_torques_of_the_joints_limit_the_squeeze(lever, reason):
+    J = np.zeros((N, 3, NQ))
+    J[:, 0, :N] = lever * np.eye(N)  # Each finger has a joint against forces along x.
+    hand = squeeze_at(AT_TABLE, J_WT=J.ravel())
+    assert hand.array("grasp_report")[2] == reason
 
 
 def test_the_carried_frame_comes_down_to_the_object():
