@@ -8,6 +8,7 @@ not convex: its hull would fill a cup.
 """
 
 import numpy as np
+import trimesh
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
     AddCompliantHydroelasticProperties,
@@ -61,9 +62,7 @@ def add_object_body(
     )
     if not plant.geometry_source_is_registered():
         return body
-    text = shape.mesh.export(file_type="obj", digits=_DIGITS)
-    data = InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "object.obj"))
-    mesh, X_OG = MeshGeometry(mesh_data=data), RigidTransform()
+    data, X_OG = _in_memory(shape.mesh), RigidTransform()
     compliant, rigid = ProximityProperties(), ProximityProperties()
     for properties in (compliant, rigid):
         AddContactMaterial(friction=CoulombFriction(friction, friction), properties=properties)
@@ -72,9 +71,17 @@ def add_object_body(
     AddRigidHydroelasticProperties(rigid)
     plant.RegisterCollisionGeometry(body, X_OG, Convex(mesh_data=data), "hull", compliant)
     if not shape.mesh.is_convex:
-        plant.RegisterCollisionGeometry(body, X_OG, mesh, "surface", rigid)
-    plant.RegisterVisualGeometry(body, X_OG, mesh, "surface", _COLOR)
+        surface = MeshGeometry(mesh_data=data)
+        plant.RegisterCollisionGeometry(body, X_OG, surface, "surface", rigid)
+    # Drake's VTK renderer needs normals, which at edges are different for each face.
+    drawn = MeshGeometry(mesh_data=_in_memory(shape.mesh.smooth_shaded, include_normals=True))
+    plant.RegisterVisualGeometry(body, X_OG, drawn, "surface", _COLOR)
     return body
+
+
+def _in_memory(mesh: trimesh.Trimesh, *, include_normals: bool = False) -> InMemoryMesh:
+    text = mesh.export(file_type="obj", digits=_DIGITS, include_normals=include_normals)
+    return InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "object.obj"))
 
 
 def separate_contacts(plant: MultibodyPlant, scene_graph: SceneGraph, body: RigidBody) -> None:

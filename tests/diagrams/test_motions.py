@@ -18,12 +18,7 @@ BOX = Box(size=[0.1, 0.06, 0.14])
 
 
 def poses(motion, times, time_step=0.0125, box=BOX):
-    config = MultibodyPlantConfig(
-        time_step=time_step,
-        use_sampled_output_ports=False,
-        sap_near_rigid_threshold=0.1,
-        discrete_contact_approximation="lagged",
-    )
+    config = MultibodyPlantConfig(time_step=time_step, use_sampled_output_ports=False)
     plant = ObjectPlant(box, motion, config)
     simulator = Simulator(plant)
     port, found = plant.GetOutputPort("X_WO"), [None] * len(times)

@@ -21,7 +21,7 @@ from drake_pregrasp.systems.loggers import GraspRecord
 LIFTED_ABOVE_MM = 80.0
 LEVEL_BELOW_DEG = 20.0
 # Force from which on a link counts as touching: what counts as touch of a fingertip. To slide the
-# object of the study over the turntable takes some eight times as much.
+# object of the study over the turntable takes some six times as much.
 TOUCHING_N = GraspConfig.touch_force
 # Bounds of a clean grasp on measures of an `Outcome`.
 CLEAN_BELOW = {
