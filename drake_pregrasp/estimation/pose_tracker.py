@@ -42,6 +42,7 @@ _VAGUE = 1.0  # Radians; a larger deviation is beyond the linearisation of the c
 _NOISY = 0.25  # Noise level of a sensor without noise is below this.
 _DOUBT = 2  # Times `reacquire_after`: with so many outliers in excess the track is not locked.
 _PATIENCE = 5  # Times `reacquire_after`: with so many outliers in excess the belief is dropped.
+_LONGEST_SURPRISE = 0.2  # Seconds for which a sudden acceleration is assumed at most.
 _AT_REST = 3.0  # Standard deviations up to which a velocity may be zero.
 
 
@@ -51,6 +52,8 @@ class TrackerSettings:
 
     Attributes:
         noise: Noise and motion that the filter assumes.
+        sudden: The same with the accelerations of a sudden manoeuvre, which a measurement may show
+            that is an outlier otherwise.
         gate: Mahalanobis distance from the prediction, of the position and of the orientation,
             beyond which a measurement is an outlier; 0 to use all measurements.
         reacquire_after: Number of refused measurements in a row, which agree with each other, that
@@ -61,6 +64,7 @@ class TrackerSettings:
     """
 
     noise: PoseFilterNoise
+    sudden: PoseFilterNoise
     gate: float
     reacquire_after: int
     refuse_repeats: bool
@@ -110,6 +114,12 @@ def update_track(
     if variance > _VAGUE**2 + noise.orientation**2 and not is_late:
         return _start(track, measurement, settings, prior)
     new = innovation(prior, measurement, noise, settings.p_OCoM, track.noise_factor)
+    is_soon = 0 <= time - newest.time <= _LONGEST_SURPRISE
+    if new.squared.max() > settings.gate_squared and is_soon:
+        sudden = predict(earlier, time - earlier.time, settings.sudden)
+        shown = innovation(sudden, measurement, noise, settings.p_OCoM, track.noise_factor)
+        if shown.squared.max() <= settings.gate_squared:
+            prior, new = sudden, shown
     excess = min(sum((track.noise_factor * new.squared).tolist()) / 6, _LARGEST_EXCESS)
     excess = (1 - _FORGETTING) * track.excess + _FORGETTING * excess
     after = replace(
