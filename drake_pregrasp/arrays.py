@@ -1,6 +1,7 @@
 """Array types, ticks, validation of values from users and ports, vector forms of dataclasses."""
 
 import dataclasses
+import functools
 import math
 from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -158,13 +159,10 @@ def validated_covariance(covariance_W: FloatArray, R_WO: FloatArray, spread: flo
         covariance_W = covariance_W / largest * LARGEST_VARIANCE
     added = spread**2 * np.eye(3)
     covariance_O: FloatArray = R_WO.T @ covariance_W @ R_WO + added
-    asymmetry = np.abs(covariance_O - covariance_O.T).max()
-    if asymmetry <= _ASYMMETRY * covariance_O.diagonal().min():
-        try:
-            np.linalg.cholesky(covariance_O)
-        except np.linalg.LinAlgError:
-            pass
-        else:
+    (a, b, c), (d, e, f), (g, h, i) = covariance_O.tolist()
+    if max(abs(b - d), abs(c - g), abs(f - h)) <= _ASYMMETRY * min(a, e, i):
+        minor = a * e - b * d  # Sylvester's criterion: all leading minors are positive.
+        if minor > 0 and i * minor + f * (b * g - a * h) + c * (d * h - e * g) > 0:
             return covariance_O
     variances, axes = np.linalg.eigh((covariance_O + covariance_O.T) / 2 - added)
     nearest: FloatArray = axes * np.maximum(variances, 0) @ axes.T + added
@@ -180,9 +178,9 @@ def pack(record: "DataclassInstance") -> FloatArray:
     Args:
         record: Dataclass instance of numbers, arrays, and dataclasses of such.
     """
-    values = [getattr(record, field.name) for field in dataclasses.fields(record)]
-    parts = [np.ravel(v) if isinstance(v, _PLAIN) else pack(v) for v in values]
-    return np.concatenate(parts, dtype=float)
+    values = [getattr(record, name) for name in _field_names(type(record))]
+    parts = [value if isinstance(value, _PLAIN) else pack(value) for value in values]
+    return np.concatenate(parts, axis=None, dtype=float)
 
 
 def unpack(template: Record, vector: FloatArray) -> Record:
@@ -192,13 +190,15 @@ def unpack(template: Record, vector: FloatArray) -> Record:
         template: Instance of the same class whose fields have the types and shapes to restore.
         vector: Packed instance, which is copied.
     """
+    vector = np.array(vector)
     values: list[Any] = []
     start = 0
-    for field in dataclasses.fields(template):
-        value = getattr(template, field.name)
+    for name in _field_names(type(template)):
+        value = getattr(template, name)
         if isinstance(value, np.ndarray):
             stop = start + value.size
-            values.append(vector[start:stop].reshape(value.shape).astype(value.dtype))
+            part = vector[start:stop].reshape(value.shape)
+            values.append(part if value.dtype == float else part.astype(value.dtype))
         elif isinstance(value, _PLAIN):
             stop = start + 1
             values.append(type(value)(vector[start]))
@@ -207,3 +207,8 @@ def unpack(template: Record, vector: FloatArray) -> Record:
             values.append(unpack(value, vector[start:stop]))
         start = stop
     return type(template)(*values)
+
+
+@functools.cache
+def _field_names(record_type: type["DataclassInstance"]) -> list[str]:
+    return [field.name for field in dataclasses.fields(record_type)]

@@ -12,6 +12,7 @@ NUM_FINGERS = 5
 KNUCKLE_CIRCLE = 0.050
 PROXIMAL, DISTAL = 0.090, 0.110
 LINK_RADIUS, TIP_RADIUS = 0.006, 0.009
+SERVO_RADIUS = 0.013  # Radius of the ball around the cross-section of a finger's servo.
 TIP_COLORS = (
     "0 0.447 0.698",
     "0.902 0.624 0",
@@ -25,7 +26,25 @@ HEAD = """<?xml version="1.0"?>
      along x, y and z of the world and turns about z. Each finger hangs from a knuckle at the palm's
      rim, swings sideways about the radial axis, pitches outward and curls inward. With all joints
      at 0 the palm's frame is the world's, and the fingers hang straight down. The tips have the
-     colours of the contacts they go to. -->
+     colours of the contacts they go to.
+
+     Drives, with the values of their data sheets:
+     Fingers: ROBOTIS DYNAMIXEL XC330-T288-T at 12 V, emanual.robotis.com/docs/en/dxl/x/xc330-t288:
+     stall torque 1.00 N m, speed without load 71 rev/min, gears 288.35 : 1, mass 23 g, size 20 x 34
+     x 26 mm. Two of them in a finger's knuckle and elbow, one in the palm.
+     Wrist: DYNAMIXEL XH540-W270 at 12 V: 9.9 N m, 39 rev/min, gears 272.5 : 1, mass 165 g.
+     x, y, z: a toothed-belt axis like Festo ELGA-TB-KF-70, with a feed force of 350 N. It allows
+     5 m/s and 50 m/s2; 1.5 m/s and 10 m/s2 are used, as for heavier loads.
+
+     ROBOTIS does not state the inertia of rotors. The mechanical time constant of motors without
+     iron cores is 7 to 8 ms (Faulhaber 1331 SR and 1524 SR), and that constant times stall torque
+     over speed is the inertia behind the gears: 1e-3 kg m2 for a finger, 1.8e-2 kg m2 for the
+     wrist. The rotor's own inertia is this over the square of the gear ratio. The rotor of an axis
+     is the mass of which the motor is equivalent.
+
+     Accelerations: a fifth of a servo's stall torque, ROBOTIS' bound for smooth motion, accelerates
+     a stretched finger with its rotor, 2e-3 kg m2, by 100 rad/s2, and the hand about the wrist,
+     2.5e-2 kg m2, by 80 rad/s2. -->
 <sdf version="1.9" xmlns:drake="http://drake.mit.edu">
   <model name="hand">
 """
@@ -37,10 +56,13 @@ AXIS = """    <joint name="{name}" type="{kind}">
       <child>{child}</child>
       <axis>
         <xyz>{xyz}</xyz>
-        <limit><lower>{lower}</lower><upper>{upper}</upper><effort>{effort}</effort></limit>
+        <limit>
+          <lower>{lower}</lower><upper>{upper}</upper><effort>{effort}</effort>
+          <velocity>{speed}</velocity><drake:acceleration>{acceleration}</drake:acceleration>
+        </limit>
       </axis>
       <drake:rotor_inertia>{rotor}</drake:rotor_inertia>
-      <drake:gear_ratio>1</drake:gear_ratio>
+      <drake:gear_ratio>{gears}</drake:gear_ratio>
       <drake:controller_gains p="{p}" d="{d}"/>
     </joint>
 """
@@ -66,6 +88,33 @@ COLLISION = """      <collision name="{name}">
         </drake:proximity_properties>
       </collision>
 """
+AXIS_DRIVE = {
+    "effort": 350,
+    "speed": 1.5,
+    "acceleration": 10,
+    "rotor": 2.0,
+    "gears": 1,
+    "p": "1e5",
+    "d": "2000",
+}
+WRIST_DRIVE = {
+    "effort": 9.9,
+    "speed": 4.08,
+    "acceleration": 80,
+    "rotor": 2.4e-7,
+    "gears": 272.5,
+    "p": "400",
+    "d": "20",
+}
+FINGER_DRIVE = {
+    "effort": 1.0,
+    "speed": 7.44,
+    "acceleration": 100,
+    "rotor": 1.2e-8,
+    "gears": 288.35,
+    "p": "12",
+    "d": "0.5",
+}
 STEEL, DARK = "0.42 0.44 0.48", "0.25 0.27 0.30"
 
 
@@ -111,18 +160,19 @@ def frame(name: str, body: str, pose: str) -> str:
 
 def carrier() -> str:
     """Returns the axes x, y, z and yaw, and the palm."""
-    slide = {"lower": -1.5, "upper": 1.5, "effort": 1000, "rotor": 0, "p": "2e4", "d": "800"}
-    turn = {"lower": -31.4, "upper": 31.4, "effort": 100, "rotor": 0, "p": "400", "d": "20"}
+    slide = {"lower": -1.5, "upper": 1.5, **AXIS_DRIVE}
+    turn = {"lower": -31.4, "upper": 31.4, **WRIST_DRIVE}
     mast = VISUAL.format(name="mast", z="0.17", shape=cylinder(0.014, 0.30), color=STEEL)
     disc = VISUAL.format(name="disc", z="0.014", shape=cylinder(0.056, 0.016), color=DARK)
+    disc += COLLISION.format(name="disc", z="0.014", shape=cylinder(0.056, 0.016))
     flange = VISUAL.format(name="flange", z="0.030", shape=cylinder(0.026, 0.020), color=STEEL)
     return "".join(
         [
-            link("carriage", "", mass=0.5, length=0.1, radius=0.05),
+            link("carriage", "", mass=3.0, length=0.1, radius=0.05),
             joint("x", "prismatic", "world", "carriage", "1 0 0", **slide),
-            link("bridge", "", mass=0.5, length=0.1, radius=0.05),
+            link("bridge", "", mass=3.0, length=0.1, radius=0.05),
             joint("y", "prismatic", "carriage", "bridge", "0 1 0", **slide),
-            link("column", mast, mass=0.5, length=0.1, radius=0.05),
+            link("column", mast, mass=2.0, length=0.1, radius=0.05),
             joint("z", "prismatic", "bridge", "column", "0 0 1", **slide),
             link("palm", disc + flange, mass=0.6, length=0.02, radius=0.056),
             joint("yaw", "revolute", "column", "palm", "0 0 1", **turn),
@@ -137,16 +187,17 @@ def finger(index: int) -> str:
     x, y = KNUCKLE_CIRCLE * math.cos(azimuth), KNUCKLE_CIRCLE * math.sin(azimuth)
     here = f'      <pose relative_to="{base}"/>\n'
     below = f'      <pose relative_to="{base}">0 0 {-PROXIMAL:g} 0 0 0</pose>\n'
-    drive = {"effort": 8, "rotor": 1e-3, "p": "12", "d": "0.5"}
-    knuckle = VISUAL.format(name="knuckle", z="0", shape=ball(0.010), color=DARK)
+    knuckle = VISUAL.format(name="knuckle", z="0", shape=ball(SERVO_RADIUS), color=DARK)
+    knuckle += COLLISION.format(name="knuckle", z="0", shape=ball(SERVO_RADIUS))
     upper = VISUAL.format(
         name="link", z=f"{-PROXIMAL / 2:g}", shape=capsule(LINK_RADIUS, PROXIMAL), color=STEEL
     )
     upper += COLLISION.format(
         name="link", z=f"{-PROXIMAL / 2:g}", shape=capsule(LINK_RADIUS, PROXIMAL)
     )
-    lower = VISUAL.format(name="joint", z="0", shape=ball(0.008), color=DARK)
-    lower += VISUAL.format(
+    upper += VISUAL.format(name="elbow", z=f"{-PROXIMAL:g}", shape=ball(SERVO_RADIUS), color=DARK)
+    upper += COLLISION.format(name="elbow", z=f"{-PROXIMAL:g}", shape=ball(SERVO_RADIUS))
+    lower = VISUAL.format(
         name="link", z=f"{-DISTAL / 2:g}", shape=cylinder(LINK_RADIUS, DISTAL), color=STEEL
     )
     lower += VISUAL.format(
@@ -161,7 +212,7 @@ def finger(index: int) -> str:
     return "".join(
         [
             frame(base, "palm", f"{x:.6f} {y:.6f} 0 0 0 {azimuth:.6f}"),
-            link(f"{name}_knuckle", knuckle, mass=0.02, length=0.02, radius=0.01, pose=here),
+            link(f"{name}_knuckle", knuckle, mass=0.04, length=0.02, radius=0.01, pose=here),
             joint(
                 f"{name}_swing",
                 "revolute",
@@ -170,10 +221,15 @@ def finger(index: int) -> str:
                 "1 0 0",
                 lower=-0.9,
                 upper=0.9,
-                **drive,
+                **FINGER_DRIVE,
             ),
             link(
-                f"{name}_proximal", upper, mass=0.05, length=PROXIMAL, radius=LINK_RADIUS, pose=here
+                f"{name}_proximal",
+                upper,
+                mass=0.045,
+                length=PROXIMAL,
+                radius=LINK_RADIUS,
+                pose=here,
             ),
             joint(
                 f"{name}_pitch",
@@ -183,9 +239,9 @@ def finger(index: int) -> str:
                 "0 -1 0",
                 lower=-0.3,
                 upper=1.5,
-                **drive,
+                **FINGER_DRIVE,
             ),
-            link(f"{name}_distal", lower, mass=0.05, length=DISTAL, radius=LINK_RADIUS, pose=below),
+            link(f"{name}_distal", lower, mass=0.02, length=DISTAL, radius=LINK_RADIUS, pose=below),
             joint(
                 f"{name}_curl",
                 "revolute",
@@ -194,7 +250,7 @@ def finger(index: int) -> str:
                 "0 1 0",
                 lower=0,
                 upper=2.4,
-                **drive,
+                **FINGER_DRIVE,
             ),
             frame(f"{name}_tip", f"{name}_distal", f"0 0 {-DISTAL:g} 0 0 0"),
         ]

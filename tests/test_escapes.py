@@ -117,7 +117,7 @@ ESCAPES = {
     "object picture": {**case("{object: !Mesh {file: own.gltf}}"), **textured("../secret.png")},
 }  # fmt: skip
 THEIRS = """case:
-  plant_config: {time_step: 0.01, contact_model: point}
+  plant_config: {time_step: 0.01}
   initial_contacts: [[1, 0.5, -0.5], [0.1, 1, 0.5], [-1, 0.7, -0.2], [-0.7, -1, 0.2], [0.6, -1, -0.5]]
   grasp: {close_at: 4.5, hand: five_finger_hand.yaml}
 """

@@ -30,7 +30,7 @@ from drake_pregrasp.studies.static_versus_dynamic.comparison_command import SEED
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import CLEAN_IN_WORDS
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
-from drake_pregrasp.studies.static_versus_dynamic.trial_pictures import PICTURES, STRIPS, TRACKING
+from drake_pregrasp.studies.static_versus_dynamic.trial_pictures import PICTURES
 from drake_pregrasp.studies.sweep.measures import MEASURES, SweepRun
 from drake_pregrasp.studies.sweep.study_file import StudyConfig, load_study
 from drake_pregrasp.studies.sweep.sweep_command import STUDY
@@ -157,7 +157,7 @@ def test_the_page_on_the_study_says_what_the_code_does():
     trials = len(CONDITIONS) * len(METHODS) * SEEDS
     counted = f"{len(CONDITIONS)} conditions x {len(METHODS)} methods x {SEEDS} seeds, {trials} "
     assert counted in text
-    files = ("report.html", f"{TRACKING}/", PICTURES, STRIPS, *FILES)
+    files = ("report.html", "report.md", PICTURES, *FILES)
     assert [file for file in files if f"`{file}`" not in text] == []
 
 

@@ -40,8 +40,8 @@ class GraspConfig:
     # Seconds between control ticks.
     period: float = field(default=0.02, metadata={"at_least": 1e-3, "at_most": 0.1})
 
-    # Coulomb's coefficient of the box in contact with the hand. Drake combines the coefficients of
-    # box and fingertips to 2 µ1 µ2/(µ1 + µ2); fingertips have 0.7.
+    # Coulomb's coefficient of the box. Drake combines the coefficients of two bodies to
+    # 2 µ1 µ2/(µ1 + µ2); fingertips have 0.7, and the turntable has 0.8.
     friction: float = field(default=0.7, metadata={"at_least": 0, "at_most": 10})
 
     # Coulomb's coefficient with which the squeeze is planned: the true one less a margin.
@@ -49,6 +49,10 @@ class GraspConfig:
 
     # Largest speed of a fingertip goal over the object, in m/s.
     goal_speed: float = field(default=0.3, metadata=_LENGTH)
+
+    # Largest acceleration of fingertips on the way to their goals, in m/s²: half of what the axes
+    # of the five-finger hand's carrier allow, so that the palm can follow.
+    tip_acceleration: float = field(default=5.0, metadata=_LENGTH)
 
     # Gap between fingertips and object while tracking, in metres.
     standoff: float = field(default=0.02, metadata={"at_least": 0.008, "at_most": 1})
@@ -65,9 +69,9 @@ class GraspConfig:
     # Largest normal force of each finger, in newtons.
     largest_force: float = field(default=12.0, metadata=_FORCE)
 
-    # Seconds for which the hand waits for the fingers to arrive at their goals, and for enough
-    # fingers that can balance the weight. Then it closes with all active fingers, or gives up if
-    # these are too few or cannot balance the weight.
+    # Seconds for which the hand waits until enough fingers are active, all of these have arrived at
+    # their goals, and can balance the weight. Then it closes without those that have not arrived,
+    # or gives up if the others cannot hold the object.
     gate_limit: float = field(default=1.5, metadata={"at_least": 0, "at_most": 1e6})
 
     # Height of the lift, in metres.

@@ -3,7 +3,7 @@
 A description adds to a model file what the model does not contain; docs/own_hand.md has an example.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from drake_pregrasp.config.limits_config import ReachConfig, SectorReach
 from drake_pregrasp.config.object_config import POINT, zeros
@@ -43,6 +43,10 @@ class Arm:
 
     # Orientation of the palm at yaw 0, as roll, pitch and yaw in W, in radians.
     palm_rpy: list[float] = field(default_factory=zeros, metadata=POINT)
+
+    # Whether the heights of the palm and of the fingers' reach are over the object's top, and not
+    # over its origin.
+    over_top: bool = False
 
 
 BaseConfig = Carrier | Arm
@@ -90,6 +94,13 @@ class Fingertip:
     # Faces of the object, such as +z, that the fingertip must not touch.
     forbidden_faces: list[str] = field(default_factory=list, metadata={"one_of": BOX_FACES})
 
+    def raised(self, height: float) -> "Fingertip":
+        """Returns the fingertip with its reach at a greater height, in metres."""
+        if isinstance(self.reach, SectorReach):  # It has all heights.
+            return self
+        x, y, z = self.reach.center
+        return replace(self, reach=replace(self.reach, center=[x, y, z + height]))
+
 
 @dataclass
 class HandDescription:
@@ -114,3 +125,15 @@ class HandDescription:
         if isinstance(self.base, Carrier):
             return self.base.palm_height
         return self.base.palm_position[2]
+
+    def over_object(self, top: float) -> "HandDescription":
+        """Returns the description with all heights over the object's origin.
+
+        Args:
+            top: Height of the object's top over its origin, in metres.
+        """
+        if isinstance(self.base, Carrier) or not self.base.over_top:
+            return self
+        x, y, z = self.base.palm_position
+        base = replace(self.base, palm_position=[x, y, z + top], over_top=False)
+        return replace(self, base=base, fingertips=[tip.raised(top) for tip in self.fingertips])

@@ -10,7 +10,7 @@ from drake_pregrasp.contacts.quality_guard import Measure, keep_quality
 from drake_pregrasp.contacts.selection_input import ContactGoals, ContactStatus, SelectionInput
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
-from drake_pregrasp.regions.constraints import NO_CAUSE, Limit
+from drake_pregrasp.regions.constraints import NO_CAUSE, Limit, RegionConstraints
 from drake_pregrasp.regions.walls import normals_agree
 
 ROUNDING = 1e-9
@@ -268,15 +268,7 @@ def with_returning_contacts(
     there = ~without & ~regions.lost
     normals = selection.project(goals)[1]
     for contact in np.flatnonzero(without).tolist():
-        limits, _ = constraints.limits_at(contact, surface.p_OQ, surface.nhat_OQ)
-        free = (limits == Limit.NONE) & surface.is_clear_of_forbidden_points
-        radius = constraints.tip_radius(contact)
-        centres = surface.p_OQ + radius * surface.nhat_OQ
-        for other in np.flatnonzero(there).tolist():
-            other_radius = constraints.tip_radius(other)
-            away = centres - (goals[other] + other_radius * normals[other])
-            room = radius + other_radius + constraints.tip_gap
-            free &= np.linalg.norm(away, axis=1) > room
+        free = _has_room(surface, constraints, contact, goals, normals, there)
         on_its_side = free & normals_agree(normals[contact][None], surface.nhat_OQ)[0]
         choices = np.flatnonzero(on_its_side if np.any(on_its_side) else free)
         if len(choices):
@@ -286,6 +278,72 @@ def with_returning_contacts(
             normals[contact] = selection.project(goals[contact][None])[1][0]
             there[contact] = True
     return goals
+
+
+def _has_room(
+    surface: ObjectSurface,
+    constraints: RegionConstraints,
+    contact: int,
+    p_OC: FloatArray,
+    nhat_OC: FloatArray,
+    there: BoolArray,
+    axes: FloatArray | None = None,
+) -> BoolArray:
+    """Returns the mask of candidates that a contact may have beside others, shape (N,).
+
+    Args:
+        surface: The object's surface.
+        constraints: Constraints of the contacts.
+        contact: Index of the contact.
+        p_OC: All contacts, shape (n, 3), in metres.
+        nhat_OC: Outward unit normals at the contacts, shape (n, 3).
+        there: Mask of the other contacts, shape (n,).
+        axes: Shares of x, y and z of O in distances between fingertips, shape (3,); None for all.
+    """
+    limits, _ = constraints.limits_at(contact, surface.p_OQ, surface.nhat_OQ)
+    free: BoolArray = (limits == Limit.NONE) & surface.is_clear_of_forbidden_points
+    radius = constraints.tip_radius(contact)
+    centres = surface.p_OQ + radius * surface.nhat_OQ
+    for other in np.flatnonzero(there).tolist():
+        other_radius = constraints.tip_radius(other)
+        away = centres - (p_OC[other] + other_radius * nhat_OC[other])
+        room = radius + other_radius + constraints.tip_gap
+        free &= np.linalg.norm(away if axes is None else away * axes, axis=1) > room
+    return free
+
+
+def make_room(
+    surface: ObjectSurface, p_OC: FloatArray, constraints: RegionConstraints
+) -> tuple[FloatArray, BoolArray]:
+    """Moves contacts whose fingertips overlap to the nearest permitted candidates with room.
+
+    Fingers come from above, along z of O, so there is no room for one fingertip under another.
+    Contacts that overlap with the fewest others have precedence.
+
+    Args:
+        surface: The object's surface.
+        p_OC: Contacts, shape (n, 3), in metres.
+        constraints: Constraints of the contacts, with fingertips.
+
+    Returns:
+        The contacts, and the mask of those that have room, each on its own allowed surface.
+    """
+    p_OC, (_, normals), level = p_OC.copy(), surface.project(p_OC), np.array([1.0, 1.0, 0.0])
+
+    def gaps() -> FloatArray:
+        tips = constraints.tip_radii, constraints.tip_gap
+        return tip_gaps(p_OC * level, normals * level, *tips)
+
+    there = np.zeros(len(p_OC), dtype=bool)
+    for contact in np.argsort(np.sum(gaps() < 0, axis=1), kind="stable").tolist():
+        room = _has_room(surface, constraints, contact, p_OC, normals, there, level)
+        choices = np.flatnonzero(room)
+        if len(choices) and np.any(gaps()[contact, there] < 0):
+            offsets = surface.p_OQ[choices] - p_OC[contact]
+            nearest = choices[np.argmin(np.sum(offsets**2, axis=1))]
+            p_OC[contact], normals[contact] = surface.p_OQ[nearest], surface.nhat_OQ[nearest]
+        there[contact] = len(choices) > 0
+    return p_OC, there
 
 
 # Status by whether a contact is active (row), and by its limit (column).

@@ -4,9 +4,6 @@ from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform
-from pydrake.multibody.inverse_kinematics import DifferentialInverseKinematicsSystem
-from pydrake.multibody.math import SpatialVelocity
-from pydrake.planning import DofMask, JointLimits
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from drake_pregrasp.arrays import FloatArray
@@ -16,62 +13,17 @@ from drake_pregrasp.diagrams.hand_model import HandModel, PalmCarrier
 from drake_pregrasp.diagrams.wiring import connect, export_inputs, export_outputs
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.systems.differential_kinematics import DifferentialKinematics
 from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
 from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
-from drake_pregrasp.systems.joint_reference import LARGEST_RATE, JointReference
+from drake_pregrasp.systems.joint_reference import JointReference
 from drake_pregrasp.systems.palm_posture import ArmPosture, CarrierPosture
 
 POSTURE_GAIN = 5.0
 """Gain with which joints follow their nominal posture, in 1/s."""
 
-_LIMIT_INFLUENCE = 0.05  # Distance from a limit at which joints slow down, in radians or metres.
-_TRACKING_WEIGHT = 100.0  # Weight of goals against posture, from Drake's documentation.
 _POSITION_ONLY = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])
-_LARGEST_TWIST = SpatialVelocity([5.0] * 3, [1.0] * 3)  # Of a fingertip, in rad/s and m/s.
-
-
-def fingertip_kinematics(
-    hand: HandModel, more_masks: dict[str, FloatArray], period: float
-) -> DifferentialInverseKinematicsSystem:
-    """Returns Drake's system that follows goals of the fingertips, and of further frames.
-
-    The fingertips share the error that joints at their limits cause.
-
-    Args:
-        hand: Model of the hand.
-        more_masks: Axis masks of the frames to follow besides the fingertips, by scoped name, shape
-            (6,): 1 for each rotation and translation that counts, else 0.
-        period: Seconds between control ticks.
-    """
-    system = DifferentialInverseKinematicsSystem
-    nq = hand.kinematics.num_positions
-    masks = dict.fromkeys(hand.kinematics.tip_frames, _POSITION_ONLY) | more_masks
-    tracking = system.LeastSquaresCost.Config()
-    tracking.cartesian_qp_weight = _TRACKING_WEIGHT
-    tracking.cartesian_axis_masks = masks
-    centering = system.JointCenteringCost.Config()
-    centering.posture_gain = POSTURE_GAIN
-    centering.cartesian_axis_masks = masks
-    margins = system.JointVelocityLimitConstraint.Config()
-    margins.min_margin, margins.influence_margin = 0.0, _LIMIT_INFLUENCE
-    rates, endless = np.full(nq, LARGEST_RATE), np.full(nq, np.inf)
-    limits = JointLimits(
-        hand.kinematics.lower, hand.kinematics.upper, -rates, rates, -endless, endless
-    )
-    recipe = system.Recipe()
-    recipe.AddIngredient(system.LeastSquaresCost(tracking))
-    recipe.AddIngredient(system.JointCenteringCost(centering))
-    recipe.AddIngredient(system.JointVelocityLimitConstraint(margins, limits))
-    return system(
-        recipe=recipe,
-        task_frame="world",
-        collision_checker=hand.checker,
-        active_dof=DofMask([True] * nq),
-        time_step=period,
-        K_VX=1.0,
-        Vd_TG_limit=_LARGEST_TWIST,
-    )
 
 
 class HandController(Diagram):
@@ -199,7 +151,7 @@ class HandController(Diagram):
             "yaw_range": yaw_range,
         }
         base = hand.base
-        masks: dict[str, FloatArray] = {}
+        masks = dict.fromkeys(tip_frames, _POSITION_ONLY)
         posture: CarrierPosture | ArmPosture
         if isinstance(base, PalmCarrier):
             home = hand.home(np.zeros(3), yaw)
@@ -217,10 +169,17 @@ class HandController(Diagram):
                 lead=config.period + plant_time_step,
             )
             builder.AddNamedSystem("arm_posture", posture)
-            masks = {base.palm_frame: np.ones(6)}
+            masks[base.palm_frame] = np.ones(6)
             goals = (posture, "goals:desired_cartesian_poses")
         kinematics = builder.AddNamedSystem(
-            "differential_ik", fingertip_kinematics(hand, masks, config.period)
+            "differential_kinematics",
+            DifferentialKinematics(
+                hand.make_scene(object_solid, fixed),
+                masks=masks,
+                posture_gain=POSTURE_GAIN,
+                acceleration=config.tip_acceleration,
+                period=config.period,
+            ),
         )
         reference = builder.AddNamedSystem(
             "joint_reference",
@@ -230,30 +189,38 @@ class HandController(Diagram):
         sequencer = builder.AddNamedSystem(
             "grasp_sequencer",
             GraspSequencer(
-                config, fingertips=hand.description.fingertips, mass=mass, p_OCoM=p_OCoM
+                config,
+                fingertips=hand.description.fingertips,
+                mass=mass,
+                p_OCoM=p_OCoM,
+                object_solid=object_solid,
+                efforts=hand.kinematics.efforts,
             ),
         )
         for source, names, targets in (
             (shaper, "tip_goals", [posture]),
             (*goals, [kinematics]),
-            (sequencer, "X_WG V_WG", [shaper, posture]),
-            (sequencer, "standoffs hold_contacts fingers_hold", [shaper]),
+            (sequencer, "X_WG V_WG", [shaper, posture, kinematics]),
+            (sequencer, "standoffs hold_contacts", [shaper]),
+            (sequencer, "fingers_hold", [shaper, kinematics]),
             (posture, "X_WU", [shaper]),
             (posture, "nominal_posture", [kinematics]),
-            (reference, "position", [kinematics]),
+            (reference, "position velocity", [kinematics]),
             (kinematics, "commanded_velocity", [reference]),
+            (kinematics, "hindered_finger", [sequencer]),
             (sequencer, "squeeze_forces:f_T_W", [reference]),
             (shaper, "contact_frames", [sequencer]),
-            (sensor, "p_WT f_T_W", [sequencer]),
+            (sensor, "p_WT f_T_W J_WT", [sequencer]),
         ):
             connect(builder, source, names, *targets)
         for inputs, systems in (
             ("fingertip_targets", [shaper]),
             ("contact_status", [shaper, sequencer]),
-            ("X_WO_estimated", [shaper, sequencer, posture]),
-            ("V_WO_estimated close", [sequencer]),
+            ("X_WO_estimated", [shaper, sequencer, posture, kinematics]),
+            ("V_WO_estimated", [sequencer, kinematics]),
+            ("close", [sequencer]),
             ("hand_state net_actuation", [sensor]),
-            ("obstacles", [shaper]),
+            ("obstacles", [shaper, kinematics]),
             ("tracking_status", [shaper, sequencer]),
         ):
             export_inputs(builder, inputs, *systems)

@@ -1,22 +1,22 @@
 """Kinematic model of a hand, from its model file and its description."""
 
-import logging
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.common import Parallelism
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
-from pydrake.planning import RobotDiagramBuilder, SceneGraphCollisionChecker
+from pydrake.planning import RobotDiagram, RobotDiagramBuilder
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Arm, BaseConfig, Carrier, HandDescription
 from drake_pregrasp.contacts.assignment import FREE_TURN
-from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model, held_messages
+from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_surface import AxisArea
+from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.systems.fingertip_sensor import HandKinematics, frame_names
+from drake_pregrasp.systems.hand_scene import HandScene
 from drake_pregrasp.systems.palm_posture import ArmKinematics, pose_error
 
 _STEPS = 300  # Largest number of steps of an arm to its initial pose.
@@ -203,7 +203,6 @@ class HandModel:
 
     Attributes:
         description: Description of the hand.
-        checker: Collision checker for Drake's `DifferentialInverseKinematicsSystem`.
         kinematics: Kinematics of the fingertips.
         base: Carrier or arm of the palm.
         fingers_home: Home positions of the fingers, and zeros for the base, shape (nq,).
@@ -219,30 +218,45 @@ class HandModel:
     def __init__(
         self, description: HandDescription, yaw_range: tuple[float, float] = FREE_TURN
     ) -> None:
-        builder = RobotDiagramBuilder(time_step=0.0)
-        plant = builder.plant()
-        hand = add_hand_model(plant, description, yaw_range)
-        plant.Finalize()
-        self.description = description
-        self.base = make_base(description.base, plant, hand)
-        frames = [f"{HAND}::{tip.frame}" for tip in description.fingertips]
-        self.kinematics = HandKinematics(plant, frames)
+        self.description, self._yaw_range = description, yaw_range
+        self._diagram = self._parse()  # Keeps the plant alive.
+        plant = self._diagram.plant()
+        self.base = make_base(description.base, plant, plant.GetModelInstanceByName(HAND))
+        self.kinematics = self._kinematics(self._diagram)
         self.tip_radii: FloatArray = np.array([tip.radius for tip in description.fingertips])
         self.withdrawn_radii: FloatArray = np.array(
             [tip.withdrawn_radius for tip in description.fingertips]
         )
-        with held_messages(logging.INFO):  # About the number of contexts.
-            self.checker = SceneGraphCollisionChecker(
-                model=builder.Build(),
-                robot_model_instances=[hand],
-                edge_step_size=1.0,
-                configuration_distance_function=lambda a, b: float(np.linalg.norm(a - b)),
-                implicit_context_parallelism=Parallelism(parallelize=False),
-            )
         self.fingers_home = self._place_fingers()
         p_HT = self.base.seen_from_object(self.kinematics, self.fingers_home)
         self.azimuths: FloatArray = np.arctan2(p_HT[:, 1], p_HT[:, 0])
         self._check_reach(p_HT)
+
+    def _parse(self) -> RobotDiagram:
+        builder = RobotDiagramBuilder(time_step=0.0)
+        add_hand_model(builder.plant(), self.description, self._yaw_range)
+        builder.plant().Finalize()
+        return builder.Build()
+
+    def _kinematics(self, diagram: RobotDiagram) -> HandKinematics:
+        frames = [f"{HAND}::{tip.frame}" for tip in self.description.fingertips]
+        return HandKinematics(diagram.plant(), frames)
+
+    def make_scene(self, object_solid: Solid, fixed: Sequence[Solid]) -> HandScene:
+        """Returns a scene of the hand with an object.
+
+        Args:
+            object_solid: The object in O.
+            fixed: Solids in W that do not move, such as the table.
+        """
+        diagram = self._parse()
+        return HandScene(
+            diagram,
+            self._kinematics(diagram),
+            tip_radii=self.tip_radii,
+            object_solid=object_solid,
+            fixed=fixed,
+        )
 
     def home(self, p_WO: FloatArray, yaw: float) -> FloatArray:
         """Returns the home positions of all joints over an object, shape (nq,).

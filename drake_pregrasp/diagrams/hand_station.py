@@ -1,12 +1,10 @@
 """Plant with the moving object and a hand over it, as one diagram."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.geometry import CollisionFilterDeclaration, GeometryId, GeometrySet, SceneGraph
-from pydrake.multibody.plant import CoulombFriction, MultibodyPlant, MultibodyPlantConfig
-from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_pregrasp.arrays import FloatArray
@@ -18,10 +16,12 @@ from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
-from drake_pregrasp.diagrams.object_body import add_solid_collision
 from drake_pregrasp.diagrams.object_plant import add_moving_object
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.solids import BoxSolid, HalfSpace
+from drake_pregrasp.systems.fingertip_sensor import hand_links
+from drake_pregrasp.systems.hand_scene import separate_fingers
+from drake_pregrasp.systems.link_contacts import LinkContacts
 from drake_pregrasp.systems.sources import BodyPose, MovingSolid
 
 
@@ -39,6 +39,7 @@ class HandStation(Diagram):
         - hand_state
         - net_actuation
         - X_WD
+        - link_forces
 
     Port `desired_state` accepts a vector of 2 nq: desired positions and velocities of the hand's
     joints, for actuators with the gains of its model.
@@ -53,9 +54,12 @@ class HandStation(Diagram):
 
     Port `X_WD` emits a `RigidTransform`: the pose of the turntable D, on which the box stands.
 
-    The box touches the turntable with its feet, and the hand with its faces. Of the hand's bodies,
-    only those of the fingertips collide with each other. Gravity does not act on the hand, as if it
-    were compensated.
+    Port `link_forces` emits a vector of 3, as `LinkContacts` does: the largest forces with which
+    links that are not fingertips touched something since the last tick of the controller.
+
+    All bodies of the hand collide with the object and the table, and fingers with each other. Links
+    of one finger, and those of the base, do not collide with each other, nor fingers with the base.
+    Gravity does not act on the hand, as if it were compensated.
 
     The attributes `plant` and `scene_graph` hold the plant and its SceneGraph.
 
@@ -64,9 +68,10 @@ class HandStation(Diagram):
         motion_config: Motion of the conveyor.
         plant_config: Time step and contact model.
         hand: Description of the hand.
-        friction: Coulomb's coefficient of the box in contact with the hand.
+        friction: Coulomb's coefficient of the box.
         initial: Initial positions of the hand, shape (nq,).
         yaw_range: Range of the wrist, as for `add_hand_model`.
+        period: Seconds between ticks of the controller, for `link_forces`.
 
     Raises:
         InvalidArgumentError: If the hand's model cannot be loaded.
@@ -85,22 +90,37 @@ class HandStation(Diagram):
         friction: float,
         initial: FloatArray,
         yaw_range: tuple[float, float] = FREE_TURN,
+        period: float = GraspConfig.period,
     ) -> None:
         super().__init__()
         builder = DiagramBuilder()
-        solid: list[GeometryId] = []
-
-        def add_hand(plant: MultibodyPlant, body: RigidBody) -> None:
-            coefficients = CoulombFriction(static_friction=friction, dynamic_friction=friction)
-            solid.extend(add_solid_collision(plant, body, object_config, friction=coefficients))
-            add_hand_model(plant, hand, yaw_range)
-
         self.plant, self.scene_graph, X_WO = add_moving_object(
-            builder, object_config, motion_config, plant_config, add_more=add_hand
+            builder,
+            object_config,
+            motion_config,
+            plant_config,
+            friction=friction,
+            add_more=lambda plant: add_hand_model(plant, hand, yaw_range),
         )
         instance = self.plant.GetModelInstanceByName(HAND)
         self.plant.SetDefaultPositions(instance, initial)
-        self._filter_collisions(instance, solid, hand)
+        links = hand_links(
+            self.plant,
+            [self.plant.GetFrameByName(tip.frame, instance) for tip in hand.fingertips],
+            [tip.radius for tip in hand.fingertips],
+            self.scene_graph.model_inspector(),
+        )
+        separate_fingers(self.scene_graph.collision_filter_manager(), links)
+        contacts = builder.AddNamedSystem(
+            "link_contacts",
+            LinkContacts(
+                links,
+                self.plant.GetCollisionGeometriesForBody(self.plant.GetBodyByName("object")),
+                period=period,
+                time_step=plant_config.time_step,
+            ),
+        )
+        connect(builder, self.plant, "contact_results", contacts)
         turntable = self.plant.GetBodyByName("turntable")
         disc = builder.AddNamedSystem("turntable_pose", BodyPose(turntable.index()))
         builder.Connect(self.plant.get_body_poses_output_port(), disc.get_input_port())
@@ -110,30 +130,8 @@ class HandStation(Diagram):
         builder.ExportOutput(self.plant.get_state_output_port(instance), "hand_state")
         builder.ExportOutput(self.plant.get_net_actuation_output_port(instance), "net_actuation")
         builder.ExportOutput(disc.get_output_port(), "X_WD")
+        builder.ExportOutput(contacts.get_output_port(), "link_forces")
         builder.BuildInto(self)
-
-    def _filter_collisions(
-        self, instance: ModelInstanceIndex, solid: list[GeometryId], hand: HandDescription
-    ) -> None:
-        plant = self.plant
-
-        def shapes(bodies: Iterable[RigidBody]) -> list[GeometryId]:
-            return [g for body in bodies for g in plant.GetCollisionGeometriesForBody(body)]
-
-        turntable = shapes([plant.GetBodyByName("turntable")])
-        cube = plant.GetBodyByName("cube")
-        feet = [geometry for geometry in shapes([cube]) if geometry not in solid]
-        geometries = shapes(plant.get_body(index) for index in plant.GetBodyIndices(instance))
-        frames = [plant.GetFrameByName(tip.frame, instance) for tip in hand.fingertips]
-        tips = shapes(frame.body() for frame in frames)
-        links = [geometry for geometry in geometries if geometry not in tips]
-        manager = self.scene_graph.collision_filter_manager()
-        # The whole bottom face on the table would be a single contact point that hops.
-        for some, others in ((solid, turntable), (feet, geometries), (links, tips)):
-            manager.Apply(
-                CollisionFilterDeclaration().ExcludeBetween(GeometrySet(some), GeometrySet(others))
-            )
-        manager.Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet(links)))
 
 
 TABLE = MovingSolid(HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0])), np.zeros(3))
@@ -210,6 +208,7 @@ def add_driven_hand(
             friction=grasp.friction,
             initial=controller.initial,
             yaw_range=grasp.yaw_range,
+            period=grasp.period,
         ),
     )
     connect(builder, station, "hand_state net_actuation", controller)

@@ -1,128 +1,107 @@
 """The object as a body of a plant, with the mesh of the planner's surface.
 
-A box stands on four small spheres; other bodies touch its faces. Every other shape is a rigid
-hydroelastic body with its own triangle mesh. Contact is then correct for concave shapes too: a
-convex decomposition would fill a cup. Pressure patches hold the object on a moving table, where
-single contact points would hop. Drake allows contact of a rigid mesh only with compliant bodies, so
-tables and pushers are compliant.
+Contact is hydroelastic: pressure patches hold the object on a moving table, where single contact
+points would hop. A flat solid meets a body where it meets its convex hull, so tables touch the
+hull, as a compliant solid. A rigid mesh with an edge deep in a compliant table gains energy in time
+steps of 10 ms. Spheres, such as the tip of a pusher, touch the rigid mesh itself if the object is
+not convex: its hull would fill a cup.
 """
 
-import xml.etree.ElementTree as ET
-from collections.abc import Sequence
-
 import numpy as np
+import trimesh
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
+    AddCompliantHydroelasticProperties,
     AddContactMaterial,
     AddRigidHydroelasticProperties,
-    GeometryId,
+    CollisionFilterDeclaration,
+    Convex,
+    GeometrySet,
     InMemoryMesh,
     ProximityProperties,
+    Role,
+    SceneGraph,
+    Sphere,
 )
-from pydrake.geometry import Box as BoxGeometry
 from pydrake.geometry import Mesh as MeshGeometry
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import RigidBody, RotationalInertia, SpatialInertia
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.config.object_config import Box, ObjectConfig
+from drake_pregrasp.config.object_config import ObjectConfig
 from drake_pregrasp.geometry.shapes import Shape
-from drake_pregrasp.resources import resource_folder
-
-# Without this, the writer renames the prefix and Drake ignores its own elements.
-ET.register_namespace("drake", "http://drake.mit.edu")
-
-
-def resized_box_sdf(size: Sequence[float], mass: float) -> str:
-    """Returns the SDF text of the shipped cube as a homogeneous box of another size and mass.
-
-    The spheres at the corners of the cube, its feet, move to the corners of the box.
-
-    Args:
-        size: Edge lengths of the box, in metres.
-        mass: Mass of the box, in kg.
-    """
-    root = ET.parse(resource_folder("models") / "cube.sdf").getroot()
-    (size_element,) = root.iterfind(".//visual[@name='body']/geometry/box/size")
-    growth = (np.array(size) - _numbers(size_element)) / 2
-    size_element.text = _text(size)
-    for pose in root.iterfind(".//collision/pose"):
-        values = _numbers(pose)
-        values[:3] += np.sign(values[:3]) * growth
-        pose.text = _text(values)
-    squares = np.array(size) ** 2
-    moments = mass / 12 * (np.sum(squares) - squares)
-    for tag, value in zip(("mass", "ixx", "iyy", "izz"), [mass, *moments], strict=True):
-        (element,) = root.iterfind(f".//inertial//{tag}")
-        element.text = _text([value])
-    return ET.tostring(root, encoding="unicode")
-
-
-def _numbers(element: ET.Element) -> FloatArray:
-    return np.array([float(word) for word in (element.text or "").split()])
-
-
-def _text(values: Sequence[float] | FloatArray) -> str:
-    return " ".join(repr(float(value)) for value in values)
-
 
 FIRST_TOUCH = 1e-6
 """Initial depth of the object in the table, in metres: without contact it would fall for one time
 step and bounce."""
 
-_FRICTION = CoulombFriction(static_friction=0.8, dynamic_friction=0.8)
+FRICTION = 0.8
+"""Coulomb's coefficient of an object without a hand, the same as that of tables."""
+
 _COLOR = np.array([0.78, 0.80, 0.83, 1.0])
 _DIGITS = 12  # Digits of coordinates in the OBJ text of a mesh for Drake.
+_MODULUS = 1e7  # Hydroelastic modulus of the hull, the same as that of tables, in Pa.
+_DISSIPATION = 300.0  # Dissipation of Hunt and Crossley, so that nothing bounces, in s/m.
+_RESOLUTION = 0.1  # Drake requires it, but a hull is not tessellated.
 
 
-def add_object_body(plant: MultibodyPlant, object_config: ObjectConfig) -> RigidBody:
-    """Adds the object to a plant that is not finalized, and returns its body, whose frame is O."""
-    if isinstance(object_config, Box):
-        sdf = resized_box_sdf(object_config.size, object_config.mass)
-        (cube,) = Parser(plant).AddModelsFromString(sdf, "sdf")
-        return plant.GetBodyByName("cube", cube)
+def add_object_body(
+    plant: MultibodyPlant, object_config: ObjectConfig, *, friction: float = FRICTION
+) -> RigidBody:
+    """Adds the object to a plant that is not finalized, and returns its body, whose frame is O.
+
+    Args:
+        plant: Plant to which the object is added.
+        object_config: The object.
+        friction: Coulomb's coefficient of the object.
+    """
     shape = object_config.make_shape()
     body = plant.AddRigidBody(
         "object", plant.AddModelInstance("object"), _spatial_inertia(shape, object_config.mass)
     )
-    if plant.geometry_source_is_registered():
-        text = shape.mesh.export(file_type="obj", digits=_DIGITS)
-        mesh = MeshGeometry(
-            mesh_data=InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "object.obj")), scale=1.0
-        )
-        properties = ProximityProperties()
-        AddContactMaterial(friction=_FRICTION, properties=properties)
-        AddRigidHydroelasticProperties(properties=properties)
-        X_OG = RigidTransform()
-        plant.RegisterCollisionGeometry(body, X_OG, mesh, "surface", properties)
-        plant.RegisterVisualGeometry(body, X_OG, mesh, "surface", _COLOR)
+    if not plant.geometry_source_is_registered():
+        return body
+    data, X_OG = _in_memory(shape.mesh), RigidTransform()
+    compliant, rigid = ProximityProperties(), ProximityProperties()
+    for properties in (compliant, rigid):
+        AddContactMaterial(friction=CoulombFriction(friction, friction), properties=properties)
+        properties.AddProperty("material", "hunt_crossley_dissipation", _DISSIPATION)
+    AddCompliantHydroelasticProperties(_RESOLUTION, _MODULUS, compliant)
+    AddRigidHydroelasticProperties(rigid)
+    plant.RegisterCollisionGeometry(body, X_OG, Convex(mesh_data=data), "hull", compliant)
+    if not shape.mesh.is_convex:
+        surface = MeshGeometry(mesh_data=data)
+        plant.RegisterCollisionGeometry(body, X_OG, surface, "surface", rigid)
+    # Drake's VTK renderer needs normals, which at edges are different for each face.
+    drawn = MeshGeometry(mesh_data=_in_memory(shape.mesh.smooth_shaded, include_normals=True))
+    plant.RegisterVisualGeometry(body, X_OG, drawn, "surface", _COLOR)
     return body
 
 
-def add_solid_collision(
-    plant: MultibodyPlant,
-    body: RigidBody,
-    object_config: ObjectConfig,
-    *,
-    friction: CoulombFriction = _FRICTION,
-) -> list[GeometryId]:
-    """Adds a collision geometry to all faces of a box; other shapes already have theirs.
+def _in_memory(mesh: trimesh.Trimesh, *, include_normals: bool = False) -> InMemoryMesh:
+    text = mesh.export(file_type="obj", digits=_DIGITS, include_normals=include_normals)
+    return InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "object.obj"))
+
+
+def separate_contacts(plant: MultibodyPlant, scene_graph: SceneGraph, body: RigidBody) -> None:
+    """Lets spheres touch the mesh of an object that is not convex, and all other shapes its hull.
 
     Args:
-        plant: Plant that is not finalized.
+        plant: Plant with all bodies that the object may touch.
+        scene_graph: SceneGraph of the plant.
         body: Body of the object.
-        object_config: The object.
-        friction: Friction of the added geometry.
-
-    Returns:
-        The added geometries. In contact with a table, a face would be a single point that hops.
     """
-    if not isinstance(object_config, Box):
-        return []
-    geometry = BoxGeometry(*np.array(object_config.size))
-    return [plant.RegisterCollisionGeometry(body, RigidTransform(), geometry, "solid", friction)]
+    hull, *surface = plant.GetCollisionGeometriesForBody(body)
+    inspector = scene_graph.model_inspector()
+    ids = inspector.GetAllGeometryIds(Role.kProximity)
+    spheres = [i for i in ids if isinstance(inspector.GetShape(i), Sphere)]
+    others = [i for i in ids if i not in spheres]
+    if surface:
+        only = CollisionFilterDeclaration()
+        only.ExcludeBetween(GeometrySet(hull), GeometrySet(spheres))
+        only.ExcludeBetween(GeometrySet(surface), GeometrySet(others))
+        scene_graph.collision_filter_manager().Apply(only)
 
 
 def standing_position(object_config: ObjectConfig) -> FloatArray:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
-from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
+from pydrake.geometry import SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.parsing import Parser
@@ -20,7 +20,7 @@ from drake_pregrasp.config.object_config import (
     Toss,
 )
 from drake_pregrasp.diagrams.expected_path import initial_pose
-from drake_pregrasp.diagrams.object_body import add_object_body, add_solid_collision
+from drake_pregrasp.diagrams.object_body import FRICTION, add_object_body, separate_contacts
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.systems.sources import BodyPose, Launch, ObjectMotion, PoseReplay
@@ -43,7 +43,8 @@ def add_moving_object(
     motion: MotionConfig,
     plant_config: MultibodyPlantConfig,
     *,
-    add_more: Callable[[MultibodyPlant, RigidBody], None] | None = None,
+    friction: float = FRICTION,
+    add_more: Callable[[MultibodyPlant], object] | None = None,
 ) -> MovingObject:
     """Adds a plant with the object, and what moves it.
 
@@ -52,23 +53,24 @@ def add_moving_object(
         object_config: The object.
         motion: Motion of the object.
         plant_config: Time step and contact model.
-        add_more: Function that adds more models to the plant; it is given the object's body.
+        friction: Coulomb's coefficient of the object.
+        add_more: Function that adds more models to the plant.
     """
     if isinstance(motion, PoseStream):
         return _add_replay(builder, object_config, motion, plant_config)
     plant, scene_graph = AddMultibodyPlant(plant_config, builder)
-    body = add_object_body(plant, object_config)
+    body = add_object_body(plant, object_config, friction=friction)
     if isinstance(motion, Conveyor):
         driven, profile = add_model(plant, "conveyor_table.sdf"), motion.velocities()
     elif isinstance(motion, Push):
-        driven = _add_pusher(plant, scene_graph, body, object_config, motion)
+        driven = _add_pusher(plant, motion)
         profile = push_profile(motion)
     elif motion.table:
-        add_solid_collision(plant, body, object_config)
         add_model(plant, "table.sdf")
     if add_more is not None:
-        add_more(plant, body)
+        add_more(plant)
     plant.Finalize()
+    separate_contacts(plant, scene_graph, body)
     plant.SetDefaultFloatingBaseBodyPose(body, initial_pose(motion, object_config))
     if isinstance(motion, Toss):
         launch = builder.AddNamedSystem("launch", _launch(plant, body, motion))
@@ -88,22 +90,9 @@ RAMP = 0.1
 """Time in which the tip accelerates to its speed, and in which it stops, in seconds."""
 
 
-def _add_pusher(
-    plant: MultibodyPlant,
-    scene_graph: SceneGraph,
-    body: RigidBody,
-    object_config: ObjectConfig,
-    motion: Push,
-) -> ModelInstanceIndex:
+def _add_pusher(plant: MultibodyPlant, motion: Push) -> ModelInstanceIndex:
     """Adds a table under the object and a pusher behind it; returns the pusher's instance."""
-    solid = add_solid_collision(plant, body, object_config)
-    table = plant.GetBodyByName("table", add_model(plant, "table.sdf"))
-    # The object stands on its feet: its bottom face would be a single contact point that hops.
-    scene_graph.collision_filter_manager().Apply(
-        CollisionFilterDeclaration().ExcludeBetween(
-            GeometrySet(solid), GeometrySet(plant.GetCollisionGeometriesForBody(table))
-        )
-    )
+    add_model(plant, "table.sdf")
     pusher = add_model(plant, "pusher.sdf")
     guide = plant.GetFrameByName("guide", pusher)
     R_WP = RotationMatrix.MakeZRotation(motion.direction)

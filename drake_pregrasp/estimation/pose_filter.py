@@ -7,6 +7,7 @@ expressed in W.
 
 import math
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -338,6 +339,37 @@ def corrected(prior: PoseBelief, new: Innovation) -> PoseBelief:
     A[:, :, :3] -= K
     P = A @ new.P @ A.transpose(0, 2, 1) + K @ new.R @ new.K_T
     return shifted(prior, K[0] @ new.nu[0], K[1] @ new.nu[1], P)
+
+
+FilterStep = Callable[
+    [PoseBelief, PoseMeasurement, PoseFilterNoise, FloatArray | None, float],
+    tuple[PoseBelief, Innovation, PoseBelief],
+]
+"""An implementation of `filter_step`."""
+
+
+def filter_step(
+    earlier: PoseBelief,
+    measurement: PoseMeasurement,
+    noise: PoseFilterNoise,
+    p_OCoM: FloatArray | None = None,
+    noise_factor: float = 1.0,
+) -> tuple[PoseBelief, Innovation, PoseBelief]:
+    """Returns the prior at a measurement's time, the innovation, and the posterior.
+
+    Args:
+        earlier: Belief at an earlier time.
+        measurement: The measured pose; this and the other arguments are as for `innovation`.
+        noise: Noise and motion that the filter assumes.
+        p_OCoM: Centre of mass in O, shape (3,), in metres.
+        noise_factor: Variance of the measurement's noise over the assumed one.
+
+    Raises:
+        InvalidArgumentError: If the measurement is older than the belief.
+    """
+    prior = predict(earlier, measurement.time - earlier.time, noise)
+    new = innovation(prior, measurement, noise, p_OCoM, noise_factor)
+    return prior, new, corrected(prior, new)
 
 
 def shifted(belief: PoseBelief, dx: FloatArray, de: FloatArray, P: FloatArray) -> PoseBelief:

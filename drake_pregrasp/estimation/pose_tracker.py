@@ -14,14 +14,15 @@ from drake_pregrasp.arrays import BoolArray, FloatArray, is_valid_pose, pack, un
 from drake_pregrasp.estimation.pose_filter import (
     NO_BELIEF,
     NO_MEASUREMENT,
+    FilterStep,
     Innovation,
     PoseBelief,
     PoseFilterNoise,
     PoseMeasurement,
     corrected,
+    filter_step,
     first_belief,
     innovation,
-    predict,
     two_point_belief,
 )
 from drake_pregrasp.estimation.pose_track import (
@@ -61,6 +62,7 @@ class TrackerSettings:
         refuse_repeats: Whether to refuse measurements that repeat the one before to the last bit,
             while the object moves and the sensor has noise.
         p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
+        step: Implementation of `filter_step`.
     """
 
     noise: PoseFilterNoise
@@ -69,6 +71,7 @@ class TrackerSettings:
     reacquire_after: int
     refuse_repeats: bool
     p_OCoM: FloatArray | None = None
+    step: FilterStep = filter_step
 
     @cached_property
     def gate_squared(self) -> float:
@@ -92,7 +95,9 @@ def update_track(
         settings: Settings of the checks.
     """
     time, last_seen, noise = measurement.time, track.last_seen, settings.noise
-    if time == -math.inf or time == last_seen[0] or np.any(track.steps[:, 0] == time):
+    is_late = time <= track.steps[-1, 0]
+    is_known = time == last_seen[0] or (is_late and np.any(track.steps[:, 0] == time))
+    if time == -math.inf or is_known:
         return replace(track, verdict=MeasurementVerdict.NOTHING_NEW)
     is_recent = now - OLDEST <= time <= now + _SLACK
     if not (is_recent and is_valid_pose(measurement.R_WO, measurement.p_WCoM)):
@@ -100,27 +105,25 @@ def update_track(
     track, newest = replace(track, last_seen=pack(measurement)), track.newest
     if time - newest.time > OLDEST:  # Also without a belief, whose time is -inf.
         return _start(track, measurement, settings)
-    is_repeated = settings.refuse_repeats and np.array_equal(track.last_seen[1:], last_seen[1:])
-    if is_repeated and track.noise_level > _NOISY and _moves(newest):
+    is_suspect = settings.refuse_repeats and track.noise_level > _NOISY
+    if is_suspect and np.array_equal(track.last_seen[1:], last_seen[1:]) and _moves(newest):
         return replace(track, verdict=MeasurementVerdict.REPEATED)
-    earlier, is_late = newest, time < newest.time
+    earlier = newest
     if is_late:
         before = track.steps[track.steps[:, 0] < time]
         if len(before) == 0 or before[-1, 0] == -math.inf:
             return replace(track, verdict=MeasurementVerdict.TOO_LATE)
         earlier = unpack(NO_BELIEF, before[-1, MEASUREMENT_SIZE:])
-    prior = predict(earlier, time - earlier.time, noise)
+    factor = track.noise_factor
+    prior, new, posterior = settings.step(earlier, measurement, noise, settings.p_OCoM, factor)
     variance = prior.P_orientation.diagonal()[:3].max()
     if variance > _VAGUE**2 + noise.orientation**2 and not is_late:
         return _start(track, measurement, settings, prior)
-    new = innovation(prior, measurement, noise, settings.p_OCoM, track.noise_factor)
-    is_soon = 0 <= time - newest.time <= _LONGEST_SURPRISE
-    if new.squared.max() > settings.gate_squared and is_soon:
-        sudden = predict(earlier, time - earlier.time, settings.sudden)
-        shown = innovation(sudden, measurement, noise, settings.p_OCoM, track.noise_factor)
-        if shown.squared.max() <= settings.gate_squared:
-            prior, new = sudden, shown
-    excess = min(sum((track.noise_factor * new.squared).tolist()) / 6, _LARGEST_EXCESS)
+    if new.squared.max() > settings.gate_squared and 0 <= time - newest.time <= _LONGEST_SURPRISE:
+        sudden = settings.step(earlier, measurement, settings.sudden, settings.p_OCoM, factor)
+        if sudden[1].squared.max() <= settings.gate_squared:
+            prior, new, posterior = sudden
+    excess = min(sum((factor * new.squared).tolist()) / 6, _LARGEST_EXCESS)
     excess = (1 - _FORGETTING) * track.excess + _FORGETTING * excess
     after = replace(
         track,
@@ -132,15 +135,15 @@ def update_track(
     if is_late:
         if not is_expected:
             return replace(after, verdict=MeasurementVerdict.OUTLIER)
-        return _insert(track, after, corrected(prior, new), settings)
-    alternative, support = NO_BELIEF, 0
+        return _insert(track, after, posterior, settings)
+    alternative, support = NO_ALTERNATIVE, 0
     if not is_expected or (track.support and not track.is_locked):
-        alternative, support, is_better = _next_alternative(
-            track, prior, new, measurement, settings
+        rival, support, is_better = _next_alternative(
+            track, prior, new, posterior, measurement, settings
         )
         if is_better or not is_expected:
-            return _refuse(after, alternative, support, measurement, settings)
-    posterior = corrected(prior, new)
+            return _refuse(after, rival, support, measurement, settings)
+        alternative = pack(rival)
     step = np.concatenate([track.last_seen, pack(posterior)])
     # With noise, successive innovations differ, with the covariance 2 S. With a motion that the
     # filter does not expect, they are similar.
@@ -150,7 +153,7 @@ def update_track(
     return replace(
         after,
         steps=np.vstack([track.steps[1:], step]),
-        alternative=pack(alternative),
+        alternative=alternative,
         support=support,
         refused=max(0, track.refused - 1),
         is_locked=track.is_locked or track.refused == 0,
@@ -218,9 +221,9 @@ def _insert(
     rows = [np.concatenate([track.last_seen, pack(belief)])]
     for seen in track.steps[is_later, :MEASUREMENT_SIZE]:
         later = unpack(NO_MEASUREMENT, seen)
-        prior = predict(belief, later.time - belief.time, settings.noise)
-        new = innovation(prior, later, settings.noise, settings.p_OCoM, track.noise_factor)
-        belief = corrected(prior, new)
+        _, _, belief = settings.step(
+            belief, later, settings.noise, settings.p_OCoM, track.noise_factor
+        )
         rows.append(np.concatenate([seen, pack(belief)]))
     steps = np.vstack([track.steps[~is_later], *rows])[1:]
     return replace(after, steps=steps, verdict=MeasurementVerdict.USED_LATE)
@@ -230,6 +233,7 @@ def _next_alternative(
     track: PoseTrack,
     prior: PoseBelief,
     new: Innovation,
+    posterior: PoseBelief,
     measurement: PoseMeasurement,
     settings: TrackerSettings,
 ) -> tuple[PoseBelief, int, bool]:
@@ -248,10 +252,9 @@ def _next_alternative(
     if not -math.inf < earlier.time < measurement.time:
         jumped = _jumped(prior, first_belief(measurement, noise, p_OCoM))
         is_expected = new.squared <= settings.gate_squared
-        return _combined(corrected(prior, new), jumped, is_expected), 1, False
-    prior = predict(earlier, measurement.time - earlier.time, noise)
-    other = innovation(prior, measurement, noise, p_OCoM, track.noise_factor)
-    posterior, is_expected = corrected(prior, other), other.squared <= settings.gate_squared
+        return _combined(posterior, jumped, is_expected), 1, False
+    _, other, posterior = settings.step(earlier, measurement, noise, p_OCoM, track.noise_factor)
+    is_expected = other.squared <= settings.gate_squared
     if not np.all(is_expected):
         fresh = two_point_belief(earlier, measurement, noise, p_OCoM)
         return _combined(posterior, fresh, is_expected), 1, False

@@ -1,8 +1,9 @@
-"""An optional compiled implementation of safe regions and contact goals, the extra `fast` (numba).
+"""An optional compiled implementation of what takes most of a tick, the extra `fast` (numba).
 
-`regions.safe_regions.label_candidates` and `contacts.centroids.region_goals` are the reference.
-This package has the same functions for a surface whose candidates are known beforehand; tests
-compare both. Systems choose once, by `fast_labels` and `fast_goals`; None means the reference.
+The reference is `regions.safe_regions.label_candidates`, `contacts.centroids.region_goals` and
+`estimation.pose_filter.filter_step`. This package has the same functions, those of regions and
+goals for a surface whose candidates are known beforehand; tests compare both. Systems choose once,
+by `fast_labels`, `fast_goals` and `fast_filter_step`; None means the reference.
 """
 
 import functools
@@ -10,6 +11,7 @@ import importlib.util
 import os
 
 from drake_pregrasp.contacts.selection_input import GoalFunction
+from drake_pregrasp.estimation.pose_filter import FilterStep
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.safe_regions import LabelCandidates
 
@@ -65,3 +67,12 @@ def fast_goals(
     if strategy not in KINDS or (strategy != "position" and (reading != "hand" or power != 1)):
         return None
     return CompiledGoals(surface, strategy, stretch=stretch)
+
+
+def fast_filter_step() -> FilterStep | None:
+    """Returns `filter_step` compiled, or None without numba."""
+    if not _is_chosen():
+        return None
+    from drake_pregrasp.fast.pose_steps import compiled_filter_step
+
+    return compiled_filter_step

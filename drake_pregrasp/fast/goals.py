@@ -1,7 +1,5 @@
 """Goals of contacts: weighted centroids of safe regions, projected onto the regions' patches."""
 
-import math
-
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray, IntArray
@@ -12,15 +10,16 @@ from drake_pregrasp.geometry.surface import FLAT_CORNER, ObjectSurface
 
 
 @compiled()
-def closest_point(p, corners):  # type: ignore[no-untyped-def]
-    """Returns a triangle's point nearest to p, as `closest_points` does, and its squared distance.
+def closest_point(p, corners, best, scratch):  # type: ignore[no-untyped-def]
+    """Writes a triangle's point nearest to p, as `closest_points`; returns its squared distance.
 
     Args:
         p: Point, shape (3,), in metres.
         corners: Corners of the triangle, shape (3, 3), in metres.
+        best: Nearest point, shape (3,), which is written.
+        scratch: Memory, shape (5, 3); allocating it for each triangle would take longer than all.
     """
-    least, best = np.inf, np.zeros(3)
-    edges, squares, along = np.empty((3, 3)), np.empty(3), np.empty(3)
+    least, edges, squares, along = np.inf, scratch[:3], scratch[3], scratch[4]
     for k in range(3):
         squares[k] = along[k] = 0.0
         for axis in range(3):
@@ -48,7 +47,7 @@ def closest_point(p, corners):  # type: ignore[no-untyped-def]
         for axis in range(3):
             best[axis] = corners[0, axis] + (v * edges[0, axis] - w * edges[2, axis]) / whole
             least += (best[axis] - p[axis]) ** 2
-    return best, least
+    return least
 
 
 @compiled("f8[:,::1](f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8[:,:,::1], i8[::1], f8)")
@@ -68,19 +67,21 @@ def projected(points, contacts, labels, q, patches, patch_starts, reach):  # typ
     place[contacts] = np.arange(len(contacts))
     nearest, away = np.empty((len(points), 3)), np.empty(len(q))
     bounds, least = np.full(len(points), np.inf), np.full(len(points), np.inf)
+    point, scratch = np.empty(3), np.empty((5, 3))
     for j in range(len(q)):
         if labels[j] >= 0 and place[labels[j]] >= 0:
             k = place[labels[j]]
             x, y, z = q[j, 0] - points[k, 0], q[j, 1] - points[k, 1], q[j, 2] - points[k, 2]
-            away[j] = math.sqrt(x * x + y * y + z * z)
+            away[j] = x * x + y * y + z * z
             bounds[k] = min(bounds[k], away[j])
+    bounds = (np.sqrt(bounds) + reach) ** 2
     for j in range(len(q)):
         if labels[j] < 0 or place[labels[j]] < 0:
             continue
         k = place[labels[j]]
-        if away[j] <= bounds[k] + reach:
+        if away[j] <= bounds[k]:
             for triangle in range(patch_starts[j], patch_starts[j + 1]):
-                point, distance = closest_point(points[k], patches[triangle])
+                distance = closest_point(points[k], patches[triangle], point, scratch)
                 if distance < least[k]:
                     least[k] = distance
                     nearest[k] = point

@@ -11,7 +11,7 @@ import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
 
-_SMALL = 1e-2  # Angle in radians, below which the series are exact to rounding.
+SMALL = 1e-2  # Angle in radians, below which the series are exact to rounding.
 
 
 def rotation_vector(R: FloatArray) -> FloatArray:
@@ -54,7 +54,7 @@ def rotation_matrix(theta: FloatArray, *, order: int = 0) -> FloatArray:
     """
     x, y, z = theta.tolist()
     square = x * x + y * y + z * z
-    if square < _SMALL**2:
+    if square < SMALL**2:
         coefficients = (
             1 - square / 6 * (1 - square / 20 * (1 - square / 42)),
             (1 - square / 12 * (1 - square / 30 * (1 - square / 56))) / 2,

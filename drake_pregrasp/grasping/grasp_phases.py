@@ -11,6 +11,7 @@ import numpy as np
 
 from drake_pregrasp.arrays import BoolArray
 from drake_pregrasp.grasping.grasp_state import (
+    NOT_HINDERED,
     GiveUp,
     GraspPhase,
     GraspSettings,
@@ -27,27 +28,22 @@ CRUSHING = 1.3
 """Ratio of force to largest planned force at which a hand opens; measured forces are rough."""
 
 
-def fingers_have_arrived(view: GraspView, settings: GraspSettings) -> bool:
-    """Returns whether all active fingers are at their goals."""
-    return bool(np.all(view.distances[view.active] <= settings.gate_distance))
-
-
 def hindrance(
-    view: GraspView, settings: GraspSettings, squeeze: Callable[[BoolArray], Squeeze]
+    fingers: BoolArray, settings: GraspSettings, squeeze: Callable[[BoolArray], Squeeze]
 ) -> tuple[GiveUp, float] | None:
-    """Returns the reason why the hand cannot close, with its detail, or None if it can.
+    """Returns the reason why fingers cannot hold the object, with its detail, or None if they can.
 
     Args:
-        view: Observations at the tick.
+        fingers: Mask of the fingers, shape (n,).
         settings: Settings of the grasp.
         squeeze: Function that plans a squeeze; see `next_state`.
     """
-    count = int(np.sum(view.active))
+    count = int(np.sum(fingers))
     if count < settings.least_fingers:
         return GiveUp.TOO_FEW_FINGERS, count
-    residual = squeeze(view.active).residual
+    planned = squeeze(fingers)
     allowed = GATE_SHARE * settings.imbalance
-    return (GiveUp.OUT_OF_BALANCE, residual) if residual > allowed else None
+    return (planned.lack, planned.residual) if planned.residual > allowed else None
 
 
 def next_state(
@@ -69,6 +65,10 @@ def next_state(
     """
     asked = min(state.asked, view.time) if view.close else np.inf
     state = replace(state, asked=asked)
+    if view.hindered != NOT_HINDERED and state.phase < GraspPhase.BACK_OFF:
+        state = replace(state, reason=GiveUp.HINDERED, detail=float(view.hindered))
+    elif state.reason == GiveUp.HINDERED:
+        state = replace(state, reason=GiveUp.NONE, detail=0.0)
     if GraspPhase.CLOSE <= state.phase <= GraspPhase.HOLD:
         fault = _fault(state, view, settings)
         if fault is not None:
@@ -141,9 +141,10 @@ def _track(
     settings: GraspSettings,
     squeeze: Callable[[BoolArray], Squeeze],
 ) -> GraspState:
-    """Waits until the fingers are at their goals and can hold the object, up to a time limit.
+    """Waits until the fingers are at their goals and can hold the object, or gives up.
 
-    While the object is not tracked, the hand waits without a limit. The limit then starts again.
+    After the time limit, fingers that are off their goals take no part in the grasp. While
+    the object is not tracked, the hand waits without a limit. The limit then starts again.
     """
     if np.isinf(state.asked):
         return state
@@ -153,12 +154,17 @@ def _track(
     if state.reason == GiveUp.OBJECT_UNSEEN:
         state = replace(state, reason=GiveUp.NONE, detail=0.0)
     waited = view.time - max(state.asked, state.since) >= settings.gate_limit - 1e-9
-    if not waited and not fingers_have_arrived(view, settings):
+    late = np.where(view.active, view.distances, 0.0)
+    is_late = bool(np.any(late > settings.gate_distance))
+    if is_late and not waited:
         return state
-    why_not = hindrance(view, settings, squeeze)
+    fingers = view.active & (late <= settings.gate_distance)
+    why_not = hindrance(fingers, settings, squeeze)
     if why_not is None:
         closing = _enter(state, GraspPhase.CLOSE, view)
-        return replace(closing, active=view.active.copy(), reason=GiveUp.NONE, detail=0.0)
+        return replace(closing, active=fingers, reason=GiveUp.NONE, detail=0.0)
+    if is_late:
+        why_not = GiveUp.OFF_GOAL, float(np.argmax(late))
     return _open(state, view, *why_not) if waited else state
 
 
@@ -195,7 +201,7 @@ def _begin_squeeze(
 ) -> GraspState:
     planned = squeeze(state.active)
     if planned.residual > settings.imbalance:
-        return _open(state, view, GiveUp.OUT_OF_BALANCE, planned.residual)
+        return _open(state, view, planned.lack, planned.residual)
     return replace(
         _enter(state, GraspPhase.SQUEEZE, view),
         gripped=view.time,

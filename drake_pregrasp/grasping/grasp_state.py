@@ -7,6 +7,12 @@ import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, pack, unpack
 
+BASE = -1
+"""Index of the palm with its carrier or arm, which belong to no finger."""
+
+NOT_HINDERED = -2
+"""Index of the finger that stops a hand which can move."""
+
 
 class GraspPhase(IntEnum):
     """Phases of a grasp.
@@ -39,9 +45,14 @@ class GiveUp(IntEnum):
         TOO_FEW_FINGERS: Fewer fingers are active than a grasp needs.
         MET_NOTHING: A finger has found no surface within its search distance.
         PRESSED_TOO_HARD: A finger pressed with more than the largest force.
-        OUT_OF_BALANCE: No squeeze within the friction cones balances the weight.
+        OUT_OF_BALANCE: No squeeze of these contacts balances the weight.
         LOST_TOUCH: A finger lost touch in the lift or after it.
         OBJECT_UNSEEN: The estimator lost the object before all fingers touched it.
+        OFF_GOAL: A finger did not arrive at its goal.
+        NEEDS_FORCE: A squeeze would balance the weight only above the largest force.
+        NEEDS_TORQUE: A squeeze would balance the weight only above the torques of the joints.
+        NEEDS_FRICTION: A squeeze would balance the weight only with more friction.
+        HINDERED: No motion keeps all links clear; the hand stands still until there is one.
     """
 
     NONE = 0
@@ -52,16 +63,36 @@ class GiveUp(IntEnum):
     OUT_OF_BALANCE = 5
     LOST_TOUCH = 6
     OBJECT_UNSEEN = 7
+    OFF_GOAL = 8
+    NEEDS_FORCE = 9
+    NEEDS_TORQUE = 10
+    NEEDS_FRICTION = 11
+    HINDERED = 12
 
+
+UNBALANCED = (
+    GiveUp.OUT_OF_BALANCE,
+    GiveUp.NEEDS_FORCE,
+    GiveUp.NEEDS_TORQUE,
+    GiveUp.NEEDS_FRICTION,
+)
+"""Reasons of a hand whose fingers cannot balance the weight."""
+
+_IMBALANCE = "no squeeze balances the weight: {:.2f} N are left"
 
 _REASONS = {
     GiveUp.TOLD_TO_OPEN: "told to open",
     GiveUp.TOO_FEW_FINGERS: "only {:.0f} active fingers",
     GiveUp.MET_NOTHING: "finger {:.0f} met nothing",
     GiveUp.PRESSED_TOO_HARD: "finger {:.0f} pressed too hard",
-    GiveUp.OUT_OF_BALANCE: "no squeeze balances the weight: {:.2f} N are left",
+    GiveUp.OUT_OF_BALANCE: _IMBALANCE,
     GiveUp.LOST_TOUCH: "finger {:.0f} lost touch",
     GiveUp.OBJECT_UNSEEN: "the object is lost from sight",
+    GiveUp.OFF_GOAL: "finger {:.0f} did not arrive at its goal",
+    GiveUp.NEEDS_FORCE: f"{_IMBALANCE} at the largest force",
+    GiveUp.NEEDS_TORQUE: f"{_IMBALANCE} at the largest torque of a joint",
+    GiveUp.NEEDS_FRICTION: f"{_IMBALANCE} for lack of friction",
+    GiveUp.HINDERED: "no way is clear for the links of finger {:.0f}",
 }
 
 
@@ -72,6 +103,8 @@ def describe_give_up(reason: int, detail: float) -> str | None:
         reason: Value of `GiveUp`.
         detail: Index of a finger, number of fingers or force in newtons, for the text.
     """
+    if reason == GiveUp.HINDERED and detail == BASE:
+        return "no way is clear for the base of the hand"
     return None if reason == GiveUp.NONE else _REASONS[GiveUp(reason)].format(detail)
 
 
@@ -87,7 +120,7 @@ class GraspSettings:
         standoff: Gap between fingertips and object while tracking.
         gate_distance: Largest distance of each active finger from its goal when the hand closes.
         gate_limit: Longest time for which the hand waits for the fingers to be at their goals, and
-            for enough fingers whose forces can balance.
+            for enough fingers whose forces can balance. Then late fingers take no part.
         closing_speed: Speed of the fingertips along the normals.
         closing_acceleration: Acceleration of the fingertips, in m/s², small enough that their
             inertia is not measured as touch.
@@ -263,6 +296,7 @@ class GraspView:
         presses: Normal force of each fingertip on the object, shape (n,), in newtons; ignored until
             the hand closes.
         sees: Whether the object is tracked.
+        hindered: Index of the finger that stops the hand, `BASE`, or `NOT_HINDERED`.
     """
 
     time: float
@@ -272,3 +306,4 @@ class GraspView:
     gaps: FloatArray
     presses: FloatArray
     sees: bool = True
+    hindered: int = NOT_HINDERED

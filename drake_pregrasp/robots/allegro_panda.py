@@ -85,16 +85,28 @@ _BASE_XYZ = (-0.55, 0.0, 0.0)
 _PALM_XYZ = (-0.02, 0.0, 0.045)
 _PALM_RPY = (math.pi, -math.pi / 2, 0.0)
 
-# Drives by prefixes of joints' names: stiff where the arm is long, and with the inertia of rotors
-# behind gears, like the real ones.
+# Accelerations of the arm's joints from frankaemika.github.io/docs/control_parameters.html, as are
+# the torques (87 and 12 N m) and speeds (2.175 and 2.61 rad/s) of its model.
+_ACCELERATIONS = (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
+_GAINS = 4 * [(9000.0, 600.0)] + 2 * [(4500.0, 200.0)] + [(3000.0, 120.0)]
+
+# Inertia of a rotor behind its gears, in kg m²: the arm's is that of the Panda in MuJoCo Menagerie.
+# The hand's is the time constant of 7 ms of motors without iron cores, times torque over speed, 0.7
+# N m at 9.5 rad/s.
+_ARM_ROTOR, _HAND_ROTOR = 0.1, 5e-4
+
+# Drives by prefixes of joints' names, stiff where the arm is long.
 _DRIVES = {
-    **dict.fromkeys([f"panda_joint{i}" for i in range(1, 5)], Drive(9000.0, 600.0, 0.1)),
-    **dict.fromkeys([f"panda_joint{i}" for i in range(5, 7)], Drive(4500.0, 200.0, 0.1)),
-    "panda_joint7": Drive(3000.0, 120.0, 0.1),
-    # The model allows 15 N m, the manufacturer 0.9 N m.
-    **dict.fromkeys([f"joint_{i}.0" for i in range(12)], Drive(4.0, 0.12, 5e-4, effort=0.9)),
-    **dict.fromkeys([f"joint_{i}.0" for i in range(12, 16)], Drive(1.5, 0.05, 5e-4, effort=0.9)),
+    f"panda_joint{i}": Drive(*gains, _ARM_ROTOR, acceleration=acceleration)
+    for i, (gains, acceleration) in enumerate(zip(_GAINS, _ACCELERATIONS, strict=True), start=1)
 }
+# The model of the hand allows 15 N m, the manufacturer 0.9 N m.
+_DRIVES |= dict.fromkeys(
+    [f"joint_{i}.0" for i in range(12)], Drive(4.0, 0.12, _HAND_ROTOR, effort=0.9)
+)
+_DRIVES |= dict.fromkeys(
+    [f"joint_{i}.0" for i in range(12, 16)], Drive(1.5, 0.05, _HAND_ROTOR, effort=0.9)
+)
 
 _FRICTION = 0.7  # Friction coefficient of rubber on most materials.
 _STIFFNESS = 1e4  # Stiffness of rubber tips in N/m; harder contacts would chatter.

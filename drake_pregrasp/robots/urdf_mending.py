@@ -24,12 +24,14 @@ class Drive:
         damping: Gain of the velocity error, in N m s/rad.
         rotor_inertia: Inertia of the rotor reflected by the gears, in kg m².
         effort: Largest torque, in N m, or None for that of the model.
+        acceleration: Largest acceleration, in rad/s², or None for no limit.
     """
 
     stiffness: float
     damping: float
     rotor_inertia: float
     effort: float | None = None
+    acceleration: float | None = None
 
 
 def drop_from(robot: Element, link: str) -> None:
@@ -113,6 +115,8 @@ def drive_joints(robot: Element, drive: Drive, *, prefix: str) -> None:
             continue
         if drive.effort is not None:
             limit.set("effort", f"{drive.effort:g}")
+        if drive.acceleration is not None:
+            limit.set(f"{{{DRAKE}}}acceleration", f"{drive.acceleration:g}")
         transmission = SubElement(robot, "transmission")
         SubElement(transmission, "type").text = "transmission_interface/SimpleTransmission"
         SubElement(transmission, "joint", name=name)

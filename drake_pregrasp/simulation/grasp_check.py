@@ -13,8 +13,10 @@ from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import PregraspError, ScenarioError
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.simulation.hand_file import HandConfig, load_hand, load_hand_model
+from drake_pregrasp.grasping.grasp_state import GraspSettings
+from drake_pregrasp.simulation.hand_file import HandConfig, load_hand
 from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.simulation_diagram import initial_contacts
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
 Problems = Iterator[tuple[str, str]]
@@ -76,7 +78,7 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     if ahead := scenario.planner.estimator.lookahead:
         yield "planner.estimator.lookahead", f"{ahead} must be 0: a hand looks ahead itself"
     with errors_at("grasp.hand", f"{grasp.hand}: "):
-        model = load_hand_model(grasp.hand)
+        model = scenario.load_hand_model()
     with errors_at("grasp.wrist_range"):
         model.yaw_range(grasp.yaw_range)
     largest = np.min(grasp.make_settings(hand.fingertips).largest_force)
@@ -95,6 +97,23 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         p_OC = scenario.initial_p_OC(surface)
         model.check_contacts(p_OC, surface.project(p_OC)[1])
     _check_arm(scenario, scenario.motion, model, p_OC)
+
+
+def room_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
+    """Yields a problem if too few fingers of a hand reach the object with room beside each other.
+
+    Args:
+        scenario: Scenario whose other values have been checked.
+        surface: Surface of the scenario's object.
+    """
+    if not scenario.grasp.has_hand:
+        return
+    _, has_room = initial_contacts(scenario, surface)
+    tips, least = load_hand(scenario.grasp.hand).fingertips, GraspSettings.least_fingers
+    away = [tip.frame for tip, room in zip(tips, has_room, strict=True) if not room]
+    if away and len(tips) - len(away) < least:
+        problem = f"only {len(tips) - len(away)} fingers reach it and have room, {least} are needed"
+        yield "object", f"{problem}; there is no place for {', '.join(away)}"
 
 
 def _check_arm(scenario: Scenario, motion: Conveyor, model: HandModel, p_OC: FloatArray) -> None:

@@ -90,12 +90,15 @@ def check_hand_files(hand: str, allowed: Sequence[Path], source: str) -> None:
         raise ScenarioError(source, "grasp.hand", str(error)) from error
 
 
-def load_hand_model(file: str | Path, yaw_range: tuple[float, float] = FREE_TURN) -> HandModel:
+def load_hand_model(
+    file: str | Path, yaw_range: tuple[float, float] = FREE_TURN, *, object_top: float = 0.0
+) -> HandModel:
     """Loads a hand and its model, or returns the cached model while both files are unchanged.
 
     Args:
         file: File of the hand's description; see `load_hand`.
         yaw_range: Range of the palm's yaw in radians; see `HandModel`.
+        object_top: Height of the object's top over its origin, in metres; see `HandDescription`.
 
     Raises:
         ScenarioError: If the description is invalid; see `load_hand`.
@@ -103,15 +106,20 @@ def load_hand_model(file: str | Path, yaw_range: tuple[float, float] = FREE_TURN
     """
     path = model_path(load_hand(file).model)
     own = resolve_path(str(file), Path.cwd())
-    return _model(own, own.stat().st_mtime_ns, path, path.stat().st_mtime_ns, yaw_range)
+    changed = own.stat().st_mtime_ns, path.stat().st_mtime_ns
+    return _model(own, path, changed, yaw_range, object_top)
 
 
 @functools.lru_cache(maxsize=2)  # Models without and with the range of the wrist.
 def _model(
-    file: Path, changed: int, model: Path, model_changed: int, yaw_range: tuple[float, float]
+    file: Path,
+    model: Path,
+    changed: tuple[int, int],
+    yaw_range: tuple[float, float],
+    object_top: float,
 ) -> HandModel:
     try:
         with failures_as_errors():
-            return HandModel(load_hand(file), yaw_range)
+            return HandModel(load_hand(file).over_object(object_top), yaw_range)
     except RuntimeError as error:
         raise InvalidArgumentError(f"model: {model} cannot be used: {first_line(error)}") from error

@@ -13,7 +13,6 @@ from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.errors import OutputError
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
 from drake_pregrasp.systems.status_labels import StatusLabels
@@ -115,7 +114,7 @@ def shown_path(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
     duration = scenario.simulation_duration + scenario.planner.estimator.lookahead
     if not grasp.has_hand:
         return expected_path(scenario.motion, duration, scenario.object), _CAMERA
-    settings, hand = grasp.make_settings(), load_hand(grasp.hand)
+    settings, hand = grasp.make_settings(), scenario.load_hand_model().description
     duration = min(duration, grasp.latest_rest(hand.fingertips))
     path = expected_path(scenario.motion, duration, scenario.object)
     above = hand.palm_height + max(settings.lift_height, settings.approach_height)

@@ -22,6 +22,7 @@ from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.quality.grasp_quality import GraspQuality
 from drake_pregrasp.simulation.output import reading_back, writing
 from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.systems.link_contacts import TOUCHED
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 
 _FLUSH_PERIOD = 1.0  # Seconds of data that a killed run can lose.
@@ -205,7 +206,7 @@ class GraspLog(CsvLog):
         """Adds a tick."""
         points = (record.p_WT.ravel(), record.p_GT.ravel(), record.f_T_W.ravel())
         poses = map(pose_values, (record.X_WG, record.X_WO, record.X_WD))
-        self.write(np.hstack([record.time, record.report, *points, *poses]))
+        self.write(np.hstack([record.time, record.report, *points, *poses, record.link_forces]))
 
     def read_points(self, kind: str) -> FloatArray:
         """Returns vectors of a kind, `tip` in W, `goal` in G or `force` in W, as (ticks, n, 3)."""
@@ -222,7 +223,8 @@ def grasp_columns(num_fingers: int) -> list[str]:
     report = ["time", "phase", "phase_since", "gave_up", "gave_up_detail"]
     points = (_point_columns(kind, num_fingers) for kind in ("tip", "goal", "force"))
     poses = (pose_columns(frames) for frames in ("wg", "wo", "wd"))
-    return [*report, *itertools.chain(*points, *poses)]
+    links = [f"link_force_{touched}" for touched in TOUCHED]
+    return [*report, *itertools.chain(*points, *poses), *links]
 
 
 def _point_columns(kind: str, num_fingers: int) -> list[str]:

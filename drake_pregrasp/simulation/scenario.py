@@ -12,8 +12,14 @@ from drake_pregrasp.config.object_config import Box, Conveyor, MotionConfig, Obj
 from drake_pregrasp.config.planner_config import MeasuresConfig, PlannerConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.config.surface_config import SurfaceConfig
-from drake_pregrasp.contacts.assignment import assign_fingers, assign_fingers_round, ring_contacts
+from drake_pregrasp.contacts.assignment import (
+    FREE_TURN,
+    assign_fingers,
+    assign_fingers_round,
+    ring_contacts,
+)
 from drake_pregrasp.diagrams.expected_path import initial_pose
+from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand_model
 from drake_pregrasp.simulation.obstacle_config import ObstacleConfig
@@ -62,15 +68,11 @@ class Scenario:
 
     # Configuration of Drake's plant. The time step is half the planning period, so that both fall
     # on exactly the same times. Without sampled output ports, the plant steps in the same pass as
-    # the planner, which then sees the same pose as loggers and visualizers. With the lower SAP
-    # threshold, the object sinks into the table by micrometres instead of half a millimetre.
+    # the planner, which then sees the same pose as loggers and visualizers. Contact is hydroelastic
+    # and `lagged`, as by default: with `sap`, sliding objects hop.
     plant_config: MultibodyPlantConfig = field(
         default_factory=lambda: MultibodyPlantConfig(
-            time_step=0.025,
-            use_sampled_output_ports=False,
-            sap_near_rigid_threshold=0.1,
-            contact_model="hydroelastic_with_fallback",
-            discrete_contact_approximation="sap",
+            time_step=0.025, use_sampled_output_ports=False
         )
     )
 
@@ -137,6 +139,15 @@ class Scenario:
         """
         return self.surface.make_surface(self.object, spacing)
 
+    def load_hand_model(self, yaw_range: tuple[float, float] = FREE_TURN) -> HandModel:
+        """Loads the hand's model with its description for the scenario's object.
+
+        Args:
+            yaw_range: Range of the palm's yaw in radians; see `HandModel`.
+        """
+        _, high = self.object.make_shape().mesh.bounds
+        return load_hand_model(self.grasp.hand, yaw_range, object_top=high[2])
+
     def remaining_contacts(self) -> list[int]:
         """Returns the indices of the contacts that are never lost."""
         lost = {contact for event in self.damage for contact in event.contacts}
@@ -160,7 +171,7 @@ class Scenario:
                 p_OC, _ = surface.project(p_OC)
         X_WO = initial_pose(self.motion, self.object)
         if self.grasp.has_hand:
-            hand = load_hand_model(self.grasp.hand)
+            hand = self.load_hand_model()
             p_CoMC_W: FloatArray = (X_WO.rotation() @ (p_OC - surface.p_OCoM).T).T
             azimuths = np.arctan2(p_CoMC_W[:, 1], p_CoMC_W[:, 0])
             offsets, yaw_range = hand.largest_offsets, hand.yaw_range(self.grasp.yaw_range)

@@ -18,7 +18,13 @@ from drake_pregrasp.contacts.strategies import BLEND, STRATEGIES
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors
 from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError, first_line
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
-from drake_pregrasp.simulation.grasp_check import Problems, errors_at, grasp_problems, raise_first
+from drake_pregrasp.simulation.grasp_check import (
+    Problems,
+    errors_at,
+    grasp_problems,
+    raise_first,
+    room_problems,
+)
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.simulation_diagram import hand_planner
 
@@ -78,6 +84,7 @@ def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     limits = hand_planner(scenario).limits
     yield from _limits_problems(limits, scenario.num_contacts, surface)
     yield from _reach_problems(scenario, limits, surface)
+    yield from room_problems(scenario, surface)
     yield from _drake_problems(scenario)
 
 
@@ -136,8 +143,8 @@ def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
                 yield f"initial_contacts[{index}]", f"{problem} surface; {rule} and none beyond"
     yield from _length_problems("contact_weights", scenario.contact_weights, count)
     yield from _damage_problems(scenario)
-    if not isinstance(scenario.object, Box) and plant.contact_model == "point":
-        problem = "point contact fills hollow objects, and only boxes can stand on it"
+    if plant.contact_model == "point":
+        problem = "objects hop and sink with point contact"
         yield "plant_config.contact_model", f"{problem}; choose hydroelastic_with_fallback"
     coast, lost = planner.estimator.coast_after, planner.estimator.lost_after
     if coast > lost:

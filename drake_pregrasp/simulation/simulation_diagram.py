@@ -6,22 +6,26 @@ from typing import cast
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.math import RigidTransform
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
+from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.grasp_config import hand_limits
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import Box, Conveyor
 from drake_pregrasp.config.planner_config import PlannerConfig
+from drake_pregrasp.contacts.assignment import palm_turn
+from drake_pregrasp.contacts.goal_limits import make_room
+from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_station import TABLE, DrivenHand, HandStation, add_driven_hand
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import GraspQuality
-from drake_pregrasp.simulation.hand_file import load_hand, load_hand_model
+from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.recording import add_visualizers
 from drake_pregrasp.simulation.scenario import Scenario
@@ -56,7 +60,7 @@ def make_diagram(
     period, seed = config.period, scenario.random_seed
     builder = DiagramBuilder()
     add = builder.AddNamedSystem
-    p_OC = scenario.initial_p_OC(surface)
+    p_OC, has_room = initial_contacts(scenario, surface)
     hand = None
     if scenario.grasp.has_hand:
         hand = add_driven_hand(
@@ -65,7 +69,7 @@ def make_diagram(
             cast(Conveyor, scenario.motion),
             scenario.plant_config,
             scenario.grasp,
-            load_hand_model(scenario.grasp.hand, scenario.grasp.yaw_range),
+            scenario.load_hand_model(scenario.grasp.yaw_range),
             p_OCoM=surface.p_OCoM,
             p_OC=p_OC,
             target_period=period,
@@ -77,6 +81,7 @@ def make_diagram(
     noise = add("noise", NoiseSource(size=NoisyPoseSensor.NOISE_SIZE, period=period, seed=seed))
     sensor = add("pose_sensor", NoisyPoseSensor(scenario.sensor, period=period, seed=seed))
     losses = [(event.at, event.contacts) for event in scenario.damage]
+    losses.append((0.0, np.flatnonzero(~has_room).tolist()))
     values = np.array(scenario.contact_weights or [0.0] * n)
     weights = add("contact_weights", ContactWeights(values, losses))
     frames = None if hand is None else hand.tip_frames
@@ -124,12 +129,45 @@ def hand_planner(scenario: Scenario) -> PlannerConfig:
     if not grasp.has_hand:
         return config
     own, default = config.limits, LimitsConfig()
-    limits = hand_limits(load_hand(grasp.hand), grasp, reach=grasp.use_reach)
+    hand = scenario.load_hand_model().description
+    limits = hand_limits(hand, grasp, reach=grasp.use_reach)
     given = {name: value for name, value in vars(own).items() if value != getattr(default, name)}
     if len(own.forbidden_faces) == len(limits.forbidden_faces):
         both = zip(own.forbidden_faces, limits.forbidden_faces, strict=True)
         given["forbidden_faces"] = [list(dict.fromkeys([*a, *b])) for a, b in both]
     return replace(config, limits=replace(limits, **given))
+
+
+def initial_contacts(scenario: Scenario, surface: ObjectSurface) -> tuple[FloatArray, BoolArray]:
+    """Returns the initial contacts in O, shape (n, 3), in metres, and which have room, shape (n,).
+
+    Where fingertips of a hand overlap, they get other ground. A finger that has none, or whose
+    allowed surface is out of reach, keeps away from the object.
+
+    Args:
+        scenario: Scenario whose other values have been checked.
+        surface: Surface of the object, from `scenario.make_surface()`.
+    """
+    p_OC, grasp = scenario.initial_p_OC(surface), scenario.grasp
+    if not grasp.has_hand:
+        return p_OC, np.ones(len(p_OC), dtype=bool)
+    hand, limits = scenario.load_hand_model(), hand_planner(scenario).limits
+    X_WO = initial_pose(scenario.motion, scenario.object)
+    R_WO, p_WO = X_WO.rotation().matrix(), X_WO.translation()
+    yaw = palm_turn(
+        (p_OC - surface.p_OCoM) @ R_WO.T, hand.azimuths, 0.0, hand.yaw_range(grasp.yaw_range)
+    )
+    R_OH = R_WO.T @ RotationMatrix.MakeZRotation(yaw).matrix()
+    constraints = RegionConstraints(
+        obstacles=Obstacles((TABLE.solid,)).moved(R_WO.T, -R_WO.T @ p_WO),
+        clearance=limits.clearance,
+        tip_radii=np.array(limits.tip_radii),
+        tip_gap=limits.tip_gap,
+        standoff=limits.standoff,
+        reach=[reach and reach.moved(R_OH, np.zeros(3)) for reach in limits.reaches()],
+        closed=limits.closed(),
+    )
+    return make_room(surface, p_OC, constraints)
 
 
 def _add_obstacles(
@@ -176,7 +214,7 @@ def _connect_hand(
     logger = GraspLogger(num_fingers=fingers, period=period, sink=sink)
     builder.AddNamedSystem("grasp_logger", logger)
     connect(builder, controller, "grasp_report p_GT p_WT f_T_W X_WG", logger)
-    connect(builder, hand.station, "X_WO X_WD", logger)
+    connect(builder, hand.station, "X_WO X_WD link_forces", logger)
 
 
 def _step_at(time: float) -> TrajectorySource:

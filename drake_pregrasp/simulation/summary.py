@@ -31,6 +31,7 @@ from drake_pregrasp.simulation import run_log
 from drake_pregrasp.simulation.output import replacing, writing
 from drake_pregrasp.simulation.run_log import GraspLog, RunLog
 from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.systems.link_contacts import TOUCHED
 from drake_pregrasp.systems.loggers import TickRecord
 from drake_pregrasp.version import __version__
 
@@ -95,12 +96,15 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
       their goals, relative to the estimated object at the same time, while the hand approaches
       and tracks, after `SETTLED`. Each goal is compared with the fingertip after the
       controller's lead.
-    - `closing_motion_mm`, `squeeze_motion_mm`: largest motion of the object's origin on the
-      turntable while fingers close until touch, and while forces increase.
+    - `early_motion_mm`, `closing_motion_mm`, `squeeze_motion_mm`: largest motion of the object's
+      origin on the turntable from `SETTLED` until the squeeze, while fingers close until touch, and
+      while forces increase.
     - `lift_height_mm`: height of the object at the end above its height before the lift.
     - `slip_lift_mm`, `slip_hold_mm`: largest motion over the object of any fingertip that pressed
       at the start of the lift.
     - `tip_forces`: contact force of each finger at the end, in newtons.
+    - `link_forces`: largest force with which a link that is no fingertip touched the object, the
+      surroundings, and another finger, in newtons.
     - `gave_up`: reason why the hand opened again, or null.
     """
     time, phase, reason, detail = log.read("time", "phase", "gave_up", "gave_up_detail")
@@ -112,6 +116,7 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
     carried = _seen_from(log.read_pose("wg"), tips)
     errors = 1e3 * np.linalg.norm(carried - _shifted(time, goals, lead), axis=2)
     tracking = (phase <= GraspPhase.TRACK) & (time > SETTLED)
+    early = (phase <= GraspPhase.CLOSE) & (time > SETTLED)
     on_table = 1e3 * _seen_from(table_poses, object_poses[:, None, :3])
     on_object = 1e3 * _seen_from(object_poses, tips)
     lifting = np.flatnonzero(phase == GraspPhase.LIFT)
@@ -124,12 +129,16 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
         "gave_up": describe_give_up(int(reason[-1]), detail[-1]),
         "tracking_error_mean_mm": _reduced(np.mean, errors[tracking]),
         "tracking_error_max_mm": _reduced(np.max, errors[tracking]),
+        "early_motion_mm": _largest_motion(on_table, early),
         "closing_motion_mm": _largest_motion(on_table, phase == GraspPhase.CLOSE),
         "squeeze_motion_mm": _largest_motion(on_table, phase == GraspPhase.SQUEEZE),
         "lift_height_mm": _reduced(lambda z: 1e3 * (z[-1] - z[0]), lifted_z),
         "slip_lift_mm": _largest_motion(on_object, phase == GraspPhase.LIFT),
         "slip_hold_mm": _largest_motion(on_object, phase == GraspPhase.HOLD),
         "tip_forces": np.linalg.norm(forces[-1], axis=1).tolist(),
+        "link_forces": {
+            touched: float(np.max(log.read(f"link_force_{touched}"))) for touched in TOUCHED
+        },
     }
 
 

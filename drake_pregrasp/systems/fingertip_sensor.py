@@ -1,19 +1,25 @@
 """Kinematics of a hand's fingertips, and the sensor that measures their poses and forces."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from pydrake.common.value import AbstractValue
+from pydrake.geometry import GeometryId, SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable, ModelInstanceIndex
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.systems.ports import declare_output
 
+LARGEST_RATE = 10.0
+"""Largest rate of any joint, in rad/s or m/s."""
+
 _FORCE_DIRECTIONS = 3
-_DAMPING = 1e-10  # Added to J Jᵀ, in m², which is singular for a finger that is stretched out.
+_LEAST_SHARE = 0.08  # Singular value of a Jacobian below which it is damped, of its largest one.
 
 
 class HandKinematics:
@@ -28,9 +34,13 @@ class HandKinematics:
     Attributes:
         plant: The plant.
         tip_frames: Scoped names of the fingertips' frames.
+        frames: The fingertips' frames.
         stiffness: Proportional gain of each joint, shape (nq,).
+        efforts: Largest torque or force of each joint, shape (nq,), in N m or N.
         lower: Lower limit of each joint, shape (nq,).
         upper: Upper limit of each joint, shape (nq,).
+        rate_limit: Largest rate of each joint, shape (nq,), at most `LARGEST_RATE`.
+        acceleration_limit: Largest acceleration of each joint, shape (nq,), in 1/s².
 
     Raises:
         InvalidArgumentError: If a frame does not exist, or a joint is not driven.
@@ -39,10 +49,14 @@ class HandKinematics:
     def __init__(self, plant: MultibodyPlant, tip_frames: Sequence[str]) -> None:
         self.plant = plant
         self.tip_frames = list(tip_frames)
-        self._frames = [_find_frame(plant, name) for name in tip_frames]
+        self.frames = [scoped_frame(plant, name) for name in tip_frames]
         self.stiffness = _stiffness(plant)
+        drives = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
+        self.efforts: FloatArray = np.array([drive.effort_limit() for drive in drives])
         self.lower, self.upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
-        moves = np.array([_joints_to(plant, frame) for frame in self._frames])
+        self.rate_limit = np.minimum(plant.GetVelocityUpperLimits(), LARGEST_RATE)
+        self.acceleration_limit = plant.GetAccelerationUpperLimits()
+        moves = np.array([_joints_to(plant, frame) for frame in self.frames])
         self._is_own = moves & (np.sum(moves, axis=0) == 1)
         for name, own in zip(tip_frames, self._is_own, strict=True):
             if np.sum(own) < _FORCE_DIRECTIONS:
@@ -62,7 +76,7 @@ class HandKinematics:
 
     def tip_positions(self, plant_context: Context) -> FloatArray:
         """Returns the fingertips' centres in W, shape (n, 3), in metres."""
-        return np.array([f.CalcPoseInWorld(plant_context).translation() for f in self._frames])
+        return np.array([f.CalcPoseInWorld(plant_context).translation() for f in self.frames])
 
     def tip_jacobians(self, plant_context: Context) -> FloatArray:
         """Returns the Jacobians of the fingertips' velocities in W, shape (n, 3, nq)."""
@@ -72,7 +86,7 @@ class HandKinematics:
                 self.plant.CalcJacobianTranslationalVelocity(
                     plant_context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world
                 )
-                for frame in self._frames
+                for frame in self.frames
             ]
         )
 
@@ -80,19 +94,84 @@ class HandKinematics:
         """Returns the forces that fingertips press with, in W, shape (n, 3), in newtons.
 
         At rest and without gravity, the torques of a finger's own joints are tau = J^T f. With more
-        than three joints, f is the least-squares solution.
+        than three joints, f is the least-squares solution. Torques hardly show a force along a
+        direction in which a stretched finger hardly moves, with a singular value s near zero: f has
+        the component tau/s there, and tau s/s0^2 below s0, so that |f| <= |tau|/s0.
 
         Args:
             plant_context: Context of the plant at the hand's positions.
             actuation: Torques of all joints, shape (nq,), in N m.
         """
         J = self.tip_jacobians(plant_context) * self._is_own[:, None]
-        squares = J @ J.transpose(0, 2, 1) + _DAMPING * np.eye(3)
-        forces: FloatArray = np.linalg.solve(squares, (J @ actuation)[:, :, None])[:, :, 0]
+        U, s, Vt = np.linalg.svd(J, full_matrices=False)
+        gains = s / np.maximum(s, _LEAST_SHARE * s[:, :1]) ** 2
+        forces: FloatArray = np.einsum("nij,nj->ni", U, gains * (Vt @ actuation))
         return forces
 
 
-def _find_frame(plant: MultibodyPlant, scoped_name: str) -> Frame:
+@dataclass(frozen=True)
+class HandLink:
+    """A collision geometry of a hand.
+
+    Attributes:
+        frame: Frame of its body.
+        finger: Index of its finger, or `BASE`.
+        is_tip: Whether it is a fingertip.
+        is_last: Whether no joint moves it relative to the fingertip.
+    """
+
+    frame: Frame
+    finger: int
+    is_tip: bool
+    is_last: bool
+
+
+def hand_links(
+    plant: MultibodyPlant,
+    tip_frames: Sequence[Frame],
+    tip_radii: Sequence[float] | FloatArray,
+    inspector: SceneGraphInspector,
+) -> dict[GeometryId, HandLink]:
+    """Returns the collision geometries of a hand, except those of bodies that do not move.
+
+    A fingertip is the geometry whose centre is within its radius of its frame. If a body has none
+    there, all its geometries count as the fingertip.
+
+    Args:
+        plant: Finalized plant with the hand.
+        tip_frames: Frames of the fingertips.
+        tip_radii: Radii of the fingertips, shape (n,), in metres.
+        inspector: Inspector of the plant's SceneGraph.
+    """
+    moves = np.array([_joints_to(plant, frame) for frame in tip_frames])
+    own = moves & (np.sum(moves, axis=0) == 1)
+    tips: set[GeometryId] = set()
+    for frame, radius in zip(tip_frames, tip_radii, strict=True):
+        p_BT = frame.GetFixedPoseInBodyFrame().translation()
+        there = plant.GetCollisionGeometriesForBody(frame.body())
+        places = [inspector.GetPoseInFrame(geometry).translation() for geometry in there]
+        near = [np.linalg.norm(place - p_BT) <= radius for place in places]
+        tips.update(g for g, is_near in zip(there, near, strict=True) if is_near or not any(near))
+    links = {}
+    for index in plant.GetBodyIndices(tip_frames[0].model_instance()):
+        body_frame = plant.get_body(index).body_frame()
+        moved = _joints_to(plant, body_frame)
+        if not np.any(moved):
+            continue
+        fingers = np.flatnonzero(own @ moved)
+        finger = int(fingers[0]) if len(fingers) else BASE
+        for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index)):
+            is_last = finger != BASE and np.array_equal(moved, moves[finger])
+            links[geometry] = HandLink(body_frame, finger, geometry in tips, is_last)
+    return links
+
+
+def scoped_frame(plant: MultibodyPlant, scoped_name: str) -> Frame:
+    """Returns a frame by its scoped name.
+
+    Raises:
+        InvalidArgumentError: If there is no such frame.
+    """
     instance, _, name = scoped_name.rpartition("::")
     if plant.HasModelInstanceNamed(instance):
         model = plant.GetModelInstanceByName(instance)
@@ -157,6 +236,7 @@ class FingertipSensor(LeafSystem):
         output_ports:
         - p_WT
         - f_T_W
+        - J_WT
 
     Port `hand_state` accepts a vector of 2 nq: positions and velocities of the hand's joints.
 
@@ -169,6 +249,9 @@ class FingertipSensor(LeafSystem):
 
     Port `f_T_W` emits a vector of 3n: the forces that the fingertips press with, in W, in newtons;
     NaN if a position or a torque is not finite.
+
+    Port `J_WT` emits a vector of 3n nq: the Jacobians of the fingertips' velocities in W, shape (n,
+    3, nq); NaN if a position is not finite.
 
     Args:
         hand: Kinematics of the hand.
@@ -190,6 +273,7 @@ class FingertipSensor(LeafSystem):
         posed, actuation = self._posed, self._actuation
         declare_output(self, "p_WT", 3 * n, self._calc_positions, posed)
         declare_output(self, "f_T_W", 3 * n, self._calc_forces, posed, actuation)
+        declare_output(self, "J_WT", 3 * n * nq, self._calc_jacobians, posed)
 
     def _positions(self, context: Context) -> FloatArray:
         return validated_numbers(self._state.Eval(context)[: self._hand.num_positions])
@@ -201,6 +285,11 @@ class FingertipSensor(LeafSystem):
         if np.any(np.isnan(self._positions(context))):  # Drake aborts the process on NaN.
             return np.full((len(self._hand.tip_frames), 3), np.nan)
         return self._hand.tip_positions(self._posed.Eval(context))
+
+    def _calc_jacobians(self, context: Context) -> FloatArray:
+        if np.any(np.isnan(self._positions(context))):
+            return np.full((len(self._hand.tip_frames), 3, self._hand.num_positions), np.nan)
+        return self._hand.tip_jacobians(self._posed.Eval(context))
 
     def _calc_forces(self, context: Context) -> FloatArray:
         actuation = validated_numbers(self._actuation.Eval(context))

@@ -14,10 +14,17 @@ from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.contacts.selection_input import is_active
+from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.grasping.grasp_phases import next_state
-from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, GraspView
+from drake_pregrasp.grasping.grasp_state import (
+    BASE,
+    NOT_HINDERED,
+    GraspPhase,
+    GraspState,
+    GraspView,
+)
 from drake_pregrasp.grasping.held_motion import HeldMotion
-from drake_pregrasp.grasping.squeeze import Squeeze, safest_squeeze
+from drake_pregrasp.grasping.squeeze import Squeeze
 from drake_pregrasp.systems.ports import (
     POSE,
     VELOCITY,
@@ -26,6 +33,7 @@ from drake_pregrasp.systems.ports import (
     declare_output,
     validated_velocity,
 )
+from drake_pregrasp.systems.squeeze_program import plan_squeeze
 
 GRAVITY: float = UniformGravityFieldElement.kDefaultStrength
 """Acceleration of gravity along -z of W, in m/s²."""
@@ -51,6 +59,8 @@ class GraspSequencer(LeafSystem):
         - p_WT
         - f_T_W
         - tracking_status
+        - J_WT
+        - hindered_finger
         output_ports:
         - X_WG
         - V_WG
@@ -62,9 +72,9 @@ class GraspSequencer(LeafSystem):
         - V_WO_held
 
     Port `close` accepts a vector of 1: above 0.5, the hand must close and stay closed. It closes
-    once all active fingers are at their goals and can balance the object's weight. After
-    `gate_limit` it no longer waits: it closes with all active fingers, or gives up if they are too
-    few or cannot balance the weight. NaN keeps the last command.
+    once enough fingers are active, all of these are at their goals, and they can balance the
+    object's weight. After `gate_limit` it closes without the fingers that are off their goals, or
+    gives up if the others cannot hold the object. NaN keeps the last command.
 
     Port `contact_status` accepts a vector of n `ContactStatus` values.
 
@@ -87,6 +97,13 @@ class GraspSequencer(LeafSystem):
     counts as `LOST`. While goals must not follow the estimate, the hand does not descend, and it
     waits to close without a time limit and reports that. A closing hand opens unless all fingers
     have touched the object; then it continues. If the port is unconnected, the object is tracked.
+
+    Port `J_WT` (optional) accepts a vector of 3n nq: the Jacobians of the fingertips' velocities in
+    W, shape (n, 3, nq) (`FingertipSensor`). If it is finite, the squeeze is within the largest
+    torques of the joints.
+
+    Port `hindered_finger` (optional) accepts a vector of 1: the finger whose links stop the hand,
+    `BASE`, or `NOT_HINDERED` (`DifferentialKinematics`). The report says so while the hand stands.
 
     Port `X_WG` emits a `RigidTransform`: the pose of the frame G in which goals are planned. It is
     the estimated pose of O, raised while the hand approaches. Once all fingers press firmly, they
@@ -113,11 +130,16 @@ class GraspSequencer(LeafSystem):
     Port `V_WO_held` emits a vector of 7: 1 while the fingers hold the object firmly, and then the
     angular velocity and the velocity of O in W, which do not depend on the estimate; else zeros.
 
+    The squeeze balances the object's weight and the largest acceleration of the lift. Its contacts
+    are the points of the object nearest to the measured fingertips, with the normals there.
+
     Args:
         config: Configuration of the grasp; `GraspConfig()` by default.
         fingertips: Fingertips of the hand, with their radii and limits for closing.
         mass: Mass of the object, in kg.
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
+        object_solid: The object in O; None to plan the squeeze at the contacts of `contact_frames`.
+        efforts: Largest torque of each joint, shape (nq,), in N m; empty for no limits.
 
     Raises:
         InvalidArgumentError: If a field of `config` is out of its range.
@@ -130,6 +152,8 @@ class GraspSequencer(LeafSystem):
         mass: float,
         p_OCoM: FloatArray,
         fingertips: Sequence[Fingertip] = (),
+        object_solid: Solid | None = None,
+        efforts: FloatArray | None = None,
         **deprecated: Any,
     ) -> None:
         super().__init__()
@@ -144,6 +168,7 @@ class GraspSequencer(LeafSystem):
         n = len(fingertips)
         self._config, self._mass, self._p_OCoM = config, mass, np.array(p_OCoM)
         self._settings = settings or config.make_settings(fingertips)
+        self._solid, self._efforts = object_solid, np.empty(0) if efforts is None else efforts
         self._radius = np.array([tip.radius for tip in fingertips])
         first = GraspState.first(n, self._settings)
         self._state = self.DeclareDiscreteState(first.to_vector())
@@ -158,6 +183,8 @@ class GraspSequencer(LeafSystem):
         self._p_WT = self.DeclareVectorInputPort("p_WT", 3 * n)
         self._f_T_W = self.DeclareVectorInputPort("f_T_W", 3 * n)
         tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
+        self._J_WT = self.DeclareVectorInputPort("J_WT", 3 * n * len(self._efforts))
+        self._hindered = self.DeclareVectorInputPort("hindered_finger", 1)
         self._pose = LastPose(self, self._X_WO, tracking_status)
         stored, time = self.xd_ticket(), self.time_ticket()
         self._remembered = state = declare_cache(
@@ -258,12 +285,17 @@ class GraspSequencer(LeafSystem):
         p_OC, nhat = validated_numbers(self._frames.Eval(context)).reshape(2, -1, 3)
         return p_OC, nhat
 
+    def _tips(self, context: Context) -> FloatArray:
+        """Returns the fingertips' centres in G, shape (n, 3), in metres."""
+        p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
+        p_GT: FloatArray = (self._calc_X_WG(context).inverse() @ p_WT.T).T
+        return p_GT
+
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
         state: GraspState = self._remembered.Eval(context)
         X_WG = self._calc_X_WG(context)
         p_OC, nhat = self._contacts(context)
-        p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
-        p_GT = (X_WG.inverse() @ p_WT.T).T
+        p_GT = self._tips(context)
         presses = np.zeros(len(p_OC))
         if state.phase >= GraspPhase.CLOSE:  # Forces are slow to compute, and not used before.
             f_T_W = validated_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
@@ -273,6 +305,10 @@ class GraspSequencer(LeafSystem):
         distances = np.linalg.norm(p_GT_goal - p_GT, axis=1)
         active = is_active(np.asarray(self._status.Eval(context)))
         close = float(self._close.Eval(context)[0])
+        hindered = NOT_HINDERED
+        if self._hindered.HasValue(context):
+            finger = float(self._hindered.Eval(context)[0])
+            hindered = int(finger) if finger in range(BASE, len(active)) else NOT_HINDERED
         view = GraspView(
             time=context.get_time(),
             close=np.isfinite(state.asked) if np.isnan(close) else close > 0.5,
@@ -281,6 +317,7 @@ class GraspSequencer(LeafSystem):
             gaps=np.sum((p_GT - p_OC) * nhat, axis=1) - self._radius,
             presses=presses,
             sees=self._pose.is_tracked(context),
+            hindered=hindered,
         )
         after = next_state(
             state,
@@ -301,22 +338,35 @@ class GraspSequencer(LeafSystem):
             discrete_state.set_value(self._sticking, p_GT.ravel())
 
     def _plan_squeeze(self, context: Context, active: BoolArray) -> Squeeze:
-        p_OC, nhat = self._contacts(context)
-        if not np.all(np.isfinite(p_OC[active])) or not np.all(np.isfinite(nhat[active])):
-            return Squeeze(np.zeros_like(p_OC), GRAVITY * self._mass)
-        R_OW = self._pose.eval(context).rotation().matrix().T
-        weight_O = R_OW @ np.array([0.0, 0.0, -GRAVITY * self._mass])
-        planned = safest_squeeze(
-            (p_OC - self._p_OCoM)[active],
-            nhat[active],
-            np.append(weight_O, np.zeros(3)),
+        p_OC, nhat = (part[active] for part in self._contacts(context))
+        if self._solid is not None:
+            p_OT = self._tips(context)[active]
+            distances, nhat = self._solid.distance_and_gradient(p_OT)
+            p_OC = p_OT - distances[:, None] * nhat
+        forces = np.zeros((len(active), 3))
+        if not np.all(np.isfinite(p_OC)) or not np.all(np.isfinite(nhat)):
+            return Squeeze(forces, GRAVITY * self._mass)
+        R_WO = self._pose.eval(context).rotation().matrix()
+        settings = self._settings
+        # A ramp of duration T over the height h accelerates by at most 6 h / T^2.
+        lift = 6 * settings.lift_height / settings.lift_duration**2
+        load_O = R_WO.T @ np.array([0.0, 0.0, -self._mass * (GRAVITY + lift)])
+        jacobians = None
+        if self._J_WT.HasValue(context):
+            J_WT = validated_numbers(self._J_WT.Eval(context)).reshape(len(active), 3, -1)[active]
+            jacobians = R_WO.T @ J_WT if np.all(np.isfinite(J_WT)) else None
+        planned = plan_squeeze(
+            p_OC - self._p_OCoM,
+            nhat,
+            np.append(load_O, np.zeros(3)),
             friction=self._config.planned_friction,
-            least_normal=self._settings.least_force,
-            largest_normal=np.broadcast_to(self._settings.largest_force, active.shape)[active],
+            least_normal=settings.least_force,
+            largest_normal=np.broadcast_to(settings.largest_force, active.shape)[active],
+            jacobians=jacobians,
+            efforts=self._efforts,
         )
-        forces = np.zeros_like(p_OC)
         forces[active] = planned.forces
-        return Squeeze(forces, planned.residual)
+        return planned._replace(forces=forces)
 
     def _calc_forces(self, context: Context) -> FloatArray:
         state: GraspState = self._remembered.Eval(context)

@@ -6,11 +6,8 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, Value
 
 from drake_pregrasp.arrays import FloatArray, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.systems.fingertip_sensor import HandKinematics
+from drake_pregrasp.systems.fingertip_sensor import LARGEST_RATE, HandKinematics
 from drake_pregrasp.systems.ports import declare_output
-
-LARGEST_RATE = 10.0
-"""Largest rate of any joint, in rad/s or m/s; near a singularity all joints slow down together."""
 
 
 class JointReference(LeafSystem):
@@ -25,9 +22,10 @@ class JointReference(LeafSystem):
         output_ports:
         - position
         - desired_state
+        - velocity
 
-    Port `commanded_velocity` accepts a vector of nq, as `DifferentialInverseKinematicsSystem` emits
-    it; it is sampled once each period. If it is not finite, the reference stops.
+    Port `commanded_velocity` accepts a vector of nq, as `DifferentialKinematics` emits it; it
+    is sampled once each period. If it is not finite, the reference stops.
 
     Port `f_T_W` (optional) accepts a vector of 3n: the forces that the fingertips should press
     with, in W, in newtons. A force that is not finite counts as zero.
@@ -37,6 +35,8 @@ class JointReference(LeafSystem):
 
     Port `desired_state` emits a vector of 2 nq: q + K_p^-1 J^T f, then the velocities. Joints that
     are held at these positions by their proportional gains K_p press with f.
+
+    Port `velocity` emits a vector of nq: the velocities between the last tick and the next.
 
     The reference is linear between ticks, so a controller may sample it at any rate. A joint at its
     limit stays there.
@@ -75,6 +75,7 @@ class JointReference(LeafSystem):
         declare_output(
             self, "desired_state", 2 * nq, self._calc_desired, time, stored, self._forces
         )
+        self.DeclareStateOutputPort("velocity", self._v)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
 
     def _reference(self, context: Context) -> FloatArray:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -11,6 +11,7 @@ from pydrake.systems.framework import Context, EventStatus, LeafSystem
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.regions.safe_regions import SafeRegions
+from drake_pregrasp.systems.link_contacts import TOUCHED
 from drake_pregrasp.systems.ports import POSE, REGIONS, copied_inputs, declare_inputs
 
 
@@ -135,6 +136,8 @@ class GraspRecord:
         X_WG: Pose of the frame G in which goals are planned.
         X_WO: True pose of the object.
         X_WD: Pose of the turntable.
+        link_forces: Largest forces between links and the object, surroundings and other fingers
+            since the last tick, shape (3,), in newtons.
     """
 
     time: float
@@ -145,6 +148,7 @@ class GraspRecord:
     X_WG: RigidTransform
     X_WO: RigidTransform
     X_WD: RigidTransform
+    link_forces: FloatArray = field(default_factory=lambda: np.zeros(len(TOUCHED)))
 
 
 class GraspLogger(LeafSystem):
@@ -161,11 +165,14 @@ class GraspLogger(LeafSystem):
         - X_WG
         - X_WO
         - X_WD
+        - link_forces
 
-    All ports except `f_T_W` must be connected; without it, the recorded forces are zero.
+    All ports except `f_T_W` and `link_forces` must be connected; without them, the recorded forces
+    are zero.
 
     The ports accept the values of the output ports with these names: `grasp_report`, `p_GT`,
-    `p_WT`, `f_T_W` and `X_WG` of `HandController`, `X_WO` and `X_WD` of `HandStation`.
+    `p_WT`, `f_T_W` and `X_WG` of `HandController`, `X_WO`, `X_WD` and `link_forces` of
+    `HandStation`.
 
     Args:
         num_fingers: Number of fingers n.
@@ -187,6 +194,7 @@ class GraspLogger(LeafSystem):
             X_WG=POSE,
             X_WO=POSE,
             X_WD=POSE,
+            link_forces=len(TOUCHED),
         )
         self.DeclarePeriodicPublishEvent(period, 0.0, self._log)
 

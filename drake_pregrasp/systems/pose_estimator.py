@@ -1,5 +1,6 @@
 """Estimate of the object's pose, twist and uncertainty from noisy pose measurements."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,7 @@ from drake_pregrasp.estimation.pose_track import (
     tracking_status,
 )
 from drake_pregrasp.estimation.pose_tracker import OLDEST, update_track
+from drake_pregrasp.fast import fast_filter_step
 from drake_pregrasp.systems.ports import POSE, VELOCITY, declare_cache, declare_output
 
 WAITING_STD = 1.0
@@ -134,7 +136,8 @@ class PoseEstimator(LeafSystem):
         if place is None:
             raise InvalidArgumentError(f"p_OCoM must be three finite numbers, not {p_OCoM}")
         self._config, self._period, self._p_OCoM = config, period, place
-        self._settings = tracker_settings(config, place if np.any(place) else None)
+        settings = tracker_settings(config, place if np.any(place) else None)
+        self._settings = replace(settings, step=fast_filter_step() or settings.step)
         self._noise = self._settings.noise
         # The track also holds the belief before the measurements that may be newer.
         self._no_track = PoseTrack.empty(config.late_measurements + 1)

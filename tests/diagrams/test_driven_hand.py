@@ -22,7 +22,7 @@ def driven():
         builder,
         BOX,
         Conveyor(),
-        MultibodyPlantConfig(time_step=0.01, discrete_contact_approximation="sap"),
+        MultibodyPlantConfig(time_step=0.01),
         GRASP,
         HAND,
         p_OCoM=surface.p_OCoM,

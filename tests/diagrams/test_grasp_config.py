@@ -27,8 +27,11 @@ def balanced(active):
     return Squeeze(np.zeros((N, 3)), 0.0)
 
 
-def last_touch(config, tips, distance):
-    """Returns the state of a hand whose fingers touch as late as they may, when all have."""
+def last_touch(config, tips, arrival=0.0):
+    """Returns the state of a hand whose fingers touch as late as they may, when all have.
+
+    They arrive at their goals at some time before that.
+    """
     settings = config.make_settings(tips)
     state = replace(GraspState.first(N, settings), phase=GraspPhase.TRACK)
     tick = 0
@@ -38,7 +41,7 @@ def last_touch(config, tips, distance):
             tick * PERIOD,
             tick * PERIOD >= config.close_at,
             ALL,
-            np.full(N, distance),
+            np.full(N, 1.0 * (tick * PERIOD < arrival)),
             state.standoffs,
             np.where(touches, settings.touch_force, 0.0),
         )
@@ -60,7 +63,7 @@ four = {"min_size": N, "max_size": N}
 def test_closing_lasts_as_long_as_the_slowest_finger_takes(speeds, depths, standoff, speed):
     config = GraspConfig(close_at=0.1, standoff=standoff, closing_speed=speed)
     tips = fingertips(speeds, depths)
-    took = last_touch(config, tips, 0.0).gripped - config.close_at
+    took = last_touch(config, tips).gripped - config.close_at
     assert took == pytest.approx(config.closing_duration(tips), abs=4 * PERIOD)
 
 
@@ -69,7 +72,8 @@ def test_no_hand_comes_to_rest_later_than_it_is_expected_to(gate_limit):
     config = GraspConfig(close_at=0.1, gate_limit=gate_limit)
     tips = fingertips([0.02] * N, [0.006] * N)
     settings = config.make_settings(tips)
-    rest = last_touch(config, tips, 1.0).gripped + settings.squeeze_duration
+    latest = last_touch(config, tips, config.close_at + gate_limit - 2 * PERIOD)
+    rest = latest.gripped + settings.squeeze_duration
     assert rest + settings.stop_duration == pytest.approx(config.latest_rest(tips), abs=4 * PERIOD)
 
 

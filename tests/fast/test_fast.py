@@ -1,16 +1,25 @@
 """The compiled implementation equals the reference."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 from thin_cup import CUP
 
 from drake_pregrasp import ForbiddenPoints, InvalidArgumentError, box_surface, mesh_surface
 from drake_pregrasp.contacts.centroids import select_contacts
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_strategy
-from drake_pregrasp.fast import SWITCH, fast_goals, fast_labels
+from drake_pregrasp.estimation.pose_filter import (
+    PoseFilterNoise,
+    PoseMeasurement,
+    filter_step,
+    first_belief,
+)
+from drake_pregrasp.fast import SWITCH, fast_filter_step, fast_goals, fast_labels
 from drake_pregrasp.geometry.shapes import ball_shape
 from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
 from drake_pregrasp.regions.constraints import FingerReach, Obstacles, RegionConstraints
@@ -230,3 +239,29 @@ def test_candidates_of_another_surface_are_refused():
             ForbiddenPoints.none(),
             label=LABELS["cube"],
         )
+
+
+@settings(max_examples=100)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    rate=st.sampled_from([0.0, 1e-3, 1.0, 60.0]),
+    gravity=st.sampled_from([0.0, 9.81]),
+    has_com=st.booleans(),
+    noise_factor=st.sampled_from([1.0, 3.0]),
+)
+def test_a_step_of_the_pose_filter_equals_the_reference(seed, rate, gravity, has_com, noise_factor):
+    rng = np.random.default_rng(seed)
+    noise = PoseFilterNoise(1e-3, 0.01, 0.3, 2.0, 0.1, 1.0, gravity)
+    R = Rotation.random(2, rng).as_matrix()
+    p_OCoM = rng.normal(0, 0.05, 3) if has_com else None
+    earlier = first_belief(PoseMeasurement(1.0, rng.normal(size=3), R[0]), noise, p_OCoM)
+    earlier = replace(earlier, v_WCoM=rng.normal(size=3), w_WO=rate * rng.normal(size=3))
+    measurement = PoseMeasurement(1.0 + rng.uniform(0, 0.1), rng.normal(size=3), R[1])
+    step = fast_filter_step()
+    for fast, reference in zip(
+        step(earlier, measurement, noise, p_OCoM, noise_factor),
+        filter_step(earlier, measurement, noise, p_OCoM, noise_factor),
+        strict=True,
+    ):
+        for name, value in vars(reference).items():
+            np.testing.assert_allclose(getattr(fast, name), value, rtol=1e-9, atol=1e-12)

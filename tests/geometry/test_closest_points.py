@@ -20,7 +20,10 @@ def nearest(implementation, corners, points):
         return closest_points(corners, points)
     from drake_pregrasp.fast.goals import closest_point
 
-    return np.array([closest_point(p, c)[0] for p, c in zip(points, corners, strict=True)])
+    nearest, scratch = np.empty((len(points), 3)), np.empty((5, 3))
+    for k, (p, c) in enumerate(zip(points, corners, strict=True)):
+        closest_point(p, c, nearest[k], scratch)
+    return nearest
 
 
 def triangle(rng, kind):

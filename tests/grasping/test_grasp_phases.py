@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.grasping.grasp_phases import next_state
 from drake_pregrasp.grasping.grasp_state import (
+    BASE,
+    NOT_HINDERED,
     GiveUp,
     GraspPhase,
     GraspState,
@@ -38,7 +40,7 @@ class Scene:
         self.offset, self.active, self.distance = np.broadcast_to(offset, N), active, distance
         self.stiffness = stiffness
         self.force = np.zeros(N)
-        self.sees = True
+        self.sees, self.hindered = True, NOT_HINDERED
         self.time = self.residual = 0.0
 
     def view(self, time, close, state):
@@ -49,7 +51,8 @@ class Scene:
         presses += state.touched * SETTINGS.touch_force * (1 - share) + self.force
         gaps = np.maximum(state.standoffs, -self.offset)
         distances = np.broadcast_to(self.distance, N)
-        return GraspView(time, close, self.active, distances, gaps, presses, self.sees)
+        seen = (self.sees, self.hindered)
+        return GraspView(time, close, self.active, distances, gaps, presses, *seen)
 
 
 def play(
@@ -124,17 +127,16 @@ def test_fingers_never_close_faster_than_they_may():
 
 
 @pytest.mark.parametrize(
-    ("waits_for", "change"),
+    "change",
     [
-        ("a finger on its way", lambda scene, late: setattr(scene, "distance", 0.01 * late)),
-        ("a missing finger", lambda scene, late: setattr(scene, "active", FEW if late else ALL)),
-        ("balance", lambda scene, late: setattr(scene, "residual", float(late))),
+        lambda scene, late: setattr(scene, "distance", 0.01 * late),
+        lambda scene, late: setattr(scene, "active", FEW if late else ALL),
+        lambda scene, late: setattr(scene, "residual", float(late)),
     ],
+    ids=["a finger on its way", "a missing finger", "balance"],
 )
 @pytest.mark.parametrize("comes", [0.0, 0.3, 1.2, 5.0])
-def test_the_gate_waits_for_what_comes_and_for_fingers_no_longer_than_its_limit(
-    waits_for, change, comes
-):
+def test_the_gate_waits_for_what_comes_up_to_its_limit_and_never_closes_without_it(change, comes):
     scene = Scene()
     states = play(
         scene,
@@ -142,8 +144,8 @@ def test_the_gate_waits_for_what_comes_and_for_fingers_no_longer_than_its_limit(
         change=lambda scene, _: change(scene, scene.time < 2.0 + comes - 1e-9),
         end=9.0,
     )
-    if waits_for == "a finger on its way" or comes < SETTINGS.gate_limit:
-        assert closing_time(states) == pytest.approx(2.0 + min(comes, SETTINGS.gate_limit))
+    if comes < SETTINGS.gate_limit:
+        assert closing_time(states) == pytest.approx(2.0 + comes)
     else:
         assert GraspPhase.CLOSE not in [state.phase for state in states]
 
@@ -155,6 +157,14 @@ def test_lost_fingers_take_no_part_and_the_gate_does_not_wait_for_them():
     assert closing_time(states) == pytest.approx(2.0)
     np.testing.assert_array_equal(states[-1].touched, ~lost)
     assert states[-1].standoffs[3] == SETTINGS.standoff
+
+
+def test_fingers_that_come_too_late_take_no_part():
+    late = np.arange(N) >= 3
+    states = play(Scene(distance=0.025 * late))
+    assert phases(states) == WHOLE
+    assert closing_time(states) == pytest.approx(2.0 + SETTINGS.gate_limit)
+    np.testing.assert_array_equal(states[-1].touched, ~late)
 
 
 def pressed(scene, state):
@@ -173,6 +183,7 @@ def unbalanced(active):
     ("scene", "more", "reason"),
     [
         (Scene(active=FEW), {}, "only 2 active fingers"),
+        (Scene(distance=0.025 * ~FEW), {}, "finger 2 did not arrive at its goal"),
         (Scene(offset=0.03 * (np.arange(N) == 1)), {}, "finger 1 met nothing"),
         (Scene(), {"change": pressed}, "finger 2 pressed too hard"),
         (Scene(), {"change": slipped}, "finger 4 lost touch"),
@@ -248,11 +259,15 @@ def unseen(start, end):
     return change
 
 
-@pytest.mark.parametrize(("found", "distance"), [(3.0, 0.0), (6.0, 0.0), (5.0, 1.0)])
-def test_no_closing_starts_on_an_object_that_is_not_seen(found, distance):
-    states = play(Scene(distance=distance), change=unseen(1.8, found), end=found + 6.0)
-    waited = SETTINGS.gate_limit if distance else 0.0  # Counted from the return of the object.
-    assert closing_time(states) == pytest.approx(found + waited, abs=1.1 * PERIOD)
+@pytest.mark.parametrize(("found", "late"), [(3.0, 0.0), (6.0, 0.0), (5.0, 1.2)])
+def test_no_closing_starts_on_an_object_that_is_not_seen(found, late):
+    def change(scene, state):
+        unseen(1.8, found)(scene, state)
+        scene.distance = 1.0 * (scene.time < found + late - 1e-9)
+
+    # The limit of the gate is counted from the return of the object.
+    states = play(Scene(), change=change, end=found + 6.0)
+    assert closing_time(states) == pytest.approx(found + late, abs=1.1 * PERIOD)
     assert phases(states)[-1] == "HOLD"
     for tick, state in enumerate(states):
         waits = 2.0 - 1e-9 <= tick * PERIOD < found - 1e-9
@@ -307,3 +322,16 @@ def test_a_fingertip_that_is_said_to_be_deep_inside_stops_where_it_may_search():
     view = GraspView(3.0, True, ALL, np.zeros(N), gaps, np.ones(N))
     after = next_state(state, view, SETTINGS, PERIOD, balanced)
     assert after.standoffs[0] == -SETTINGS.search
+
+
+@pytest.mark.parametrize(("finger", "words"), [(2, "finger 2"), (BASE, "the base")])
+def test_a_hand_says_what_hinders_it_for_as_long_as_it_stands(finger, words):
+    def hinder(scene, state):
+        scene.hindered = finger if 0.5 <= scene.time < 1.0 else NOT_HINDERED
+
+    states = play(Scene(), close_at=2.0, change=hinder)
+    reasons = [describe_give_up(state.reason, state.detail) for state in states]
+    standing = [reason for reason in reasons if reason is not None]
+    assert len(standing) == round(0.5 / PERIOD)
+    assert all(words in reason for reason in standing)
+    assert states[-1].phase == GraspPhase.HOLD

@@ -1,6 +1,4 @@
-"""Paired tests, their intervals, and rankings, as laws and against scipy."""
-
-import math
+"""Paired tests and their intervals, as laws and against scipy."""
 
 import numpy as np
 import pandas as pd
@@ -12,7 +10,6 @@ from scipy.stats import binomtest, multinomial
 from drake_pregrasp.studies.static_versus_dynamic.paired_statistics import (
     least_pairs,
     paired_tests,
-    ranking,
 )
 
 
@@ -82,19 +79,7 @@ def test_only_common_seeds_and_only_the_tested_method_are_compared():
     kept = rows[(rows["method"] != "fixed_plan") | (rows["seed"] % 2 == 1)]
     (test,) = paired_tests(kept).itertuples()
     assert (test.pairs, test.gained, test.lost) == (10, 10, 0)
-    rivals = pd.concat([kept, rows_of(counts_to_pairs(20, 0), rival="carried")])
+    rivals = pd.concat([kept, rows_of(counts_to_pairs(20, 0), rival="reassigned")])
     tests = paired_tests(rivals.drop_duplicates(["method", "seed"]))
-    assert set(tests["method"]) == {"fixed_plan", "carried"}
+    assert set(tests["method"]) == {"fixed_plan", "reassigned"}
     assert paired_tests(rows[rows["method"] == "fixed_plan"]).empty
-
-
-def test_ranking_counts_all_pairs():
-    rng = np.random.default_rng(0)
-    values = pd.Series(rng.integers(0, 6, 40).astype(float)).where(rng.random(40) < 0.8)
-    succeeded = pd.Series(rng.random(40) < 0.6)
-    auc, successes, failures = ranking(values, succeeded)
-    good, bad = (values[mask].dropna().to_numpy() for mask in (succeeded, ~succeeded))
-    assert (successes, failures) == (len(good), len(bad))
-    wins = (good[:, None] > bad) + 0.5 * (good[:, None] == bad)
-    assert auc == pytest.approx(wins.mean())
-    assert math.isnan(ranking(values, succeeded | True)[0])

@@ -10,6 +10,7 @@ from pydrake.systems.framework import BusValue
 from drake_pregrasp import (
     ArmPosture,
     BallReach,
+    BallSolid,
     BoxSolid,
     CarrierPosture,
     CentroidSelector,
@@ -37,6 +38,7 @@ from drake_pregrasp import (
 from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
+from drake_pregrasp.grasping.grasp_state import NOT_HINDERED
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.systems.sources import HandPose
 
@@ -93,7 +95,15 @@ def make_shaper(*, fixed=(), p_GT=1.2 * 0.079 * RING, target_period=PERIOD, lead
 
 def make_sequencer():
     tips = [Fingertip(radius=RADIUS)] * N
-    return GraspSequencer(GraspConfig(), fingertips=tips, mass=0.4, p_OCoM=np.zeros(3))
+    ball, efforts = BallSolid(np.zeros(3), 0.05), np.full(NQ, 9.0)
+    return GraspSequencer(
+        GraspConfig(),
+        fingertips=tips,
+        mass=0.4,
+        p_OCoM=np.zeros(3),
+        object_solid=ball,
+        efforts=efforts,
+    )
 
 
 def make_reference(initial=None):
@@ -212,6 +222,7 @@ VALUES = {
     "measurement_time": ([0.0], [-np.inf]),
     "p_WO_covariance": (1e-6 * np.eye(3).ravel(), 1e-2 * np.eye(3).ravel()),
     "tracking_status": ([TrackingStatus.TRACKING], [TrackingStatus.LOST]),
+    "hindered_finger": ([NOT_HINDERED], [1.0]),
     "contact_weights": (np.zeros(N), np.array([0, 0, 0, 0, 1e-2])),
     "obstacles": (wall(0.12), wall(0.06)),
     "safe_regions": (regions_of(SURFACE, P_OC), regions_of(SURFACE, OTHER)),
@@ -226,6 +237,7 @@ VALUES = {
     "contact_frames": (CONTACT_FRAMES, -CONTACT_FRAMES),
     "p_WT": (ring(0.05 + RADIUS + 0.02).ravel(), ring(0.05).ravel()),
     "f_T_W": (np.zeros(3 * N), np.ones(3 * N)),
+    "J_WT": (np.zeros(3 * N * NQ), np.ones(3 * N * NQ)),
     "hand_state": (np.zeros(2 * NQ), np.full(2 * NQ, 0.1)),
     "net_actuation": (np.ones(NQ), np.full(NQ, 2.0)),
     "commanded_velocity": (np.full(NQ, 0.1), np.zeros(NQ)),

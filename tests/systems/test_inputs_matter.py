@@ -32,7 +32,7 @@ def test_outputs_follow_their_inputs(name):
             name == "sequencer"
         ):  # With this state, forces depend on contacts, and V_WO_held on tips.
             fresh.context.SetDiscreteState(0, TOUCHED.to_vector())
-            fresh.context.SetDiscreteState(2, np.zeros(3 * N))
+            fresh.context.SetDiscreteState(2, np.arange(3.0 * N))
             fresh.context.SetTime(CONTROL_PERIOD)
         if name == "estimator":  # With this state, the estimate depends on all its inputs.
             fresh.context.SetDiscreteState(0, [-PERIOD])

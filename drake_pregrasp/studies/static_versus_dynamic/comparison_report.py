@@ -1,4 +1,4 @@
-"""Report of the study: counts, paired tests, goals and figures, computed from its rows."""
+"""Report of the study: counts, paired tests and figures, computed from its rows."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -13,24 +13,17 @@ from matplotlib.figure import Figure
 from drake_pregrasp.studies.report_page import Details, Heading, Part, Picture, Table, write_report
 from drake_pregrasp.studies.static_versus_dynamic import paired_statistics
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
-from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import CLEAN_IN_WORDS, Outcome
+from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import (
+    CLEAN_IN_WORDS,
+    TOUCHING_N,
+    Outcome,
+)
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS, TESTED
-
-_AREA = ("wall", "headline", "sphere")
-# Goals for `TESTED`: the least number of successes of 30 seeds at each closing time; the largest
-# share of ticks, in percent, at which a goal (in any grasp) and a fingertip (on average) may be in
-# the no-touch area.
-GOALS = {
-    "lifted": {"two_lost": 29, "wall": 25, "sphere": 26},
-    "clean": {"turning": 27, "headline": 25},
-    "goal_in_area": dict.fromkeys(_AREA, 0),
-    "tip_in_area": dict.fromkeys(_AREA, 1),
-}
 
 _MEASURES = [field.name for field in fields(Outcome) if field.type in (int, float)][1:]
 _LABELS = {key: method.label for key, method in METHODS.items()}
 _TESTED = _LABELS[TESTED]
-_CLASSES = {"ahead": "better", "behind": "worse", "reached": "holds", "not reached": "fails"}
+_CLASSES = {"ahead": "better", "behind": "worse"}
 _TITLE = "Static or dynamic contacts: which hand grasps better?"
 _LIMITS = (
     "All grasps are simulated: rigid bodies, point contact, one friction coefficient, one object,"
@@ -72,11 +65,10 @@ def write_comparison(
             f" {paired_statistics.SIGNIFICANT:g}. Fewer than"
             f" {paired_statistics.least_pairs(len(tests))} common seeds cannot show a difference.",
             overview_table(tests),
+            results_table(rows),
             Heading("Clean grasps"),
             Picture(plot_clean_shares(rows), "Shares with exact 95 % intervals."),
             *figures,
-            Heading("Goals"),
-            goal_table(rows),
         ]
         for key in _present(rows["condition"], CONDITIONS):
             own = rows[rows["condition"] == key]
@@ -87,11 +79,10 @@ def write_comparison(
                 reason_table(own),
                 paired_test_table(tests[tests["condition"] == key]),
             ]
-        parts += [Heading("Do measures of the contacts predict success?"), ranking_table(rows)]
     methods = [{"method": method.label, "contacts": method.text} for method in METHODS.values()]
     parts += [Heading("Methods"), Table(pd.DataFrame(methods)), Heading("Limits"), _LIMITS]
     parts += [Details("Settings", json.dumps(settings, indent=1))]
-    return write_report(folder, _TITLE, parts, formats=("html",))
+    return write_report(folder, _TITLE, parts)
 
 
 def overview_table(tests: pd.DataFrame) -> Table:
@@ -113,11 +104,29 @@ def overview_table(tests: pd.DataFrame) -> Table:
     )
 
 
+def results_table(rows: pd.DataFrame) -> Table:
+    """Returns counts of clean grasps, with a row per closing time and a column per method."""
+    times = ["condition", "close_at"]
+    rows = rows.assign(lifted=rows["lifted"] & ~rows["clean"])
+    cells = rows.groupby([*times, "method"])[["clean", "lifted"]].sum()
+    counts = cells["clean"].astype(str) + cells["lifted"].map(lambda n: f" (+{n})" if n else "")
+    table = counts.unstack("method")[_present(rows["method"], METHODS)].rename(columns=_LABELS)
+    table.insert(0, "seeds", rows.groupby(times)["seed"].nunique())
+    table = table.loc[_present(rows["condition"], CONDITIONS)].reset_index()
+    table["condition"] = table["condition"].map(lambda key: CONDITIONS[key].label)
+    return Table(
+        table.rename(columns={"close_at": "closes at [s]"}),
+        "Numbers of clean grasps; in brackets, objects that were lifted but not by a clean grasp.",
+    )
+
+
 def outcome_table(rows: pd.DataFrame) -> Table:
     """Returns counts and medians of a condition, with a row per method and closing time."""
+    links = rows.filter(regex="^link_on_") >= TOUCHING_N
+    rows = rows.assign(**{"links touched": links.any(axis="columns")})
     cells = rows.groupby(["method", "close_at"])
     seeds, table = cells.size(), pd.DataFrame(index=cells.size().index)
-    for success in ("clean", "lifted"):
+    for success in ("clean", "lifted", "links touched"):
         count = cells[success].sum()
         bounds = (100 * paired_statistics.exact_interval(count, seeds)).round().astype(int)
         lines = zip(count, seeds, bounds["low"], bounds["high"], strict=True)
@@ -129,8 +138,8 @@ def outcome_table(rows: pd.DataFrame) -> Table:
 
 def reason_table(rows: pd.DataFrame) -> Table:
     """Returns counts of the reasons for giving up, without finger numbers and forces."""
-    why = rows["gave_up"].str.replace(r"^finger \d+", "a finger", regex=True)
-    why = why.str.replace(r": [\d.]+ N are left$", "", regex=True)
+    details = {r"^finger \d+": "a finger", r": [\d.]+ N are left": ""}
+    why = rows["gave_up"].replace(details, regex=True)
     reasons = pd.DataFrame({"method": rows["method"], "reason": why})[why != ""]
     table = reasons.value_counts().rename("grasps").reset_index().set_index("method")
     return Table(_labelled(table), "Reasons for which hands gave up.")
@@ -155,46 +164,6 @@ def paired_test_table(tests: pd.DataFrame) -> Table:
         f"{_TESTED.capitalize()} against each other method by common seeds: exact McNemar tests,"
         " and conservative 95 % intervals of the difference of clean shares.",
     )
-
-
-def ranking_table(rows: pd.DataFrame) -> Table:
-    """Returns the power of grasp measures to tell successes from failures, over all conditions."""
-    lines = [
-        (measure, success, *paired_statistics.ranking(rows[measure], rows[success].astype(bool)))
-        for measure in ("q_msv", "q_gii")
-        for success in ("lifted", "clean")
-    ]
-    table = pd.DataFrame(lines, columns=["measure", "success", "AUC", "successes", "failures"])
-    return Table(
-        table.assign(AUC=table["AUC"].map("{:.2f}".format)),
-        "Probability that a success has a higher measure than a failure (AUC), over all conditions:"
-        " 1 tells all apart, 0.5 none. Grasps without contacts are left out.",
-    )
-
-
-def goal_table(rows: pd.DataFrame) -> Table:
-    """Returns a table of the goals and verdicts. Counts are scaled to 30 seeds."""
-    lines = []
-    goals = [(m, key, bound) for m, bounds in GOALS.items() for key, bound in bounds.items()]
-    for measure, condition, bound in goals:
-        own = rows[(rows["condition"] == condition) & (rows["method"] == TESTED)]
-        at_times = own.groupby("close_at")[measure].mean()
-        if measure == "goal_in_area":
-            value, text = 100 * own[measure].max(), "{:.2g} % of the ticks in the worst grasp"
-            goal, reached = "no goal in the area at any tick", value <= bound
-        elif measure == "tip_in_area":
-            value, text = 100 * own[measure].mean(), "{:.2g} % on average"
-            goal, reached = f"fingertips in the area at < {bound} % of ticks", value < bound
-        else:
-            value, text = 30 * at_times.min(), "{:.3g} of 30 at the worst closing time"
-            goal = f"{measure} ≥ {bound} of 30 at each closing time"
-            reached = value >= bound - 1e-9
-        known = set(at_times.index) == {*CONDITIONS[condition].closing_times} and pd.notna(value)
-        result = ("reached" if reached else "not reached") if known else "not run"
-        found = text.format(value) if known else None
-        lines.append((CONDITIONS[condition].label, goal, found, result))
-    table = pd.DataFrame(lines, columns=["condition", "goal", "found", "result"])
-    return _styled(table, f"Goals for {_TESTED}.")
 
 
 def plot_clean_shares(rows: pd.DataFrame) -> Figure:

@@ -71,6 +71,7 @@ CONDITIONS = {
         Condition("turning", "turning", (4.0, 8.0, 12.0)),
         Condition("wall", "wall", (3.0, 6.0, 9.0)),
         Condition("headline", "turning beside a wall", (4.0, 8.0, 12.0)),
+        Condition("passage", "passage", (2.0, 6.0, 8.0)),
         Condition("sphere", "sphere", (4.8, 6.0, 8.0)),
         Condition("noise", "noise", (4.0, 7.0)),
     )

@@ -1,20 +1,17 @@
 """Compared methods of the study, and the systems of two methods that do not replan."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, BusValue, Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray, IntArray
-from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.assignment import mean_angle, wrapped
 from drake_pregrasp.contacts.selection_input import ContactStatus
-from drake_pregrasp.regions.constraints import Limit, Obstacles, RegionConstraints
 
-_RING_RADIUS = 0.092  # Radius on which a stationary hand's fingertips wait, in metres.
 _LARGEST_MEAN_OFFSET = float(np.radians(40))  # Largest mean angle between fingers and contacts.
 
 
@@ -30,9 +27,9 @@ class Method:
         plans_start: Whether contacts are planned at the start, from random initial contacts.
         replans: Whether contacts are planned at every tick.
         uses_reach: Whether planning at every tick respects the reach of the fingers.
-        is_fixed_in_world: Whether contacts stay in the world instead of on the object.
         is_reassigned: Whether contacts are assigned to other fingers as the object turns.
         is_stationary: Whether the hand does not turn with the object.
+        is_reactive: Whether a grasp is chosen at every tick by distance and alignment.
     """
 
     label: str
@@ -43,31 +40,27 @@ class Method:
     plans_start: bool = False
     replans: bool = False
     uses_reach: bool = False
-    is_fixed_in_world: bool = False
     is_reassigned: bool = False
     is_stationary: bool = False
+    is_reactive: bool = False
 
 
-_WORLD = "contacts stay where they are in the world"
-_CARRIED = "random contacts are carried with the object"
 _FIXED = "contacts are planned at the start, then carried with it"
 _REASSIGNED = "as the fixed plan, but contacts go to other fingers, round the hand, as it turns"
 _STATIONARY = "the hand follows the object, does not turn, and closes without a plan"
+_REACTIVE = "the antipodal grasp and the three fingers nearest to it are chosen at every tick"
 _DYNAMIC = "contacts are planned anew at every tick"
 _REACH = "contacts are planned anew at every tick, within the reach of each finger"
 
 # The methods by their keys, in the order of tables and figures.
 # Colours of Okabe and Ito's colour-blind-safe set, without its yellow, which is pale on white.
 METHODS = {
-    "world": Method(
-        "fixed in the world", _WORLD, "#000000", "x", plans_start=True, is_fixed_in_world=True
-    ),
-    "carried": Method("carried", _CARRIED, "#CC79A7", "v"),
     "fixed_plan": Method("fixed plan", _FIXED, "#E69F00", "s", plans_start=True),
     "reassigned": Method(
         "re-assigned plan", _REASSIGNED, "#D55E00", "D", plans_start=True, is_reassigned=True
     ),
     "stationary": Method("stationary hand", _STATIONARY, "#56B4E9", "P", is_stationary=True),
+    "reactive": Method("reactive choice", _REACTIVE, "#CC79A7", "v", is_reactive=True),
     "dynamic": Method("dynamic without reach", _DYNAMIC, "#009E73", "^", replans=True),
     "dynamic_reach": Method(
         "dynamic with reach", _REACH, "#0072B2", "o", replans=True, uses_reach=True
@@ -82,7 +75,7 @@ def rays_at(azimuths: FloatArray) -> FloatArray:
     return np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(len(azimuths))], axis=1)
 
 
-def _declare_goals(
+def declare_goals(
     system: LeafSystem,
     tip_frames: Sequence[str],
     targets: Callable[[Context], Mapping[int, RigidTransform]],
@@ -111,91 +104,6 @@ def _declare_goals(
     empty = AbstractValue.Make(BusValue())
     system.DeclareAbstractOutputPort("fingertip_targets", empty.Clone, calc_targets)
     system.DeclareVectorOutputPort("contact_status", len(tip_frames), calc_status)
-
-
-class StationaryHand(LeafSystem):
-    """Emits goals of fingers on a ring around the object that does not turn with it.
-
-    .. pydrake_system::
-
-        name: StationaryHand
-        input_ports:
-        - X_WO_estimated
-        - contact_weights
-        - obstacles
-        - close
-        output_ports:
-        - fingertip_targets
-        - contact_status
-
-    The ports are those of `PregraspPlanner`, except `close`, the command to close. Fingers wait on
-    a ring around the object, which translates with the object but does not turn. After the command,
-    their goals are the intersections of rays from the object's origin with its surface. A finger is
-    inactive if it is lost, or if the planner's limits forbid its contact.
-
-    Args:
-        tip_frames: Scoped names of the fingertips' frames.
-        azimuths: Azimuths of the fingers in W, shape (n,), in radians.
-        box_size: Edge lengths of the object, a box centred at the origin of O, in metres.
-        limits: Limits of the planner, with radii of the fingertips, clearance and standoff.
-    """
-
-    def __init__(
-        self,
-        tip_frames: Sequence[str],
-        *,
-        azimuths: FloatArray,
-        box_size: Sequence[float],
-        limits: LimitsConfig,
-    ) -> None:
-        super().__init__()
-        self._rays, self._half = rays_at(azimuths), np.array(box_size) / 2
-        radii = np.array(limits.tip_radii)
-        self._constraints = RegionConstraints(
-            clearance=limits.clearance, tip_radii=radii, standoff=limits.standoff
-        )
-        self._goal_radius = _RING_RADIUS - (limits.standoff + radii[0])
-        self._X_WO = self.DeclareAbstractInputPort(
-            "X_WO_estimated", AbstractValue.Make(RigidTransform())
-        )
-        self.DeclareVectorInputPort("contact_weights", len(tip_frames))
-        self._obstacles = self.DeclareAbstractInputPort(
-            "obstacles", AbstractValue.Make(Obstacles())
-        )
-        self._close = self.DeclareVectorInputPort("close", 1)
-        _declare_goals(self, tip_frames, self._targets, self._status)
-
-    def _contacts(self, context: Context) -> tuple[FloatArray, FloatArray]:
-        """Returns the rays' intersections with the object and the outward normals there, in W."""
-        X_WO: RigidTransform = self._X_WO.Eval(context)
-        R_WO = X_WO.rotation().matrix()
-        rays = self._rays @ R_WO
-        reached = self._half / np.maximum(np.abs(rays), 1e-12)
-        p_OC = rays * np.min(reached, axis=1, keepdims=True)
-        face = np.argmin(reached, axis=1)
-        normals = np.eye(3)[face] * np.sign(np.take_along_axis(rays, face[:, None], axis=1))
-        return X_WO.translation() + p_OC @ R_WO.T, normals @ R_WO.T
-
-    def _targets(self, context: Context) -> Mapping[int, RigidTransform]:
-        if self._close.Eval(context)[0] >= 1:
-            points, normals = self._contacts(context)
-        else:
-            p_WO = self._X_WO.Eval(context).translation()
-            points, normals = p_WO + self._goal_radius * self._rays, self._rays
-        return {
-            finger: RigidTransform(RotationMatrix.MakeFromOneVector(-normal, 2), point)
-            for finger, (point, normal) in enumerate(zip(points, normals, strict=True))
-        }
-
-    def _status(self, context: Context) -> FloatArray:
-        points, normals = self._contacts(context)
-        constraints = replace(self._constraints, obstacles=self._obstacles.Eval(context))
-        limits = [
-            constraints.limits_at(finger, points[[finger]], normals[[finger]])[0][0]
-            for finger in range(len(points))
-        ]
-        permitted = np.array(limits) == Limit.NONE
-        return np.where(permitted, float(ContactStatus.ACTIVE), float(ContactStatus.OBSTRUCTED))
 
 
 class Reassignment(LeafSystem):
@@ -233,7 +141,7 @@ class Reassignment(LeafSystem):
         self._given_status = self.DeclareVectorInputPort("contact_status", len(tip_frames))
         self.DeclareVectorInputPort("contact_weights", len(tip_frames))
         self._X_WH = self.DeclareAbstractInputPort("X_WH", AbstractValue.Make(RigidTransform()))
-        _declare_goals(self, tip_frames, self._targets, self._status)
+        declare_goals(self, tip_frames, self._targets, self._status)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_shift)
 
     def _contact_of_finger(self, context: Context) -> IntArray:

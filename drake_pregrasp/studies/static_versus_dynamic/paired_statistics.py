@@ -1,9 +1,8 @@
-"""Statistics of the study: exact intervals, corrected paired tests, and rankings."""
+"""Statistics of the study: exact intervals and corrected paired tests."""
 
 import math
 
 import pandas as pd
-from scipy.stats import mannwhitneyu
 from statsmodels.stats.contingency_tables import mcnemar
 from statsmodels.stats.multitest import multipletests
 from statsmodels.stats.proportion import proportion_confint
@@ -82,20 +81,3 @@ def least_pairs(num_tests: int) -> int:
     smallest p by the number of tests.
     """
     return math.floor(math.log2(2 * max(num_tests, 1) / SIGNIFICANT)) + 1
-
-
-def ranking(values: pd.Series, succeeded: pd.Series) -> tuple[float, int, int]:
-    """Returns the probability that a success has the larger value (AUC), and the group sizes.
-
-    Args:
-        values: Value of a measure for each grasp; nan is left out.
-        succeeded: Whether each grasp is a success.
-
-    Returns:
-        The AUC, nan without successes or failures; and the numbers of successes and of failures.
-    """
-    good, bad = (values[mask].dropna() for mask in (succeeded, ~succeeded))
-    if good.empty or bad.empty:
-        return math.nan, len(good), len(bad)
-    statistic = float(mannwhitneyu(good, bad).statistic)
-    return statistic / (len(good) * len(bad)), len(good), len(bad)

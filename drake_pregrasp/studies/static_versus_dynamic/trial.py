@@ -21,10 +21,10 @@ from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.simulation.hand_file import load_hand_model
 from drake_pregrasp.simulation.output import without_solver_chatter
 from drake_pregrasp.simulation.simulation_diagram import hand_planner
 from drake_pregrasp.studies.static_versus_dynamic import conditions, grasp_outcome, methods
+from drake_pregrasp.studies.static_versus_dynamic.box_goals import ReactiveChoice, StationaryHand
 from drake_pregrasp.studies.static_versus_dynamic.conditions import FINGERS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalSample, Outcome, TrialJob
 from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord
@@ -33,10 +33,8 @@ from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 from drake_pregrasp.systems.sources import ContactWeights, MovingObstacles
 
 # Modules of this folder on which the rows of the study depend.
-MODULES = (__name__, conditions.__name__, grasp_outcome.__name__, methods.__name__)
-
-# Closing times of strip charts, in seconds.
-TRACKED_CLOSING_TIMES = tuple(0.5 * k for k in range(1, 25))
+_OTHERS = (conditions, grasp_outcome, methods)
+MODULES = (__name__, ReactiveChoice.__module__, *(module.__name__ for module in _OTHERS))
 
 _START_TICKS = 60  # Planning ticks within which the contacts of a fixed plan converge.
 _FOREVER = 1e6  # Static duration of the methods that plan at most once, in seconds.
@@ -50,26 +48,6 @@ def run_trial(job: TrialJob) -> list[dict[str, Any]]:
     with without_solver_chatter():
         outcomes = Trial(job).outcomes(conditions.CONDITIONS[job.condition].closing_times)
     return [asdict(outcome) | {"clean": outcome.clean} for outcome in outcomes]
-
-
-def tracking_rows(job: TrialJob) -> list[dict[str, Any]]:
-    """Simulates a trial with many closing times, and returns a row for each planning tick.
-
-    Columns are the `time` in seconds, the number of `active` fingers, the least `distance_mm` of a
-    goal from the no-touch area, and at the closing times whether the grasp is `clean`.
-    """
-    with without_solver_chatter():
-        trial = Trial(job)
-        clean = {o.close_at: o.clean for o in trial.outcomes(TRACKED_CLOSING_TIMES)}
-    return [
-        {
-            "time": sample.time,
-            "active": sample.active,
-            "distance_mm": 1e3 * sample.distance if np.isfinite(sample.distance) else None,
-            "clean": clean.get(round(sample.time, 6)),
-        }
-        for sample in trial.samples
-    ]
 
 
 class Trial:
@@ -98,7 +76,7 @@ class Trial:
         self._scenario = self.condition.scenario
         self._grasp = self._scenario.grasp
         self.surface = self._scenario.make_surface()
-        self.hand = load_hand_model(self._grasp.hand, self._grasp.yaw_range)
+        self.hand = self._scenario.load_hand_model(self._grasp.yaw_range)
         self._start = conditions.random_start(self.condition, self.surface, self.hand, job.seed)
         self._X_WO = initial_pose(self._scenario.motion, self._scenario.object)
         self._config = self._planner_config(self.method)
@@ -197,6 +175,7 @@ class Trial:
     def _build(self) -> None:
         """Builds the diagram of the trial."""
         scenario, config, p_OC = self._scenario, self._config, self._initial_contacts()
+        own_goals = self.method.is_stationary or self.method.is_reactive
         builder = DiagramBuilder()
         driven = add_driven_hand(
             builder,
@@ -207,8 +186,8 @@ class Trial:
             self.hand,
             p_OCoM=self.surface.p_OCoM,
             p_OC=p_OC,
-            # The goals of a stationary hand do not wait for a tick of the planner.
-            target_period=self._grasp.period if self.method.is_stationary else self._period,
+            # Goals that do not come from the planner do not wait for its ticks.
+            target_period=self._grasp.period if own_goals else self._period,
         )
         controller = self._controller = driven.controller
         self.station = driven.station
@@ -232,19 +211,17 @@ class Trial:
         period, sink = self._grasp.period, self.records.append
         logger = builder.AddSystem(GraspLogger(num_fingers=FINGERS, period=period, sink=sink))
         connect(builder, controller, "grasp_report p_GT p_WT X_WG", logger)
-        connect(builder, self.station, "X_WO X_WD", logger)
+        connect(builder, self.station, "X_WO X_WD link_forces", logger)
         self.diagram = builder.Build()
 
     def _add_goals(self, builder: DiagramBuilder) -> System:
         """Adds the system that emits the hand's goals, and exports the input `close`."""
         goals: System = self.planner
+        box: dict[str, Any] = {"box_size": self.condition.box.size, "limits": self._config.limits}
         frames, azimuths = self.hand.kinematics.tip_frames, self.hand.azimuths
         if self.method.is_stationary:
-            azimuths, size = azimuths + self._start.yaw, self.condition.box.size
-            limits = self._config.limits
-            goals = builder.AddSystem(
-                methods.StationaryHand(frames, azimuths=azimuths, box_size=size, limits=limits)
-            )
+            azimuths = azimuths + self._start.yaw
+            goals = builder.AddSystem(StationaryHand(frames, azimuths=azimuths, **box))
             connect(builder, self.planner, "X_WO_estimated", goals)
             # The controller closes after the goals have moved from the ring to the object.
             delay = builder.AddSystem(DiscreteTimeDelay(self._grasp.period, _CLOSE_DELAY, 1))
@@ -258,15 +235,15 @@ class Trial:
             )
             connect(builder, self.planner, "fingertip_targets contact_status", goals)
             connect(builder, self._controller, "X_WH", goals)
+        if self.method.is_reactive:
+            goals = builder.AddSystem(ReactiveChoice(frames, **box, period=self._period))
+            connect(builder, self.planner, "X_WO_estimated", goals)
+            connect(builder, self._controller, "p_WT", goals)
         builder.ExportInput(self._controller.GetInputPort("close"), "close")
         return goals
 
     def _add_measurements(self, builder: DiagramBuilder) -> None:
-        """Connects measured poses to the planner; a constant pose for contacts in the world."""
-        if self.method.is_fixed_in_world:
-            pose = builder.AddSystem(ConstantValueSource(AbstractValue.Make(self._X_WO)))
-            builder.Connect(pose.get_output_port(), self.planner.GetInputPort("X_WO_measured"))
-            return
+        """Connects measured poses to the planner."""
         size, seed = NoisyPoseSensor.NOISE_SIZE, self._start.noise_seed
         noise = builder.AddSystem(NoiseSource(size=size, period=self._period, seed=seed))
         sensor = builder.AddSystem(NoisyPoseSensor(self._scenario.sensor))
@@ -277,7 +254,7 @@ class Trial:
     def _misplace_object(self) -> None:
         plant = self.station.plant
         context = plant.GetMyMutableContextFromRoot(self.context)
-        body = plant.GetBodyByName("cube")
+        body = plant.GetBodyByName("object")
         X_WO = plant.GetFreeBodyPose(context, body)
         x, y, angle = self._start.misplacement
         R_WO = RotationMatrix.MakeZRotation(angle) @ X_WO.rotation()
@@ -290,8 +267,7 @@ class Trial:
         status = np.asarray(self.goals.GetOutputPort("contact_status").Eval(context))
         targets = self.goals.GetOutputPort("fingertip_targets").Eval(context)
         active = is_active(status)
-        time, distance = self.context.get_time(), np.inf
-        solids = self.condition.area_at(time)
+        distance, solids = np.inf, self.condition.area_at(self.context.get_time())
         for finger in np.flatnonzero(active):
             X_WC: RigidTransform = targets.Find(self.hand.kinematics.tip_frames[finger])
             radius = self.hand.tip_radii[finger]
@@ -299,4 +275,4 @@ class Trial:
             tips = X_WC.translation() + np.array([[radius], [radius + self._grasp.standoff]]) * out
             distance = min([distance, *(float(np.min(s.distance(tips))) - radius for s in solids)])
         withdrawn = np.sum(~active & (status != ContactStatus.LOST))
-        return GoalSample(time, int(np.sum(active)), int(withdrawn), distance)
+        return GoalSample(int(np.sum(active)), int(withdrawn), distance)

@@ -1,4 +1,4 @@
-"""Figures of one seed: rendered pictures of trials, and strip charts over time."""
+"""Figure of one seed: rendered pictures of trials."""
 
 import functools
 import textwrap
@@ -25,25 +25,20 @@ from drake_pregrasp.studies.runner import OnProgress, StudyRows, run_jobs
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS, FINGERS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import TrialJob
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
-from drake_pregrasp.studies.static_versus_dynamic.trial import MODULES, Trial, tracking_rows
+from drake_pregrasp.studies.static_versus_dynamic.trial import Trial
 from drake_pregrasp.systems.drawing import contact_color
 
-# Files of the two figures, and the folder of the strip charts' rows.
-PICTURES, STRIPS, TRACKING = "pictures.png", "strips.png", "strips"
+PICTURES = "pictures.png"  # File of the figure.
 
-HEADLINE = "headline"  # Condition of the figures.
+HEADLINE = "headline"  # Condition of the figure.
 
 PICTURED = ("fixed_plan", "stationary", "dynamic_reach")  # Methods with a row of pictures.
 
 # Times of the pictures before the grasp, in seconds. The hand closes at the last one.
 MOMENTS = (0.5, 4.0, 8.0)
 
-# Least number of seeds with which strip charts are made: they take as long as 50 trials.
-SEEDS_FOR_STRIPS = 5
-
 # Camera of the pictures.
 CAMERA = pictures.color_camera((600, 630), 0.55)
-_FARTHEST_MM = 60.0  # Largest distance from the no-touch area that strip charts show.
 _TARGET = np.array([0.0, 0.0, 0.14])  # Camera's target from the turntable's centre.
 _P_TK = np.array([0.514, -0.514, 0.222])  # Camera from its target, in metres.
 _LIGHTS = (
@@ -59,25 +54,20 @@ _PICTURES_TEXT = (
     "Red: the wall, which no fingertip may touch. Rings: contacts of active fingers if the hand"
     " closed now. Dots, in the colours of the fingertips: safe regions of methods that plan anew."
 )
-_STRIPS_TEXT = (
-    "While the hand follows: the number of active fingers; the least distance of a fingertip at a"
-    " goal, in contact or at its standoff, from the wall (inside is shaded), up to"
-    f" {_FARTHEST_MM:g} mm; and whether a grasp that closes then is clean, tried every 0.5 s."
-)
 
 
 def figures_of_one_seed(
     folder: Path, rows: pd.DataFrame, processes: int | None, on_progress: OnProgress
 ) -> list[Part]:
-    """Makes the figures in the study's folder, and returns them as parts of the report.
+    """Makes the figure in the study's folder, and returns it as parts of the report.
 
-    There are no figures unless some seed of the headline condition has all pictured methods.
+    There is no figure unless some seed of the headline condition has all pictured methods.
 
     Args:
         folder: Folder of the study.
         rows: Rows of the study.
         processes: Number of local processes; the number of processors if not set.
-        on_progress: Called with the number of finished trials of a figure and the number of all.
+        on_progress: Called with the number of finished trials of the figure and the number of all.
 
     Raises:
         OutputError: If a file cannot be read or written.
@@ -90,18 +80,10 @@ def figures_of_one_seed(
     shown = pictured[pictured["seed"] == seed]
     simulate = functools.partial(run_jobs, processes=processes, on_progress=on_progress)
     make_pictures(folder / PICTURES, shown, MOMENTS, simulate)
-    parts: list[Part] = [
+    return [
         Heading(f"{CONDITIONS[HEADLINE].label.capitalize()}: one seed"),
         Picture(folder / PICTURES, f"{rule} {_PICTURES_TEXT}"),
     ]
-    if closed["seed"].nunique() >= SEEDS_FOR_STRIPS:
-        there = closed[closed["seed"] == seed]["method"].tolist()
-        jobs = [TrialJob(HEADLINE, method, seed) for method in METHODS if method in there]
-        tracked = simulate(tracking_rows, jobs, folder=folder / TRACKING, modules=MODULES).rows
-        with writing(folder / STRIPS):
-            plot_strips(tracked[tracked["seed"] == seed]).savefig(folder / STRIPS, dpi=130)
-        parts.append(Picture(folder / STRIPS, f"Seed {seed}. {_STRIPS_TEXT}"))
-    return parts
 
 
 def representative_seed(closed: pd.DataFrame) -> tuple[int | None, str]:
@@ -251,7 +233,7 @@ def _shapes(
                 if labels[k] == finger
             ]
             dots = pictures.drawn_mesh(_rings(X_OQ, *_DOT))
-            yield _pose(trial, context, "cube"), dots, contact_color(finger)
+            yield _pose(trial, context, "object"), dots, contact_color(finger)
 
 
 def _rings(
@@ -268,30 +250,3 @@ def _pose(trial: Trial, context: Context, body: str) -> RigidTransform:
     of_body = plant.GetBodyByName(body)
     X_WB: RigidTransform = of_body.EvalPoseInWorld(plant.GetMyContextFromRoot(context))
     return X_WB
-
-
-def plot_strips(tracked: pd.DataFrame) -> Figure:
-    """Returns a figure with three charts over time for each method.
-
-    Args:
-        tracked: Rows of `tracking_rows` of one seed.
-    """
-    methods = [method for method in METHODS if method in set(tracked["method"])]
-    limits = tracked["distance_mm"].astype(float).clip(-_FARTHEST_MM, _FARTHEST_MM)
-    low, high = np.nanmin([limits.min(), 0]) - 3, np.nanmax([limits.max(), 1]) + 3
-    figure = Figure((10, 0.5 + 2.1 * len(methods)), layout="constrained")
-    axes = figure.subplots(3 * len(methods), 1, sharex=True, squeeze=False).reshape(-1, 3)
-    for (active, distance, closing), method in zip(axes, methods, strict=True):
-        rows, color = tracked[tracked["method"] == method], METHODS[method].color
-        active.set_title(METHODS[method].label, loc="left", fontweight="bold")
-        active.fill_between(rows["time"], rows["active"], step="post", color=color, alpha=0.3)
-        active.step(rows["time"], rows["active"], where="post", color=color)
-        active.set(ylim=(0, FINGERS + 0.5), yticks=[0, FINGERS], ylabel="active\nfingers")
-        distance.axhspan(low, 0, color="#F6DDCB")
-        distance.plot(rows["time"], rows["distance_mm"].astype(float), color="0.15")
-        distance.set(ylim=(low, high), ylabel="goal to\narea [mm]")
-        tried = rows[rows["clean"].notna()]
-        closing.plot(tried["time"], tried["clean"].astype(float), "o", color=color)
-        closing.set(ylim=(-0.5, 1.5), yticks=[0, 1], yticklabels=["no", "yes"], ylabel="clean")
-    axes[-1, -1].set_xlabel("time, and time at which the hand closes [s]")
-    return figure

@@ -36,6 +36,7 @@ _MARGINS = {
 # The summary of a grasp has these names with the ending `_mm`.
 _GRASP = {
     "lift_height": "lift height [mm]",
+    "early_motion": "motion of the object before the squeeze [mm]",
     "closing_motion": "motion of the object in closing [mm]",
     "slip_hold": "slip in the hold [mm]",
     "tracking_error_mean": "distance of the fingertips from their goals, mean [mm]",
@@ -50,6 +51,7 @@ MEASURES: Mapping[str, str] = {
     **_MOTION,
     **_MARGINS,
     "grasp_holds": "object held at the end (0 or 1)",
+    "grasp_link_force": "largest force of a link that touches something [N]",
     **{f"grasp_{name}": label for name, label in _GRASP.items()},
 }
 """Labels of all measures by their names. Means, extremes and shares are over the phase in which
@@ -110,6 +112,7 @@ def measure(scenario: Scenario, logged: LoggedRun, names: Sequence[str]) -> dict
         grasp = summarize_grasp(scenario, logged.grasp_log)
         values |= {f"grasp_{name}": grasp[f"{name}_mm"] for name in _GRASP}
         values["grasp_holds"] = grasp["phase"] == "hold"
+        values["grasp_link_force"] = max(grasp["link_forces"].values())
     found = {name: values.get(name) for name in names}
     return {name: np.nan if value is None else float(value) for name, value in found.items()}
 

@@ -1,0 +1,84 @@
+"""Contacts of a hand's links, which should touch nothing."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import GeometryId
+from pydrake.multibody.plant import ContactResults
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+
+from drake_pregrasp.arrays import FloatArray, tick_index
+from drake_pregrasp.systems.fingertip_sensor import HandLink
+
+TOUCHED = ("object", "surroundings", "hand")
+"""What links can touch, in the order of the elements of `link_forces`."""
+
+
+class LinkContacts(LeafSystem):
+    """Measures the largest forces of contacts with links that are not fingertips.
+
+    .. pydrake_system::
+
+        name: LinkContacts
+        input_ports:
+        - contact_results
+        output_ports:
+        - link_forces
+
+    Port `contact_results` accepts the `ContactResults` of a MultibodyPlant with a hand.
+
+    Port `link_forces` emits a vector of 3: the largest force between a link and the object, the
+    surroundings such as the table, and another finger, since the last tick, in newtons.
+
+    Args:
+        links: Collision geometries of the hand.
+        touched: Collision geometries of the object.
+        period: Seconds between ticks.
+        time_step: Time step of the plant, in seconds.
+    """
+
+    def __init__(
+        self,
+        links: Mapping[GeometryId, HandLink],
+        touched: Sequence[GeometryId],
+        *,
+        period: float,
+        time_step: float,
+    ) -> None:
+        super().__init__()
+        self._links, self._object, self._period = links, frozenset(touched), period
+        self._results = self.DeclareAbstractInputPort(
+            "contact_results", AbstractValue.Make(ContactResults())
+        )
+        self._largest = self.DeclareDiscreteState(len(TOUCHED))
+        self._last = self.DeclareDiscreteState([0.0])
+        self.DeclareStateOutputPort("link_forces", self._largest)
+        self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, self._update)
+
+    def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
+        largest: FloatArray = context.get_discrete_state(self._largest).value().copy()
+        tick = tick_index(context.get_time(), self._period)
+        if tick > context.get_discrete_state(self._last)[0]:
+            largest[:] = 0.0
+        for one, other, force in _contacts(self._results.Eval(context)):
+            a, b = self._links.get(one), self._links.get(other)
+            link = b if a is None or a.is_tip else a
+            if link is None or link.is_tip:
+                continue
+            kind = 2 if a and b else 0 if {one, other} & self._object else 1
+            largest[kind] = max(largest[kind], force)
+        discrete_state.set_value(self._largest, largest)
+        discrete_state.set_value(self._last, [float(tick)])
+
+
+def _contacts(results: ContactResults) -> Iterator[tuple[GeometryId, GeometryId, float]]:
+    for index in range(results.num_point_pair_contacts()):
+        point = results.point_pair_contact_info(index)
+        force = np.linalg.norm(point.contact_force())
+        yield point.point_pair().id_A, point.point_pair().id_B, float(force)
+    for index in range(results.num_hydroelastic_contacts()):
+        patch = results.hydroelastic_contact_info(index)
+        force = np.linalg.norm(patch.F_Ac_W().translational())
+        surface = patch.contact_surface()
+        yield surface.id_M(), surface.id_N(), float(force)

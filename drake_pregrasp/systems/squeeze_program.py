@@ -1,0 +1,128 @@
+"""Squeeze forces that balance a wrench: a second-order cone program over friction cones.
+
+It is in `systems` because it uses Drake's `MathematicalProgram`.
+"""
+
+import numpy as np
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+from scipy.linalg import block_diag
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.grasping.grasp_state import GiveUp
+from drake_pregrasp.grasping.squeeze import Squeeze
+from drake_pregrasp.quality.force_closure import longest_arm
+from drake_pregrasp.quality.grasp_quality import contact_axes, contact_blocks
+
+PREFERRED_SHARE = 0.5
+"""Share of the friction coefficient that forces need not exceed if larger forces can avoid it."""
+
+# Balance takes precedence over the preferred cones, these over small forces, whose cost is 1 per
+# squared newton. Such linear costs do not change the solution if it can do without.
+_IMBALANCE_COST = 1e5  # Per newton of the residual.
+_EXCESS_COST = 1e4  # Per newton outside the preferred cones.
+
+_IN_BALANCE = 0.02  # Largest residual of a balanced squeeze, in newtons.
+_UNLIMITED = 1e4  # Replaces a limit, to find out whether it prevents balance.
+
+
+def plan_squeeze(
+    p_CoMC: FloatArray,
+    nhat: FloatArray,
+    wrench: FloatArray,
+    *,
+    friction: float,
+    least_normal: float,
+    largest_normal: float | FloatArray,
+    jacobians: FloatArray | None = None,
+    efforts: FloatArray | None = None,
+) -> Squeeze:
+    """Returns the smallest forces that balance a wrench, each inside its friction cone.
+
+    This is the force-balance program of grasping (Buss, Hashimoto & Moore, 1996) with Coulomb's
+    cones. In the axes of each contact, f_i = (n_i, t_i) with the normal force n_i and the force
+    t_i along the surface. With weights a, b and the imbalance r = G f + wrench it is
+
+        min |f|² + a |r| + b s  over f, s >= 0, with
+        least <= n_i <= largest,   |t_i| <= mu n_i,   |t_i| <= mu n_i / 2 + s,   |J^T f| <= efforts.
+
+    The smallest forces lie on their cones. Cones of half the width leave a margin for errors; the
+    forces exceed them by s only if nothing else balances the wrench.
+
+    Args:
+        p_CoMC: Lever arms from the centre of mass to the contacts, shape (n, 3), in metres.
+        nhat: Outward unit normals at the contacts, in the frame of `p_CoMC`, shape (n, 3).
+        wrench: Other wrench on the object, such as its weight: force in N and torque about the
+            centre of mass in N m, in the frame of `p_CoMC`, shape (6,).
+        friction: Coulomb's coefficient mu of the plan. The margin to the real coefficient covers
+            errors of contacts, poses and forces.
+        least_normal: Least normal force in newtons.
+        largest_normal: Largest normal force in newtons, a scalar or of shape (n,).
+        jacobians: Jacobians J_i of the contacts' velocities in that frame, shape (n, 3, nq); None
+            for no limits on joints.
+        efforts: Largest torque of each joint, shape (nq,), in N m.
+
+    Raises:
+        InvalidArgumentError: If bounds are out of range, or if there is no contact.
+    """
+    if len(p_CoMC) == 0:
+        raise InvalidArgumentError("a squeeze needs at least one contact")
+    if not np.all((least_normal >= 0) & (least_normal <= np.asarray(largest_normal))):
+        raise InvalidArgumentError(
+            f"normal forces need 0 N <= least <= largest, not {least_normal} and {largest_normal} N"
+        )
+    R, G = contact_axes(nhat), contact_blocks(p_CoMC, nhat, "hard_finger")
+    scale = np.ones(6)
+    scale[3:] /= longest_arm(p_CoMC)
+    torques = np.empty((0, 3 * len(R)))
+    if jacobians is not None:  # tau = sum of J_i^T R_i f_i.
+        torques = np.einsum("nji,njk->ink", jacobians, R).reshape(-1, 3 * len(R))
+    balance = scale[:, None] * G.transpose(1, 0, 2).reshape(6, -1), scale * wrench
+    limits: dict[GiveUp, FloatArray] = {
+        GiveUp.NEEDS_FORCE: np.broadcast_to(largest_normal, len(R)),
+        GiveUp.NEEDS_TORQUE: np.empty(0) if efforts is None else efforts,
+        GiveUp.NEEDS_FRICTION: np.array(friction),
+    }
+    f, residual = _solve(*balance, torques, least_normal, *limits.values())
+    squeeze = Squeeze(np.einsum("nij,nj->ni", R, f), residual)
+    if residual <= _IN_BALANCE:
+        return squeeze
+    for lack, limit in limits.items():
+        without = limits | {lack: np.full(limit.shape, _UNLIMITED)}
+        if _solve(*balance, torques, least_normal, *without.values())[1] <= _IN_BALANCE:
+            return squeeze._replace(lack=lack)
+    return squeeze
+
+
+def _solve(
+    G: FloatArray,
+    wrench: FloatArray,
+    torques: FloatArray,
+    least: float,
+    largest: FloatArray,
+    efforts: FloatArray,
+    friction: FloatArray,
+) -> tuple[FloatArray, float]:
+    """Returns forces in the axes of their contacts, shape (n, 3), and the norm of the residual."""
+    n = G.shape[1] // 3
+    program = MathematicalProgram()
+    f = program.NewContinuousVariables(3 * n)
+    imbalance, excess = program.NewContinuousVariables(2)
+    program.Add2NormSquaredCost(np.eye(3 * n), np.zeros(3 * n), f)
+    program.AddLinearCost(_IMBALANCE_COST * imbalance + _EXCESS_COST * excess)
+    residual = block_diag(1.0, G)  # Times (imbalance, f), plus the wrench: (imbalance, r).
+    program.AddLorentzConeConstraint(residual, np.append(0.0, wrench), np.append(imbalance, f))
+    program.AddBoundingBoxConstraint(0, np.inf, excess)
+    program.AddBoundingBoxConstraint(np.full(n, least), largest, f[::3])
+    for i in range(n):
+        normal, *along = f[3 * i : 3 * i + 3]
+        friction_limit = float(friction) * normal
+        for limit in (friction_limit, PREFERRED_SHARE * friction_limit + excess):
+            program.AddLorentzConeConstraint(np.array([limit, *along]))
+    if len(torques):
+        program.AddLinearConstraint(torques, -efforts, efforts, f)
+    result = ClarabelSolver().Solve(program)
+    if not result.is_success():
+        return np.zeros((n, 3)), float(np.linalg.norm(wrench))
+    forces: FloatArray = result.GetSolution(f)
+    return forces.reshape(n, 3), float(np.linalg.norm(G @ forces + wrench))

@@ -1,0 +1,119 @@
+"""Squeezes balance the wrench on the object with the smallest forces inside friction cones."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp.grasping.grasp_state import GiveUp
+from drake_pregrasp.systems.squeeze_program import PREFERRED_SHARE, plan_squeeze
+
+WEIGHT = np.array([0, 0, -4.0, 0, 0, 0])
+AROUND = 2 * np.pi * np.arange(5) / 5
+RING = 0.05 * np.stack([np.cos(AROUND), np.sin(AROUND), 0 * AROUND], axis=1)
+OUTWARD = RING / 0.05
+ONE_SIDE = np.array([[0.05, 0.03, 0.0], [0.05, -0.03, 0.0], [0.05, 0.0, 0.03]])
+LEVERS = np.kron(np.eye(5), 0.1 * np.eye(3)).reshape(15, 5, 3).transpose(1, 2, 0)
+"""Jacobians of fingers whose three joints turn a tip at 0.1 m along x, y and z."""
+
+few = settings(max_examples=25)
+heights = st.lists(st.floats(-0.03, 0.03), min_size=5, max_size=5).map(np.array)
+
+
+def squeeze(p=RING, nhat=OUTWARD, wrench=WEIGHT, *, friction=0.5, least=2.5, largest=30.0, **more):
+    return plan_squeeze(
+        p, nhat, wrench, friction=friction, least_normal=least, largest_normal=largest, **more
+    )
+
+
+def raised(z):
+    return RING + z[:, None] * [0, 0, 1]
+
+
+def size(planned):
+    return np.sum(planned.forces**2)
+
+
+def split(forces, nhat=OUTWARD):
+    """Normal forces, and sizes of the forces along the surface."""
+    normal = -np.sum(forces * nhat, axis=1)
+    return normal, np.linalg.norm(forces + normal[:, None] * nhat, axis=1)
+
+
+@few
+@given(heights, st.floats(0, 5))
+def test_forces_balance_a_weight_from_all_sides(z, share):
+    forces, residual, _ = squeeze(raised(z), wrench=share * WEIGHT)
+    net = np.append(forces.sum(axis=0), np.cross(raised(z), forces).sum(axis=0))
+    assert residual < 1e-2
+    np.testing.assert_allclose(net + share * WEIGHT, 0, atol=1e-2)
+
+
+@few
+@given(heights, st.floats(0.3, 1.0), st.floats(0, 3), st.floats(0.31, 1.5))
+def test_forces_lie_in_their_cones_and_bounds_and_within_the_torques(z, friction, least, effort):
+    efforts = np.full(15, effort)
+    planned = squeeze(
+        raised(z), friction=friction, least=least, largest=12.0, jacobians=LEVERS, efforts=efforts
+    )
+    normal, along = split(planned.forces)
+    assert least - 1e-5 <= np.min(normal) <= np.max(normal) <= 12.0 + 1e-5
+    assert np.all(along <= friction * normal + 1e-5)
+    torques = np.einsum("nij,ni->j", LEVERS, planned.forces)
+    assert np.max(np.abs(torques)) <= effort + 1e-5
+
+
+@few
+@given(st.floats(-3, 3), st.floats(-1, 1), st.floats(-3, 3))
+def test_a_turned_scene_has_turned_forces(roll, pitch, yaw):
+    R = Rotation.from_euler("xyz", [roll, pitch, yaw]).as_matrix()
+    turned = squeeze(RING @ R.T, OUTWARD @ R.T, np.append(R @ WEIGHT[:3], np.zeros(3)))
+    np.testing.assert_allclose(turned.forces @ R, squeeze().forces, atol=1e-5)
+
+
+def test_fingers_that_are_alike_carry_alike_within_the_preferred_cones():
+    share = 0.8  # Of the weight, in newtons.
+    expected = share * np.array([0, 0, 1]) - share / (PREFERRED_SHARE * 0.5) * OUTWARD
+    np.testing.assert_allclose(squeeze().forces, expected, atol=1e-3)
+
+
+def test_more_friction_never_needs_more_force():
+    sizes = [
+        size(squeeze(wrench=4 * WEIGHT, friction=mu, least=0.0)) for mu in (0.3, 0.4, 0.8, 1.6)
+    ]
+    assert np.all(np.diff(sizes) < 0)
+
+
+def test_forces_leave_the_preferred_cones_only_as_far_as_the_largest_force_requires():
+    # Five fingers share 4 N, so each normal force of F needs a friction of 0.8/F.
+    for largest in (2.5, 3.0, 4.0, 12.0):
+        normal, along = split(squeeze(largest=largest).forces)
+        expected = max(PREFERRED_SHARE * 0.5, 0.8 / largest)
+        np.testing.assert_allclose(along / normal, expected, rtol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "lack"),
+    [
+        ({"wrench": 10 * WEIGHT, "largest": 5.0}, GiveUp.NEEDS_FORCE),
+        ({"jacobians": LEVERS, "efforts": np.full(15, 0.07), "least": 0.5}, GiveUp.NEEDS_TORQUE),
+        ({"jacobians": LEVERS, "efforts": np.full(15, 0.2)}, GiveUp.NEEDS_TORQUE),
+        ({"nhat": 0.8 * OUTWARD + [0, 0, 0.6]}, GiveUp.NEEDS_FRICTION),  # It gets narrower above.
+        ({"p": ONE_SIDE, "nhat": np.tile([1.0, 0, 0], (3, 1))}, GiveUp.OUT_OF_BALANCE),
+    ],
+)
+def test_what_nothing_balances_is_told_with_the_limit_that_prevents_it(arguments, lack):
+    planned = squeeze(**arguments)
+    assert planned.residual > 0.1
+    assert planned.lack == lack
+
+
+def test_bad_arguments_are_refused():
+    with pytest.raises(InvalidArgumentError, match="at least one contact"):
+        squeeze(np.empty((0, 3)), np.empty((0, 3)))
+    with pytest.raises(InvalidArgumentError, match=r"not -1 and 30\.0 N"):
+        squeeze(least=-1)
+    with pytest.raises(InvalidArgumentError, match="not 5 and 4 N"):
+        squeeze(least=5, largest=4)
