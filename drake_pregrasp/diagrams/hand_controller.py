@@ -198,6 +198,7 @@ class HandController(Diagram):
         for source, names, targets in (
             (shaper, "tip_goals", [posture]),
             (*goals, [kinematics]),
+            (shaper, "v_WT", [kinematics]),
             (sequencer, "X_WG V_WG", [shaper, posture, kinematics]),
             (sequencer, "standoffs hold_contacts", [shaper]),
             (sequencer, "fingers_hold", [shaper, kinematics]),

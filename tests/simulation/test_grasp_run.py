@@ -18,6 +18,7 @@ from drake_pregrasp import (
     run,
     without_solver_chatter,
 )
+from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.simulation.summary import inactive_contacts
@@ -56,6 +57,11 @@ def check_grasp(result, largest_error):
     assert max(grasp["slip_lift_mm"], grasp["slip_hold_mm"]) < 1
     assert 2.0 < min(grasp["tip_forces"]) < max(grasp["tip_forces"]) < 10.0
     check_gaps(result, 0.1, 0.009, 5)
+    assert set(grasp["link_forces"].values()) == {0.0}
+    log = run_log(result, "grasp.csv")
+    tips = np.stack([points(log, f"tip{finger}") for finger in range(5)], axis=1)
+    accelerations = np.diff(tips, n=2, axis=0) / GraspConfig.period**2
+    assert np.max(np.linalg.norm(accelerations, axis=2)) < GraspConfig.tip_acceleration
 
 
 @pytest.mark.slow
