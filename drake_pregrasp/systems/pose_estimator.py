@@ -192,13 +192,12 @@ class PoseEstimator(LeafSystem):
         measurement = PoseMeasurement(measured_at, p_WCoM, X_WO.rotation().matrix())
         if stored_time > time:  # The clock was set back.
             track = self._no_track
-        track = track.with_twist(self._twist(context, track), time - self._period / 2)
+        if self._V_WO_held.HasValue(context):
+            track = track.with_twist(self._twist(context, track), time - self._period / 2)
         return update_track(track, measurement, time, self._settings)
 
     def _twist(self, context: Context, track: PoseTrack) -> FloatArray:
         """Returns the present twist of the held object, at its centre of mass, or NaN."""
-        if not self._V_WO_held.HasValue(context):
-            return np.full((2, 3), np.nan)
         is_held, *V_WO = validated_numbers(self._V_WO_held.Eval(context))
         w_WO, v_WO = np.reshape(V_WO if is_held > 0 else np.full(6, np.nan), (2, 3))
         return np.array([w_WO, v_WO + np.cross(w_WO, track.newest.R_WO @ self._p_OCoM)])
@@ -216,10 +215,11 @@ class PoseEstimator(LeafSystem):
             return status, newest
         if status == TrackingStatus.TRACKING and not track.is_locked:
             status = TrackingStatus.COASTING
-        dV = self._twist(context, track) - track.V_held
-        if not np.any(np.isnan(dV)):
-            last_tick = self._period * tick_index(time, self._period)
-            newest = boosted(newest, dV, (last_tick + time) / 2)
+        if self._V_WO_held.HasValue(context):
+            dV = self._twist(context, track) - track.V_held
+            if not np.any(np.isnan(dV)):
+                last_tick = self._period * tick_index(time, self._period)
+                newest = boosted(newest, dV, (last_tick + time) / 2)
         if status == TrackingStatus.LOST:  # The pose stays where it was lost.
             since = self._period + config.lost_after
         belief = self._predicted(newest, since)
