@@ -17,6 +17,7 @@ from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
 _SAMPLES = 50
+_POSES = 200
 
 
 def expected_path(motion: MotionConfig, duration: float, object_config: ObjectConfig) -> FloatArray:
@@ -49,6 +50,30 @@ def expected_path(motion: MotionConfig, duration: float, object_config: ObjectCo
         poses = map(motion.read().at, times)
         path = [p_WO + R_WO.apply(p_OCoM) for p_WO, R_WO in poses]
     return np.array(path)
+
+
+def expected_poses(
+    motion: MotionConfig, duration: float, object_config: ObjectConfig
+) -> list[tuple[float, RigidTransform]]:
+    """Returns times in seconds and poses X_WO of the object, as far as its motion is prescribed.
+
+    These are samples of what a conveyor carries, and only the start of a toss or a push.
+
+    Args:
+        motion: Motion of the object.
+        duration: Duration of the run, in seconds.
+        object_config: The object.
+    """
+    start = initial_pose(motion, object_config)
+    if not isinstance(motion, Conveyor):
+        return [(0.0, start)]
+    profile = VelocityProfile(motion.velocities())
+    poses = []
+    for time in np.linspace(0.0, duration, _POSES).tolist():
+        slid, turned = profile.at(time)[0]
+        X_WD = RigidTransform(RotationMatrix.MakeZRotation(turned), [slid, 0.0, 0.0])
+        poses.append((time, X_WD @ start))
+    return poses
 
 
 def initial_pose(motion: MotionConfig, object_config: ObjectConfig) -> RigidTransform:

@@ -1,5 +1,6 @@
 """Plant with the moving object and a hand over it, as one diagram."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,6 +73,7 @@ class HandStation(Diagram):
         initial: Initial positions of the hand, shape (nq,).
         yaw_range: Range of the wrist, as for `add_hand_model`.
         period: Seconds between ticks of the controller, for `link_forces`.
+        obstacles: Obstacles that are bodies.
 
     Raises:
         InvalidArgumentError: If the hand's model cannot be loaded.
@@ -91,6 +93,7 @@ class HandStation(Diagram):
         initial: FloatArray,
         yaw_range: tuple[float, float] = FREE_TURN,
         period: float = GraspConfig.period,
+        obstacles: Sequence[MovingSolid] = (),
     ) -> None:
         super().__init__()
         builder = DiagramBuilder()
@@ -100,6 +103,7 @@ class HandStation(Diagram):
             motion_config,
             plant_config,
             friction=friction,
+            obstacles=obstacles,
             add_more=lambda plant: add_hand_model(plant, hand, yaw_range),
         )
         instance = self.plant.GetModelInstanceByName(HAND)
@@ -164,6 +168,7 @@ def add_driven_hand(
     p_OCoM: FloatArray,
     p_OC: FloatArray,
     target_period: float,
+    obstacles: Sequence[MovingSolid] = (),
 ) -> DrivenHand:
     """Adds a plant with object and hand, and the hand's controller; connects them.
 
@@ -177,6 +182,7 @@ def add_driven_hand(
         p_OCoM: Centre of mass of the box in O, shape (3,), in metres.
         p_OC: Initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
         target_period: Seconds between changes of the contact goals in O.
+        obstacles: Obstacles that are bodies of the plant.
 
     Raises:
         InvalidArgumentError: If an argument is out of its range.
@@ -209,6 +215,7 @@ def add_driven_hand(
             initial=controller.initial,
             yaw_range=grasp.yaw_range,
             period=grasp.period,
+            obstacles=obstacles,
         ),
     )
     connect(builder, station, "hand_state net_actuation", controller)

@@ -39,10 +39,14 @@ step and bounce."""
 FRICTION = 0.8
 """Coulomb's coefficient of an object without a hand, the same as that of tables."""
 
+MODULUS = 1e7
+"""Hydroelastic modulus of the hull, the same as that of tables, in Pa."""
+
+DISSIPATION = 100.0
+"""Dissipation of Hunt and Crossley, the same as that of tables, in s/m: nothing bounces."""
+
 _COLOR = np.array([0.78, 0.80, 0.83, 1.0])
 _DIGITS = 12  # Digits of coordinates in the OBJ text of a mesh for Drake.
-_MODULUS = 1e7  # Hydroelastic modulus of the hull, the same as that of tables, in Pa.
-_DISSIPATION = 300.0  # Dissipation of Hunt and Crossley, so that nothing bounces, in s/m.
 _RESOLUTION = 0.1  # Drake requires it, but a hull is not tessellated.
 
 
@@ -62,26 +66,21 @@ def add_object_body(
     )
     if not plant.geometry_source_is_registered():
         return body
-    data, X_OG = _in_memory(shape.mesh), RigidTransform()
+    data, X_OG = _mesh_data(shape.mesh), RigidTransform()
     compliant, rigid = ProximityProperties(), ProximityProperties()
     for properties in (compliant, rigid):
-        AddContactMaterial(friction=CoulombFriction(friction, friction), properties=properties)
-        properties.AddProperty("material", "hunt_crossley_dissipation", _DISSIPATION)
-    AddCompliantHydroelasticProperties(_RESOLUTION, _MODULUS, compliant)
+        coulomb = CoulombFriction(friction, friction)
+        AddContactMaterial(dissipation=DISSIPATION, friction=coulomb, properties=properties)
+    AddCompliantHydroelasticProperties(_RESOLUTION, MODULUS, compliant)
     AddRigidHydroelasticProperties(rigid)
     plant.RegisterCollisionGeometry(body, X_OG, Convex(mesh_data=data), "hull", compliant)
     if not shape.mesh.is_convex:
         surface = MeshGeometry(mesh_data=data)
         plant.RegisterCollisionGeometry(body, X_OG, surface, "surface", rigid)
     # Drake's VTK renderer needs normals, which at edges are different for each face.
-    drawn = MeshGeometry(mesh_data=_in_memory(shape.mesh.smooth_shaded, include_normals=True))
+    drawn = MeshGeometry(mesh_data=_mesh_data(shape.mesh.smooth_shaded))
     plant.RegisterVisualGeometry(body, X_OG, drawn, "surface", _COLOR)
     return body
-
-
-def _in_memory(mesh: trimesh.Trimesh, *, include_normals: bool = False) -> InMemoryMesh:
-    text = mesh.export(file_type="obj", digits=_DIGITS, include_normals=include_normals)
-    return InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "object.obj"))
 
 
 def separate_contacts(plant: MultibodyPlant, scene_graph: SceneGraph, body: RigidBody) -> None:
@@ -114,6 +113,12 @@ def standing_position(object_config: ObjectConfig) -> FloatArray:
     position: FloatArray = -shape.p_OCoM
     position[2] = -lowest - FIRST_TOUCH
     return position
+
+
+def _mesh_data(mesh: trimesh.Trimesh) -> InMemoryMesh:
+    """Returns a mesh for Drake, with the normals that its renderers need."""
+    text = mesh.export(file_type="obj", digits=_DIGITS, include_normals=True)
+    return InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "object.obj"))
 
 
 def _spatial_inertia(shape: Shape, mass: float) -> SpatialInertia:

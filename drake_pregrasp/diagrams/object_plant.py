@@ -1,6 +1,6 @@
 """Plant with the moving object, as one diagram."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from pydrake.geometry import SceneGraph
@@ -21,9 +21,10 @@ from drake_pregrasp.config.object_config import (
 )
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.object_body import FRICTION, add_object_body, separate_contacts
+from drake_pregrasp.diagrams.obstacle_bodies import add_obstacle_bodies
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.resources import resource_folder
-from drake_pregrasp.systems.sources import BodyPose, Launch, ObjectMotion, PoseReplay
+from drake_pregrasp.systems.sources import BodyPose, Launch, MovingSolid, ObjectMotion, PoseReplay
 
 MovingObject = tuple[MultibodyPlant, SceneGraph, OutputPort]
 """Plant with the object's body, SceneGraph with its geometry, and the port with its pose X_WO."""
@@ -44,6 +45,7 @@ def add_moving_object(
     plant_config: MultibodyPlantConfig,
     *,
     friction: float = FRICTION,
+    obstacles: Sequence[MovingSolid] = (),
     add_more: Callable[[MultibodyPlant], object] | None = None,
 ) -> MovingObject:
     """Adds a plant with the object, and what moves it.
@@ -54,6 +56,7 @@ def add_moving_object(
         motion: Motion of the object.
         plant_config: Time step and contact model.
         friction: Coulomb's coefficient of the object.
+        obstacles: Obstacles that are bodies.
         add_more: Function that adds more models to the plant.
     """
     if isinstance(motion, PoseStream):
@@ -67,6 +70,7 @@ def add_moving_object(
         profile = push_profile(motion)
     elif motion.table:
         add_model(plant, "table.sdf")
+    moving = add_obstacle_bodies(plant, scene_graph, obstacles, body)
     if add_more is not None:
         add_more(plant)
     plant.Finalize()
@@ -78,6 +82,10 @@ def add_moving_object(
     else:
         command = builder.AddNamedSystem("object_motion", ObjectMotion(VelocityProfile(profile)))
         builder.Connect(command.get_output_port(), plant.get_desired_state_input_port(driven))
+    for index, (instance, speed) in enumerate(moving):
+        drive = ObjectMotion(VelocityProfile([[0.0, speed]]))
+        builder.AddNamedSystem(f"obstacle_motion_{index}", drive)
+        builder.Connect(drive.get_output_port(), plant.get_desired_state_input_port(instance))
     pose = builder.AddNamedSystem("object_pose", BodyPose(body.index()))
     builder.Connect(plant.get_body_poses_output_port(), pose.get_input_port())
     return plant, scene_graph, pose.get_output_port()
@@ -166,6 +174,7 @@ class ObjectPlant(Diagram):
         object_config: The object.
         motion_config: Motion of the object.
         plant_config: Time step and contact model.
+        obstacles: Obstacles that are bodies.
     """
 
     plant: MultibodyPlant
@@ -176,11 +185,13 @@ class ObjectPlant(Diagram):
         object_config: ObjectConfig,
         motion_config: MotionConfig,
         plant_config: MultibodyPlantConfig,
+        *,
+        obstacles: Sequence[MovingSolid] = (),
     ) -> None:
         super().__init__()
         builder = DiagramBuilder()
         self.plant, self.scene_graph, X_WO = add_moving_object(
-            builder, object_config, motion_config, plant_config
+            builder, object_config, motion_config, plant_config, obstacles=obstacles
         )
         builder.ExportOutput(X_WO, "X_WO")
         builder.ExportOutput(self.scene_graph.get_query_output_port(), "query_object")

@@ -1,4 +1,4 @@
-"""Schema of obstacles in the world W."""
+"""Schema of obstacles in the world W: bodies, and no-touch volumes."""
 
 from dataclasses import dataclass, field
 
@@ -14,8 +14,15 @@ _SIZE = {"length": 3, "above": 0, "at_most": 100}
 _VECTOR = {"length": 3, "at_least": -10, "at_most": 10}
 
 
+@dataclass(kw_only=True)
+class _Obstacle:
+    # Whether it is a body, which collides with the object and the hand. If not, it is a no-touch
+    # volume: contacts and hand keep clear of it, but it has no body.
+    body: bool = True
+
+
 @dataclass
-class BallObstacle:
+class BallObstacle(_Obstacle):
     """A ball with constant velocity."""
 
     # Radius of the ball, in metres.
@@ -33,7 +40,7 @@ class BallObstacle:
 
 
 @dataclass
-class BoxObstacle:
+class BoxObstacle(_Obstacle):
     """A box with constant velocity and orientation."""
 
     # Edge lengths of the box, in metres.
@@ -55,8 +62,8 @@ class BoxObstacle:
 
 
 @dataclass
-class PlaneObstacle:
-    """Half-space behind a plane, such as a table or a wall."""
+class PlaneObstacle(_Obstacle):
+    """Half-space behind a plane, such as a wall."""
 
     # Point of the plane at the start in W, in metres.
     point: list[float] = field(default_factory=zeros, metadata=_POINT)

@@ -8,7 +8,13 @@ from pydrake.systems.analysis import SimulatorConfig
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
-from drake_pregrasp.config.object_config import Box, Conveyor, MotionConfig, ObjectConfig
+from drake_pregrasp.config.object_config import (
+    Box,
+    Conveyor,
+    MotionConfig,
+    ObjectConfig,
+    PoseStream,
+)
 from drake_pregrasp.config.planner_config import MeasuresConfig, PlannerConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.config.surface_config import SurfaceConfig
@@ -22,8 +28,9 @@ from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand_model
-from drake_pregrasp.simulation.obstacle_config import ObstacleConfig
+from drake_pregrasp.simulation.obstacle_config import ObstacleConfig, moving_solid
 from drake_pregrasp.systems.pose_sensor import MAX_SEED
+from drake_pregrasp.systems.sources import MovingSolid
 
 
 @dataclass
@@ -109,7 +116,7 @@ class Scenario:
     # Losses of fingers, which reach the planner through its port contact_weights.
     damage: list[DamageEvent] = field(default_factory=list)
 
-    # Solids in W that contacts must keep clear of.
+    # Solids in W that contacts must keep clear of: bodies, or no-touch volumes.
     obstacles: list[ObstacleConfig] = field(default_factory=list)
 
     hand: HandConfig = field(default_factory=HandConfig)
@@ -122,6 +129,18 @@ class Scenario:
     def num_contacts(self) -> int:
         """Number of contacts n."""
         return self.ring_contacts or len(self.initial_contacts)
+
+    @property
+    def obstacle_bodies(self) -> list[MovingSolid]:
+        """Obstacles that are bodies; none if the motion is recorded, because it has no plant."""
+        simulated = not isinstance(self.motion, PoseStream)
+        return [moving_solid(o) for o in self.obstacles if o.body and simulated]
+
+    @property
+    def no_touch_volumes(self) -> list[MovingSolid]:
+        """Obstacles that are no bodies."""
+        recorded = isinstance(self.motion, PoseStream)
+        return [moving_solid(o) for o in self.obstacles if not o.body or recorded]
 
     @property
     def obstacle_names(self) -> dict[int, str]:

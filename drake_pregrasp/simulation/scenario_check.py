@@ -9,12 +9,14 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource
 from scipy.spatial.transform import Rotation
+from trimesh.remesh import subdivide_to_size
 
 from drake_pregrasp.arrays import SLACK, tick_index
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import Box, Conveyor, Mesh, PoseStream, Push, Toss
 from drake_pregrasp.config.sensor_config import fault_problems
 from drake_pregrasp.contacts.strategies import BLEND, STRATEGIES
+from drake_pregrasp.diagrams.expected_path import expected_poses
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors
 from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError, first_line
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
@@ -40,6 +42,7 @@ MAX_FRAMES = 100_000
 MAX_TILES = 100_000
 """Largest number of tiles in the regions of a recording."""
 
+_PARTS = 20  # Parts of the object's longest edge in which obstacles are looked for.
 _LIMITS = ((10.0, "m/s"), (100.0, "rad/s"))  # Largest velocities of a motion profile.
 
 
@@ -81,11 +84,32 @@ def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
             obstacle.make_solid()
     yield from _scenario_problems(scenario, surface)
     yield from grasp_problems(scenario, surface)
+    yield from _obstacle_problems(scenario, surface)
     limits = hand_planner(scenario).limits
     yield from _limits_problems(limits, scenario.num_contacts, surface)
     yield from _reach_problems(scenario, limits, surface)
     yield from room_problems(scenario, surface)
     yield from _drake_problems(scenario)
+
+
+def _obstacle_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
+    """Yields obstacles that are bodies, but that the object starts in or is carried into."""
+    grasp, duration = scenario.grasp, scenario.simulation_duration
+    if grasp.has_hand:
+        duration = min(duration, grasp.latest_rest())
+    mesh, longest = surface.mesh, np.max(surface.mesh.extents)
+    p_OV, _ = subdivide_to_size(mesh.vertices, mesh.faces, longest / _PARTS)
+    for index, obstacle in enumerate(scenario.obstacles):
+        if not obstacle.body or isinstance(scenario.motion, PoseStream):
+            continue
+        start, velocity = obstacle.make_solid(), np.array(obstacle.velocity)
+        for time, X_WO in expected_poses(scenario.motion, duration, scenario.object):
+            solid = start.moved(np.eye(3), time * velocity)
+            depth = -float(np.min(solid.distance((X_WO @ p_OV.T).T)))
+            if depth >= 0:
+                problem = f"at {time:.3g} s the object is {1e3 * depth:.3g} mm inside this body"
+                yield f"obstacles[{index}]", f"{problem}; move it, or set body: false"
+                break
 
 
 def check_recording(source: str, scenario: Scenario, surface: ObjectSurface) -> None:

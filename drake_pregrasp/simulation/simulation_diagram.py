@@ -72,10 +72,16 @@ def make_diagram(
             p_OCoM=surface.p_OCoM,
             p_OC=p_OC,
             target_period=period,
+            obstacles=scenario.obstacle_bodies,
         )
         object_plant: ObjectPlant | HandStation = hand.station
     else:
-        object_plant = ObjectPlant(scenario.object, scenario.motion, scenario.plant_config)
+        object_plant = ObjectPlant(
+            scenario.object,
+            scenario.motion,
+            scenario.plant_config,
+            obstacles=scenario.obstacle_bodies,
+        )
         add("object_plant", object_plant)
     noise = add("noise", NoiseSource(size=NoisyPoseSensor.NOISE_SIZE, period=period, seed=seed))
     sensor = add("pose_sensor", NoisyPoseSensor(scenario.sensor, period=period, seed=seed))
@@ -186,11 +192,13 @@ def _add_obstacles(
     moving = MovingObstacles(solids, lookahead=scenario.planner.estimator.lookahead)
     builder.AddNamedSystem("moving_obstacles", moving)
     connect(builder, moving, "obstacles", hand.controller if hand else planner)
-    if meshcat is not None:
-        shown, period = [o.solid for o in solids], scenario.recording.publish_period
+    if meshcat is not None and (volumes := scenario.no_touch_volumes):
+        shown, period = [o.solid for o in volumes], scenario.recording.publish_period
         visualizer = ObstacleVisualizer(meshcat=meshcat, solids=shown, publish_period=period)
         builder.AddNamedSystem("obstacle_visualizer", visualizer)
-        connect(builder, moving, "obstacles", visualizer)
+        places = MovingObstacles(volumes, lookahead=scenario.planner.estimator.lookahead)
+        builder.AddNamedSystem("no_touch_volumes", places)
+        connect(builder, places, "obstacles", visualizer)
 
 
 def _connect_hand(

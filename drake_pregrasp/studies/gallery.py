@@ -12,7 +12,6 @@ from PIL import Image
 
 from drake_pregrasp.contacts.selection_input import ContactStatus, describe_status, is_active
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.output import make_folder, writing
 from drake_pregrasp.simulation.run import run
 from drake_pregrasp.simulation.scenario import Scenario
@@ -54,6 +53,7 @@ def make_gallery(out: str | Path, *, on_progress: OnProgress = lambda done, tota
         "`drake-pregrasp study gallery` makes the pictures and the numbers. Each row shows a"
         " scenario at its start, half-way and at its end, from a camera that is fixed in the world."
         " A region has the colour of its contact; grey surface is in no region."
+        " Brown obstacles are bodies, translucent ones are no-touch volumes."
         " `drake-pregrasp run NAME` leaves a recording."
     ]
     for stem, title in _TITLES.items():
@@ -89,8 +89,10 @@ def _frame(scenario: Scenario, surface: ObjectSurface, record: TickRecord) -> By
     X_OW = record.X_WO_estimated.inverse()
     R_OW, p_OW = X_OW.rotation().matrix(), X_OW.translation()
     active = np.flatnonzero(is_active(record.contact_status))
-    moving = [moving_solid(config) for config in scenario.obstacles]
-    in_world = [m.solid.moved(np.eye(3), record.time * m.velocity) for m in moving]
+    bodies, volumes = (
+        [m.solid.moved(np.eye(3), record.time * m.velocity).moved(R_OW, p_OW) for m in moving]
+        for moving in (scenario.obstacle_bodies, scenario.no_touch_volumes)
+    )
     along = R_OW @ [np.cos(VIEW_YAW), np.sin(VIEW_YAW), 0.0]
     return render_goals(
         surface,
@@ -98,7 +100,8 @@ def _frame(scenario: Scenario, surface: ObjectSurface, record: TickRecord) -> By
         (X_OW @ record.p_WC[active].T).T,
         active.tolist(),
         yaw=float(np.arctan2(along[1], along[0])),
-        obstacles=[solid.moved(R_OW, p_OW) for solid in in_world],
+        bodies=bodies,
+        volumes=volumes,
         pixels=(340, 340),
     )
 

@@ -8,7 +8,6 @@ import trimesh
 from numpy.typing import NDArray
 from pydrake.common import MemoryFile
 from pydrake.geometry import (
-    Box,
     ClippingRange,
     ColorRenderCamera,
     GeometryInstance,
@@ -30,10 +29,17 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.sensors import CameraInfo
 
 from drake_pregrasp.arrays import FloatArray, IntArray
-from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, Solid
+from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.safe_regions import NO_REGION
-from drake_pregrasp.systems.drawing import NO_REGION_COLOR, contact_color, tint
+from drake_pregrasp.systems.drawing import (
+    BODY_COLOR,
+    NO_REGION_COLOR,
+    VOLUME_COLOR,
+    contact_color,
+    drawn_solid,
+    tint,
+)
 
 ByteArray = NDArray[np.uint8]
 
@@ -59,7 +65,6 @@ _LIGHTS = (Light([0.0, 0.0, 1.0], 1.0), Light([0.5, 0.3, 0.8], 0.35), Light([0.0
 _MARKER_SHARE = 0.055  # Radius of a goal's ball divided by the object's mean extent.
 _LIFT = 4e-4  # Metres between a drawn region and the surface.
 _OBJECT_COLOR = Rgba(0.85, 0.86, 0.88)
-_OBSTACLE_COLOR = Rgba(0.35, 0.37, 0.40)
 
 
 def lit_renderer(
@@ -157,7 +162,8 @@ def render_goals(
     contacts: Sequence[int],
     *,
     yaw: float,
-    obstacles: Sequence[Solid] = (),
+    bodies: Sequence[Solid] = (),
+    volumes: Sequence[Solid] = (),
     pixels: tuple[int, int] = (520, 480),
 ) -> ByteArray:
     """Returns a picture of safe regions and goals on the object, shape (height, width, 3).
@@ -168,7 +174,8 @@ def render_goals(
         p_OC: Positions of the goals to draw, in O, shape (k, 3), in metres.
         contacts: Index of the contact of each goal, which sets its colour, length k.
         yaw: Azimuth of the camera about z of O, in radians.
-        obstacles: Obstacles in O; balls and boxes are drawn, half-spaces are not.
+        bodies: Obstacles in O that are bodies, which are opaque.
+        volumes: No-touch volumes in O, which are translucent.
         pixels: Width and height of the picture, in pixels.
     """
     scene = SceneGraph()
@@ -190,15 +197,11 @@ def render_goals(
     centers = p_OC + radius * surface.project(p_OC)[1]
     for center, contact in zip(centers, contacts, strict=True):
         add(RigidTransform(center), Sphere(radius), contact_color(contact), f"goal_{contact}")
-    for index, solid in enumerate(obstacles):
-        if isinstance(solid, BallSolid):
-            X_OS, shape = RigidTransform(solid.center), Sphere(solid.radius)
-        elif isinstance(solid, BoxSolid):
-            R_OS = RotationMatrix.ProjectToRotationMatrix(solid.R_FB)
-            X_OS, shape = RigidTransform(R_OS, solid.center), Box(*solid.size)
-        else:
-            continue
-        add(X_OS, shape, _OBSTACLE_COLOR, f"obstacle_{index}")
+    for index, (solid, color) in enumerate(
+        [(body, Rgba(*BODY_COLOR)) for body in bodies] + [(v, VOLUME_COLOR) for v in volumes]
+    ):
+        shape, X_OS = drawn_solid(solid)
+        add(X_OS, shape, color, f"obstacle_{index}")
 
     query = scene.get_query_output_port().Eval(scene.CreateDefaultContext())
     distance = 2.9 * float(np.linalg.norm(extents)) / 1.4

@@ -1,15 +1,44 @@
-"""Colours and text boards for Meshcat."""
+"""Colours, solids and text boards for pictures and Meshcat."""
 
 import numpy as np
 import trimesh
 from PIL import Image, ImageDraw, ImageFont
 from pydrake.common import MemoryFile
-from pydrake.geometry import InMemoryMesh, Mesh, Rgba
+from pydrake.geometry import Box, InMemoryMesh, Mesh, Rgba, Shape, Sphere
+from pydrake.math import RigidTransform, RotationMatrix
+
+from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace, Solid
 
 # Colours of Okabe and Ito (2008) without black, ordered so that neighbours differ strongly.
 _CONTACT_COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442")
 
 NO_REGION_COLOR = Rgba(0.72, 0.73, 0.75)
+
+BODY_COLOR = np.array([0.45, 0.42, 0.38, 1.0])
+"""Colour of obstacles that are bodies, which are opaque."""
+
+VOLUME_COLOR = Rgba(0.84, 0.37, 0.0, 0.3)
+"""Colour of no-touch volumes, which are translucent."""
+
+_PLATE = 0.36  # Edge of the plate that represents a half-space, in metres.
+_THICKNESS = 0.004
+_DEPTH = 0.004  # Depth of its middle below the plane, so that it does not hide a table, in metres.
+
+
+def drawn_solid(solid: Solid) -> tuple[Shape, RigidTransform]:
+    """Returns the shape that represents a solid, and the pose of its frame.
+
+    A plate just below its plane represents a half-space.
+    """
+    if isinstance(solid, BallSolid):
+        return Sphere(solid.radius), RigidTransform(np.array(solid.center))
+    if isinstance(solid, BoxSolid):
+        R_FB = RotationMatrix.ProjectToRotationMatrix(solid.R_FB)
+        return Box(*solid.size), RigidTransform(R_FB, solid.center)
+    assert isinstance(solid, HalfSpace)
+    R_FP = RotationMatrix.MakeFromOneVector(solid.normal, axis_index=2)
+    X_FP = RigidTransform(R_FP, solid.point - _DEPTH * solid.normal)
+    return Box(_PLATE, _PLATE, _THICKNESS), X_FP
 
 
 def contact_color(contact: int) -> Rgba:

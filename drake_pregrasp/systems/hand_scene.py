@@ -17,7 +17,6 @@ from pydrake.geometry import (
     ProximityProperties,
     Role,
     Shape,
-    Sphere,
 )
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
@@ -26,8 +25,9 @@ from pydrake.planning import RobotDiagram
 from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace, Solid
+from drake_pregrasp.geometry.solids import HalfSpace, Solid
 from drake_pregrasp.grasping.grasp_state import BASE
+from drake_pregrasp.systems.drawing import drawn_solid
 from drake_pregrasp.systems.fingertip_sensor import HandKinematics, HandLink, hand_links
 
 LINK_CLEARANCE = 0.005
@@ -66,12 +66,8 @@ class Clearances:
 
 def drake_shape(solid: Solid) -> tuple[Shape, RigidTransform]:
     """Returns a solid's shape for Drake and the pose of its frame; half-spaces are large boxes."""
-    if isinstance(solid, BallSolid):
-        return Sphere(solid.radius), RigidTransform(np.array(solid.center))
-    if isinstance(solid, BoxSolid):
-        R_FB = RotationMatrix.ProjectToRotationMatrix(solid.R_FB)
-        return Box(*solid.size), RigidTransform(R_FB, solid.center)
-    assert isinstance(solid, HalfSpace)
+    if not isinstance(solid, HalfSpace):
+        return drawn_solid(solid)
     R_FB = RotationMatrix.MakeFromOneVector(solid.normal, axis_index=2)
     center = solid.point - _HUGE / 2 * solid.normal
     return Box(_HUGE, _HUGE, _HUGE), RigidTransform(R_FB, center)

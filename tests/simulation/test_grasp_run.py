@@ -166,7 +166,7 @@ def test_the_table_is_the_last_obstacle_of_the_planner_and_none_of_the_controlle
 def test_the_closing_words_call_the_table_by_its_name():
     status = np.array([ContactStatus.OBSTRUCTED, ContactStatus.OBSTRUCTED, ContactStatus.ACTIVE])
     record = SimpleNamespace(contact_status=status, contact_causes=np.array([1.0, 0.0, -1.0]))
-    scenario = load_scenario(NAME, text="{obstacles: [!BallObstacle {radius: 0.01}]}")
+    scenario = load_scenario(NAME, text="{obstacles: [!BallObstacle {radius: 0.01, body: false}]}")
     assert inactive_contacts(scenario, SimpleNamespace(last=record)) == {
         "0": "obstructed by the table",
         "1": "obstructed by obstacle 0",

@@ -65,7 +65,7 @@ def test_a_shipped_scenario_keeps_its_limits(name, tmp_path):
 
 
 def test_a_contact_under_an_obstacle_is_not_active_and_says_why(tmp_path):
-    text = ", obstacles: [!BallObstacle {radius: 0.03, center: [0.06, -0.007, 0.02]}]"
+    text = ", obstacles: [!BallObstacle {radius: 0.03, center: [0.06, -0.007, 0.02], body: false}]"
     _, records = ticks("a_base", tmp_path, text)
     # Contact 4 starts where the ball is.
     assert records[0].contact_status[4] == ContactStatus.OBSTRUCTED

@@ -76,7 +76,7 @@ def test_the_covariance_is_drawn_no_larger_than_there_is_room(
     np.testing.assert_allclose(packed_numbers(message, 3), half_axis)
 
 
-def test_obstacles_are_drawn_where_they_are(meshcat):
+def test_no_touch_volumes_are_drawn_where_they_are(meshcat):
     solids = (
         BallSolid(np.array([0.1, 0.2, 0.3]), 0.02),
         BoxSolid(np.array([0.0, 0.1, 0.0]), TILT, np.array([0.1, 0.2, 0.3])),

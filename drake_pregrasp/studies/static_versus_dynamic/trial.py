@@ -188,6 +188,7 @@ class Trial:
             p_OC=p_OC,
             # Goals that do not come from the planner do not wait for its ticks.
             target_period=self._grasp.period if own_goals else self._period,
+            obstacles=scenario.obstacle_bodies,
         )
         controller = self._controller = driven.controller
         self.station = driven.station

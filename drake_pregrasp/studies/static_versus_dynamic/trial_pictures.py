@@ -11,13 +11,12 @@ import pandas as pd
 import trimesh
 from matplotlib.figure import Figure
 from matplotlib.image import imread, imsave
-from pydrake.geometry import Box, Rgba, Shape
+from pydrake.geometry import Rgba, Shape
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import is_active
-from drake_pregrasp.geometry.solids import HalfSpace
 from drake_pregrasp.simulation.output import without_solver_chatter, writing
 from drake_pregrasp.studies import pictures
 from drake_pregrasp.studies.report_page import Heading, Part, Picture
@@ -26,7 +25,7 @@ from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS, 
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import TrialJob
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
 from drake_pregrasp.studies.static_versus_dynamic.trial import Trial
-from drake_pregrasp.systems.drawing import contact_color
+from drake_pregrasp.systems.drawing import VOLUME_COLOR, contact_color, drawn_solid
 
 PICTURES = "pictures.png"  # File of the figure.
 
@@ -47,11 +46,10 @@ _LIGHTS = (
     pictures.Light([-0.9, 0.2, 0.4], 0.45),
     pictures.Light([0.1, 0.1, -1.0], 0.4, "world"),
 )
-_WALL = (0.32, 0.001, 0.2)  # Drawn part of a half-space: width, thickness and height, in metres.
 _DOT = (0.0, 0.0017, 4e-4, 10)  # Two radii and height in metres, number of corners.
 _RING = (0.0055, 0.008, 1.2e-3, 36)
 _PICTURES_TEXT = (
-    "Red: the wall, which no fingertip may touch. Rings: contacts of active fingers if the hand"
+    "Brown: the wall. Rings: contacts of active fingers if the hand"
     " closed now. Dots, in the colours of the fingertips: safe regions of methods that plan anew."
 )
 
@@ -211,14 +209,10 @@ def _shapes(
     trial: Trial, context: Context, *, annotate: bool
 ) -> Iterator[tuple[RigidTransform, Shape, Rgba]]:
     """Yields the drawn shapes besides the simulated geometry: X_WS, the shape S, its colour."""
-    center, up = _pose(trial, context, "turntable").translation(), np.array([0.0, 0.0, 1.0])
-    for solid in trial.condition.area_at(context.get_time()):
-        if isinstance(solid, HalfSpace):
-            nearest = center - solid.distance(center[None])[0] * solid.normal
-            along = np.cross(solid.normal, up)
-            R_WS = RotationMatrix(np.column_stack([along, solid.normal, up]))
-            X_WS = RigidTransform(R_WS, nearest + _WALL[2] / 2 * up)
-            yield X_WS, Box(*_WALL), Rgba(0.95, 0.1, 0.1, 0.3)
+    for volume in trial.condition.scenario.no_touch_volumes:
+        solid = volume.solid.moved(np.eye(3), context.get_time() * volume.velocity)
+        shape, X_WS = drawn_solid(solid)
+        yield X_WS, shape, VOLUME_COLOR
     if not annotate:
         return
     if X_WC := closing_contacts(trial):
