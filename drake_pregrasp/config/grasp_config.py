@@ -69,8 +69,9 @@ class GraspConfig:
     # Largest normal force of each finger, in newtons.
     largest_force: float = field(default=12.0, metadata=_FORCE)
 
-    # Seconds for which the hand waits until enough fingers are active, have arrived at their goals,
-    # and can balance the weight. Then it gives up.
+    # Seconds for which the hand waits until enough fingers are active, all of these have arrived at
+    # their goals, and can balance the weight. Then it closes without those that have not arrived,
+    # or gives up if the others cannot hold the object.
     gate_limit: float = field(default=1.5, metadata={"at_least": 0, "at_most": 1e6})
 
     # Height of the lift, in metres.

@@ -268,7 +268,7 @@ def with_returning_contacts(
     there = ~without & ~regions.lost
     normals = selection.project(goals)[1]
     for contact in np.flatnonzero(without).tolist():
-        free = _has_room(surface, constraints, contact, goals, normals, there)
+        free = has_room(surface, constraints, contact, goals, normals, there)
         on_its_side = free & normals_agree(normals[contact][None], surface.nhat_OQ)[0]
         choices = np.flatnonzero(on_its_side if np.any(on_its_side) else free)
         if len(choices):
@@ -280,13 +280,14 @@ def with_returning_contacts(
     return goals
 
 
-def _has_room(
+def has_room(
     surface: ObjectSurface,
     constraints: RegionConstraints,
     contact: int,
     p_OC: FloatArray,
     nhat_OC: FloatArray,
     there: BoolArray,
+    axes: FloatArray | None = None,
 ) -> BoolArray:
     """Returns the mask of candidates that a contact may have beside others, shape (N,).
 
@@ -297,6 +298,7 @@ def _has_room(
         p_OC: All contacts, shape (n, 3), in metres.
         nhat_OC: Outward unit normals at the contacts, shape (n, 3).
         there: Mask of the other contacts, shape (n,).
+        axes: Shares of x, y and z of O in distances between fingertips, shape (3,); None for all.
     """
     limits, _ = constraints.limits_at(contact, surface.p_OQ, surface.nhat_OQ)
     free: BoolArray = (limits == Limit.NONE) & surface.is_clear_of_forbidden_points
@@ -306,37 +308,8 @@ def _has_room(
         other_radius = constraints.tip_radius(other)
         away = centres - (p_OC[other] + other_radius * nhat_OC[other])
         room = radius + other_radius + constraints.tip_gap
-        free &= np.linalg.norm(away, axis=1) > room
+        free &= np.linalg.norm(away if axes is None else away * axes, axis=1) > room
     return free
-
-
-def make_room(
-    surface: ObjectSurface, p_OC: FloatArray, constraints: RegionConstraints
-) -> tuple[FloatArray, BoolArray]:
-    """Moves contacts whose fingertips overlap to the nearest permitted candidates with room.
-
-    Contacts that overlap with the fewest others have precedence.
-
-    Args:
-        surface: The object's surface.
-        p_OC: Contacts, shape (n, 3), in metres.
-        constraints: Constraints of the contacts, with fingertips.
-
-    Returns:
-        The contacts, and the mask of those that have room, each on its own allowed surface.
-    """
-    p_OC, (_, normals) = p_OC.copy(), surface.project(p_OC)
-    gaps = tip_gaps(p_OC, normals, constraints.tip_radii, constraints.tip_gap)
-    there = np.zeros(len(p_OC), dtype=bool)
-    for contact in np.argsort(np.sum(gaps < 0, axis=1), kind="stable").tolist():
-        choices = np.flatnonzero(_has_room(surface, constraints, contact, p_OC, normals, there))
-        there[contact] = len(choices) > 0
-        if len(choices) and np.any(gaps[contact, there] < 0):
-            offsets = surface.p_OQ[choices] - p_OC[contact]
-            nearest = choices[np.argmin(np.sum(offsets**2, axis=1))]
-            p_OC[contact], normals[contact] = surface.p_OQ[nearest], surface.nhat_OQ[nearest]
-            gaps = tip_gaps(p_OC, normals, constraints.tip_radii, constraints.tip_gap)
-    return p_OC, there
 
 
 # Status by whether a contact is active (row), and by its limit (column).

@@ -75,7 +75,9 @@ def add_object_body(
     AddRigidHydroelasticProperties(rigid)
     plant.RegisterCollisionGeometry(body, X_OG, Convex(mesh_data=data), "hull", compliant)
     if not shape.mesh.is_convex:
-        plant.RegisterCollisionGeometry(body, X_OG, MeshGeometry(mesh_data=data), "surface", rigid)
+        surface = MeshGeometry(mesh_data=data)
+        plant.RegisterCollisionGeometry(body, X_OG, surface, "surface", rigid)
+    # Drake's VTK renderer needs normals, which at edges are different for each face.
     drawn = MeshGeometry(mesh_data=_mesh_data(shape.mesh.smooth_shaded))
     plant.RegisterVisualGeometry(body, X_OG, drawn, "surface", _COLOR)
     return body

@@ -55,24 +55,70 @@ class TipRoom:
         return p_GT
 
 
-def shape_goals(p_GT: FloatArray, goal: FloatArray, step: float, room: TipRoom) -> FloatArray:
+@dataclass(frozen=True)
+class Pace:
+    """Limits of a motion in ticks.
+
+    Attributes:
+        speed: Largest speed, in m/s.
+        acceleration: Largest acceleration, in m/s².
+        period: Seconds between ticks.
+    """
+
+    speed: float
+    acceleration: float
+    period: float
+
+    def toward(self, v: FloatArray, v_last: FloatArray) -> FloatArray:
+        """Returns the next velocities of points on their ways to places at rest, shape (n, 3).
+
+        A point does not overshoot its place: it moves no faster than it can stop there.
+
+        Args:
+            v: Velocities that reach the places in one period, shape (n, 3), in m/s.
+            v_last: Present velocities, shape (n, 3), in m/s.
+        """
+        change = self.acceleration * self.period
+        fastest = np.linalg.norm(v, axis=1, keepdims=True)
+        stopping = np.sqrt(change * (change / 4 + 2 * fastest)) - change / 2
+        slowed = np.minimum(stopping, self.speed) / np.maximum(fastest, 1e-12)
+        return self.limited(v * np.minimum(1.0, slowed), v_last)
+
+    def limited(self, v: FloatArray, v_last: FloatArray) -> FloatArray:
+        """Returns the next velocities with limited acceleration, shape (n, 3), in m/s.
+
+        Args:
+            v: Desired velocities, shape (n, 3), in m/s.
+            v_last: Present velocities, shape (n, 3), in m/s.
+        """
+        jump = v - v_last
+        size = np.linalg.norm(jump, axis=1, keepdims=True)
+        limited: FloatArray = v_last + jump / np.maximum(
+            1.0, size / (self.acceleration * self.period)
+        )
+        return limited
+
+
+def shape_goals(
+    p_GT: FloatArray, v_GT: FloatArray, goal: FloatArray, pace: Pace, room: TipRoom
+) -> FloatArray:
     """Returns the next positions of tips on their paths to goals, in G, shape (n, 3), in metres.
 
     A tip moves straight if the path is clear of the object, and otherwise around it on the shorter
-    side. It moves at most one step, unless solids or other tips push it out.
+    side. It keeps its pace unless solids or other tips push it out.
 
     Args:
         p_GT: Centres of the tips in G, shape (n, 3), in metres.
+        v_GT: Velocities of the tips in G, shape (n, 3), in m/s.
         goal: Permitted goals of the centres in G, shape (n, 3), in metres.
-        step: Longest step, in metres.
+        pace: Limits of the motion.
         room: Free space of the tips.
     """
     way = goal - p_GT
     free = _is_free(p_GT, goal, room)
     if not np.all(free):
         way = np.where(free[:, None], way, _way_round(p_GT, goal, room))
-    length = np.linalg.norm(way, axis=1, keepdims=True)
-    return room.permitted(p_GT + way * np.minimum(1.0, step / np.maximum(length, step)))
+    return room.permitted(p_GT + pace.period * pace.toward(way / pace.period, v_GT))
 
 
 def _is_free(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> BoolArray:

@@ -29,23 +29,19 @@ CRUSHING = 1.3
 
 
 def hindrance(
-    view: GraspView, settings: GraspSettings, squeeze: Callable[[BoolArray], Squeeze]
+    fingers: BoolArray, settings: GraspSettings, squeeze: Callable[[BoolArray], Squeeze]
 ) -> tuple[GiveUp, float] | None:
-    """Returns the reason why the hand cannot close, with its detail, or None if it can.
+    """Returns the reason why fingers cannot hold the object, with its detail, or None if they can.
 
     Args:
-        view: Observations at the tick.
+        fingers: Mask of the fingers, shape (n,).
         settings: Settings of the grasp.
         squeeze: Function that plans a squeeze; see `next_state`.
     """
-    count = int(np.sum(view.active))
+    count = int(np.sum(fingers))
     if count < settings.least_fingers:
         return GiveUp.TOO_FEW_FINGERS, count
-    distances = np.where(view.active, view.distances, 0.0)
-    farthest = int(np.argmax(distances))
-    if distances[farthest] > settings.gate_distance:
-        return GiveUp.OFF_GOAL, farthest
-    planned = squeeze(view.active)
+    planned = squeeze(fingers)
     allowed = GATE_SHARE * settings.imbalance
     return (planned.lack, planned.residual) if planned.residual > allowed else None
 
@@ -147,7 +143,8 @@ def _track(
 ) -> GraspState:
     """Waits until the fingers are at their goals and can hold the object, or gives up.
 
-    While the object is not tracked, the hand waits without a limit. The limit then starts again.
+    After the time limit, fingers that are off their goals take no part in the grasp. While
+    the object is not tracked, the hand waits without a limit. The limit then starts again.
     """
     if np.isinf(state.asked):
         return state
@@ -157,10 +154,17 @@ def _track(
     if state.reason == GiveUp.OBJECT_UNSEEN:
         state = replace(state, reason=GiveUp.NONE, detail=0.0)
     waited = view.time - max(state.asked, state.since) >= settings.gate_limit - 1e-9
-    why_not = hindrance(view, settings, squeeze)
+    late = np.where(view.active, view.distances, 0.0)
+    is_late = bool(np.any(late > settings.gate_distance))
+    if is_late and not waited:
+        return state
+    fingers = view.active & (late <= settings.gate_distance)
+    why_not = hindrance(fingers, settings, squeeze)
     if why_not is None:
         closing = _enter(state, GraspPhase.CLOSE, view)
-        return replace(closing, active=view.active.copy(), reason=GiveUp.NONE, detail=0.0)
+        return replace(closing, active=fingers, reason=GiveUp.NONE, detail=0.0)
+    if is_late:
+        why_not = GiveUp.OFF_GOAL, float(np.argmax(late))
     return _open(state, view, *why_not) if waited else state
 
 

@@ -13,6 +13,7 @@ from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import PregraspError, ScenarioError
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.grasping.grasp_state import GraspSettings
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.simulation_diagram import initial_contacts
@@ -95,13 +96,24 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     with errors_at("initial_contacts"):
         p_OC = scenario.initial_p_OC(surface)
         model.check_contacts(p_OC, surface.project(p_OC)[1])
-    _, has_room = initial_contacts(scenario, surface)
-    away = [tip.frame for tip, room in zip(hand.fingertips, has_room, strict=True) if not room]
-    taking_part, least = fingers - len(away), grasp.make_settings().least_fingers
-    if away and taking_part < least:
-        problem = f"only {taking_part} fingers reach it and have room, {least} are needed"
-        yield "object", f"{problem}; there is no place for {', '.join(away)}"
     _check_arm(scenario, scenario.motion, model, p_OC)
+
+
+def room_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
+    """Yields a problem if too few fingers of a hand reach the object with room beside each other.
+
+    Args:
+        scenario: Scenario whose other values have been checked.
+        surface: Surface of the scenario's object.
+    """
+    if not scenario.grasp.has_hand:
+        return
+    _, has_room = initial_contacts(scenario, surface)
+    tips, least = load_hand(scenario.grasp.hand).fingertips, GraspSettings.least_fingers
+    away = [tip.frame for tip, room in zip(tips, has_room, strict=True) if not room]
+    if away and len(tips) - len(away) < least:
+        problem = f"only {len(tips) - len(away)} fingers reach it and have room, {least} are needed"
+        yield "object", f"{problem}; there is no place for {', '.join(away)}"
 
 
 def _check_arm(scenario: Scenario, motion: Conveyor, model: HandModel, p_OC: FloatArray) -> None:

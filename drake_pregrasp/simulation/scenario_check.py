@@ -20,7 +20,13 @@ from drake_pregrasp.diagrams.expected_path import expected_poses
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors
 from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError, first_line
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
-from drake_pregrasp.simulation.grasp_check import Problems, errors_at, grasp_problems, raise_first
+from drake_pregrasp.simulation.grasp_check import (
+    Problems,
+    errors_at,
+    grasp_problems,
+    raise_first,
+    room_problems,
+)
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.simulation_diagram import hand_planner
 
@@ -82,6 +88,7 @@ def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     limits = hand_planner(scenario).limits
     yield from _limits_problems(limits, scenario.num_contacts, surface)
     yield from _reach_problems(scenario, limits, surface)
+    yield from room_problems(scenario, surface)
     yield from _drake_problems(scenario)
 
 

@@ -16,8 +16,7 @@ from drake_pregrasp.config.grasp_config import hand_limits
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import Box, Conveyor
 from drake_pregrasp.config.planner_config import PlannerConfig
-from drake_pregrasp.contacts.assignment import palm_turn
-from drake_pregrasp.contacts.goal_limits import make_room
+from drake_pregrasp.contacts.assignment import make_room, palm_turn
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_station import TABLE, DrivenHand, HandStation, add_driven_hand
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
@@ -213,7 +212,7 @@ def _connect_hand(
     controller = hand.controller
     connect(builder, planner, "fingertip_targets contact_status", controller)
     connect(builder, planner, "X_WO_estimated V_WO_estimated tracking_status", controller)
-    connect(builder, controller, "hold_contacts", planner)
+    connect(builder, controller, "hold_contacts V_WO_held", planner)
     command = builder.AddNamedSystem("close_command", _step_at(scenario.grasp.close_at))
     builder.Connect(command.get_output_port(), controller.GetInputPort("close"))
     if sink is None:

@@ -9,11 +9,12 @@ from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.grasping.fingertip_paths import Pace
 from drake_pregrasp.grasping.grasp_state import NOT_HINDERED
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.regions.obstacles import ANYWHERE, place_obstacles
 from drake_pregrasp.systems.fingertip_sensor import scoped_frame
-from drake_pregrasp.systems.hand_scene import HandScene
+from drake_pregrasp.systems.hand_scene import FASTEST_APPROACH, HandScene
 from drake_pregrasp.systems.palm_posture import pose_error
 from drake_pregrasp.systems.ports import (
     BUS,
@@ -31,7 +32,7 @@ from drake_pregrasp.systems.ports import (
 _TRACKING_WEIGHT = 100.0  # Weight of goals against posture.
 _DAMPING = 1e-3  # Singular value of a Jacobian, in metres, below which its direction is given up.
 _LIMIT_RATE = 10.0  # Largest ratio of a joint's speed to its distance from a limit, in 1/s.
-_USED = 0.8  # Share of the limit of acceleration that is commanded; drives overshoot by 12 %.
+_USED = 0.75  # Share of the limit of acceleration that is commanded: drives and clearances add.
 _TOLERANCE = 1e-9  # Violation of a constraint that is rounding, in m/s or rad/s.
 
 
@@ -46,6 +47,7 @@ class DifferentialKinematics(LeafSystem):
         - velocity
         - nominal_posture
         - desired_cartesian_poses
+        - v_WT
         - X_WG
         - V_WG
         - X_WO_estimated
@@ -64,6 +66,9 @@ class DifferentialKinematics(LeafSystem):
 
     Port `desired_cartesian_poses` accepts a `BusValue`: poses in W to reach in one period, by the
     scoped names of frames. Frames without a valid pose are free.
+
+    Port `v_WT` accepts a vector of 3n: velocities of the fingertips' goals in W, as
+    `FingertipGoalShaper` emits it. Goals of other frames move with G.
 
     Ports `X_WO_estimated` and `V_WO_estimated` accept the pose and the velocity of the object, and
     `X_WG` and `V_WG` those of the frame G of the hand, which replaces the object while fingers hold
@@ -103,7 +108,7 @@ class DifferentialKinematics(LeafSystem):
         nq, n = hand.num_positions, len(hand.tip_frames)
         self._scene = scene
         self._gain, self._period, self._solver = posture_gain, period, ClarabelSolver()
-        self._acceleration = _USED * acceleration
+        self._pace = Pace(FASTEST_APPROACH, _USED * acceleration, period)
         self._change = hand.acceleration_limit * period
         self._frames = {name: scoped_frame(hand.plant, name) for name in masks}
         self._masks = {name: np.asarray(mask) > 0 for name, mask in masks.items()}
@@ -111,6 +116,7 @@ class DifferentialKinematics(LeafSystem):
         self._v = self.DeclareVectorInputPort("velocity", nq)
         self._posture = self.DeclareVectorInputPort("nominal_posture", nq)
         self._goals = self.DeclareAbstractInputPort("desired_cartesian_poses", BUS)
+        self._v_WT = self.DeclareVectorInputPort("v_WT", 3 * n)
         self._X_WG = self.DeclareAbstractInputPort("X_WG", POSE)
         self._V_WG = self.DeclareAbstractInputPort("V_WG", VELOCITY)
         self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
@@ -126,7 +132,7 @@ class DifferentialKinematics(LeafSystem):
             ),
             placing | {self._pose.source.ticket()},
         )
-        inputs = (self._v, self._posture, self._goals, self._V_WG, self._V_WO)
+        inputs = (self._v, self._posture, self._goals, self._v_WT, self._V_WG, self._V_WO)
         self._step = declare_cache(
             self, "velocities", (np.zeros(nq), NOT_HINDERED), self._calc_step, self._placed, *inputs
         )
@@ -195,6 +201,8 @@ class DifferentialKinematics(LeafSystem):
         plant_context, world = plant.GetMyContextFromRoot(placed), plant.world_frame()
         port = f"desired_cartesian_poses of {self.get_name()}"
         goals = validated_poses(self._goals.Eval(context), list(self._frames), port)
+        v_WT = np.reshape(self._v_WT.Eval(context), (-1, 3))
+        v_goals = dict(zip(self._hand.tip_frames, v_WT, strict=True))
         J, V = [np.empty((0, self._hand.num_positions))], [np.empty(0)]
         for (name, frame), X_WD in zip(self._frames.items(), goals, strict=True):
             if X_WD is None:
@@ -204,26 +212,10 @@ class DifferentialKinematics(LeafSystem):
                 plant_context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world
             )
             V_F = pose_error(X_WF, X_WD) / self._period
-            v_G = V_WG.Shift(X_WF.translation() - X_WG.translation()).translational()
-            V_F[3:] = self._limited(V_F[3:], v_G, J_F[3:] @ v_last)
+            if (v_goal := v_goals.get(name)) is None:
+                v_goal = V_WG.Shift(X_WF.translation() - X_WG.translation()).translational()
+            wanted, last = (v - v_goal for v in (V_F[3:], J_F[3:] @ v_last))
+            V_F[3:] = v_goal + self._pace.toward(wanted[None], last[None])[0]
             J.append(J_F[mask])
             V.append(V_F[mask])
         return np.concatenate(J), np.concatenate(V)
-
-    def _limited(self, v: FloatArray, v_G: FloatArray, v_last: FloatArray) -> FloatArray:
-        """Returns the velocity of a frame toward its goal, within the limit of acceleration.
-
-        The frame approaches a goal at rest in G no faster than it can stop there.
-
-        Args:
-            v: Velocity that reaches the goal in one period, in W, shape (3,), in m/s.
-            v_G: Velocity of G at the frame in W, shape (3,), in m/s.
-            v_last: Velocity of the frame in the last period in W, shape (3,), in m/s.
-        """
-        change = self._acceleration * self._period
-        toward = v - v_G
-        speed = float(np.linalg.norm(toward))
-        stopping = np.sqrt(change * (change / 4 + 2 * speed)) - change / 2
-        jump = v_G + toward * (stopping / speed if speed > stopping else 1.0) - v_last
-        limited: FloatArray = v_last + jump / max(1.0, float(np.linalg.norm(jump)) / change)
-        return limited

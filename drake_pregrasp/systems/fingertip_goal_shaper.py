@@ -15,7 +15,7 @@ from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.geometry.solids import Solid
-from drake_pregrasp.grasping.fingertip_paths import MOVING_CLEARANCE, TipPlaces, shape_goals
+from drake_pregrasp.grasping.fingertip_paths import MOVING_CLEARANCE, Pace, TipPlaces, shape_goals
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.regions.obstacles import all_are_known, place_obstacles
 from drake_pregrasp.systems.ports import (
@@ -31,6 +31,9 @@ from drake_pregrasp.systems.ports import (
     validated_poses,
     validated_velocity,
 )
+
+GOAL_SHARE = 0.5
+"""Share of the fingertips' acceleration that goals use on the object, which may accelerate too."""
 
 
 class FingertipGoalShaper(LeafSystem):
@@ -55,6 +58,7 @@ class FingertipGoalShaper(LeafSystem):
         - tip_goals
         - contact_frames
         - p_GT
+        - v_WT
 
     Port `fingertip_targets` accepts a `BusValue` as `CentroidSelector` emits it: for each name in
     `tip_frames` the pose of a contact goal in W, with its z axis along the inward normal. A finger
@@ -106,12 +110,17 @@ class FingertipGoalShaper(LeafSystem):
 
     Port `p_GT` emits a vector of 3n: the goals in G, as of the last tick, in metres.
 
-    Goals move over the object with at most `goal_speed`, so they never jump when contacts do. They
+    Port `v_WT` emits a vector of 3n: the velocities of the goals in W, in m/s: that of G, and that
+    over the object as of the last tick.
+
+    Goals move over the object with at most `goal_speed` and a share of `tip_acceleration`, so they
+    never jump when contacts do, unless something pushes them out of its way. They
     are clear of the object and of everything else by the tip radius and a clearance, and go the
     shorter way around the object. Fingers without an active contact wait above the object.
 
     Args:
-        config: Configuration of the grasp; `period`, `goal_speed` and `standoff` are used.
+        config: Configuration of the grasp; `period`, `goal_speed`, `tip_acceleration` and
+            `standoff` are used.
         tip_frames: Scoped names of the fingertips' frames.
         tip_radius: Radius of the fingertips, or of each, shape (n,), in metres.
         object_solid: The object in O, convex.
@@ -167,9 +176,12 @@ class FingertipGoalShaper(LeafSystem):
             object_top=object_top,
         )
         self._fixed, self._lead = tuple(fixed), lead
-        self._step, self._standoff = config.goal_speed * config.period, config.standoff
+        acceleration = GOAL_SHARE * config.tip_acceleration
+        self._pace = Pace(config.goal_speed, acceleration, config.period)
+        self._standoff = config.standoff
 
         self._tips = self.DeclareDiscreteState(np.array(p_GT, dtype=float).ravel())
+        self._rates = self.DeclareDiscreteState(3 * n)
         # Before the first tick there are no contacts: fingertips stay, and nothing is held.
         frames = self._places.first_contacts(np.asarray(p_GT), config.standoff)
         self._targeted = self.DeclareDiscreteState(np.concatenate(frames).ravel())
@@ -191,6 +203,8 @@ class FingertipGoalShaper(LeafSystem):
         declare_output(self, "tip_goals", BUS, self._calc_tip_goals, tips, pose, self._V_WG)
         self.DeclareStateOutputPort("contact_frames", self._contacts)
         self.DeclareStateOutputPort("p_GT", self._tips)
+        rates = self.discrete_state_ticket(self._rates)
+        declare_output(self, "v_WT", 3 * n, self._calc_rates, tips, rates, pose, self._V_WG)
         self.DeclarePeriodicDiscreteUpdateEvent(target_period, 0.0, self._sample_targets)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._update)
 
@@ -212,6 +226,7 @@ class FingertipGoalShaper(LeafSystem):
         in_world = Obstacles(eval_obstacles(self, self._obstacles, context).solids)
         obstacles = place_obstacles(in_world, R_GW, p_GW)
         if not all_are_known(obstacles):
+            discrete_state.set_value(self._rates, np.zeros(p_GT.size))
             return
         goal = np.where(
             active[:, None],
@@ -232,9 +247,12 @@ class FingertipGoalShaper(LeafSystem):
             shift = np.where(active[:, None], room.permitted(goal) - goal, 0)
             along = shift - np.sum(shift * nhat, axis=1, keepdims=True) * nhat
             p_OC, goal = p_OC + along, goal + along
-        shaped = shape_goals(p_GT, goal, self._step, room)
+        v_GT = context.get_discrete_state(self._rates).value().reshape(-1, 3)
+        shaped = shape_goals(p_GT, v_GT, goal, self._pace, room)
+        rates = self._pace.limited((shaped - p_GT) / self._pace.period, v_GT)
         discrete_state.set_value(self._active, active.astype(float))
         discrete_state.set_value(self._tips, shaped.ravel())
+        discrete_state.set_value(self._rates, rates.ravel())
         discrete_state.set_value(self._contacts, np.concatenate([p_OC, nhat]).ravel())
 
     def _is_held(self, context: Context) -> bool:
@@ -275,3 +293,12 @@ class FingertipGoalShaper(LeafSystem):
         for name, point in zip(self._tip_frames, p_WT, strict=True):
             goals.Set(name, AbstractValue.Make(RigidTransform(point)))
         return goals
+
+    def _calc_rates(self, context: Context) -> FloatArray:
+        p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
+        v_GT: FloatArray = context.get_discrete_state(self._rates).value().reshape(-1, 3)
+        R_WG = self._pose.eval(context).rotation().matrix()
+        V_WG = validated_velocity(self._V_WG.Eval(context))
+        carried = np.cross(V_WG.rotational(), p_GT @ R_WG.T) + V_WG.translational()
+        rates: FloatArray = carried + v_GT @ R_WG.T
+        return rates

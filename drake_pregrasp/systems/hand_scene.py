@@ -42,6 +42,9 @@ FINGER_CLEARANCE = 0.0005
 _TIP_LEAD = 0.002  # Least distance by which a fingertip is nearer to the object than its links.
 _INFLUENCE = 0.025  # Distance below which motions are limited, in metres.
 _RATE = 15.0  # Largest ratio of the speed of approach to the distance that is left, in 1/s.
+FASTEST_APPROACH = _RATE * _INFLUENCE
+"""Largest speed at which links can slow down in time, in m/s."""
+
 _RETREAT = 0.05  # Largest speed at which a clearance that is violated is restored, in m/s.
 _HUGE = 10.0  # Edge of the box that represents a half-space, in metres.
 

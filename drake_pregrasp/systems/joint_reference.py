@@ -24,8 +24,8 @@ class JointReference(LeafSystem):
         - desired_state
         - velocity
 
-    Port `commanded_velocity` accepts a vector of nq, as `DifferentialInverseKinematicsSystem` emits
-    it; it is sampled once each period. If it is not finite, the reference stops.
+    Port `commanded_velocity` accepts a vector of nq, as `DifferentialKinematics` emits it; it
+    is sampled once each period. If it is not finite, the reference stops.
 
     Port `f_T_W` (optional) accepts a vector of 3n: the forces that the fingertips should press
     with, in W, in newtons. A force that is not finite counts as zero.

@@ -17,6 +17,7 @@ from selections import (
 from thin_cup import CUP, RADIUS, WALL
 
 from drake_pregrasp import ContactStatus, InvalidArgumentError, box_surface
+from drake_pregrasp.contacts.assignment import make_room
 from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
 from drake_pregrasp.contacts.goal_limits import (
     ContactLimits,
@@ -26,10 +27,11 @@ from drake_pregrasp.contacts.goal_limits import (
 )
 from drake_pregrasp.contacts.quality_guard import guard_measure
 from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.geometry.box_surface import BOX_FACES
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.shapes import ball_shape, box_shape, cylinder_shape
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
-from drake_pregrasp.regions.constraints import FingerReach, Limit, Obstacles
+from drake_pregrasp.regions.constraints import FingerReach, Limit, Obstacles, RegionConstraints
 from drake_pregrasp.regions.safe_regions import NO_REGION
 from drake_pregrasp.regions.walls import normals_agree
 
@@ -348,6 +350,31 @@ def test_the_way_back_leads_to_the_nearest_place_with_room():
     nearest = np.min(lengths(CUBE.p_OQ[room] - p_OC[2]))
     assert np.linalg.norm(goals[2] - p_OC[2]) == pytest.approx(nearest)
     assert np.min(lengths(goals[2] - p_OC[:2])) > 0.022 - 1e-9
+
+
+def on_sides(*sides):
+    """Constraints of fingertips that may each touch one side only."""
+    closed = [[AxisArea(face) for face in BOX_FACES if face != side] for side in sides]
+    return RegionConstraints(tip_radii=np.full(len(sides), 0.012), tip_gap=0.004, closed=closed)
+
+
+@pytest.mark.parametrize(("width", "away"), [(0.05, [1]), (0.062, [1]), (0.064, []), (0.08, [])])
+def test_a_fingertip_without_room_between_two_others_keeps_away(width, away):
+    surface = box_surface([width] * 3, spacing=0.005)
+    p_OC = width / 2 * np.array([[1, 0.888, 0.4], [1, 0, 0.4], [1, -0.888, 0.4], [-1, 0, 0.2]])
+    given, has_room = make_room(surface, p_OC, on_sides("+x", "+x", "+x", "-x"))
+    assert np.flatnonzero(~has_room).tolist() == away
+    np.testing.assert_array_equal(given, p_OC)  # No other has to move.
+
+
+def test_fingertips_that_overlap_get_the_nearest_place_side_by_side():
+    surface = box_surface([0.08] * 3, spacing=0.005)
+    p_OC = np.array([[0.04, 0.0, 0.01], [0.04, 0.005, -0.03]])  # One under the other.
+    given, has_room = make_room(surface, p_OC, on_sides("+x", "+x"))
+    assert has_room.all()
+    np.testing.assert_array_equal(given[0], p_OC[0])
+    assert 0.028 <= given[1, 1] <= 0.028 + 0.005
+    np.testing.assert_allclose(given[1, 2], p_OC[1, 2], atol=0.0025)
 
 
 def test_the_way_back_leads_into_no_ball_round_forbidden_points():

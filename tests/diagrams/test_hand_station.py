@@ -1,35 +1,72 @@
-"""The plant with object and hand, and its collision filters."""
+"""The plant with object and hand: what collides, and the forces of links that touch something."""
 
 from itertools import combinations
 
 import numpy as np
+import pytest
+from five_finger_hand import HAND
 from pydrake.multibody.plant import MultibodyPlantConfig
+from pydrake.systems.analysis import Simulator
 
-from drake_pregrasp import Box, Conveyor, HandStation, load_hand
+from drake_pregrasp import Box, Conveyor, HandStation
+from drake_pregrasp.systems.link_contacts import TOUCHED
 
-HAND = load_hand("package://drake_pregrasp/five_finger_hand.yaml")
+PLANT = MultibodyPlantConfig(time_step=0.005, discrete_contact_approximation="lagged")
+P_WO = np.array([0.0, 0.0, 0.05])
+HOME = HAND.home(P_WO, 0.0)
 
 
-def test_the_box_meets_table_and_hand_and_fingers_meet_each_other():
-    config = MultibodyPlantConfig(time_step=0.01)
-    station = HandStation(Box(), Conveyor(), config, HAND, friction=0.7, initial=np.zeros(19))
+def make_station(initial, size=0.1):
+    return HandStation(
+        Box(size=[size] * 3), Conveyor(), PLANT, HAND.description, friction=0.7, initial=initial
+    )
+
+
+def test_links_collide_with_all_but_their_own_finger_and_the_base():
+    station = make_station(HOME)
     plant, inspector = station.plant, station.scene_graph.model_inspector()
 
     def shapes(*bodies):
-        return {
-            inspector.GetName(g).split("::")[-1] + f" of {body}": g
-            for body in bodies
-            for g in plant.GetCollisionGeometriesForBody(plant.GetBodyByName(body))
-        }
+        named = [plant.GetBodyByName(body) for body in bodies]
+        return [g for body in named for g in plant.GetCollisionGeometriesForBody(body)]
 
-    def meet(one, other):
-        return not inspector.CollisionFiltered(one, other)
+    def meet(some, others):
+        return {not inspector.CollisionFiltered(a, b) for a in some for b in others}
 
-    (box,) = shapes("object").values()
-    (table,) = shapes("turntable").values()
-    last = shapes(*(f"finger_{i}_distal" for i in range(5)))
-    first = shapes(*(f"finger_{i}_proximal" for i in range(5)))
-    assert all(meet(part, box) for part in (table, *last.values(), *first.values()))
-    for one, other in combinations(range(5), 2):
-        assert meet(first[f"link of finger_{one}_proximal"], last[f"tip of finger_{other}_distal"])
-    assert not meet(first["link of finger_0_proximal"], last["link of finger_0_distal"])
+    fingers = [
+        shapes(*(f"finger_{i}_{link}" for link in ("knuckle", "proximal", "distal")))
+        for i in range(5)
+    ]
+    links = [geometry for finger in fingers for geometry in finger]
+    assert len(links) == 25
+    assert meet(links + shapes("palm"), shapes("object", "turntable")) == {True}
+    for one, other in combinations(fingers, 2):
+        assert meet(one, other) == {True}
+    for finger in fingers:
+        assert meet(finger, shapes("palm")) == {False}
+        assert {inspector.CollisionFiltered(a, b) for a, b in combinations(finger, 2)} == {True}
+
+
+STRETCHED, FOLDED = [0.0, 1.5, 0.0], [0.0, 0.0, 2.4]
+
+
+@pytest.mark.parametrize(
+    ("touched", "place", "fingers"),
+    [
+        ((), P_WO, [HOME[4:7]] * 5),
+        (("object",), [0.0, 0.0, -0.063], [STRETCHED] * 5),  # With the palm.
+        (("surroundings",), [0.0, 0.1, -0.057], [FOLDED, *[STRETCHED] * 4]),  # With an elbow.
+        (("hand",), P_WO, [[0.5, *HOME[5:7]], [-0.5, *HOME[5:7]], *[HOME[4:7]] * 3]),
+    ],
+)
+def test_links_that_touch_something_are_measured(touched, place, fingers):
+    initial = HAND.home(np.array(place), 0.0)
+    initial[4:] = np.ravel(fingers)
+    station = make_station(initial, size=0.04 if touched == ("surroundings",) else 0.1)
+    simulator = Simulator(station)
+    context = simulator.get_mutable_context()
+    desired = np.concatenate([initial, np.zeros_like(initial)])
+    station.GetInputPort("desired_state").FixValue(context, desired)
+    simulator.AdvanceTo(0.015)
+    forces = station.GetOutputPort("link_forces").Eval(context)
+    assert {name for name, force in zip(TOUCHED, forces, strict=True) if force > 0} == set(touched)

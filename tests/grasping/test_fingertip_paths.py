@@ -10,6 +10,7 @@ from drake_pregrasp import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.grasping.fingertip_paths import (
     MOVING_CLEARANCE,
     OTHER_CLEARANCE,
+    Pace,
     TipPlaces,
     TipRoom,
     shape_goals,
@@ -18,7 +19,8 @@ from drake_pregrasp.grasping.fingertip_paths import (
 BOX = BoxSolid(np.zeros(3), np.eye(3), np.array([0.1, 0.08, 0.1]))
 TABLE = HalfSpace(np.array([0.0, 0.0, -0.05]), np.array([0.0, 0.0, 1.0]))
 CLEARANCE = 0.017
-STEP = 0.006
+PACE = Pace(speed=0.3, acceleration=2.5, period=0.02)
+STEP = PACE.speed * PACE.period
 ROOM = TipRoom(
     object=BOX,
     p_GO=np.zeros(3),
@@ -27,6 +29,17 @@ ROOM = TipRoom(
     spacing=0.022,
 )
 ALONE = TipRoom(object=BOX, p_GO=np.zeros(3), object_clearances=np.full(1, CLEARANCE))
+
+
+def walk(p, goal, rooms):
+    """Positions of tips at each tick on their ways through rooms."""
+    v = np.zeros_like(p)
+    for room in rooms:
+        moved = shape_goals(p, v, goal, PACE, room)
+        v = PACE.limited((moved - p) / PACE.period, v)
+        p = moved
+        yield p
+
 
 point = st.tuples(*[st.floats(-0.15, 0.15)] * 3)
 points = st.lists(point, min_size=5, max_size=5)
@@ -57,8 +70,7 @@ def test_tips_that_are_too_near_come_apart_evenly_and_off_the_table():
 def test_a_tip_gets_everywhere_without_touching_or_jumping(start, end):
     p, goal = ALONE.permitted(np.array([start])), ALONE.permitted(np.array([end]))
     assume(min(p[0, 2], goal[0, 2]) > -0.05)  # Nothing goes below what stands on a table.
-    for _ in range(150):  # The longest way is half round at 6 mm a step.
-        moved = shape_goals(p, goal, STEP, ALONE)
+    for moved in walk(p, goal, 200 * [ALONE]):  # The longest way is half round at 6 mm a step.
         # A step along the surface that bends away at an edge is pushed out as well.
         pushed = np.hypot(CLEARANCE, STEP) - CLEARANCE
         assert np.linalg.norm(moved - p) <= 1.001 * np.hypot(STEP, pushed)
@@ -67,22 +79,28 @@ def test_a_tip_gets_everywhere_without_touching_or_jumping(start, end):
     np.testing.assert_allclose(p, goal, atol=1e-9)
 
 
+def test_a_tip_starts_and_stops_gently():
+    p, goal = np.array([[0.07, 0.0, 0.0]]), np.array([[0.12, 0.06, 0.03]])
+    path = np.array([p, p, *walk(p, goal, 60 * [ALONE])])
+    accelerations = np.linalg.norm(np.diff(path, n=2, axis=0), axis=2) / PACE.period**2
+    assert np.max(accelerations) <= PACE.acceleration * (1 + 1e-9)
+    np.testing.assert_allclose(path[-1], goal, atol=1e-9)
+
+
 def test_a_tip_goes_round_on_the_shorter_side():
     p, goal = np.array([[0.07, 0.01, 0.0]]), np.array([[-0.07, 0.01, 0.0]])
-    sides = []
-    for _ in range(60):
-        p = shape_goals(p, goal, STEP, ALONE)
-        sides.append(p[0, 1])
+    sides = [moved[0, 1] for moved in walk(p, goal, 80 * [ALONE])]
     assert max(sides) > 0.05
     assert min(sides) > 0
 
 
 def test_an_obstacle_that_comes_pushes_tips_away():
     p = np.array([[0.07, 0.0, 0.0]])
+    v = np.zeros_like(p)
     for x in np.linspace(0.2, 0.12, 30):
         ball = BallSolid(np.array([x, 0.005, 0.0]), 0.03)
         room = TipRoom(BOX, np.zeros(3), np.full(1, CLEARANCE), ((ball, 0.013),))
-        p = shape_goals(p, room.permitted(np.array([[0.07, 0.0, 0.0]])), STEP, room)
+        p = shape_goals(p, v, room.permitted(np.array([[0.07, 0.0, 0.0]])), PACE, room)
         assert ball.distance(p)[0] >= 0.013 - 1e-4
         assert BOX.distance(p)[0] >= CLEARANCE - 1e-9
 

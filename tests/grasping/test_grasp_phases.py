@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.grasping.grasp_phases import next_state
 from drake_pregrasp.grasping.grasp_state import (
+    BASE,
+    NOT_HINDERED,
     GiveUp,
     GraspPhase,
     GraspState,
@@ -18,7 +20,7 @@ from drake_pregrasp.grasping.grasp_state import (
     Ramp,
     describe_give_up,
 )
-from drake_pregrasp.grasping.squeeze import Coasting, Squeeze
+from drake_pregrasp.grasping.squeeze import Squeeze
 
 SETTINGS = GraspConfig().make_settings()
 PERIOD = 0.02
@@ -38,7 +40,7 @@ class Scene:
         self.offset, self.active, self.distance = np.broadcast_to(offset, N), active, distance
         self.stiffness = stiffness
         self.force = np.zeros(N)
-        self.sees = True
+        self.sees, self.hindered = True, NOT_HINDERED
         self.time = self.residual = 0.0
 
     def view(self, time, close, state):
@@ -49,7 +51,8 @@ class Scene:
         presses += state.touched * SETTINGS.touch_force * (1 - share) + self.force
         gaps = np.maximum(state.standoffs, -self.offset)
         distances = np.broadcast_to(self.distance, N)
-        return GraspView(time, close, self.active, distances, gaps, presses, self.sees)
+        seen = (self.sees, self.hindered)
+        return GraspView(time, close, self.active, distances, gaps, presses, *seen)
 
 
 def play(
@@ -156,6 +159,14 @@ def test_lost_fingers_take_no_part_and_the_gate_does_not_wait_for_them():
     assert states[-1].standoffs[3] == SETTINGS.standoff
 
 
+def test_fingers_that_come_too_late_take_no_part():
+    late = np.arange(N) >= 3
+    states = play(Scene(distance=0.025 * late))
+    assert phases(states) == WHOLE
+    assert closing_time(states) == pytest.approx(2.0 + SETTINGS.gate_limit)
+    np.testing.assert_array_equal(states[-1].touched, ~late)
+
+
 def pressed(scene, state):
     scene.force = np.where(np.arange(N) == 2, 20.0 * (state.phase == GraspPhase.SQUEEZE), 0.0)
 
@@ -172,7 +183,7 @@ def unbalanced(active):
     ("scene", "more", "reason"),
     [
         (Scene(active=FEW), {}, "only 2 active fingers"),
-        (Scene(distance=0.025 * FEW), {}, "finger 0 did not arrive at its goal"),
+        (Scene(distance=0.025 * ~FEW), {}, "finger 2 did not arrive at its goal"),
         (Scene(offset=0.03 * (np.arange(N) == 1)), {}, "finger 1 met nothing"),
         (Scene(), {"change": pressed}, "finger 2 pressed too hard"),
         (Scene(), {"change": slipped}, "finger 4 lost touch"),
@@ -237,21 +248,6 @@ def test_a_ramp_is_smooth_and_monotonic(time, duration, first, last):
     assert slope == pytest.approx(ramp.rate(time), abs=1e-3)
     assert ramp.value(0.0) == first
     assert ramp.value(10.0) == pytest.approx(last, abs=1e-15)
-
-
-@given(st.floats(0, 2), st.floats(0.1, 0.5), st.floats(-1, 1))
-def test_a_hand_that_coasts_moves_by_its_twist_and_comes_to_rest(elapsed, stop, turn):
-    first = Coasting(np.eye(3), np.zeros(3), np.array([0, 0, turn]), np.array([0.05, 0.01, 0]))
-    h, coast = 1e-6, 0.5
-    now = first.after(elapsed, coast=coast, stop=stop)
-    then = first.after(elapsed + h, coast=coast, stop=stop)
-    np.testing.assert_allclose((then.p_WG - now.p_WG) / h, now.v_WG, atol=1e-5)
-    assert (then.R_WG @ now.R_WG.T)[1, 0] / h == pytest.approx(now.w_WG[2], abs=1e-4)
-    if elapsed >= coast + stop:
-        np.testing.assert_allclose(now.p_WG, first.v_WG * (coast + stop / 2), atol=1e-12)
-        assert not np.any(now.v_WG)
-    again = Coasting.from_vector(now.to_vector())
-    np.testing.assert_array_equal(again.to_vector(), now.to_vector())
 
 
 def unseen(start, end):
@@ -326,3 +322,16 @@ def test_a_fingertip_that_is_said_to_be_deep_inside_stops_where_it_may_search():
     view = GraspView(3.0, True, ALL, np.zeros(N), gaps, np.ones(N))
     after = next_state(state, view, SETTINGS, PERIOD, balanced)
     assert after.standoffs[0] == -SETTINGS.search
+
+
+@pytest.mark.parametrize(("finger", "words"), [(2, "finger 2"), (BASE, "the base")])
+def test_a_hand_says_what_hinders_it_for_as_long_as_it_stands(finger, words):
+    def hinder(scene, state):
+        scene.hindered = finger if 0.5 <= scene.time < 1.0 else NOT_HINDERED
+
+    states = play(Scene(), close_at=2.0, change=hinder)
+    reasons = [describe_give_up(state.reason, state.detail) for state in states]
+    standing = [reason for reason in reasons if reason is not None]
+    assert len(standing) == round(0.5 / PERIOD)
+    assert all(words in reason for reason in standing)
+    assert states[-1].phase == GraspPhase.HOLD

@@ -52,6 +52,8 @@ def test_every_joint_is_driven_in_the_order_of_the_joints(plant):
     efforts = np.array([drive.effort_limit() for drive in drives])
     np.testing.assert_array_equal(efforts[7:], 0.9)
     np.testing.assert_array_equal(efforts[:7], [87, 87, 87, 87, 12, 12, 12])
+    accelerations = plant.GetAccelerationUpperLimits()
+    np.testing.assert_array_equal(accelerations[:7], [15, 7.5, 10, 12.5, 15, 20, 20])
 
 
 def test_the_palm_faces_down_where_the_flange_does(plant):

@@ -174,6 +174,13 @@ def test_boxes_of_all_sizes_within_the_opening_are_held(allegro_panda, tmp_path,
     assert max(grasp["tip_forces"]) < 12.0
 
 
+def test_a_finger_whose_place_gets_free_comes_back_and_takes_part(allegro_panda, tmp_path):
+    passing = "!BallObstacle {center: [0.075, 0, 0.05], radius: 0.02, velocity: [0.035, 0, 0]}"
+    grasp = outcome([0.065, 0.08, 0.065], tmp_path, f"obstacles: [{passing}], {QUIET}")
+    assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
+    assert min(grasp["tip_forces"]) > 1.0
+
+
 def test_a_box_that_is_too_long_for_the_opening_is_refused(allegro_panda):
     with pytest.raises(ScenarioError, match=r"object: only 1 fingers reach .* no place for link_3"):
         load_scenario(NAME, text="{object: !Box {size: [0.12, 0.065, 0.065], mass: 0.25}}")

@@ -76,8 +76,9 @@ def test_clean_and_other_lifted_objects_are_counted_for_each_closing_time():
     assert last == {**head, "fixed plan": "0 (+1)", "dynamic with reach": "3 (+1)"}
 
 
-def test_grasps_are_counted_in_which_links_touched_object_or_surroundings():
+def test_grasps_are_counted_in_which_links_touched_something():
     rows = rows_with("wall", {"fixed_plan": 4}, seeds=4, times=[3.0], link_on_object_n=0.0)
+    rows["link_on_hand_n"] = 0.0
     rows["link_on_surroundings_n"] = [0.0, TOUCHING_N - 0.01, TOUCHING_N, 0.0]
     rows.loc[rows.index[-1], "link_on_object_n"] = 2.0
     table = comparison_report.outcome_table(rows).data
@@ -90,12 +91,12 @@ def test_reasons_are_counted_by_their_kind():
         "finger 0 met nothing",
         "finger 3 met nothing",
         "",
-        "no squeeze balances the weight: 1.25 N are left",
+        "no squeeze balances the weight: 1.25 N are left for lack of friction",
     ]
     table = comparison_report.reason_table(rows).data
     assert dict(zip(table["reason"], table["grasps"], strict=True)) == {
         "a finger met nothing": 2,
-        "no squeeze balances the weight": 1,
+        "no squeeze balances the weight for lack of friction": 1,
     }
 
 

@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 from driven import Driven
-from made_systems import CONTROL_PERIOD, RADIUS, RING, SETTINGS, N, make_sequencer
+from made_systems import CONTROL_PERIOD, NQ, RADIUS, RING, SETTINGS, N, make_sequencer
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
+
+from drake_pregrasp.grasping.grasp_state import GiveUp
 
 AT_TABLE = RigidTransform(RotationMatrix.MakeXRotation(0.3), [0.0, 0.0, 0.05])
 
@@ -65,12 +67,41 @@ def test_fingers_that_have_touched_keep_touching_and_all_together_carry_the_weig
     forces = hand.array("squeeze_forces").reshape(N, 3)
     np.testing.assert_allclose(forces, felt_by_first(nhat_W) / 2, atol=1e-12)
     hand.fix(f_T_W=(-nhat_W).ravel())
-    hand.advance(SETTINGS.squeeze_duration + 0.1)
+    hand.advance(SETTINGS.squeeze_duration)
+    forces = hand.array("squeeze_forces").reshape(N, 3)
+    np.testing.assert_allclose(forces.sum(axis=0), 0, atol=0.01)  # The table carries the weight.
+    hand.advance(0.15)
     forces = hand.array("squeeze_forces").reshape(N, 3)
     # The largest acceleration of the lift is 6 h/T^2.
     lift = 6 * SETTINGS.lift_height / SETTINGS.lift_duration**2
     np.testing.assert_allclose(forces.sum(axis=0), [0, 0, 0.4 * (9.81 + lift)], atol=0.01)
     assert np.min(-np.sum(forces * nhat_W, axis=1)) >= SETTINGS.least_force - 1e-3
+
+
+def squeeze_at(X_WO, **inputs):
+    """Returns a hand that has been told to close and feels all fingers, after the squeeze."""
+    hand = sequencer_over(X_WO)
+    close_until_touch(hand, X_WO)
+    hand.fix(f_T_W=(-RING @ X_WO.rotation().matrix().T).ravel(), **inputs)
+    hand.advance(SETTINGS.squeeze_duration + 0.1)
+    return hand
+
+
+def test_forces_are_planned_at_the_measured_fingertips_with_the_normals_there():
+    X_WO = RigidTransform([0.0, 0.0, 0.05])
+    turned = RING @ RotationMatrix.MakeZRotation(0.4).matrix().T  # Beside the goals on a ball.
+    p_WT = (X_WO @ ((0.05 + RADIUS) * turned).T).T
+    forces = squeeze_at(X_WO, p_WT=p_WT.ravel()).array("squeeze_forces").reshape(N, 3)
+    pressing = forces * [1, 1, 0] / np.linalg.norm(forces[:, :2], axis=1, keepdims=True)
+    np.testing.assert_allclose(pressing, -turned, atol=1e-3)
+
+
+@pytest.mark.parametrize(("lever", "reason"), [(0.1, GiveUp.NONE), (10.0, GiveUp.NEEDS_TORQUE)])
+def test_the_torques_of_the_joints_limit_the_squeeze(lever, reason):
+    J = np.zeros((N, 3, NQ))
+    J[:, 0, :N] = lever * np.eye(N)  # Each finger has a joint against forces along x.
+    hand = squeeze_at(AT_TABLE, J_WT=J.ravel())
+    assert hand.array("grasp_report")[2] == reason
 
 
 def test_the_carried_frame_comes_down_to_the_object():
@@ -87,3 +118,25 @@ def test_the_carried_frame_comes_down_to_the_object():
     assert heights[-1] == pytest.approx(0)
     assert np.all(np.diff(heights) <= 1e-12)
     np.testing.assert_allclose(speeds[1:-1], np.gradient(heights, 0.1)[1:-1], atol=0.01)
+
+
+def test_fingers_that_press_firmly_carry_the_frame_and_no_estimate_does():
+    X_WO = RigidTransform([0.0, 0.0, 0.05])
+    hand = sequencer_over(X_WO)
+    close_until_touch(hand, X_WO)
+    p_WT = hand.inputs["p_WT"]
+    hand.fix(p_WT=p_WT, f_T_W=-1.5 * SETTINGS.touch_force * RING.ravel())
+    hand.advance(0.1)
+    jumped = RigidTransform([0.004, 0.0, 0.05])
+    hand.fix(X_WO_estimated=jumped)
+    np.testing.assert_allclose(hand.eval("X_WG").translation(), jumped.translation())
+    assert hand.array("V_WO_held")[0] == 0
+    hand.fix(X_WO_estimated=X_WO, f_T_W=-3 * SETTINGS.touch_force * RING.ravel())
+    hand.advance(0.1)
+    hand.fix(X_WO_estimated=jumped)
+    v = np.array([0.05, -0.02, 0.0])
+    for step in range(1, 11):
+        hand.fix(p_WT=p_WT + np.tile(v * CONTROL_PERIOD * step, N))
+        hand.tick()
+    np.testing.assert_allclose(hand.eval("X_WG").translation() - [0, 0, 0.05], 0.2 * v, atol=1e-3)
+    np.testing.assert_allclose(hand.array("V_WO_held"), [1, 0, 0, 0, *v], atol=1e-2)

@@ -29,6 +29,21 @@ def test_a_sensor_feels_what_fingers_press_with():
     np.testing.assert_allclose(sensor.array("p_WT").reshape(N, 3), HAND.tips_at(Q), atol=1e-12)
 
 
+@pytest.mark.parametrize("curl", [0.0, 1e-5, 1e-3, 0.03])
+def test_a_stretched_finger_shows_no_force_that_its_torques_hide(curl):
+    fingers = np.tile([0.0, 0.3, curl], N)
+    q = np.append(np.zeros(4), fingers)  # The carrier comes first.
+    torque = 0.02  # Of noise, in N m; a finger is 0.2 m long.
+    inputs = {"hand_state": np.append(q, 0 * q), "net_actuation": np.full(NQ, torque)}
+    sensor = Driven(FingertipSensor(HAND.kinematics), **inputs)
+    assert np.max(np.linalg.norm(sensor.array("f_T_W").reshape(N, 3), axis=1)) < 3.0
+    across = np.tile([0.0, 0.0, 0.0], (N, 1))
+    across[0] = [0.0, 1.0, 0.0]  # The first finger hangs in the plane x-z.
+    J = sensor.array("J_WT").reshape(N, 3, NQ)
+    sensor.fix(net_actuation=np.einsum("nij,ni->j", J, across))
+    np.testing.assert_allclose(sensor.array("f_T_W").reshape(N, 3), across, atol=1e-6)
+
+
 def test_a_reference_moves_steadily_between_ticks():
     v = np.linspace(-0.2, 0.2, NQ)
     reference = Driven(make_reference(Q), commanded_velocity=v)

@@ -18,7 +18,8 @@ import drake_pregrasp.studies
 import drake_pregrasp.systems
 from drake_pregrasp import LimitsConfig, load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.studies.static_versus_dynamic.methods import Reassignment, StationaryHand
+from drake_pregrasp.studies.static_versus_dynamic.box_goals import ReactiveChoice, StationaryHand
+from drake_pregrasp.studies.static_versus_dynamic.methods import Reassignment
 
 SCENARIOS = ("toss", "pose_stream", "reach", "passing_ball", "grasp_five_finger")
 """Scenarios whose diagrams hold all systems but those of studies and arms."""
@@ -41,8 +42,13 @@ def made_diagrams():
 @pytest.fixture(scope="module")
 def systems() -> dict[type, System]:
     limits = LimitsConfig(tip_radii=[0.009] * 5)
-    stationary = StationaryHand(FRAMES, azimuths=AROUND, box_size=[0.1] * 3, limits=limits)
-    alone = make_arm(), stationary, Reassignment(FRAMES, azimuths=AROUND, period=0.05)
+    box = {"box_size": [0.1] * 3, "limits": limits}
+    stationary = StationaryHand(FRAMES, azimuths=AROUND, **box)
+    others = (
+        Reassignment(FRAMES, azimuths=AROUND, period=0.05),
+        ReactiveChoice(FRAMES, **box, period=0.05),
+    )
+    alone = make_arm(), stationary, *others
     made = itertools.chain(alone, *map(all_parts, made_diagrams()))
     by_class = {type(system): system for system in made}
     return {c: s for c, s in by_class.items() if c.__module__.startswith("drake_pregrasp")}

@@ -122,7 +122,7 @@ def results_table(rows: pd.DataFrame) -> Table:
 
 def outcome_table(rows: pd.DataFrame) -> Table:
     """Returns counts and medians of a condition, with a row per method and closing time."""
-    links = rows[["link_on_object_n", "link_on_surroundings_n"]] >= TOUCHING_N
+    links = rows.filter(regex="^link_on_") >= TOUCHING_N
     rows = rows.assign(**{"links touched": links.any(axis="columns")})
     cells = rows.groupby(["method", "close_at"])
     seeds, table = cells.size(), pd.DataFrame(index=cells.size().index)
@@ -138,8 +138,8 @@ def outcome_table(rows: pd.DataFrame) -> Table:
 
 def reason_table(rows: pd.DataFrame) -> Table:
     """Returns counts of the reasons for giving up, without finger numbers and forces."""
-    why = rows["gave_up"].str.replace(r"^finger \d+", "a finger", regex=True)
-    why = why.str.replace(r": [\d.]+ N are left$", "", regex=True)
+    details = {r"^finger \d+": "a finger", r": [\d.]+ N are left": ""}
+    why = rows["gave_up"].replace(details, regex=True)
     reasons = pd.DataFrame({"method": rows["method"], "reason": why})[why != ""]
     table = reasons.value_counts().rename("grasps").reset_index().set_index("method")
     return Table(_labelled(table), "Reasons for which hands gave up.")

@@ -10,28 +10,24 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
-from drake_pregrasp.geometry.solids import BoxSolid
 from drake_pregrasp.grasping.grasp_state import (
-    UNBALANCED,
     GraspPhase,
     GraspState,
     describe_give_up,
 )
-from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.studies.static_versus_dynamic.conditions import Condition
-from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 from drake_pregrasp.systems.loggers import GraspRecord
-from drake_pregrasp.systems.squeeze_program import plan_squeeze
 
 LIFTED_ABOVE_MM = 80.0
 LEVEL_BELOW_DEG = 20.0
 # Force from which on a link counts as touching: what counts as touch of a fingertip. To slide the
-# object of the study over the turntable takes some eight times as much.
+# object of the study over the turntable takes some six times as much.
 TOUCHING_N = GraspConfig.touch_force
 # Bounds of a clean grasp on measures of an `Outcome`.
 CLEAN_BELOW = {
     "link_on_object_n": TOUCHING_N,
     "link_on_surroundings_n": TOUCHING_N,
+    "link_on_hand_n": TOUCHING_N,
     "pushed_before_mm": 5.0,
     "turned_before_deg": 5.0,
     "pushed_closing_mm": 5.0,
@@ -45,7 +41,7 @@ CLEAN_IN_WORDS = (
     f" moved by less than {CLEAN_BELOW['pushed_before_mm']:g} mm and turned by less than"
     f" {CLEAN_BELOW['turned_before_deg']:g}° before the hand closed, and moved by less than"
     f" {CLEAN_BELOW['pushed_closing_mm']:g} mm in closing; and if no link other than a fingertip"
-    f" ever touched object, table or wall with {TOUCHING_N:g} N or more."
+    f" ever touched anything with {TOUCHING_N:g} N or more."
 )
 
 _AREA_FROM = 1.0  # Time from which fingertips must avoid the no-touch area, in seconds.
@@ -101,8 +97,6 @@ class Outcome:
             millimetres.
         slip_mm: Slip of the object in the hand, in millimetres; nan if the object was never lifted.
         tilt_deg: Tilt of the object at the end of the hold, in degrees.
-        residual_n: Residual of the balance of contact forces, in newtons; nan if not all fingers
-            had touched.
         fingers: Number of fingers that took part.
         waited_s: Time for which the gate delayed the command to close, in seconds.
         withdrawn: Number of fingers that were not lost but had no goal, because it was out of reach
@@ -117,8 +111,6 @@ class Outcome:
         link_on_hand_n: Largest force between such a link and another finger, in newtons.
         tip_in_area: Share of the control ticks from 1 s until the lift at which a fingertip was in
             the no-touch area; nan if there is no such area.
-        q_msv: Q_MSV of the contacts at the end of closing; nan if not all fingers had touched.
-        q_gii: Q_GII of the contacts at the end of closing; nan if not all fingers had touched.
         gave_up: Reason why the hand gave up; empty if it did not.
     """
 
@@ -130,7 +122,6 @@ class Outcome:
     pushed_closing_mm: float
     slip_mm: float
     tilt_deg: float
-    residual_n: float
     fingers: int
     waited_s: float
     withdrawn: float
@@ -139,8 +130,6 @@ class Outcome:
     link_on_surroundings_n: float
     link_on_hand_n: float
     tip_in_area: float
-    q_msv: float
-    q_gii: float
     gave_up: str
 
     @property
@@ -174,12 +163,6 @@ def grasp_outcome(
     lifting = _first(phases, told, GraspPhase.LIFT)
     first, end = records[0], records[-1]
     on_table = end if lifting is None else records[lifting]
-    touched = _first(phases, told, GraspPhase.SQUEEZE)
-    if touched is None and closing is not None and state.reason in UNBALANCED:
-        touched = _first(phases, told, GraspPhase.BACK_OFF)  # All fingers had touched.
-    residual, q_msv, q_gii = np.nan, np.nan, np.nan
-    if touched is not None:
-        residual, q_msv, q_gii = _contact_measures(records[touched], state.active, condition)
     raised = 1e3 * (end.X_WO.translation()[2] - on_table.X_WO.translation()[2])
     tilt = np.degrees(np.arccos(np.clip(end.X_WO.rotation().matrix()[2, 2], -1, 1)))
     on_object, on_surroundings, on_hand = np.max([r.link_forces for r in records], axis=0).tolist()
@@ -198,7 +181,6 @@ def grasp_outcome(
         pushed_closing_mm=_moved_mm(records[told], on_table),
         slip_mm=np.nan if lifting is None else _slip_mm(records[lifting:], state.active),
         tilt_deg=float(tilt),
-        residual_n=residual,
         fingers=int(np.sum(state.active)),
         waited_s=float((end if closing is None else records[closing]).time - close_at),
         withdrawn=_mean([sample.withdrawn for sample in samples]),
@@ -207,8 +189,6 @@ def grasp_outcome(
         link_on_surroundings_n=on_surroundings,
         link_on_hand_n=on_hand,
         tip_in_area=_mean(tip_in_area),
-        q_msv=q_msv,
-        q_gii=q_gii,
         gave_up=describe_give_up(state.reason, state.detail) or "",
     )
 
@@ -238,30 +218,6 @@ def _slip_mm(records: Sequence[GraspRecord], active: BoolArray) -> float:
     """Returns the largest distance by which a fingertip moved over the object, in mm."""
     p_OT = np.array([(r.X_WO.inverse() @ r.p_WT[active].T).T for r in records])
     return 1e3 * float(np.max(np.linalg.norm(p_OT - p_OT[0], axis=2)))
-
-
-def _contact_measures(
-    record: GraspRecord, active: BoolArray, condition: Condition
-) -> tuple[float, float, float]:
-    """Returns the residual of the squeeze in newtons, Q_MSV and Q_GII of the touching fingers."""
-    X_OW = record.X_WO.inverse()
-    p_OT = (X_OW @ record.p_WT[active].T).T
-    box = BoxSolid(np.zeros(3), np.eye(3), np.array(condition.box.size))
-    distances, normals = box.distance_and_gradient(p_OT)
-    p_CoMC = p_OT - distances[:, None] * normals - condition.scenario.make_surface().p_OCoM
-    weight = np.zeros(6)
-    weight[:3] = -GRAVITY * condition.box.mass * X_OW.rotation().matrix()[:, 2]
-    grasp = condition.scenario.grasp
-    squeeze = plan_squeeze(
-        p_CoMC,
-        normals,
-        weight,
-        friction=grasp.planned_friction,
-        least_normal=grasp.least_force,
-        largest_normal=grasp.largest_force,
-    )
-    quality = grasp_quality(p_CoMC)
-    return squeeze.residual, quality.q_msv, quality.q_gii
 
 
 def _mean(values: Sequence[float]) -> float:

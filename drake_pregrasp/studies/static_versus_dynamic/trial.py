@@ -23,12 +23,8 @@ from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.simulation.output import without_solver_chatter
 from drake_pregrasp.simulation.simulation_diagram import hand_planner
-from drake_pregrasp.studies.static_versus_dynamic import (
-    conditions,
-    grasp_outcome,
-    methods,
-    reactive_choice,
-)
+from drake_pregrasp.studies.static_versus_dynamic import conditions, grasp_outcome, methods
+from drake_pregrasp.studies.static_versus_dynamic.box_goals import ReactiveChoice, StationaryHand
 from drake_pregrasp.studies.static_versus_dynamic.conditions import FINGERS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalSample, Outcome, TrialJob
 from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord
@@ -37,8 +33,8 @@ from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 from drake_pregrasp.systems.sources import ContactWeights, MovingObstacles
 
 # Modules of this folder on which the rows of the study depend.
-_OTHERS = (conditions, grasp_outcome, methods, reactive_choice)
-MODULES = (__name__, *(module.__name__ for module in _OTHERS))
+_OTHERS = (conditions, grasp_outcome, methods)
+MODULES = (__name__, ReactiveChoice.__module__, *(module.__name__ for module in _OTHERS))
 
 _START_TICKS = 60  # Planning ticks within which the contacts of a fixed plan converge.
 _FOREVER = 1e6  # Static duration of the methods that plan at most once, in seconds.
@@ -200,7 +196,7 @@ class Trial:
             builder, config, self.surface, p_OC, fingertip_frames=driven.tip_frames
         )
         self.goals = self._add_goals(builder)
-        ports = "hold_contacts X_WH" if self.method.uses_reach else "hold_contacts"
+        ports = f"hold_contacts V_WO_held{' X_WH' if self.method.uses_reach else ''}"
         connect(builder, controller, ports, self.planner)
         connect(builder, self.goals, "fingertip_targets contact_status", controller)
         connect(builder, self.planner, "X_WO_estimated V_WO_estimated", controller)
@@ -226,7 +222,7 @@ class Trial:
         frames, azimuths = self.hand.kinematics.tip_frames, self.hand.azimuths
         if self.method.is_stationary:
             azimuths = azimuths + self._start.yaw
-            goals = builder.AddSystem(methods.StationaryHand(frames, azimuths=azimuths, **box))
+            goals = builder.AddSystem(StationaryHand(frames, azimuths=azimuths, **box))
             connect(builder, self.planner, "X_WO_estimated", goals)
             # The controller closes after the goals have moved from the ring to the object.
             delay = builder.AddSystem(DiscreteTimeDelay(self._grasp.period, _CLOSE_DELAY, 1))
@@ -241,9 +237,7 @@ class Trial:
             connect(builder, self.planner, "fingertip_targets contact_status", goals)
             connect(builder, self._controller, "X_WH", goals)
         if self.method.is_reactive:
-            goals = builder.AddSystem(
-                reactive_choice.ReactiveChoice(frames, **box, period=self._period)
-            )
+            goals = builder.AddSystem(ReactiveChoice(frames, **box, period=self._period))
             connect(builder, self.planner, "X_WO_estimated", goals)
             connect(builder, self._controller, "p_WT", goals)
         builder.ExportInput(self._controller.GetInputPort("close"), "close")

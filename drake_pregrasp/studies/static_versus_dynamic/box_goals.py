@@ -1,32 +1,153 @@
-"""A published rival: the reactive choice of a three-finger grasp by distance and alignment.
+"""Systems that choose goals on a box without the planner: a stationary hand, a reactive choice.
 
-After Y. Lee, T.-Y. Lin, A. Alexiev and S. Kim, "Hierarchical Reactive Grasping via Task-Space
-Velocity Fields and Joint-Space Quadratic Programming", ICRA 2026, arXiv 2509.01044, as its public
-tutorial describes the choice; own code. `docs/static_versus_dynamic.md` says what is theirs.
+The reactive choice is that of Y. Lee, T.-Y. Lin, A. Alexiev and S. Kim, "Hierarchical Reactive
+Grasping via Task-Space Velocity Fields and Joint-Space Quadratic Programming", ICRA 2026, arXiv
+2509.01044, as its public tutorial describes it; own code. `docs/static_versus_dynamic.md` says what
+is theirs.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
-from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, DiscreteValues
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
-from drake_pregrasp.studies.static_versus_dynamic.methods import (
-    GoalsOnBox,
-    declare_goals,
-    goals_at,
-)
+from drake_pregrasp.regions.constraints import Limit, Obstacles, RegionConstraints
+from drake_pregrasp.studies.static_versus_dynamic.methods import declare_goals, rays_at
 
+_RING_RADIUS = 0.092  # Radius on which a stationary hand's fingertips wait, in metres.
 SWITCH_MARGIN = 0.03  # Cost by which another grasp must be better, in metres.
 ANGLE_COST = 0.1  # Cost of an angle, in metres per radian.
 _SPREAD = 0.02  # Distance of the two fingers from the point opposite the thumb, in metres.
 _SHIFT = 0.02  # Distance of grasps beside the middle of a face, in metres.
 _EDGE = 0.0125  # Least distance of a contact from an edge of the box, in metres.
 _NONE = -1.0  # State without a grasp.
+
+
+class _GoalsOnBox(LeafSystem):
+    """Input ports of systems that choose goals on a box, and the obstacles' limits on them.
+
+    Subclasses declare their other input ports, and give the goals to `declare_goals`.
+
+    Args:
+        num_fingers: Number of fingers n.
+        limits: Limits of the planner, with radii of the fingertips, clearance and standoff.
+    """
+
+    def __init__(self, num_fingers: int, limits: LimitsConfig) -> None:
+        super().__init__()
+        self._constraints = RegionConstraints(
+            clearance=limits.clearance,
+            tip_radii=np.array(limits.tip_radii),
+            standoff=limits.standoff,
+        )
+        self._X_WO = self.DeclareAbstractInputPort(
+            "X_WO_estimated", AbstractValue.Make(RigidTransform())
+        )
+        self._weights = self.DeclareVectorInputPort("contact_weights", num_fingers)
+        self._obstacles = self.DeclareAbstractInputPort(
+            "obstacles", AbstractValue.Make(Obstacles())
+        )
+
+    def _permitted(
+        self, context: Context, finger: int, p_WC: FloatArray, nhat_WC: FloatArray
+    ) -> BoolArray:
+        """Returns the mask of contacts that obstacles permit to a finger, shape (k,).
+
+        Args:
+            context: Context of the system.
+            finger: Index of the finger.
+            p_WC: Contacts in W, shape (k, 3), in metres.
+            nhat_WC: Outward unit normals there, shape (k, 3).
+        """
+        constraints = replace(self._constraints, obstacles=self._obstacles.Eval(context))
+        permitted: BoolArray = constraints.limits_at(finger, p_WC, nhat_WC)[0] == Limit.NONE
+        return permitted
+
+
+def _goals_at(
+    fingers: Iterable[int], points: FloatArray, normals: FloatArray
+) -> Mapping[int, RigidTransform]:
+    """Returns targets X_WC by fingers, from contacts and outward normals in W, shape (k, 3)."""
+    return {
+        finger: RigidTransform(RotationMatrix.MakeFromOneVector(-normal, 2), point)
+        for finger, point, normal in zip(fingers, points, normals, strict=True)
+    }
+
+
+class StationaryHand(_GoalsOnBox):
+    """Emits goals of fingers on a ring around the object that does not turn with it.
+
+    .. pydrake_system::
+
+        name: StationaryHand
+        input_ports:
+        - X_WO_estimated
+        - contact_weights
+        - obstacles
+        - close
+        output_ports:
+        - fingertip_targets
+        - contact_status
+
+    The ports are those of `PregraspPlanner`, except `close`, the command to close. Fingers wait on
+    a ring around the object, which translates with the object but does not turn. After the command,
+    their goals are the intersections of rays from the object's origin with its surface. A finger is
+    inactive if it is lost, or if the planner's limits forbid its contact.
+
+    Args:
+        tip_frames: Scoped names of the fingertips' frames.
+        azimuths: Azimuths of the fingers in W, shape (n,), in radians.
+        box_size: Edge lengths of the object, a box centred at the origin of O, in metres.
+        limits: Limits of the planner, with radii of the fingertips, clearance and standoff.
+    """
+
+    def __init__(
+        self,
+        tip_frames: Sequence[str],
+        *,
+        azimuths: FloatArray,
+        box_size: Sequence[float],
+        limits: LimitsConfig,
+    ) -> None:
+        super().__init__(len(tip_frames), limits)
+        self._rays, self._half = rays_at(azimuths), np.array(box_size) / 2
+        self._goal_radius = _RING_RADIUS - (limits.standoff + limits.tip_radii[0])
+        self._close = self.DeclareVectorInputPort("close", 1)
+        declare_goals(self, tip_frames, self._targets, self._status)
+
+    def _contacts(self, context: Context) -> tuple[FloatArray, FloatArray]:
+        """Returns the rays' intersections with the object and the outward normals there, in W."""
+        X_WO: RigidTransform = self._X_WO.Eval(context)
+        R_WO = X_WO.rotation().matrix()
+        rays = self._rays @ R_WO
+        reached = self._half / np.maximum(np.abs(rays), 1e-12)
+        p_OC = rays * np.min(reached, axis=1, keepdims=True)
+        face = np.argmin(reached, axis=1)
+        normals = np.eye(3)[face] * np.sign(np.take_along_axis(rays, face[:, None], axis=1))
+        return X_WO.translation() + p_OC @ R_WO.T, normals @ R_WO.T
+
+    def _targets(self, context: Context) -> Mapping[int, RigidTransform]:
+        if self._close.Eval(context)[0] >= 1:
+            points, normals = self._contacts(context)
+        else:
+            p_WO = self._X_WO.Eval(context).translation()
+            points, normals = p_WO + self._goal_radius * self._rays, self._rays
+        return _goals_at(range(len(points)), points, normals)
+
+    def _status(self, context: Context) -> FloatArray:
+        points, normals = self._contacts(context)
+        permitted = [
+            self._permitted(context, finger, points[[finger]], normals[[finger]])[0]
+            for finger in range(len(points))
+        ]
+        return np.where(permitted, float(ContactStatus.ACTIVE), float(ContactStatus.OBSTRUCTED))
 
 
 def box_grasps(size: Sequence[float]) -> tuple[FloatArray, FloatArray]:
@@ -77,7 +198,7 @@ def grasp_costs(p_WT: FloatArray, p_WC: FloatArray) -> FloatArray:
     return costs
 
 
-class ReactiveChoice(GoalsOnBox):
+class ReactiveChoice(_GoalsOnBox):
     """Emits goals of the three fingers that are nearest to a grasp, chosen anew at every tick.
 
     .. pydrake_system::
@@ -131,7 +252,7 @@ class ReactiveChoice(GoalsOnBox):
     def _choose(self, context: Context, discrete_state: DiscreteValues) -> None:
         p_WC, nhat_WC = self._contacts(context)
         # All fingertips are alike, so what the obstacles permit to one they permit to all.
-        permitted = self.permitted(context, 0, p_WC.reshape(-1, 3), nhat_WC.reshape(-1, 3))
+        permitted = self._permitted(context, 0, p_WC.reshape(-1, 3), nhat_WC.reshape(-1, 3))
         p_WT = np.reshape(self._p_WT.Eval(context), (-1, 3))
         there = ~np.isneginf(self._weights.Eval(context))[self._sets].any(axis=1)
         possible = there[:, None] & permitted.reshape(-1, 3).all(axis=1)
@@ -150,7 +271,7 @@ class ReactiveChoice(GoalsOnBox):
     def _targets(self, context: Context) -> Mapping[int, RigidTransform]:
         fingers, grasp = self._grasp(context)
         points, normals = (of_all[grasp] for of_all in self._contacts(context))
-        return goals_at(fingers, points[: len(fingers)], normals[: len(fingers)])
+        return _goals_at(fingers, points[: len(fingers)], normals[: len(fingers)])
 
     def _status(self, context: Context) -> FloatArray:
         fingers, _ = self._grasp(context)

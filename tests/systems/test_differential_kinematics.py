@@ -1,0 +1,188 @@
+"""Inverse kinematics of a whole hand: goals are reached, limits are kept, links stay clear."""
+
+import numpy as np
+import pytest
+from driven import Driven
+from made_systems import CONTROL_PERIOD, FRAMES, HAND, NQ, N, bus
+from pydrake.geometry import Role
+from pydrake.math import RigidTransform
+from pydrake.multibody.math import SpatialVelocity
+
+from drake_pregrasp import BoxSolid, HalfSpace, Obstacles
+from drake_pregrasp.grasping.grasp_state import BASE, NOT_HINDERED, GiveUp, describe_give_up
+from drake_pregrasp.systems.differential_kinematics import DifferentialKinematics
+from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE
+
+TABLE = HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0]))
+CUBE = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
+P_WO = np.array([0.0, 0.0, 0.05])
+HOME = HAND.home(P_WO, 0.0)
+TIPS = HAND.tips_at(HOME)
+ACCELERATION, GAIN = 5.0, 5.0
+AFAR = RigidTransform([0.0, 3.0, 0.05])
+SINGLE = CONTROL_PERIOD * HAND.kinematics.acceleration_limit
+ROUNDING = 1e-6
+
+
+class Follower:
+    """The system with the reference that it drives, tick by tick."""
+
+    def __init__(self, *, q=HOME, X_WO=AFAR, **inputs):
+        masks = dict.fromkeys(FRAMES, np.array([0, 0, 0, 1, 1, 1]))
+        self.scene = HAND.make_scene(CUBE, [TABLE])
+        system = DifferentialKinematics(
+            self.scene,
+            masks=masks,
+            posture_gain=GAIN,
+            acceleration=ACCELERATION,
+            period=CONTROL_PERIOD,
+        )
+        self.q, self.v, self.X_WO = np.array(q), np.zeros(NQ), X_WO
+        fixed = {
+            "nominal_posture": HOME,
+            "desired_cartesian_poses": bus(TIPS),
+            "v_WT": np.zeros(3 * N),
+            "V_WG": SpatialVelocity.Zero(),
+            "V_WO_estimated": SpatialVelocity.Zero(),
+            "fingers_hold": np.zeros(N),
+        }
+        self.driven = Driven(system, **(fixed | inputs))
+
+    def tick(self, **inputs):
+        """Makes a step, and returns the velocity and the finger that hinders."""
+        pose = {"X_WG": self.X_WO, "X_WO_estimated": self.X_WO}
+        self.driven.fix(position=self.q, velocity=self.v, **(pose | inputs))
+        v, (hinders,) = (
+            self.driven.array("commanded_velocity"),
+            self.driven.array("hindered_finger"),
+        )
+        assert np.all(np.abs(v) <= HAND.kinematics.rate_limit + ROUNDING)
+        assert np.all(np.abs(v - self.v) <= SINGLE + ROUNDING)
+        self.q, self.v = self.q + CONTROL_PERIOD * v, v
+        return v, hinders
+
+    def distances(self, other):
+        """Signed distances between the hand's geometries and one other, by their names."""
+        context = self.scene.diagram.CreateDefaultContext()
+        self.scene.place(context, self.q, self.X_WO, ())
+        graph = self.scene.diagram.scene_graph()
+        query = graph.get_query_output_port().Eval(graph.GetMyContextFromRoot(context))
+        inspector = query.inspector()
+        (target,) = [
+            g for g in inspector.GetAllGeometryIds(Role.kProximity) if inspector.GetName(g) == other
+        ]
+        plant = self.scene.hand.plant
+        return {
+            f"{plant.get_body(body).name()} {inspector.GetName(g).split('::')[-1]}": (
+                query.ComputeSignedDistancePairClosestPoints(g, target).distance
+            )
+            for body in plant.GetBodyIndices(plant.GetModelInstanceByName("hand"))
+            for g in plant.GetCollisionGeometriesForBody(plant.get_body(body))
+        }
+
+
+def test_fingertips_settle_at_goals_without_overshoot_and_within_their_acceleration():
+    goals = TIPS + np.array([0.06, -0.03, 0.04])
+    follower = Follower(desired_cartesian_poses=bus(goals))
+    tips = [TIPS]
+    for _ in range(60):
+        follower.tick()
+        tips.append(HAND.tips_at(follower.q))
+    way = goals - TIPS
+    along = np.einsum("tij,ij->ti", np.array(tips) - TIPS, way) / np.sum(way**2, axis=1)
+    accelerations = np.diff(tips, n=2, axis=0) / CONTROL_PERIOD**2
+    assert np.all(np.diff(along, axis=0) >= -5e-3)
+    assert np.max(along) <= 1.005
+    np.testing.assert_allclose(tips[-1], goals, atol=1e-5)
+    assert np.max(np.linalg.norm(accelerations, axis=2)) <= ACCELERATION
+
+
+def test_goals_that_move_are_followed_without_lag():
+    v_WG = np.array([0.25, 0.1, 0.0])
+    follower = Follower(v_WT=np.tile(v_WG, N))
+    for k in range(1, 40):
+        goals = TIPS + k * CONTROL_PERIOD * v_WG
+        follower.tick(desired_cartesian_poses=bus(goals))
+    np.testing.assert_allclose(HAND.tips_at(follower.q), goals, atol=1e-5)
+
+
+def test_what_goals_leave_free_returns_to_the_posture():
+    turned = HOME.copy()
+    turned[3] += 1.5  # The wrist, which the fingers can make up for.
+    follower = Follower(nominal_posture=turned)
+    for _ in range(50):
+        follower.tick()
+    np.testing.assert_allclose(HAND.tips_at(follower.q), TIPS, atol=1e-4)
+    assert follower.q[3] > HOME[3] + 0.1
+    for _ in range(200):
+        follower.tick(nominal_posture=HOME)
+    np.testing.assert_allclose(follower.q, HOME, atol=1e-3)
+
+
+@pytest.mark.parametrize("velocity", [0.0, 0.06])
+def test_links_and_fingertips_stay_clear_of_an_object_wherever_the_goals_are(velocity):
+    """The goals are inside the object, which comes from the side."""
+    start = np.array([-0.24 * (velocity > 0), 0.0, 0.05])
+    step = CONTROL_PERIOD * np.array([velocity, 0.0, 0.0])
+    V_WO = SpatialVelocity(np.zeros(3), [velocity, 0.0, 0.0])
+    raised = HAND.home(P_WO + np.array([0.0, 0.0, 0.15]), 0.0)
+    goals = P_WO + 0.3 * (TIPS - P_WO)
+    follower = Follower(
+        q=HOME if velocity else raised,
+        X_WO=RigidTransform(start),
+        desired_cartesian_poses=bus(goals if not velocity else TIPS),
+        V_WO_estimated=V_WO,
+    )
+    least = np.inf
+    for k in range(150):
+        follower.X_WO = RigidTransform(start + k * step)
+        follower.tick()
+        gaps = follower.distances("object")
+        least = min(least, *gaps.values())
+        assert min(gap for name, gap in gaps.items() if "tip" not in name) > LINK_CLEARANCE - 2e-3
+    assert 0.001 < least < 0.01
+
+
+def test_a_finger_that_holds_touches_with_its_tip_first():
+    inward = P_WO + (TIPS - P_WO) * [0.45, 0.45, 1.0]
+    follower = Follower(
+        X_WO=RigidTransform(P_WO),
+        desired_cartesian_poses=bus(inward),
+        fingers_hold=np.ones(N),
+    )
+    for _ in range(60):
+        follower.tick()
+    gaps = follower.distances("object")
+    for finger in range(N):
+        tip = gaps[f"finger_{finger}_distal tip"]
+        assert tip < 0.0
+        assert gaps[f"finger_{finger}_distal link"] >= tip + 0.001
+        assert gaps[f"finger_{finger}_proximal link"] > LINK_CLEARANCE - 1e-3
+
+
+def test_a_hand_without_a_way_stops_says_why_and_goes_on_without_a_jump():
+    goals = TIPS + np.array([0.3, 0.0, 0.0])
+    follower = Follower(desired_cartesian_poses=bus(goals))
+    for _ in range(10):
+        _, hinders = follower.tick()
+        assert hinders == NOT_HINDERED
+    moving = np.max(np.abs(follower.v))
+    x = follower.q[0]
+    # Two walls, which leave less room than the palm is wide.
+    narrow = Obstacles(
+        tuple(
+            HalfSpace(np.array([x + side * 0.02, 0.0, 0.0]), np.array([-side, 0.0, 0.0]))
+            for side in (-1.0, 1.0)
+        )
+    )
+    for _ in range(30):
+        v, hinders = follower.tick(obstacles=narrow)
+        assert hinders != NOT_HINDERED
+        assert describe_give_up(GiveUp.HINDERED, hinders).startswith("no way is clear for the")
+    assert moving > 0.05
+    np.testing.assert_array_equal(v, 0.0)
+    for _ in range(100):
+        v, hinders = follower.tick(obstacles=Obstacles())
+        assert hinders == NOT_HINDERED
+    np.testing.assert_allclose(HAND.tips_at(follower.q), goals, atol=1e-3)
+    assert "base" in describe_give_up(GiveUp.HINDERED, BASE)
