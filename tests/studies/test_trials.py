@@ -322,9 +322,12 @@ def test_a_grasp_that_gave_up_says_why_and_has_no_slip():
 def test_shares_in_the_area_are_those_of_the_ticks():
     distances = (0.01, -0.001, 0.02, 0.03)
     samples = [GoalSample(5 - k, k, distance) for k, distance in enumerate(distances)]
-    outcome = outcome_of(good_grasp(), "wall", samples)
-    # A fingertip is at y = 59 mm, the wall at 40 mm.
-    assert (outcome.goal_in_area, outcome.withdrawn, outcome.tip_in_area) == (0.25, 1.5, 1.0)
+    records = good_grasp()
+    # At one of three ticks a fingertip is at y = 84 mm, the wall at 90 mm.
+    records[2].p_WT[:, 1] += 0.025
+    outcome = outcome_of(records, "wall", samples)
+    assert (outcome.goal_in_area, outcome.withdrawn) == (0.25, 1.5)
+    assert outcome.tip_in_area == pytest.approx(1 / 3)
 
 
 @pytest.mark.slow
