@@ -311,6 +311,14 @@ def test_what_falls_tilts_or_exceeds_a_bound_is_not_clean():
         assert verdicts == [True, False, False][: len(values)], name
 
 
+@pytest.mark.parametrize("touched", range(3))
+def test_a_grasp_in_which_a_link_touches_anything_at_any_tick_is_not_clean(touched):
+    for force, clean in ((0.34, True), (0.35, False)):
+        records = good_grasp()
+        records[1].link_forces[touched] = force
+        assert outcome_of(records).clean == clean
+
+
 def test_a_grasp_that_gave_up_says_why_and_has_no_slip():
     records = [*good_grasp()[:3], record(3.0, GraspPhase.BACK_OFF)]
     outcome = outcome_of(records, reason=GiveUp.OUT_OF_BALANCE)
