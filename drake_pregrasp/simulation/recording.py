@@ -80,6 +80,7 @@ def add_visualizers(
     builder.AddNamedSystem("pregrasp_visualizer", visualizer)
     drawn = "X_WO_estimated p_WC contact_status safe_regions p_WO_covariance"
     connect(builder, planner, drawn, visualizer)
+    connect(builder, object_plant, "X_WO", visualizer)
     labels = StatusLabels(
         meshcat=meshcat,
         num_contacts=num_contacts,

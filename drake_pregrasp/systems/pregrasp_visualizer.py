@@ -36,8 +36,9 @@ class PregraspVisualizer(LeafSystem):
         - contact_status
         - safe_regions
         - p_WO_covariance
+        - X_WO
 
-    Port `X_WO_estimated` accepts a `RigidTransform`: the pose at which the regions are drawn.
+    Port `X_WO_estimated` accepts a `RigidTransform`: the pose to which goals and covariance belong.
 
     Port `p_WC` accepts a vector of 3n: the contact goals in W, in metres.
 
@@ -48,6 +49,9 @@ class PregraspVisualizer(LeafSystem):
     Port `p_WO_covariance` accepts a vector of 9, in m². It is drawn over the object as an ellipsoid
     of three standard deviations, magnified by `covariance_magnification`. Its half axes are at most
     a third of the object's length, so that it does not hide the object.
+
+    Port `X_WO` accepts a `RigidTransform`: the true pose of the object, at which regions and trails
+    are drawn. It is optional. At the estimated pose, which replaces it, the object hides regions.
 
     A recording keeps only transforms and properties. All objects are therefore created once, by the
     constructor, and each publish event sets only what has changed.
@@ -101,6 +105,7 @@ class PregraspVisualizer(LeafSystem):
         self._contact_status = self.DeclareVectorInputPort("contact_status", num_contacts)
         self._safe_regions = self.DeclareAbstractInputPort("safe_regions", REGIONS)
         self._p_WO_covariance = self.DeclareVectorInputPort("p_WO_covariance", 9)
+        self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)
         self._make_objects(marker_radius)
         self.DeclareInitializationPublishEvent(self._restart)
         self.DeclarePeriodicPublishEvent(publish_period, 0.0, self._draw)
@@ -132,11 +137,12 @@ class PregraspVisualizer(LeafSystem):
     def _draw(self, context: Context) -> EventStatus:
         time = context.get_time()
         X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
+        X_WO_drawn = self._X_WO.Eval(context) if self._X_WO.HasValue(context) else X_WO
         regions: SafeRegions = self._safe_regions.Eval(context)
         covariance: FloatArray = self._p_WO_covariance.Eval(context).reshape(3, 3)
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
         active = is_active(self._contact_status.Eval(context))
-        self._meshcat.SetTransform(f"{ROOT}/object", X_WO, time)
+        self._meshcat.SetTransform(f"{ROOT}/object", X_WO_drawn, time)
         self._color_tiles(regions.labels[self._tile_candidates], time)
         self._draw_goals(p_WC, active, time)
         self._draw_trails((X_WO.inverse() @ p_WC.T).T, active, time)

@@ -8,7 +8,7 @@ import trimesh
 from driven import Driven
 from made_systems import X_WO, regions_of
 from pydrake.geometry import Meshcat, MeshcatParams, Rgba
-from pydrake.math import RollPitchYaw
+from pydrake.math import RigidTransform, RollPitchYaw
 
 from drake_pregrasp import BallSolid, BoxSolid, ContactStatus, HalfSpace, Obstacles, box_surface
 from drake_pregrasp.contacts.selection_input import describe_status
@@ -56,6 +56,19 @@ def test_tiles_have_a_spacing_of_their_own(meshcat, surface):
         count = len((tile_surface or surface).p_OQ)
         assert meshcat.HasPath(f"{PREGRASP}/object/tiles/{count - 1}")
         assert not meshcat.HasPath(f"{PREGRASP}/object/tiles/{count}")
+
+
+def test_regions_are_drawn_on_the_object_and_goals_where_they_are(meshcat, surface, p_OC):
+    visualizer = drawn(meshcat, surface, p_OC)
+    true = X_WO @ RigidTransform([0.0, 0.002, 0.0])
+    for pose in (X_WO, true):
+        if pose is true:
+            visualizer.fix(X_WO=true)
+        visualizer.publish()
+        message = meshcat._GetPackedTransform(f"{PREGRASP}/object")
+        np.testing.assert_allclose(packed_numbers(message, 16).reshape(4, 4).T, pose.GetAsMatrix4())
+        goal = packed_numbers(meshcat._GetPackedTransform(f"{PREGRASP}/goals/0"), 16)
+        np.testing.assert_allclose(goal.reshape(4, 4).T[:3, 3], X_WO @ p_OC[0], atol=1e-12)
 
 
 def test_the_planner_is_drawn_once_and_then_only_moves(meshcat, surface, p_OC):
