@@ -5,9 +5,11 @@ import math
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.contacts.goal_limits import has_room, tip_gaps
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.regions.constraints import RegionConstraints
 
 FREE_TURN = (-np.inf, np.inf)
 """Range of a palm that turns without limits, in radians."""
@@ -171,3 +173,37 @@ def ring_contacts(surface: ObjectSurface, count: int) -> FloatArray:
         p_OC[index] = surface.p_OQ[best]
         is_free[best] = False
     return p_OC
+
+
+def make_room(
+    surface: ObjectSurface, p_OC: FloatArray, constraints: RegionConstraints
+) -> tuple[FloatArray, BoolArray]:
+    """Moves contacts whose fingertips overlap to the nearest permitted candidates with room.
+
+    Fingers come from above, along z of O, so there is no room for one fingertip under another.
+    Contacts that overlap with the fewest others have precedence.
+
+    Args:
+        surface: The object's surface.
+        p_OC: Contacts, shape (n, 3), in metres.
+        constraints: Constraints of the contacts, with fingertips.
+
+    Returns:
+        The contacts, and the mask of those that have room, each on its own allowed surface.
+    """
+    p_OC, (_, normals), level = p_OC.copy(), surface.project(p_OC), np.array([1.0, 1.0, 0.0])
+
+    def gaps() -> FloatArray:
+        tips = constraints.tip_radii, constraints.tip_gap
+        return tip_gaps(p_OC * level, normals * level, *tips)
+
+    there = np.zeros(len(p_OC), dtype=bool)
+    for contact in np.argsort(np.sum(gaps() < 0, axis=1), kind="stable").tolist():
+        room = has_room(surface, constraints, contact, p_OC, normals, there, level)
+        choices = np.flatnonzero(room)
+        if len(choices) and np.any(gaps()[contact, there] < 0):
+            offsets = surface.p_OQ[choices] - p_OC[contact]
+            nearest = choices[np.argmin(np.sum(offsets**2, axis=1))]
+            p_OC[contact], normals[contact] = surface.p_OQ[nearest], surface.nhat_OQ[nearest]
+        there[contact] = len(choices) > 0
+    return p_OC, there

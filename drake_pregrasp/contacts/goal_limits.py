@@ -268,7 +268,7 @@ def with_returning_contacts(
     there = ~without & ~regions.lost
     normals = selection.project(goals)[1]
     for contact in np.flatnonzero(without).tolist():
-        free = _has_room(surface, constraints, contact, goals, normals, there)
+        free = has_room(surface, constraints, contact, goals, normals, there)
         on_its_side = free & normals_agree(normals[contact][None], surface.nhat_OQ)[0]
         choices = np.flatnonzero(on_its_side if np.any(on_its_side) else free)
         if len(choices):
@@ -280,7 +280,7 @@ def with_returning_contacts(
     return goals
 
 
-def _has_room(
+def has_room(
     surface: ObjectSurface,
     constraints: RegionConstraints,
     contact: int,
@@ -310,40 +310,6 @@ def _has_room(
         room = radius + other_radius + constraints.tip_gap
         free &= np.linalg.norm(away if axes is None else away * axes, axis=1) > room
     return free
-
-
-def make_room(
-    surface: ObjectSurface, p_OC: FloatArray, constraints: RegionConstraints
-) -> tuple[FloatArray, BoolArray]:
-    """Moves contacts whose fingertips overlap to the nearest permitted candidates with room.
-
-    Fingers come from above, along z of O, so there is no room for one fingertip under another.
-    Contacts that overlap with the fewest others have precedence.
-
-    Args:
-        surface: The object's surface.
-        p_OC: Contacts, shape (n, 3), in metres.
-        constraints: Constraints of the contacts, with fingertips.
-
-    Returns:
-        The contacts, and the mask of those that have room, each on its own allowed surface.
-    """
-    p_OC, (_, normals), level = p_OC.copy(), surface.project(p_OC), np.array([1.0, 1.0, 0.0])
-
-    def gaps() -> FloatArray:
-        tips = constraints.tip_radii, constraints.tip_gap
-        return tip_gaps(p_OC * level, normals * level, *tips)
-
-    there = np.zeros(len(p_OC), dtype=bool)
-    for contact in np.argsort(np.sum(gaps() < 0, axis=1), kind="stable").tolist():
-        room = _has_room(surface, constraints, contact, p_OC, normals, there, level)
-        choices = np.flatnonzero(room)
-        if len(choices) and np.any(gaps()[contact, there] < 0):
-            offsets = surface.p_OQ[choices] - p_OC[contact]
-            nearest = choices[np.argmin(np.sum(offsets**2, axis=1))]
-            p_OC[contact], normals[contact] = surface.p_OQ[nearest], surface.nhat_OQ[nearest]
-        there[contact] = len(choices) > 0
-    return p_OC, there
 
 
 # Status by whether a contact is active (row), and by its limit (column).

@@ -16,8 +16,7 @@ from drake_pregrasp.config.grasp_config import hand_limits
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import Box, Conveyor
 from drake_pregrasp.config.planner_config import PlannerConfig
-from drake_pregrasp.contacts.assignment import palm_turn
-from drake_pregrasp.contacts.goal_limits import make_room
+from drake_pregrasp.contacts.assignment import make_room, palm_turn
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_station import TABLE, DrivenHand, HandStation, add_driven_hand
 from drake_pregrasp.diagrams.object_plant import ObjectPlant

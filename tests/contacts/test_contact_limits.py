@@ -17,12 +17,12 @@ from selections import (
 from thin_cup import CUP, RADIUS, WALL
 
 from drake_pregrasp import ContactStatus, InvalidArgumentError, box_surface
+from drake_pregrasp.contacts.assignment import make_room
 from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
 from drake_pregrasp.contacts.goal_limits import (
     ContactLimits,
     Pair,
     hold_contacts,
-    make_room,
     step_toward,
 )
 from drake_pregrasp.contacts.quality_guard import guard_measure
