@@ -1,6 +1,6 @@
 """Configuration of the planner, of its pose estimator and of the measures of its contacts."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.limits_config import LimitsConfig
@@ -35,6 +35,11 @@ class EstimatorConfig:
 
     # Square root of the spectral density of its random angular acceleration, in rad/s^2/sqrt(Hz).
     angular_acceleration: float = field(default=0.01, metadata=_RATE)
+
+    # The same two for a sudden change of motion, which is assumed between two measurements if the
+    # second one would otherwise be an outlier.
+    sudden_acceleration: float = field(default=0.3, metadata=_RATE)
+    sudden_angular_acceleration: float = field(default=1.0, metadata=_RATE)
 
     # Standard deviation of the velocity before the first measurement, in m/s.
     initial_velocity_std: float = field(default=0.1, metadata=_RATE)
@@ -94,8 +99,16 @@ def tracker_settings(config: EstimatorConfig, p_OCoM: FloatArray | None = None) 
         config: Assumptions of the estimator.
         p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
     """
+    noise = filter_noise(config)
     return TrackerSettings(
-        noise=filter_noise(config),
+        noise=noise,
+        sudden=replace(
+            noise,
+            acceleration=max(config.acceleration, config.sudden_acceleration),
+            angular_acceleration=max(
+                config.angular_acceleration, config.sudden_angular_acceleration
+            ),
+        ),
         gate=config.gate,
         reacquire_after=config.reacquire_after,
         refuse_repeats=config.refuse_repeats,

@@ -27,6 +27,7 @@ class PregraspPlanner(Diagram):
         - obstacles
         - X_WH
         - hold_contacts
+        - V_WO_held
         output_ports:
         - p_WC
         - contact_status
@@ -43,11 +44,12 @@ class PregraspPlanner(Diagram):
         - innovation_squared
 
     The ports are those of the systems inside, which document them: `X_WO_measured`,
-    `measurement_time` (optional), `X_WO_estimated`, `V_WO_estimated`, `p_WO_covariance`,
-    `tracking_status`, `time_since_measurement`, `measurement_verdict` and `innovation_squared` of
-    `PoseEstimator`; `contact_weights`, `obstacles`, `X_WH` (all optional) and `safe_regions` of
-    `SafeRegionPartitioner`; `hold_contacts` (optional), `p_WC`, `contact_status`,
-    `contact_causes`, `fingertip_targets` and `p_WC_previous` of `CentroidSelector`.
+    `measurement_time` and `V_WO_held` (both optional), `X_WO_estimated`, `V_WO_estimated`,
+    `p_WO_covariance`, `tracking_status`, `time_since_measurement`, `measurement_verdict` and
+    `innovation_squared` of `PoseEstimator`; `contact_weights`, `obstacles`, `X_WH` (all optional)
+    and `safe_regions` of `SafeRegionPartitioner`; `hold_contacts` (optional), `p_WC`,
+    `contact_status`, `contact_causes`, `fingertip_targets` and `p_WC_previous` of
+    `CentroidSelector`.
 
     At a tick, all outputs are the same before and after the discrete update, except `safe_regions`
     and `p_WC_previous`, which change when the update stores the tick's new goals. If the pose at
@@ -98,6 +100,7 @@ class PregraspPlanner(Diagram):
         export_inputs(builder, "X_WO_measured measurement_time", estimator)
         export_inputs(builder, "contact_weights obstacles X_WH", partitioner)
         export_inputs(builder, "hold_contacts", selector)
+        export_inputs(builder, "V_WO_held", estimator)
         export_outputs(builder, selector, "p_WC contact_status fingertip_targets")
         export_outputs(builder, estimator, "X_WO_estimated V_WO_estimated p_WO_covariance")
         export_outputs(builder, partitioner, "safe_regions")

@@ -104,6 +104,7 @@ _DRIFT, _MIXED, _RATE = (
     np.kron(np.array(block), _I) for block in ([[1, 0], [0, 0]], [[0, 1], [1, 0]], [[0, 0], [0, 1]])
 )  # Places of dt³/3, dt²/2 and dt in the process noise.
 _SHORTEST = 1e-6  # Seconds.
+_BOOST_VARIANCE = 0.3**2  # Variance of a known change of twist, relative to its square.
 _UPPER = np.kron(np.array([[0, 1], [0, 0]]), _I)  # Place of dt in a transition.
 
 NO_MEASUREMENT = PoseMeasurement(-math.inf, np.zeros(3), _I)
@@ -213,6 +214,24 @@ def predict(belief: PoseBelief, dt: float, noise: PoseFilterNoise) -> PoseBelief
         P_position=F_position @ belief.P_position @ F_position.T + Q_position,
         P_orientation=F_orientation @ belief.P_orientation @ F_orientation.T + Q_orientation,
     )
+
+
+def boosted(belief: PoseBelief, dV: FloatArray, time: float) -> PoseBelief:
+    """Returns the belief after a known change of the twist, as if it had always been larger by dV.
+
+    The pose predicted for `time` stays the same. The change is known to 30 %, which adds to the
+    covariance.
+
+    Args:
+        belief: Belief before the change.
+        dV: Change of the angular velocity and of the velocity of the centre of mass, shape (2, 3).
+        time: Time of the change, in seconds.
+    """
+    dt, (dw, dv) = belief.time - time, dV
+    position, orientation = np.append(dt * dv, dv), np.append(dt * dw, dw)
+    added = [_BOOST_VARIANCE * np.outer(error, error) for error in (position, orientation)]
+    P = np.array([belief.P_position, belief.P_orientation]) + added
+    return shifted(belief, position, orientation, P)
 
 
 def transitions(belief: PoseBelief, dt: float) -> tuple[FloatArray, FloatArray]:

@@ -1,14 +1,19 @@
 """State of the tracker: measurements, the beliefs after them, and an alternative hypothesis."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum, unique
 from functools import cached_property
 
 import numpy as np
 
 from drake_pregrasp.arrays import SLACK, FloatArray, pack, unpack
-from drake_pregrasp.estimation.pose_filter import NO_BELIEF, NO_MEASUREMENT, PoseBelief
+from drake_pregrasp.estimation.pose_filter import (
+    NO_BELIEF,
+    NO_MEASUREMENT,
+    PoseBelief,
+    boosted,
+)
 
 
 @unique
@@ -125,6 +130,8 @@ class PoseTrack:
         last_innovation: Innovation of the newest measurement that was used in time, shape (2, 3).
         innovation_squared: νᵀ S⁻¹ ν of position and orientation of the last measurement that was
             compared with a prediction, shape (2,).
+        V_held: Twist at which something was known to move the object at the last tick, angular
+            first, shape (2, 3); NaN if nothing was.
     """
 
     steps: FloatArray
@@ -139,11 +146,32 @@ class PoseTrack:
     verdict: MeasurementVerdict
     last_innovation: FloatArray
     innovation_squared: FloatArray
+    V_held: FloatArray
 
     @cached_property
     def newest(self) -> PoseBelief:
         """Belief after the newest measurement that was used, which ends the last step."""
         return unpack(NO_BELIEF, self.steps[-1, MEASUREMENT_SIZE:])
+
+    def with_twist(self, V_held: FloatArray, time: float) -> "PoseTrack":
+        """Returns the track after a known change of the object's twist.
+
+        Beliefs continue with the new twist. Measurements from before it can no longer be used.
+
+        Args:
+            V_held: Present twist, as the attribute.
+            time: Time at which the twist changed, in seconds.
+        """
+        dV, after = V_held - self.V_held, replace(self, V_held=V_held)
+        if np.any(np.isnan(dV)) or not np.any(dV) or self.newest.time == -math.inf:
+            return after
+        steps = PoseTrack.empty(len(self.steps)).steps
+        newest = pack(boosted(self.newest, dV, time))
+        steps[-1] = np.append(self.steps[-1, :MEASUREMENT_SIZE], newest)
+        alternative = self.alternative
+        if alternative[0] > -math.inf:
+            alternative = pack(boosted(unpack(NO_BELIEF, alternative), dV, time))
+        return replace(after, steps=steps, alternative=alternative)
 
     @staticmethod
     def empty(memory: int) -> "PoseTrack":
@@ -165,4 +193,5 @@ class PoseTrack:
             verdict=MeasurementVerdict.NOTHING_NEW,
             last_innovation=np.zeros((2, 3)),
             innovation_squared=np.zeros(2),
+            V_held=np.full((2, 3), np.nan),
         )

@@ -43,6 +43,7 @@ _VAGUE = 1.0  # Radians; a larger deviation is beyond the linearisation of the c
 _NOISY = 0.25  # Noise level of a sensor without noise is below this.
 _DOUBT = 2  # Times `reacquire_after`: with so many outliers in excess the track is not locked.
 _PATIENCE = 5  # Times `reacquire_after`: with so many outliers in excess the belief is dropped.
+_LONGEST_SURPRISE = 0.2  # Seconds for which a sudden acceleration is assumed at most.
 _AT_REST = 3.0  # Standard deviations up to which a velocity may be zero.
 
 
@@ -52,6 +53,8 @@ class TrackerSettings:
 
     Attributes:
         noise: Noise and motion that the filter assumes.
+        sudden: The same with the accelerations of a sudden manoeuvre, which a measurement may show
+            that is an outlier otherwise.
         gate: Mahalanobis distance from the prediction, of the position and of the orientation,
             beyond which a measurement is an outlier; 0 to use all measurements.
         reacquire_after: Number of refused measurements in a row, which agree with each other, that
@@ -63,6 +66,7 @@ class TrackerSettings:
     """
 
     noise: PoseFilterNoise
+    sudden: PoseFilterNoise
     gate: float
     reacquire_after: int
     refuse_repeats: bool
@@ -115,6 +119,10 @@ def update_track(
     variance = prior.P_orientation.diagonal()[:3].max()
     if variance > _VAGUE**2 + noise.orientation**2 and not is_late:
         return _start(track, measurement, settings, prior)
+    if new.squared.max() > settings.gate_squared and 0 <= time - newest.time <= _LONGEST_SURPRISE:
+        sudden = settings.step(earlier, measurement, settings.sudden, settings.p_OCoM, factor)
+        if sudden[1].squared.max() <= settings.gate_squared:
+            prior, new, posterior = sudden
     excess = min(sum((factor * new.squared).tolist()) / 6, _LARGEST_EXCESS)
     excess = (1 - _FORGETTING) * track.excess + _FORGETTING * excess
     after = replace(

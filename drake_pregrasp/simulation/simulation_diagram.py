@@ -204,7 +204,7 @@ def _connect_hand(
     controller = hand.controller
     connect(builder, planner, "fingertip_targets contact_status", controller)
     connect(builder, planner, "X_WO_estimated V_WO_estimated tracking_status", controller)
-    connect(builder, controller, "hold_contacts", planner)
+    connect(builder, controller, "hold_contacts V_WO_held", planner)
     command = builder.AddNamedSystem("close_command", _step_at(scenario.grasp.close_at))
     builder.Connect(command.get_output_port(), controller.GetInputPort("close"))
     if sink is None:

@@ -9,7 +9,7 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.tree import UniformGravityFieldElement
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, validated_numbers
+from drake_pregrasp.arrays import BoolArray, FloatArray, pack, unpack, validated_numbers
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Fingertip
@@ -23,7 +23,8 @@ from drake_pregrasp.grasping.grasp_state import (
     GraspState,
     GraspView,
 )
-from drake_pregrasp.grasping.squeeze import Coasting, Squeeze
+from drake_pregrasp.grasping.held_motion import HeldMotion
+from drake_pregrasp.grasping.squeeze import Squeeze
 from drake_pregrasp.systems.ports import (
     POSE,
     VELOCITY,
@@ -37,7 +38,10 @@ from drake_pregrasp.systems.squeeze_program import plan_squeeze
 GRAVITY: float = UniformGravityFieldElement.kDefaultStrength
 """Acceleration of gravity along -z of W, in m/s²."""
 
-_COASTING_SIZE = 18  # Number of elements of `Coasting.to_vector`.
+_AT_REST = HeldMotion.at_rest()
+_UP = np.array([0.0, 0.0, 1.0])
+_FIRM = 2.0  # Times the touch force: fingertips that press with it stick to the object.
+_WEIGHT_DURATION = 0.1  # Seconds in which fingers take over the weight at the start of the lift.
 
 
 class GraspSequencer(LeafSystem):
@@ -65,6 +69,7 @@ class GraspSequencer(LeafSystem):
         - fingers_hold
         - squeeze_forces
         - grasp_report
+        - V_WO_held
 
     Port `close` accepts a vector of 1: above 0.5, the hand must close and stay closed. It closes
     once enough fingers are active, all of these are at their goals, and they can balance the
@@ -101,11 +106,11 @@ class GraspSequencer(LeafSystem):
     `BASE`, or `NOT_HINDERED` (`DifferentialKinematics`). The report says so while the hand stands.
 
     Port `X_WG` emits a `RigidTransform`: the pose of the frame G in which goals are planned. It is
-    the estimated pose of O, raised while the hand approaches. Once all fingers have touched, the
-    hand itself moves the object and G no longer follows the estimate: it keeps its velocity, then
-    stops, and moves straight up to lift.
+    the estimated pose of O, raised while the hand approaches. Once all fingers press firmly, they
+    stick to the object, and G moves with them and no longer with the estimate: a table that
+    accelerates takes the hand along. For the lift, G stops and moves straight up.
 
-    Port `V_WG` emits a `SpatialVelocity`: the velocity of G in W.
+    Port `V_WG` emits a `SpatialVelocity`: the velocity of G in W, on average until the next tick.
 
     Port `standoffs` emits a vector of n: the desired gap of each fingertip, in metres.
 
@@ -116,10 +121,14 @@ class GraspSequencer(LeafSystem):
     from the moment the hand closes until it releases; 0 for fingers that may avoid obstacles.
 
     Port `squeeze_forces` emits a vector of 3n: the desired forces of the fingertips, in W, in
-    newtons.
+    newtons. The table carries the weight until the lift, so that friction still moves the object
+    with it.
 
     Port `grasp_report` emits a vector of 4: the `GraspPhase`, its start in seconds, the `GiveUp`
     and its detail (`describe_give_up`).
+
+    Port `V_WO_held` emits a vector of 7: 1 while the fingers hold the object firmly, and then the
+    angular velocity and the velocity of O in W, which do not depend on the estimate; else zeros.
 
     The squeeze balances the object's weight and the largest acceleration of the lift. Its contacts
     are the points of the object nearest to the measured fingertips, with the normals there.
@@ -163,7 +172,9 @@ class GraspSequencer(LeafSystem):
         self._radius = np.array([tip.radius for tip in fingertips])
         first = GraspState.first(n, self._settings)
         self._state = self.DeclareDiscreteState(first.to_vector())
-        self._gripped = self.DeclareDiscreteState(_COASTING_SIZE)
+        self._last = self.DeclareDiscreteState(pack(_AT_REST))
+        # Fingertips in G since they press firmly, else NaN.
+        self._sticking = self.DeclareDiscreteState(np.full(3 * n, np.nan))
         self._close = self.DeclareVectorInputPort("close", 1)
         self._status = self.DeclareVectorInputPort("contact_status", n)
         self._frames = self.DeclareVectorInputPort("contact_frames", 6 * n)
@@ -179,18 +190,20 @@ class GraspSequencer(LeafSystem):
         self._remembered = state = declare_cache(
             self, "state of the grasp", first, self._calc_remembered, stored
         )
+        self._held = held = declare_cache(
+            self, "motion of the held object", _AT_REST, self._calc_held, time, stored, self._p_WT
+        )
         self._motion = motion = declare_cache(
             self,
-            "pose and velocity of G",
-            (RigidTransform(), SpatialVelocity()),
+            "motion of G, without its height",
+            _AT_REST,
             self._calc_motion,
-            time,
-            stored,
+            held,
             self._pose.source,
             self._V_WO,
         )
-        declare_output(self, "X_WG", POSE, lambda c: motion.Eval(c)[0], motion)
-        declare_output(self, "V_WG", VELOCITY, lambda c: motion.Eval(c)[1], motion)
+        declare_output(self, "X_WG", POSE, self._calc_X_WG, motion)
+        declare_output(self, "V_WG", VELOCITY, self._calc_V_WG, motion)
         declare_output(self, "standoffs", n, lambda c: state.Eval(c).standoffs, state)
         declare_output(self, "hold_contacts", 1, lambda c: state.Eval(c).holds_contacts, state)
         declare_output(
@@ -205,27 +218,68 @@ class GraspSequencer(LeafSystem):
             self, "squeeze_forces", 3 * n, self._calc_forces, time, stored, motion, self._frames
         )
         declare_output(self, "grasp_report", 4, self._calc_report, state)
+        declare_output(self, "V_WO_held", 7, self._calc_V_WO_held, held)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._advance)
 
     def _calc_remembered(self, context: Context) -> GraspState:
         return GraspState.from_vector(context.get_discrete_state(self._state).value())
 
-    def _calc_motion(self, context: Context) -> tuple[RigidTransform, SpatialVelocity]:
+    def _sticking_tips(self, context: Context) -> FloatArray:
+        p_GT: FloatArray = context.get_discrete_state(self._sticking).value().reshape(-1, 3)
+        return p_GT
+
+    def _last_motion(self, context: Context) -> tuple[HeldMotion, bool]:
+        """Returns the last motion of G in the squeeze, and whether the object still stands."""
         state: GraspState = self._remembered.Eval(context)
-        time = context.get_time()
-        if np.isinf(state.gripped):
-            X, V = self._pose.eval(context), validated_velocity(self._V_WO.Eval(context))
-            R, p, w, v = X.rotation(), X.translation(), V.rotational(), V.translational()
-        else:
-            first = Coasting.from_vector(context.get_discrete_state(self._gripped).value())
-            coast = self._settings.squeeze_duration
-            if state.phase == GraspPhase.BACK_OFF and state.since <= state.gripped + coast:
-                coast = np.inf  # The object is still on its table, and the fingers follow both.
-            now = first.after(time - state.gripped, coast=coast, stop=self._settings.stop_duration)
-            R, p, w, v = RotationMatrix(now.R_WG), now.p_WG, now.w_WG, now.v_WG
-        up = np.array([0.0, 0.0, 1.0])
-        X_WG = RigidTransform(R, p + state.height.value(time) * up)
-        return X_WG, SpatialVelocity(w=w, v=v + state.height.rate(time) * up)
+        last = unpack(_AT_REST, context.get_discrete_state(self._last).value())
+        opened = state.phase == GraspPhase.BACK_OFF and state.since <= last.time
+        return last, opened or state.phase <= GraspPhase.SQUEEZE
+
+    def _calc_held(self, context: Context) -> HeldMotion:
+        """Returns the motion of G by the fingertips alone."""
+        state: GraspState = self._remembered.Eval(context)
+        (last, stands), time = self._last_motion(context), context.get_time()
+        if not stands:
+            return last.stopping(time, self._settings.stop_duration)
+        if state.phase == GraspPhase.BACK_OFF:
+            return last.without_acceleration().at(time)
+        p_GT = self._sticking_tips(context)
+        p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
+        on = state.active & np.all(np.isfinite(p_WT) & np.isfinite(p_GT), axis=1)
+        now = last.at(time)
+        if not np.any(on):
+            return now
+        return now.following(p_WT[on], p_GT[on], time - last.time, self._config.period)
+
+    def _calc_motion(self, context: Context) -> HeldMotion:
+        state: GraspState = self._remembered.Eval(context)
+        sticks = np.any(np.isfinite(self._sticking_tips(context)))
+        if np.isfinite(state.gripped) and (sticks or state.phase > GraspPhase.SQUEEZE):
+            held: HeldMotion = self._held.Eval(context)
+            return held
+        X, V = self._pose.eval(context), validated_velocity(self._V_WO.Eval(context))
+        R_WO, V_WO = X.rotation().matrix(), V.get_coeffs().reshape(2, 3)
+        return HeldMotion(context.get_time(), R_WO, X.translation(), V_WO, np.zeros((2, 3)))
+
+    def _calc_X_WG(self, context: Context) -> RigidTransform:
+        motion: HeldMotion = self._motion.Eval(context)
+        height = self._remembered.Eval(context).height.value(context.get_time())
+        return RigidTransform(RotationMatrix(motion.R_WG), motion.p_WG + height * _UP)
+
+    def _calc_V_WG(self, context: Context) -> SpatialVelocity:
+        motion: HeldMotion = self._motion.Eval(context)
+        return self._rising(context, motion.V_WG + self._config.period / 2 * motion.A_WG)
+
+    def _calc_V_WO_held(self, context: Context) -> FloatArray:
+        state: GraspState = self._remembered.Eval(context)
+        sticks = np.any(np.isfinite(self._sticking_tips(context)))
+        if not sticks or state.force.value(context.get_time()) == 0:
+            return np.zeros(7)
+        return np.append(1.0, self._rising(context, self._held.Eval(context).V_WG).get_coeffs())
+
+    def _rising(self, context: Context, V_WG: FloatArray) -> SpatialVelocity:
+        rate = self._remembered.Eval(context).height.rate(context.get_time())
+        return SpatialVelocity(w=V_WG[0], v=V_WG[1] + rate * _UP)
 
     def _contacts(self, context: Context) -> tuple[FloatArray, FloatArray]:
         p_OC, nhat = validated_numbers(self._frames.Eval(context)).reshape(2, -1, 3)
@@ -234,12 +288,12 @@ class GraspSequencer(LeafSystem):
     def _tips(self, context: Context) -> FloatArray:
         """Returns the fingertips' centres in G, shape (n, 3), in metres."""
         p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
-        p_GT: FloatArray = (self._motion.Eval(context)[0].inverse() @ p_WT.T).T
+        p_GT: FloatArray = (self._calc_X_WG(context).inverse() @ p_WT.T).T
         return p_GT
 
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
         state: GraspState = self._remembered.Eval(context)
-        X_WG, V_WG = self._motion.Eval(context)
+        X_WG = self._calc_X_WG(context)
         p_OC, nhat = self._contacts(context)
         p_GT = self._tips(context)
         presses = np.zeros(len(p_OC))
@@ -274,10 +328,14 @@ class GraspSequencer(LeafSystem):
         )
         discrete_state.set_value(self._state, after.to_vector())
         self._pose.store(context, discrete_state)
-        if np.isinf(state.gripped) and np.isfinite(after.gripped):
-            R_WG = X_WG.rotation().matrix()
-            first = Coasting(R_WG, X_WG.translation(), V_WG.rotational(), V_WG.translational())
-            discrete_state.set_value(self._gripped, first.to_vector())
+        if state.phase > GraspPhase.SQUEEZE:
+            return
+        discrete_state.set_value(self._last, pack(self._motion.Eval(context)))
+        is_firm = np.all(presses[state.active] >= _FIRM * self._settings.touch_force)
+        if state.phase < GraspPhase.SQUEEZE:
+            discrete_state.set_value(self._sticking, np.full(p_GT.size, np.nan))
+        elif is_firm and np.all(np.isnan(self._sticking_tips(context))):
+            discrete_state.set_value(self._sticking, p_GT.ravel())
 
     def _plan_squeeze(self, context: Context, active: BoolArray) -> Squeeze:
         p_OC, nhat = (part[active] for part in self._contacts(context))
@@ -318,9 +376,12 @@ class GraspSequencer(LeafSystem):
         _, nhat = self._contacts(context)
         # A finger that has touched the object keeps touching it until all fingers press.
         touch = -self._settings.touch_force * state.touched[:, None] * np.nan_to_num(nhat)
-        f_T_G = (1 - share) * touch + share * state.forces
-        X_WG, _ = self._motion.Eval(context)
-        f_T_W: FloatArray = f_T_G @ X_WG.rotation().matrix().T
+        R_GW = self._motion.Eval(context).R_WG.T
+        planned, on = state.forces @ R_GW, state.active
+        last, stands = self._last_motion(context)
+        lifted = 0.0 if stands else min(1.0, (context.get_time() - last.time) / _WEIGHT_DURATION)
+        planned[on, 2] -= (1 - lifted) * np.sum(planned[on, 2]) / max(1, np.sum(on))
+        f_T_W: FloatArray = (1 - share) * touch @ R_GW + share * planned
         return f_T_W
 
     def _calc_report(self, context: Context) -> list[float]:

@@ -16,11 +16,18 @@ from drake_pregrasp.arrays import (
     pack,
     tick_index,
     unpack,
+    validated_numbers,
 )
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.pose_filter import NO_BELIEF, PoseBelief, PoseMeasurement, predict
+from drake_pregrasp.estimation.pose_filter import (
+    NO_BELIEF,
+    PoseBelief,
+    PoseMeasurement,
+    boosted,
+    predict,
+)
 from drake_pregrasp.estimation.pose_track import (
     FOLLOWED,
     PoseTrack,
@@ -44,6 +51,7 @@ class PoseEstimator(LeafSystem):
         input_ports:
         - X_WO_measured
         - measurement_time
+        - V_WO_held
         output_ports:
         - X_WO_estimated
         - V_WO_estimated
@@ -62,6 +70,12 @@ class PoseEstimator(LeafSystem):
     newest one corrects the estimate for its own time and for all later times, if at most
     `late_measurements` used ones are newer; otherwise it is refused. If the port is unconnected,
     every sample is new and was measured at its tick.
+
+    Port `V_WO_held` (optional) accepts a vector of 7: 1 while a hand holds the object, and then the
+    angular velocity and the velocity with which it moves O in W; 0 first while no hand does. A
+    change of this velocity is no surprise: it changes the estimated one too, and measurements still
+    correct both. A measurement from before a change that comes after a newer one is refused. If a
+    number is not finite, no hand holds the object.
 
     Port `X_WO_estimated` emits a `RigidTransform`: the estimated pose.
 
@@ -132,6 +146,7 @@ class PoseEstimator(LeafSystem):
         self._track_index = self.DeclareDiscreteState(pack(self._no_track))
         self._X_WO_measured = self.DeclareAbstractInputPort("X_WO_measured", POSE)
         self._measurement_time = self.DeclareVectorInputPort("measurement_time", 1)
+        self._V_WO_held = self.DeclareVectorInputPort("V_WO_held", 7)
         time = self.time_ticket()
         self._track = track = declare_cache(
             self,
@@ -149,6 +164,7 @@ class PoseEstimator(LeafSystem):
             self._calc_estimate,
             time,
             track,
+            self._V_WO_held,
         )
         declare_output(self, "X_WO_estimated", POSE, self._calc_pose, estimate)
         declare_output(self, "V_WO_estimated", VELOCITY, self._calc_velocity, estimate)
@@ -174,10 +190,18 @@ class PoseEstimator(LeafSystem):
         p_OCoM = self._settings.p_OCoM
         p_WCoM = X_WO.translation().copy() if p_OCoM is None else X_WO @ p_OCoM
         measurement = PoseMeasurement(measured_at, p_WCoM, X_WO.rotation().matrix())
-        is_set_back = stored_time > time
-        return update_track(
-            self._no_track if is_set_back else track, measurement, time, self._settings
-        )
+        if stored_time > time:  # The clock was set back.
+            track = self._no_track
+        track = track.with_twist(self._twist(context, track), time - self._period / 2)
+        return update_track(track, measurement, time, self._settings)
+
+    def _twist(self, context: Context, track: PoseTrack) -> FloatArray:
+        """Returns the present twist of the held object, at its centre of mass, or NaN."""
+        if not self._V_WO_held.HasValue(context):
+            return np.full((2, 3), np.nan)
+        is_held, *V_WO = validated_numbers(self._V_WO_held.Eval(context))
+        w_WO, v_WO = np.reshape(V_WO if is_held > 0 else np.full(6, np.nan), (2, 3))
+        return np.array([w_WO, v_WO + np.cross(w_WO, track.newest.R_WO @ self._p_OCoM)])
 
     def _store_track(self, context: Context, discrete_state: DiscreteValues) -> None:
         discrete_state.set_value(self._time_index, [context.get_time()])
@@ -185,13 +209,17 @@ class PoseEstimator(LeafSystem):
 
     def _calc_estimate(self, context: Context) -> tuple[TrackingStatus, PoseBelief]:
         track: PoseTrack = self._track.Eval(context)
-        newest, config = track.newest, self._config
-        since = context.get_time() - newest.time
+        time, config = context.get_time(), self._config
+        newest, since = track.newest, time - track.newest.time
         status = tracking_status(since, self._period, config.coast_after, config.lost_after)
         if status == TrackingStatus.WAITING:
             return status, newest
         if status == TrackingStatus.TRACKING and not track.is_locked:
             status = TrackingStatus.COASTING
+        dV = self._twist(context, track) - track.V_held
+        if not np.any(np.isnan(dV)):
+            last_tick = self._period * tick_index(time, self._period)
+            newest = boosted(newest, dV, (last_tick + time) / 2)
         if status == TrackingStatus.LOST:  # The pose stays where it was lost.
             since = self._period + config.lost_after
         belief = self._predicted(newest, since)

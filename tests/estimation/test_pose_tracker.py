@@ -298,3 +298,19 @@ def test_a_noisy_sensor_is_believed_less_when_it_is_late_too():
 def test_the_noise_level_is_the_share_of_the_expected_noise(noise, low, high):
     track, _ = follow(in_time(300, np.random.default_rng(18), noise=noise))
     assert low <= track.noise_level <= high
+
+
+def test_a_sudden_acceleration_is_followed_and_a_large_jump_is_an_outlier():
+    settings, along = tracker_settings(EstimatorConfig()), np.array([1.0, 0.0, 0.0])
+    stream = in_time(100, np.random.default_rng(21))
+
+    def way(time):  # From rest at 3 s, 1.5 m/s^2 for 0.3 s.
+        accelerating = np.clip(time - 3.0, 0.0, 0.3)
+        return 1.5 * accelerating * (max(0.0, time - 3.0) - accelerating / 2)
+
+    fast = [(now, replace(z, p_WCoM=z.p_WCoM + way(now) * along)) for now, z in stream]
+    assert not any(verdict.is_refusal for verdict in follow(fast, settings)[1])
+    track, _ = follow(stream[:60], settings)
+    now, z = stream[60]
+    jumped = replace(z, p_WCoM=z.p_WCoM + 0.03 * along)
+    assert verdict(track, jumped, now, settings) == Verdict.OUTLIER

@@ -20,7 +20,7 @@ from drake_pregrasp.grasping.grasp_state import (
     Ramp,
     describe_give_up,
 )
-from drake_pregrasp.grasping.squeeze import Coasting, Squeeze
+from drake_pregrasp.grasping.squeeze import Squeeze
 
 SETTINGS = GraspConfig().make_settings()
 PERIOD = 0.02
@@ -248,21 +248,6 @@ def test_a_ramp_is_smooth_and_monotonic(time, duration, first, last):
     assert slope == pytest.approx(ramp.rate(time), abs=1e-3)
     assert ramp.value(0.0) == first
     assert ramp.value(10.0) == pytest.approx(last, abs=1e-15)
-
-
-@given(st.floats(0, 2), st.floats(0.1, 0.5), st.floats(-1, 1))
-def test_a_hand_that_coasts_moves_by_its_twist_and_comes_to_rest(elapsed, stop, turn):
-    first = Coasting(np.eye(3), np.zeros(3), np.array([0, 0, turn]), np.array([0.05, 0.01, 0]))
-    h, coast = 1e-6, 0.5
-    now = first.after(elapsed, coast=coast, stop=stop)
-    then = first.after(elapsed + h, coast=coast, stop=stop)
-    np.testing.assert_allclose((then.p_WG - now.p_WG) / h, now.v_WG, atol=1e-5)
-    assert (then.R_WG @ now.R_WG.T)[1, 0] / h == pytest.approx(now.w_WG[2], abs=1e-4)
-    if elapsed >= coast + stop:
-        np.testing.assert_allclose(now.p_WG, first.v_WG * (coast + stop / 2), atol=1e-12)
-        assert not np.any(now.v_WG)
-    again = Coasting.from_vector(now.to_vector())
-    np.testing.assert_array_equal(again.to_vector(), now.to_vector())
 
 
 def unseen(start, end):

@@ -20,6 +20,7 @@ from drake_pregrasp import (
 )
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
+from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.simulation.summary import inactive_contacts
 
@@ -62,6 +63,22 @@ def check_grasp(result, largest_error):
     tips = np.stack([points(log, f"tip{finger}") for finger in range(5)], axis=1)
     accelerations = np.diff(tips, n=2, axis=0) / GraspConfig.period**2
     assert np.max(np.linalg.norm(accelerations, axis=2)) < GraspConfig.tip_acceleration
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("start", [None, 3.0, 5.3])
+@pytest.mark.parametrize("change", [0.3, -0.3])
+def test_a_belt_that_accelerates_neither_shoves_nor_slides_the_object(start, change, tmp_path):
+    profile = [[0, 0, 0], [start or 9, 0, 0], [(start or 9) + 0.2, change, 0]]  # 1.5 m/s^2.
+    text = f"motion: {{profile: {profile}}}, simulation_duration: 7.5"
+    result = run_text(NAME, text, tmp_path)
+    grasp, log = result.summary["grasp"], run_log(result)
+    assert grasp["phase"] == "hold"
+    assert max(grasp["closing_motion_mm"], grasp["squeeze_motion_mm"]) < 3
+    phases = run_log(result, "grasp.csv")
+    lift = phases["time"][phases["phase"] == GraspPhase.LIFT][0]
+    assert np.all(log["tracking_status"] == TrackingStatus.TRACKING)
+    assert np.max(log["position_error"][log["time"] >= lift]) < 2e-3
 
 
 @pytest.mark.slow

@@ -217,6 +217,7 @@ VALUES = {
     **dict.fromkeys(FRAME_NAMES, (X_G, X_G @ TURNED)),
     "V_WO_estimated": (SLOW, FAST),
     "V_WG": (SLOW, FAST),
+    "V_WO_held": (np.append(1, SLOW.get_coeffs()), np.append(1, FAST.get_coeffs())),
     "noise": (np.zeros(6), np.ones(6)),
     "measurement_time": ([0.0], [-np.inf]),
     "p_WO_covariance": (1e-6 * np.eye(3).ravel(), 1e-2 * np.eye(3).ravel()),

@@ -122,7 +122,7 @@ def test_what_goals_leave_free_returns_to_the_posture():
 @pytest.mark.parametrize("velocity", [0.0, 0.06])
 def test_links_and_fingertips_stay_clear_of_an_object_wherever_the_goals_are(velocity):
     """The goals are inside the object, which comes from the side."""
-    start = np.array([-0.3 * (velocity > 0), 0.0, 0.05])
+    start = np.array([-0.24 * (velocity > 0), 0.0, 0.05])
     step = CONTROL_PERIOD * np.array([velocity, 0.0, 0.0])
     V_WO = SpatialVelocity(np.zeros(3), [velocity, 0.0, 0.0])
     raised = HAND.home(P_WO + np.array([0.0, 0.0, 0.15]), 0.0)

@@ -69,6 +69,23 @@ def test_goals_are_carried_ahead_with_the_frame():
     np.testing.assert_allclose(shaper.goals(0.0), expected, atol=1e-12)
 
 
+def test_the_velocities_of_goals_are_those_with_which_they_move():
+    shaper, v_WG = Shaper(), np.array([0.05, -0.02, 0.01])
+    shaper.goals(1.0 + PERIOD / 2)  # Between ticks.
+    shaper.fix(fingertip_targets=bus(POINTS + 0.02 * X[::-1], NORMALS))
+    shaper.fix(V_WG=SpatialVelocity(w=np.zeros(3), v=v_WG))
+    before, moved = None, []
+    for k in range(12):
+        shaper.fix(X_WG=RigidTransform(k * PERIOD * v_WG))
+        after = shaper.goals(PERIOD if k else 0.0)
+        if k > 1:
+            rates = (after - before) / PERIOD
+            np.testing.assert_allclose(shaper.array("v_WT").reshape(N, 3), rates, atol=1e-9)
+            moved.append(np.max(np.abs(rates - v_WG)))
+        before = after
+    assert max(moved) > 0.05
+
+
 def test_held_contacts_stay_when_goals_move_on():
     shaper = Shaper()
     before = shaper.goals(1.0)

@@ -67,7 +67,10 @@ def test_fingers_that_have_touched_keep_touching_and_all_together_carry_the_weig
     forces = hand.array("squeeze_forces").reshape(N, 3)
     np.testing.assert_allclose(forces, felt_by_first(nhat_W) / 2, atol=1e-12)
     hand.fix(f_T_W=(-nhat_W).ravel())
-    hand.advance(SETTINGS.squeeze_duration + 0.1)
+    hand.advance(SETTINGS.squeeze_duration)
+    forces = hand.array("squeeze_forces").reshape(N, 3)
+    np.testing.assert_allclose(forces.sum(axis=0), 0, atol=0.01)  # The table carries the weight.
+    hand.advance(0.15)
     forces = hand.array("squeeze_forces").reshape(N, 3)
     # The largest acceleration of the lift is 6 h/T^2.
     lift = 6 * SETTINGS.lift_height / SETTINGS.lift_duration**2
@@ -115,3 +118,25 @@ def test_the_carried_frame_comes_down_to_the_object():
     assert heights[-1] == pytest.approx(0)
     assert np.all(np.diff(heights) <= 1e-12)
     np.testing.assert_allclose(speeds[1:-1], np.gradient(heights, 0.1)[1:-1], atol=0.01)
+
+
+def test_fingers_that_press_firmly_carry_the_frame_and_no_estimate_does():
+    X_WO = RigidTransform([0.0, 0.0, 0.05])
+    hand = sequencer_over(X_WO)
+    close_until_touch(hand, X_WO)
+    p_WT = hand.inputs["p_WT"]
+    hand.fix(p_WT=p_WT, f_T_W=-1.5 * SETTINGS.touch_force * RING.ravel())
+    hand.advance(0.1)
+    jumped = RigidTransform([0.004, 0.0, 0.05])
+    hand.fix(X_WO_estimated=jumped)
+    np.testing.assert_allclose(hand.eval("X_WG").translation(), jumped.translation())
+    assert hand.array("V_WO_held")[0] == 0
+    hand.fix(X_WO_estimated=X_WO, f_T_W=-3 * SETTINGS.touch_force * RING.ravel())
+    hand.advance(0.1)
+    hand.fix(X_WO_estimated=jumped)
+    v = np.array([0.05, -0.02, 0.0])
+    for step in range(1, 11):
+        hand.fix(p_WT=p_WT + np.tile(v * CONTROL_PERIOD * step, N))
+        hand.tick()
+    np.testing.assert_allclose(hand.eval("X_WG").translation() - [0, 0, 0.05], 0.2 * v, atol=1e-3)
+    np.testing.assert_allclose(hand.array("V_WO_held"), [1, 0, 0, 0, *v], atol=1e-2)

@@ -5,12 +5,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from driven import Driven
-from made_systems import MAKERS, SETTINGS, VALUES, N, driven
+from made_systems import CONTROL_PERIOD, MAKERS, PERIOD, SETTINGS, VALUES, X_G, N, driven
 
-from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
+from drake_pregrasp import EstimatorConfig
+from drake_pregrasp.arrays import pack
+from drake_pregrasp.estimation.pose_filter import NO_BELIEF, NO_MEASUREMENT
+from drake_pregrasp.estimation.pose_track import PoseTrack
+from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, Ramp
 
 FIRST = GraspState.first(N, SETTINGS)
-TOUCHED = replace(FIRST, phase=GraspPhase.CLOSE, touched=np.ones(N, dtype=bool))
+ALL = np.ones(N, dtype=bool)
+TOUCHED = replace(FIRST, phase=GraspPhase.CLOSE, active=ALL, touched=ALL, force=Ramp.at_rest(0.5))
+TRACK = replace(PoseTrack.empty(EstimatorConfig().late_measurements + 1), V_held=np.zeros((2, 3)))
+TRACK.steps[-1] = np.append(
+    pack(NO_MEASUREMENT), pack(replace(NO_BELIEF, time=-PERIOD, p_WCoM=X_G.translation()))
+)
 
 
 @pytest.mark.parametrize("name", MAKERS)
@@ -19,8 +28,15 @@ def test_outputs_follow_their_inputs(name):
     system, inputs = sound.system, sound.inputs
 
     def numbers(fresh):
-        if name == "sequencer":  # With this state, forces depend on contacts.
+        if (
+            name == "sequencer"
+        ):  # With this state, forces depend on contacts, and V_WO_held on tips.
             fresh.context.SetDiscreteState(0, TOUCHED.to_vector())
+            fresh.context.SetDiscreteState(2, np.arange(3.0 * N))
+            fresh.context.SetTime(CONTROL_PERIOD)
+        if name == "estimator":  # With this state, the estimate depends on all its inputs.
+            fresh.context.SetDiscreteState(0, [-PERIOD])
+            fresh.context.SetDiscreteState(1, pack(TRACK))
         return fresh.numbers()
 
     for port in inputs:

@@ -127,3 +127,22 @@ def test_the_ends_of_ranges_are_taken_and_estimates_follow(arguments):
     estimator = seen_twice(**arguments)
     assert estimator.eval("measurement_verdict")[0] == Verdict.USED
     assert np.all(np.isfinite(estimator.numbers()))
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+def test_a_lift_that_the_estimator_is_told_of_is_no_surprise(is_told):
+    estimator = first_seen(sudden_acceleration=0.001)
+    refused, errors, rng = 0, [], np.random.default_rng(3)
+    for tick in range(60):
+        time = PERIOD * tick
+        rising = max(0.0, time - 1.5)
+        up = np.array([0, 0, min(rising, 0.5)])  # Accelerates at 1 m/s^2 for 0.5 s.
+        p_WO = X_0.translation() + up * (rising - up[2] / 2)
+        seen = RigidTransform(X_0.rotation(), p_WO + rng.normal(scale=NOISE.position, size=3))
+        held = np.array([1.0, 0, 0, 0, *up]) if is_told else np.zeros(7)
+        estimator.at(time, X_WO_measured=seen, V_WO_held=held)
+        refused += Verdict(int(estimator.array("measurement_verdict")[0])).is_refusal
+        errors.append(np.linalg.norm(pose(estimator).translation() - p_WO))
+        estimator.update()
+    assert (refused == 0) == is_told
+    assert (max(errors) < 2e-3) == is_told

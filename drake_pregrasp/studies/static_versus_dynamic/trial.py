@@ -195,7 +195,7 @@ class Trial:
             builder, config, self.surface, p_OC, fingertip_frames=driven.tip_frames
         )
         self.goals = self._add_goals(builder)
-        ports = "hold_contacts X_WH" if self.method.uses_reach else "hold_contacts"
+        ports = f"hold_contacts V_WO_held{' X_WH' if self.method.uses_reach else ''}"
         connect(builder, controller, ports, self.planner)
         connect(builder, self.goals, "fingertip_targets contact_status", controller)
         connect(builder, self.planner, "X_WO_estimated V_WO_estimated", controller)

@@ -1,0 +1,61 @@
+"""The motion of an object that a hand holds: it stops, or follows the fingertips."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drake_pregrasp.geometry.rotations import rotation_matrix
+from drake_pregrasp.grasping.held_motion import HeldMotion
+
+PERIOD = 0.02
+TIPS = np.array([[0.06, 0.02, 0.01], [-0.06, 0.0, 0.02], [0.01, 0.06, 0.0], [0.0, -0.06, 0.01]])
+ALONG = np.array([0.001, 0.0, 0.0])
+
+
+def moving(turn=0.0):
+    V = np.array([[0, 0, turn], [0.05, 0.01, 0]])
+    return HeldMotion(0.0, np.eye(3), np.zeros(3), V, np.zeros((2, 3)))
+
+
+@given(st.floats(0, 2), st.floats(0.1, 0.5), st.floats(-1, 1))
+def test_a_hand_that_stops_moves_by_its_twist_and_comes_to_rest(elapsed, duration, turn):
+    first, h = moving(turn), 1e-6
+    now, then = (first.stopping(time, duration) for time in (elapsed, elapsed + h))
+    np.testing.assert_allclose((then.p_WG - now.p_WG) / h, now.V_WG[1], atol=1e-5)
+    assert (then.R_WG @ now.R_WG.T)[1, 0] / h == pytest.approx(now.V_WG[0, 2], abs=1e-4)
+    if elapsed >= duration:
+        np.testing.assert_allclose(now.p_WG, first.V_WG[1] * duration / 2, atol=1e-12)
+        np.testing.assert_allclose(now.V_WG, 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("acceleration", [[1.5, 0, 0], [-1.5, 0.5, 0]])
+@pytest.mark.parametrize("turning", [0.0, 5.0])
+def test_the_frame_follows_an_object_that_suddenly_accelerates(acceleration, turning):
+    motion, errors = moving(), []
+    for time in PERIOD * np.arange(1, 26):
+        shift = motion_of(np.array([0.05, 0.01, 0]), np.array(acceleration), time)
+        turn = np.array([0, 0, turning * time**2 / 2])
+        p_WT = shift + TIPS @ rotation_matrix(turn).T
+        motion = motion.at(time).following(p_WT, TIPS, PERIOD, PERIOD)
+        p_WT_found = motion.p_WG + TIPS @ motion.R_WG.T
+        errors.append(np.abs(p_WT_found - p_WT).max())
+    assert max(errors) < 4e-4
+    assert errors[-1] < 2e-4
+
+
+def motion_of(v, a, time):
+    return v * time + a * time**2 / 2
+
+
+def test_a_frame_that_fingertips_have_corrected_is_not_corrected_again():
+    p_WT = TIPS + ALONG
+    once = moving().following(p_WT, TIPS, PERIOD, PERIOD)
+    np.testing.assert_array_equal(once.following(p_WT, TIPS, 0.0, PERIOD).p_WG, once.p_WG)
+
+
+def test_what_moves_only_the_fingertips_up_or_a_single_finger_does_not_turn_the_frame():
+    up = moving().following(TIPS + ALONG[::-1], TIPS, PERIOD, PERIOD)
+    np.testing.assert_array_equal(up.p_WG, 0)
+    one = moving().following(TIPS[:1] + ALONG, TIPS[:1], PERIOD, PERIOD)
+    np.testing.assert_array_equal(one.R_WG, np.eye(3))
