@@ -145,7 +145,7 @@ def test_an_obstacle_over_the_table_keeps_its_distance_from_fingertips(tmp_path)
         assert np.min(distances) > 0.03 + 0.009
 
 
-@pytest.mark.parametrize("own", ["[]", "[!BallObstacle {radius: 0.03, center: [0.2, 0.0, 0.05]}]"])
+@pytest.mark.parametrize("own", ["[]", "[!BallObstacle {radius: 0.03, center: [0.3, 0.0, 0.05]}]"])
 def test_the_table_is_the_last_obstacle_of_the_planner_and_none_of_the_controller(own):
     scenario = load_scenario(NAME, text=f"{{obstacles: {own}}}")
     diagram = make_diagram(scenario, scenario.make_surface())
