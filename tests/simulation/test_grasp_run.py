@@ -129,7 +129,7 @@ def test_a_hand_that_cannot_grasp_opens_and_says_why(tmp_path):
 
 @pytest.mark.slow
 def test_a_slippery_object_is_set_down_again(tmp_path):
-    soft = "grasp: {touch_force: 0.05, least_force: 0.1, planned_friction: 0.7, friction: 0.2}"
+    soft = "grasp: {touch_force: 0.05, least_force: 0.1, planned_friction: 0.7, friction: 0.1}"
     grasp = run_text(NAME, soft, tmp_path).summary["grasp"]
     assert "lost touch" in grasp["gave_up"]
     assert grasp["lift_height_mm"] < 5
@@ -145,7 +145,7 @@ def test_an_obstacle_over_the_table_keeps_its_distance_from_fingertips(tmp_path)
         assert np.min(distances) > 0.03 + 0.009
 
 
-@pytest.mark.parametrize("own", ["[]", "[!BallObstacle {radius: 0.03, center: [0.2, 0.2, 0.05]}]"])
+@pytest.mark.parametrize("own", ["[]", "[!BallObstacle {radius: 0.03, center: [0.3, 0.0, 0.05]}]"])
 def test_the_table_is_the_last_obstacle_of_the_planner_and_none_of_the_controller(own):
     scenario = load_scenario(NAME, text=f"{{obstacles: {own}}}")
     diagram = make_diagram(scenario, scenario.make_surface())

@@ -311,6 +311,14 @@ def test_what_falls_tilts_or_exceeds_a_bound_is_not_clean():
         assert verdicts == [True, False, False][: len(values)], name
 
 
+@pytest.mark.parametrize("touched", range(3))
+def test_a_grasp_in_which_a_link_touches_anything_at_any_tick_is_not_clean(touched):
+    for force, clean in ((0.34, True), (0.35, False)):
+        records = good_grasp()
+        records[1].link_forces[touched] = force
+        assert outcome_of(records).clean == clean
+
+
 def test_a_grasp_that_gave_up_says_why_and_has_no_slip():
     records = [*good_grasp()[:3], record(3.0, GraspPhase.BACK_OFF)]
     outcome = outcome_of(records, reason=GiveUp.OUT_OF_BALANCE)
@@ -322,12 +330,12 @@ def test_a_grasp_that_gave_up_says_why_and_has_no_slip():
 def test_shares_in_the_area_are_those_of_the_ticks():
     distances = (0.01, -0.001, 0.02, 0.03)
     samples = [GoalSample(5 - k, k, distance) for k, distance in enumerate(distances)]
-    records = good_grasp()
-    # At one of three ticks a fingertip is at y = 84 mm, the wall at 90 mm.
-    records[2].p_WT[:, 1] += 0.025
-    outcome = outcome_of(records, "wall", samples)
-    assert (outcome.goal_in_area, outcome.withdrawn) == (0.25, 1.5)
-    assert outcome.tip_in_area == pytest.approx(1 / 3)
+    for y, share in ((0.059, 0.0), (0.085, 1.0)):  # The wall's face is at 90 mm.
+        records = good_grasp()
+        for seen in records:
+            seen.p_WT[2, 1] = y
+        outcome = outcome_of(records, "wall", samples)
+        assert (outcome.goal_in_area, outcome.withdrawn, outcome.tip_in_area) == (0.25, 1.5, share)
 
 
 @pytest.mark.slow
