@@ -33,14 +33,13 @@ def failures_as_errors() -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def held_messages(most: int = logging.CRITICAL) -> Iterator[list[logging.LogRecord]]:
-    """Holds back Drake's log messages up to a level, and yields their list."""
+def held_messages() -> Iterator[list[logging.LogRecord]]:
+    """Holds back Drake's log messages, and yields their list."""
     held: list[logging.LogRecord] = []
 
     def is_shown(record: logging.LogRecord) -> bool:
-        if record.levelno <= most:
-            held.append(record)
-        return record.levelno > most
+        held.append(record)
+        return False
 
     logger = logging.getLogger("drake")
     logger.addFilter(is_shown)

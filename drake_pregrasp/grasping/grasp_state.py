@@ -70,14 +70,6 @@ class GiveUp(IntEnum):
     HINDERED = 12
 
 
-UNBALANCED = (
-    GiveUp.OUT_OF_BALANCE,
-    GiveUp.NEEDS_FORCE,
-    GiveUp.NEEDS_TORQUE,
-    GiveUp.NEEDS_FRICTION,
-)
-"""Reasons of a hand whose fingers cannot balance the weight."""
-
 _IMBALANCE = "no squeeze balances the weight: {:.2f} N are left"
 
 _REASONS = {

@@ -1,11 +1,10 @@
-"""Output files with errors that name them, interrupts, and suppression of solver output."""
+"""Output files with errors that name them, and interrupts."""
 
 import contextlib
-import ctypes
 import fcntl
 import os
 import signal
-import sys
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -110,36 +109,9 @@ def write_text(path: Path, text: str) -> None:
         partial.write_text(text, encoding="utf-8", newline="\n")
 
 
-_STDOUT = 1
-
-
 @contextlib.contextmanager
 def without_solver_chatter() -> Iterator[None]:
-    """Discards the standard output of compiled code; Python's own output is kept.
-
-    OSQP 1.0 prints a line at every solution (github.com/osqp/osqp/issues/785), and
-    `DifferentialInverseKinematicsSystem` solves with it fifty times a second.
-    """
-    sys.stdout.flush()
-    kept = os.dup(_STDOUT)
-    before = sys.stdout
-    try:
-        with open(os.devnull, "wb") as nowhere:
-            os.dup2(nowhere.fileno(), _STDOUT)
-        if _writes_to(before, _STDOUT):
-            sys.stdout = os.fdopen(os.dup(kept), "w", encoding=before.encoding)
-        yield
-    finally:
-        ctypes.CDLL(None).fflush(None)  # Flushes the buffer of compiled code.
-        if sys.stdout is not before:
-            sys.stdout.close()
-            sys.stdout = before
-        os.dup2(kept, _STDOUT)
-        os.close(kept)
-
-
-def _writes_to(stream: object, number: int) -> bool:
-    try:
-        return stream.fileno() == number  # type: ignore[attr-defined,no-any-return]
-    except (AttributeError, OSError):
-        return False
+    """Does nothing, because no solver of the package prints; it is deprecated."""
+    message = "without_solver_chatter does nothing; it will be removed in the next version"
+    warnings.warn(message, DeprecationWarning, stacklevel=3)
+    yield

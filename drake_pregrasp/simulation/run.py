@@ -203,7 +203,6 @@ class LoggedRun:
             logs.enter_context(self.log)
             if self.grasp_log is not None:
                 logs.enter_context(self.grasp_log)
-                logs.enter_context(output.without_solver_chatter())
             start = time.perf_counter()
             simulator.Initialize()
             simulator.AdvanceTo(self._scenario.simulation_duration)

@@ -12,7 +12,7 @@ from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.simulation.hand_file import load_hand
-from drake_pregrasp.simulation.output import make_folder, without_solver_chatter, writing
+from drake_pregrasp.simulation.output import make_folder, writing
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
@@ -76,15 +76,14 @@ def picture_grasp(scenario: Scenario) -> ByteArray:
     station.scene_graph.AddRenderer("vtk", pictures.lit_renderer(_LIGHTS, _BACKGROUND))
     has_arm = isinstance(load_hand(scenario.grasp.hand).base, Arm)
     simulator, taken = Simulator(diagram), list[ByteArray]()
-    with without_solver_chatter():
-        for time in _moments(scenario, surface):
-            simulator.AdvanceTo(time)
-            context = station.GetMyContextFromRoot(simulator.get_context())
-            p_WO: FloatArray = station.GetOutputPort("X_WO").Eval(context).translation()
-            target = p_WO * [1.0, 1.0, 0.0] + _ABOVE
-            X_WK = camera_pose(target, _FROM_ARM if has_arm else _FROM_HAND)
-            query = station.GetOutputPort("query_object").Eval(context)
-            taken.append(take_picture(query, _CAMERA, X_WK))
+    for time in _moments(scenario, surface):
+        simulator.AdvanceTo(time)
+        context = station.GetMyContextFromRoot(simulator.get_context())
+        p_WO: FloatArray = station.GetOutputPort("X_WO").Eval(context).translation()
+        target = p_WO * [1.0, 1.0, 0.0] + _ABOVE
+        X_WK = camera_pose(target, _FROM_ARM if has_arm else _FROM_HAND)
+        query = station.GetOutputPort("query_object").Eval(context)
+        taken.append(take_picture(query, _CAMERA, X_WK))
     gaps = [(0, 0), (_GAP, 0), (0, 0)]
     return np.concatenate(
         [taken[0], *(np.pad(p, gaps, constant_values=255) for p in taken[1:])], axis=1
@@ -95,6 +94,5 @@ def _moments(scenario: Scenario, surface: ObjectSurface) -> list[float]:
     """Returns the start and the ends of `PHASES` in seconds, from a run without pictures."""
     records: list[GraspRecord] = []
     simulator = Simulator(make_diagram(scenario, surface, grasp_sink=records.append))
-    with without_solver_chatter():
-        simulator.AdvanceTo(scenario.simulation_duration)
+    simulator.AdvanceTo(scenario.simulation_duration)
     return [0.0] + [max(r.time for r in records if r.report[0] <= phase) for phase in PHASES]

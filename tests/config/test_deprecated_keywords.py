@@ -20,6 +20,7 @@ from drake_pregrasp import (
     PoseEstimator,
     PoseFilterNoise,
     SafeRegionPartitioner,
+    without_solver_chatter,
 )
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.planner_config import MeasuresConfig, filter_noise
@@ -176,3 +177,12 @@ def test_former_names_of_statuses_warn():
             assert getattr(ContactStatus, f"{name}_GROUND") == ContactStatus[f"{name}_SURFACE"]
     with pytest.raises(AttributeError, match="no member GROUND"):
         ContactStatus.GROUND  # noqa: B018
+
+
+def test_there_is_no_chatter_of_solvers_to_suppress():
+    with (
+        pytest.warns(DeprecationWarning, match="does nothing") as warned,
+        without_solver_chatter(),
+    ):
+        pass
+    assert warned[0].filename == __file__

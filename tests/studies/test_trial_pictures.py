@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 from made_up_trials import rows_of, state_of
 from matplotlib.image import imread
 
-from drake_pregrasp.simulation.output import without_solver_chatter
 from drake_pregrasp.studies.static_versus_dynamic import trial_pictures
 from drake_pregrasp.studies.static_versus_dynamic.comparison_command import trial_jobs
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
@@ -70,9 +69,8 @@ def pixels_of(X_WK, p_WQ):
 @pytest.fixture(scope="module")
 def tracking():
     """A trial on its way, before fingers come down."""
-    with without_solver_chatter():
-        trial = Trial(TrialJob("headline", "dynamic_reach", 0))
-        trial.track(0.3)
+    trial = Trial(TrialJob("headline", "dynamic_reach", 0))
+    trial.track(0.3)
     return trial
 
 

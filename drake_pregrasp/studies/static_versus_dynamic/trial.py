@@ -21,7 +21,6 @@ from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.simulation.output import without_solver_chatter
 from drake_pregrasp.simulation.simulation_diagram import hand_planner
 from drake_pregrasp.studies.static_versus_dynamic import conditions, grasp_outcome, methods
 from drake_pregrasp.studies.static_versus_dynamic.box_goals import ReactiveChoice, StationaryHand
@@ -45,8 +44,7 @@ _LONGEST_GRASP = 8.0  # Seconds after the command until a grasp counts as failed
 
 def run_trial(job: TrialJob) -> list[dict[str, Any]]:
     """Simulates a trial, and returns a row for each closing time of its condition."""
-    with without_solver_chatter():
-        outcomes = Trial(job).outcomes(conditions.CONDITIONS[job.condition].closing_times)
+    outcomes = Trial(job).outcomes(conditions.CONDITIONS[job.condition].closing_times)
     return [asdict(outcome) | {"clean": outcome.clean} for outcome in outcomes]
 
 

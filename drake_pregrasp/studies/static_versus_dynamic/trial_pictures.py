@@ -17,7 +17,7 @@ from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import is_active
-from drake_pregrasp.simulation.output import without_solver_chatter, writing
+from drake_pregrasp.simulation.output import writing
 from drake_pregrasp.studies import pictures
 from drake_pregrasp.studies.report_page import Heading, Part, Picture
 from drake_pregrasp.studies.runner import OnProgress, StudyRows, run_jobs
@@ -148,16 +148,15 @@ def _take_pictures(
 ) -> list[dict[str, object]]:
     """Takes the pictures of a trial, and returns their files and numbers of active fingers."""
     rows: list[dict[str, object]] = []
-    with without_solver_chatter():
-        trial = Trial(job)
-        for place, moment in enumerate([*moments, None]):
-            if moment is None:
-                trial.grasp(moments[-1])
-            else:
-                trial.track(moment)
-            file = folder / f"{job.method}_{place}.png"
-            imsave(file, photograph(trial, annotate=moment is not None))
-            rows.append({"file": str(file), "active": trial.samples[-1].active})
+    trial = Trial(job)
+    for place, moment in enumerate([*moments, None]):
+        if moment is None:
+            trial.grasp(moments[-1])
+        else:
+            trial.track(moment)
+        file = folder / f"{job.method}_{place}.png"
+        imsave(file, photograph(trial, annotate=moment is not None))
+        rows.append({"file": str(file), "active": trial.samples[-1].active})
     return rows
 
 
