@@ -30,17 +30,17 @@ HEAD = """<?xml version="1.0"?>
 
      Drives, with the values of their data sheets:
      Fingers: ROBOTIS DYNAMIXEL XC330-T288-T at 12 V, emanual.robotis.com/docs/en/dxl/x/xc330-t288:
-     stall torque 1.00 N m, speed without load 71 rev/min, gears 288.35 : 1, mass 23 g, size 20 x 34
+     stall torque 1.00 N m, no-load speed 71 rev/min, gear ratio 288.35, mass 23 g, size 20 x 34
      x 26 mm. Two of them in a finger's knuckle and elbow, one in the palm.
-     Wrist: DYNAMIXEL XH540-W270 at 12 V: 9.9 N m, 39 rev/min, gears 272.5 : 1, mass 165 g.
+     Wrist: DYNAMIXEL XH540-W270 at 12 V: 9.9 N m, 39 rev/min, gear ratio 272.5, mass 165 g.
      x, y, z: a toothed-belt axis like Festo ELGA-TB-KF-70, with a feed force of 350 N. It allows
      5 m/s and 50 m/s2; 1.5 m/s and 10 m/s2 are used, as for heavier loads.
 
      ROBOTIS does not state the inertia of rotors. The mechanical time constant of motors without
      iron cores is 7 to 8 ms (Faulhaber 1331 SR and 1524 SR), and that constant times stall torque
-     over speed is the inertia behind the gears: 1e-3 kg m2 for a finger, 1.8e-2 kg m2 for the
-     wrist. The rotor's own inertia is this over the square of the gear ratio. The rotor of an axis
-     is the mass of which the motor is equivalent.
+     over speed is the reflected inertia: 1e-3 kg m2 for a finger, 1.8e-2 kg m2 for the wrist. The
+     rotor's own inertia is this over the square of the gear ratio. The rotor inertia of a linear
+     axis is the equivalent mass of its motor, in kg.
 
      Accelerations: a fifth of a servo's stall torque, ROBOTIS' bound for smooth motion, accelerates
      a stretched finger with its rotor, 2e-3 kg m2, by 100 rad/s2, and the hand about the wrist,

@@ -95,7 +95,7 @@ class Fingertip:
     forbidden_faces: list[str] = field(default_factory=list, metadata={"one_of": BOX_FACES})
 
     def raised(self, height: float) -> "Fingertip":
-        """Returns the fingertip with its reach at a greater height, in metres."""
+        """Returns the fingertip with its reach raised by a height in metres."""
         if isinstance(self.reach, SectorReach):  # It has all heights.
             return self
         x, y, z = self.reach.center
@@ -127,7 +127,7 @@ class HandDescription:
         return self.base.palm_position[2]
 
     def over_object(self, top: float) -> "HandDescription":
-        """Returns the description with all heights over the object's origin.
+        """Returns the description with the heights of palm and reach over the object's origin.
 
         Args:
             top: Height of the object's top over its origin, in metres.

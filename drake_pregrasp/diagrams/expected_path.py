@@ -1,4 +1,4 @@
-"""Expected path of the object without a simulation, for the view of the camera."""
+"""Expected path of the object without a simulation, for cameras and checks of scenarios."""
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
@@ -16,8 +16,8 @@ from drake_pregrasp.diagrams.object_body import standing_position
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
-_SAMPLES = 50
-_POSES = 200
+_SAMPLES = 50  # Positions of the path.
+_POSES = 200  # Poses on a conveyor.
 
 
 def expected_path(motion: MotionConfig, duration: float, object_config: ObjectConfig) -> FloatArray:
@@ -57,7 +57,7 @@ def expected_poses(
 ) -> list[tuple[float, RigidTransform]]:
     """Returns times in seconds and poses X_WO of the object, as far as its motion is prescribed.
 
-    These are samples of what a conveyor carries, and only the start of a toss or a push.
+    On a conveyor these are samples of the whole path; otherwise it is the initial pose only.
 
     Args:
         motion: Motion of the object.

@@ -58,7 +58,7 @@ class HandStation(Diagram):
     Port `link_forces` emits a vector of 3, as `LinkContacts` does: the largest forces with which
     links that are not fingertips touched something since the last tick of the controller.
 
-    All bodies of the hand collide with the object and the table, and fingers with each other. Links
+    All links of the hand collide with the object and the table, and fingers with each other. Links
     of one finger, and those of the base, do not collide with each other, nor fingers with the base.
     Gravity does not act on the hand, as if it were compensated.
 
@@ -69,7 +69,7 @@ class HandStation(Diagram):
         motion_config: Motion of the conveyor.
         plant_config: Time step and contact model.
         hand: Description of the hand.
-        friction: Coulomb's coefficient of the box.
+        friction: Coulomb's coefficient of friction of the box.
         initial: Initial positions of the hand, shape (nq,).
         yaw_range: Range of the wrist, as for `add_hand_model`.
         period: Seconds between ticks of the controller, for `link_forces`.

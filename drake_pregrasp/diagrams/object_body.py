@@ -116,7 +116,7 @@ def standing_position(object_config: ObjectConfig) -> FloatArray:
 
 
 def _mesh_data(mesh: trimesh.Trimesh) -> InMemoryMesh:
-    """Returns a mesh for Drake, with the normals that its renderers need."""
+    """Returns a mesh for Drake, with normals."""
     text = mesh.export(file_type="obj", digits=_DIGITS, include_normals=True)
     return InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "object.obj"))
 

@@ -44,7 +44,7 @@ def add_obstacle_bodies(
     Args:
         plant: Plant that is not finalized, with the object and tables but without a hand.
         scene_graph: SceneGraph of the plant.
-        obstacles: The obstacles.
+        obstacles: Obstacles with their velocities, in W.
         body: Body of the object.
     """
     inspector, manager = scene_graph.model_inspector(), scene_graph.collision_filter_manager()
@@ -59,6 +59,7 @@ def add_obstacle_bodies(
         carrier = plant.world_body()
         if speed > 0:
             instance = plant.AddModelInstance(name)
+            # Any inertia will do, because the drive prescribes the motion.
             inertia = SpatialInertia.SolidSphereWithMass(1.0, 0.1)
             carrier = plant.AddRigidBody(name, instance, inertia)
             plant.set_gravity_enabled(instance, False)

@@ -224,7 +224,8 @@ def boosted(belief: PoseBelief, dV: FloatArray, time: float) -> PoseBelief:
 
     Args:
         belief: Belief before the change.
-        dV: Change of the angular velocity and of the velocity of the centre of mass, shape (2, 3).
+        dV: Change of the angular velocity, in rad/s, and of the velocity of the centre of mass, in
+            m/s, in W, shape (2, 3).
         time: Time of the change, in seconds.
     """
     dt, (dw, dv) = belief.time - time, dV

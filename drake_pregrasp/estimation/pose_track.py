@@ -130,8 +130,9 @@ class PoseTrack:
         last_innovation: Innovation of the newest measurement that was used in time, shape (2, 3).
         innovation_squared: νᵀ S⁻¹ ν of position and orientation of the last measurement that was
             compared with a prediction, shape (2,).
-        V_held: Twist at which something was known to move the object at the last tick, angular
-            first, shape (2, 3); NaN if nothing was.
+        V_held: Twist of the object that was known at the last tick, because a hand held it: angular
+            velocity in rad/s and velocity of the centre of mass in m/s, in W, shape (2, 3); NaN if
+            none was known.
     """
 
     steps: FloatArray
@@ -159,7 +160,7 @@ class PoseTrack:
         Beliefs continue with the new twist. Measurements from before it can no longer be used.
 
         Args:
-            V_held: Present twist, as the attribute.
+            V_held: Present twist, shape (2, 3), as the attribute; NaN if none is known.
             time: Time at which the twist changed, in seconds.
         """
         dV, after = V_held - self.V_held, replace(self, V_held=V_held)

@@ -53,8 +53,8 @@ class TrackerSettings:
 
     Attributes:
         noise: Noise and motion that the filter assumes.
-        sudden: The same with the accelerations of a sudden manoeuvre, which a measurement may show
-            that is an outlier otherwise.
+        sudden: The same with the accelerations of a sudden manoeuvre, which are assumed if a
+            measurement would otherwise be an outlier.
         gate: Mahalanobis distance from the prediction, of the position and of the orientation,
             beyond which a measurement is an outlier; 0 to use all measurements.
         reacquire_after: Number of refused measurements in a row, which agree with each other, that

@@ -1,6 +1,6 @@
 """An optional compiled implementation of what takes most of a tick, the extra `fast` (numba).
 
-The reference is `regions.safe_regions.label_candidates`, `contacts.centroids.region_goals` and
+The references are `regions.safe_regions.label_candidates`, `contacts.centroids.region_goals` and
 `estimation.pose_filter.filter_step`. This package has the same functions, those of regions and
 goals for a surface whose candidates are known beforehand; tests compare both. Systems choose once,
 by `fast_labels`, `fast_goals` and `fast_filter_step`; None means the reference.

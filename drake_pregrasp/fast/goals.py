@@ -17,7 +17,7 @@ def closest_point(p, corners, best, scratch):  # type: ignore[no-untyped-def]
         p: Point, shape (3,), in metres.
         corners: Corners of the triangle, shape (3, 3), in metres.
         best: Nearest point, shape (3,), which is written.
-        scratch: Memory, shape (5, 3); allocating it for each triangle would take longer than all.
+        scratch: Memory, shape (5, 3); allocating it for each triangle would dominate the time.
     """
     least, edges, squares, along = np.inf, scratch[:3], scratch[3], scratch[4]
     for k in range(3):

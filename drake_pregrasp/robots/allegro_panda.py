@@ -90,9 +90,9 @@ _PALM_RPY = (math.pi, -math.pi / 2, 0.0)
 _ACCELERATIONS = (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
 _GAINS = 4 * [(9000.0, 600.0)] + 2 * [(4500.0, 200.0)] + [(3000.0, 120.0)]
 
-# Inertia of a rotor behind its gears, in kg m²: the arm's is that of the Panda in MuJoCo Menagerie.
-# The hand's is the time constant of 7 ms of motors without iron cores, times torque over speed, 0.7
-# N m at 9.5 rad/s.
+# Reflected inertia of the rotors, in kg m². The arm's is that of the Panda in MuJoCo Menagerie. The
+# hand's is the time constant of motors without iron cores, 7 ms, times torque over speed, 0.7 N m
+# over 9.5 rad/s.
 _ARM_ROTOR, _HAND_ROTOR = 0.1, 5e-4
 
 # Drives by prefixes of joints' names, stiff where the arm is long.

@@ -75,8 +75,8 @@ class Scenario:
 
     # Configuration of Drake's plant. The time step is half the planning period, so that both fall
     # on exactly the same times. Without sampled output ports, the plant steps in the same pass as
-    # the planner, which then sees the same pose as loggers and visualizers. Contact is hydroelastic
-    # and `lagged`, as by default: with `sap`, sliding objects hop.
+    # the planner, which then sees the same pose as loggers and visualizers. The contact model
+    # is Drake's default, hydroelastic and `lagged`: with `sap`, sliding objects hop.
     plant_config: MultibodyPlantConfig = field(
         default_factory=lambda: MultibodyPlantConfig(
             time_step=0.025, use_sampled_output_ports=False

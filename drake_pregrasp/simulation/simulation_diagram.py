@@ -146,8 +146,8 @@ def hand_planner(scenario: Scenario) -> PlannerConfig:
 def initial_contacts(scenario: Scenario, surface: ObjectSurface) -> tuple[FloatArray, BoolArray]:
     """Returns the initial contacts in O, shape (n, 3), in metres, and which have room, shape (n,).
 
-    Where fingertips of a hand overlap, they get other ground. A finger that has none, or whose
-    allowed surface is out of reach, keeps away from the object.
+    Contacts whose fingertips overlap are replaced by others on the allowed surface. A finger for
+    which there is none within its reach stays away from the object.
 
     Args:
         scenario: Scenario whose other values have been checked.

@@ -58,29 +58,34 @@ class DifferentialKinematics(LeafSystem):
         - commanded_velocity
         - hindered_finger
 
-    Port `position` accepts a vector of nq: the reference of the joints at the Context's time.
+    Port `position` accepts a vector of nq: the reference positions of the joints at the Context's
+    time.
 
     Port `velocity` accepts a vector of nq: the velocities of the reference in the last period.
 
-    Port `nominal_posture` accepts a vector of nq: the posture for what the goals leave free.
+    Port `nominal_posture` accepts a vector of nq: the positions that joints approach in the null
+    space of the goals.
 
     Port `desired_cartesian_poses` accepts a `BusValue`: poses in W to reach in one period, by the
     scoped names of frames. Frames without a valid pose are free.
 
-    Port `v_WT` accepts a vector of 3n: velocities of the fingertips' goals in W, as
+    Port `v_WT` accepts a vector of 3n: velocities of the fingertips' goals in W, in m/s, as
     `FingertipGoalShaper` emits it. Goals of other frames move with G.
 
-    Ports `X_WO_estimated` and `V_WO_estimated` accept the pose and the velocity of the object, and
-    `X_WG` and `V_WG` those of the frame G of the hand, which replaces the object while fingers hold
-    it: while a value of `fingers_hold`, a vector of n, is above 0 or NaN.
+    Ports `X_WO_estimated` and `V_WO_estimated` accept the estimated pose and velocity of the object
+    in W: a `RigidTransform` and a `SpatialVelocity`. `X_WG` and `V_WG` accept those of the frame G
+    of `GraspSequencer`, which replace them while fingers hold the object.
+
+    Port `fingers_hold` accepts a vector of n. A finger holds the object, or closes on it, while its
+    value is above 0 or NaN.
 
     Port `obstacles` (optional) accepts `Obstacles` in W. Only their solids count, and not those
     with numbers that are not finite.
 
-    Port `commanded_velocity` emits a vector of nq. It minimizes the errors of goals J v - V first
-    and of the posture second, within the limits of speed and acceleration of the joints, and such
-    that links keep their clearances (`HandScene`). If no velocity satisfies this, the joints stop
-    with their largest deceleration.
+    Port `commanded_velocity` emits a vector of nq: the velocities of the joints. It minimizes the
+    errors of goals J v - V first and of the posture second, within the limits of speed and
+    acceleration of the joints, and such that links keep their clearances (`HandScene`). If no
+    velocity satisfies this, the joints stop with their largest deceleration.
 
     Port `hindered_finger` emits a vector of 1: the index of the finger that stops the hand, `BASE`,
     or `NOT_HINDERED`.

@@ -33,7 +33,7 @@ from drake_pregrasp.systems.ports import (
 )
 
 GOAL_SHARE = 0.5
-"""Share of the fingertips' acceleration that goals use on the object, which may accelerate too."""
+"""Share of `tip_acceleration` for the motion over the object, which may itself accelerate."""
 
 
 class FingertipGoalShaper(LeafSystem):
@@ -101,8 +101,7 @@ class FingertipGoalShaper(LeafSystem):
 
     Port `tip_goals` emits a `BusValue`: for each name in `tip_frames` a `RigidTransform` in W, the
     goal of the fingertip's centre `lead` after the Context's time, with the orientation of W. It
-    fits `desired_cartesian_poses` of `DifferentialInverseKinematicsSystem`, with masks for
-    positions only.
+    fits `desired_cartesian_poses` of `DifferentialKinematics`, with masks for positions only.
 
     Port `contact_frames` emits a vector of 6n: the contacts that the fingertips go to, in O, in
     metres, one after another, then the outward unit normals there, as of the last tick. Where a
@@ -110,13 +109,13 @@ class FingertipGoalShaper(LeafSystem):
 
     Port `p_GT` emits a vector of 3n: the goals in G, as of the last tick, in metres.
 
-    Port `v_WT` emits a vector of 3n: the velocities of the goals in W, in m/s: that of G, and that
-    over the object as of the last tick.
+    Port `v_WT` emits a vector of 3n: the velocities of the goals in W, in m/s. Each is the sum of
+    the velocity of G there and of the goal's velocity over the object as of the last tick.
 
-    Goals move over the object with at most `goal_speed` and a share of `tip_acceleration`, so they
-    never jump when contacts do, unless something pushes them out of its way. They
-    are clear of the object and of everything else by the tip radius and a clearance, and go the
-    shorter way around the object. Fingers without an active contact wait above the object.
+    Goals move over the object with at most `goal_speed` and half of `tip_acceleration`, so they do
+    not jump when contacts do, unless an obstacle or another fingertip pushes them away. They are
+    clear of the object and of everything else by the tip radius and a clearance, and go the shorter
+    way around the object. Fingers without an active contact wait above the object.
 
     Args:
         config: Configuration of the grasp; `period`, `goal_speed`, `tip_acceleration` and

@@ -127,8 +127,9 @@ class GraspSequencer(LeafSystem):
     Port `grasp_report` emits a vector of 4: the `GraspPhase`, its start in seconds, the `GiveUp`
     and its detail (`describe_give_up`).
 
-    Port `V_WO_held` emits a vector of 7: 1 while the fingers hold the object firmly, and then the
-    angular velocity and the velocity of O in W, which do not depend on the estimate; else zeros.
+    Port `V_WO_held` emits a vector of 7: 1 while the fingers hold the object firmly, then the
+    angular velocity of O in W, in rad/s, and its velocity, in m/s, which do not depend on the
+    estimate; else zeros.
 
     The squeeze balances the object's weight and the largest acceleration of the lift. Its contacts
     are the points of the object nearest to the measured fingertips, with the normals there.

@@ -28,8 +28,8 @@ class LinkContacts(LeafSystem):
 
     Port `contact_results` accepts the `ContactResults` of a MultibodyPlant with a hand.
 
-    Port `link_forces` emits a vector of 3: the largest force between a link and the object, the
-    surroundings such as the table, and another finger, since the last tick, in newtons.
+    Port `link_forces` emits a vector of 3: the largest forces since the last tick, in newtons,
+    between such a link and the object, the surroundings such as the table, and another finger.
 
     Args:
         links: Collision geometries of the hand.

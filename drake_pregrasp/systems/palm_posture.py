@@ -189,9 +189,9 @@ class CarrierPosture(_PalmPosture):
     `X_WH` and `X_WU` need it. While this pose or `X_WG` is invalid, its last valid value is used.
 
     Port `nominal_posture` emits a vector of nq, for the port of that name of
-    `DifferentialKinematics`: home positions of the fingers, and the carrier over the
-    origin of G. The palm turns to the yaw with the smallest mean angle between the fingers' own
-    azimuths and those of their goals, continuously and within its range.
+    `DifferentialKinematics`: home positions of the fingers, and the carrier over the origin of G.
+    The palm turns to the yaw with the smallest mean angle between the fingers' own azimuths and
+    those of their goals, continuously and within its range.
 
     Port `X_WH` emits a `RigidTransform`: the frame H of the fingers' reach in W. Its origin is the
     object's and its z axis is up. H turns with a palm that turns without limits; for a palm of
@@ -286,9 +286,9 @@ class ArmPosture(_PalmPosture):
 
     The ports are those of `CarrierPosture`, except for these:
 
-    Port `goals` emits a `BusValue` for `DifferentialKinematics`: the valid goals of
-    the fingertips, and the desired pose of the palm at the same time. The palm is over the object
-    as at home, and turned as `CarrierPosture` turns it.
+    Port `goals` emits a `BusValue` for `DifferentialKinematics`: the valid goals of the fingertips,
+    and the desired pose of the palm at the same time. The palm is over the object as at home, and
+    turned as `CarrierPosture` turns it.
 
     Port `nominal_posture` emits a vector of nq: the home positions, for the joints that the goals
     leave free.

@@ -71,11 +71,11 @@ class PoseEstimator(LeafSystem):
     `late_measurements` used ones are newer; otherwise it is refused. If the port is unconnected,
     every sample is new and was measured at its tick.
 
-    Port `V_WO_held` (optional) accepts a vector of 7: 1 while a hand holds the object, and then the
-    angular velocity and the velocity with which it moves O in W; 0 first while no hand does. A
-    change of this velocity is no surprise: it changes the estimated one too, and measurements still
-    correct both. A measurement from before a change that comes after a newer one is refused. If a
-    number is not finite, no hand holds the object.
+    Port `V_WO_held` (optional) accepts a vector of 7. Its first element is 1 while a hand holds the
+    object, else 0. The others are the angular velocity, in rad/s, and the velocity, in m/s, with
+    which the hand moves O in W. A change of these velocities changes the estimated ones by as much;
+    measurements still correct them. Out-of-sequence measurements from before a change are refused.
+    If an element is not finite, no hand holds the object.
 
     Port `X_WO_estimated` emits a `RigidTransform`: the estimated pose.
 

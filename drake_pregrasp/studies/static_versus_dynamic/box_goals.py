@@ -2,8 +2,8 @@
 
 The reactive choice is that of Y. Lee, T.-Y. Lin, A. Alexiev and S. Kim, "Hierarchical Reactive
 Grasping via Task-Space Velocity Fields and Joint-Space Quadratic Programming", ICRA 2026, arXiv
-2509.01044, as its public tutorial describes it; own code. `docs/static_versus_dynamic.md` says what
-is theirs.
+2509.01044, as its public tutorial describes it, in an implementation of our own.
+`docs/static_versus_dynamic.md` says what is theirs.
 """
 
 import itertools
