@@ -27,7 +27,8 @@ _CLASSES = {"ahead": "better", "behind": "worse"}
 _TITLE = "Static or dynamic contacts: which hand grasps better?"
 _LIMITS = (
     "All grasps are simulated: rigid bodies, point contact of fingertips, one friction"
-    " coefficient, one object, and one hand without gravity. The authors of the planner chose speeds, sizes and bounds."
+    " coefficient, one object, and one hand without gravity. The authors of the planner chose"
+    " speeds, sizes and bounds."
     " Closing times of a trial share its tracking run, so their grasps are not independent."
 )
 

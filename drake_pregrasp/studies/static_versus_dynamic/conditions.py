@@ -43,7 +43,7 @@ class Condition:
 
     @functools.cached_property
     def scenario(self) -> Scenario:
-        """Scenario with object, motion, sensor noise, hand, no-touch area and lost fingers."""
+        """Scenario with object, motion, sensor noise, hand, obstacles and lost fingers."""
         return load_scenario(self.key, file=Path(__file__).with_name("conditions.yaml"))
 
     @property
@@ -53,11 +53,11 @@ class Condition:
 
     @property
     def area(self) -> list[MovingSolid]:
-        """Solids of the no-touch area at time zero, in W, with their velocities."""
+        """Obstacles at time zero, in W, with their velocities."""
         return [moving_solid(obstacle) for obstacle in self.scenario.obstacles]
 
     def area_at(self, time: float) -> list[Solid]:
-        """Returns the solids of the no-touch area at a time in seconds, in W."""
+        """Returns the solids of the obstacles at a time in seconds, in W."""
         return [moving.solid.moved(np.eye(3), time * moving.velocity) for moving in self.area]
 
 

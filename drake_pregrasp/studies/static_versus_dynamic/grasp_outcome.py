@@ -20,8 +20,8 @@ from drake_pregrasp.systems.loggers import GraspRecord
 
 LIFTED_ABOVE_MM = 80.0
 LEVEL_BELOW_DEG = 20.0
-# Force from which on a link counts as touching: what counts as touch of a fingertip. To slide the
-# object of the study over the turntable takes some six times as much.
+# Least force of a link that counts as touch, the same as that of a fingertip. To slide the object
+# of the study over the turntable takes some six times as much.
 TOUCHING_N = GraspConfig.touch_force
 # Bounds of a clean grasp on measures of an `Outcome`.
 CLEAN_BELOW = {
@@ -44,7 +44,7 @@ CLEAN_IN_WORDS = (
     f" ever touched anything with {TOUCHING_N:g} N or more."
 )
 
-_AREA_FROM = 1.0  # Time from which fingertips must avoid the no-touch area, in seconds.
+_AREA_FROM = 1.0  # Time from which fingertips must avoid obstacles, in seconds.
 
 
 class TrialJob(NamedTuple):
@@ -70,8 +70,8 @@ class GoalSample(NamedTuple):
     Attributes:
         active: Number of active fingers.
         withdrawn: Number of fingers that are neither active nor lost.
-        distance: Least distance from the no-touch area, in metres, over all active goals of a
-            fingertip in contact or at its standoff; infinite if there is no goal or no area.
+        distance: Least distance from an obstacle, in metres, over all active goals of a
+            fingertip in contact or at its standoff; infinite if there is no goal or no obstacle.
     """
 
     active: int
@@ -100,17 +100,16 @@ class Outcome:
         fingers: Number of fingers that took part.
         waited_s: Time for which the gate delayed the command to close, in seconds.
         withdrawn: Number of fingers that were not lost but had no goal, because it was out of reach
-            or too near to the no-touch area; mean over the planner's ticks before closing.
+            or too near to an obstacle; mean over the planner's ticks before closing.
         goal_in_area: Share of the planner's ticks before closing at which an active goal, for a
-            fingertip in contact or at its standoff, was in the no-touch area; nan if there is no
-            such area.
+            fingertip in contact or at its standoff, was in an obstacle; nan if there is none.
         link_on_object_n: Largest force between the object and a link that is no fingertip, in
             newtons.
         link_on_surroundings_n: Largest force between such a link and the table or a wall, in
             newtons.
         link_on_hand_n: Largest force between such a link and another finger, in newtons.
         tip_in_area: Share of the control ticks from 1 s until the lift at which a fingertip was in
-            the no-touch area; nan if there is no such area.
+            an obstacle; nan if there is none.
         gave_up: Reason why the hand gave up; empty if it did not.
     """
 

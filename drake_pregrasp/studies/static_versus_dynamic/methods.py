@@ -1,4 +1,4 @@
-"""Compared methods of the study, and the systems of two methods that do not replan."""
+"""Compared methods of the study, and the system that re-assigns the contacts of a fixed plan."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass

@@ -144,7 +144,7 @@ class Trial:
     def _planned_start(self) -> FloatArray:
         """Returns the contacts to which the planner converges at the start, in O, shape (n, 3).
 
-        The planner respects the reach of the fingers and the initial no-touch area.
+        The planner respects the reach of the fingers and the obstacles at the start.
         """
         builder = DiagramBuilder()
         config = self._planner_config(methods.METHODS["dynamic_reach"])
