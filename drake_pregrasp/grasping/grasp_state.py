@@ -112,7 +112,8 @@ class GraspSettings:
         standoff: Gap between fingertips and object while tracking.
         gate_distance: Largest distance of each active finger from its goal when the hand closes.
         gate_limit: Longest time for which the hand waits for the fingers to be at their goals, and
-            for enough fingers whose forces can balance. Then late fingers take no part.
+            for enough fingers whose forces can balance the weight. After it, fingers that are off
+            their goals take no part.
         closing_speed: Speed of the fingertips along the normals.
         closing_acceleration: Acceleration of the fingertips, in m/s², small enough that their
             inertia is not measured as touch.

@@ -21,7 +21,7 @@ VOLUME_COLOR = Rgba(0.84, 0.37, 0.0, 0.3)
 """Colour of no-touch volumes, which are translucent."""
 
 _PLATE = 0.36  # Edge of the plate that represents a half-space, in metres.
-_THICKNESS = 0.004
+_THICKNESS = 0.004  # Of the plate, in metres.
 _DEPTH = 0.004  # Depth of its middle below the plane, so that it does not hide a table, in metres.
 
 

@@ -171,14 +171,14 @@ class HandScene:
 
         Args:
             context: Context of the diagram after `place`.
-            V_WO: Velocity of the object in W.
+            V_WO: Spatial velocity of the object's frame O in W.
             holding: Whether each fingertip holds the object or closes on it, shape (n,): only other
                 fingers are kept clear of it.
         """
         query = self._graph.get_query_output_port().Eval(self._graph.GetMyContextFromRoot(context))
         motion = self._motions(context, V_WO)
         gaps: list[float] = []
-        least_gaps, is_kept, fingers, wrenches, changes = [], [], [], [], []
+        least_gaps, is_kept, fingers, lines, changes = [], [], [], [], []
         tips: dict[int, int] = {}
         last_links: list[int] = []
         for pair in query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE):
@@ -197,11 +197,11 @@ class HandScene:
             fingers.append(link.finger)
             gaps.append(pair.distance)
             p_WC = query.GetPoseInWorld(pair.id_A) @ pair.p_ACa
-            wrenches.append((p_WC, pair.nhat_BA_W))
+            lines.append((p_WC, pair.nhat_BA_W))
             changes.append(motion(pair.id_A, a) - motion(pair.id_B, b))
         if not gaps:
             return Clearances(np.empty((0, self.hand.num_positions)), np.empty(0), np.empty(0, int))
-        points, normals = np.array(wrenches).swapaxes(0, 1)
+        points, normals = np.array(lines).swapaxes(0, 1)
         along = np.hstack([np.cross(points, normals), normals])
         rates = np.einsum("ki,kij->kj", along, np.array(changes))
         speeds = np.minimum(_RATE * (np.array(least_gaps) - gaps), _RETREAT) - rates[:, -1]

@@ -24,8 +24,8 @@ class JointReference(LeafSystem):
         - desired_state
         - velocity
 
-    Port `commanded_velocity` accepts a vector of nq, as `DifferentialKinematics` emits it; it
-    is sampled once each period. If it is not finite, the reference stops.
+    Port `commanded_velocity` accepts a vector of nq, as `DifferentialKinematics` emits it; it is
+    sampled once each period. If it is not finite, the reference stops.
 
     Port `f_T_W` (optional) accepts a vector of 3n: the forces that the fingertips should press
     with, in W, in newtons. A force that is not finite counts as zero.
@@ -36,7 +36,7 @@ class JointReference(LeafSystem):
     Port `desired_state` emits a vector of 2 nq: q + K_p^-1 J^T f, then the velocities. Joints that
     are held at these positions by their proportional gains K_p press with f.
 
-    Port `velocity` emits a vector of nq: the velocities between the last tick and the next.
+    Port `velocity` emits a vector of nq: the joints' velocities between the last tick and the next.
 
     The reference is linear between ticks, so a controller may sample it at any rate. A joint at its
     limit stays there.
