@@ -18,8 +18,8 @@ from drake_pregrasp.grasping.grasp_state import (
     GraspState,
     GraspView,
     Ramp,
+    Squeeze,
 )
-from drake_pregrasp.grasping.squeeze import Squeeze
 
 GATE_SHARE = 0.5
 """Share of the largest imbalance that is allowed before closing, as contacts may still shift."""

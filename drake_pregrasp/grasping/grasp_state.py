@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -300,3 +301,19 @@ class GraspView:
     presses: FloatArray
     sees: bool = True
     hindered: int = NOT_HINDERED
+
+
+class Squeeze(NamedTuple):
+    """Forces of fingertips on an object.
+
+    Attributes:
+        forces: Forces on the object in the frame of the contacts, shape (n, 3), in newtons.
+        residual: Norm of the unbalanced wrench, in newtons, with torques divided by the longest
+            lever arm.
+        lack: Reason of an imbalance: the limit without which the forces would balance, or
+            `OUT_OF_BALANCE` if there is no such limit.
+    """
+
+    forces: FloatArray
+    residual: float
+    lack: GiveUp = GiveUp.OUT_OF_BALANCE

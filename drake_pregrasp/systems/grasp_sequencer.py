@@ -22,9 +22,9 @@ from drake_pregrasp.grasping.grasp_state import (
     GraspPhase,
     GraspState,
     GraspView,
+    Squeeze,
 )
 from drake_pregrasp.grasping.held_motion import HeldMotion
-from drake_pregrasp.grasping.squeeze import Squeeze
 from drake_pregrasp.systems.ports import (
     POSE,
     VELOCITY,

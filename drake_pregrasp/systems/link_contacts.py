@@ -12,7 +12,7 @@ from drake_pregrasp.arrays import FloatArray, tick_index
 from drake_pregrasp.systems.fingertip_sensor import HandLink
 
 TOUCHED = ("object", "surroundings", "hand")
-"""What links can touch, in the order of the elements of `link_forces`."""
+"""Names of the elements of `link_forces`: the kinds of things that links touch."""
 
 
 class LinkContacts(LeafSystem):

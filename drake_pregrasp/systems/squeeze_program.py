@@ -9,8 +9,7 @@ from scipy.linalg import block_diag
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.grasping.grasp_state import GiveUp
-from drake_pregrasp.grasping.squeeze import Squeeze
+from drake_pregrasp.grasping.grasp_state import GiveUp, Squeeze
 from drake_pregrasp.quality.force_closure import longest_arm
 from drake_pregrasp.quality.grasp_quality import contact_axes, contact_blocks
 

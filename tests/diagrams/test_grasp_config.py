@@ -11,8 +11,7 @@ from drake_pregrasp import GraspConfig, InvalidArgumentError
 from drake_pregrasp.config.hand_description import Closing, Fingertip
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.grasping.grasp_phases import next_state
-from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, GraspView
-from drake_pregrasp.grasping.squeeze import Squeeze
+from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, GraspView, Squeeze
 
 N, PERIOD = 4, 0.002
 ALL = np.ones(N, dtype=bool)

@@ -18,9 +18,9 @@ from drake_pregrasp.grasping.grasp_state import (
     GraspState,
     GraspView,
     Ramp,
+    Squeeze,
     describe_give_up,
 )
-from drake_pregrasp.grasping.squeeze import Squeeze
 
 SETTINGS = GraspConfig().make_settings()
 PERIOD = 0.02
