@@ -1,5 +1,6 @@
 """Fixtures that many tests share."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.robots.allegro_panda import find_robot_data
 from drake_pregrasp.robots.robot_models import robot_model
+from drake_pregrasp.studies.sweep.study_file import shipped_studies
 
 # The same examples every time; machines differ too much for deadlines.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
@@ -94,8 +96,14 @@ def allegro_panda() -> Path:
 
 def usable_scenarios() -> list[Any]:
     """The names of the shipped scenarios; those of robots that are not there are skipped."""
+    return _usable(shipped_scenarios(), "grasp_allegro_panda")
+
+
+def usable_studies() -> list[Any]:
+    """The names of the shipped sweeps; those of robots that are not there are skipped."""
+    return _usable(shipped_studies(), "random_boxes_allegro")
+
+
+def _usable(names: Iterable[str], of_a_robot: str) -> list[Any]:
     lacking = pytest.mark.skipif(bool(lacking_robots()), reason=lacking_robots() or "there")
-    return [
-        pytest.param(name, marks=lacking if name == "grasp_allegro_panda" else ())
-        for name in shipped_scenarios()
-    ]
+    return [pytest.param(name, marks=lacking if name == of_a_robot else ()) for name in names]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from conftest import usable_studies
 from hypothesis import given
 from hypothesis import strategies as st
 from made_up_jobs import write_study
@@ -15,7 +16,7 @@ from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.scenario_file import scenario_data, scenario_from_data
 from drake_pregrasp.simulation.yaml_text import dump_yaml
 from drake_pregrasp.studies.sweep.field_path import read_field, set_field
-from drake_pregrasp.studies.sweep.study_file import load_study, named_files, shipped_studies
+from drake_pregrasp.studies.sweep.study_file import load_study, named_files
 from drake_pregrasp.studies.sweep.sweep_plan import GridAxis, RandomAxis, SweepPlan, random_axis
 
 SPREAD = RandomAxis("spread", ("planner.position_spread",), "log_uniform", (0.01, 0.1))
@@ -125,7 +126,7 @@ def test_a_scenario_of_ones_own_is_found_beside_the_study(tmp_path):
     assert (again.resolved, again.plan) == (study.resolved, study.plan)
 
 
-@pytest.mark.parametrize("name", shipped_studies())
+@pytest.mark.parametrize("name", usable_studies())
 def test_shipped_sweeps_load(name):
     study = load_study(name)
     assert study.config.description
