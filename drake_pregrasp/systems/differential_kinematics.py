@@ -4,16 +4,17 @@ from collections.abc import Mapping
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.multibody.tree import JacobianWrtVariable
+from pydrake.math import RigidTransform
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.grasping.fingertip_paths import Pace
 from drake_pregrasp.grasping.grasp_state import NOT_HINDERED
+from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.regions.obstacles import ANYWHERE, place_obstacles
-from drake_pregrasp.systems.fingertip_sensor import scoped_frame
+from drake_pregrasp.systems.fingertip_sensor import frame_poses, moving_joints, scoped_frame
 from drake_pregrasp.systems.hand_scene import FASTEST_APPROACH, HandScene
 from drake_pregrasp.systems.palm_posture import pose_error
 from drake_pregrasp.systems.ports import (
@@ -115,8 +116,11 @@ class DifferentialKinematics(LeafSystem):
         self._gain, self._period, self._solver = posture_gain, period, ClarabelSolver()
         self._pace = Pace(FASTEST_APPROACH, _USED * acceleration, period)
         self._change = hand.acceleration_limit * period
-        self._frames = {name: scoped_frame(hand.plant, name) for name in masks}
-        self._masks = {name: np.asarray(mask) > 0 for name, mask in masks.items()}
+        self._names, self._is_goal = list(masks), np.array(list(masks.values())) > 0
+        self._frames = [scoped_frame(hand.plant, name) for name in masks]
+        self._moves = np.array([moving_joints(hand.plant, frame) for frame in self._frames])
+        self._tips = [tip for tip, name in enumerate(hand.tip_frames) if name in masks]
+        self._tip_rows = [self._names.index(hand.tip_frames[tip]) for tip in self._tips]
         self._q = self.DeclareVectorInputPort("position", nq)
         self._v = self.DeclareVectorInputPort("velocity", nq)
         self._posture = self.DeclareVectorInputPort("nominal_posture", nq)
@@ -162,13 +166,16 @@ class DifferentialKinematics(LeafSystem):
         V_WO = validated_velocity((self._V_WG if np.any(holding) else self._V_WO).Eval(context))
         q, v_last = self._q.Eval(context), self._v.Eval(context)
         least, most = self._bounds(q, v_last)
-        J, V = self._goal_rates(context, placed, v_last)
-        U, s, Vt = np.linalg.svd(J)
+        plant_context = self._hand.plant.GetMyContextFromRoot(placed)
+        screws = self._hand.screws(plant_context)
+        J, V = self._goal_rates(context, plant_context, screws, v_last)
+        U, s, Vt = np.linalg.svd(J, full_matrices=False)
         rank = int(np.sum(s > _DAMPING))
-        span, free = Vt[:rank], Vt[rank:]
+        span = Vt[:rank]
         v = span.T @ (U[:, :rank].T @ V / s[:rank])
-        v += free.T @ (free @ (self._gain * (self._posture.Eval(context) - q)))
-        clear = self._scene.clearances(placed, V_WO, holding)
+        homeward = self._gain * (self._posture.Eval(context) - q)
+        v += homeward - span.T @ (span @ homeward)
+        clear = self._scene.clearances(placed, screws, V_WO, holding)
         lacking = clear.least - clear.rows @ v
         within = np.all(v >= least - _TOLERANCE) and np.all(v <= most + _TOLERANCE)
         if within and np.max(lacking, initial=0.0) <= _TOLERANCE:
@@ -176,7 +183,8 @@ class DifferentialKinematics(LeafSystem):
         program = MathematicalProgram()
         x = program.NewContinuousVariables(len(v))
         # Both costs are zero at the v from above, which is the minimum without constraints.
-        H = _TRACKING_WEIGHT * J.T @ J + free.T @ free + _DAMPING**2 * np.eye(len(v))
+        free = np.eye(len(v)) - span.T @ span
+        H = _TRACKING_WEIGHT * J.T @ J + free + _DAMPING**2 * np.eye(len(v))
         program.AddQuadraticCost(2 * H, -2 * H @ v, x, is_convex=True)
         program.AddBoundingBoxConstraint(least, most, x)
         if len(clear.least):
@@ -198,29 +206,26 @@ class DifferentialKinematics(LeafSystem):
         return np.clip(least, slowest, fastest), np.clip(most, slowest, fastest)
 
     def _goal_rates(
-        self, context: Context, placed: Context, v_last: FloatArray
+        self, context: Context, plant_context: Context, screws: FloatArray, v_last: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Returns J and V: with J v = V, frames go to their goals within limits."""
         X_WG, V_WG = self._X_WG.Eval(context), validated_velocity(self._V_WG.Eval(context))
-        plant = self._hand.plant
-        plant_context, world = plant.GetMyContextFromRoot(placed), plant.world_frame()
         port = f"desired_cartesian_poses of {self.get_name()}"
-        goals = validated_poses(self._goals.Eval(context), list(self._frames), port)
-        v_WT = np.reshape(self._v_WT.Eval(context), (-1, 3))
-        v_goals = dict(zip(self._hand.tip_frames, v_WT, strict=True))
-        J, V = [np.empty((0, self._hand.num_positions))], [np.empty(0)]
-        for (name, frame), X_WD in zip(self._frames.items(), goals, strict=True):
-            if X_WD is None:
-                continue
-            mask, X_WF = self._masks[name], frame.CalcPoseInWorld(plant_context)
-            J_F = plant.CalcJacobianSpatialVelocity(
-                plant_context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world
-            )
-            V_F = pose_error(X_WF, X_WD) / self._period
-            if (v_goal := v_goals.get(name)) is None:
-                v_goal = V_WG.Shift(X_WF.translation() - X_WG.translation()).translational()
-            wanted, last = (v - v_goal for v in (V_F[3:], J_F[3:] @ v_last))
-            V_F[3:] = v_goal + self._pace.toward(wanted[None], last[None])[0]
-            J.append(J_F[mask])
-            V.append(V_F[mask])
-        return np.concatenate(J), np.concatenate(V)
+        X_WD = validated_poses(self._goals.Eval(context), self._names, port)
+        is_goal = self._is_goal & np.array([[X is not None] for X in X_WD])
+        X_WF = frame_poses(self._frames, plant_context)
+        p_WF = X_WF[:, :, 3]
+        J = np.where(self._moves[:, None], screws, 0.0)
+        J[:, 3:] -= skew(p_WF) @ J[:, :3]
+        V = np.zeros((len(p_WF), 6))
+        p_WD = p_WF.copy()
+        for frame, X in enumerate(X_WD):
+            if X is not None:
+                p_WD[frame] = X.translation()
+                if np.any(is_goal[frame, :3]):
+                    V[frame] = pose_error(RigidTransform(X_WF[frame]), X) / self._period
+        v_goal = V_WG.translational() + (p_WF - X_WG.translation()) @ skew(V_WG.rotational()).T
+        v_goal[self._tip_rows] = self._v_WT.Eval(context).reshape(-1, 3)[self._tips]
+        wanted = (p_WD - p_WF) / self._period - v_goal
+        V[:, 3:] = v_goal + self._pace.toward(wanted, J[:, 3:] @ v_last - v_goal)
+        return J[is_goal], V[is_goal]

@@ -1,7 +1,7 @@
 """Signed distances between the links of a hand, the object, and what is around them."""
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,15 +20,20 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.planning import RobotDiagram
 from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.geometry.solids import HalfSpace, Solid
 from drake_pregrasp.grasping.grasp_state import BASE
+from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.systems.drawing import drawn_solid
-from drake_pregrasp.systems.fingertip_sensor import HandKinematics, HandLink, hand_links
+from drake_pregrasp.systems.fingertip_sensor import (
+    HandKinematics,
+    HandLink,
+    hand_links,
+    moving_joints,
+)
 
 LINK_CLEARANCE = 0.005
 """Least gap of links to everything but the hand, in metres: more than the error of an estimate."""
@@ -127,8 +132,15 @@ class HandScene:
         for index, solid in enumerate(fixed):
             geometry = _geometry(f"fixed {index}", *drake_shape(solid))
             self._graph.RegisterAnchoredGeometry(self._source, geometry)
-        self._links = hand_links(hand.plant, hand.frames, tip_radii, self._graph.model_inspector())
-        separate_fingers(self._graph.collision_filter_manager(), self._links)
+        links = hand_links(hand.plant, hand.frames, tip_radii, self._graph.model_inspector())
+        separate_fingers(self._graph.collision_filter_manager(), links)
+        # Links come first, then the object; all other geometries share the last index.
+        self._index = {geometry: index for index, geometry in enumerate([*links, self._object])}
+        moves = [moving_joints(hand.plant, link.frame) for link in links.values()]
+        self._moves = np.vstack([*moves, np.zeros((2, hand.num_positions))])
+        kinds = [(link.finger, link.is_tip, link.is_last) for link in links.values()]
+        self._finger, is_tip, is_last = np.array(kinds).T
+        self._is_tip, self._is_last = is_tip > 0, is_last > 0
 
     def place(
         self, context: Context, q: FloatArray, X_WO: RigidTransform, obstacles: Sequence[Solid]
@@ -164,85 +176,62 @@ class HandScene:
         for geometry in names.values():
             self._graph.RemoveGeometry(graph, self._source, geometry)
 
-    def clearances(self, context: Context, V_WO: SpatialVelocity, holding: BoolArray) -> Clearances:
+    def clearances(
+        self, context: Context, screws: FloatArray, V_WO: SpatialVelocity, holding: BoolArray
+    ) -> Clearances:
         """Returns the constraints on the hand's velocities.
 
         Fingertips that hold the object may touch it, but their links stay farther from it.
 
         Args:
             context: Context of the diagram after `place`.
+            screws: Screws of the hand's joints (`HandKinematics`), shape (6, nq).
             V_WO: Spatial velocity of the object's frame O in W.
             holding: Whether each fingertip holds the object or closes on it, shape (n,): only other
                 fingers are kept clear of it.
         """
         query = self._graph.get_query_output_port().Eval(self._graph.GetMyContextFromRoot(context))
-        motion = self._motions(context, V_WO)
-        gaps: list[float] = []
-        least_gaps, is_kept, fingers, lines, changes = [], [], [], [], []
-        tips: dict[int, int] = {}
-        last_links: list[int] = []
-        for pair in query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE):
-            a, b = self._links.get(pair.id_A), self._links.get(pair.id_B)
-            link, among_fingers = a or b, bool(a and b)
-            if link is None:
-                continue
-            if self._object in (pair.id_A, pair.id_B):
-                if link.is_tip:
-                    tips[link.finger] = len(gaps)
-                elif link.is_last and holding[link.finger]:
-                    last_links.append(len(gaps))
-            is_kept.append(among_fingers or not (link.is_tip and holding[link.finger]))
-            alone = TIP_CLEARANCE if link.is_tip else LINK_CLEARANCE
-            least_gaps.append(FINGER_CLEARANCE if among_fingers else alone)
-            fingers.append(link.finger)
-            gaps.append(pair.distance)
-            p_WC = query.GetPoseInWorld(pair.id_A) @ pair.p_ACa
-            lines.append((p_WC, pair.nhat_BA_W))
-            changes.append(motion(pair.id_A, a) - motion(pair.id_B, b))
-        if not gaps:
-            return Clearances(np.empty((0, self.hand.num_positions)), np.empty(0), np.empty(0, int))
-        points, normals = np.array(lines).swapaxes(0, 1)
-        along = np.hstack([np.cross(points, normals), normals])
-        rates = np.einsum("ki,kij->kj", along, np.array(changes))
-        speeds = np.minimum(_RATE * (np.array(least_gaps) - gaps), _RETREAT) - rates[:, -1]
-        for row in last_links:  # The fingertip on this link comes first, wherever the object is.
-            if (tip := tips.get(fingers[row])) is not None:
-                lead = gaps[row] - gaps[tip]
-                rates[row] -= rates[tip]
-                speeds[row] = min(_RATE * (_TIP_LEAD - lead), 0.0) - rates[row, -1]
-        kept = np.array(is_kept)
-        return Clearances(rates[kept, :-1], speeds[kept], np.array(fingers)[kept])
+        index, others, the_object = self._index, len(self._index), len(self._finger)
+        found = [
+            (a, b, pair)
+            for pair in query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE)
+            if min(a := index.get(pair.id_A, others), b := index.get(pair.id_B, others))
+            < the_object
+        ]
+        if not found:
+            return Clearances(np.empty((0, screws.shape[1])), np.empty(0), np.empty(0, int))
+        a, b = np.array([pair[:2] for pair in found]).T
+        pairs = [pair for _, _, pair in found]
+        gaps = np.array([pair.distance for pair in pairs])
+        X_WA = np.array([query.GetPoseInWorld(pair.id_A).GetAsMatrix34() for pair in pairs])
+        p_AC = np.array([pair.p_ACa for pair in pairs])
+        normals = np.array([pair.nhat_BA_W for pair in pairs])
+        link, is_object = np.minimum(a, b), np.maximum(a, b) == the_object
+        among_fingers = np.maximum(a, b) < the_object
+        finger, is_tip = self._finger[link], self._is_tip[link]
+        alone = np.where(is_tip, TIP_CLEARANCE, LINK_CLEARANCE)
+        least_gaps = np.where(among_fingers, FINGER_CLEARANCE, alone)
 
-    def _motions(
-        self, context: Context, V_WO: SpatialVelocity
-    ) -> Callable[[GeometryId, HandLink | None], FloatArray]:
-        """Returns a function that returns how a geometry moves, shape (6, nq + 1).
-
-        The columns are spatial velocities in W at the origin of W: by each joint, and the last one
-        by the object.
-        """
-        plant, nq = self.hand.plant, self.hand.num_positions
-        posed, world = plant.GetMyContextFromRoot(context), plant.world_frame()
-        still = np.zeros((6, nq + 1))
-        query = self._graph.get_query_output_port().Eval(self._graph.GetMyContextFromRoot(context))
+        # Rate of each gap: its normal n times the velocity of A's point C less that of B's, with
+        # the velocity v + w x p = v - [p]x w of a body that moves with (w, v) at the origin of W.
+        p_WC = (X_WA[:, :, :3] @ p_AC[:, :, None])[:, :, 0] + X_WA[:, :, 3]
+        along = np.hstack([(skew(p_WC) @ normals[:, :, None])[:, :, 0], normals])
+        rates = (along @ screws) * (self._moves[a] - self._moves[b])
         p_WO = query.GetPoseInWorld(self._object).translation()
-        carried = still.copy()
-        carried[:, -1] = V_WO.Shift(-p_WO).get_coeffs()
-        known: dict[int, FloatArray] = {}
-
-        def motion(geometry: GeometryId, link: HandLink | None) -> FloatArray:
-            if link is None:
-                return carried if geometry == self._object else still
-            body = int(link.frame.index())
-            if body not in known:
-                p_BW = link.frame.CalcPoseInWorld(posed).inverse().translation()
-                known[body] = still.copy()
-                known[body][:, :-1] = plant.CalcJacobianSpatialVelocity(
-                    posed, JacobianWrtVariable.kV, link.frame, p_BW, world, world
-                )
-            return known[body]
-
-        return motion
+        drift = np.where(a > b, 1, -1) * is_object * (along @ V_WO.Shift(-p_WO).get_coeffs())
+        speeds = np.minimum(_RATE * (least_gaps - gaps), _RETREAT) - drift
+        if np.any(holding):
+            tips = {finger[row]: row for row in np.flatnonzero(is_object & is_tip)}
+            last = is_object & self._is_last[link] & ~is_tip & holding[finger]
+            for row in np.flatnonzero(last):
+                # The fingertip on this link comes first, wherever the object is.
+                if (tip := tips.get(finger[row])) is not None:
+                    lead = gaps[row] - gaps[tip]
+                    rates[row] -= rates[tip]
+                    fastest = min(_RATE * (_TIP_LEAD - lead), 0.0)
+                    speeds[row] = fastest - (drift[row] - drift[tip])
+        kept = among_fingers | ~(is_tip & holding[finger])
+        return Clearances(rates[kept], speeds[kept], finger[kept])
 
 
 def _geometry(name: str, shape: Shape, X_FG: RigidTransform) -> GeometryInstance:
