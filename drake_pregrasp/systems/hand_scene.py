@@ -31,6 +31,7 @@ from drake_pregrasp.systems.drawing import drawn_solid
 from drake_pregrasp.systems.fingertip_sensor import (
     HandKinematics,
     HandLink,
+    frame_poses,
     hand_links,
     moving_joints,
 )
@@ -129,18 +130,28 @@ class HandScene:
         self._object = self._graph.RegisterGeometry(
             self._source, self._object_frame, _geometry("object", *drake_shape(object_solid))
         )
-        for index, solid in enumerate(fixed):
-            geometry = _geometry(f"fixed {index}", *drake_shape(solid))
-            self._graph.RegisterAnchoredGeometry(self._source, geometry)
+        around = [
+            self._graph.RegisterAnchoredGeometry(
+                self._source, _geometry(f"fixed {index}", *drake_shape(solid))
+            )
+            for index, solid in enumerate(fixed)
+        ]
         links = hand_links(hand.plant, hand.frames, tip_radii, self._graph.model_inspector())
-        separate_fingers(self._graph.collision_filter_manager(), links)
+        filters = self._graph.collision_filter_manager()
+        separate_fingers(filters, links)
+        filters.Apply(
+            CollisionFilterDeclaration().ExcludeWithin(GeometrySet([self._object, *around]))
+        )
         # Links come first, then the object; all other geometries share the last index.
         self._index = {geometry: index for index, geometry in enumerate([*links, self._object])}
-        moves = [moving_joints(hand.plant, link.frame) for link in links.values()]
+        self._frames = [link.frame for link in links.values()]
+        moves = [moving_joints(hand.plant, frame) for frame in self._frames]
         self._moves = np.vstack([*moves, np.zeros((2, hand.num_positions))])
         kinds = [(link.finger, link.is_tip, link.is_last) for link in links.values()]
         self._finger, is_tip, is_last = np.array(kinds).T
         self._is_tip, self._is_last = is_tip > 0, is_last > 0
+        inspector = self._graph.model_inspector()
+        self._X_BG = np.array([inspector.GetPoseInFrame(g).GetAsMatrix34() for g in links])
 
     def place(
         self, context: Context, q: FloatArray, X_WO: RigidTransform, obstacles: Sequence[Solid]
@@ -191,30 +202,27 @@ class HandScene:
                 fingers are kept clear of it.
         """
         query = self._graph.get_query_output_port().Eval(self._graph.GetMyContextFromRoot(context))
-        index, others, the_object = self._index, len(self._index), len(self._finger)
+        index, others, links = self._index, len(self._index), len(self._frames)
         found = [
-            (a, b, pair)
+            (a, b, pair.distance, pair.p_ACa if a < links else pair.p_BCb, pair.nhat_BA_W)
             for pair in query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE)
-            if min(a := index.get(pair.id_A, others), b := index.get(pair.id_B, others))
-            < the_object
+            if min(a := index.get(pair.id_A, others), b := index.get(pair.id_B, others)) < links
         ]
         if not found:
             return Clearances(np.empty((0, screws.shape[1])), np.empty(0), np.empty(0, int))
-        a, b = np.array([pair[:2] for pair in found]).T
-        pairs = [pair for _, _, pair in found]
-        gaps = np.array([pair.distance for pair in pairs])
-        X_WA = np.array([query.GetPoseInWorld(pair.id_A).GetAsMatrix34() for pair in pairs])
-        p_AC = np.array([pair.p_ACa for pair in pairs])
-        normals = np.array([pair.nhat_BA_W for pair in pairs])
-        link, is_object = np.minimum(a, b), np.maximum(a, b) == the_object
-        among_fingers = np.maximum(a, b) < the_object
+        a, b, gaps, p_GC, normals = (np.array(values) for values in zip(*found, strict=True))
+        link, is_object = np.where(a < links, a, b), np.maximum(a, b) == links
+        among_fingers = np.maximum(a, b) < links
         finger, is_tip = self._finger[link], self._is_tip[link]
         alone = np.where(is_tip, TIP_CLEARANCE, LINK_CLEARANCE)
         least_gaps = np.where(among_fingers, FINGER_CLEARANCE, alone)
 
-        # Rate of each gap: its normal n times the velocity of A's point C less that of B's, with
-        # the velocity v + w x p = v - [p]x w of a body that moves with (w, v) at the origin of W.
-        p_WC = (X_WA[:, :, :3] @ p_AC[:, :, None])[:, :, 0] + X_WA[:, :, 3]
+        # Rate of a gap: its normal n times the velocity of A at the point C less that of B, where a
+        # body that moves with (w, v) at the origin of W has the velocity v + w x p. Any C on the
+        # line between the nearest points will do.
+        frames = [self._frames[index] for index in link]
+        X_WB = frame_poses(frames, self.hand.plant.GetMyContextFromRoot(context))
+        p_WC = _transformed(X_WB, _transformed(self._X_BG[link], p_GC))
         along = np.hstack([(skew(p_WC) @ normals[:, :, None])[:, :, 0], normals])
         rates = (along @ screws) * (self._moves[a] - self._moves[b])
         p_WO = query.GetPoseInWorld(self._object).translation()
@@ -232,6 +240,12 @@ class HandScene:
                     speeds[row] = fastest - (drift[row] - drift[tip])
         kept = among_fingers | ~(is_tip & holding[finger])
         return Clearances(rates[kept], speeds[kept], finger[kept])
+
+
+def _transformed(X_AB: FloatArray, p_BP: FloatArray) -> FloatArray:
+    """Returns points in A, shape (k, 3), by poses of shape (k, 3, 4)."""
+    p_AP: FloatArray = (X_AB[:, :, :3] @ p_BP[:, :, None])[:, :, 0] + X_AB[:, :, 3]
+    return p_AP
 
 
 def _geometry(name: str, shape: Shape, X_FG: RigidTransform) -> GeometryInstance:
