@@ -12,8 +12,7 @@ from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.grasping.fingertip_paths import Pace
 from drake_pregrasp.grasping.grasp_state import NOT_HINDERED
 from drake_pregrasp.quality.grasp_quality import skew
-from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.regions.obstacles import ANYWHERE, place_obstacles
+from drake_pregrasp.regions.obstacles import ANYWHERE
 from drake_pregrasp.systems.fingertip_sensor import frame_poses, moving_joints, scoped_frame
 from drake_pregrasp.systems.hand_scene import FASTEST_APPROACH, HandScene
 from drake_pregrasp.systems.palm_posture import pose_error
@@ -25,7 +24,7 @@ from drake_pregrasp.systems.ports import (
     LastPose,
     declare_cache,
     declare_output,
-    eval_obstacles,
+    eval_solids,
     validated_poses,
     validated_velocity,
 )
@@ -156,9 +155,8 @@ class DifferentialKinematics(LeafSystem):
     def _calc_placed(self, context: Context, output: AbstractValue) -> None:
         is_held = np.any(self._holding(context))
         X_WO = self._X_WG.Eval(context) if is_held else self._pose.eval(context)
-        given = Obstacles(eval_obstacles(self, self._obstacles, context).solids)
-        placed = place_obstacles(given, np.eye(3), np.zeros(3)).solids
-        known = [solid for solid in placed if solid is not ANYWHERE]
+        solids = eval_solids(self, self._obstacles, context, np.eye(3), np.zeros(3))
+        known = [solid for solid in solids if solid is not ANYWHERE]
         self._scene.place(output.get_mutable_value(), self._q.Eval(context), X_WO, known)
 
     def _calc_step(self, context: Context) -> tuple[FloatArray, int]:

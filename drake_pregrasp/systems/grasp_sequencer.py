@@ -203,7 +203,7 @@ class GraspSequencer(LeafSystem):
             self._pose.source,
             self._V_WO,
         )
-        declare_output(self, "X_WG", POSE, self._calc_X_WG, motion)
+        self._X_WG = declare_output(self, "X_WG", POSE, self._calc_X_WG, motion)
         declare_output(self, "V_WG", VELOCITY, self._calc_V_WG, motion)
         declare_output(self, "standoffs", n, lambda c: state.Eval(c).standoffs, state)
         declare_output(self, "hold_contacts", 1, lambda c: state.Eval(c).holds_contacts, state)
@@ -289,18 +289,17 @@ class GraspSequencer(LeafSystem):
     def _tips(self, context: Context) -> FloatArray:
         """Returns the fingertips' centres in G, shape (n, 3), in metres."""
         p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
-        p_GT: FloatArray = (self._calc_X_WG(context).inverse() @ p_WT.T).T
+        p_GT: FloatArray = (self._X_WG.Eval(context).inverse() @ p_WT.T).T
         return p_GT
 
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
         state: GraspState = self._remembered.Eval(context)
-        X_WG = self._calc_X_WG(context)
         p_OC, nhat = self._contacts(context)
         p_GT = self._tips(context)
         presses = np.zeros(len(p_OC))
         if state.phase >= GraspPhase.CLOSE:  # Forces are slow to compute, and not used before.
             f_T_W = validated_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
-            f_T_G = f_T_W @ X_WG.rotation().matrix()
+            f_T_G = f_T_W @ self._X_WG.Eval(context).rotation().matrix()
             presses = -np.sum(f_T_G * nhat, axis=1)
         p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat
         distances = np.linalg.norm(p_GT_goal - p_GT, axis=1)

@@ -210,9 +210,9 @@ class HandScene:
         ]
         if not found:
             return Clearances(np.empty((0, screws.shape[1])), np.empty(0), np.empty(0, int))
-        a, b, gaps, p_GC, normals = (np.array(values) for values in zip(*found, strict=True))
-        link, is_object = np.where(a < links, a, b), np.maximum(a, b) == links
-        among_fingers = np.maximum(a, b) < links
+        A, B, gaps, p_GC, normals = (np.array(values) for values in zip(*found, strict=True))
+        link, is_object = np.where(links > A, A, B), np.maximum(A, B) == links
+        among_fingers = np.maximum(A, B) < links
         finger, is_tip = self._finger[link], self._is_tip[link]
         alone = np.where(is_tip, TIP_CLEARANCE, LINK_CLEARANCE)
         least_gaps = np.where(among_fingers, FINGER_CLEARANCE, alone)
@@ -220,13 +220,13 @@ class HandScene:
         # Rate of a gap: its normal n times the velocity of A at the point C less that of B, where a
         # body that moves with (w, v) at the origin of W has the velocity v + w x p. Any C on the
         # line between the nearest points will do.
-        frames = [self._frames[index] for index in link]
+        frames = [self._frames[i] for i in link]
         X_WB = frame_poses(frames, self.hand.plant.GetMyContextFromRoot(context))
         p_WC = _transformed(X_WB, _transformed(self._X_BG[link], p_GC))
         along = np.hstack([(skew(p_WC) @ normals[:, :, None])[:, :, 0], normals])
-        rates = (along @ screws) * (self._moves[a] - self._moves[b])
+        rates = (along @ screws) * (self._moves[A] - self._moves[B])
         p_WO = query.GetPoseInWorld(self._object).translation()
-        drift = np.where(a > b, 1, -1) * is_object * (along @ V_WO.Shift(-p_WO).get_coeffs())
+        drift = np.where(A > B, 1, -1) * is_object * (along @ V_WO.Shift(-p_WO).get_coeffs())
         speeds = np.minimum(_RATE * (least_gaps - gaps), _RETREAT) - drift
         if np.any(holding):
             tips = {finger[row]: row for row in np.flatnonzero(is_object & is_tip)}

@@ -71,7 +71,7 @@ class JointReference(LeafSystem):
             ),
             {time, stored},
         )
-        declare_output(self, "position", nq, self._reference, time, stored)
+        self._position = declare_output(self, "position", nq, self._reference, time, stored)
         declare_output(
             self, "desired_state", 2 * nq, self._calc_desired, time, stored, self._forces
         )
@@ -90,14 +90,14 @@ class JointReference(LeafSystem):
         if np.any(np.isnan(v)):
             v = np.zeros_like(v)
         discrete_state.set_value(self._start, [context.get_time()])
-        discrete_state.set_value(self._q, self._reference(context))
+        discrete_state.set_value(self._q, self._position.Eval(context))
         discrete_state.set_value(self._v, v / max(1.0, np.max(np.abs(v)) / LARGEST_RATE))
 
     def _calc_posed(self, context: Context, output: AbstractValue) -> None:
-        self._hand.plant.SetPositions(output.get_mutable_value(), self._reference(context))
+        self._hand.plant.SetPositions(output.get_mutable_value(), self._position.Eval(context))
 
     def _calc_desired(self, context: Context) -> FloatArray:
-        q = self._reference(context)
+        q = self._position.Eval(context)
         v = context.get_discrete_state(self._v).value()
         above, below = q >= self._hand.upper, q <= self._hand.lower
         is_at_limit = (above & (v > 0)) | (below & (v < 0))
