@@ -1,5 +1,6 @@
 """Differential inverse kinematics of a whole hand that keeps its links clear."""
 
+import contextlib
 from collections.abc import Mapping
 
 import numpy as np
@@ -10,11 +11,11 @@ from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.grasping.fingertip_paths import Pace
-from drake_pregrasp.grasping.grasp_state import NOT_HINDERED
+from drake_pregrasp.grasping.grasp_state import BASE, NOT_HINDERED
 from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.regions.obstacles import ANYWHERE
 from drake_pregrasp.systems.fingertip_sensor import frame_poses, moving_joints, scoped_frame
-from drake_pregrasp.systems.hand_scene import FASTEST_APPROACH, HandScene
+from drake_pregrasp.systems.hand_scene import FASTEST_APPROACH, Clearances, HandScene
 from drake_pregrasp.systems.palm_posture import pose_error
 from drake_pregrasp.systems.ports import (
     BUS,
@@ -34,6 +35,64 @@ _DAMPING = 1e-3  # Singular value of a Jacobian, in metres, below which its dire
 _LIMIT_RATE = 10.0  # Largest ratio of a joint's speed to its distance from a limit, in 1/s.
 _USED = 0.75  # Share of the limit of acceleration that is commanded: drives and clearances add.
 _TOLERANCE = 1e-9  # Violation of a constraint that is rounding, in m/s or rad/s.
+
+
+def _pseudoinverse(J: FloatArray) -> FloatArray:
+    """Returns J⁺, in which directions of singular values up to `_DAMPING` are given up."""
+    with contextlib.suppress(np.linalg.LinAlgError):
+        inverse = np.linalg.inv(J @ J.T)
+        if np.linalg.norm(inverse) < _DAMPING**-2:  # At least the largest 1/s².
+            regular: FloatArray = J.T @ inverse
+            return regular
+    U, s, Vt = np.linalg.svd(J, full_matrices=False)
+    large = s > _DAMPING
+    damped: FloatArray = (Vt[large].T / s[large]) @ U[:, large].T
+    return damped
+
+
+class VelocityProgram:
+    """Quadratic program of a hand's joint velocities, whose parts are replaced for each solution.
+
+    Args:
+        nq: Number of joints.
+    """
+
+    def __init__(self, nq: int) -> None:
+        self._program = program = MathematicalProgram()
+        # The change of the free velocity: its cost is small, so that relative tolerances are too.
+        self._dv = dv = program.NewContinuousVariables(nq)
+        nothing, unbounded = np.zeros(nq), np.full(nq, np.inf)
+        self._cost = program.AddQuadraticCost(np.eye(nq), nothing, dv, is_convex=True)
+        self._bounds = program.AddBoundingBoxConstraint(-unbounded, unbounded, dv)
+        self._rows = program.AddLinearConstraint(np.eye(nq), -unbounded, unbounded, dv)
+        self._solver = ClarabelSolver()
+
+    def solve(
+        self,
+        H: FloatArray,
+        v_free: FloatArray,
+        least: FloatArray,
+        most: FloatArray,
+        clear: Clearances,
+    ) -> FloatArray | None:
+        """Returns the minimum of (v - v_free)^T H (v - v_free), shape (nq,), or None without one.
+
+        Args:
+            H: Positive definite matrix, shape (nq, nq).
+            v_free: Minimum without constraints, shape (nq,).
+            least: Smallest velocities, shape (nq,).
+            most: Largest velocities, shape (nq,).
+            clear: Further constraints.
+        """
+        self._cost.evaluator().UpdateCoefficients(2 * H, np.zeros(len(H)), is_convex=True)
+        self._bounds.evaluator().set_bounds(least - v_free, most - v_free)
+        unbounded = np.full(len(clear.least), np.inf)
+        self._rows.evaluator().UpdateCoefficients(
+            clear.rows, clear.least - clear.rows @ v_free, unbounded
+        )
+        result = self._solver.Solve(self._program)
+        v: FloatArray = v_free + result.GetSolution(self._dv)
+        return v if result.is_success() and np.all(np.isfinite(v)) else None
 
 
 class DifferentialKinematics(LeafSystem):
@@ -112,7 +171,8 @@ class DifferentialKinematics(LeafSystem):
         self._hand = hand = scene.hand
         nq, n = hand.num_positions, len(hand.tip_frames)
         self._scene = scene
-        self._gain, self._period, self._solver = posture_gain, period, ClarabelSolver()
+        self._gain, self._period = posture_gain, period
+        self._program = VelocityProgram(nq)
         self._pace = Pace(FASTEST_APPROACH, _USED * acceleration, period)
         self._change = hand.acceleration_limit * period
         self._names, self._is_goal = list(masks), np.array(list(masks.values())) > 0
@@ -167,33 +227,24 @@ class DifferentialKinematics(LeafSystem):
         plant_context = self._hand.plant.GetMyContextFromRoot(placed)
         screws = self._hand.screws(plant_context)
         J, V = self._goal_rates(context, plant_context, screws, v_last)
-        U, s, Vt = np.linalg.svd(J, full_matrices=False)
-        rank = int(np.sum(s > _DAMPING))
-        span = Vt[:rank]
-        v = span.T @ (U[:, :rank].T @ V / s[:rank])
+        J_plus = _pseudoinverse(J)
         homeward = self._gain * (self._posture.Eval(context) - q)
-        v += homeward - span.T @ (span @ homeward)
+        v = homeward + J_plus @ (V - J @ homeward)
         clear = self._scene.clearances(placed, screws, V_WO, holding)
         lacking = clear.least - clear.rows @ v
-        within = np.all(v >= least - _TOLERANCE) and np.all(v <= most + _TOLERANCE)
-        if within and np.max(lacking, initial=0.0) <= _TOLERANCE:
+        beyond = np.maximum(least - v, v - most)
+        if max(beyond.max(), lacking.max(initial=0.0)) <= _TOLERANCE:
             return v, NOT_HINDERED
-        program = MathematicalProgram()
-        x = program.NewContinuousVariables(len(v))
         # Both costs are zero at the v from above, which is the minimum without constraints.
-        free = np.eye(len(v)) - span.T @ span
+        free = np.eye(len(v)) - J_plus @ J
         H = _TRACKING_WEIGHT * J.T @ J + free + _DAMPING**2 * np.eye(len(v))
-        program.AddQuadraticCost(2 * H, -2 * H @ v, x, is_convex=True)
-        program.AddBoundingBoxConstraint(least, most, x)
-        if len(clear.least):
-            unbounded = np.full(len(clear.least), np.inf)
-            program.AddLinearConstraint(clear.rows, clear.least, unbounded, x)
-        result = self._solver.Solve(program)
-        if result.is_success():
-            return np.clip(result.GetSolution(x), least, most), NOT_HINDERED
+        solution = self._program.solve(H, v, least, most, clear)
+        if solution is not None:
+            return np.clip(solution, least, most), NOT_HINDERED
         stopped = np.clip(0.0, v_last - self._change, v_last + self._change)
-        worst = np.argmax(clear.least - clear.rows @ stopped)
-        return stopped, int(clear.fingers[worst])
+        lacking = clear.least - clear.rows @ stopped
+        hinders = int(clear.fingers[np.argmax(lacking)]) if len(lacking) else BASE
+        return stopped, hinders
 
     def _bounds(self, q: FloatArray, v_last: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the smallest and largest velocities that respect the joints' limits."""
@@ -201,7 +252,8 @@ class DifferentialKinematics(LeafSystem):
         most = np.minimum(hand.rate_limit, _LIMIT_RATE * np.maximum(hand.upper - q, 0.0))
         least = -np.minimum(hand.rate_limit, _LIMIT_RATE * np.maximum(q - hand.lower, 0.0))
         slowest, fastest = v_last - self._change, v_last + self._change
-        return np.clip(least, slowest, fastest), np.clip(most, slowest, fastest)
+        least, most = (np.maximum(slowest, np.minimum(v, fastest)) for v in (least, most))
+        return least, most
 
     def _goal_rates(
         self, context: Context, plant_context: Context, screws: FloatArray, v_last: FloatArray
