@@ -115,7 +115,7 @@ def validated_rates(rates: FloatArray) -> FloatArray:
     Args:
         rates: Rates of any shape, in m/s or rad/s.
     """
-    return rates if np.all(np.abs(rates) <= FARTHEST) else np.zeros_like(rates)
+    return rates if (np.abs(rates) <= FARTHEST).all() else np.zeros_like(rates)
 
 
 def validated_numbers(numbers: FloatArray) -> FloatArray:

@@ -151,6 +151,6 @@ class HalfSpace(Solid):
 
 def _check_finite(owner: str, **fields: float | FloatArray) -> None:
     for name, value in fields.items():
-        if not np.all(np.isfinite(value)):
+        if not np.isfinite(value).all():
             given = np.asarray(value).tolist()
             raise InvalidArgumentError(f"{owner} {name} must be finite, not {given}")

@@ -244,7 +244,7 @@ class TipPlaces:
         """
         clearances = self.tip_radii + OTHER_CLEARANCE
         # A holding finger that an obstacle pushes along the object would lose the grasp.
-        unless_holding = np.where(holding, -np.inf, clearances)
+        unless_holding = np.where(holding, -np.inf, clearances) if obstacles else clearances
         return TipRoom(
             object=object_solid,
             p_GO=np.zeros(3),
@@ -253,5 +253,5 @@ class TipPlaces:
                 *((solid, clearances) for solid in fixed),
                 *((solid, unless_holding) for solid in obstacles),
             ),
-            spacing=self.tip_radii[:, None] + self.tip_radii + OTHER_CLEARANCE,
+            spacing=clearances[:, None] + self.tip_radii,
         )

@@ -177,7 +177,9 @@ class DifferentialKinematics(LeafSystem):
         self._change = hand.acceleration_limit * period
         self._names, self._is_goal = list(masks), np.array(list(masks.values())) > 0
         self._frames = [scoped_frame(hand.plant, name) for name in masks]
-        self._moves = np.array([moving_joints(hand.plant, frame) for frame in self._frames])
+        moves = [[moving_joints(hand.plant, frame)] for frame in self._frames]
+        self._moves = np.array(moves, dtype=float)
+        self._turning = np.flatnonzero(self._is_goal[:, :3].any(axis=1))  # With a goal of rotation.
         self._tips = [tip for tip, name in enumerate(hand.tip_frames) if name in masks]
         self._tip_rows = [self._names.index(hand.tip_frames[tip]) for tip in self._tips]
         self._q = self.DeclareVectorInputPort("position", nq)
@@ -264,16 +266,15 @@ class DifferentialKinematics(LeafSystem):
         X_WD = validated_poses(self._goals.Eval(context), self._names, port)
         is_goal = self._is_goal & np.array([[X is not None] for X in X_WD])
         X_WF = frame_poses(self._frames, plant_context)
-        p_WF = X_WF[:, :, 3]
-        J = np.where(self._moves[:, None], screws, 0.0)
+        p_WF, V = X_WF[:, :, 3], np.zeros((len(X_WF), 6))
+        J = self._moves * screws
         J[:, 3:] -= skew(p_WF) @ J[:, :3]
-        V = np.zeros((len(p_WF), 6))
-        p_WD = p_WF.copy()
-        for frame, X in enumerate(X_WD):
-            if X is not None:
-                p_WD[frame] = X.translation()
-                if np.any(is_goal[frame, :3]):
-                    V[frame] = pose_error(RigidTransform(X_WF[frame]), X) / self._period
+        p_WD = np.array(
+            [X_WF[i, :, 3] if X is None else X.translation() for i, X in enumerate(X_WD)]
+        )
+        for i in self._turning:
+            if X_WD[i] is not None:
+                V[i] = pose_error(RigidTransform(X_WF[i]), X_WD[i]) / self._period
         v_goal = V_WG.translational() + (p_WF - X_WG.translation()) @ skew(V_WG.rotational()).T
         v_goal[self._tip_rows] = self._v_WT.Eval(context).reshape(-1, 3)[self._tips]
         wanted = (p_WD - p_WF) / self._period - v_goal

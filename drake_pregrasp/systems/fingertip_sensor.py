@@ -326,17 +326,17 @@ class FingertipSensor(LeafSystem):
         self._hand.plant.SetPositions(output.get_mutable_value(), self._positions(context))
 
     def _calc_positions(self, context: Context) -> FloatArray:
-        if np.any(np.isnan(self._positions(context))):  # Drake aborts the process on NaN.
+        if np.isnan(self._positions(context)).any():  # Drake aborts the process on NaN.
             return np.full((len(self._hand.tip_frames), 3), np.nan)
         return self._hand.tip_positions(self._posed.Eval(context))
 
     def _calc_jacobians(self, context: Context) -> FloatArray:
-        if np.any(np.isnan(self._positions(context))):
+        if np.isnan(self._positions(context)).any():
             return np.full((len(self._hand.tip_frames), 3, self._hand.num_positions), np.nan)
         return self._hand.tip_jacobians(self._posed.Eval(context))
 
     def _calc_forces(self, context: Context) -> FloatArray:
         actuation = validated_numbers(self._actuation.Eval(context))
-        if np.any(np.isnan(actuation)) or np.any(np.isnan(self._positions(context))):
+        if np.isnan(actuation).any() or np.isnan(self._positions(context)).any():
             return np.full((len(self._hand.tip_frames), 3), np.nan)
         return self._hand.tip_forces(self._posed.Eval(context), actuation)

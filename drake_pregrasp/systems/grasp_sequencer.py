@@ -1,5 +1,6 @@
 """Sequence of a grasp: the moment of closing, the forces, and the motion of the object."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -254,8 +255,9 @@ class GraspSequencer(LeafSystem):
 
     def _calc_motion(self, context: Context) -> HeldMotion:
         state: GraspState = self._remembered.Eval(context)
-        sticks = np.any(np.isfinite(self._sticking_tips(context)))
-        if np.isfinite(state.gripped) and (sticks or state.phase > GraspPhase.SQUEEZE):
+        if math.isfinite(state.gripped) and (
+            state.phase > GraspPhase.SQUEEZE or np.isfinite(self._sticking_tips(context)).any()
+        ):
             held: HeldMotion = self._held.Eval(context)
             return held
         X, V = self._pose.eval(context), validated_velocity(self._V_WO.Eval(context))
@@ -273,8 +275,8 @@ class GraspSequencer(LeafSystem):
 
     def _calc_V_WO_held(self, context: Context) -> FloatArray:
         state: GraspState = self._remembered.Eval(context)
-        sticks = np.any(np.isfinite(self._sticking_tips(context)))
-        if not sticks or state.force.value(context.get_time()) == 0:
+        force = state.force.value(context.get_time())
+        if force == 0 or np.isnan(self._sticking_tips(context)).all():
             return np.zeros(7)
         return np.append(1.0, self._rising(context, self._held.Eval(context).V_WG).get_coeffs())
 
@@ -326,7 +328,8 @@ class GraspSequencer(LeafSystem):
             self._config.period,
             lambda active: self._plan_squeeze(context, active),
         )
-        discrete_state.set_value(self._state, after.to_vector())
+        if after is not state:
+            discrete_state.set_value(self._state, after.to_vector())
         self._pose.store(context, discrete_state)
         if state.phase > GraspPhase.SQUEEZE:
             return
@@ -371,7 +374,7 @@ class GraspSequencer(LeafSystem):
     def _calc_forces(self, context: Context) -> FloatArray:
         state: GraspState = self._remembered.Eval(context)
         share = state.force.value(context.get_time())
-        if share == 0 and not np.any(state.touched):
+        if share == 0 and not state.touched.any():
             return np.zeros_like(state.forces)
         _, nhat = self._contacts(context)
         # A finger that has touched the object keeps touching it until all fingers press.

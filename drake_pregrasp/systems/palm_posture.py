@@ -263,7 +263,8 @@ class CarrierPosture(_PalmPosture):
         posture[self._slides] += self._carrier.eval(context).translation()
         posture[self._slides] += V_WG.translational() * self._lead
         yaw = self._turned.Eval(context) + V_WG.rotational()[2] * self._lead
-        posture[self._turn] = np.clip(yaw, *self._yaw_range)
+        low, high = self._yaw_range
+        posture[self._turn] = max(low, min(yaw, high))
         return posture
 
 

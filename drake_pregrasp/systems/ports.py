@@ -1,6 +1,5 @@
 """Declaration of ports and cache entries, and validation of the values that enter through ports."""
 
-import copy
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -73,10 +72,8 @@ def copied_inputs(ports: Mapping[str, InputPort], context: Context) -> dict[str,
     Vectors and poses are copies, because Drake overwrites the values of ports later.
     """
     values = {name: port.Eval(context) for name, port in ports.items() if port.HasValue(context)}
-    return {
-        name: copy.copy(value) if isinstance(value, np.ndarray | RigidTransform) else value
-        for name, value in values.items()
-    }
+    copies = {np.ndarray: np.copy, RigidTransform: RigidTransform}
+    return {name: copies.get(type(value), lambda v: v)(value) for name, value in values.items()}
 
 
 def declare_output(
