@@ -336,7 +336,7 @@ class GraspSequencer(LeafSystem):
         if state.phase < GraspPhase.SQUEEZE:
             discrete_state.set_value(self._sticking, np.full(p_GT.size, np.nan))
         elif is_firm and np.all(np.isnan(self._sticking_tips(context))):
-            discrete_state.set_value(self._sticking, p_GT.ravel())
+            discrete_state.set_value(self._sticking, p_GT_goal.ravel())
 
     def _plan_squeeze(self, context: Context, active: BoolArray) -> Squeeze:
         p_OC, nhat = (part[active] for part in self._contacts(context))
