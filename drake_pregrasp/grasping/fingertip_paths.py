@@ -165,17 +165,16 @@ def _is_blocked(
         height: Heights that the tips gain on their ways, shape (n,), in metres.
         room: Free space of the tips.
     """
-    shares = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
     x, y, z = (p_GT - room.p_GO).T
-    azimuths = np.arctan2(y, x) + shares * angle
+    azimuths = np.arctan2(y, x) + _SHARES[:, 0] * angle
     radii = np.hypot(x, y) + room.object_clearances  # Beside the object, not inside.
-    round_it = [radii * np.cos(azimuths), radii * np.sin(azimuths), z + shares * height]
+    round_it = [radii * np.cos(azimuths), radii * np.sin(azimuths), z + _SHARES[:, 0] * height]
     points = room.p_GO + np.stack(round_it, axis=2).reshape(-1, 3)
     distances, outward = room.object.distance_and_gradient(points)
-    points -= (distances - np.tile(room.object_clearances, _SAMPLES))[:, None] * outward
+    points -= (distances - np.tile(room.object_clearances, len(_SHARES)))[:, None] * outward
     blocked = np.zeros(len(p_GT), dtype=bool)
     for solid, clearance in room.others:
-        gaps = solid.distance(points).reshape(_SAMPLES, -1) - clearance
+        gaps = solid.distance(points).reshape(len(_SHARES), -1) - clearance
         blocked |= np.min(gaps, axis=0) < -_SQUEEZED
     return blocked
 
