@@ -1,83 +1,189 @@
 """The benchmark: makes all measurements in turn, and writes a report."""
 
 import argparse
-import functools
 import json
 import os
 import platform
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from importlib.metadata import version
+from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pandas as pd
-from matplotlib.artist import Artist
-from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
 from threadpoolctl import threadpool_limits
 
-from drake_pregrasp.simulation.output import make_folder, write_text, writing
-from drake_pregrasp.studies.bench.base_case import PARTS, RunJob, time_run, time_starts
+from drake_pregrasp.config.planner_config import BlendConfig
+from drake_pregrasp.fast import numba_is_installed
+from drake_pregrasp.simulation.output import make_folder, write_text
+from drake_pregrasp.simulation.scenario_file import shipped_scenarios
+from drake_pregrasp.studies.bench.run_times import FIRST_TICK, RunJob, time_run, time_starts
 from drake_pregrasp.studies.bench.soak import drift, soak
 from drake_pregrasp.studies.bench.tick_times import (
-    MESH,
-    WITHOUT_PORTS,
+    LENGTH,
+    PLAIN,
     Scene,
     TickJob,
-    cube,
     implementations,
     time_ticks,
 )
-from drake_pregrasp.studies.report_page import Heading, Part, Picture, Table, write_report
+from drake_pregrasp.studies.report_page import Heading, Part, Table, write_report
 from drake_pregrasp.studies.runner import OnProgress
 from drake_pregrasp.studies.study_options import add_out_option, step_bar
 
-BY_SIZE, ON_A_MESH = "size", "mesh"
-BY_CONTACTS, BY_FORBIDDEN, BY_OBSTACLES = "contacts", "forbidden", "obstacles"
-"""Series of tick times; in `BY_OBSTACLES`, forbidden points are obstacles in the world."""
+CONFIGS = {
+    **{name: replace(PLAIN, strategy=name) for name in ("position", "msv", "gii", "vew")},
+    "margin": replace(PLAIN, strategy="margin"),
+    "gii and position": replace(PLAIN, strategy="blend", blend=BlendConfig(gii=1, position=1)),
+    "gii of a contact alone": replace(PLAIN, strategy="gii", reading="contact"),
+}
+"""Timed settings of the planner, by name: the paper's strategies first."""
 
-STRATEGIES = ("position", "msv", "gii", "vew")
-GROWTH_STRATEGIES = ("position", "gii")
-"""Timed strategies, and those timed over the numbers of contacts and forbidden points."""
+BY_CONTACTS, BY_OBSTACLES, BY_TRIANGLES = "contacts", "obstacle points", "triangles of the mesh"
+"""Series in which something else than the number of candidates grows."""
 
-Job = tuple[str, Callable[[], list[dict[str, Any]]]]
+SIZES = {24: 2304, 71: 20164, 158: 99856}
+"""Numbers of candidates on the four side faces of a cube, by the number along its edge."""
+
+HAND = """
+surface: {{spacing: {spacing}}}
+obstacles:
+- !BoxObstacle {{size: [0.4, 0.02, 0.08], center: [0.0, -0.1, 0.045]}}
+- !BallObstacle {{radius: 0.03, center: [0.3, 0.0, 0.05], velocity: [-0.02, 0.0, 0.0], body: false}}
+planner: {{period: 0.01, limits: {{horizon: 0.5}}}}
+"""
+"""Overrides of `grasp_beside_wall`: another obstacle, which moves, and more candidates."""
+
+MUG = "mug, guarded margin in turns"
+IN_TURNS = "{planner: {strategy: margin, in_turns: true, limits: {guard: [margin]}}}"
+"""Overrides of a scenario: contacts move in turns, and no step may reduce the margin."""
+
+BASE_RATE = "base case, planning at 1,000 Hz"
+HAND_RATES = {
+    f"hand, planning at 100 Hz, control at {1 / period:,.0f} Hz": (
+        f"{{planner: {{period: 0.01}}, grasp: {{period: {period}}}}}"
+    )
+    for period in (0.002, 0.001)
+}
+"""Rates of whole simulations; for the hand, overrides of `grasp_five_finger` by name."""
+
+Row = dict[str, Any]
+Job = tuple[str, Callable[[], list[Row]]]
 Tables = dict[str, pd.DataFrame]
 
-_STYLES = {
-    WITHOUT_PORTS: ("#E69F00", "v--"),
-    "reference": ("#0072B2", "s-"),
-    "numba": ("#009E73", "o-"),
-}
-_PART_COLORS = ("#000000", "#E69F00", "#0072B2", "#CC79A7")
-_GROWTH = {
-    ON_A_MESH: "N",
-    BY_CONTACTS: "contacts",
-    BY_FORBIDDEN: "forbidden",
-    BY_OBSTACLES: "forbidden",
-}
-_SECTIONS = ("memory", "ticks", "runs", "starts")
 
-_WORDS = {
-    BY_SIZE: "Planning tick over the number of candidates",
-    "growth": "Planning tick on a mesh, and over the numbers of contacts and forbidden points",
-    "ticks": "Medians / 99th percentiles in ms, for 5 contacts and 200 forbidden points on a cube"
-    " of 0.1 m. *no ports*: the reference's functions alone.",
-    ON_A_MESH: f"Medians in ms on `{MESH}`, with 5 contacts and up to 200 forbidden points.",
-    BY_CONTACTS: "Medians in ms on the cube, N = 20,164, with 200 forbidden points.",
-    BY_FORBIDDEN: "Medians in ms on the cube, N = 20,164, with 5 contacts.",
-    BY_OBSTACLES: "The same with the forbidden points as obstacles in the world.",
-    "runs": "Simulated seconds in one second, with more and more parts of the simulation.",
-    "added": "Milliseconds of processor time that a simulated second takes for each part.",
-    "base_case": "Parts of a simulated second",
-    "starts": "Medians of fresh processes. The first tick includes loading or compiling the code.",
-    "memory": "Resident memory of the base case at 1,000 Hz.",
+class Goal(NamedTuple):
+    """A bound on measurements of the implementation `fast`, all of which have to meet it.
+
+    Attributes:
+        what: Description, with the unit.
+        section: Section of the rows.
+        rows: Query that selects rows of the section.
+        column: Name of the column.
+        bound: Largest value, or the least one if `at_least`.
+        at_least: Whether `bound` is the least value.
+    """
+
+    what: str
+    section: str
+    rows: str
+    column: str
+    bound: float
+    at_least: bool = False
+
+    def outcome(self, tables: Tables) -> Row:
+        """Returns the goal, the worst value reached, and whether the goal is met."""
+        goal = {"what": self.what, "goal": f"{'≥' if self.at_least else '≤'} {self.bound:g}"}
+        found = pd.Series(dtype=float)
+        if self.section in tables:
+            rows = tables[self.section].query("implementation == 'fast'").query(self.rows)
+            found = rows[self.column]
+        if found.empty:
+            return {**goal, "reached": "not measured", "met": "–"}
+        worst = found.min() if self.at_least else found.max()
+        is_met = worst >= self.bound if self.at_least else worst <= self.bound
+        reached = f"{worst:.3g}" + (f", worst of {len(found)}" if len(found) > 1 else "")
+        return {**goal, "reached": reached, "met": "yes" if is_met else "no"}
+
+
+HAND_500 = next(iter(HAND_RATES))
+_MEDIAN, _SPREAD, _LOAD, _FACTOR = "median [ms]", "99 % / median", "processor s / s", "x real time"
+_PAPER = f"series in {list(CONFIGS)[:4]} and N =="
+_OTHERS = f"series in {list(CONFIGS)[4:]} and N =="
+
+GOALS = (
+    Goal("hand, 2,304 candidates, tick [ms]", "hand", "run == '2,304'", _MEDIAN, 0.6),
+    Goal("hand, 20,164 candidates, tick [ms]", "hand", "run == '20,164'", _MEDIAN, 1.5),
+    Goal("hand, 99,856 candidates, tick [ms]", "hand", "run == '99,856'", _MEDIAN, 5),
+    Goal(f"{MUG}, tick [ms]", "scenarios", f"run == '{MUG}'", _MEDIAN, 2),
+    Goal(
+        f"2,000 {BY_OBSTACLES}, 20,164 candidates, tick [ms]",
+        "growth",
+        f"series == '{BY_OBSTACLES}' and size == 2000",
+        _MEDIAN,
+        5,
+    ),
+    Goal(
+        "strategies beyond the paper's, 20,164, tick [ms]", "ticks", _OTHERS + "20164", _MEDIAN, 1.5
+    ),
+    Goal("strategies of the paper, 2,304, tick [ms]", "ticks", _PAPER + "2304", _MEDIAN, 0.29),
+    Goal("strategies of the paper, 99,856, tick [ms]", "ticks", _PAPER + "99856", _MEDIAN, 2.1),
+    Goal("99 % / median of ticks, shipped scenarios", "scenarios", "ticks > 0", _SPREAD, 2),
+    Goal("99 % / median of ticks, hand", "hand", "ticks > 0", _SPREAD, 2),
+    Goal("99 % / median of ticks, strategies", "ticks", "ticks > 0", _SPREAD, 2),
+    Goal(f"{HAND_500} [processor s / s]", "rates", f"run == '{HAND_500}'", _LOAD, 0.8),
+    Goal("base case, 20 Hz [x real time]", "scenarios", "run == 'a_base'", _FACTOR, 60, True),
+    Goal(f"{BASE_RATE} [x real time]", "rates", f"run == '{BASE_RATE}'", _FACTOR, 2, True),
+    Goal("first use of `fast`, compiling [s]", "starts", "start == 'first'", FIRST_TICK, 15),
+    Goal("memory that ticks leave behind [bytes a tick]", "memory", "ticks > 0", "bytes a tick", 1),
+)
+"""Goals of the planner with the extra `fast`."""
+
+QUESTIONS = {
+    "scenarios": (
+        "How fast is each shipped scenario?",
+        "Simulated without a recording, with `log.csv`. The static phase is left out.",
+        ["run"],
+    ),
+    "hand": (
+        "How does the planner of a hand with five fingers grow with the candidates?",
+        "Scenario `grasp_beside_wall`: fingertips, reach, table and wall; and a moving obstacle,"
+        " a horizon of 0.5 s, and planning at 100 Hz.",
+        ["run"],
+    ),
+    "rates": (
+        "How fast can planning and control run?",
+        "Whole simulations. The hand is that of `grasp_five_finger`.",
+        ["run"],
+    ),
+    "ticks": (
+        "How fast is a tick of each strategy?",
+        "A cube with 5 contacts, 200 forbidden points and no further constraints. *printed*: Eq. 1-2"
+        " as printed, as matrices of all distances, and the reference's goals.",
+        ["series", "N"],
+    ),
+    "growth": (
+        "What makes a tick slower?",
+        "Strategy `position`, with 5 contacts unless stated: contacts and obstacle points on a cube,"
+        " and triangles of a ball's mesh with as many candidates.",
+        ["series", "size", "N"],
+    ),
+    "starts": (
+        "How long does a process take until its first tick?",
+        "Wall times, medians of fresh processes. *first*: nothing is compiled yet.",
+        None,
+    ),
+    "memory": ("Does memory grow?", "Resident memory of the base case at 1,000 Hz.", None),
 }
+"""Title, explanation, and index of the table of each section; without an index all columns."""
 
 
 def bench(
     out: str | Path, *, quick: bool = False, on_progress: OnProgress = lambda done, total: None
 ) -> Path:
-    """Runs the benchmark on one thread and writes `bench.md`, its plots, and `bench.json`.
+    """Runs the benchmark on one thread and writes `bench.md` and `bench.json`.
 
     Args:
         out: Folder of the report, made if it does not exist.
@@ -93,12 +199,12 @@ def bench(
     out = Path(out)
     make_folder(out)
     jobs, load = plan(quick=quick), os.getloadavg()[0]
-    rows: dict[str, list[dict[str, Any]]] = {section: [] for section in _SECTIONS}
+    rows: dict[str, list[Row]] = {section: [] for section in QUESTIONS}
     with threadpool_limits(1):
         for done, (section, measure) in enumerate(jobs):
             rows[section] += measure()
             on_progress(done + 1, len(jobs))
-    packages = ("numpy", "scipy", "drake", *implementations()[1:])
+    packages = ["numpy", "scipy", "drake", *["numba"] * numba_is_installed()]
     machine = (
         f"{platform.machine()}, {os.cpu_count()} cores, load {load:.1f} at first and"
         f" {os.getloadavg()[0]:.1f} at last; Python {platform.python_version()}, "
@@ -106,10 +212,7 @@ def bench(
     )
     write_text(out / "bench.json", json.dumps({"machine": machine, **rows}, indent=1) + "\n")
     tables = {section: pd.DataFrame(own) for section, own in rows.items() if own}
-    with writing(out):
-        plot(out, tables)
-    parts = report(machine, tables)
-    return write_report(out, "Benchmarks", parts, name="bench", formats=("md",))
+    return write_report(out, "Benchmarks", report(machine, tables), name="bench", formats=("md",))
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -127,44 +230,64 @@ def _command(options: argparse.Namespace) -> int:
 
 
 def plan(*, quick: bool) -> list[Job]:
-    """Returns the measurements, of about nine minutes, or of less than one if `quick`."""
-    sizes = (24, 71) if quick else (16, 24, 35, 71, 158)
-    spacings = (0.004, 0.0028) if quick else (0.006, 0.004, 0.0028, 0.002)
-    contacts = (2, 5, 32) if quick else (2, 3, 5, 8, 16, 32)
-    forbidden = (0, 20, 200) if quick else (0, 20, 200, 2000)
-    periods = {0.05: 1.0, 0.001: 0.1} if quick else {0.05: 2.0, 0.01: 1.0, 0.001: 0.3}
-    ticks: list[tuple[str, Scene, tuple[str, ...]]]
-    ticks = [(BY_SIZE, cube(cells), STRATEGIES) for cells in sizes]
-    ticks += [(BY_SIZE, cube(cells), ("margin",)) for cells in sizes if cells <= 71]
-    ticks += [(ON_A_MESH, Scene(spacing, shape=MESH), STRATEGIES) for spacing in spacings]
-    ticks += [(BY_CONTACTS, cube(71, n), GROWTH_STRATEGIES) for n in contacts]
-    ticks += [
-        (series, cube(71, forbidden=m), GROWTH_STRATEGIES)
-        for series in (BY_FORBIDDEN, BY_OBSTACLES)
-        for m in (forbidden if series == BY_FORBIDDEN else forbidden[1:3])
+    """Returns the measurements; if `quick`, fewer of them, of fewer ticks."""
+    ticks, seconds = (30, 0.3) if quick else (200, 3.0)
+    per_edge = (24, 71) if quick else (24, 71, 158)
+    contacts = (2, 5, 32) if quick else (2, 5, 8, 16, 32)
+    obstacles = (20, 200) if quick else (20, 200, 2000)
+    subdivisions = (2, 4) if quick else (2, 3, 4, 5, 6)
+    shipped = list(shipped_scenarios())
+    if quick:  # The first scenario of each file.
+        files = groupby(shipped, lambda name: shipped_scenarios()[name][0])
+        shipped = [next(names) for _, names in files]
+    runs = [
+        *(("scenarios", RunJob(name, name, ticks=ticks)) for name in shipped),
+        ("scenarios", RunJob(MUG, "mug", IN_TURNS, ticks)),
+        *(
+            (
+                "hand",
+                RunJob(
+                    f"{SIZES[k]:,}", "grasp_beside_wall", HAND.format(spacing=LENGTH / k), ticks
+                ),
+            )
+            for k in per_edge
+        ),
+        ("rates", RunJob(BASE_RATE, "a_base", "{planner: {period: 0.001}}", 5 * ticks)),
+        *(
+            ("rates", RunJob(name, "grasp_five_finger", text, 4 * ticks))
+            for name, text in HAND_RATES.items()
+        ),
     ]
-    seconds = 0.3 if quick else 3.0
-    # Memory comes first: memory that other measurements free would hide growth.
-    jobs: list[Job] = [] if quick else [("memory", _memory)]
-    for series, scene, strategies in ticks:
-        for strategy in strategies:
-            job = TickJob(series, scene, strategy, series == BY_OBSTACLES, seconds=seconds)
-            jobs.append(("ticks", functools.partial(time_ticks, job)))
-    for period, duration in periods.items():
-        for implementation in implementations():
-            run = RunJob(implementation, period, duration, 3 if quick else 7)
-            jobs.append(("runs", functools.partial(time_run, run)))
-    starts = functools.partial(time_starts, 1 if quick else 3, compiling=not quick)
-    return [*jobs, ("starts", starts)]
+    grown = [
+        *((BY_CONTACTS, n, Scene(71, contacts=n)) for n in contacts),
+        *((BY_OBSTACLES, m, Scene(71, points=m, obstacles=True)) for m in obstacles),
+        *((BY_TRIANGLES, 20 * 4**k, Scene(80, subdivisions=k)) for k in subdivisions),
+    ]
+    timed = [
+        *(
+            ("ticks", TickJob(name, SIZES[k], Scene(k), config, seconds))
+            for name, config in CONFIGS.items()
+            for k in per_edge
+        ),
+        *(("growth", TickJob(*each, PLAIN, seconds)) for each in grown),
+    ]
+    starts = partial(time_starts, 1 if quick else 3, compiling=not quick)
+    return [
+        # Memory comes first: memory that other measurements free would hide growth.
+        *([] if quick else [("memory", _memory)]),
+        *((section, partial(time_run, run)) for section, run in runs),
+        *((section, partial(time_ticks, job)) for section, job in timed),
+        ("starts", starts),
+    ]
 
 
-def _memory() -> list[dict[str, Any]]:
+def _memory() -> list[Row]:
     hours = soak(40, seconds=1.0, period=0.001)
     slope = drift(hours, "resident")[0] / hours[-1]["ticks"]
     mebibytes = [hour["resident"] / 2**20 for hour in (hours[10], hours[-1])]
-    columns = ("ticks", "MiB after a quarter", "MiB at the end", "bytes a tick")
+    columns = ("implementation", "ticks", "MiB after a quarter", "MiB at the end", "bytes a tick")
     ticks = sum(hour["ticks"] for hour in hours)
-    return [dict(zip(columns, (ticks, *mebibytes, slope), strict=True))]
+    return [dict(zip(columns, (implementations()[-1], ticks, *mebibytes, slope), strict=True))]
 
 
 def report(machine: str, tables: Tables) -> list[Part]:
@@ -174,86 +297,41 @@ def report(machine: str, tables: Tables) -> list[Part]:
         machine: Description of the machine and of the versions of libraries.
         tables: Table of rows of each measured section, by the section's name.
     """
-    parts: list[Part] = [f"Machine: {machine}. One thread."]
-    if "ticks" in tables:
-        ticks = tables["ticks"]
-        ticks["ms"] = ticks["median [ms]"].map("{:,.3g}".format)
-        whole = ticks.assign(ms=ticks["ms"] + " / " + ticks["99 % [ms]"].map("{:,.3g}".format))
-        parts += [Heading("Ticks"), _WORDS["ticks"], _picture("ticks", BY_SIZE)]
-        for strategy, own in whole[whole.series == BY_SIZE].groupby("strategy", sort=False):
-            parts += [Heading(strategy, 3), _pivot(own, "N", ["implementation"])]
-        parts += [Heading("Growth"), _picture("growth", "growth")]
-        for series, index in _GROWTH.items():
-            own = ticks[ticks.series == series]
-            table = _pivot(own, index, ["strategy", "implementation"])
-            parts += [Heading(series.capitalize(), 3), _WORDS[series], table]
-    if "runs" in tables:
-        parts.append(Heading("The base case, simulated"))
-        for key, column in (("runs", "x real time"), ("added", "added [ms]")):
-            own = tables["runs"].assign(ms=tables["runs"][column].map("{:,.2f}".format))
-            parts += [_WORDS[key], _pivot(own, ["planning", "implementation"], ["part"])]
-        parts.append(_picture("base_case", "base_case"))
-    for section, title in (("starts", "Starting"), ("memory", "Memory")):
+    parts: list[Part] = [
+        f"Machine: {machine}. One thread. Times are processor times, unless stated otherwise;"
+        " those of ticks are medians / 99th percentiles, and implementations take turns. Real time"
+        " is the simulated time over the processor time.",
+        Heading("What is reached?"),
+        "Goals are those of *fast*, and of the worst row.",
+        Table(pd.DataFrame([goal.outcome(tables) for goal in GOALS])),
+    ]
+    for section, (title, words, index) in QUESTIONS.items():
         if section in tables:
-            parts += [Heading(title), _WORDS[section], Table(tables[section].round(4))]
+            rows = tables[section]
+            table = rows.round(4) if index is None else compared(rows, index)
+            parts += [Heading(title), words, Table(table)]
+            if "not run" in rows:
+                skipped = rows.dropna(subset="not run")
+                parts += [
+                    f"Not run: {name}: {why}"
+                    for name, why in zip(skipped["run"], skipped["not run"], strict=True)
+                ]
     return parts
 
 
-def _picture(name: str, caption: str) -> Picture:
-    return Picture(Path(f"{name}.png"), _WORDS[caption])
+def compared(rows: pd.DataFrame, index: list[str]) -> pd.DataFrame:
+    """Returns a table of texts with a row for each case, and columns for each implementation.
 
-
-def _pivot(rows: pd.DataFrame, index: str | list[str], columns: list[str]) -> Table:
-    """Returns a table of the column `ms` over `index` and the joined names of `columns`."""
-    table = rows.pivot(index=index, columns=columns, values="ms")
-    order = rows[columns].drop_duplicates().itertuples(index=False)
-    table = table[[key if len(columns) > 1 else key[0] for key in map(tuple, order)]]
-    table.columns = [key if isinstance(key, str) else ", ".join(key) for key in table.columns]
-    return Table(table.reset_index())
-
-
-def plot(out: Path, tables: Tables) -> None:
-    """Writes `ticks.png`, `growth.png` and `base_case.png` for the measured sections."""
-    if "ticks" in tables:
-        ticks = tables["ticks"]
-        own = ticks[ticks.series == BY_SIZE]
-        sizes = {name: (own[own.strategy == name], "N") for name in STRATEGIES}
-        _panels(out / "ticks.png", sizes)
-        own = ticks[ticks.strategy == "gii"]
-        growth = {
-            f"gii, {series}": (own[own.series == series], index)
-            for series, index in _GROWTH.items()
-        }
-        _panels(out / "growth.png", growth)
-    if "runs" in tables:
-        runs = tables["runs"]
-        shares = runs.pivot(
-            index=["planning", "implementation"], columns="part", values="added [ms]"
-        )[list(PARTS)].clip(lower=0)
-        shares = 100 * shares.div(shares.sum(axis=1), axis=0)
-        figure = Figure(figsize=(8.4, 1.4 + 0.5 * len(shares)), layout="constrained")
-        axis = figure.subplots()
-        shares.plot.barh(stacked=True, ax=axis, color=_PART_COLORS, legend=False)
-        axis.set(xlabel="share of the processor time of a simulated second [%]", ylabel="")
-        figure.legend(loc="outside upper center", ncols=4, frameon=False)
-        figure.savefig(out / "base_case.png", dpi=140)
-
-
-def _panels(path: Path, panels: dict[str, tuple[pd.DataFrame, str]]) -> None:
-    """Plots median tick times, shaded up to the 99th percentile, with one panel for each title."""
-    figure = Figure(figsize=(3.6 * len(panels), 4.0), layout="constrained")
-    axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
-    entries: dict[str, Artist] = {}
-    for axis, (title, (rows, index)) in zip(axes, panels.items(), strict=True):
-        for name, own in rows.groupby("implementation", sort=False):
-            color, style = _STYLES[name]
-            median, high = own["median [ms]"], own["99 % [ms]"]
-            (entries[name],) = axis.plot(own[index], median, style, color=color)
-            axis.fill_between(own[index], median, high, color=color, alpha=0.12, linewidth=0)
-        axis.set_xscale("symlog" if index == "forbidden" else "log")
-        axis.set(yscale="log", title=title, xlabel=index)
-        axis.xaxis.set_minor_formatter(NullFormatter())
-        axis.grid(True, color="0.9", linewidth=0.6)
-    axes[0].set_ylabel("planning tick [ms]")
-    figure.legend(entries.values(), entries, loc="outside upper center", ncols=3, frameon=False)
-    figure.savefig(path, dpi=140)
+    Args:
+        rows: Measurements, with the column `implementation`.
+        index: Columns that tell cases apart.
+    """
+    median, high = (rows[name].map("{:,.3g}".format) for name in (_MEDIAN, "99 % [ms]"))
+    values = {"tick [ms]": median + " / " + high}
+    if _FACTOR in rows:
+        values[_FACTOR] = rows[_FACTOR].map("{:,.3g}".format)
+    table = rows.assign(**values).pivot_table(
+        index=index, columns="implementation", values=[*values], aggfunc="first", sort=False
+    )
+    table.columns = [f"{name}, {value}" for value, name in table.columns]
+    return table.reset_index()

@@ -9,6 +9,7 @@ from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
+import trimesh
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 
@@ -21,48 +22,49 @@ from drake_pregrasp.contacts.strategies import make_strategy
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.fast import SWITCH, numba_is_installed
 from drake_pregrasp.geometry.box_surface import box_surface
+from drake_pregrasp.geometry.mesh_surface import mesh_surface
+from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
 from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.regions.safe_regions import compute_safe_regions
-from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.regions.safe_regions import SafeRegions, safe_region_labels
 
 Tick = Callable[[FloatArray], FloatArray]
 """A planning tick, which maps contacts to goals, both in O, shape (n, 3), in metres."""
 
-WITHOUT_PORTS = "no ports"
-"""Label of the reference's functions, called without systems and ports."""
+PRINTED = "printed"
+"""Label of Eq. 1-2 as printed, vectorised, with the reference's goals and without ports."""
 
-CUBE = "cube"
-EDGE = 0.1
-"""Edge of the cube, in metres."""
-MESH = "bowling_pin"
-"""Shipped scenario whose object is the mesh."""
+LENGTH = 0.1
+"""Edge of the cube, and diameter of the meshed ball, in metres."""
 
 LARGEST_RADIUS = 0.005
-"""Largest radius of a forbidden point on the cube, in metres."""
+"""Largest radius of a point on the cube, in metres."""
 
 NUM_SETS = 10
 """Number of contact sets, from which ticks start in turn."""
+
+PLAIN = PlannerConfig(limits=LimitsConfig(clearance=0.0))
+"""Settings of the timed planners; all others differ from these by what their names say."""
 
 _WARM_UP, _FEWEST = 3, 5  # Rounds before the measurement, and the least number of rounds.
 
 
 class Scene(NamedTuple):
-    """An object with forbidden points and initial contacts.
+    """An object with initial contacts.
 
     Attributes:
-        spacing: Distance between neighbouring candidates, in metres.
+        per_length: Number of candidates along the length of the object.
         contacts: Number of contacts n.
-        forbidden: Number of forbidden points; on the mesh, at most those of its scenario.
-        shape: Shape of the object, `CUBE` or the name of a shipped scenario, such as `MESH`.
-        seed: Seed of the forbidden points and the contact sets.
+        points: Number of points on the top and bottom of a cube, which no contact may touch.
+        obstacles: Whether the points are obstacles in the world, not forbidden points.
+        subdivisions: If above zero, the object is a ball: an icosahedron, so often subdivided.
     """
 
-    spacing: float
+    per_length: int
     contacts: int = 5
-    forbidden: int = 200
-    shape: str = CUBE
-    seed: int = 0
+    points: int = 200
+    obstacles: bool = False
+    subdivisions: int = 0
 
 
 class TickJob(NamedTuple):
@@ -70,24 +72,24 @@ class TickJob(NamedTuple):
 
     Attributes:
         series: Name of the series of measurements.
+        size: What grows in the series, a whole number.
         scene: Scene of the ticks.
-        strategy: Name of the planner's strategy.
-        obstacles: Whether the forbidden points become obstacles in the world.
+        config: Settings of the planner.
+        seconds: Processor time after which no further round begins, in seconds.
         rounds: Largest number of ticks of each implementation.
-        seconds: Duration after which no further round begins.
     """
 
     series: str
+    size: int
     scene: Scene
-    strategy: str
-    obstacles: bool = False
-    rounds: int = 200
+    config: PlannerConfig
     seconds: float = 3.0
+    rounds: int = 200
 
 
 def implementations() -> tuple[str, ...]:
     """Returns the names of the installed implementations."""
-    return ("reference", "numba") if numba_is_installed() else ("reference",)
+    return ("reference", "fast") if numba_is_installed() else ("reference",)
 
 
 @contextmanager
@@ -115,13 +117,11 @@ def make_tick(
 
     Args:
         surface: Surface of the object O.
-        implementation: Name of the implementation, one of `implementations()` or `WITHOUT_PORTS`.
+        implementation: Name of the implementation, one of `implementations()`.
         p_OC: Initial contacts in O, shape (n, 3), in metres.
         config: Settings of the planner; contacts adapt from the start.
         obstacles: Obstacles in the world.
     """
-    if implementation == WITHOUT_PORTS:
-        return _tick_without_ports(surface, config)
     config = replace(config, static_duration=0.0)
     with chosen(implementation):
         planner = PregraspPlanner(config, surface, p_OC)
@@ -144,91 +144,87 @@ def make_tick(
     return tick
 
 
-def _tick_without_ports(surface: ObjectSurface, config: PlannerConfig) -> Tick:
+def _printed_tick(surface: ObjectSurface, config: PlannerConfig) -> Tick:
     weigh, covariance = make_strategy(config.strategy), config.position_spread**2 * np.eye(3)
+    points, radii = surface.forbidden.points, surface.forbidden.radii
 
     def tick(p_OC: FloatArray) -> FloatArray:
-        regions = compute_safe_regions(surface.p_OQ, p_OC, np.zeros(len(p_OC)), surface.forbidden)
+        n = len(p_OC)
+        labels = safe_region_labels(surface.p_OQ, p_OC, np.zeros(n), points, radii)
+        regions = SafeRegions.unlimited(labels, n)
         return select_contacts(SelectionInput(surface, p_OC, regions, covariance), weigh).p_OC
 
     return tick
 
 
-def cube(per_edge: int, contacts: int = 5, forbidden: int = 200, *, seed: int = 0) -> Scene:
-    """Returns a cube scene with `per_edge` squared candidates on each of its four side faces."""
-    return Scene(EDGE / per_edge, contacts, forbidden, CUBE, seed)
-
-
 @lru_cache(maxsize=1)
-def make_scene(scene: Scene) -> tuple[ObjectSurface, FloatArray]:
-    """Returns a surface, and initial contact sets in O, shape (`NUM_SETS`, n, 3), in metres.
-
-    Forbidden points of the cube are random points of its top and bottom.
-    """
-    rng = np.random.default_rng(scene.seed)
-    if scene.shape == CUBE:
-        surface = box_surface([EDGE] * 3, spacing=scene.spacing)
-        points = rng.uniform(-EDGE / 2, EDGE / 2, (scene.forbidden, 3))
-        points[:, 2] = EDGE / 2 * rng.choice([-1, 1], scene.forbidden)
-        radii = rng.uniform(0, LARGEST_RADIUS, scene.forbidden)
-        surface = replace(surface, forbidden=ForbiddenPoints(points, radii))
+def make_scene(scene: Scene) -> tuple[ObjectSurface, Obstacles | None, FloatArray]:
+    """Returns a surface, obstacles, and initial contacts in O, shape (`NUM_SETS`, n, 3)."""
+    rng = np.random.default_rng(0)
+    spacing, obstacles = LENGTH / scene.per_length, None
+    if scene.subdivisions:
+        ball = trimesh.creation.icosphere(scene.subdivisions, LENGTH / 2)
+        parts = np.zeros(len(ball.faces), dtype=np.intp)
+        surface = mesh_surface(Shape(ball, ("ball",), parts), spacing=spacing)
     else:
-        surface = load_scenario(scene.shape).make_surface(scene.spacing)
-        own = surface.forbidden
-        kept = np.sort(rng.permutation(len(own))[: scene.forbidden])
-        forbidden = ForbiddenPoints(own.points[kept], own.radii[kept], own.normals[kept])
+        surface = box_surface([LENGTH] * 3, spacing=spacing)
+        points = rng.uniform(-LENGTH / 2, LENGTH / 2, (scene.points, 3))
+        points[:, 2] = LENGTH / 2 * rng.choice([-1, 1], scene.points)
+        both = ForbiddenPoints(points, rng.uniform(0, LARGEST_RADIUS, scene.points))
+        obstacles = Obstacles(points=both) if scene.obstacles else None
+        forbidden = ForbiddenPoints.none() if scene.obstacles else both
         surface = replace(surface, forbidden=forbidden)
     clear = np.flatnonzero(surface.is_clear_of_forbidden_points)
-    chosen = [rng.choice(clear, scene.contacts, replace=False) for _ in range(NUM_SETS)]
-    starts: FloatArray = surface.p_OQ[np.array(chosen)]
-    if scene.shape == CUBE:
+    chosen = np.array([rng.choice(clear, scene.contacts, replace=False) for _ in range(NUM_SETS)])
+    starts: FloatArray = surface.p_OQ[chosen]
+    if not scene.subdivisions:
         # Contacts off the grid: on it, candidates would be equally near to two contacts.
-        along = np.where(surface.nhat_OQ[np.array(chosen)] == 0, scene.spacing, 0)
+        along = np.where(surface.nhat_OQ[chosen] == 0, spacing, 0)
         starts = starts + along * rng.uniform(-0.5, 0.5, along.shape)
-    return surface, starts
+    return surface, obstacles, starts
 
 
-def make_ticks(job: TickJob) -> dict[str, Tick]:
-    """Returns the tick of each implementation and of `WITHOUT_PORTS`, by name."""
-    surface, starts = make_scene(job.scene)
-    obstacles = None
-    names = [*implementations(), WITHOUT_PORTS]
-    if job.obstacles:
-        obstacles, names = Obstacles(points=surface.forbidden), names[:-1]
-        surface = replace(surface, forbidden=ForbiddenPoints.none())
-    config = PlannerConfig(strategy=job.strategy, limits=LimitsConfig(clearance=0.0))
-    return {
-        name: make_tick(surface, name, starts[0], config, obstacles=obstacles) for name in names
+def make_ticks(scene: Scene, config: PlannerConfig) -> dict[str, Tick]:
+    """Returns the tick of each implementation, and of `PRINTED` if it has all that is asked."""
+    surface, obstacles, starts = make_scene(scene)
+    ticks = {
+        name: make_tick(surface, name, starts[0], config, obstacles=obstacles)
+        for name in implementations()
     }
+    if obstacles is None and config == replace(PLAIN, strategy=config.strategy):
+        ticks[PRINTED] = _printed_tick(surface, config)
+    return ticks
 
 
 def time_ticks(job: TickJob) -> list[dict[str, Any]]:
     """Returns a row for each implementation; all tick in turn from the same contacts."""
-    surface, starts = make_scene(job.scene)
-    ticks = make_ticks(job)
+    surface, _, starts = make_scene(job.scene)
+    ticks = make_ticks(job.scene, job.config)
     seconds: dict[str, list[float]] = {name: [] for name in ticks}
-    begin = time.perf_counter()
+    begin = time.thread_time()
     for round_ in range(-_WARM_UP, job.rounds):
-        if round_ >= _FEWEST and time.perf_counter() - begin > job.seconds:
+        if round_ >= _FEWEST and time.thread_time() - begin > job.seconds:
             break
         for name, tick in ticks.items():
             # The previous implementation has filled the processor's caches with its own data.
             tick(starts[(round_ - 1) % NUM_SETS])
-            start = time.perf_counter()
+            start = time.thread_time()
             tick(starts[round_ % NUM_SETS])
-            seconds[name].append(time.perf_counter() - start)
-    kept = {name: 1e3 * np.array(values[_WARM_UP:]) for name, values in seconds.items()}
+            seconds[name].append(time.thread_time() - start)
     return [
         {
             "series": job.series,
+            "size": job.size,
             "N": len(surface.p_OQ),
-            "contacts": job.scene.contacts,
-            "forbidden": job.scene.forbidden,
-            "strategy": job.strategy,
             "implementation": name,
-            "ticks": len(ms),
-            "median [ms]": float(np.median(ms)),
-            "99 % [ms]": float(np.percentile(ms, 99)),
+            **tick_columns(own[_WARM_UP:]),
         }
-        for name, ms in kept.items()
+        for name, own in seconds.items()
     ]
+
+
+def tick_columns(seconds: list[float]) -> dict[str, float]:
+    """Returns the number of ticks, their median and 99th percentile, and the ratio of both."""
+    median, high = 1e3 * np.percentile(seconds, [50, 99])
+    columns = ("ticks", "median [ms]", "99 % [ms]", "99 % / median")
+    return dict(zip(columns, (len(seconds), median, high, high / median), strict=True))

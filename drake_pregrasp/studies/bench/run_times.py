@@ -1,0 +1,172 @@
+"""Times of simulated scenarios, and of a fresh process until its first tick."""
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, EventStatus, LeafSystem
+
+from drake_pregrasp.errors import ScenarioError
+from drake_pregrasp.simulation.run import LoggedRun
+from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.studies.bench.tick_times import chosen, implementations, tick_columns
+
+_WARM_UP = 3  # Number of planning ticks before the measurement.
+
+FIRST_TICK = "surface and first tick [s]"
+"""Column of `time_starts`: seconds after the import."""
+
+_PROGRAM = """
+import json, sys, time
+start = time.perf_counter()
+import drake_pregrasp
+imported = time.perf_counter() - start
+from drake_pregrasp.studies.bench.tick_times import PLAIN, Scene, make_scene, make_tick
+start = time.perf_counter()
+surface, _, starts = make_scene(Scene(24))
+make_tick(surface, sys.argv[1], starts[0], PLAIN)(starts[0])
+print(json.dumps([imported, time.perf_counter() - start]))
+"""
+
+
+class RunJob(NamedTuple):
+    """A scenario to simulate without a recording.
+
+    Attributes:
+        name: Name of the run.
+        scenario: Name of a shipped scenario.
+        text: YAML that overrides keys of the scenario.
+        ticks: Largest number of planning ticks; the scenario's duration is another limit.
+    """
+
+    name: str
+    scenario: str
+    text: str = "{}"
+    ticks: int = 200
+
+
+class _TickTimer(LeafSystem):
+    """Asks a simulation's planner for its goals before any other system does, and times it.
+
+    Publish events of one time run in the order in which systems were added. Add this system before
+    the simulation.
+    """
+
+    def __init__(self, simulation: Diagram, period: float) -> None:
+        super().__init__()
+        self._planner = simulation.GetSubsystemByName("pregrasp_planner")
+        self.seconds: list[float] = []
+        self.root_context: Context | None = None
+        self.DeclarePeriodicPublishEvent(period, 0.0, self._time)
+
+    def _time(self, context: Context) -> EventStatus:
+        own = self._planner.GetMyContextFromRoot(self.root_context)
+        start = time.thread_time()
+        self._planner.GetOutputPort("p_WC").Eval(own)
+        self.seconds.append(time.thread_time() - start)
+        return EventStatus.Succeeded()
+
+
+class _TimedRun:
+    """Simulation of a scenario that logs as a run does, and advances tick by tick."""
+
+    def __init__(self, scenario: Scenario, folder: Path, stack: ExitStack) -> None:
+        logged = LoggedRun(scenario, folder)
+        for log in filter(None, (logged.log, logged.grasp_log)):
+            stack.enter_context(log)
+        builder, self._period = DiagramBuilder(), scenario.planner.period
+        self.timer = builder.AddSystem(_TickTimer(logged.diagram, self._period))
+        builder.AddSystem(logged.diagram)
+        self._simulator = Simulator(builder.Build())
+        ApplySimulatorConfig(scenario.simulator_config, self._simulator)
+        self._simulator.set_target_realtime_rate(0)
+        self.timer.root_context = self._simulator.get_context()
+        self.seconds: list[float] = []
+
+    def advance(self) -> None:
+        """Simulates until the next planning tick."""
+        start = time.thread_time()
+        self._simulator.AdvanceTo((len(self.seconds) + 1) * self._period)
+        self.seconds.append(time.thread_time() - start)
+
+
+def time_run(job: RunJob) -> list[dict[str, Any]]:
+    """Returns a row for each implementation; all simulations advance in turn.
+
+    Contacts adapt from the start. All times are processor times of this thread, so other processes
+    hardly affect them. If the scenario cannot be loaded, for example because an extra is not
+    installed, the only row says why.
+    """
+    try:
+        scenario = load_scenario(job.scenario, text=job.text)
+    except ScenarioError as error:
+        return [{"run": job.name, "not run": error.problem}]
+    scenario.planner.static_duration = 0.0
+    period, rows = scenario.planner.period, []
+    ticks = min(_WARM_UP + job.ticks, int(scenario.simulation_duration / period))
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        runs = {}
+        for name in implementations():
+            (Path(folder) / name).mkdir()
+            with chosen(name):
+                runs[name] = _TimedRun(scenario, Path(folder) / name, stack)
+        for _ in range(ticks):
+            for run in runs.values():
+                run.advance()
+        for name, run in runs.items():
+            load = float(np.mean(run.seconds[_WARM_UP:])) / period
+            rows.append(
+                {
+                    "run": job.name,
+                    "implementation": name,
+                    **tick_columns(run.timer.seconds[_WARM_UP:]),
+                    "processor s / s": load,
+                    "x real time": 1 / load,
+                }
+            )
+    return rows
+
+
+def time_starts(processes: int, *, compiling: bool) -> list[dict[str, Any]]:
+    """Returns rows with the times of the import and of the first tick in fresh processes.
+
+    Args:
+        processes: Number of processes for each implementation; rows have their medians.
+        compiling: Whether to start with an empty cache of compiled code, and to time the
+            compilation too.
+    """
+    rows = []
+    with tempfile.TemporaryDirectory() as cache:
+        own_cache = {"NUMBA_CACHE_DIR": cache} if compiling else {}
+        for implementation in implementations():
+            first = _start(implementation, own_cache)
+            if compiling and implementation == "fast":
+                rows.append((implementation, "first", *first))
+            later = [_start(implementation, own_cache) for _ in range(processes)]
+            rows.append((implementation, "later", *np.median(later, axis=0).tolist()))
+    columns = ("implementation", "start", "import [s]", FIRST_TICK)
+    return [dict(zip(columns, row, strict=True)) for row in rows]
+
+
+def _start(implementation: str, variables: dict[str, str]) -> list[float]:
+    root = str(Path(__file__).parents[3])
+    paths = os.pathsep.join(filter(None, (root, os.environ.get("PYTHONPATH"))))
+    # -P: the package comes from the caller's paths, not from the current folder.
+    done = subprocess.run(
+        [sys.executable, "-P", "-c", _PROGRAM, implementation],
+        env={**os.environ, "PYTHONPATH": paths, **variables},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    seconds: list[float] = json.loads(done.stdout)
+    return seconds
