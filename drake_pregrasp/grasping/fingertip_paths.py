@@ -40,7 +40,8 @@ class TipRoom:
     def permitted(self, p_GT: FloatArray) -> FloatArray:
         """Returns approximately the nearest permitted positions in G, shape (n, 3), in metres.
 
-        They are never inside the object. Without free space beside it, they are inside others.
+        They are never inside the object. Without free space beside it, they are inside others. If
+        all are permitted, the same array is returned.
 
         Args:
             p_GT: Centres of the tips in G, shape (n, 3), in metres.
@@ -162,10 +163,11 @@ def _spread(p_GT: FloatArray, spacing: float | FloatArray) -> FloatArray:
     """Moves both tips of a pair apart equally; returns the same array if none moves."""
     away = p_GT[:, None] - p_GT
     distance = np.sqrt(np.einsum("ijk,ijk->ij", away, away))
-    lacking = np.maximum(spacing - distance, 0)
-    np.fill_diagonal(lacking, 0)
+    lacking = spacing - distance
+    lacking.flat[:: len(p_GT) + 1] = 0  # A tip and itself.
     if lacking.max(initial=0) <= _ROUNDING:
         return p_GT
+    lacking = np.maximum(lacking, 0)
     unit = np.where(distance[..., None] > 0, away, np.triu(np.ones_like(distance))[..., None] - 0.5)
     unit /= np.linalg.norm(unit, axis=2, keepdims=True)
     apart: FloatArray = p_GT + np.sum(lacking[..., None] / 2 * unit, axis=1)

@@ -34,6 +34,7 @@ _TRACKING_WEIGHT = 100.0  # Weight of goals against posture.
 _DAMPING = 1e-3  # Singular value of a Jacobian, in metres, below which its direction is given up.
 _LIMIT_RATE = 10.0  # Largest ratio of a joint's speed to its distance from a limit, in 1/s.
 _USED = 0.75  # Share of the limit of acceleration that is commanded: drives and clearances add.
+_GUESSES = 5  # Guesses of the active set before the solver is asked.
 _TOLERANCE = 1e-9  # Violation of a constraint that is rounding, in m/s or rad/s.
 
 
@@ -48,6 +49,35 @@ def _pseudoinverse(J: FloatArray) -> FloatArray:
     large = s > _DAMPING
     damped: FloatArray = (Vt[large].T / s[large]) @ U[:, large].T
     return damped
+
+
+def _active_set_solution(
+    H: FloatArray, v_free: FloatArray, least: FloatArray, most: FloatArray, clear: Clearances
+) -> FloatArray | None:
+    """Returns the solution of `VelocityProgram` if a few guesses of its active set find it.
+
+    With the active constraints A v = b, v = v_free + H⁻¹ Aᵀ λ. By the conditions of Karush, Kuhn
+    and Tucker it is the optimum if all λ >= 0 and all constraints are kept. Otherwise the next
+    guess drops constraints with λ < 0 and adds those that are violated (a primal-dual active-set
+    method; Hintermüller, Ito and Kunisch, 2002).
+    """
+    identity = np.eye(len(H))
+    A = np.concatenate([identity, -identity, clear.rows])
+    b = np.concatenate([least, -most, clear.least])
+    lacking = b - A @ v_free
+    active = lacking > 0
+    with contextlib.suppress(np.linalg.LinAlgError):  # Constraints that depend on each other.
+        H_inverse = np.linalg.inv(H)
+        for _ in range(_GUESSES):
+            moves = H_inverse @ A[active].T
+            multipliers = np.linalg.solve(A[active] @ moves, lacking[active])
+            v: FloatArray = v_free + moves @ multipliers
+            violated = ~(A @ v >= b - _TOLERANCE)
+            if np.all(multipliers >= 0) and not violated.any():
+                return v
+            active[active] = multipliers >= 0
+            active |= violated
+    return None
 
 
 class VelocityProgram:
@@ -84,6 +114,9 @@ class VelocityProgram:
             most: Largest velocities, shape (nq,).
             clear: Further constraints.
         """
+        guess = _active_set_solution(H, v_free, least, most, clear)
+        if guess is not None:
+            return guess
         self._cost.evaluator().UpdateCoefficients(2 * H, np.zeros(len(H)), is_convex=True)
         self._bounds.evaluator().set_bounds(least - v_free, most - v_free)
         unbounded = np.full(len(clear.least), np.inf)
