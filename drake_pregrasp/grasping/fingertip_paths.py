@@ -14,6 +14,7 @@ _PASSES = 6  # A tip pushed out by one constraint may violate another one.
 _SHARES = np.linspace(0.0, 1.0, 17)[:, None, None]
 _ON_SIDE = 0.7  # Least horizontal part of a unit outward direction on a side.
 _ROUNDING = 1e-12  # Tolerance of clearances in metres.
+_SQUEEZED = 2e-3  # Clearance to other solids that a tip may give up to pass, in metres.
 _GRAZE = 1e-4  # Largest violation of the clearance by a free path, in metres.
 
 
@@ -107,8 +108,9 @@ def shape_goals(
 ) -> FloatArray:
     """Returns the next positions of tips on their paths to goals, in G, shape (n, 3), in metres.
 
-    A tip moves straight if the path is clear of the object, and otherwise around it on the shorter
-    side. It keeps its pace unless solids or other tips push it out.
+    A tip moves straight if the path is clear of the object, otherwise around it on the shorter
+    side, or over it if other solids block that side. It keeps its pace unless solids or other tips
+    push it out.
 
     Args:
         p_GT: Centres of the tips in G, shape (n, 3), in metres.
@@ -134,7 +136,8 @@ def _is_free(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> BoolArray:
 def _way_round(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> FloatArray:
     """Returns displacements along the object's side: a horizontal arc and the remaining height.
 
-    Above and below the object, tips slide along its surface towards their goals.
+    A tip whose way is blocked rises. Above and below the object, tips slide along its surface
+    towards their goals.
     """
     _, outward = room.object.distance_and_gradient(p_GT)
     straight = goal - p_GT
@@ -145,9 +148,37 @@ def _way_round(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> FloatArray:
     tangent = np.stack([-outward[:, 1], outward[:, 0]], axis=1)
     arc = angle * np.linalg.norm(here, axis=1)
     round_it = np.column_stack([arc[:, None] * tangent, straight[:, 2]])
+    blocked = _is_blocked(p_GT, angle, straight[:, 2], room)
+    round_it[blocked] = np.abs(arc)[blocked, None] * [0.0, 0.0, 1.0]
     on_side = np.linalg.norm(tangent, axis=1) > _ON_SIDE
     ways: FloatArray = np.where(on_side[:, None], round_it, sliding)
     return ways
+
+
+def _is_blocked(
+    p_GT: FloatArray, angle: FloatArray, height: FloatArray, room: TipRoom
+) -> BoolArray:
+    """Returns whether other solids leave a tip no room on its way along the object's side, (n,).
+
+    Args:
+        p_GT: Centres of the tips in G, shape (n, 3), in metres.
+        angle: Angles of the ways about z of G, shape (n,), in radians.
+        height: Heights that the tips gain on their ways, shape (n,), in metres.
+        room: Free space of the tips.
+    """
+    shares = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
+    x, y, z = (p_GT - room.p_GO).T
+    azimuths = np.arctan2(y, x) + shares * angle
+    radii = np.hypot(x, y) + room.object_clearances  # Beside the object, not inside.
+    round_it = [radii * np.cos(azimuths), radii * np.sin(azimuths), z + shares * height]
+    points = room.p_GO + np.stack(round_it, axis=2).reshape(-1, 3)
+    distances, outward = room.object.distance_and_gradient(points)
+    points -= (distances - np.tile(room.object_clearances, _SAMPLES))[:, None] * outward
+    blocked = np.zeros(len(p_GT), dtype=bool)
+    for solid, clearance in room.others:
+        gaps = solid.distance(points).reshape(_SAMPLES, -1) - clearance
+        blocked |= np.min(gaps, axis=0) < -_SQUEEZED
+    return blocked
 
 
 def _pushed_out(p_GT: FloatArray, solid: Solid, clearance: float | FloatArray) -> FloatArray:

@@ -30,7 +30,7 @@ from drake_pregrasp.systems.ports import (
     validated_velocity,
 )
 
-_TRACKING_WEIGHT = 100.0  # Weight of goals against posture.
+_TRACKING_WEIGHT = 1e4  # Weight of goals against posture.
 _DAMPING = 1e-3  # Singular value of a Jacobian, in metres, below which its direction is given up.
 _LIMIT_RATE = 10.0  # Largest ratio of a joint's speed to its distance from a limit, in 1/s.
 _USED = 0.75  # Share of the limit of acceleration that is commanded: drives and clearances add.

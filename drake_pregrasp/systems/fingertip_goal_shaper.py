@@ -115,7 +115,8 @@ class FingertipGoalShaper(LeafSystem):
     Goals move over the object with at most `goal_speed` and half of `tip_acceleration`, so they do
     not jump when contacts do, unless an obstacle or another fingertip pushes them away. They are
     clear of the object and of everything else by the tip radius and a clearance, and go the shorter
-    way around the object. Fingers without an active contact wait above the object.
+    way around the object, or over it if that way is blocked. Fingers without an active contact wait
+    above the object.
 
     Args:
         config: Configuration of the grasp; `period`, `goal_speed`, `tip_acceleration` and

@@ -108,8 +108,9 @@ class GraspSequencer(LeafSystem):
 
     Port `X_WG` emits a `RigidTransform`: the pose of the frame G in which goals are planned. It is
     the estimated pose of O, raised while the hand approaches. Once all fingers press firmly, they
-    stick to the object, and G moves with them and no longer with the estimate: a table that
-    accelerates takes the hand along. For the lift, G stops and moves straight up.
+    stick to the object, and G moves with them and no longer with the estimate, so that on average
+    they are at their goals: a table that accelerates takes the hand along, and no strain of the
+    touch pushes the object. For the lift, G stops and moves straight up.
 
     Port `V_WG` emits a `SpatialVelocity`: the velocity of G in W, on average until the next tick.
 
@@ -175,7 +176,8 @@ class GraspSequencer(LeafSystem):
         first = GraspState.first(n, self._settings)
         self._state = self.DeclareDiscreteState(first.to_vector())
         self._last = self.DeclareDiscreteState(pack(_AT_REST))
-        # Fingertips in G since they press firmly, else NaN.
+        # Goals of the fingertips in G since they press firmly, else NaN. Their measured places
+        # would keep the strain of the touch, which then drives the object without end.
         self._sticking = self.DeclareDiscreteState(np.full(3 * n, np.nan))
         self._close = self.DeclareVectorInputPort("close", 1)
         self._status = self.DeclareVectorInputPort("contact_status", n)
@@ -338,7 +340,7 @@ class GraspSequencer(LeafSystem):
         if state.phase < GraspPhase.SQUEEZE:
             discrete_state.set_value(self._sticking, np.full(p_GT.size, np.nan))
         elif is_firm and np.all(np.isnan(self._sticking_tips(context))):
-            discrete_state.set_value(self._sticking, p_GT.ravel())
+            discrete_state.set_value(self._sticking, p_GT_goal.ravel())
 
     def _plan_squeeze(self, context: Context, active: BoolArray) -> Squeeze:
         p_OC, nhat = (part[active] for part in self._contacts(context))

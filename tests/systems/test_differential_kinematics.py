@@ -161,6 +161,22 @@ def test_a_finger_that_holds_touches_with_its_tip_first():
         assert gaps[f"finger_{finger}_proximal link"] > LINK_CLEARANCE - 1e-3
 
 
+def test_the_palm_gives_way_where_a_link_has_no_room():
+    """A wall stands where the first finger leans out to; only the palm's posture is in the way."""
+    follower = Follower()
+    link = follower.scene.hand.plant.GetFrameByName("finger_0_distal")
+    context = follower.scene.hand.plant.CreateDefaultContext()
+    follower.scene.hand.plant.SetPositions(context, HOME)
+    knee = link.CalcPoseInWorld(context).translation()
+    x, y, height = (knee + TIPS[0]) / 2
+    wall = BoxSolid(np.array([x + 0.05, y, height / 2]), np.eye(3), np.array([0.1, 0.4, height]))
+    for _ in range(150):
+        _, hinders = follower.tick(obstacles=Obstacles((wall,)))
+        assert hinders == NOT_HINDERED
+    assert np.linalg.norm(follower.q[:4] - HOME[:4]) > 0.005
+    np.testing.assert_allclose(HAND.tips_at(follower.q), TIPS, atol=1e-3)
+
+
 def test_a_hand_without_a_way_stops_says_why_and_goes_on_without_a_jump():
     goals = TIPS + np.array([0.3, 0.0, 0.0])
     follower = Follower(desired_cartesian_poses=bus(goals))
