@@ -11,7 +11,7 @@ from drake_pregrasp.geometry.solids import Solid
 _PASSES = 6  # A tip pushed out by one constraint may violate another one.
 # Points of a straight path, as shares of its length: they find its distance from the object to
 # 0.2 mm.
-_SHARES = np.linspace(0.0, 1.0, 17)[:, None, None]
+_SHARES = np.linspace(0.0, 1.0, 17)[:, None]
 _ON_SIDE = 0.7  # Least horizontal part of a unit outward direction on a side.
 _ROUNDING = 1e-12  # Tolerance of clearances in metres.
 _SQUEEZED = 2e-3  # Clearance to other solids that a tip may give up to pass, in metres.
@@ -127,7 +127,7 @@ def shape_goals(
 
 
 def _is_free(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> BoolArray:
-    points = p_GT + _SHARES * (goal - p_GT)
+    points = p_GT + _SHARES[:, :, None] * (goal - p_GT)
     distances = room.object.distance(points.reshape(-1, 3)).reshape(points.shape[:2])
     free: BoolArray = distances.min(axis=0) >= room.object_clearances - _GRAZE
     return free
@@ -166,18 +166,17 @@ def _is_blocked(
         height: Heights that the tips gain on their ways, shape (n,), in metres.
         room: Free space of the tips.
     """
-    shares = np.linspace(0.0, 1.0, _SAMPLES)[:, None]
     x, y, z = (p_GT - room.p_GO).T
-    azimuths = np.arctan2(y, x) + shares * angle
+    azimuths = np.arctan2(y, x) + _SHARES * angle
     radii = np.hypot(x, y) + room.object_clearances  # Beside the object, not inside.
-    round_it = [radii * np.cos(azimuths), radii * np.sin(azimuths), z + shares * height]
+    round_it = [radii * np.cos(azimuths), radii * np.sin(azimuths), z + _SHARES * height]
     points = room.p_GO + np.stack(round_it, axis=2).reshape(-1, 3)
     distances, outward = room.object.distance_and_gradient(points)
-    points -= (distances - np.tile(room.object_clearances, _SAMPLES))[:, None] * outward
+    points -= (distances - np.tile(room.object_clearances, len(_SHARES)))[:, None] * outward
     blocked = np.zeros(len(p_GT), dtype=bool)
     for solid, clearance in room.others:
-        gaps = solid.distance(points).reshape(_SAMPLES, -1) - clearance
-        blocked |= np.min(gaps, axis=0) < -_SQUEEZED
+        gaps = solid.distance(points).reshape(len(_SHARES), -1) - clearance
+        blocked |= gaps.min(axis=0) < -_SQUEEZED
     return blocked
 
 
