@@ -11,8 +11,11 @@ from pydrake.solvers import MathematicalProgram, Solve
 
 from drake_pregrasp import BoxSolid, HalfSpace, Obstacles
 from drake_pregrasp.grasping.grasp_state import BASE, NOT_HINDERED, GiveUp, describe_give_up
-from drake_pregrasp.systems.differential_kinematics import DifferentialKinematics, VelocityProgram
-from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE, Clearances
+from drake_pregrasp.systems.differential_kinematics import (
+    DifferentialKinematics,
+    constrained_velocity,
+)
+from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE
 
 TABLE = HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0]))
 CUBE = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
@@ -216,35 +219,26 @@ def test_a_step_without_a_solution_stops_the_hand_and_says_so(number):
     assert hinders == NOT_HINDERED
 
 
-def solved(H, v_free, least, most, clear):
-    """Returns the optimum of a new program, by Drake's own choice of a solver."""
-    program = MathematicalProgram()
-    dv = program.NewContinuousVariables(NQ)
-    program.AddQuadraticCost(2 * H, np.zeros(NQ), dv, is_convex=True)
-    program.AddBoundingBoxConstraint(least - v_free, most - v_free, dv)
-    lacking = clear.least - clear.rows @ v_free
-    program.AddLinearConstraint(clear.rows, lacking, np.full(len(lacking), np.inf), dv)
-    result = Solve(program)
-    assert result.is_success()
-    return v_free + result.GetSolution(dv)
-
-
 @pytest.mark.parametrize("distance", [0.0, 0.05, 0.3, 1.0])
-def test_a_reused_program_gives_the_optimum_and_the_free_velocity_where_it_is_allowed(distance):
-    """The system skips the program where the velocity without constraints keeps all of them."""
+def test_the_constrained_velocity_is_the_optimum_and_the_free_one_where_it_is_allowed(distance):
+    """The system takes the velocity without constraints where it keeps all of them."""
     rng = np.random.default_rng(5)
-    reused = VelocityProgram(NQ)
     for case in range(40):
         J, rows = rng.normal(size=(15, NQ)), rng.normal(size=(1 + case % 12, NQ))
         H, v_free = 100 * J.T @ J + 0.5 * np.eye(NQ), rng.normal(size=NQ)
-        kept = v_free + distance * rng.normal(size=NQ)  # Keeps all constraints.
-        slack = rng.uniform(0.0, 0.3, size=NQ)
         if case % 4 == 0:
             rows[-1] = rows[0]  # Constraints that depend on each other.
-            slack[len(rows) - 1] = slack[0]
-        clear = Clearances(rows, rows @ kept - slack[: len(rows)], np.zeros(len(rows), int))
-        problem = H, v_free, kept - slack, kept + rng.uniform(0.0, 0.3, size=NQ), clear
-        v = reused.solve(*problem)
-        np.testing.assert_allclose(v, solved(*problem), atol=2e-4)
+        A = np.concatenate([np.eye(NQ), -np.eye(NQ), rows])
+        kept = v_free + distance * rng.normal(size=NQ)  # Keeps all constraints.
+        b = A @ kept - rng.uniform(0.0, 0.3, size=len(A))
+        b[-1] = b[-len(rows)] if case % 4 == 0 else b[-1]
+        v = constrained_velocity(H, v_free, A, b)
+        program = MathematicalProgram()
+        dv = program.NewContinuousVariables(NQ)
+        program.AddQuadraticCost(2 * H, np.zeros(NQ), dv, is_convex=True)
+        program.AddLinearConstraint(A, b - A @ v_free, np.full(len(b), np.inf), dv)
+        result = Solve(program)
+        assert result.is_success()
+        np.testing.assert_allclose(v, v_free + result.GetSolution(dv), atol=2e-4)
         if distance == 0:
             np.testing.assert_array_equal(v, v_free)
