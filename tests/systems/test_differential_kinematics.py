@@ -147,21 +147,26 @@ def test_links_and_fingertips_stay_clear_of_an_object_wherever_the_goals_are(vel
     assert 0.001 < least < 0.01
 
 
-def test_a_finger_that_holds_touches_with_its_tip_first():
-    inward = P_WO + (TIPS - P_WO) * [0.45, 0.45, 1.0]
+@pytest.mark.parametrize("depth", [0.0, 0.02])
+def test_a_finger_that_holds_touches_with_its_tip_first_wherever_the_object_is(depth):
+    """The palm goes over the object to the other side: the finger leans on the object's edge."""
+    leaning = HOME.copy()
+    leaning[[0, 2]] += [-0.08, 0.03]
+    leaning[4:7] = [0.0, 0.44, 0.0]
+    leaning[8::3] = 1.4  # The other fingers stretch out.
     follower = Follower(
         X_WO=RigidTransform(P_WO),
-        desired_cartesian_poses=bus(inward),
-        fingers_hold=np.ones(N),
+        desired_cartesian_poses=bus([[0.058 - depth, 0.0, 0.05]]),
+        fingers_hold=np.eye(N)[0],
+        nominal_posture=leaning,
     )
-    for _ in range(60):
+    for _ in range(150):
         follower.tick()
-    gaps = follower.distances("object")
-    for finger in range(N):
-        tip = gaps[f"finger_{finger}_distal tip"]
-        assert tip < 0.0
-        assert gaps[f"finger_{finger}_distal link"] >= tip + 0.001
-        assert gaps[f"finger_{finger}_proximal link"] > LINK_CLEARANCE - 1e-3
+        gaps = follower.distances("object")
+        assert gaps["finger_0_distal link"] - gaps["finger_0_distal tip"] > 0.0019
+        assert gaps["finger_0_proximal link"] > LINK_CLEARANCE - 1e-3
+    # The tip arrives, which is 1 mm in the object where it is estimated, or deeper.
+    assert gaps["finger_0_distal tip"] == pytest.approx(-0.001 - depth, abs=1e-4)
 
 
 def test_the_palm_gives_way_where_a_link_has_no_room():
