@@ -10,7 +10,6 @@ from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.contacts.goal_limits import (
     ContactLimits,
     judged_goals,
-    limit_at,
     limited_goals,
     with_returning_contacts,
 )
@@ -132,17 +131,19 @@ def select_contacts(
     regions = selection.regions
     if choose is None or best_point:
         choose = partial(best_points if best_point else region_goals, strategy=strategy)
-    active = np.flatnonzero(regions.sizes() > 0)
+    active = np.flatnonzero(regions.counts > 0)
     goals = selection.p_OC.copy()
     for movers in active[:, None] if in_turns else active[None]:
         if len(movers) == 0:
             continue
         seen = replace(selection, p_OC=goals.copy()) if in_turns else selection
         goals[movers] = choose(seen, movers)
-        if not regions.constraints.leaves_every_point:
-            selection.project(goals[movers])  # All at once.
-            for i in movers.tolist():
-                goals[i] = _permitted(selection, i, goals[i], regions.members(i))
+        if regions.constraints.leaves_every_point:
+            continue
+        barred = selection.limits_of(movers, goals[movers])[0] != Limit.NONE
+        for i in movers[barred].tolist():  # The nearest candidate replaces a forbidden goal.
+            points = selection.surface.p_OQ[regions.members(i)]
+            goals[i] = points[np.argmin(np.linalg.norm(points - goals[i], axis=1))]
     on_patches = np.zeros(len(goals), dtype=bool)
     on_patches[active] = True
     limited = limited_goals(selection, goals.copy(), limits)
@@ -150,17 +151,6 @@ def select_contacts(
         limited = with_returning_contacts(selection, limited, limits.max_step)
     on_patches &= (limited == goals).all(axis=1)
     return judged_goals(selection, limited, on_patches, limits)
-
-
-def _permitted(
-    selection: SelectionInput, contact: int, goal: FloatArray, members: IntArray
-) -> FloatArray:
-    """Returns a goal, or the candidate nearest to it if the constraints forbid the goal."""
-    if limit_at(selection, contact, goal)[0] == Limit.NONE:
-        return goal
-    points = selection.surface.p_OQ[members]
-    nearest: FloatArray = points[np.argmin(np.linalg.norm(points - goal, axis=1))]
-    return nearest
 
 
 def verify_contacts(surface: ObjectSurface, goals: ContactGoals) -> None:

@@ -10,9 +10,11 @@ import functools
 import importlib.util
 import os
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import GoalFunction
 from drake_pregrasp.estimation.pose_filter import FilterStep
 from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.regions.constraints import LimitFunction, Predicates
 from drake_pregrasp.regions.safe_regions import LabelCandidates
 
 SWITCH = "DRAKE_PREGRASP_FAST"
@@ -29,17 +31,36 @@ def _is_chosen() -> bool:
     return numba_is_installed() and os.environ.get(SWITCH) != "0"
 
 
-def fast_labels(surface: ObjectSurface) -> LabelCandidates | None:
-    """Returns `label_candidates` compiled for a surface's candidates, or None without numba.
+def fast_labels(q: FloatArray, nhat: FloatArray) -> LabelCandidates | None:
+    """Returns `label_candidates` compiled for the candidates of a surface, or None without numba.
 
     Args:
-        surface: The object's surface.
+        q: Candidate points, shape (N, d), in metres.
+        nhat: Outward unit normals at the candidates, shape (N, 3).
     """
     if not _is_chosen():
         return None
     from drake_pregrasp.fast.labels import CompactCandidates  # numba takes a third of a second.
 
-    return CompactCandidates(surface.p_OQ).label
+    return CompactCandidates(q, nhat).label
+
+
+def fast_surface(surface: ObjectSurface) -> ObjectSurface:
+    """Returns a surface whose projection is compiled, or the same surface without numba."""
+    if not _is_chosen():
+        return surface
+    from drake_pregrasp.fast.projection import CompiledSurface
+
+    return CompiledSurface.of(surface)
+
+
+def fast_limits() -> LimitFunction:
+    """Returns `Predicates.limits_at` compiled, or the reference without numba."""
+    if not _is_chosen():
+        return Predicates.limits_at
+    from drake_pregrasp.fast.predicates import compiled_limits_at
+
+    return compiled_limits_at
 
 
 def fast_goals(

@@ -11,7 +11,7 @@ from drake_pregrasp.estimation.pose_filter import (
     PoseFilterNoise,
     PoseMeasurement,
 )
-from drake_pregrasp.fast.labels import compiled
+from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.geometry.rotations import SMALL
 
 

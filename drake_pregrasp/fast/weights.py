@@ -25,7 +25,7 @@ import math
 import numpy as np
 
 from drake_pregrasp.contacts.strategies import FLAT
-from drake_pregrasp.fast.labels import compiled
+from drake_pregrasp.fast.compiling import compiled
 
 KINDS = ("position", "msv", "gii", "vew")
 """Strategies that are compiled, the measures in the reading `hand`."""

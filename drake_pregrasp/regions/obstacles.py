@@ -48,8 +48,7 @@ def _placed(solid: Solid, R_GF: FloatArray, p_GF: FloatArray, shift: FloatArray 
         moved = moved.moved(R_GF, p_GF)
     except InvalidArgumentError:
         return ANYWHERE
-    distance, gradient = moved.distance_and_gradient(np.zeros((1, 3)))
-    return moved if np.isfinite(distance[0]) and np.all(np.isfinite(gradient)) else ANYWHERE
+    return moved if np.isfinite(moved.distance(np.zeros((1, 3)))[0]) else ANYWHERE
 
 
 def _placed_points(points: ForbiddenPoints, R_GF: FloatArray, p_GF: FloatArray) -> ForbiddenPoints:

@@ -12,7 +12,7 @@ from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.fast import fast_labels
+from drake_pregrasp.fast import fast_labels, fast_surface
 from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.solids import BallSolid
@@ -128,7 +128,7 @@ class SafeRegionPartitioner(LeafSystem):
         self._points = surface.p_OQ
         if config.normal_length > 0:
             self._points = lifted(surface.p_OQ, surface.nhat_OQ, config.normal_length)
-        self._label = fast_labels(surface) if config.normal_length == 0 else None
+        self._label = fast_labels(self._points, surface.nhat_OQ)
         self._moments = np.linspace(0.0, limits.horizon, _MOMENTS)[1:] if limits.horizon else ()
         self._is_unlimited = (
             config.wall_test == "none"
@@ -137,7 +137,7 @@ class SafeRegionPartitioner(LeafSystem):
             and not any(self._closed)
         )
         self._graph = SurfaceGraph(surface) if config.wall_test == "surface" else None
-        self._surface, self._num_contacts = surface, num_contacts
+        self._surface, self._num_contacts = fast_surface(surface), num_contacts
         self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
         self._p_WC = self.DeclareVectorInputPort("p_WC", 3 * num_contacts)
         self._contact_weights = self.DeclareVectorInputPort("contact_weights", num_contacts)

@@ -35,7 +35,7 @@ SURFACES = {
     "ball": mesh_surface(ball_shape(0.04), spacing=0.006),
     "cup": mesh_surface(CUP, spacing=0.008),
 }
-LABELS = {name: fast_labels(surface) for name, surface in SURFACES.items()}
+LABELS = {name: fast_labels(surface.p_OQ, surface.nhat_OQ) for name, surface in SURFACES.items()}
 KINDS = ("position", "msv", "gii", "vew")
 
 
@@ -97,7 +97,7 @@ def test_of_tied_candidates_the_first_contact_has_each():
     surface = box_surface([0.1, 0.1, 0.1], spacing=0.01)
     p_OC = np.array([[0.05, 0.03, 0.0], [0.05, -0.03, 0.0], [-0.05, 0.03, 0.0], [0.05, 0.03, 0]])
     regions = compute_safe_regions(
-        surface.p_OQ, p_OC, np.zeros(4), ForbiddenPoints.none(), label=fast_labels(surface)
+        surface.p_OQ, p_OC, np.zeros(4), ForbiddenPoints.none(), label=fast_labels(surface.p_OQ, surface.nhat_OQ)
     )
     assert np.sum(regions.sizes()) == len(surface.p_OQ)
     assert regions.sizes()[3] == 0
@@ -203,7 +203,7 @@ def frozen(array):
 
 @pytest.mark.parametrize("kind", [np.array, frozen, lambda a: np.repeat(a, 2, axis=0)[::2]])
 def test_no_tick_waits_for_the_compiler_whatever_arrays_it_meets(kind):
-    from drake_pregrasp.fast import goals, labels
+    from drake_pregrasp.fast import goals, labels, predicates, projection
 
     surface, rng = SURFACES["cube"], np.random.default_rng(0)
     p_OC = contacts(surface, 4, rng)
@@ -214,7 +214,13 @@ def test_no_tick_waits_for_the_compiler_whatever_arrays_it_meets(kind):
     selection = SelectionInput(surface, kind(p_OC), regions, kind(np.eye(3)))
     choose = fast_goals(surface, "gii")
     np.testing.assert_array_equal(choose(selection, kind(np.arange(4))), plain)
-    for entry in (labels.label_blocks, goals.weighted_centroids, goals.projected):
+    entries = (
+        labels.label_blocks,
+        goals.weighted_centroids,
+        projection.projected,
+        predicates.limits_of_points,
+    )
+    for entry in entries:
         assert len(entry.signatures) == 1
         assert not entry._can_compile
 
@@ -226,7 +232,7 @@ def test_the_reference_computes_settings_that_are_not_compiled(monkeypatch):
     assert fast_goals(surface, "msv", power=2.0) is None
     assert fast_goals(surface, "position", reading="contact", power=2.0) is not None
     monkeypatch.setenv(SWITCH, "0")
-    assert fast_labels(surface) is None
+    assert fast_labels(surface.p_OQ, surface.nhat_OQ) is None
     assert fast_goals(surface, "msv") is None
 
 

@@ -88,8 +88,8 @@ def test_one_whose_place_is_lost_may_be_anywhere(index, spoil, bad):
 
 def test_a_solid_of_ones_own_that_knows_no_distance_may_be_anywhere():
     class Senseless(Solid):
-        def distance_and_gradient(self, p_FP):
-            return np.full(len(p_FP), np.nan), np.tile([0.0, 0.0, 1.0], (len(p_FP), 1))
+        def rounded_box(self):
+            return np.full(19, np.nan)
 
         def moved(self, R_GF, p_GF):
             return self
