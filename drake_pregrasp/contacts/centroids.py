@@ -24,6 +24,10 @@ from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.regions.constraints import Limit
 
 
+TIE = 1e-9
+"""Largest relative difference of weights that counts as rounding."""
+
+
 def gaussian_log_weights(q: FloatArray, mu: FloatArray, Sigma: FloatArray) -> FloatArray:
     """Returns log(b_n) of Eq. 3 without its constant factor, shape (N,).
 
@@ -96,12 +100,17 @@ def best_points(
 ) -> FloatArray:
     """Returns the candidate with the largest weight in each contact's region, shape (k, 3).
 
+    Of weights that differ by rounding only, the first one counts.
+
     Args:
         selection: Surface, contacts, regions and estimate of this tick.
         contacts: Indices of k contacts whose regions are not empty.
         strategy: Weights of the candidates.
     """
-    best = [selection.regions.members(i)[np.argmax(strategy(selection, i))] for i in contacts]
+    best = []
+    for i in contacts:
+        log_b = strategy(selection, i)
+        best.append(selection.regions.members(i)[np.argmax(log_b >= log_b.max() - TIE)])
     return selection.surface.p_OQ[best]
 
 
@@ -125,11 +134,11 @@ def select_contacts(
         in_turns: Whether the contacts move one after another, each with the new goals of those
             before it, and not all at once. The regions are those of the tick in both cases.
         limits: Limits on the goals.
-        choose: A faster implementation of `region_goals` with that strategy.
+        choose: A faster implementation of `region_goals`, or of `best_points`, with that strategy.
     """
     limits = limits or ContactLimits()
     regions = selection.regions
-    if choose is None or best_point:
+    if choose is None:
         choose = partial(best_points if best_point else region_goals, strategy=strategy)
     active = np.flatnonzero(regions.counts > 0)
     goals = selection.p_OC.copy()

@@ -9,11 +9,13 @@ by `fast_labels`, `fast_goals` and `fast_filter_step`; None means the reference.
 import functools
 import importlib.util
 import os
+from collections.abc import Mapping
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import GoalFunction
 from drake_pregrasp.estimation.pose_filter import FilterStep
 from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.quality.force_closure import FRICTION
 from drake_pregrasp.regions.constraints import LimitFunction, Predicates
 from drake_pregrasp.regions.safe_regions import LabelCandidates
 
@@ -65,29 +67,38 @@ def fast_limits() -> LimitFunction:
 
 def fast_goals(
     surface: ObjectSurface,
-    strategy: str,
+    weights: Mapping[str, float],
     *,
     reading: str = "hand",
     stretch: bool = True,
     power: float = 1.0,
+    friction: float = FRICTION,
+    best_point: bool = False,
 ) -> GoalFunction | None:
-    """Returns `region_goals` compiled for a surface and strategy, or None for the reference.
+    """Returns `region_goals` or `best_points` compiled for a surface, or None without numba.
 
     Args:
         surface: The object's surface.
-        strategy: Name of the strategy; this and the other arguments are as for `make_strategy`.
-        reading: Reading of the grasp matrix.
+        weights: Weights of the strategies in a blend, by name; one for a single strategy.
+        reading: Reading of the grasp matrix; this and the next three are as for `make_blend`.
         stretch: Whether weights are stretched over each region.
         power: Exponent of the weights.
+        friction: Coulomb's coefficient.
+        best_point: Whether goals are the best points.
     """
     if not _is_chosen():
         return None
     from drake_pregrasp.fast.goals import CompiledGoals
-    from drake_pregrasp.fast.weights import KINDS
 
-    if strategy not in KINDS or (strategy != "position" and (reading != "hand" or power != 1)):
-        return None
-    return CompiledGoals(surface, strategy, stretch=stretch)
+    return CompiledGoals(
+        surface,
+        weights,
+        reading=reading,
+        stretch=stretch,
+        power=power,
+        friction=friction,
+        best_point=best_point,
+    )
 
 
 def fast_filter_step() -> FilterStep | None:

@@ -1,12 +1,15 @@
 """Goals of contacts: weighted centroids of safe regions, projected onto the regions' patches."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.fast.projection import CompiledSurface
-from drake_pregrasp.fast.weights import KINDS, weighted_centroids
+from drake_pregrasp.fast.weights import KINDS, weighted_goals
 from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.quality.force_closure import balance_blocks
 
 
 class CompiledGoals:
@@ -14,17 +17,46 @@ class CompiledGoals:
 
     Args:
         surface: The object's surface.
-        strategy: One of `KINDS`.
-        stretch: Whether to subtract a region's smallest weight; `position` ignores it.
+        weights: Share of each strategy in the weights, by name.
+        reading: Reading of the grasp matrix; this and the next three are as for `make_strategy`.
+        stretch: Whether weights are stretched over each region.
+        power: Exponent of the weights.
+        friction: Coulomb's coefficient, for the margin.
+        best_point: Whether goals are the candidates with the largest weights.
     """
 
-    def __init__(self, surface: ObjectSurface, strategy: str, *, stretch: bool) -> None:
-        self._kind = KINDS.index(strategy)
-        self._stretch = stretch and strategy != "position"
-        self._p_OCoM = surface.p_OCoM
+    def __init__(
+        self,
+        surface: ObjectSurface,
+        weights: Mapping[str, float],
+        *,
+        reading: str,
+        stretch: bool,
+        power: float,
+        friction: float,
+        best_point: bool,
+    ) -> None:
+        self._surface = surface = CompiledSurface.of(surface)
+        shares = {name: share for name, share in weights.items() if share > 0}
+        kinds = [
+            KINDS.index((name, "hand" if name in ("position", "margin") else reading))
+            for name in shares
+        ]
+        self._settings = (
+            np.array(kinds),
+            np.array(list(shares.values()), dtype=float),
+            stretch,
+            float(power),
+            best_point,
+        )
+        self._friction, self._p_OCoM = float(friction), surface.p_OCoM
         self._q = np.array(surface.p_OQ - surface.p_OCoM, dtype=float, order="C")
         self._areas = np.array(surface.areas, dtype=float)
-        self._surface = CompiledSurface.of(surface)
+        self._best_point, self._needs_normals = best_point, "margin" in shares
+        self._arm, self._P_Q = surface.longest_lever_arm, np.empty((0, 21))
+        if self._needs_normals:
+            P_Q = balance_blocks(self._q, surface.nhat_OQ, "hard_finger", self._arm)
+            self._P_Q = np.ascontiguousarray(P_Q.reshape(21, -1).T)
 
     def __call__(self, selection: SelectionInput, contacts: IntArray) -> FloatArray:
         """Returns the goals, shape (k, 3), in O, in metres, as `region_goals` does.
@@ -35,16 +67,26 @@ class CompiledGoals:
         """
         contacts = np.array(contacts, dtype=np.int64)
         labels = np.array(selection.regions.labels, dtype=np.int64)
-        centroids = weighted_centroids(
-            self._kind,
-            self._stretch,
+        r = np.array(selection.p_OC - self._p_OCoM, dtype=float, order="C")
+        P_C = np.empty((0, 7, 3, 1))
+        if self._needs_normals:
+            nhat = selection.project(selection.p_OC)[1]
+            P_C = balance_blocks(r, nhat, "hard_finger", self._arm)
+            P_C = np.ascontiguousarray(P_C.transpose(2, 0, 1))[..., None]
+        goals = weighted_goals(
+            *self._settings,
             contacts,
             labels,
             np.array(selection.active, dtype=bool),
-            np.array(selection.p_OC - self._p_OCoM, dtype=float, order="C"),
+            r,
             np.linalg.inv(selection.covariance_O),
             self._q,
             self._areas,
+            P_C,
+            self._P_Q,
+            self._friction,
         )
-        p_OC = centroids + self._p_OCoM
-        return self._surface.project_into_regions(p_OC, contacts, labels)[0]
+        goals += self._p_OCoM
+        if self._best_point:
+            return goals
+        return self._surface.project_into_regions(goals, contacts, labels)[0]

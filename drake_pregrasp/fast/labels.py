@@ -107,8 +107,28 @@ def exclude(normals, bound, c, q, excluded):  # type: ignore[no-untyped-def]
 
 @compiled()
 def limit_of_region(  # type: ignore[no-untyped-def]
-    i, q, nhat, places, starts, boxes, cells, c, same_side, few, normals, bounds, slack,
-    limits, causes, contact, solids, points, clearance, standoff, scratch, lists,
+    i,
+    q,
+    nhat,
+    places,
+    starts,
+    boxes,
+    cells,
+    c,
+    same_side,
+    few,
+    normals,
+    bounds,
+    slack,
+    limits,
+    causes,
+    contact,
+    solids,
+    points,
+    clearance,
+    standoff,
+    scratch,
+    lists,
 ):
     """Returns the limit that leaves a contact a tiny region, and its cause, as the reference does.
 
@@ -142,8 +162,16 @@ def limit_of_region(  # type: ignore[no-untyped-def]
         cutting, near_solids, near_points = lists
         over, reach = scratch
         count = cutting_half_spaces(
-            normals, bounds, slack, c[i], boxes[block, :d], boxes[block, d : 2 * d], over, reach,
-            cutting, True,
+            normals,
+            bounds,
+            slack,
+            c[i],
+            boxes[block, :d],
+            boxes[block, d : 2 * d],
+            over,
+            reach,
+            cutting,
+            True,
         )
         before = -1
         for place in range(count + 1):
@@ -166,9 +194,16 @@ def limit_of_region(  # type: ignore[no-untyped-def]
         for k in range(start, stop):
             if cells[k] == i:
                 limit, cause = limit_of_point(
-                    contact, (q[0, k], q[1, k], q[2, k]), (nhat[0, k], nhat[1, k], nhat[2, k]),
-                    solids, points, clearance, standoff, near_solids[:num_solids],
-                    near_points[:num_points], True,
+                    contact,
+                    (q[0, k], q[1, k], q[2, k]),
+                    (nhat[0, k], nhat[1, k], nhat[2, k]),
+                    solids,
+                    points,
+                    clearance,
+                    standoff,
+                    near_solids[:num_solids],
+                    near_points[:num_points],
+                    True,
                 )
                 if limit != _NONE:
                     by_points[limit * width + cause + 1] += 1
@@ -205,8 +240,24 @@ def box_of(row, d):  # type: ignore[no-untyped-def]
     " f8[:,::1], f8[:,::1], f8[:,::1], f8, f8)"
 )
 def label_blocks(  # type: ignore[no-untyped-def]
-    q, nhat, order, starts, boxes, c, half_power, few, by_axis, bounds, by_limit, by_cause,
-    same_side, contacts, solids, points, clearance, standoff,
+    q,
+    nhat,
+    order,
+    starts,
+    boxes,
+    c,
+    half_power,
+    few,
+    by_axis,
+    bounds,
+    by_limit,
+    by_cause,
+    same_side,
+    contacts,
+    solids,
+    points,
+    clearance,
+    standoff,
 ):
     """Returns labels in the order of the candidates, limits and causes, as `label_candidates`.
 
@@ -262,8 +313,16 @@ def label_blocks(  # type: ignore[no-untyped-def]
             if not owns[i]:
                 continue
             count = cutting_half_spaces(
-                by_axis[i], bounds[i], slack[i], c[i], boxes[block, :d], boxes[block, d : 2 * d],
-                over, reach, cutting, False,
+                by_axis[i],
+                bounds[i],
+                slack[i],
+                c[i],
+                boxes[block, :d],
+                boxes[block, d : 2 * d],
+                over,
+                reach,
+                cutting,
+                False,
             )
             excluded[:size] = False
             for j in cutting[:count]:
@@ -280,7 +339,14 @@ def label_blocks(  # type: ignore[no-untyped-def]
             box = box_of(boxes[block], d)
             reached = reach_of_box(contacts[i], box, standoff)
             num_solids, num_points = near_obstacles(
-                contacts[i], box, solids, points, clearance, standoff, near_solids, near_points,
+                contacts[i],
+                box,
+                solids,
+                points,
+                clearance,
+                standoff,
+                near_solids,
+                near_points,
                 over,
             )
             if reached == 1 and num_solids + num_points == 0 and not is_closed(contacts[i]):
@@ -289,11 +355,18 @@ def label_blocks(  # type: ignore[no-untyped-def]
                 if owners[k] == i and (
                     reached < 0
                     or limit_of_point(
-                        contacts[i], (here[0, k], here[1, k], here[2, k]),
+                        contacts[i],
+                        (here[0, k], here[1, k], here[2, k]),
                         (nhat[0, start + k], nhat[1, start + k], nhat[2, start + k]),
-                        solids, points, clearance, standoff, near_solids[:num_solids],
-                        near_points[:num_points], reached == 0,
-                    )[0] != _NONE
+                        solids,
+                        points,
+                        clearance,
+                        standoff,
+                        near_solids[:num_solids],
+                        near_points[:num_points],
+                        reached == 0,
+                    )[0]
+                    != _NONE
                 ):
                     owners[k] = NO_REGION
         for k in range(size):
@@ -304,9 +377,28 @@ def label_blocks(  # type: ignore[no-untyped-def]
     for i in range(n):
         if sizes[i] < few and half_power[i] < np.inf:
             limits[i], causes[i] = limit_of_region(
-                i, q, nhat, order, starts, boxes, cells, c, same_side, few, by_axis[i], bounds[i],
-                slack[i], by_limit, by_cause, contacts[i], solids, points, clearance,
-                standoff, (over, reach), (cutting, near_solids, near_points),
+                i,
+                q,
+                nhat,
+                order,
+                starts,
+                boxes,
+                cells,
+                c,
+                same_side,
+                few,
+                by_axis[i],
+                bounds[i],
+                slack[i],
+                by_limit,
+                by_cause,
+                contacts[i],
+                solids,
+                points,
+                clearance,
+                standoff,
+                (over, reach),
+                (cutting, near_solids, near_points),
             )
     return labels, limits, causes
 

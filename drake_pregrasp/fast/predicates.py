@@ -206,8 +206,16 @@ def limits_of_points(contacts, solids, points, clearance, standoff, which, q, nh
             contact, box, solids, points, clearance, standoff, near_solids, near_points, gaps
         )
         limits[k], causes[k] = limit_of_point(
-            contact, place, normal, solids, points, clearance, standoff,
-            near_solids[:num_solids], near_points[:num_points], True,
+            contact,
+            place,
+            normal,
+            solids,
+            points,
+            clearance,
+            standoff,
+            near_solids[:num_solids],
+            near_points[:num_points],
+            True,
         )
     return limits, causes
 

@@ -24,27 +24,40 @@ import math
 
 import numpy as np
 
+from drake_pregrasp.contacts.centroids import TIE
 from drake_pregrasp.contacts.strategies import FLAT
 from drake_pregrasp.fast.compiling import compiled
+from drake_pregrasp.fast.margins import write_margins
 
-KINDS = ("position", "msv", "gii", "vew")
-"""Strategies that are compiled, the measures in the reading `hand`."""
+KINDS = (
+    ("position", "hand"),
+    ("msv", "hand"),
+    ("gii", "hand"),
+    ("vew", "hand"),
+    ("margin", "hand"),
+    ("msv", "contact"),
+    ("gii", "contact"),
+    ("vew", "contact"),
+)
+"""Strategies and their readings, in the order of their indices; two do not depend on a reading."""
 
-_POSITION, _MSV, _GII, _VEW = range(4)
+_POSITION, _MSV, _GII, _VEW, _MARGIN, _OWN_MSV, _OWN_GII, _OWN_VEW = range(8)
 _STEPS = 12  # Largest number of steps. Three are enough on a cube; long objects need more.
 _SETTLED = 1e-7  # Relative step after which a root has converged: the error is its square.
 
 
 @compiled()
-def others_sums(r, active):  # type: ignore[no-untyped-def]
-    """Returns t, shape (n, 3), and B, shape (n, 3, 3), over the active contacts but each one."""
-    t, B = np.zeros((len(r), 3)), np.zeros((len(r), 3, 3))
-    for i in range(len(r)):
-        for k in range(len(r)):
-            if k != i and active[k]:
-                t[i] += r[k]
-                B[i] += np.dot(r[k], r[k]) * np.eye(3) - np.outer(r[k], r[k])
-    return t, B
+def others_sums(r, active, i, t, B):  # type: ignore[no-untyped-def]
+    """Writes t, shape (3,), and B, shape (3, 3), over the active contacts but contact i."""
+    t[:], B[:] = 0.0, 0.0
+    for k in range(len(r)):
+        if k == i or not active[k]:
+            continue
+        square = r[k, 0] * r[k, 0] + r[k, 1] * r[k, 1] + r[k, 2] * r[k, 2]
+        for row in range(3):
+            t[row] += r[k, row]
+            for column in range(3):
+                B[row, column] += (square if row == column else 0.0) - r[k, row] * r[k, column]
 
 
 @compiled()
@@ -79,9 +92,14 @@ def eigenvalue(sign, gap, p11, p12, p22, b1, b2):  # type: ignore[no-untyped-def
 @compiled()
 def largest_singular_value(t, B, n, q):  # type: ignore[no-untyped-def]
     """Returns sigma_max of n contacts, the last one at q, by decomposition."""
-    M = n * np.eye(6)
-    M[3:, 3:] += B + np.dot(q, q) * np.eye(3) - np.outer(q, q)
-    x, y, z = t + q
+    M = np.zeros((6, 6))
+    square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2]
+    for row in range(3):
+        M[row, row] = M[3 + row, 3 + row] = n
+        for column in range(3):
+            own = (square if row == column else 0.0) - q[row] * q[column]
+            M[3 + row, 3 + column] += B[row, column] + own
+    x, y, z = t[0] + q[0], t[1] + q[1], t[2] + q[2]
     for row, column, value in ((0, 1, -z), (0, 2, y), (1, 2, -x)):
         M[3 + row, column] = M[column, 3 + row] = value
         M[3 + column, row] = M[row, 3 + column] = -value
@@ -138,15 +156,72 @@ def measure(kind, t, B, n, q):  # type: ignore[no-untyped-def]
     return sigma_min / (math.sqrt(n + root) if settled else largest_singular_value(t, B, n, q))
 
 
-@compiled("f8[:,::1](i8, b1, i8[::1], i8[::1], b1[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1])")
-def weighted_centroids(  # type: ignore[no-untyped-def]
-    kind, stretch, contacts, labels, active, r, precision, q, areas
+@compiled()
+def write_measures(kind, members, t, B, n, precision, q, b):  # type: ignore[no-untyped-def]
+    """Writes b_n of one strategy, but the margin, at a contact's candidates; log(b_n) of position."""
+    for k in members:
+        if kind == _POSITION:
+            b[k] = 0.0
+            for row in range(3):
+                for column in range(3):
+                    b[k] -= 0.5 * q[k, row] * precision[row, column] * q[k, column]
+        elif kind == _VEW:
+            b[k] = volume(t, B, n, q[k])
+        elif kind == _OWN_VEW:
+            b[k] = 1.0
+        elif kind == _OWN_MSV or kind == _OWN_GII:
+            rho = math.sqrt(q[k, 0] * q[k, 0] + q[k, 1] * q[k, 1] + q[k, 2] * q[k, 2])
+            b[k] = math.sqrt(1.0 + rho * rho / 4.0) - rho / 2.0
+            if kind == _OWN_GII:
+                b[k] *= b[k]
+        else:
+            b[k] = measure(kind, t, B, n, q[k])
+
+
+@compiled()
+def add_weights(kind, share, stretch, power, members, areas, b, weights):  # type: ignore[no-untyped-def]
+    """Adds a strategy's share of the weights, which are at most 1, over one region."""
+    least, most = np.inf, -np.inf
+    for k in members:
+        least, most = min(least, b[k]), max(most, b[k])
+    if kind == _POSITION:
+        for k in members:
+            weights[k] += share * math.exp(b[k] - most)
+        return
+    base = 0.0
+    if stretch:
+        base, difference, whole = least, 0.0, 0.0
+        for k in members:
+            difference += (b[k] - least) * areas[k]
+            whole += b[k] * areas[k]
+        if not difference > FLAT * whole:
+            return
+    scale = most - base
+    if not scale > 0.0:
+        return
+    for k in members:
+        weight = max(b[k] - base, 0.0) / scale
+        weights[k] += share * (weight if power == 1.0 else weight**power)
+
+
+@compiled(
+    "f8[:,::1](i8[::1], f8[::1], b1, f8, b1, i8[::1], i8[::1], b1[::1], f8[:,::1], f8[:,::1],"
+    " f8[:,::1], f8[::1], f8[:,:,:,::1], f8[:,::1], f8)"
+)
+def weighted_goals(  # type: ignore[no-untyped-def]
+    kinds, shares, stretch, power, best_point, contacts, labels, active, r, precision, q, areas,
+    P_C, P_Q, friction,
 ):
-    """Returns the centroids of some contacts' regions, relative to the centre of mass, (k, 3).
+    """Returns the centroids of contacts' regions or their best points, shape (k, 3).
+
+    Both are relative to the centre of mass, in metres.
 
     Args:
-        kind: Index of the strategy in `KINDS`.
+        kinds: Indices of the strategies in `KINDS`.
+        shares: Share of each of them in the weights.
         stretch: Whether to subtract a region's smallest weight.
+        power: Exponent of the weights.
+        best_point: Whether to return the candidates with the largest weights.
         contacts: Indices of the contacts that move, shape (k,).
         labels: Region of each candidate, shape (N,).
         active: Mask of the contacts that take part in the grasp, shape (n,).
@@ -154,45 +229,51 @@ def weighted_centroids(  # type: ignore[no-untyped-def]
         precision: Inverse of the position's covariance, shape (3, 3), in 1/m².
         q: Lever arms of the candidates, shape (N, 3), in metres.
         areas: Surface area that each candidate represents, shape (N,), in m².
+        P_C: P of the contacts, for the margin; see `write_margins`.
+        P_Q: P of a contact at the candidates.
+        friction: Coulomb's coefficient.
     """
-    n = np.count_nonzero(active)
-    t, B = others_sums(r, active)
-    moves = np.zeros(len(r), dtype=np.bool_)
-    moves[contacts] = True
-    b = np.zeros(len(q))
-    least, most = np.full(len(r), np.inf), np.full(len(r), -np.inf)
-    for k in range(len(q)):
-        i = labels[k]
-        if i < 0 or not moves[i]:
-            continue
-        if kind == _POSITION:
-            for row in range(3):
-                for column in range(3):
-                    b[k] -= 0.5 * q[k, row] * precision[row, column] * q[k, column]
-        elif kind == _VEW:
-            b[k] = volume(t[i], B[i], n, q[k])
-        else:
-            b[k] = measure(kind, t[i], B[i], n, q[k])
-        least[i], most[i] = min(least[i], b[k]), max(most[i], b[k])
-    sums, plain = np.zeros((len(r), 4)), np.zeros((len(r), 4))
-    for k in range(len(q)):
-        i = labels[k]
-        if i < 0 or not moves[i]:
-            continue
-        weight = b[k]
-        if kind == _POSITION:
-            weight = math.exp(b[k] - most[i])
-        elif stretch:
-            weight -= least[i]
-        for axis in range(3):
-            sums[i, axis] += weight * areas[k] * q[k, axis]
-            plain[i, axis] += areas[k] * q[k, axis]
-        sums[i, 3] += weight * areas[k]
-        plain[i, 3] += areas[k]
-    centroids = np.empty((len(contacts), 3))
+    n, t, B = 0, np.empty(3), np.empty((3, 3))
+    for i in range(len(active)):
+        n += active[i]
+    place, ends = np.full(len(r), -1), np.zeros(len(contacts) + 1, np.int64)
     for k in range(len(contacts)):
-        i = contacts[k]
-        total = sums[i, 3] + (least[i] * plain[i, 3] if stretch else 0.0)
-        chosen = sums[i] if sums[i, 3] > FLAT * total else plain[i]
-        centroids[k] = chosen[:3] / chosen[3]
-    return centroids
+        place[contacts[k]] = k
+    for label in labels:
+        if label >= 0 and place[label] >= 0:
+            ends[place[label] + 1] += 1
+    for k in range(len(contacts)):
+        ends[k + 1] += ends[k]
+    members, filled = np.empty(ends[-1], np.int64), ends.copy()
+    for j in range(len(labels)):
+        if labels[j] >= 0 and place[labels[j]] >= 0:
+            members[filled[place[labels[j]]]] = j
+            filled[place[labels[j]]] += 1
+    b, weights, goals = np.empty(len(q)), np.zeros(len(q)), np.empty((len(contacts), 3))
+    for k in range(len(contacts)):
+        i, own = contacts[k], members[ends[k] : ends[k + 1]]
+        others_sums(r, active, i, t, B)
+        for s in range(len(kinds)):
+            if kinds[s] == _MARGIN:
+                write_margins(i, active, P_C, P_Q, friction, own, b)
+            else:
+                write_measures(kinds[s], own, t, B, n, precision, q, b)
+            add_weights(kinds[s], shares[s], stretch, power, own, areas, b, weights)
+        if best_point:
+            best = 0.0
+            for j in own:
+                best = max(best, weights[j])
+            for j in own:
+                if weights[j] >= best * (1.0 - TIE):
+                    goals[k] = q[j]
+                    break
+            continue
+        x, y, z, whole, flat = 0.0, 0.0, 0.0, 0.0, True
+        for j in own:
+            flat = flat and weights[j] == 0.0
+        for j in own:
+            weight = areas[j] if flat else weights[j] * areas[j]
+            x, y, z = x + weight * q[j, 0], y + weight * q[j, 1], z + weight * q[j, 2]
+            whole += weight
+        goals[k, 0], goals[k, 1], goals[k, 2] = x / whole, y / whole, z / whole
+    return goals

@@ -293,9 +293,7 @@ class Predicates:
         return first
 
 
-LimitFunction = Callable[
-    [Predicates, IntArray, FloatArray, FloatArray], tuple[IntArray, IntArray]
-]
+LimitFunction = Callable[[Predicates, IntArray, FloatArray, FloatArray], tuple[IntArray, IntArray]]
 """An implementation of `Predicates.limits_at`."""
 
 

@@ -136,12 +136,15 @@ class CentroidSelector(LeafSystem):
         options = {name: getattr(config, name) for name in ("reading", "stretch", "power")}
         self._fast_goals = None
         if weight_function is None:
-            self._fast_goals = fast_goals(surface, config.strategy, **options)
             options["friction"] = config.friction
+            weights = {config.strategy: 1.0}
             if config.strategy == BLEND:
-                weight_function = make_blend(asdict(config.blend), **options)
+                weights = asdict(config.blend)
+                weight_function = make_blend(weights, **options)
             else:
                 weight_function = make_strategy(config.strategy, **options)
+            best = config.best_point
+            self._fast_goals = fast_goals(surface, weights, **options, best_point=best)
         self._strategy = weight_function
         self._config, self._surface = config, fast_surface(surface)
         self._limits_at = fast_limits()
