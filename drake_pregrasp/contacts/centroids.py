@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.goal_limits import (
     ContactLimits,
     judged_goals,
@@ -22,7 +22,6 @@ from drake_pregrasp.contacts.selection_input import (
 from drake_pregrasp.errors import ContactError
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.regions.constraints import Limit
-
 
 TIE = 1e-9
 """Largest relative difference of weights that counts as rounding."""

@@ -73,7 +73,7 @@ class CompiledGoals:
             nhat = selection.project(selection.p_OC)[1]
             P_C = balance_blocks(r, nhat, "hard_finger", self._arm)
             P_C = np.ascontiguousarray(P_C.transpose(2, 0, 1))[..., None]
-        goals = weighted_goals(
+        goals: FloatArray = weighted_goals(
             *self._settings,
             contacts,
             labels,

@@ -134,9 +134,7 @@ def limit_of_region(  # type: ignore[no-untyped-def]
 
     It counts the candidates of the cell that each limit excludes, in the blocks with such
     candidates only, by the half-spaces and obstacles that do not permit the whole block.
-
-    Args:
-        i: Index of the contact; the others are those of `label_blocks`, and its memory.
+    The arguments are those of `label_blocks`, and its memory.
     """
     width = 2 + max(largest(causes), largest(solids[:, 19]), largest(points[:, 4]))
     counts = np.zeros(_NUM_LIMITS * width, np.int64)  # By limit, then by cause, from -1 on.

@@ -13,13 +13,12 @@ from drake_pregrasp.regions.constraints import (
     RADIUS,
     REACH_SOLID,
     SECTOR,
-    UNLIMITED,
     Limit,
     Predicates,
 )
+from drake_pregrasp.regions.finger_reach import ANY_ANGLE
 
 _SOLID, _SECTOR, _CLOSED = REACH_SOLID.start, SECTOR.start, CLOSED.start
-_ANY_ANGLE = UNLIMITED[-1]
 _NONE, _FORBIDDEN, _REACH, _OBSTACLE = map(
     int, (Limit.NONE, Limit.FORBIDDEN, Limit.REACH, Limit.OBSTACLE)
 )
@@ -164,9 +163,9 @@ def reach_of_box(contact, box, standoff):  # type: ignore[no-untyped-def]
         sector, x + height * nx, y + height * ny, z + height * nz, nx, ny, nz
     )
     away = (size + height * turn) * (1.0 + abs(sector[12]))
-    if sector[12] == _ANY_ANGLE:
+    if sector[12] == ANY_ANGLE:
         away = 0.0
-    if sector[13] == _ANY_ANGLE:
+    if sector[13] == ANY_ANGLE:
         turn = 0.0
     if inside < -size or sideways < -away or facing < -turn:
         return -1
@@ -176,16 +175,16 @@ def reach_of_box(contact, box, standoff):  # type: ignore[no-untyped-def]
 @compiled()
 def is_closed(contact):  # type: ignore[no-untyped-def]
     """Returns whether any face is closed to a contact."""
+    count = 0
     for face in range(6):
-        if contact[_CLOSED + face] > 0.0:
-            return True
-    return False
+        count += contact[_CLOSED + face] > 0.0
+    return count > 0
 
 
 @compiled()
 def no_limits(contact):  # type: ignore[no-untyped-def]
     """Returns whether a contact has neither closed faces nor a limited reach."""
-    unlimited = contact[_SECTOR + 12] == _ANY_ANGLE and contact[_SECTOR + 13] == _ANY_ANGLE
+    unlimited = contact[_SECTOR + 12] == ANY_ANGLE and contact[_SECTOR + 13] == ANY_ANGLE
     return unlimited and contact[_SOLID + 17] == np.inf and not is_closed(contact)
 
 

@@ -158,7 +158,7 @@ def measure(kind, t, B, n, q):  # type: ignore[no-untyped-def]
 
 @compiled()
 def write_measures(kind, members, t, B, n, precision, q, b):  # type: ignore[no-untyped-def]
-    """Writes b_n of one strategy, but the margin, at a contact's candidates; log(b_n) of position."""
+    """Writes b_n of a strategy, but of `margin`, at candidates; log(b_n) of `position`."""
     for k in members:
         if kind == _POSITION:
             b[k] = 0.0
@@ -169,7 +169,7 @@ def write_measures(kind, members, t, B, n, precision, q, b):  # type: ignore[no-
             b[k] = volume(t, B, n, q[k])
         elif kind == _OWN_VEW:
             b[k] = 1.0
-        elif kind == _OWN_MSV or kind == _OWN_GII:
+        elif kind >= _OWN_MSV:
             rho = math.sqrt(q[k, 0] * q[k, 0] + q[k, 1] * q[k, 1] + q[k, 2] * q[k, 2])
             b[k] = math.sqrt(1.0 + rho * rho / 4.0) - rho / 2.0
             if kind == _OWN_GII:
@@ -209,8 +209,21 @@ def add_weights(kind, share, stretch, power, members, areas, b, weights):  # typ
     " f8[:,::1], f8[::1], f8[:,:,:,::1], f8[:,::1], f8)"
 )
 def weighted_goals(  # type: ignore[no-untyped-def]
-    kinds, shares, stretch, power, best_point, contacts, labels, active, r, precision, q, areas,
-    P_C, P_Q, friction,
+    kinds,
+    shares,
+    stretch,
+    power,
+    best_point,
+    contacts,
+    labels,
+    active,
+    r,
+    precision,
+    q,
+    areas,
+    P_C,
+    P_Q,
+    friction,
 ):
     """Returns the centroids of contacts' regions or their best points, shape (k, 3).
 

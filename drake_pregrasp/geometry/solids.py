@@ -137,6 +137,33 @@ EVERYWHERE = np.array([0.0] * 12 + [-np.inf] * 3 + [np.inf] * 3 + [0.0])
 """Row of the solid that contains all points; see `rounded_box_distances`."""
 
 
+@dataclass(frozen=True, eq=False)
+class PlacedSolid(Solid):
+    """A solid given by its row of numbers only.
+
+    Attributes:
+        row: Row for `rounded_box_distances`, shape (19,).
+    """
+
+    row: FloatArray
+
+    def rounded_box(self) -> FloatArray:
+        """See `Solid`."""
+        return self.row
+
+    def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "PlacedSolid":
+        """See `Solid`."""
+        return PlacedSolid(moved_rows(self.row[None], R_GF, p_GF)[0])
+
+
+def moved_rows(rows: FloatArray, R_GF: FloatArray, p_GF: FloatArray) -> FloatArray:
+    """Returns rows of solids expressed in a frame G, shape (s, 19); see `Solid.moved`."""
+    moved = rows.copy()
+    moved[:, :3] = rows[:, :3] @ R_GF.T + p_GF
+    moved[:, 3:12] = (R_GF @ rows[:, 3:12].reshape(-1, 3, 3)).reshape(-1, 9)
+    return moved
+
+
 def rounded_box_distances(row: FloatArray, p_FP: FloatArray) -> FloatArray:
     """Returns the signed distances of points from a box with rounded edges, shape (k,), in metres.
 

@@ -12,107 +12,9 @@ from scipy.spatial import cKDTree
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_surface import AxisArea
-from drake_pregrasp.geometry.solids import EVERYWHERE, Solid, rounded_box_distances
+from drake_pregrasp.geometry.solids import Solid, rounded_box_distances
 from drake_pregrasp.geometry.surface import ForbiddenPoints
-
-
-def _z() -> FloatArray:
-    return np.array([0.0, 0.0, 1.0])
-
-
-@dataclass(frozen=True, eq=False)
-class FingerReach:
-    """Reach of a finger, expressed in a frame F: the contacts that pass every given test.
-
-    Attributes:
-        solid: Solid that has to contain the contact, or None.
-        direction: Direction in which the finger points away from the hand's axis, shape (3,), not
-            zero; None if neither angle below is limited.
-        half_angle: Largest angle between `direction` and the vector from the axis to the fingertip
-            at its standoff, both projected across the axis, in radians.
-        incidence: Largest angle between `direction` and the outward normal at the contact, in
-            radians. Beyond it, a finger reaches around an edge and touches with a link.
-        origin: Point of the hand's axis, shape (3,), in metres.
-        axis: Axis of the hand, a unit vector, shape (3,).
-    """
-
-    solid: Solid | None = None
-    direction: FloatArray | None = None
-    half_angle: float = np.pi
-    incidence: float = np.pi
-    origin: FloatArray = field(default_factory=lambda: np.zeros(3))
-    axis: FloatArray = field(default_factory=_z)
-
-    def __post_init__(self) -> None:
-        if self.direction is None:
-            if min(self.half_angle, self.incidence) < np.pi:
-                raise InvalidArgumentError("a reach with an angle needs a direction")
-            return
-        length = float(np.linalg.norm(self.direction))
-        if not length > 0:
-            raise InvalidArgumentError("a reach's direction must not be zero")
-        object.__setattr__(self, "direction", self.direction / length)
-        if self.half_angle < np.pi and not np.linalg.norm(self._level(self.direction)) > 0:
-            raise InvalidArgumentError("a sector's direction must not be along the hand's axis")
-
-    def permits(self, contacts: FloatArray, normals: FloatArray, tips: FloatArray) -> BoolArray:
-        """Returns the mask of the contacts that the finger reaches, shape (k,).
-
-        Args:
-            contacts: Contacts in F, shape (k, 3), in metres.
-            normals: Outward unit normals at the contacts, shape (k, 3).
-            tips: Centres of the fingertip at its standoff from each contact, in F, shape (k, 3), in
-                metres.
-        """
-        return _reached(self.row(), contacts, normals, tips)
-
-    def row(self) -> FloatArray:
-        """Returns the reach as plain numbers, shape (33,): `REACH_SOLID` and `SECTOR` of a row."""
-        solid = EVERYWHERE if self.solid is None else self.solid.rounded_box()
-        if self.direction is None:
-            return np.concatenate([solid, UNLIMITED])
-        middle = self._level(self.direction)
-        middle /= max(float(np.linalg.norm(middle)), np.finfo(float).tiny)
-        cosines = [
-            np.cos(angle) if angle < np.pi else _ANY_ANGLE
-            for angle in (self.half_angle, self.incidence)
-        ]
-        return np.concatenate([solid, self.origin, self.axis, middle, self.direction, cosines])
-
-    def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "FingerReach":
-        """Returns the reach expressed in a frame G in which F has the given pose."""
-        return replace(
-            self,
-            solid=None if self.solid is None else self.solid.moved(R_GF, p_GF),
-            direction=None if self.direction is None else R_GF @ self.direction,
-            origin=R_GF @ self.origin + p_GF,
-            axis=R_GF @ self.axis,
-        )
-
-    def _level(self, vectors: FloatArray) -> FloatArray:
-        """Returns the parts of vectors across the axis, shape (..., 3)."""
-        level: FloatArray = vectors - (vectors @ self.axis)[..., None] * self.axis
-        return level
-
-
-_ANY_ANGLE = -2.0  # In place of a cosine, it limits nothing.
-
-UNLIMITED = np.array([0.0] * 12 + [_ANY_ANGLE] * 2)
-"""Sector of a finger that may have any direction."""
-
-
-def _reached(
-    row: FloatArray, contacts: FloatArray, normals: FloatArray, tips: FloatArray
-) -> BoolArray:
-    """Returns the mask of contacts in a reach, shape (k,); see `FingerReach.permits` and `row`."""
-    origin, axis, middle, direction = row[19:31].reshape(4, 3)
-    outward = tips - origin
-    outward -= (outward @ axis)[:, None] * axis
-    permitted: BoolArray = rounded_box_distances(row[:19], contacts) <= 0
-    permitted &= outward @ middle >= row[31] * np.linalg.norm(outward, axis=1)
-    permitted &= normals @ direction >= row[32]
-    return permitted
-
+from drake_pregrasp.regions.finger_reach import UNLIMITED, FingerReach, moved_reaches, reached
 
 NO_CAUSE = -1
 """Cause of a limit that no contact and no obstacle causes."""
@@ -205,9 +107,8 @@ class Obstacles:
 
 
 RADIUS, REACH_SOLID, SECTOR, CLOSED = 0, slice(1, 20), slice(20, 34), slice(34, 40)
-"""Parts of a contact's row in `Predicates`: the radius of the fingertip; the solid of the reach (see
-`rounded_box_distances`); origin, axis, middle and direction of its sector, and the least cosines of
-its two angles; and which faces are closed, in the order of `_FACES`."""
+"""Parts of a contact's row in `Predicates`: the radius of the fingertip; the solid and the sector
+of its reach (see `reached`); and which faces are closed, in the order of `_FACES`."""
 
 _FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 
@@ -260,7 +161,7 @@ class Predicates:
         for i in np.unique(contacts):
             own = np.flatnonzero((contacts == i) & (limits == Limit.NONE))
             row = self.contacts[i, REACH_SOLID.start : SECTOR.stop]
-            limits[own[~_reached(row, points[own], normals[own], tips[own])]] = Limit.REACH
+            limits[own[~reached(row, points[own], normals[own], tips[own])]] = Limit.REACH
         free = np.flatnonzero(limits == Limit.NONE)
         first = self._first_obstacles(points[free], normals[free], radii[free])
         touched = np.isfinite(first)
@@ -316,6 +217,8 @@ class RegionConstraints:
         nhat_OC: Outward unit normals at the contacts, shape (n, 3). Contacts with opposite normals,
             as on the two sides of a plate, need no room from each other.
         reach: Reach of each contact's finger, or None; empty for no limit.
+        reach_pose: Orientation and position in O of the frame in which `reach` is expressed; None
+            for O itself.
         closed: For each contact the areas, in O, that are forbidden to it but not to others; empty
             for none.
         same_side: Candidates that no wall hides from each contact, shape (n, N). Those behind a
@@ -332,6 +235,7 @@ class RegionConstraints:
     nhat_OQ: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     nhat_OC: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     reach: Sequence[FingerReach | None] = ()
+    reach_pose: tuple[FloatArray, FloatArray] | None = None
     closed: Sequence[Sequence[AxisArea]] = ()
     same_side: BoolArray | None = None
     fencing: BoolArray | None = None
@@ -358,12 +262,15 @@ class RegionConstraints:
 
     def _make_predicates(self, num_contacts: int) -> Predicates:
         rows = np.zeros((num_contacts, CLOSED.stop))
-        rows[:, REACH_SOLID], rows[:, SECTOR] = EVERYWHERE, UNLIMITED
+        rows[:, REACH_SOLID.start : SECTOR.stop] = UNLIMITED
         if len(self.tip_radii):
             rows[:, RADIUS] = self.tip_radii
         for row, reach in zip(rows, self.reach, strict=False):
             if reach is not None:
-                row[REACH_SOLID.start : SECTOR.stop] = reach.row()
+                row[REACH_SOLID.start : SECTOR.stop] = reach.row
+        if self.reach_pose is not None:
+            own = rows[:, REACH_SOLID.start : SECTOR.stop]
+            own[:] = moved_reaches(own, *self.reach_pose)
         for row, areas in zip(rows, self.closed, strict=False):
             for area in areas:
                 row[CLOSED.start + _FACES.index(area.face)] = 1.0

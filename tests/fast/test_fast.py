@@ -22,7 +22,8 @@ from drake_pregrasp.estimation.pose_filter import (
 from drake_pregrasp.fast import SWITCH, fast_filter_step, fast_goals, fast_labels
 from drake_pregrasp.geometry.shapes import ball_shape
 from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
-from drake_pregrasp.regions.constraints import FingerReach, Obstacles, RegionConstraints
+from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
+from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.safe_regions import SafeRegions, compute_safe_regions
 from drake_pregrasp.regions.walls import normals_agree
 

@@ -17,7 +17,8 @@ from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.shapes import ball_shape
 from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
-from drake_pregrasp.regions.constraints import FingerReach, Obstacles, RegionConstraints
+from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
+from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.regions.walls import SurfaceGraph, normals_agree
 
@@ -164,6 +165,8 @@ def test_a_tick_is_that_of_the_reference(
         )
         for selection, own in ((reference, None), (compiled, choose))
     )
-    np.testing.assert_allclose(others.p_OC, goals.p_OC, rtol=0, atol=1e-9 * np.ptp(surface.p_OQ, axis=0).max())
+    np.testing.assert_allclose(
+        others.p_OC, goals.p_OC, rtol=0, atol=1e-9 * np.ptp(surface.p_OQ, axis=0).max()
+    )
     np.testing.assert_array_equal(others.status, goals.status)
     np.testing.assert_array_equal(others.causes, goals.causes)

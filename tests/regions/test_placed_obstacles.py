@@ -56,7 +56,7 @@ def test_sound_obstacles_are_placed_as_they_move(seconds):
     placed = place_obstacles(obstacles, R, P, seconds=seconds)
     expected = obstacles.after(seconds).moved(R, P)
     for solid, other in zip(placed.solids, expected.solids, strict=True):
-        np.testing.assert_array_equal(solid.distance(POINTS), other.distance(POINTS))
+        np.testing.assert_allclose(solid.distance(POINTS), other.distance(POINTS), atol=1e-14)
     np.testing.assert_array_equal(placed.points.points, expected.points.points)
     assert all_are_known(placed)
     assert np.all(limits(placed)[0] == Limit.NONE)
