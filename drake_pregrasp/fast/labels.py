@@ -45,9 +45,9 @@ def compact_blocks(q: FloatArray) -> list[IntArray]:
 
 
 @compiled()
-def own_cells(q, c, half_power, same_side, places, owners, least, power):  # type: ignore[no-untyped-def]
+def own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power):  # type: ignore[no-untyped-def]
     """Writes the contact whose cell each candidate of a block lies in, or `NO_REGION`."""
-    x, y, z, size = q[0], q[1], q[2], q.shape[1]
+    x, y, z, size = q[0, start:stop], q[1, start:stop], q[2, start:stop], stop - start
     least[:size], owners[:size] = np.inf, NO_REGION
     for i in range(len(c)):
         cx, cy, cz, half = c[i, 0], c[i, 1], c[i, 2], half_power[i]
@@ -55,7 +55,7 @@ def own_cells(q, c, half_power, same_side, places, owners, least, power):  # typ
             power[k] = half - (cx * x[k] + cy * y[k] + cz * z[k])
         for axis in range(3, len(q)):
             for k in range(size):
-                power[k] -= c[i, axis] * q[axis, k]
+                power[k] -= c[i, axis] * q[axis, start + k]
         if same_side.size:
             for k in range(size):
                 if not same_side[i, places[k]]:
@@ -67,18 +67,21 @@ def own_cells(q, c, half_power, same_side, places, owners, least, power):  # typ
 
 
 @compiled()
-def cutting_half_spaces(normals, bounds, slack, c, center, half, over, reach, cutting, find_all):  # type: ignore[no-untyped-def]
+def cutting_half_spaces(normals, bounds, slack, c, box, over, reach, cutting, find_all):  # type: ignore[no-untyped-def]
     """Writes the indices of half-spaces that do not contain a whole box, and returns their number.
 
     Unless all are to be found, one that excludes the whole box is the only one.
     """
+    d, nx, ny, nz = len(normals), normals[0], normals[1], normals[2]
+    x, y, z = box[0] - c[0], box[1] - c[1], box[2] - c[2]
+    hx, hy, hz = box[d], box[d + 1], box[d + 2]
     for j in range(len(bounds)):
-        over[j], reach[j] = -bounds[j], 0.0
-    for axis in range(len(normals)):
-        x, h, along = center[axis] - c[axis], half[axis], normals[axis]
+        over[j] = nx[j] * x + ny[j] * y + nz[j] * z - bounds[j]
+        reach[j] = abs(nx[j]) * hx + abs(ny[j]) * hy + abs(nz[j]) * hz
+    for axis in range(3, d):
         for j in range(len(bounds)):
-            over[j] += along[j] * x
-            reach[j] += abs(along[j]) * h
+            over[j] += normals[axis, j] * (box[axis] - c[axis])
+            reach[j] += abs(normals[axis, j]) * box[d + axis]
     count = 0
     for j in range(len(bounds)):
         if over[j] - reach[j] > slack[j] and not find_all:
@@ -90,19 +93,22 @@ def cutting_half_spaces(normals, bounds, slack, c, center, half, over, reach, cu
 
 
 @compiled()
-def exclude(normals, bound, c, q, excluded):  # type: ignore[no-untyped-def]
-    """Marks the points of a block that are outside a half-space; `q` has shape (d, k)."""
-    a, b, d, cx, cy, cz = normals[0], normals[1], normals[2], c[0], c[1], c[2]
-    x, y, z = q[0], q[1], q[2]
+def exclude(normals, bounds, j, c, q, start, stop, over, excluded):  # type: ignore[no-untyped-def]
+    """Marks the points of a block that are outside half-space j."""
+    x, y, z = q[0, start:stop], q[1, start:stop], q[2, start:stop]
+    a, b, d, bound = normals[0, j], normals[1, j], normals[2, j], bounds[j]
+    cx, cy, cz = c[0], c[1], c[2]
     if len(q) == 3:
-        for k in range(len(x)):
+        for k in range(stop - start):
             excluded[k] |= a * (x[k] - cx) + b * (y[k] - cy) + d * (z[k] - cz) > bound
         return
-    for k in range(len(x)):
-        over = a * (x[k] - cx) + b * (y[k] - cy) + d * (z[k] - cz)
-        for axis in range(3, len(q)):
-            over += normals[axis] * (q[axis, k] - c[axis])
-        excluded[k] |= over > bound
+    for k in range(stop - start):
+        over[k] = a * (x[k] - cx) + b * (y[k] - cy) + d * (z[k] - cz)
+    for axis in range(3, len(q)):
+        for k in range(stop - start):
+            over[k] += normals[axis, j] * (q[axis, start + k] - c[axis])
+    for k in range(stop - start):
+        excluded[k] |= over[k] > bound
 
 
 @compiled()
@@ -158,14 +164,13 @@ def limit_of_region(  # type: ignore[no-untyped-def]
         if here == 0:
             continue
         cutting, near_solids, near_points = lists
-        over, reach = scratch
+        over, reach, power = scratch
         count = cutting_half_spaces(
             normals,
             bounds,
             slack,
             c[i],
-            boxes[block, :d],
-            boxes[block, d : 2 * d],
+            boxes[block],
             over,
             reach,
             cutting,
@@ -184,7 +189,7 @@ def limit_of_region(  # type: ignore[no-untyped-def]
                 before = key
             if place < count:
                 j = cutting[place]
-                exclude(normals[:, j], bounds[j], c[i], q[:, start:stop], excluded)
+                exclude(normals, bounds, j, c[i], q, start, stop, power, excluded)
         box = box_of(boxes[block], d)
         num_solids, num_points = near_obstacles(
             contact, box, solids, points, clearance, standoff, near_solids, near_points, over
@@ -300,8 +305,8 @@ def label_blocks(  # type: ignore[no-untyped-def]
             slack[i, j] = _SLACK * (abs(bounds[i, j]) + extent * size)
     for block in range(len(boxes)):
         start, stop = starts[block], starts[block + 1]
-        here, places, size = q[:, start:stop], order[start:stop], stop - start
-        own_cells(here, c, half_power, same_side, places, owners, least, power)
+        places, size = order[start:stop], stop - start
+        own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power)
         cells[start:stop] = owners[:size]
         owns[:] = False
         for k in range(size):
@@ -315,8 +320,7 @@ def label_blocks(  # type: ignore[no-untyped-def]
                 bounds[i],
                 slack[i],
                 c[i],
-                boxes[block, :d],
-                boxes[block, d : 2 * d],
+                boxes[block],
                 over,
                 reach,
                 cutting,
@@ -324,7 +328,7 @@ def label_blocks(  # type: ignore[no-untyped-def]
             )
             excluded[:size] = False
             for j in cutting[:count]:
-                exclude(by_axis[i, :, j], bounds[i, j], c[i], here, excluded)
+                exclude(by_axis[i], bounds[i], j, c[i], q, start, stop, power, excluded)
             left = 0
             for k in range(size):
                 if owners[k] == i:
@@ -354,7 +358,7 @@ def label_blocks(  # type: ignore[no-untyped-def]
                     reached < 0
                     or limit_of_point(
                         contacts[i],
-                        (here[0, k], here[1, k], here[2, k]),
+                        (q[0, start + k], q[1, start + k], q[2, start + k]),
                         (nhat[0, start + k], nhat[1, start + k], nhat[2, start + k]),
                         solids,
                         points,
@@ -395,7 +399,7 @@ def label_blocks(  # type: ignore[no-untyped-def]
                 points,
                 clearance,
                 standoff,
-                (over, reach),
+                (over, reach, power),
                 (cutting, near_solids, near_points),
             )
     return labels, limits, causes

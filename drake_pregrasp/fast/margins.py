@@ -120,7 +120,7 @@ def write_margins(i, active, P_C, P_Q, friction, members, b):  # type: ignore[no
         P_Q: P of a contact at each candidate, shape (N, 21).
         friction: Coulomb's coefficient.
         members: Indices of the candidates, shape (k,).
-        b: Result, shape (N,).
+        b: Result, shape (k,).
     """
     gram, others, count = np.zeros((7, 7)), np.empty_like(P_C), 0
     for other in range(len(active)):
@@ -141,4 +141,4 @@ def write_margins(i, active, P_C, P_Q, friction, members, b):  # type: ignore[no
             gram, others[:count], P, friction, size, M, y, components, rows[0], rows[1], rows[2]
         )
         for k in range(size):
-            b[members[start + k]] = rows[2, k]
+            b[start + k] = rows[2, k]

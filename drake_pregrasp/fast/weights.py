@@ -27,7 +27,7 @@ import numpy as np
 from drake_pregrasp.contacts.centroids import TIE
 from drake_pregrasp.contacts.strategies import FLAT
 from drake_pregrasp.fast.compiling import compiled
-from drake_pregrasp.fast.margins import write_margins
+from drake_pregrasp.fast.margins import GROUP, write_margins
 
 KINDS = (
     ("position", "hand"),
@@ -61,35 +61,6 @@ def others_sums(r, active, i, t, B):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def volume(t, B, n, q):  # type: ignore[no-untyped-def]
-    """Returns sqrt(det(G Gᵀ)) of n contacts, the last one at q, given the sums over the others."""
-    x, y, z = t[0] + q[0], t[1] + q[1], t[2] + q[2]
-    tau, square = x * x + y * y + z * z, q[0] * q[0] + q[1] * q[1] + q[2] * q[2]
-    m = n + square - tau / n
-    m00 = B[0, 0] + m - q[0] * q[0] + x * x / n
-    m11 = B[1, 1] + m - q[1] * q[1] + y * y / n
-    m22 = B[2, 2] + m - q[2] * q[2] + z * z / n
-    m01 = B[0, 1] - q[0] * q[1] + x * y / n
-    m02 = B[0, 2] - q[0] * q[2] + x * z / n
-    m12 = B[1, 2] - q[1] * q[2] + y * z / n
-    determinant = m00 * (m11 * m22 - m12 * m12) - m01 * (m01 * m22 - m12 * m02)
-    determinant += m02 * (m01 * m12 - m11 * m02)
-    return math.sqrt(n**3 * max(determinant, 0.0))
-
-
-@compiled()
-def eigenvalue(sign, gap, p11, p12, p22, b1, b2):  # type: ignore[no-untyped-def]
-    """Returns the upper or lower (by sign) eigenvalue of P + sign b bᵀ/gap, and (b·v)²/gap²."""
-    d = 1.0 / (gap if gap > 0.0 else 1.0)
-    a11, a12, a22 = p11 + sign * d * b1 * b1, p12 + sign * d * b1 * b2, p22 + sign * d * b2 * b2
-    half = (a11 - a22) / 2.0
-    root = math.sqrt(half * half + a12 * a12)
-    form = half * (b1 * b1 - b2 * b2) + 2.0 * a12 * b1 * b2
-    along = (b1 * b1 + b2 * b2 + sign * form / (root if root > 0.0 else 1.0)) / 2.0
-    return (a11 + a22) / 2.0 + sign * root, max(along, 0.0) * d * d
-
-
-@compiled()
 def largest_singular_value(t, B, n, q):  # type: ignore[no-untyped-def]
     """Returns sigma_max of n contacts, the last one at q, by decomposition."""
     M = np.zeros((6, 6))
@@ -107,91 +78,168 @@ def largest_singular_value(t, B, n, q):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def measure(kind, t, B, n, q):  # type: ignore[no-untyped-def]
-    """Returns sigma_min, or the isotropy, of n contacts, the last one at q."""
-    x, y, z = t[0] + q[0], t[1] + q[1], t[2] + q[2]
-    tau = x * x + y * y + z * z
-    length = math.sqrt(tau)
-    ax, ay, az = (x / length, y / length, z / length) if length > 0 else (0.0, 0.0, 1.0)
-    # Two axes across t without a branch (Duff et al., JCGT 2017).
-    sign = math.copysign(1.0, az)
-    s = -1.0 / (sign + az)
-    ux, uy, uz = 1.0 + sign * ax * ax * s, sign * ax * ay * s, -sign * ax
-    vx, vy, vz = ax * ay * s, sign + ay * ay * s, -ay
-    q0 = ax * q[0] + ay * q[1] + az * q[2]
-    q1 = ux * q[0] + uy * q[1] + uz * q[2]
-    q2 = vx * q[0] + vy * q[1] + vz * q[2]
-    square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2]
-    ex = B[0, 0] * ax + B[0, 1] * ay + B[0, 2] * az
-    ey = B[0, 1] * ax + B[1, 1] * ay + B[1, 2] * az
-    ez = B[0, 2] * ax + B[1, 2] * ay + B[2, 2] * az
-    fx = B[0, 0] * ux + B[0, 1] * uy + B[0, 2] * uz
-    fy = B[0, 1] * ux + B[1, 1] * uy + B[1, 2] * uz
-    fz = B[0, 2] * ux + B[1, 2] * uy + B[2, 2] * uz
-    b11 = ax * ex + ay * ey + az * ez + square - q0 * q0
-    b1 = ux * ex + uy * ey + uz * ez - q1 * q0
-    b2 = vx * ex + vy * ey + vz * ez - q2 * q0
-    p11 = ux * fx + uy * fy + uz * fz + square - q1 * q1
-    p12 = vx * fx + vy * fy + vz * fz - q2 * q1
-    p22 = B[0, 0] + B[1, 1] + B[2, 2] + 2.0 * square - b11 - p11
-    root = length
-    for _ in range(_STEPS):
-        mu, slope = eigenvalue(-1.0, root + b11, p11, p12, p22, b1, b2)
-        p = mu - slope * root
-        below = p + math.sqrt(p * p + 4.0 * (1.0 + slope) * tau)
-        before, root = root, 2.0 * tau / (below if below > 0.0 else 1.0)
-        if abs(root - before) <= _SETTLED * root:
-            break
-    sigma_min = math.sqrt(max(n - root, 0.0))
-    if kind == _MSV:
-        return sigma_min
-    root = length + b11
-    settled = False
-    while tau > 0.75 * b11 * b11 and root - b11 > 1e-3 * root and not settled:
-        nu, slope = eigenvalue(1.0, root - b11, p11, p12, p22, b1, b2)
-        p = nu + slope * root
-        before = root
-        root = (p + math.sqrt(p * p + 4.0 * (1.0 + slope) * tau)) / (2.0 * (1.0 + slope))
-        settled = abs(root - before) <= _SETTLED * root
-    return sigma_min / (math.sqrt(n + root) if settled else largest_singular_value(t, B, n, q))
+def eigenvalue(sign, gap, p11, p12, p22, b1, b2):  # type: ignore[no-untyped-def]
+    """Returns the upper or lower (by sign) eigenvalue of P + sign b bᵀ/gap, and (b·v)²/gap²."""
+    d = 1.0 / (gap if gap > 0.0 else 1.0)
+    a11, a12, a22 = p11 + sign * d * b1 * b1, p12 + sign * d * b1 * b2, p22 + sign * d * b2 * b2
+    half = (a11 - a22) / 2.0
+    root = math.sqrt(half * half + a12 * a12)
+    form = half * (b1 * b1 - b2 * b2) + 2.0 * a12 * b1 * b2
+    along = (b1 * b1 + b2 * b2 + sign * form / (root if root > 0.0 else 1.0)) / 2.0
+    return (a11 + a22) / 2.0 + sign * root, (along if along > 0.0 else 0.0) * d * d
 
 
 @compiled()
-def write_measures(kind, members, t, B, n, precision, q, b):  # type: ignore[no-untyped-def]
-    """Writes b_n of a strategy, but of `margin`, at candidates; log(b_n) of `position`."""
-    for k in members:
-        if kind == _POSITION:
-            b[k] = 0.0
-            for row in range(3):
-                for column in range(3):
-                    b[k] -= 0.5 * q[k, row] * precision[row, column] * q[k, column]
-        elif kind == _VEW:
-            b[k] = volume(t, B, n, q[k])
-        elif kind == _OWN_VEW:
-            b[k] = 1.0
-        elif kind >= _OWN_MSV:
-            rho = math.sqrt(q[k, 0] * q[k, 0] + q[k, 1] * q[k, 1] + q[k, 2] * q[k, 2])
-            b[k] = math.sqrt(1.0 + rho * rho / 4.0) - rho / 2.0
-            if kind == _OWN_GII:
-                b[k] *= b[k]
-        else:
-            b[k] = measure(kind, t, B, n, q[k])
+def write_volumes(t, B, n, q, b):  # type: ignore[no-untyped-def]
+    """Writes sqrt(det(G Gᵀ)) of n contacts, the last one at each place, shape (3, k)."""
+    for k in range(len(b)):
+        p, r, s = q[0, k], q[1, k], q[2, k]
+        x, y, z = t[0] + p, t[1] + r, t[2] + s
+        tau, square = x * x + y * y + z * z, p * p + r * r + s * s
+        m = n + square - tau / n
+        m00 = B[0, 0] + m - p * p + x * x / n
+        m11 = B[1, 1] + m - r * r + y * y / n
+        m22 = B[2, 2] + m - s * s + z * z / n
+        m01 = B[0, 1] - p * r + x * y / n
+        m02 = B[0, 2] - p * s + x * z / n
+        m12 = B[1, 2] - r * s + y * z / n
+        determinant = m00 * (m11 * m22 - m12 * m12) - m01 * (m01 * m22 - m12 * m02)
+        determinant += m02 * (m01 * m12 - m11 * m02)
+        b[k] = math.sqrt(n**3 * (determinant if determinant > 0.0 else 0.0))
 
 
 @compiled()
-def add_weights(kind, share, stretch, power, members, areas, b, weights):  # type: ignore[no-untyped-def]
+def write_singular_values(kind, t, B, n, q, b):  # type: ignore[no-untyped-def]
+    """Writes sigma_min, or the isotropy, of n contacts, the last one at each place, shape (3, k).
+
+    Loops run over groups of places without branches, so that they are vector instructions.
+    """
+    rows = np.empty((9, GROUP))
+    tau, b11, b1, b2, p11, p12, p22, roots, steps = (
+        rows[0],
+        rows[1],
+        rows[2],
+        rows[3],
+        rows[4],
+        rows[5],
+        rows[6],
+        rows[7],
+        rows[8],
+    )
+    for start in range(0, len(b), GROUP):
+        size = min(GROUP, len(b) - start)
+        own, px, py, pz = b[start:], q[0, start:], q[1, start:], q[2, start:]
+        for k in range(size):
+            p, r, s = px[k], py[k], pz[k]
+            x, y, z = t[0] + p, t[1] + r, t[2] + s
+            tau[k] = x * x + y * y + z * z
+            length = math.sqrt(tau[k])
+            scale = 1.0 / (length if length > 0.0 else 1.0)
+            ax, ay, az = x * scale, y * scale, z * scale if length > 0.0 else 1.0
+            # Two axes across t without a branch (Duff et al., JCGT 2017).
+            sign = 1.0 if az >= 0.0 else -1.0
+            f = -1.0 / (sign + az)
+            ux, uy, uz = 1.0 + sign * ax * ax * f, sign * ax * ay * f, -sign * ax
+            vx, vy, vz = ax * ay * f, sign + ay * ay * f, -ay
+            q0 = ax * p + ay * r + az * s
+            q1 = ux * p + uy * r + uz * s
+            q2 = vx * p + vy * r + vz * s
+            square = p * p + r * r + s * s
+            ex = B[0, 0] * ax + B[0, 1] * ay + B[0, 2] * az
+            ey = B[0, 1] * ax + B[1, 1] * ay + B[1, 2] * az
+            ez = B[0, 2] * ax + B[1, 2] * ay + B[2, 2] * az
+            fx = B[0, 0] * ux + B[0, 1] * uy + B[0, 2] * uz
+            fy = B[0, 1] * ux + B[1, 1] * uy + B[1, 2] * uz
+            fz = B[0, 2] * ux + B[1, 2] * uy + B[2, 2] * uz
+            b11[k] = ax * ex + ay * ey + az * ez + square - q0 * q0
+            b1[k] = ux * ex + uy * ey + uz * ez - q1 * q0
+            b2[k] = vx * ex + vy * ey + vz * ez - q2 * q0
+            p11[k] = ux * fx + uy * fy + uz * fz + square - q1 * q1
+            p12[k] = vx * fx + vy * fy + vz * fz - q2 * q1
+            p22[k] = B[0, 0] + B[1, 1] + B[2, 2] + 2.0 * square - b11[k] - p11[k]
+            roots[k] = length
+        for _ in range(_STEPS):
+            unsettled = 0
+            for k in range(size):
+                root = roots[k]
+                mu, slope = eigenvalue(-1.0, root + b11[k], p11[k], p12[k], p22[k], b1[k], b2[k])
+                p = mu - slope * root
+                below = p + math.sqrt(p * p + 4.0 * (1.0 + slope) * tau[k])
+                roots[k] = 2.0 * tau[k] / (below if below > 0.0 else 1.0)
+                steps[k] = abs(roots[k] - root) - _SETTLED * roots[k]
+            for k in range(size):
+                unsettled += steps[k] > 0.0
+            if unsettled == 0:
+                break
+        for k in range(size):
+            value = n - roots[k]
+            own[k] = math.sqrt(value if value > 0.0 else 0.0)
+        if kind == _MSV:
+            continue
+        for k in range(size):
+            roots[k], steps[k] = math.sqrt(tau[k]) + b11[k], 1.0
+        for _ in range(_STEPS):
+            unsettled = 0
+            for k in range(size):
+                root, gap = roots[k], roots[k] - b11[k]
+                nu, slope = eigenvalue(1.0, gap, p11[k], p12[k], p22[k], b1[k], b2[k])
+                p = nu + slope * root
+                found = (p + math.sqrt(p * p + 4.0 * (1.0 + slope) * tau[k])) / (1.0 + slope) / 2.0
+                step = abs(found - root) - _SETTLED * found
+                usable = tau[k] > 0.75 * b11[k] * b11[k] and gap > 1e-3 * root
+                # Two of these places are not computed further: those that settled, and those
+                # that need the decomposition.
+                steps[k] = (step if usable else 1e300) if steps[k] < 1e300 else 1e300
+                roots[k] = found if steps[k] < 1e300 else root
+            for k in range(size):
+                unsettled += steps[k] > 0.0 and steps[k] < 1e300
+            if unsettled == 0:
+                break
+        for k in range(size):
+            if steps[k] > 0.0:
+                place = (px[k], py[k], pz[k])
+                own[k] /= largest_singular_value(t, B, n, place)
+            else:
+                own[k] /= math.sqrt(n + roots[k])
+
+
+@compiled()
+def write_measures(kind, t, B, n, precision, q, b):  # type: ignore[no-untyped-def]
+    """Writes b_n of a strategy, but of `margin`, at places, shape (3, k); log(b_n) of `position`."""
+    x, y, z = q[0], q[1], q[2]
+    if kind == _POSITION:
+        xx, yy, zz = precision[0, 0], precision[1, 1], precision[2, 2]
+        xy, xz = precision[0, 1] + precision[1, 0], precision[0, 2] + precision[2, 0]
+        yz = precision[1, 2] + precision[2, 1]
+        for k in range(len(b)):
+            square = xx * x[k] * x[k] + yy * y[k] * y[k] + zz * z[k] * z[k]
+            mixed = xy * x[k] * y[k] + xz * x[k] * z[k] + yz * y[k] * z[k]
+            b[k] = -0.5 * (square + mixed)
+    elif kind == _VEW:
+        write_volumes(t, B, n, q, b)
+    elif kind < _MARGIN:
+        write_singular_values(kind, t, B, n, q, b)
+    else:
+        for k in range(len(b)):
+            rho = math.sqrt(x[k] * x[k] + y[k] * y[k] + z[k] * z[k])
+            own = math.sqrt(1.0 + rho * rho / 4.0) - rho / 2.0
+            b[k] = 1.0 if kind == _OWN_VEW else own if kind == _OWN_MSV else own * own
+
+
+@compiled()
+def add_weights(kind, share, stretch, power, areas, b, weights):  # type: ignore[no-untyped-def]
     """Adds a strategy's share of the weights, which are at most 1, over one region."""
-    least, most = np.inf, -np.inf
-    for k in members:
+    least, most, difference, whole = np.inf, -np.inf, 0.0, 0.0
+    for k in range(len(b)):
         least, most = min(least, b[k]), max(most, b[k])
     if kind == _POSITION:
-        for k in members:
+        for k in range(len(b)):
             weights[k] += share * math.exp(b[k] - most)
         return
     base = 0.0
     if stretch:
-        base, difference, whole = least, 0.0, 0.0
-        for k in members:
+        base = least
+        for k in range(len(b)):
             difference += (b[k] - least) * areas[k]
             whole += b[k] * areas[k]
         if not difference > FLAT * whole:
@@ -199,9 +247,14 @@ def add_weights(kind, share, stretch, power, members, areas, b, weights):  # typ
     scale = most - base
     if not scale > 0.0:
         return
-    for k in members:
-        weight = max(b[k] - base, 0.0) / scale
-        weights[k] += share * (weight if power == 1.0 else weight**power)
+    scale = 1.0 / scale
+    if power == 1.0:
+        for k in range(len(b)):
+            weight = (b[k] - base) * scale
+            weights[k] += share * (weight if weight > 0.0 else 0.0)
+    else:
+        for k in range(len(b)):
+            weights[k] += share * max((b[k] - base) * scale, 0.0) ** power
 
 
 @compiled(
@@ -257,36 +310,40 @@ def weighted_goals(  # type: ignore[no-untyped-def]
             ends[place[label] + 1] += 1
     for k in range(len(contacts)):
         ends[k + 1] += ends[k]
-    members, filled = np.empty(ends[-1], np.int64), ends.copy()
+    # The candidates of each contact, one contact after another.
+    members, filled, own_q = np.empty(ends[-1], np.int64), ends.copy(), np.empty((3, ends[-1]))
+    own_areas = np.empty(ends[-1])
     for j in range(len(labels)):
         if labels[j] >= 0 and place[labels[j]] >= 0:
-            members[filled[place[labels[j]]]] = j
+            to = filled[place[labels[j]]]
+            members[to], own_areas[to] = j, areas[j]
+            own_q[0, to], own_q[1, to], own_q[2, to] = q[j, 0], q[j, 1], q[j, 2]
             filled[place[labels[j]]] += 1
-    b, weights, goals = np.empty(len(q)), np.zeros(len(q)), np.empty((len(contacts), 3))
+    b, weights, goals = np.empty(ends[-1]), np.zeros(ends[-1]), np.empty((len(contacts), 3))
     for k in range(len(contacts)):
-        i, own = contacts[k], members[ends[k] : ends[k + 1]]
+        i, start, stop = contacts[k], ends[k], ends[k + 1]
+        here, own_b, own_weights = own_q[:, start:stop], b[start:stop], weights[start:stop]
+        x, y, z, own = here[0], here[1], here[2], own_areas[start:stop]
         others_sums(r, active, i, t, B)
         for s in range(len(kinds)):
             if kinds[s] == _MARGIN:
-                write_margins(i, active, P_C, P_Q, friction, own, b)
+                write_margins(i, active, P_C, P_Q, friction, members[start:stop], own_b)
             else:
-                write_measures(kinds[s], own, t, B, n, precision, q, b)
-            add_weights(kinds[s], shares[s], stretch, power, own, areas, b, weights)
+                write_measures(kinds[s], t, B, n, precision, here, own_b)
+            add_weights(kinds[s], shares[s], stretch, power, own, own_b, own_weights)
+        most = 0.0
+        for j in range(stop - start):
+            most = max(most, own_weights[j])
         if best_point:
-            best = 0.0
-            for j in own:
-                best = max(best, weights[j])
-            for j in own:
-                if weights[j] >= best * (1.0 - TIE):
-                    goals[k] = q[j]
+            for j in range(stop - start):
+                if own_weights[j] >= most * (1.0 - TIE):
+                    goals[k, 0], goals[k, 1], goals[k, 2] = x[j], y[j], z[j]
                     break
             continue
-        x, y, z, whole, flat = 0.0, 0.0, 0.0, 0.0, True
-        for j in own:
-            flat = flat and weights[j] == 0.0
-        for j in own:
-            weight = areas[j] if flat else weights[j] * areas[j]
-            x, y, z = x + weight * q[j, 0], y + weight * q[j, 1], z + weight * q[j, 2]
+        gx, gy, gz, whole = 0.0, 0.0, 0.0, 0.0
+        for j in range(stop - start):
+            weight = own[j] * (own_weights[j] if most > 0.0 else 1.0)
+            gx, gy, gz = gx + weight * x[j], gy + weight * y[j], gz + weight * z[j]
             whole += weight
-        goals[k, 0], goals[k, 1], goals[k, 2] = x / whole, y / whole, z / whole
+        goals[k, 0], goals[k, 1], goals[k, 2] = gx / whole, gy / whole, gz / whole
     return goals
