@@ -295,7 +295,14 @@ def label_blocks(  # type: ignore[no-untyped-def]
     over, reach, cutting = np.empty(most), np.empty(most), np.empty(most + 1, dtype=np.int64)
     near_solids, near_points = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
     owns, is_free = np.empty(n, dtype=np.bool_), np.empty(n, dtype=np.bool_)
-    extent, slack = np.max(np.abs(boxes)) + np.max(np.abs(c)), np.empty((n, m))
+    extent, slack = 0.0, np.empty((n, m))
+    for i in range(n):
+        for axis in range(d):
+            extent = max(extent, abs(c[i, axis]))
+    for block in range(len(boxes)):
+        for axis in range(d):
+            extent = max(extent, abs(boxes[block, axis]) + boxes[block, d + axis])
+    extent *= 2.0
     for i in range(n):
         is_free[i] = len(solids) == 0 and len(points) == 0 and no_limits(contacts[i])
         for j in range(m):
@@ -307,9 +314,9 @@ def label_blocks(  # type: ignore[no-untyped-def]
         start, stop = starts[block], starts[block + 1]
         places, size = order[start:stop], stop - start
         own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power)
-        cells[start:stop] = owners[:size]
         owns[:] = False
         for k in range(size):
+            cells[start + k] = owners[k]
             if owners[k] != NO_REGION:
                 owns[owners[k]] = True
         for i in range(n):

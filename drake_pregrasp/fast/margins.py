@@ -20,12 +20,12 @@ _DIAGONAL = math.sqrt(0.5)
 
 @compiled()
 def add_gram(P, friction, M):  # type: ignore[no-untyped-def]
-    """Adds P (E Eᵀ) Pᵀ of one contact, with P of shape (7, 3), to the lower triangle of M."""
+    """Adds P (E Eᵀ) Pᵀ of one contact, with P of shape (7, 3, 1), to the lower triangle of M."""
     across = CONE_EDGES / 2 * friction * friction
     for a in range(7):
         for b in range(a + 1):
-            tangential = P[a, 1] * P[b, 1] + P[a, 2] * P[b, 2]
-            M[a, b] += CONE_EDGES * P[a, 0] * P[b, 0] + across * tangential
+            tangential = P[a, 1, 0] * P[b, 1, 0] + P[a, 2, 0] * P[b, 2, 0]
+            M[a, b] += CONE_EDGES * P[a, 0, 0] * P[b, 0, 0] + across * tangential
 
 
 @compiled()
@@ -52,12 +52,13 @@ def least_edges(P, y, friction, size, components, least):  # type: ignore[no-unt
 
 
 @compiled()
-def group_margins(gram, others, P, friction, size, M, y, components, least, spans, b):  # type: ignore[no-untyped-def]
+def group_margins(gram, P_C, others, P, friction, size, M, y, components, least, spans, b):  # type: ignore[no-untyped-def]
     """Writes the margin's bound of `size` places; a negative one b becomes b / (1 - b).
 
     Args:
         gram: Lower triangle of M of the other contacts, shape (7, 7).
-        others: P of the other contacts, shape (n - 1, 7, 3, 1).
+        P_C: P of each contact, shape (n, 7, 3, 1).
+        others: Indices of the other contacts, shape (n - 1,).
         P: P of the moved contact at each place, shape (7, 3, `GROUP`).
         friction: Coulomb's coefficient.
         size: Number of places.
@@ -100,8 +101,8 @@ def group_margins(gram, others, P, friction, size, M, y, components, least, span
                 y[j, k] -= M[j, i, k] * y[i, k]
     least[:] = np.inf
     least_edges(P, y, friction, size, components, least)
-    for other in range(len(others)):
-        least_edges(others[other], y, friction, size, components, least)
+    for other in others:
+        least_edges(P_C[other], y, friction, size, components, least)
     edges = CONE_EDGES * (len(others) + 1)
     for k in range(size):
         bound = edges * least[k]
@@ -122,11 +123,11 @@ def write_margins(i, active, P_C, P_Q, friction, members, b):  # type: ignore[no
         members: Indices of the candidates, shape (k,).
         b: Result, shape (k,).
     """
-    gram, others, count = np.zeros((7, 7)), np.empty_like(P_C), 0
+    gram, others, count = np.zeros((7, 7)), np.empty(len(active), np.int64), 0
     for other in range(len(active)):
         if active[other] and other != i:
-            add_gram(P_C[other, :, :, 0], friction, gram)
-            others[count] = P_C[other]
+            add_gram(P_C[other], friction, gram)
+            others[count] = other
             count += 1
     P, M, y = np.empty((7, 3, GROUP)), np.empty((7, 7, GROUP)), np.empty((7, GROUP))
     components, rows = np.empty((3, GROUP)), np.empty((3, GROUP))
@@ -138,7 +139,18 @@ def write_margins(i, active, P_C, P_Q, friction, members, b):  # type: ignore[no
                 for column in range(3):
                     P[a, column, k] = own[3 * a + column]
         group_margins(
-            gram, others[:count], P, friction, size, M, y, components, rows[0], rows[1], rows[2]
+            gram,
+            P_C,
+            others[:count],
+            P,
+            friction,
+            size,
+            M,
+            y,
+            components,
+            rows[0],
+            rows[1],
+            rows[2],
         )
         for k in range(size):
             b[start + k] = rows[2, k]

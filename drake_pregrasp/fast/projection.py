@@ -91,7 +91,7 @@ def projected(  # type: ignore[no-untyped-def]
     nearest, triangles = np.empty((len(points), 3)), np.full(len(points), -1)
     distances, point, scratch = np.empty(len(boxes)), np.empty(3), np.empty((6, 3))
     for k in range(len(points)):
-        x, y, z = points[k]
+        x, y, z = points[k, 0], points[k, 1], points[k, 2]
         first, bound, least = 0, np.inf, np.inf
         for block in range(len(boxes)):
             dx = max(abs(boxes[block, 0] - x) - boxes[block, 3], 0.0)
@@ -127,7 +127,8 @@ def projected(  # type: ignore[no-untyped-def]
                     bound = min(bound, math.sqrt(distance) * _ABOVE + _TINY)
                     if distance < least or (distance == least and triangle < triangles[k]):
                         least, triangles[k] = distance, triangle
-                        nearest[k] = point
+                        for axis in range(3):
+                            nearest[k, axis] = point[axis]
     return nearest, triangles
 
 

@@ -205,7 +205,7 @@ def write_singular_values(kind, t, B, n, q, b):  # type: ignore[no-untyped-def]
 
 @compiled()
 def write_measures(kind, t, B, n, precision, q, b):  # type: ignore[no-untyped-def]
-    """Writes b_n of a strategy, but of `margin`, at places, shape (3, k); log(b_n) of `position`."""
+    """Writes b_n of a strategy but `margin`, or log(b_n) of `position`, at places, shape (3, k)."""
     x, y, z = q[0], q[1], q[2]
     if kind == _POSITION:
         xx, yy, zz = precision[0, 0], precision[1, 1], precision[2, 2]
@@ -299,9 +299,7 @@ def weighted_goals(  # type: ignore[no-untyped-def]
         P_Q: P of a contact at the candidates.
         friction: Coulomb's coefficient.
     """
-    n, t, B = 0, np.empty(3), np.empty((3, 3))
-    for i in range(len(active)):
-        n += active[i]
+    n, t, B = float(np.count_nonzero(active)), np.empty(3), np.empty((3, 3))
     place, ends = np.full(len(r), -1), np.zeros(len(contacts) + 1, np.int64)
     for k in range(len(contacts)):
         place[contacts[k]] = k
