@@ -52,9 +52,11 @@ class CompiledGoals:
         self._friction, self._p_OCoM = float(friction), surface.p_OCoM
         self._q = np.array(surface.p_OQ - surface.p_OCoM, dtype=float, order="C")
         self._areas = np.array(surface.areas, dtype=float)
-        self._best_point, self._needs_normals = best_point, "margin" in shares
-        self._arm, self._P_Q = surface.longest_lever_arm, np.empty((0, 21))
-        if self._needs_normals:
+        self._best_point, self._P_Q = best_point, None
+        if "margin" in shares:
+            import drake_pregrasp.fast.margins  # noqa: F401  It is compiled now, not in a tick.
+
+            self._arm = surface.longest_lever_arm
             P_Q = balance_blocks(self._q, surface.nhat_OQ, "hard_finger", self._arm)
             self._P_Q = np.ascontiguousarray(P_Q.reshape(21, -1).T)
 
@@ -68,23 +70,24 @@ class CompiledGoals:
         contacts = np.array(contacts, dtype=np.int64)
         labels = np.array(selection.regions.labels, dtype=np.int64)
         r = np.array(selection.p_OC - self._p_OCoM, dtype=float, order="C")
-        P_C = np.empty((0, 7, 3, 1))
-        if self._needs_normals:
+        active, margins = np.array(selection.active, dtype=bool), np.empty(len(labels))
+        if self._P_Q is not None:
+            from drake_pregrasp.fast.margins import hand_margins  # Compiled only if it is needed.
+
             nhat = selection.project(selection.p_OC)[1]
             P_C = balance_blocks(r, nhat, "hard_finger", self._arm)
             P_C = np.ascontiguousarray(P_C.transpose(2, 0, 1))[..., None]
+            margins = hand_margins(contacts, labels, active, P_C, self._P_Q, self._friction)
         goals: FloatArray = weighted_goals(
             *self._settings,
             contacts,
             labels,
-            np.array(selection.active, dtype=bool),
+            active,
             r,
             np.linalg.inv(selection.covariance_O),
             self._q,
             self._areas,
-            P_C,
-            self._P_Q,
-            self._friction,
+            margins,
         )
         goals += self._p_OCoM
         if self._best_point:

@@ -110,47 +110,53 @@ def group_margins(gram, P_C, others, P, friction, size, M, y, components, least,
         b[k] = bound if b[k] > 0.0 else -1.0
 
 
-@compiled()
-def write_margins(i, active, P_C, P_Q, friction, members, b):  # type: ignore[no-untyped-def]
-    """Writes `hand_margin` of a contact at each of its candidates.
+@compiled("f8[::1](i8[::1], i8[::1], b1[::1], f8[:,:,:,::1], f8[:,::1], f8)")
+def hand_margins(contacts, labels, active, P_C, P_Q, friction):  # type: ignore[no-untyped-def]
+    """Returns `hand_margin` of the contacts at each candidate of their regions, shape (N,).
 
     Args:
-        i: Index of the contact.
+        contacts: Indices of the contacts that move, shape (k,).
+        labels: Region of each candidate, shape (N,).
         active: Mask of the contacts that take part in the grasp, shape (n,).
         P_C: P of each contact, shape (n, 7, 3, 1).
         P_Q: P of a contact at each candidate, shape (N, 21).
         friction: Coulomb's coefficient.
-        members: Indices of the candidates, shape (k,).
-        b: Result, shape (k,).
     """
-    gram, others, count = np.zeros((7, 7)), np.empty(len(active), np.int64), 0
-    for other in range(len(active)):
-        if active[other] and other != i:
-            add_gram(P_C[other], friction, gram)
-            others[count] = other
-            count += 1
+    margins, members = np.zeros(len(labels)), np.empty(GROUP, np.int64)
     P, M, y = np.empty((7, 3, GROUP)), np.empty((7, 7, GROUP)), np.empty((7, GROUP))
     components, rows = np.empty((3, GROUP)), np.empty((3, GROUP))
-    for start in range(0, len(members), GROUP):
-        size = min(GROUP, len(members) - start)
-        for k in range(size):
-            own = P_Q[members[start + k]]
-            for a in range(7):
-                for column in range(3):
-                    P[a, column, k] = own[3 * a + column]
-        group_margins(
-            gram,
-            P_C,
-            others[:count],
-            P,
-            friction,
-            size,
-            M,
-            y,
-            components,
-            rows[0],
-            rows[1],
-            rows[2],
-        )
-        for k in range(size):
-            b[start + k] = rows[2, k]
+    gram, others = np.empty((7, 7)), np.empty(len(active), np.int64)
+    for i in contacts:
+        count, size = 0, 0
+        gram[:] = 0.0
+        for other in range(len(active)):
+            if active[other] and other != i:
+                add_gram(P_C[other], friction, gram)
+                others[count] = other
+                count += 1
+        for j in range(len(labels)):
+            if labels[j] == i:
+                for a in range(7):
+                    for column in range(3):
+                        P[a, column, size] = P_Q[j, 3 * a + column]
+                members[size] = j
+                size += 1
+            if size == GROUP or (size > 0 and j == len(labels) - 1):
+                group_margins(
+                    gram,
+                    P_C,
+                    others[:count],
+                    P,
+                    friction,
+                    size,
+                    M,
+                    y,
+                    components,
+                    rows[0],
+                    rows[1],
+                    rows[2],
+                )
+                for k in range(size):
+                    margins[members[k]] = rows[2, k]
+                size = 0
+    return margins

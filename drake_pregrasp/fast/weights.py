@@ -27,7 +27,6 @@ import numpy as np
 from drake_pregrasp.contacts.centroids import TIE
 from drake_pregrasp.contacts.strategies import FLAT
 from drake_pregrasp.fast.compiling import compiled
-from drake_pregrasp.fast.margins import GROUP, write_margins
 
 KINDS = (
     ("position", "hand"),
@@ -42,6 +41,7 @@ KINDS = (
 """Strategies and their readings, in the order of their indices; two do not depend on a reading."""
 
 _POSITION, _MSV, _GII, _VEW, _MARGIN, _OWN_MSV, _OWN_GII, _OWN_VEW = range(8)
+_GROUP = 64  # Largest number of places that are computed together.
 _STEPS = 12  # Largest number of steps. Three are enough on a cube; long objects need more.
 _SETTLED = 1e-7  # Relative step after which a root has converged: the error is its square.
 
@@ -114,7 +114,7 @@ def write_singular_values(kind, t, B, n, q, b):  # type: ignore[no-untyped-def]
 
     Loops run over groups of places without branches, so that they are vector instructions.
     """
-    rows = np.empty((9, GROUP))
+    rows = np.empty((9, _GROUP))
     tau, b11, b1, b2, p11, p12, p22, roots, steps = (
         rows[0],
         rows[1],
@@ -126,8 +126,8 @@ def write_singular_values(kind, t, B, n, q, b):  # type: ignore[no-untyped-def]
         rows[7],
         rows[8],
     )
-    for start in range(0, len(b), GROUP):
-        size = min(GROUP, len(b) - start)
+    for start in range(0, len(b), _GROUP):
+        size = min(_GROUP, len(b) - start)
         own, px, py, pz = b[start:], q[0, start:], q[1, start:], q[2, start:]
         for k in range(size):
             p, r, s = px[k], py[k], pz[k]
@@ -259,7 +259,7 @@ def add_weights(kind, share, stretch, power, areas, b, weights):  # type: ignore
 
 @compiled(
     "f8[:,::1](i8[::1], f8[::1], b1, f8, b1, i8[::1], i8[::1], b1[::1], f8[:,::1], f8[:,::1],"
-    " f8[:,::1], f8[::1], f8[:,:,:,::1], f8[:,::1], f8)"
+    " f8[:,::1], f8[::1], f8[::1])"
 )
 def weighted_goals(  # type: ignore[no-untyped-def]
     kinds,
@@ -274,9 +274,7 @@ def weighted_goals(  # type: ignore[no-untyped-def]
     precision,
     q,
     areas,
-    P_C,
-    P_Q,
-    friction,
+    margins,
 ):
     """Returns the centroids of contacts' regions or their best points, shape (k, 3).
 
@@ -295,9 +293,7 @@ def weighted_goals(  # type: ignore[no-untyped-def]
         precision: Inverse of the position's covariance, shape (3, 3), in 1/m².
         q: Lever arms of the candidates, shape (N, 3), in metres.
         areas: Surface area that each candidate represents, shape (N,), in m².
-        P_C: P of the contacts, for the margin; see `write_margins`.
-        P_Q: P of a contact at the candidates.
-        friction: Coulomb's coefficient.
+        margins: Weights of the strategy `margin` at the candidates, shape (N,); see `hand_margins`.
     """
     n, t, B = float(np.count_nonzero(active)), np.empty(3), np.empty((3, 3))
     place, ends = np.full(len(r), -1), np.zeros(len(contacts) + 1, np.int64)
@@ -325,7 +321,8 @@ def weighted_goals(  # type: ignore[no-untyped-def]
         others_sums(r, active, i, t, B)
         for s in range(len(kinds)):
             if kinds[s] == _MARGIN:
-                write_margins(i, active, P_C, P_Q, friction, members[start:stop], own_b)
+                for j in range(stop - start):
+                    own_b[j] = margins[members[start + j]]
             else:
                 write_measures(kinds[s], t, B, n, precision, here, own_b)
             add_weights(kinds[s], shares[s], stretch, power, own, own_b, own_weights)
