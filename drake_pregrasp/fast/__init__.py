@@ -1,9 +1,47 @@
 """An optional compiled implementation of what takes most of a tick, the extra `fast` (numba).
 
-The references are `regions.safe_regions.label_candidates`, `contacts.centroids.region_goals` and
-`estimation.pose_filter.filter_step`. This package has the same functions, those of regions and
-goals for a surface whose candidates are known beforehand; tests compare both. Systems choose once,
-by `fast_labels`, `fast_goals` and `fast_filter_step`; None means the reference.
+Each function has a reference, with which it agrees: labels but for ties, goals within 1e-9 of the
+object's size, estimates to rounding. Systems choose once, by the functions below; without numba
+these return the reference, or None for it.
+
+| here | reference |
+|---|---|
+| `labels` | `regions.safe_regions.label_candidates` |
+| `predicates` | `regions.constraints.Predicates.limits_at` |
+| `projection` | `geometry.surface.ObjectSurface.project` and `project_into` |
+| `weights`, `margins`, `goals` | `contacts.centroids.region_goals` and `best_points` |
+| `pose_steps` | `estimation.pose_filter.filter_step` |
+
+**One description.** A region is an intersection: the weighted Voronoi cell of its contact,
+half-spaces (forbidden points, neighbouring fingertips, the nearest points of obstacles), and
+predicates of single candidates (closed faces, reach, fingertips clear of obstacles). Once a tick
+`region_bounds` writes all of it into plain arrays, `RegionBounds`. Both implementations read these
+arrays, so that a constraint is described in one place. All solids are boxes with rounded edges,
+with infinite bounds for half-spaces, and therefore share one formula for their distance.
+
+**Blocks.** Candidates never move in the object's frame. At construction they are sorted into
+compact blocks of 64, each with a bounding box of its positions and of its normals. In a tick a
+block finds its owners, then discards what cannot divide it: a half-space that contains the box; an
+obstacle farther away than the box is large; a reach that contains the box. This works because
+every predicate is a distance, or changes no faster than one: its value at the box's middle, plus or
+minus the size of the box, decides the whole block. Only what is left is tested point by point, most
+often a few of hundreds of half-spaces in a few blocks at the boundaries of regions. Of 2,000
+obstacle points, too, a block tests only those nearby.
+
+**Reasons.** A region that comes out tiny has its cell counted in the same call: for each limit, how
+many candidates of the cell it excludes. Blocks without candidates of the cell are skipped.
+
+**Projection.** The same blocks bound the distance to the patches, and balls around triangles bound
+the distance to each triangle.
+
+**Weights.** Measures of the grasp matrix have closed forms or converge in a few Newton steps (see
+`weights`); the margin solves one 7 x 7 system for each place (see `margins`). Candidates of a region
+are copied next to each other, and loops run over many of them without branches, so that the compiler
+makes vector instructions of them. Blends add up the weights of their strategies.
+
+**Compilation.** Functions with signatures are compiled when they are imported, that is when a system
+is made, never in a tick. They use single elements of arrays, since array expressions take many times
+as long to compile.
 """
 
 import functools
