@@ -36,8 +36,8 @@ class EstimatorConfig:
     # Square root of the spectral density of its random angular acceleration, in rad/s^2/sqrt(Hz).
     angular_acceleration: float = field(default=0.01, metadata=_RATE)
 
-    # The same two densities for a sudden change of motion, which is assumed between measurements if
-    # the later one would otherwise be an outlier.
+    # The same two densities for a sudden change of motion, which is assumed if two measurements in
+    # a row tell of the same one, and the later one would otherwise be an outlier.
     sudden_acceleration: float = field(default=0.3, metadata=_RATE)
     sudden_angular_acceleration: float = field(default=1.0, metadata=_RATE)
 

@@ -135,7 +135,7 @@ def follow_pairs(
             point = first + pair.distance * away / max(float(np.linalg.norm(away)), 1e-12)
             p_OC[pair.second] = selection.surface.project_into(point[None], [members])[0][0]
         allowed = max(pair.tolerance, pair.error(p_OC_before))
-        too_far = np.linalg.norm(p_OC[pair.second] - before) > max_step
+        too_far = np.linalg.norm(p_OC[pair.second] - before) > max_step * (1 + ROUNDING)
         if pair.error(p_OC) > allowed or too_far:
             both = [pair.first, pair.second]
             p_OC[both] = p_OC_before[both]

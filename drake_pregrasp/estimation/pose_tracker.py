@@ -44,6 +44,7 @@ _NOISY = 0.25  # Noise level of a sensor without noise is below this.
 _DOUBT = 2  # Times `reacquire_after`: with so many outliers in excess the track is not locked.
 _PATIENCE = 5  # Times `reacquire_after`: with so many outliers in excess the belief is dropped.
 _LONGEST_SURPRISE = 0.2  # Seconds for which a sudden acceleration is assumed at most.
+_TELLING = 3.0  # Standard deviations: two measurements tell of a manoeuvre, or agree with it.
 _AT_REST = 3.0  # Standard deviations up to which a velocity may be zero.
 
 
@@ -53,8 +54,8 @@ class TrackerSettings:
 
     Attributes:
         noise: Noise and motion that the filter assumes.
-        sudden: The same with the accelerations of a sudden manoeuvre, which are assumed if a
-            measurement would otherwise be an outlier.
+        sudden: The same with the accelerations of a sudden manoeuvre, which are assumed if two
+            measurements in a row tell of it, of which the later would otherwise be an outlier.
         gate: Mahalanobis distance from the prediction, of the position and of the orientation,
             beyond which a measurement is an outlier; 0 to use all measurements.
         reacquire_after: Number of refused measurements in a row, which agree with each other, that
@@ -119,10 +120,10 @@ def update_track(
     variance = prior.P_orientation.diagonal()[:3].max()
     if variance > _VAGUE**2 + noise.orientation**2 and not is_late:
         return _start(track, measurement, settings, prior)
-    if new.squared.max() > settings.gate_squared and 0 <= time - newest.time <= _LONGEST_SURPRISE:
-        sudden = settings.step(earlier, measurement, settings.sudden, settings.p_OCoM, factor)
-        if sudden[1].squared.max() <= settings.gate_squared:
-            prior, new, posterior = sudden
+    if new.squared.max() > settings.gate_squared and not is_late:
+        previous = unpack(NO_MEASUREMENT, last_seen)
+        manoeuvre = _manoeuvre(track, previous, measurement, settings)
+        prior, new, posterior = manoeuvre or (prior, new, posterior)
     excess = min(sum((factor * new.squared).tolist()) / 6, _LARGEST_EXCESS)
     excess = (1 - _FORGETTING) * track.excess + _FORGETTING * excess
     after = replace(
@@ -161,6 +162,40 @@ def update_track(
         noise_level=(1 - _FORGETTING) * track.noise_level + _FORGETTING * level,
         verdict=MeasurementVerdict.USED,
     )
+
+
+def _manoeuvre(
+    track: PoseTrack,
+    previous: PoseMeasurement,
+    measurement: PoseMeasurement,
+    settings: TrackerSettings,
+) -> tuple[PoseBelief, Innovation, PoseBelief] | None:
+    """Returns the last step of a sudden acceleration that two measurements in a row tell of.
+
+    The earlier one was off its prediction too, and predicts the later one once its velocity counts.
+    A single outlier is no evidence, and two outliers seldom agree.
+
+    Args:
+        track: Track before the later measurement.
+        previous: The earlier measurement, whether it was used or refused.
+        measurement: The later measurement, which would be an outlier.
+        settings: Settings of the checks.
+    """
+    before = track.steps[track.steps[:, 0] < previous.time]
+    if track.innovation_squared.max() < _TELLING**2 or len(before) == 0:
+        return None
+    belief = unpack(NO_BELIEF, before[-1, MEASUREMENT_SIZE:])
+    is_between = belief.time < previous.time < measurement.time
+    if not is_between or measurement.time - belief.time > _LONGEST_SURPRISE:
+        return None
+    _, first, belief = settings.step(
+        belief, previous, settings.sudden, settings.p_OCoM, track.noise_factor
+    )
+    second = settings.step(
+        belief, measurement, settings.sudden, settings.p_OCoM, track.noise_factor
+    )
+    agree = first.squared.max() <= settings.gate_squared and second[1].squared.max() <= _TELLING**2
+    return second if agree else None
 
 
 def _moves(belief: PoseBelief) -> bool:

@@ -15,8 +15,8 @@ these return the reference, or None for it.
 **One description.** A region is an intersection: the weighted Voronoi cell of its contact,
 half-spaces (forbidden points, neighbouring fingertips, the nearest points of obstacles), and
 predicates of single candidates (closed faces, reach, fingertips clear of obstacles). Once a tick
-`region_bounds` writes all of it into plain arrays, `RegionBounds`. Both implementations read these
-arrays, so that a constraint is described in one place. All solids are boxes with rounded edges,
+`compute_safe_regions` writes all of it into plain arrays, `RegionBounds`. Both implementations read
+these arrays, so that a constraint is described in one place. All solids are boxes with rounded edges,
 with infinite bounds for half-spaces, and therefore share one formula for their distance.
 
 **Blocks.** Candidates never move in the object's frame. At construction they are sorted into
@@ -35,13 +35,13 @@ many candidates of the cell it excludes. Blocks without candidates of the cell a
 the distance to each triangle.
 
 **Weights.** Measures of the grasp matrix have closed forms or converge in a few Newton steps (see
-`weights`); the margin solves one 7 x 7 system for each place (see `margins`). Candidates of a region
-are copied next to each other, and loops run over many of them without branches, so that the compiler
-makes vector instructions of them. Blends add up the weights of their strategies.
+`weights`); the margin solves one 7 x 7 system for each place (see `margins`). Candidates of a
+region are copied next to each other, and loops run over many of them without branches, so that the
+compiler makes vector instructions of them. Blends add up the weights of their strategies.
 
-**Compilation.** Functions with signatures are compiled when they are imported, that is when a system
-is made, never in a tick. They use single elements of arrays, since array expressions take many times
-as long to compile.
+**Compilation.** Functions with signatures are compiled when they are imported, that is when a
+system is made, never in a tick. They use single elements of arrays, since array expressions take
+many times as long to compile.
 """
 
 import functools

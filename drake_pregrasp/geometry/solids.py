@@ -215,6 +215,6 @@ def _row(
 
 def _check_finite(owner: str, **fields: float | FloatArray) -> None:
     for name, value in fields.items():
-        if not np.all(np.isfinite(value)):
+        if not np.isfinite(value).all():
             given = np.asarray(value).tolist()
             raise InvalidArgumentError(f"{owner} {name} must be finite, not {given}")

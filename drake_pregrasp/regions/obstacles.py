@@ -37,11 +37,6 @@ def place_obstacles(
     return Obstacles(tuple(solids), points)
 
 
-def all_are_known(obstacles: Obstacles) -> bool:
-    """Returns whether the places of all placed obstacles are known."""
-    return ANYWHERE not in obstacles.solids and bool(np.all(obstacles.points.radii < FARTHEST))
-
-
 def _placed_points(points: ForbiddenPoints, R_GF: FloatArray, p_GF: FloatArray) -> ForbiddenPoints:
     places = points.points @ R_GF.T + p_GF
     radii, normals = points.radii, points.normals @ R_GF.T

@@ -174,32 +174,7 @@ def compute_safe_regions(
     if not np.isfinite(p_OC).all():
         raise InvalidArgumentError(f"contacts must be finite, not {p_OC.tolist()}")
     constraints = constraints or UNCONSTRAINED
-    bounds = region_bounds(p_OC, contact_weights, forbidden, constraints, len(p_OQ))
-    if label is None:
-        has_normals = len(constraints.nhat_OQ) > 0
-        label = partial(
-            label_candidates, p_OQ, constraints.nhat_OQ if has_normals else 0 * p_OQ[:, :3]
-        )
-    labels, limits, causes = label(bounds)
-    return SafeRegions(labels, contact_weights == -np.inf, limits, causes, constraints)
-
-
-def region_bounds(
-    c: FloatArray,
-    h: FloatArray,
-    forbidden: ForbiddenPoints,
-    constraints: RegionConstraints,
-    num_candidates: int,
-) -> RegionBounds:
-    """Returns what bounds the regions of contacts among N candidates.
-
-    Args:
-        c: Contacts, shape (n, d), in metres; their first three coordinates are positions.
-        h: Weights h_i, shape (n,), in m²; -inf for lost fingers.
-        forbidden: Forbidden points z_j and radii R_j, in O.
-        constraints: Further constraints of the regions.
-        num_candidates: Number of candidates N.
-    """
+    c, h = p_OC, contact_weights
     half_spaces, predicates = point_half_spaces(c, forbidden), None
     if constraints.fencing is not None:
         applied = np.where(constraints.fencing, half_spaces.bounds, np.inf)
@@ -222,9 +197,15 @@ def region_bounds(
                 first_cause=len(obstacles.solids),
             )
         )
-    few = TINY_SHARE * num_candidates / max(1, int(np.count_nonzero(h > -np.inf)))
+    few = TINY_SHARE * len(p_OQ) / max(1, int(np.count_nonzero(h > -np.inf)))
     half_spaces = joined(parts) if len(parts) > 1 else half_spaces
-    return RegionBounds(c, h, half_spaces, constraints.same_side, predicates, num_candidates, few)
+    same_side, N = constraints.same_side, len(p_OQ)
+    bounds = RegionBounds(c, h, half_spaces, same_side, predicates, N, few)
+    if label is None:
+        nhat = constraints.nhat_OQ if len(constraints.nhat_OQ) else np.zeros((N, 3))
+        label = partial(label_candidates, p_OQ, nhat)
+    labels, limits, causes = label(bounds)
+    return SafeRegions(labels, h == -np.inf, limits, causes, constraints)
 
 
 def label_candidates(

@@ -1,5 +1,6 @@
 """Sequence of a grasp: the moment of closing, the forces, and the motion of the object."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -107,8 +108,9 @@ class GraspSequencer(LeafSystem):
 
     Port `X_WG` emits a `RigidTransform`: the pose of the frame G in which goals are planned. It is
     the estimated pose of O, raised while the hand approaches. Once all fingers press firmly, they
-    stick to the object, and G moves with them and no longer with the estimate: a table that
-    accelerates takes the hand along. For the lift, G stops and moves straight up.
+    stick to the object, and G moves with them and no longer with the estimate, so that on average
+    they are at their goals: a table that accelerates takes the hand along, and no strain of the
+    touch pushes the object. For the lift, G stops and moves straight up.
 
     Port `V_WG` emits a `SpatialVelocity`: the velocity of G in W, on average until the next tick.
 
@@ -174,7 +176,8 @@ class GraspSequencer(LeafSystem):
         first = GraspState.first(n, self._settings)
         self._state = self.DeclareDiscreteState(first.to_vector())
         self._last = self.DeclareDiscreteState(pack(_AT_REST))
-        # Fingertips in G since they press firmly, else NaN.
+        # Goals of the fingertips in G since they press firmly, else NaN. Their measured places
+        # would keep the strain of the touch, which then drives the object without end.
         self._sticking = self.DeclareDiscreteState(np.full(3 * n, np.nan))
         self._close = self.DeclareVectorInputPort("close", 1)
         self._status = self.DeclareVectorInputPort("contact_status", n)
@@ -203,7 +206,7 @@ class GraspSequencer(LeafSystem):
             self._pose.source,
             self._V_WO,
         )
-        declare_output(self, "X_WG", POSE, self._calc_X_WG, motion)
+        self._X_WG = declare_output(self, "X_WG", POSE, self._calc_X_WG, motion)
         declare_output(self, "V_WG", VELOCITY, self._calc_V_WG, motion)
         declare_output(self, "standoffs", n, lambda c: state.Eval(c).standoffs, state)
         declare_output(self, "hold_contacts", 1, lambda c: state.Eval(c).holds_contacts, state)
@@ -254,8 +257,9 @@ class GraspSequencer(LeafSystem):
 
     def _calc_motion(self, context: Context) -> HeldMotion:
         state: GraspState = self._remembered.Eval(context)
-        sticks = np.any(np.isfinite(self._sticking_tips(context)))
-        if np.isfinite(state.gripped) and (sticks or state.phase > GraspPhase.SQUEEZE):
+        if math.isfinite(state.gripped) and (
+            state.phase > GraspPhase.SQUEEZE or np.isfinite(self._sticking_tips(context)).any()
+        ):
             held: HeldMotion = self._held.Eval(context)
             return held
         X, V = self._pose.eval(context), validated_velocity(self._V_WO.Eval(context))
@@ -273,8 +277,8 @@ class GraspSequencer(LeafSystem):
 
     def _calc_V_WO_held(self, context: Context) -> FloatArray:
         state: GraspState = self._remembered.Eval(context)
-        sticks = np.any(np.isfinite(self._sticking_tips(context)))
-        if not sticks or state.force.value(context.get_time()) == 0:
+        force = state.force.value(context.get_time())
+        if force == 0 or np.isnan(self._sticking_tips(context)).all():
             return np.zeros(7)
         return np.append(1.0, self._rising(context, self._held.Eval(context).V_WG).get_coeffs())
 
@@ -289,18 +293,17 @@ class GraspSequencer(LeafSystem):
     def _tips(self, context: Context) -> FloatArray:
         """Returns the fingertips' centres in G, shape (n, 3), in metres."""
         p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
-        p_GT: FloatArray = (self._calc_X_WG(context).inverse() @ p_WT.T).T
+        p_GT: FloatArray = (self._X_WG.Eval(context).inverse() @ p_WT.T).T
         return p_GT
 
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
         state: GraspState = self._remembered.Eval(context)
-        X_WG = self._calc_X_WG(context)
         p_OC, nhat = self._contacts(context)
         p_GT = self._tips(context)
         presses = np.zeros(len(p_OC))
         if state.phase >= GraspPhase.CLOSE:  # Forces are slow to compute, and not used before.
             f_T_W = validated_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
-            f_T_G = f_T_W @ X_WG.rotation().matrix()
+            f_T_G = f_T_W @ self._X_WG.Eval(context).rotation().matrix()
             presses = -np.sum(f_T_G * nhat, axis=1)
         p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat
         distances = np.linalg.norm(p_GT_goal - p_GT, axis=1)
@@ -327,7 +330,8 @@ class GraspSequencer(LeafSystem):
             self._config.period,
             lambda active: self._plan_squeeze(context, active),
         )
-        discrete_state.set_value(self._state, after.to_vector())
+        if after is not state:
+            discrete_state.set_value(self._state, after.to_vector())
         self._pose.store(context, discrete_state)
         if state.phase > GraspPhase.SQUEEZE:
             return
@@ -336,7 +340,7 @@ class GraspSequencer(LeafSystem):
         if state.phase < GraspPhase.SQUEEZE:
             discrete_state.set_value(self._sticking, np.full(p_GT.size, np.nan))
         elif is_firm and np.all(np.isnan(self._sticking_tips(context))):
-            discrete_state.set_value(self._sticking, p_GT.ravel())
+            discrete_state.set_value(self._sticking, p_GT_goal.ravel())
 
     def _plan_squeeze(self, context: Context, active: BoolArray) -> Squeeze:
         p_OC, nhat = (part[active] for part in self._contacts(context))
@@ -372,7 +376,7 @@ class GraspSequencer(LeafSystem):
     def _calc_forces(self, context: Context) -> FloatArray:
         state: GraspState = self._remembered.Eval(context)
         share = state.force.value(context.get_time())
-        if share == 0 and not np.any(state.touched):
+        if share == 0 and not state.touched.any():
             return np.zeros_like(state.forces)
         _, nhat = self._contacts(context)
         # A finger that has touched the object keeps touching it until all fingers press.

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 from driven import Driven
-from made_systems import CONTROL_PERIOD, NQ, RADIUS, RING, SETTINGS, N, make_sequencer
+from made_systems import AROUND, CONTROL_PERIOD, NQ, RADIUS, RING, SETTINGS, N, make_sequencer
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
-from drake_pregrasp.grasping.grasp_state import GiveUp
+from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
 
 AT_TABLE = RigidTransform(RotationMatrix.MakeXRotation(0.3), [0.0, 0.0, 0.05])
 
@@ -89,7 +89,9 @@ def squeeze_at(X_WO, **inputs):
 
 def test_forces_are_planned_at_the_measured_fingertips_with_the_normals_there():
     X_WO = RigidTransform([0.0, 0.0, 0.05])
-    turned = RING @ RotationMatrix.MakeZRotation(0.4).matrix().T  # Beside the goals on a ball.
+    # Beside the goals on a ball, to either side in turns, so that the hand does not turn.
+    aside = AROUND + 0.4 * np.array([1, -1, 1, -1, 0])
+    turned = np.stack([np.cos(aside), np.sin(aside), 0 * aside], axis=1)
     p_WT = (X_WO @ ((0.05 + RADIUS) * turned).T).T
     forces = squeeze_at(X_WO, p_WT=p_WT.ravel()).array("squeeze_forces").reshape(N, 3)
     pressing = forces * [1, 1, 0] / np.linalg.norm(forces[:, :2], axis=1, keepdims=True)
@@ -140,3 +142,18 @@ def test_fingers_that_press_firmly_carry_the_frame_and_no_estimate_does():
         hand.tick()
     np.testing.assert_allclose(hand.eval("X_WG").translation() - [0, 0, 0.05], 0.2 * v, atol=1e-3)
     np.testing.assert_allclose(hand.array("V_WO_held"), [1, 0, 0, 0, *v], atol=1e-2)
+
+
+def test_the_touch_leaves_no_strain_that_drives_the_object():
+    """Fingertips rest beside and above their goals: G comes to rest where they are at them."""
+    X_WO = RigidTransform([0.0, 0.0, 0.05])
+    strain = RigidTransform(RotationMatrix.MakeZRotation(0.005), [0.0, 0.0, 4e-4])
+    hand = sequencer_over(X_WO)
+    close_until_touch(hand, X_WO)
+    met = tips_at(strain @ X_WO, 0.0)
+    hand.fix(p_WT=met, f_T_W=-3 * SETTINGS.touch_force * RING.ravel())
+    hand.advance(SETTINGS.squeeze_duration)
+    assert hand.array("grasp_report")[0] == GraspPhase.SQUEEZE
+    X_WG = hand.eval("X_WG")
+    np.testing.assert_allclose(X_WG.GetAsMatrix4(), (strain @ X_WO).GetAsMatrix4(), atol=2e-5)
+    np.testing.assert_allclose(hand.eval("V_WG").get_coeffs(), 0, atol=5e-3)
