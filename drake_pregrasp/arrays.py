@@ -115,7 +115,7 @@ def validated_rates(rates: FloatArray) -> FloatArray:
     Args:
         rates: Rates of any shape, in m/s or rad/s.
     """
-    return rates if np.all(np.abs(rates) <= FARTHEST) else np.zeros_like(rates)
+    return rates if (np.abs(rates) <= FARTHEST).all() else np.zeros_like(rates)
 
 
 def validated_numbers(numbers: FloatArray) -> FloatArray:
@@ -178,9 +178,21 @@ def pack(record: "DataclassInstance") -> FloatArray:
     Args:
         record: Dataclass instance of numbers, arrays, and dataclasses of such.
     """
-    values = [getattr(record, name) for name in _field_names(type(record))]
-    parts = [value if isinstance(value, _PLAIN) else pack(value) for value in values]
-    return np.concatenate(parts, axis=None, dtype=float)
+    return np.concatenate(_parts(record), axis=None, dtype=float)
+
+
+def _parts(record: "DataclassInstance") -> list[FloatArray | list[float]]:
+    """Returns the arrays of a record, and one list for each run of numbers between them."""
+    parts: list[Any] = [[]]
+    for name in _field_names(type(record)):
+        value = getattr(record, name)
+        if isinstance(value, np.ndarray):
+            parts += [value, []]
+        elif isinstance(value, _PLAIN):
+            parts[-1].append(value)
+        else:
+            parts += [*_parts(value), []]
+    return parts
 
 
 def unpack(template: Record, vector: FloatArray) -> Record:
@@ -190,9 +202,12 @@ def unpack(template: Record, vector: FloatArray) -> Record:
         template: Instance of the same class whose fields have the types and shapes to restore.
         vector: Packed instance, which is copied.
     """
-    vector = np.array(vector)
+    return _unpacked(template, np.array(vector), 0)[0]
+
+
+def _unpacked(template: Record, vector: FloatArray, start: int) -> tuple[Record, int]:
+    """Returns the instance whose packed form begins at an index, and the index of its end."""
     values: list[Any] = []
-    start = 0
     for name in _field_names(type(template)):
         value = getattr(template, name)
         if isinstance(value, np.ndarray):
@@ -203,10 +218,10 @@ def unpack(template: Record, vector: FloatArray) -> Record:
             stop = start + 1
             values.append(type(value)(vector[start]))
         else:
-            stop = start + len(pack(value))
-            values.append(unpack(value, vector[start:stop]))
+            nested, stop = _unpacked(value, vector, start)
+            values.append(nested)
         start = stop
-    return type(template)(*values)
+    return type(template)(*values), start
 
 
 @functools.cache

@@ -1,6 +1,7 @@
-"""Writes mug.obj and bracket.obj into this folder. Needs the packages manifold3d and trimesh.
+"""Writes mug.obj, bracket.obj and turntable.obj into this folder.
 
-The files are kept; this script says how they were made.
+It needs the packages manifold3d and trimesh. The files are kept; this script says how they were
+made.
 """
 
 from pathlib import Path
@@ -17,6 +18,10 @@ HANDLE_RADIUS, HANDLE_HALF_HEIGHT, HANDLE_THICKNESS = 0.028, 0.030, 0.0055
 HANDLE_REACHES_IN = 0.003
 HANDLE_AZIMUTH = 2.97  # In radians.
 SECTIONS = 72
+
+# Of the turntable, in metres.
+DISC_RADIUS, DISC_THICKNESS = 0.16, 0.03
+DISC_SECTIONS = 48
 
 
 def mug() -> tuple[trimesh.Trimesh, dict[str, np.ndarray]]:
@@ -60,6 +65,36 @@ def bracket() -> tuple[trimesh.Trimesh, dict[str, np.ndarray]]:
     return mesh, {"wall": upright, "base": ~upright}
 
 
+def turntable() -> tuple[trimesh.Trimesh, dict[str, np.ndarray]]:
+    """Returns a disc with its top in z = 0, and the mask of all its triangles.
+
+    Each triangle of its top is as large as possible. An object near the middle then touches few of
+    them, and few patches of contact take little time.
+    """
+    around = np.arange(DISC_SECTIONS)
+    angles = 2 * np.pi * around / DISC_SECTIONS
+    ring = DISC_RADIUS * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    top = []
+
+    def fill(first: int, last: int) -> None:
+        if last - first > 1:
+            middle = (first + last) // 2
+            top.append([first, middle, last % DISC_SECTIONS])
+            fill(first, middle)
+            fill(middle, last)
+
+    third = DISC_SECTIONS // 3
+    top.append([0, third, 2 * third])
+    for first in top[0]:
+        fill(first, first + third)
+    after, below = (around + 1) % DISC_SECTIONS, DISC_SECTIONS
+    bottom = below + np.array(top)[:, ::-1]
+    side = [*np.c_[around, below + around, below + after], *np.c_[around, below + after, after]]
+    vertices = np.vstack([np.c_[ring, 0 * angles], np.c_[ring, 0 * angles - DISC_THICKNESS]])
+    mesh = trimesh.Trimesh(vertices, np.vstack([top, bottom, side]), process=False)
+    return mesh, {"disc": np.ones(len(mesh.faces), dtype=bool)}
+
+
 def write(name: str, mesh: trimesh.Trimesh, parts: dict[str, np.ndarray]) -> None:
     """Writes a mesh as OBJ, one object for each part, over the same vertices."""
     lines = [f"# {name}, in metres; made by make_meshes.py."]
@@ -73,3 +108,4 @@ def write(name: str, mesh: trimesh.Trimesh, parts: dict[str, np.ndarray]) -> Non
 if __name__ == "__main__":
     write("mug", *mug())
     write("bracket", *bracket())
+    write("turntable", *turntable())

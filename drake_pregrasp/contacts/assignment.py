@@ -95,7 +95,7 @@ def assign_fingers_round(
 
 def mean_angle(angles: FloatArray) -> float:
     """Returns the direction of the sum of unit vectors at some angles, in radians."""
-    return float(np.arctan2(np.mean(np.sin(angles)), np.mean(np.cos(angles))))
+    return math.atan2(np.sin(angles).sum(), np.cos(angles).sum())
 
 
 def palm_turn(
@@ -113,7 +113,8 @@ def palm_turn(
         yaw_range: Smallest and largest angle of the palm, in radians.
     """
     yaw = mean_angle(np.arctan2(p_GT[:, 1], p_GT[:, 0]) - finger_azimuths)
-    return float(np.clip(before + math.remainder(yaw - before, 2 * math.pi), *yaw_range))
+    low, high = yaw_range
+    return max(low, min(before + math.remainder(yaw - before, 2 * math.pi), high))
 
 
 def turned_within(yaw: float, yaw_range: tuple[float, float]) -> float:

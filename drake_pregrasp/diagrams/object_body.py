@@ -1,10 +1,9 @@
 """The object as a body of a plant, with the mesh of the planner's surface.
 
 Contact is hydroelastic: pressure patches hold the object on a moving table, where single contact
-points would hop. A flat solid meets a body where it meets its convex hull, so tables touch the
-hull, as a compliant solid. A rigid mesh with an edge deep in a compliant table gains energy in time
-steps of 10 ms. Spheres, such as the tip of a pusher, touch the rigid mesh itself if the object is
-not convex: its hull would fill a cup.
+points would hop. A flat solid meets a body where it meets its convex hull, so tables, which are
+rigid, touch the hull, a compliant solid. Spheres, such as the tip of a pusher, touch the rigid mesh
+itself if the object is not convex: its hull would fill a cup.
 """
 
 import numpy as np
@@ -15,7 +14,6 @@ from pydrake.geometry import (
     AddContactMaterial,
     AddRigidHydroelasticProperties,
     CollisionFilterDeclaration,
-    Convex,
     GeometrySet,
     InMemoryMesh,
     ProximityProperties,
@@ -28,7 +26,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
 from pydrake.multibody.tree import RigidBody, RotationalInertia, SpatialInertia
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.config.object_config import ObjectConfig
 from drake_pregrasp.geometry.shapes import Shape
 
@@ -39,14 +37,17 @@ step and bounce."""
 FRICTION = 0.8
 """Coulomb's coefficient of an object without a hand, the same as that of tables."""
 
-MODULUS = 1e7
-"""Hydroelastic modulus of the hull, the same as that of tables, in Pa."""
+MODULUS = 3e7
+"""Hydroelastic modulus of obstacles, and the largest one of hulls, in Pa."""
 
 DISSIPATION = 100.0
 """Dissipation of Hunt and Crossley, the same as that of tables, in s/m: nothing bounces."""
 
 _COLOR = np.array([0.78, 0.80, 0.83, 1.0])
 _DIGITS = 12  # Digits of coordinates in the OBJ text of a mesh for Drake.
+_GRAVITY = 9.81
+_MANY_CORNERS = 6  # So many corners give four points of contact that are not in a line.
+_RESTING_DEPTH = 5e-6  # Of an object on its widest face, in metres. Stiffer objects rock.
 _RESOLUTION = 0.1  # Drake requires it, but a hull is not tessellated.
 
 
@@ -66,16 +67,19 @@ def add_object_body(
     )
     if not plant.geometry_source_is_registered():
         return body
-    data, X_OG = _mesh_data(shape.mesh), RigidTransform()
+    X_OG = RigidTransform()
     compliant, rigid = ProximityProperties(), ProximityProperties()
     for properties in (compliant, rigid):
         coulomb = CoulombFriction(friction, friction)
         AddContactMaterial(dissipation=DISSIPATION, friction=coulomb, properties=properties)
-    AddCompliantHydroelasticProperties(_RESOLUTION, MODULUS, compliant)
+    hull = shape.mesh.convex_hull
+    modulus = _hull_modulus(hull, object_config.mass)
+    AddCompliantHydroelasticProperties(_RESOLUTION, modulus, compliant)
     AddRigidHydroelasticProperties(rigid)
-    plant.RegisterCollisionGeometry(body, X_OG, Convex(mesh_data=data), "hull", compliant)
+    tetrahedra = MeshGeometry(mesh_data=_hull_data(hull))
+    plant.RegisterCollisionGeometry(body, X_OG, tetrahedra, "hull", compliant)
     if not shape.mesh.is_convex:
-        surface = MeshGeometry(mesh_data=data)
+        surface = MeshGeometry(mesh_data=_mesh_data(shape.mesh))
         plant.RegisterCollisionGeometry(body, X_OG, surface, "surface", rigid)
     # Drake's VTK renderer needs normals, which at edges are different for each face.
     drawn = MeshGeometry(mesh_data=_mesh_data(shape.mesh.smooth_shaded))
@@ -119,6 +123,60 @@ def _mesh_data(mesh: trimesh.Trimesh) -> InMemoryMesh:
     """Returns a mesh for Drake, with normals."""
     text = mesh.export(file_type="obj", digits=_DIGITS, include_normals=True)
     return InMemoryMesh(mesh_file=MemoryFile(text, ".obj", "object.obj"))
+
+
+def _hull_faces(hull: trimesh.Trimesh) -> list[IntArray]:
+    """Returns the indices of the triangles of each flat face of a convex hull."""
+    in_facet = np.zeros(len(hull.faces), dtype=bool)
+    in_facet[[index for facet in hull.facets for index in facet]] = True
+    return [*hull.facets, *np.flatnonzero(~in_facet)[:, None]]
+
+
+def _hull_modulus(hull: trimesh.Trimesh, mass: float) -> float:
+    """Returns the hydroelastic modulus of a hull with which it lies `_RESTING_DEPTH` deep, in Pa.
+
+    The pressure in the hull grows linearly from zero at its surface to the modulus at its centroid.
+    """
+    faces = _hull_faces(hull)
+    areas = [float(np.sum(hull.area_faces[face])) for face in faces]
+    widest = int(np.argmax(areas))
+    any_triangle = faces[widest][0]
+    to_face = hull.triangles_center[any_triangle] - hull.centroid
+    thickness = float(to_face @ hull.face_normals[any_triangle])
+    pressure = mass * _GRAVITY / areas[widest]
+    return min(MODULUS, pressure * thickness / _RESTING_DEPTH)
+
+
+def _hull_data(hull: trimesh.Trimesh) -> InMemoryMesh:
+    """Returns a convex hull for Drake, as tetrahedra that meet at its centroid.
+
+    Each tetrahedron presses at one point of its patch of contact. Faces with few corners are
+    divided at their centres, because an object that stands on two such points rocks.
+    """
+    points, triangles = [*hull.vertices], []
+    for face in _hull_faces(hull):
+        own = hull.faces[face]
+        edges = {(t[k - 1], t[k]) for t in own for k in range(3)}
+        border = [(a, b) for a, b in edges if (b, a) not in edges]
+        if len(border) < _MANY_CORNERS:
+            triangles += [(a, b, len(points)) for a, b in border]
+            points.append(np.mean([hull.vertices[a] for a, _ in border], axis=0))
+        else:
+            triangles += [tuple(triangle) for triangle in own]
+    points.append(hull.centroid)
+    lines = [
+        "# vtk DataFile Version 3.0",
+        "hull",
+        "ASCII",
+        "DATASET UNSTRUCTURED_GRID",
+        f"POINTS {len(points)} double",
+        *(" ".join(f"{x:.{_DIGITS}g}" for x in point) for point in points),
+        f"CELLS {len(triangles)} {5 * len(triangles)}",
+        *(f"4 {b} {a} {c} {len(points) - 1}" for a, b, c in triangles),
+        f"CELL_TYPES {len(triangles)}",
+        *["10"] * len(triangles),
+    ]
+    return InMemoryMesh(mesh_file=MemoryFile("\n".join(lines), ".vtk", "hull.vtk"))
 
 
 def _spatial_inertia(shape: Shape, mass: float) -> SpatialInertia:

@@ -104,6 +104,13 @@ class BoxSolid(Solid):
         gradient = toward / np.linalg.norm(toward, axis=1, keepdims=True)
         return length + np.minimum(np.max(beyond, axis=1), 0), gradient @ self.R_FB.T
 
+    def distance(self, p_FP: FloatArray) -> FloatArray:
+        """See `Solid`."""
+        beyond = np.abs((p_FP - self.center) @ self.R_FB) - self.size / 2
+        outside = np.linalg.norm(np.maximum(beyond, 0), axis=1)
+        distances: FloatArray = outside + np.minimum(beyond.max(axis=1), 0)
+        return distances
+
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "BoxSolid":
         """See `Solid`."""
         return BoxSolid(R_GF @ self.center + p_GF, R_GF @ self.R_FB, self.size)
@@ -130,7 +137,12 @@ class HalfSpace(Solid):
 
     def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `Solid`."""
-        return (p_FP - self.point) @ self.normal, np.tile(self.normal, (len(p_FP), 1))
+        return self.distance(p_FP), np.tile(self.normal, (len(p_FP), 1))
+
+    def distance(self, p_FP: FloatArray) -> FloatArray:
+        """See `Solid`."""
+        distances: FloatArray = (p_FP - self.point) @ self.normal
+        return distances
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "HalfSpace":
         """See `Solid`."""
@@ -139,6 +151,6 @@ class HalfSpace(Solid):
 
 def _check_finite(owner: str, **fields: float | FloatArray) -> None:
     for name, value in fields.items():
-        if not np.all(np.isfinite(value)):
+        if not np.isfinite(value).all():
             given = np.asarray(value).tolist()
             raise InvalidArgumentError(f"{owner} {name} must be finite, not {given}")

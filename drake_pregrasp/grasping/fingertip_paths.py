@@ -9,9 +9,12 @@ from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.geometry.solids import Solid
 
 _PASSES = 6  # A tip pushed out by one constraint may violate another one.
-_SAMPLES = 17  # Points of a straight path: finds its distance from the object to 0.2 mm.
+# Points of a straight path, as shares of its length: they find its distance from the object to
+# 0.2 mm.
+_SHARES = np.linspace(0.0, 1.0, 17)[:, None, None]
 _ON_SIDE = 0.7  # Least horizontal part of a unit outward direction on a side.
 _ROUNDING = 1e-12  # Tolerance of clearances in metres.
+_SQUEEZED = 2e-3  # Clearance to other solids that a tip may give up to pass, in metres.
 _GRAZE = 1e-4  # Largest violation of the clearance by a free path, in metres.
 
 
@@ -104,8 +107,9 @@ def shape_goals(
 ) -> FloatArray:
     """Returns the next positions of tips on their paths to goals, in G, shape (n, 3), in metres.
 
-    A tip moves straight if the path is clear of the object, and otherwise around it on the shorter
-    side. It keeps its pace unless solids or other tips push it out.
+    A tip moves straight if the path is clear of the object, otherwise around it on the shorter
+    side, or over it if other solids block that side. It keeps its pace unless solids or other tips
+    push it out.
 
     Args:
         p_GT: Centres of the tips in G, shape (n, 3), in metres.
@@ -116,23 +120,23 @@ def shape_goals(
     """
     way = goal - p_GT
     free = _is_free(p_GT, goal, room)
-    if not np.all(free):
+    if not free.all():
         way = np.where(free[:, None], way, _way_round(p_GT, goal, room))
     return room.permitted(p_GT + pace.period * pace.toward(way / pace.period, v_GT))
 
 
 def _is_free(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> BoolArray:
-    shares = np.linspace(0.0, 1.0, _SAMPLES)[:, None, None]
-    points = p_GT + shares * (goal - p_GT)
-    distances = room.object.distance(points.reshape(-1, 3)).reshape(_SAMPLES, -1)
-    free: BoolArray = np.min(distances, axis=0) >= room.object_clearances - _GRAZE
+    points = p_GT + _SHARES * (goal - p_GT)
+    distances = room.object.distance(points.reshape(-1, 3)).reshape(points.shape[:2])
+    free: BoolArray = distances.min(axis=0) >= room.object_clearances - _GRAZE
     return free
 
 
 def _way_round(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> FloatArray:
     """Returns displacements along the object's side: a horizontal arc and the remaining height.
 
-    Above and below the object, tips slide along its surface towards their goals.
+    A tip whose way is blocked rises. Above and below the object, tips slide along its surface
+    towards their goals.
     """
     _, outward = room.object.distance_and_gradient(p_GT)
     straight = goal - p_GT
@@ -143,17 +147,44 @@ def _way_round(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> FloatArray:
     tangent = np.stack([-outward[:, 1], outward[:, 0]], axis=1)
     arc = angle * np.linalg.norm(here, axis=1)
     round_it = np.column_stack([arc[:, None] * tangent, straight[:, 2]])
+    blocked = _is_blocked(p_GT, angle, straight[:, 2], room)
+    round_it[blocked] = np.abs(arc)[blocked, None] * [0.0, 0.0, 1.0]
     on_side = np.linalg.norm(tangent, axis=1) > _ON_SIDE
     ways: FloatArray = np.where(on_side[:, None], round_it, sliding)
     return ways
 
 
+def _is_blocked(
+    p_GT: FloatArray, angle: FloatArray, height: FloatArray, room: TipRoom
+) -> BoolArray:
+    """Returns whether other solids leave a tip no room on its way along the object's side, (n,).
+
+    Args:
+        p_GT: Centres of the tips in G, shape (n, 3), in metres.
+        angle: Angles of the ways about z of G, shape (n,), in radians.
+        height: Heights that the tips gain on their ways, shape (n,), in metres.
+        room: Free space of the tips.
+    """
+    x, y, z = (p_GT - room.p_GO).T
+    azimuths = np.arctan2(y, x) + _SHARES[:, 0] * angle
+    radii = np.hypot(x, y) + room.object_clearances  # Beside the object, not inside.
+    round_it = [radii * np.cos(azimuths), radii * np.sin(azimuths), z + _SHARES[:, 0] * height]
+    points = room.p_GO + np.stack(round_it, axis=2).reshape(-1, 3)
+    distances, outward = room.object.distance_and_gradient(points)
+    points -= (distances - np.tile(room.object_clearances, len(_SHARES)))[:, None] * outward
+    blocked = np.zeros(len(p_GT), dtype=bool)
+    for solid, clearance in room.others:
+        gaps = solid.distance(points).reshape(len(_SHARES), -1) - clearance
+        blocked |= np.min(gaps, axis=0) < -_SQUEEZED
+    return blocked
+
+
 def _pushed_out(p_GT: FloatArray, solid: Solid, clearance: float | FloatArray) -> FloatArray:
     """Moves tips out to a solid's clearance; returns the same array if none moves."""
-    distance, gradient = solid.distance_and_gradient(p_GT)
-    lacking = clearance - distance
-    if np.max(lacking) <= _ROUNDING:
+    lacking = clearance - solid.distance(p_GT)
+    if lacking.max() <= _ROUNDING:
         return p_GT
+    _, gradient = solid.distance_and_gradient(p_GT)
     return p_GT + np.maximum(lacking, 0)[:, None] * gradient
 
 
@@ -163,7 +194,7 @@ def _spread(p_GT: FloatArray, spacing: float | FloatArray) -> FloatArray:
     distance = np.sqrt(np.einsum("ijk,ijk->ij", away, away))
     lacking = np.maximum(spacing - distance, 0)
     np.fill_diagonal(lacking, 0)
-    if np.max(lacking, initial=0) <= _ROUNDING:
+    if lacking.max(initial=0) <= _ROUNDING:
         return p_GT
     unit = np.where(distance[..., None] > 0, away, np.triu(np.ones_like(distance))[..., None] - 0.5)
     unit /= np.linalg.norm(unit, axis=2, keepdims=True)
@@ -243,7 +274,7 @@ class TipPlaces:
         """
         clearances = self.tip_radii + OTHER_CLEARANCE
         # A holding finger that an obstacle pushes along the object would lose the grasp.
-        unless_holding = np.where(holding, -np.inf, clearances)
+        unless_holding = np.where(holding, -np.inf, clearances) if obstacles else clearances
         return TipRoom(
             object=object_solid,
             p_GO=np.zeros(3),
@@ -252,5 +283,5 @@ class TipPlaces:
                 *((solid, clearances) for solid in fixed),
                 *((solid, unless_holding) for solid in obstacles),
             ),
-            spacing=self.tip_radii[:, None] + self.tip_radii + OTHER_CLEARANCE,
+            spacing=clearances[:, None] + self.tip_radii,
         )

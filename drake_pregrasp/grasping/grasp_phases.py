@@ -67,7 +67,8 @@ def next_state(
             in O, which are zero for other fingers.
     """
     asked = min(state.asked, view.time) if view.close else np.inf
-    state = replace(state, asked=asked)
+    if asked != state.asked:
+        state = replace(state, asked=asked)
     if view.hindered != NOT_HINDERED and state.phase < GraspPhase.BACK_OFF:
         state = replace(state, reason=GiveUp.HINDERED, detail=float(view.hindered))
     elif state.reason == GiveUp.HINDERED:

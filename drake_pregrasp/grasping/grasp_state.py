@@ -1,5 +1,6 @@
 """Phases, settings, state and observations of a grasp."""
 
+import functools
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
@@ -299,10 +300,16 @@ class GraspState:
     @staticmethod
     def from_vector(vector: FloatArray) -> "GraspState":
         """Returns the state from a vector of `to_vector`."""
-        # Only types and shapes matter: integer settings would round the unpacked values.
-        anything = GraspSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        single = len(GraspState.first(0, anything).to_vector())
-        return unpack(GraspState.first((len(vector) - single) // 6, anything), vector)
+        return unpack(_blank_state(len(vector)), vector)
+
+
+@functools.cache
+def _blank_state(size: int) -> GraspState:
+    """Returns a state that has the given size as a vector."""
+    # Only types and shapes matter: integer settings would round the unpacked values.
+    anything = GraspSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    single = len(GraspState.first(0, anything).to_vector())
+    return GraspState.first((size - single) // 6, anything)
 
 
 @dataclass(frozen=True, eq=False)

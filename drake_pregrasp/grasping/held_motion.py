@@ -60,12 +60,13 @@ class HeldMotion:
     ) -> "HeldMotion":
         """Returns the motion, corrected by fingertips that stick to a planar moving object.
 
-        The displacement of G that fits the fingertips best, by least squares, is a horizontal shift
-        and a vertical turn: the object stands on a table.
+        The displacement of G that fits the fingertips best, by least squares, is a shift and a turn
+        about the vertical. The object stands on a table, so a vertical shift is not a motion: it
+        takes the strain out of fingers that would lift or press the object.
 
         Args:
             p_WT: Centres of the fingertips in W, shape (k, 3), in metres.
-            p_GT: Their places in G when they gripped the object, shape (k, 3), in metres.
+            p_GT: Their goals in G, shape (k, 3), in metres.
             since: Seconds since the last correction, which this one replaces up to `period`.
             period: Seconds between corrections.
         """
@@ -76,11 +77,13 @@ class HeldMotion:
         x, y = around.T
         size = max(np.sum(around**2), np.finfo(float).tiny)
         turn = np.array([0.0, 0.0, np.sum(x * off[:, 1] - y * off[:, 0]) / size])
-        e = np.array([turn, (shift - np.cross(turn, centre)) * [1, 1, 0]])
+        e = np.array([turn, shift - np.cross(turn, centre)])
         share = min(1.0, since / period)
         fading = 1 - share * (1 - _FADING)
-        corrected = replace(self, A_WG=fading * self.A_WG + share * _GAMMA / period**2 * e)
-        return corrected._displaced(share * _ALPHA * e, self.time, share * _BETA / period * e)
+        level = e.copy()
+        level[1, 2] = 0.0
+        corrected = replace(self, A_WG=fading * self.A_WG + share * _GAMMA / period**2 * level)
+        return corrected._displaced(share * _ALPHA * e, self.time, share * _BETA / period * level)
 
     def _displaced(self, e: FloatArray, time: float, dV: FloatArray) -> "HeldMotion":
         R_WG = rotation_matrix(e[0]) @ self.R_WG

@@ -37,11 +37,6 @@ def place_obstacles(
     return Obstacles(tuple(solids), points)
 
 
-def all_are_known(obstacles: Obstacles) -> bool:
-    """Returns whether the places of all placed obstacles are known."""
-    return ANYWHERE not in obstacles.solids and bool(np.all(obstacles.points.radii < FARTHEST))
-
-
 def _placed(solid: Solid, R_GF: FloatArray, p_GF: FloatArray, shift: FloatArray | None) -> Solid:
     try:
         moved = solid if shift is None else solid.moved(np.eye(3), shift)

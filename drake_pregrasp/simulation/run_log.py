@@ -12,7 +12,7 @@ from array import array
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -187,7 +187,7 @@ def _row(record: TickRecord, previous: TickRecord, error: FloatArray) -> FloatAr
 
 def pose_values(X: RigidTransform) -> FloatArray:
     """Returns the values of `pose_columns`: position in metres, and quaternion w, x, y, z."""
-    return np.hstack([X.translation(), X.rotation().ToQuaternion().wxyz()])
+    return np.concatenate([X.translation(), X.rotation().ToQuaternion().wxyz()])
 
 
 class GraspLog(CsvLog):
@@ -204,9 +204,10 @@ class GraspLog(CsvLog):
 
     def append(self, record: GraspRecord) -> None:
         """Adds a tick."""
-        points = (record.p_WT.ravel(), record.p_GT.ravel(), record.f_T_W.ravel())
+        points = (record.p_WT, record.p_GT, record.f_T_W)
         poses = map(pose_values, (record.X_WG, record.X_WO, record.X_WD))
-        self.write(np.hstack([record.time, record.report, *points, *poses, record.link_forces]))
+        parts: list[Any] = [record.time, record.report, *points, *poses, record.link_forces]
+        self.write(np.concatenate(parts, axis=None))
 
     def read_points(self, kind: str) -> FloatArray:
         """Returns vectors of a kind, `tip` in W, `goal` in G or `force` in W, as (ticks, n, 3)."""

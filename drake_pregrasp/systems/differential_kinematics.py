@@ -1,20 +1,21 @@
 """Differential inverse kinematics of a whole hand that keeps its links clear."""
 
+import contextlib
 from collections.abc import Mapping
 
 import numpy as np
 from pydrake.common.value import AbstractValue
-from pydrake.multibody.tree import JacobianWrtVariable
+from pydrake.math import RigidTransform
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.grasping.fingertip_paths import Pace
-from drake_pregrasp.grasping.grasp_state import NOT_HINDERED
-from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.regions.obstacles import ANYWHERE, place_obstacles
-from drake_pregrasp.systems.fingertip_sensor import scoped_frame
-from drake_pregrasp.systems.hand_scene import FASTEST_APPROACH, HandScene
+from drake_pregrasp.grasping.grasp_state import BASE, NOT_HINDERED
+from drake_pregrasp.quality.grasp_quality import skew
+from drake_pregrasp.regions.obstacles import ANYWHERE
+from drake_pregrasp.systems.fingertip_sensor import frame_poses, moving_joints, scoped_frame
+from drake_pregrasp.systems.hand_scene import FASTEST_APPROACH, Clearances, HandScene
 from drake_pregrasp.systems.palm_posture import pose_error
 from drake_pregrasp.systems.ports import (
     BUS,
@@ -24,16 +25,74 @@ from drake_pregrasp.systems.ports import (
     LastPose,
     declare_cache,
     declare_output,
-    eval_obstacles,
+    eval_solids,
     validated_poses,
     validated_velocity,
 )
 
-_TRACKING_WEIGHT = 100.0  # Weight of goals against posture.
+_TRACKING_WEIGHT = 1e4  # Weight of goals against posture.
 _DAMPING = 1e-3  # Singular value of a Jacobian, in metres, below which its direction is given up.
 _LIMIT_RATE = 10.0  # Largest ratio of a joint's speed to its distance from a limit, in 1/s.
 _USED = 0.75  # Share of the limit of acceleration that is commanded: drives and clearances add.
 _TOLERANCE = 1e-9  # Violation of a constraint that is rounding, in m/s or rad/s.
+
+
+def _pseudoinverse(J: FloatArray) -> FloatArray:
+    """Returns J⁺, in which directions of singular values up to `_DAMPING` are given up."""
+    with contextlib.suppress(np.linalg.LinAlgError):
+        inverse = np.linalg.inv(J @ J.T)
+        if np.linalg.norm(inverse) < _DAMPING**-2:  # At least the largest 1/s².
+            regular: FloatArray = J.T @ inverse
+            return regular
+    U, s, Vt = np.linalg.svd(J, full_matrices=False)
+    large = s > _DAMPING
+    damped: FloatArray = (Vt[large].T / s[large]) @ U[:, large].T
+    return damped
+
+
+class VelocityProgram:
+    """Quadratic program of a hand's joint velocities, whose parts are replaced for each solution.
+
+    Args:
+        nq: Number of joints.
+    """
+
+    def __init__(self, nq: int) -> None:
+        self._program = program = MathematicalProgram()
+        # The change of the free velocity: its cost is small, so that relative tolerances are too.
+        self._dv = dv = program.NewContinuousVariables(nq)
+        nothing, unbounded = np.zeros(nq), np.full(nq, np.inf)
+        self._cost = program.AddQuadraticCost(np.eye(nq), nothing, dv, is_convex=True)
+        self._bounds = program.AddBoundingBoxConstraint(-unbounded, unbounded, dv)
+        self._rows = program.AddLinearConstraint(np.eye(nq), -unbounded, unbounded, dv)
+        self._solver = ClarabelSolver()
+
+    def solve(
+        self,
+        H: FloatArray,
+        v_free: FloatArray,
+        least: FloatArray,
+        most: FloatArray,
+        clear: Clearances,
+    ) -> FloatArray | None:
+        """Returns the minimum of (v - v_free)^T H (v - v_free), shape (nq,), or None without one.
+
+        Args:
+            H: Positive definite matrix, shape (nq, nq).
+            v_free: Minimum without constraints, shape (nq,).
+            least: Smallest velocities, shape (nq,).
+            most: Largest velocities, shape (nq,).
+            clear: Further constraints.
+        """
+        self._cost.evaluator().UpdateCoefficients(2 * H, np.zeros(len(H)), is_convex=True)
+        self._bounds.evaluator().set_bounds(least - v_free, most - v_free)
+        unbounded = np.full(len(clear.least), np.inf)
+        self._rows.evaluator().UpdateCoefficients(
+            clear.rows, clear.least - clear.rows @ v_free, unbounded
+        )
+        result = self._solver.Solve(self._program)
+        v: FloatArray = v_free + result.GetSolution(self._dv)
+        return v if result.is_success() and np.all(np.isfinite(v)) else None
 
 
 class DifferentialKinematics(LeafSystem):
@@ -112,11 +171,17 @@ class DifferentialKinematics(LeafSystem):
         self._hand = hand = scene.hand
         nq, n = hand.num_positions, len(hand.tip_frames)
         self._scene = scene
-        self._gain, self._period, self._solver = posture_gain, period, ClarabelSolver()
+        self._gain, self._period = posture_gain, period
+        self._program = VelocityProgram(nq)
         self._pace = Pace(FASTEST_APPROACH, _USED * acceleration, period)
         self._change = hand.acceleration_limit * period
-        self._frames = {name: scoped_frame(hand.plant, name) for name in masks}
-        self._masks = {name: np.asarray(mask) > 0 for name, mask in masks.items()}
+        self._names, self._is_goal = list(masks), np.array(list(masks.values())) > 0
+        self._frames = [scoped_frame(hand.plant, name) for name in masks]
+        moves = [[moving_joints(hand.plant, frame)] for frame in self._frames]
+        self._moves = np.array(moves, dtype=float)
+        self._turning = np.flatnonzero(self._is_goal[:, :3].any(axis=1))  # With a goal of rotation.
+        self._tips = [tip for tip, name in enumerate(hand.tip_frames) if name in masks]
+        self._tip_rows = [self._names.index(hand.tip_frames[tip]) for tip in self._tips]
         self._q = self.DeclareVectorInputPort("position", nq)
         self._v = self.DeclareVectorInputPort("velocity", nq)
         self._posture = self.DeclareVectorInputPort("nominal_posture", nq)
@@ -152,9 +217,8 @@ class DifferentialKinematics(LeafSystem):
     def _calc_placed(self, context: Context, output: AbstractValue) -> None:
         is_held = np.any(self._holding(context))
         X_WO = self._X_WG.Eval(context) if is_held else self._pose.eval(context)
-        given = Obstacles(eval_obstacles(self, self._obstacles, context).solids)
-        placed = place_obstacles(given, np.eye(3), np.zeros(3)).solids
-        known = [solid for solid in placed if solid is not ANYWHERE]
+        solids = eval_solids(self, self._obstacles, context, np.eye(3), np.zeros(3))
+        known = [solid for solid in solids if solid is not ANYWHERE]
         self._scene.place(output.get_mutable_value(), self._q.Eval(context), X_WO, known)
 
     def _calc_step(self, context: Context) -> tuple[FloatArray, int]:
@@ -162,32 +226,27 @@ class DifferentialKinematics(LeafSystem):
         V_WO = validated_velocity((self._V_WG if np.any(holding) else self._V_WO).Eval(context))
         q, v_last = self._q.Eval(context), self._v.Eval(context)
         least, most = self._bounds(q, v_last)
-        J, V = self._goal_rates(context, placed, v_last)
-        U, s, Vt = np.linalg.svd(J)
-        rank = int(np.sum(s > _DAMPING))
-        span, free = Vt[:rank], Vt[rank:]
-        v = span.T @ (U[:, :rank].T @ V / s[:rank])
-        v += free.T @ (free @ (self._gain * (self._posture.Eval(context) - q)))
-        clear = self._scene.clearances(placed, V_WO, holding)
+        plant_context = self._hand.plant.GetMyContextFromRoot(placed)
+        screws = self._hand.screws(plant_context)
+        J, V = self._goal_rates(context, plant_context, screws, v_last)
+        J_plus = _pseudoinverse(J)
+        homeward = self._gain * (self._posture.Eval(context) - q)
+        v = homeward + J_plus @ (V - J @ homeward)
+        clear = self._scene.clearances(placed, screws, V_WO, holding)
         lacking = clear.least - clear.rows @ v
-        within = np.all(v >= least - _TOLERANCE) and np.all(v <= most + _TOLERANCE)
-        if within and np.max(lacking, initial=0.0) <= _TOLERANCE:
+        beyond = np.maximum(least - v, v - most)
+        if max(beyond.max(), lacking.max(initial=0.0)) <= _TOLERANCE:
             return v, NOT_HINDERED
-        program = MathematicalProgram()
-        x = program.NewContinuousVariables(len(v))
         # Both costs are zero at the v from above, which is the minimum without constraints.
-        H = _TRACKING_WEIGHT * J.T @ J + free.T @ free + _DAMPING**2 * np.eye(len(v))
-        program.AddQuadraticCost(2 * H, -2 * H @ v, x, is_convex=True)
-        program.AddBoundingBoxConstraint(least, most, x)
-        if len(clear.least):
-            unbounded = np.full(len(clear.least), np.inf)
-            program.AddLinearConstraint(clear.rows, clear.least, unbounded, x)
-        result = self._solver.Solve(program)
-        if result.is_success():
-            return np.clip(result.GetSolution(x), least, most), NOT_HINDERED
+        free = np.eye(len(v)) - J_plus @ J
+        H = _TRACKING_WEIGHT * J.T @ J + free + _DAMPING**2 * np.eye(len(v))
+        solution = self._program.solve(H, v, least, most, clear)
+        if solution is not None:
+            return np.clip(solution, least, most), NOT_HINDERED
         stopped = np.clip(0.0, v_last - self._change, v_last + self._change)
-        worst = np.argmax(clear.least - clear.rows @ stopped)
-        return stopped, int(clear.fingers[worst])
+        lacking = clear.least - clear.rows @ stopped
+        hinders = int(clear.fingers[np.argmax(lacking)]) if len(lacking) else BASE
+        return stopped, hinders
 
     def _bounds(self, q: FloatArray, v_last: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the smallest and largest velocities that respect the joints' limits."""
@@ -195,32 +254,29 @@ class DifferentialKinematics(LeafSystem):
         most = np.minimum(hand.rate_limit, _LIMIT_RATE * np.maximum(hand.upper - q, 0.0))
         least = -np.minimum(hand.rate_limit, _LIMIT_RATE * np.maximum(q - hand.lower, 0.0))
         slowest, fastest = v_last - self._change, v_last + self._change
-        return np.clip(least, slowest, fastest), np.clip(most, slowest, fastest)
+        least, most = (np.maximum(slowest, np.minimum(v, fastest)) for v in (least, most))
+        return least, most
 
     def _goal_rates(
-        self, context: Context, placed: Context, v_last: FloatArray
+        self, context: Context, plant_context: Context, screws: FloatArray, v_last: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Returns J and V: with J v = V, frames go to their goals within limits."""
         X_WG, V_WG = self._X_WG.Eval(context), validated_velocity(self._V_WG.Eval(context))
-        plant = self._hand.plant
-        plant_context, world = plant.GetMyContextFromRoot(placed), plant.world_frame()
         port = f"desired_cartesian_poses of {self.get_name()}"
-        goals = validated_poses(self._goals.Eval(context), list(self._frames), port)
-        v_WT = np.reshape(self._v_WT.Eval(context), (-1, 3))
-        v_goals = dict(zip(self._hand.tip_frames, v_WT, strict=True))
-        J, V = [np.empty((0, self._hand.num_positions))], [np.empty(0)]
-        for (name, frame), X_WD in zip(self._frames.items(), goals, strict=True):
-            if X_WD is None:
-                continue
-            mask, X_WF = self._masks[name], frame.CalcPoseInWorld(plant_context)
-            J_F = plant.CalcJacobianSpatialVelocity(
-                plant_context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world
-            )
-            V_F = pose_error(X_WF, X_WD) / self._period
-            if (v_goal := v_goals.get(name)) is None:
-                v_goal = V_WG.Shift(X_WF.translation() - X_WG.translation()).translational()
-            wanted, last = (v - v_goal for v in (V_F[3:], J_F[3:] @ v_last))
-            V_F[3:] = v_goal + self._pace.toward(wanted[None], last[None])[0]
-            J.append(J_F[mask])
-            V.append(V_F[mask])
-        return np.concatenate(J), np.concatenate(V)
+        X_WD = validated_poses(self._goals.Eval(context), self._names, port)
+        is_goal = self._is_goal & np.array([[X is not None] for X in X_WD])
+        X_WF = frame_poses(self._frames, plant_context)
+        p_WF, V = X_WF[:, :, 3], np.zeros((len(X_WF), 6))
+        J = self._moves * screws
+        J[:, 3:] -= skew(p_WF) @ J[:, :3]
+        p_WD = np.array(
+            [X_WF[i, :, 3] if X is None else X.translation() for i, X in enumerate(X_WD)]
+        )
+        for i in self._turning:
+            if X_WD[i] is not None:
+                V[i] = pose_error(RigidTransform(X_WF[i]), X_WD[i]) / self._period
+        v_goal = V_WG.translational() + (p_WF - X_WG.translation()) @ skew(V_WG.rotational()).T
+        v_goal[self._tip_rows] = self._v_WT.Eval(context).reshape(-1, 3)[self._tips]
+        wanted = (p_WD - p_WF) / self._period - v_goal
+        V[:, 3:] = v_goal + self._pace.toward(wanted, J[:, 3:] @ v_last - v_goal)
+        return J[is_goal], V[is_goal]

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BusValue, Context, DiscreteValues, LeafSystem
 
@@ -16,8 +15,8 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.grasping.fingertip_paths import MOVING_CLEARANCE, Pace, TipPlaces, shape_goals
-from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.regions.obstacles import all_are_known, place_obstacles
+from drake_pregrasp.quality.grasp_quality import skew
+from drake_pregrasp.regions.obstacles import ANYWHERE
 from drake_pregrasp.systems.ports import (
     BUS,
     OBSTACLES,
@@ -25,9 +24,10 @@ from drake_pregrasp.systems.ports import (
     VELOCITY,
     LastPose,
     declare_output,
-    eval_obstacles,
+    eval_solids,
     is_followed,
     is_valid,
+    pose_bus,
     validated_poses,
     validated_velocity,
 )
@@ -115,7 +115,8 @@ class FingertipGoalShaper(LeafSystem):
     Goals move over the object with at most `goal_speed` and half of `tip_acceleration`, so they do
     not jump when contacts do, unless an obstacle or another fingertip pushes them away. They are
     clear of the object and of everything else by the tip radius and a clearance, and go the shorter
-    way around the object. Fingers without an active contact wait above the object.
+    way around the object, or over it if that way is blocked. Fingers without an active contact wait
+    above the object.
 
     Args:
         config: Configuration of the grasp; `period`, `goal_speed`, `tip_acceleration` and
@@ -222,16 +223,14 @@ class FingertipGoalShaper(LeafSystem):
         self._pose.store(context, discrete_state)
         X_GW = self._pose.eval(context).inverse()
         R_GW, p_GW = X_GW.rotation().matrix(), X_GW.translation()
-        in_world = Obstacles(eval_obstacles(self, self._obstacles, context).solids)
-        obstacles = place_obstacles(in_world, R_GW, p_GW)
-        if not all_are_known(obstacles):
+        obstacles = eval_solids(self, self._obstacles, context, R_GW, p_GW)
+        if ANYWHERE in obstacles:
             discrete_state.set_value(self._rates, np.zeros(p_GT.size))
             return
-        goal = np.where(
-            active[:, None],
-            p_OC + (self._radius + standoffs)[:, None] * nhat,
-            self._places.withdrawn(p_GT, self._palm_turn(context)),
-        )
+        goal = p_OC + (self._radius + standoffs)[:, None] * nhat
+        if not active.all():
+            withdrawn = self._places.withdrawn(p_GT, self._palm_turn(context))
+            goal = np.where(active[:, None], goal, withdrawn)
         holding = held & active
         if self._fingers_hold.HasValue(context):
             holding = holding & ~(np.asarray(self._fingers_hold.Eval(context)) <= 0)
@@ -239,7 +238,7 @@ class FingertipGoalShaper(LeafSystem):
             self._object,
             np.where(active, standoffs, MOVING_CLEARANCE),
             fixed=[solid.moved(R_GW, p_GW) for solid in self._fixed],
-            obstacles=obstacles.solids,
+            obstacles=obstacles,
             holding=holding,
         )
         if not held:
@@ -288,16 +287,13 @@ class FingertipGoalShaper(LeafSystem):
         X_WG, V_WG = self._pose.eval(context), validated_velocity(self._V_WG.Eval(context))
         R_WG = rotation_matrix(V_WG.rotational() * self._lead) @ X_WG.rotation().matrix()
         p_WT = p_GT @ R_WG.T + X_WG.translation() + V_WG.translational() * self._lead
-        goals = BusValue()
-        for name, point in zip(self._tip_frames, p_WT, strict=True):
-            goals.Set(name, AbstractValue.Make(RigidTransform(point)))
-        return goals
+        return pose_bus(dict(zip(self._tip_frames, map(RigidTransform, p_WT), strict=True)))
 
     def _calc_rates(self, context: Context) -> FloatArray:
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
         v_GT: FloatArray = context.get_discrete_state(self._rates).value().reshape(-1, 3)
         R_WG = self._pose.eval(context).rotation().matrix()
         V_WG = validated_velocity(self._V_WG.Eval(context))
-        carried = np.cross(V_WG.rotational(), p_GT @ R_WG.T) + V_WG.translational()
+        carried = p_GT @ (skew(V_WG.rotational()) @ R_WG).T + V_WG.translational()
         rates: FloatArray = carried + v_GT @ R_WG.T
         return rates

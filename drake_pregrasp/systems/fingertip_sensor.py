@@ -13,6 +13,7 @@ from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import BASE
+from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.systems.ports import declare_output
 
 LARGEST_RATE = 10.0
@@ -57,8 +58,9 @@ class HandKinematics:
         self.lower, self.upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
         self.rate_limit = np.minimum(plant.GetVelocityUpperLimits(), LARGEST_RATE)
         self.acceleration_limit = plant.GetAccelerationUpperLimits()
-        moves = np.array([_joints_to(plant, frame) for frame in self.frames])
+        moves = np.array([moving_joints(plant, frame) for frame in self.frames])
         self._is_own = moves & (np.sum(moves, axis=0) == 1)
+        self._spanning, self._shown_by = _spanning_frames(plant, self.frames)
         for name, own in zip(tip_frames, self._is_own, strict=True):
             if np.sum(own) < _FORCE_DIRECTIONS:
                 raise InvalidArgumentError(
@@ -94,7 +96,26 @@ class HandKinematics:
 
     def tip_positions(self, plant_context: Context) -> FloatArray:
         """Returns the fingertips' centres in W, shape (n, 3), in metres."""
-        return np.array([f.CalcPoseInWorld(plant_context).translation() for f in self.frames])
+        return frame_poses(self.frames, plant_context)[:, :, 3]
+
+    def screws(self, plant_context: Context) -> FloatArray:
+        """Returns the screws of the joints in W, shape (6, nq).
+
+        Column j is the spatial velocity, at the origin of W, of all that joint j moves, per unit
+        rate. The Jacobian of a body has the columns of the joints that move it, and zeros.
+        """
+        world = self.plant.world_frame()
+        p_WF = frame_poses(self._spanning, plant_context)[:, :, 3]
+        jacobians = [
+            self.plant.CalcJacobianSpatialVelocity(
+                plant_context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world
+            )
+            for frame in self._spanning
+        ]
+        J = np.array(jacobians)
+        J[:, 3:] += skew(p_WF) @ J[:, :3]
+        screws: FloatArray = J[self._shown_by, :, np.arange(len(self._shown_by))].T
+        return screws
 
     def tip_jacobians(self, plant_context: Context) -> FloatArray:
         """Returns the Jacobians of the fingertips' velocities in W, shape (n, 3, nq)."""
@@ -161,7 +182,7 @@ def hand_links(
         tip_radii: Radii of the fingertips, shape (n,), in metres.
         inspector: Inspector of the plant's SceneGraph.
     """
-    moves = np.array([_joints_to(plant, frame) for frame in tip_frames])
+    moves = np.array([moving_joints(plant, frame) for frame in tip_frames])
     own = moves & (np.sum(moves, axis=0) == 1)
     tips: set[GeometryId] = set()
     for frame, radius in zip(tip_frames, tip_radii, strict=True):
@@ -173,7 +194,7 @@ def hand_links(
     links = {}
     for index in plant.GetBodyIndices(tip_frames[0].model_instance()):
         body_frame = plant.get_body(index).body_frame()
-        moved = _joints_to(plant, body_frame)
+        moved = moving_joints(plant, body_frame)
         if not np.any(moved):
             continue
         fingers = np.flatnonzero(own @ moved)
@@ -182,6 +203,12 @@ def hand_links(
             is_last = finger != BASE and np.array_equal(moved, moves[finger])
             links[geometry] = HandLink(body_frame, finger, geometry in tips, is_last)
     return links
+
+
+def frame_poses(frames: Sequence[Frame], plant_context: Context) -> FloatArray:
+    """Returns the rotation and, as the last column, the position of frames in W, (k, 3, 4)."""
+    poses = [frame.CalcPoseInWorld(plant_context).GetAsMatrix34() for frame in frames]
+    return np.array(poses).reshape(-1, 3, 4)
 
 
 def scoped_frame(plant: MultibodyPlant, scoped_name: str) -> Frame:
@@ -232,8 +259,8 @@ def _gains(plant: MultibodyPlant) -> tuple[FloatArray, FloatArray]:
     return stiffness, damping
 
 
-def _joints_to(plant: MultibodyPlant, frame: Frame) -> BoolArray:
-    """Returns for each velocity whether it moves a frame."""
+def moving_joints(plant: MultibodyPlant, frame: Frame) -> BoolArray:
+    """Returns for each joint's velocity whether it moves a frame, shape (nq,)."""
     moves = np.zeros(plant.num_velocities(), dtype=bool)
     for index in plant.GetJointIndices():
         joint, body = plant.get_joint(index), frame.body().index()
@@ -241,6 +268,23 @@ def _joints_to(plant: MultibodyPlant, frame: Frame) -> BoolArray:
             start = joint.velocity_start()
             moves[start : start + joint.num_velocities()] = True
     return moves
+
+
+def _spanning_frames(
+    plant: MultibodyPlant, tip_frames: Sequence[Frame]
+) -> tuple[list[Frame], IntArray]:
+    """Returns frames that together show all joints, and the index of a frame for each joint."""
+    frames: list[Frame] = []
+    shown_by = np.full(plant.num_velocities(), -1)
+    bodies = [plant.get_joint(i).child_body().body_frame() for i in plant.GetJointIndices()]
+    for frame in [*tip_frames, *bodies]:
+        if np.all(shown_by >= 0):
+            break
+        new = moving_joints(plant, frame) & (shown_by < 0)
+        if np.any(new):
+            shown_by[new] = len(frames)
+            frames.append(frame)
+    return frames, shown_by
 
 
 class FingertipSensor(LeafSystem):
@@ -301,17 +345,17 @@ class FingertipSensor(LeafSystem):
         self._hand.plant.SetPositions(output.get_mutable_value(), self._positions(context))
 
     def _calc_positions(self, context: Context) -> FloatArray:
-        if np.any(np.isnan(self._positions(context))):  # Drake aborts the process on NaN.
+        if np.isnan(self._positions(context)).any():  # Drake aborts the process on NaN.
             return np.full((len(self._hand.tip_frames), 3), np.nan)
         return self._hand.tip_positions(self._posed.Eval(context))
 
     def _calc_jacobians(self, context: Context) -> FloatArray:
-        if np.any(np.isnan(self._positions(context))):
+        if np.isnan(self._positions(context)).any():
             return np.full((len(self._hand.tip_frames), 3, self._hand.num_positions), np.nan)
         return self._hand.tip_jacobians(self._posed.Eval(context))
 
     def _calc_forces(self, context: Context) -> FloatArray:
         actuation = validated_numbers(self._actuation.Eval(context))
-        if np.any(np.isnan(actuation)) or np.any(np.isnan(self._positions(context))):
+        if np.isnan(actuation).any() or np.isnan(self._positions(context)).any():
             return np.full((len(self._hand.tip_frames), 3), np.nan)
         return self._hand.tip_forces(self._posed.Eval(context), actuation)

@@ -1,7 +1,7 @@
 """Sequence of a grasp: the moment of closing, the forces, and the motion of the object."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,6 @@ from drake_pregrasp.grasping.grasp_phases import next_state
 from drake_pregrasp.grasping.grasp_state import (
     BASE,
     NOT_HINDERED,
-    STILL,
     GraspPhase,
     GraspState,
     GraspView,
@@ -42,7 +41,7 @@ GRAVITY: float = UniformGravityFieldElement.kDefaultStrength
 
 _AT_REST = HeldMotion.at_rest()
 _UP = np.array([0.0, 0.0, 1.0])
-_EAGER = 5.0  # Times the touch force, as touching fingers push within that limit.
+_EAGER = 5.0  # Times the touch force: a touching finger pushes so, as far as its limit allows.
 _WEIGHT_DURATION = 0.1  # Seconds in which fingers take over the weight at the start of the lift.
 
 
@@ -110,8 +109,9 @@ class GraspSequencer(LeafSystem):
 
     Port `X_WG` emits a `RigidTransform`: the pose of the frame G in which goals are planned. It is
     the estimated pose of O, raised while the hand approaches. When all fingers touch, they stick to
-    the object, and G moves with them and no longer with the estimate: a table that accelerates
-    takes the hand along. For the lift, G stops and moves straight up.
+    the object, and G moves with them and no longer with the estimate, so that on average they are
+    at their goals: a table that accelerates takes the hand along, and no strain of the touch pushes
+    the object. For the lift, G stops and moves straight up.
 
     Port `V_WG` emits a `SpatialVelocity`: the velocity of G in W, on average until the next tick.
 
@@ -134,8 +134,7 @@ class GraspSequencer(LeafSystem):
     angular velocity of O in W, in rad/s, and its velocity, in m/s, which do not depend on the
     estimate; else zeros.
 
-    Port `force_limits` emits a vector of n: the largest horizontal force of each fingertip, in
-    newtons, or `NO_LIMIT` (`GraspState.force_limits`).
+    Port `force_limits` emits a vector of n, in newtons: `GraspState.force_limits`.
 
     The squeeze balances the object's weight and the largest acceleration of the lift. Its contacts
     are the points of the object nearest to the measured fingertips, with the normals there.
@@ -180,7 +179,8 @@ class GraspSequencer(LeafSystem):
         first = GraspState.first(n, self._settings)
         self._state = self.DeclareDiscreteState(first.to_vector())
         self._last = self.DeclareDiscreteState(pack(_AT_REST))
-        # Fingertips in G since they press firmly, else NaN.
+        # Goals of the fingertips in G since they press firmly, else NaN. Their measured places
+        # would keep the strain of the touch, which then drives the object without end.
         self._sticking = self.DeclareDiscreteState(np.full(3 * n, np.nan))
         self._close = self.DeclareVectorInputPort("close", 1)
         self._status = self.DeclareVectorInputPort("contact_status", n)
@@ -209,7 +209,7 @@ class GraspSequencer(LeafSystem):
             self._pose.source,
             self._V_WO,
         )
-        declare_output(self, "X_WG", POSE, self._calc_X_WG, motion)
+        self._X_WG = declare_output(self, "X_WG", POSE, self._calc_X_WG, motion)
         declare_output(self, "V_WG", VELOCITY, self._calc_V_WG, motion)
         declare_output(self, "standoffs", n, lambda c: state.Eval(c).standoffs, state)
         declare_output(self, "hold_contacts", 1, lambda c: state.Eval(c).holds_contacts, state)
@@ -261,8 +261,9 @@ class GraspSequencer(LeafSystem):
 
     def _calc_motion(self, context: Context) -> HeldMotion:
         state: GraspState = self._remembered.Eval(context)
-        sticks = np.any(np.isfinite(self._sticking_tips(context)))
-        if np.isfinite(state.gripped) and (sticks or state.phase > GraspPhase.SQUEEZE):
+        if math.isfinite(state.gripped) and (
+            state.phase > GraspPhase.SQUEEZE or np.isfinite(self._sticking_tips(context)).any()
+        ):
             held: HeldMotion = self._held.Eval(context)
             return held
         X, V = self._pose.eval(context), validated_velocity(self._V_WO.Eval(context))
@@ -280,8 +281,8 @@ class GraspSequencer(LeafSystem):
 
     def _calc_V_WO_held(self, context: Context) -> FloatArray:
         state: GraspState = self._remembered.Eval(context)
-        sticks = np.any(np.isfinite(self._sticking_tips(context)))
-        if not sticks or state.force.value(context.get_time()) == 0:
+        force = state.force.value(context.get_time())
+        if force == 0 or np.isnan(self._sticking_tips(context)).all():
             return np.zeros(7)
         return np.append(1.0, self._rising(context, self._held.Eval(context).V_WG).get_coeffs())
 
@@ -300,18 +301,17 @@ class GraspSequencer(LeafSystem):
     def _tips(self, context: Context) -> FloatArray:
         """Returns the fingertips' centres in G, shape (n, 3), in metres."""
         p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
-        p_GT: FloatArray = (self._calc_X_WG(context).inverse() @ p_WT.T).T
+        p_GT: FloatArray = (self._X_WG.Eval(context).inverse() @ p_WT.T).T
         return p_GT
 
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
         state: GraspState = self._remembered.Eval(context)
-        X_WG = self._calc_X_WG(context)
         p_OC, nhat = self._contacts(context)
         p_GT = self._tips(context)
         presses = np.zeros(len(p_OC))
         if state.phase >= GraspPhase.CLOSE:  # Forces are slow to compute, and not used before.
             f_T_W = validated_numbers(self._f_T_W.Eval(context)).reshape(-1, 3)
-            f_T_G = f_T_W @ X_WG.rotation().matrix()
+            f_T_G = f_T_W @ self._X_WG.Eval(context).rotation().matrix()
             presses = -np.sum(f_T_G * nhat, axis=1)
         p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat
         distances = np.linalg.norm(p_GT_goal - p_GT, axis=1)
@@ -338,22 +338,16 @@ class GraspSequencer(LeafSystem):
             self._config.period,
             lambda active: self._plan_squeeze(context, active),
         )
-        discrete_state.set_value(self._state, after.to_vector())
+        if after is not state:
+            discrete_state.set_value(self._state, after.to_vector())
         self._pose.store(context, discrete_state)
         if state.phase > GraspPhase.SQUEEZE:
             return
-        motion: HeldMotion = self._motion.Eval(context)
+        discrete_state.set_value(self._last, pack(self._motion.Eval(context)))
         if state.phase < GraspPhase.SQUEEZE:
             discrete_state.set_value(self._sticking, np.full(p_GT.size, np.nan))
-        elif np.all(np.isnan(self._sticking_tips(context))) and np.all(
-            presses[state.active] >= STILL * self._settings.touch_force
-        ):
-            # The joints are springs: G moves to where they do not push the object on average.
-            shift = np.mean((p_GT - p_GT_goal)[state.active], axis=0)
-            if np.all(np.isfinite(shift)):
-                motion = replace(motion, p_WG=motion.p_WG + motion.R_WG @ shift)
-                discrete_state.set_value(self._sticking, (p_GT - shift).ravel())
-        discrete_state.set_value(self._last, pack(motion))
+        elif np.all(np.isnan(self._sticking_tips(context))):
+            discrete_state.set_value(self._sticking, p_GT_goal.ravel())
 
     def _plan_squeeze(self, context: Context, active: BoolArray) -> Squeeze:
         p_OC, nhat = (part[active] for part in self._contacts(context))
@@ -389,10 +383,9 @@ class GraspSequencer(LeafSystem):
     def _calc_forces(self, context: Context) -> FloatArray:
         state: GraspState = self._remembered.Eval(context)
         share = state.force.value(context.get_time())
-        if share == 0 and not np.any(state.touched):
+        if share == 0 and not state.touched.any():
             return np.zeros_like(state.forces)
         _, nhat = self._contacts(context)
-        # A finger that touches the object follows it until all fingers press.
         touch = -_EAGER * self._settings.touch_force * state.touched[:, None] * np.nan_to_num(nhat)
         R_GW = self._motion.Eval(context).R_WG.T
         planned, on = state.forces @ R_GW, state.active

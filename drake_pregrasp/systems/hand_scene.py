@@ -1,7 +1,7 @@
 """Signed distances between the links of a hand, the object, and what is around them."""
 
 from collections import defaultdict
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,15 +20,21 @@ from pydrake.geometry import (
 )
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.planning import RobotDiagram
 from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.geometry.solids import HalfSpace, Solid
 from drake_pregrasp.grasping.grasp_state import BASE
+from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.systems.drawing import drawn_solid
-from drake_pregrasp.systems.fingertip_sensor import HandKinematics, HandLink, hand_links
+from drake_pregrasp.systems.fingertip_sensor import (
+    HandKinematics,
+    HandLink,
+    frame_poses,
+    hand_links,
+    moving_joints,
+)
 
 LINK_CLEARANCE = 0.005
 """Least gap of links to everything but the hand, in metres: more than the error of an estimate."""
@@ -124,11 +130,28 @@ class HandScene:
         self._object = self._graph.RegisterGeometry(
             self._source, self._object_frame, _geometry("object", *drake_shape(object_solid))
         )
-        for index, solid in enumerate(fixed):
-            geometry = _geometry(f"fixed {index}", *drake_shape(solid))
-            self._graph.RegisterAnchoredGeometry(self._source, geometry)
-        self._links = hand_links(hand.plant, hand.frames, tip_radii, self._graph.model_inspector())
-        separate_fingers(self._graph.collision_filter_manager(), self._links)
+        around = [
+            self._graph.RegisterAnchoredGeometry(
+                self._source, _geometry(f"fixed {index}", *drake_shape(solid))
+            )
+            for index, solid in enumerate(fixed)
+        ]
+        links = hand_links(hand.plant, hand.frames, tip_radii, self._graph.model_inspector())
+        filters = self._graph.collision_filter_manager()
+        separate_fingers(filters, links)
+        filters.Apply(
+            CollisionFilterDeclaration().ExcludeWithin(GeometrySet([self._object, *around]))
+        )
+        # Links come first, then the object; all other geometries share the last index.
+        self._index = {geometry: index for index, geometry in enumerate([*links, self._object])}
+        self._frames = [link.frame for link in links.values()]
+        moves = [moving_joints(hand.plant, frame) for frame in self._frames]
+        self._moves = np.vstack([*moves, np.zeros((2, hand.num_positions))])
+        kinds = [(link.finger, link.is_tip, link.is_last) for link in links.values()]
+        self._finger, is_tip, is_last = np.array(kinds).T
+        self._is_tip, self._is_last = is_tip > 0, is_last > 0
+        inspector = self._graph.model_inspector()
+        self._X_BG = np.array([inspector.GetPoseInFrame(g).GetAsMatrix34() for g in links])
 
     def place(
         self, context: Context, q: FloatArray, X_WO: RigidTransform, obstacles: Sequence[Solid]
@@ -164,85 +187,65 @@ class HandScene:
         for geometry in names.values():
             self._graph.RemoveGeometry(graph, self._source, geometry)
 
-    def clearances(self, context: Context, V_WO: SpatialVelocity, holding: BoolArray) -> Clearances:
+    def clearances(
+        self, context: Context, screws: FloatArray, V_WO: SpatialVelocity, holding: BoolArray
+    ) -> Clearances:
         """Returns the constraints on the hand's velocities.
 
         Fingertips that hold the object may touch it, but their links stay farther from it.
 
         Args:
             context: Context of the diagram after `place`.
+            screws: Screws of the hand's joints (`HandKinematics`), shape (6, nq).
             V_WO: Spatial velocity of the object's frame O in W.
             holding: Whether each fingertip holds the object or closes on it, shape (n,): only other
                 fingers are kept clear of it.
         """
         query = self._graph.get_query_output_port().Eval(self._graph.GetMyContextFromRoot(context))
-        motion = self._motions(context, V_WO)
-        gaps: list[float] = []
-        least_gaps, is_kept, fingers, lines, changes = [], [], [], [], []
-        tips: dict[int, int] = {}
-        last_links: list[int] = []
-        for pair in query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE):
-            a, b = self._links.get(pair.id_A), self._links.get(pair.id_B)
-            link, among_fingers = a or b, bool(a and b)
-            if link is None:
-                continue
-            if self._object in (pair.id_A, pair.id_B):
-                if link.is_tip:
-                    tips[link.finger] = len(gaps)
-                elif link.is_last and holding[link.finger]:
-                    last_links.append(len(gaps))
-            is_kept.append(among_fingers or not (link.is_tip and holding[link.finger]))
-            alone = TIP_CLEARANCE if link.is_tip else LINK_CLEARANCE
-            least_gaps.append(FINGER_CLEARANCE if among_fingers else alone)
-            fingers.append(link.finger)
-            gaps.append(pair.distance)
-            p_WC = query.GetPoseInWorld(pair.id_A) @ pair.p_ACa
-            lines.append((p_WC, pair.nhat_BA_W))
-            changes.append(motion(pair.id_A, a) - motion(pair.id_B, b))
-        if not gaps:
-            return Clearances(np.empty((0, self.hand.num_positions)), np.empty(0), np.empty(0, int))
-        points, normals = np.array(lines).swapaxes(0, 1)
-        along = np.hstack([np.cross(points, normals), normals])
-        rates = np.einsum("ki,kij->kj", along, np.array(changes))
-        speeds = np.minimum(_RATE * (np.array(least_gaps) - gaps), _RETREAT) - rates[:, -1]
-        for row in last_links:  # The fingertip on this link comes first, wherever the object is.
-            if (tip := tips.get(fingers[row])) is not None:
-                lead = gaps[row] - gaps[tip]
-                rates[row] -= rates[tip]
-                speeds[row] = min(_RATE * (_TIP_LEAD - lead), 0.0) - rates[row, -1]
-        kept = np.array(is_kept)
-        return Clearances(rates[kept, :-1], speeds[kept], np.array(fingers)[kept])
+        index, others, links = self._index, len(self._index), len(self._frames)
+        found = [
+            (a, b, pair.distance, pair.p_ACa if a < links else pair.p_BCb, pair.nhat_BA_W)
+            for pair in query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE)
+            if min(a := index.get(pair.id_A, others), b := index.get(pair.id_B, others)) < links
+        ]
+        if not found:
+            return Clearances(np.empty((0, screws.shape[1])), np.empty(0), np.empty(0, int))
+        A, B, gaps, p_GC, normals = (np.array(values) for values in zip(*found, strict=True))
+        link, is_object = np.where(links > A, A, B), np.maximum(A, B) == links
+        among_fingers = np.maximum(A, B) < links
+        finger, is_tip = self._finger[link], self._is_tip[link]
+        alone = np.where(is_tip, TIP_CLEARANCE, LINK_CLEARANCE)
+        least_gaps = np.where(among_fingers, FINGER_CLEARANCE, alone)
 
-    def _motions(
-        self, context: Context, V_WO: SpatialVelocity
-    ) -> Callable[[GeometryId, HandLink | None], FloatArray]:
-        """Returns a function that returns how a geometry moves, shape (6, nq + 1).
-
-        The columns are spatial velocities in W at the origin of W: by each joint, and the last one
-        by the object.
-        """
-        plant, nq = self.hand.plant, self.hand.num_positions
-        posed, world = plant.GetMyContextFromRoot(context), plant.world_frame()
-        still = np.zeros((6, nq + 1))
-        query = self._graph.get_query_output_port().Eval(self._graph.GetMyContextFromRoot(context))
+        # Rate of a gap: its normal n times the velocity of A at the point C less that of B, where a
+        # body that moves with (w, v) at the origin of W has the velocity v + w x p. Any C on the
+        # line between the nearest points will do.
+        frames = [self._frames[i] for i in link]
+        X_WB = frame_poses(frames, self.hand.plant.GetMyContextFromRoot(context))
+        p_WC = _transformed(X_WB, _transformed(self._X_BG[link], p_GC))
+        along = np.hstack([(skew(p_WC) @ normals[:, :, None])[:, :, 0], normals])
+        rates = (along @ screws) * (self._moves[A] - self._moves[B])
         p_WO = query.GetPoseInWorld(self._object).translation()
-        carried = still.copy()
-        carried[:, -1] = V_WO.Shift(-p_WO).get_coeffs()
-        known: dict[int, FloatArray] = {}
+        drift = np.where(A > B, 1, -1) * is_object * (along @ V_WO.Shift(-p_WO).get_coeffs())
+        speeds = np.minimum(_RATE * (least_gaps - gaps), _RETREAT) - drift
+        if np.any(holding):
+            tips = {finger[row]: row for row in np.flatnonzero(is_object & is_tip)}
+            last = is_object & self._is_last[link] & ~is_tip & holding[finger]
+            for row in np.flatnonzero(last):
+                # The fingertip on this link comes first, wherever the object is.
+                if (tip := tips.get(finger[row])) is not None:
+                    lead = gaps[row] - gaps[tip]
+                    rates[row] -= rates[tip]
+                    fastest = min(_RATE * (_TIP_LEAD - lead), 0.0)
+                    speeds[row] = fastest - (drift[row] - drift[tip])
+        kept = among_fingers | ~(is_tip & holding[finger])
+        return Clearances(rates[kept], speeds[kept], finger[kept])
 
-        def motion(geometry: GeometryId, link: HandLink | None) -> FloatArray:
-            if link is None:
-                return carried if geometry == self._object else still
-            body = int(link.frame.index())
-            if body not in known:
-                p_BW = link.frame.CalcPoseInWorld(posed).inverse().translation()
-                known[body] = still.copy()
-                known[body][:, :-1] = plant.CalcJacobianSpatialVelocity(
-                    posed, JacobianWrtVariable.kV, link.frame, p_BW, world, world
-                )
-            return known[body]
 
-        return motion
+def _transformed(X_AB: FloatArray, p_BP: FloatArray) -> FloatArray:
+    """Returns points in A, shape (k, 3), by poses of shape (k, 3, 4)."""
+    p_AP: FloatArray = (X_AB[:, :, :3] @ p_BP[:, :, None])[:, :, 0] + X_AB[:, :, 3]
+    return p_AP
 
 
 def _geometry(name: str, shape: Shape, X_FG: RigidTransform) -> GeometryInstance:

@@ -94,7 +94,7 @@ class JointReference(LeafSystem):
             ),
             {time, stored},
         )
-        declare_output(self, "position", nq, self._reference, time, stored)
+        self._position = declare_output(self, "position", nq, self._reference, time, stored)
         sources = (self._forces, self._limits, self._state)
         declare_output(self, "desired_state", 2 * nq, self._calc_desired, time, stored, *sources)
         self.DeclareStateOutputPort("velocity", self._v)
@@ -104,29 +104,30 @@ class JointReference(LeafSystem):
         elapsed = context.get_time() - context.get_discrete_state(self._start)[0]
         q: FloatArray = context.get_discrete_state(self._q).value()
         v: FloatArray = context.get_discrete_state(self._v).value()
-        reference: FloatArray = np.clip(q + elapsed * v, self._hand.lower, self._hand.upper)
+        moved = np.maximum(self._hand.lower, q + elapsed * v)
+        reference: FloatArray = np.minimum(moved, self._hand.upper)
         return reference
 
     def _sample(self, context: Context, discrete_state: DiscreteValues) -> None:
         v = validated_numbers(self._commanded.Eval(context))
-        if np.any(np.isnan(v)):
+        if np.isnan(v).any():
             v = np.zeros_like(v)
         discrete_state.set_value(self._start, [context.get_time()])
-        discrete_state.set_value(self._q, self._reference(context))
-        discrete_state.set_value(self._v, v / max(1.0, np.max(np.abs(v)) / LARGEST_RATE))
+        discrete_state.set_value(self._q, self._position.Eval(context))
+        discrete_state.set_value(self._v, v / max(1.0, np.abs(v).max() / LARGEST_RATE))
 
     def _calc_posed(self, context: Context, output: AbstractValue) -> None:
-        self._hand.plant.SetPositions(output.get_mutable_value(), self._reference(context))
+        self._hand.plant.SetPositions(output.get_mutable_value(), self._position.Eval(context))
 
     def _calc_desired(self, context: Context) -> FloatArray:
-        q = self._reference(context)
+        q = self._position.Eval(context)
         v = context.get_discrete_state(self._v).value()
         above, below = q >= self._hand.upper, q <= self._hand.lower
         is_at_limit = (above & (v > 0)) | (below & (v < 0))
         if self._forces.HasValue(context):
             f_T_W = validated_numbers(self._forces.Eval(context)).reshape(-1, 3)
-            f_T_W[np.any(np.isnan(f_T_W), axis=1)] = 0.0
-            if np.any(f_T_W):
+            f_T_W[np.isnan(f_T_W).any(axis=1)] = 0.0
+            if f_T_W.any():
                 jacobians = self._hand.tip_jacobians(self._posed.Eval(context))
                 q = q + np.einsum("nij,ni->j", jacobians, f_T_W) / self._hand.stiffness
         return np.concatenate(self._yielding(context, q, np.where(is_at_limit, 0.0, v)))

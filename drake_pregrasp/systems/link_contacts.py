@@ -1,6 +1,6 @@
 """Contacts of a hand's links, which should touch nothing."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -67,18 +67,20 @@ class LinkContacts(LeafSystem):
             if link is None or link.is_tip:
                 continue
             kind = 2 if a and b else 0 if {one, other} & self._object else 1
-            largest[kind] = max(largest[kind], force)
+            largest[kind] = max(largest[kind], float(np.linalg.norm(force())))
         discrete_state.set_value(self._largest, largest)
         discrete_state.set_value(self._last, [float(tick)])
 
 
-def _contacts(results: ContactResults) -> Iterator[tuple[GeometryId, GeometryId, float]]:
+def _contacts(
+    results: ContactResults,
+) -> Iterator[tuple[GeometryId, GeometryId, Callable[[], FloatArray]]]:
+    """Yields the geometries of each contact, and a function that returns its force in W."""
     for index in range(results.num_point_pair_contacts()):
         point = results.point_pair_contact_info(index)
-        force = np.linalg.norm(point.contact_force())
-        yield point.point_pair().id_A, point.point_pair().id_B, float(force)
+        pair = point.point_pair()
+        yield pair.id_A, pair.id_B, point.contact_force
     for index in range(results.num_hydroelastic_contacts()):
         patch = results.hydroelastic_contact_info(index)
-        force = np.linalg.norm(patch.F_Ac_W().translational())
         surface = patch.contact_surface()
-        yield surface.id_M(), surface.id_N(), float(force)
+        yield surface.id_M(), surface.id_N(), patch.F_Ac_W().translational

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
@@ -25,6 +24,7 @@ from drake_pregrasp.systems.ports import (
     LastPose,
     declare_cache,
     declare_output,
+    pose_bus,
     validated_poses,
     validated_velocity,
 )
@@ -263,7 +263,8 @@ class CarrierPosture(_PalmPosture):
         posture[self._slides] += self._carrier.eval(context).translation()
         posture[self._slides] += V_WG.translational() * self._lead
         yaw = self._turned.Eval(context) + V_WG.rotational()[2] * self._lead
-        posture[self._turn] = np.clip(yaw, *self._yaw_range)
+        low, high = self._yaw_range
+        posture[self._turn] = max(low, min(yaw, high))
         return posture
 
 
@@ -369,11 +370,8 @@ class ArmPosture(_PalmPosture):
         self._object.store(context, discrete_state)
 
     def _calc_goals(self, context: Context) -> BusValue:
-        goals = BusValue()
-        for name, X_WT in zip(self._tip_frames, self._goal_poses(context), strict=True):
-            if X_WT is not None:
-                goals.Set(name, AbstractValue.Make(X_WT))
+        tips = zip(self._tip_frames, self._goal_poses(context), strict=True)
+        goals = {name: X_WT for name, X_WT in tips if X_WT is not None}
         x, y, z, yaw = self._within(self._now.Eval(context) + self._lead * self._rates(context))
         X_WP = RigidTransform(RotationMatrix.MakeZRotation(yaw), [x, y, z]) @ self._X_GP
-        goals.Set(self._palm_frame, AbstractValue.Make(X_WP))
-        return goals
+        return pose_bus(goals | {self._palm_frame: X_WP})

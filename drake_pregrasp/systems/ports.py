@@ -1,6 +1,5 @@
 """Declaration of ports and cache entries, and validation of the values that enter through ports."""
 
-import copy
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TypeAlias
 
@@ -21,10 +20,12 @@ from pydrake.systems.framework import (
     ValueProducer,
 )
 
-from drake_pregrasp.arrays import is_valid_pose, validated_rates
+from drake_pregrasp.arrays import FloatArray, is_valid_pose, validated_rates
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.pose_track import FOLLOWED
+from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.regions.constraints import Obstacles
+from drake_pregrasp.regions.obstacles import place_obstacles
 
 POSE = AbstractValue.Make(RigidTransform())
 """Model value of a port with a `RigidTransform`."""
@@ -35,7 +36,9 @@ VELOCITY = AbstractValue.Make(SpatialVelocity())
 BUS = AbstractValue.Make(BusValue())
 """Model value of a port with a `BusValue`."""
 
-OBSTACLES = AbstractValue.Make(Obstacles())
+NO_OBSTACLES = Obstacles()
+
+OBSTACLES = AbstractValue.Make(NO_OBSTACLES)
 """Model value of a port with `Obstacles`."""
 
 REGIONS = AbstractValue.Make(object())
@@ -69,10 +72,8 @@ def copied_inputs(ports: Mapping[str, InputPort], context: Context) -> dict[str,
     Vectors and poses are copies, because Drake overwrites the values of ports later.
     """
     values = {name: port.Eval(context) for name, port in ports.items() if port.HasValue(context)}
-    return {
-        name: copy.copy(value) if isinstance(value, np.ndarray | RigidTransform) else value
-        for name, value in values.items()
-    }
+    copies = {np.ndarray: np.copy, RigidTransform: RigidTransform}
+    return {name: copies.get(type(value), lambda v: v)(value) for name, value in values.items()}
 
 
 def declare_output(
@@ -182,6 +183,15 @@ class LastPose:
             discrete_state.set_value(self._index, X.GetAsMatrix34().ravel())
 
 
+def pose_bus(poses: Mapping[str, RigidTransform]) -> BusValue:
+    """Returns a bus of poses by name."""
+    bus, value = BusValue(), POSE.Clone()
+    for name, pose in poses.items():
+        value.set_value(pose)
+        bus.Set(name, value)  # A copy.
+    return bus
+
+
 def validated_poses(bus: BusValue, names: Sequence[str], port: str) -> list[RigidTransform | None]:
     """Returns the poses of a bus by name, and None for each that is missing or invalid.
 
@@ -223,7 +233,7 @@ def eval_obstacles(system: LeafSystem, port: InputPort, context: Context) -> Obs
         InvalidArgumentError: If the value has another type.
     """
     if not port.HasValue(context):
-        return Obstacles()
+        return NO_OBSTACLES
     obstacles = port.Eval(context)
     if not isinstance(obstacles, Obstacles):
         raise InvalidArgumentError(
@@ -231,6 +241,14 @@ def eval_obstacles(system: LeafSystem, port: InputPort, context: Context) -> Obs
             f" not a {type(obstacles).__name__}"
         )
     return obstacles
+
+
+def eval_solids(
+    system: LeafSystem, port: InputPort, context: Context, R_GW: FloatArray, p_GW: FloatArray
+) -> tuple[Solid, ...]:
+    """Returns the solids of the obstacles at a port, in a frame G (`place_obstacles`)."""
+    solids = eval_obstacles(system, port, context).solids
+    return place_obstacles(Obstacles(solids), R_GW, p_GW).solids if solids else ()
 
 
 def is_followed(port: InputPort, context: Context) -> bool:

@@ -36,6 +36,7 @@ from drake_pregrasp.estimation.pose_track import (
 )
 from drake_pregrasp.estimation.pose_tracker import OLDEST, update_track
 from drake_pregrasp.fast import fast_filter_step
+from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.systems.ports import POSE, VELOCITY, declare_cache, declare_output
 
 WAITING_STD = 1.0
@@ -148,13 +149,16 @@ class PoseEstimator(LeafSystem):
         self._measurement_time = self.DeclareVectorInputPort("measurement_time", 1)
         self._V_WO_held = self.DeclareVectorInputPort("V_WO_held", 7)
         time = self.time_ticket()
+        self._stored_track = stored_track = declare_cache(
+            self, "stored track", self._no_track, self._calc_stored_track, self.xd_ticket()
+        )
         self._track = track = declare_cache(
             self,
             "track at the Context's last tick",
             self._no_track,
             self._calc_track,
             time,
-            self.xd_ticket(),
+            stored_track,
             self.all_input_ports_ticket(),
         )
         self._estimate = estimate = declare_cache(
@@ -177,10 +181,13 @@ class PoseEstimator(LeafSystem):
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_track)
 
+    def _calc_stored_track(self, context: Context) -> PoseTrack:
+        return unpack(self._no_track, context.get_discrete_state(self._track_index).value())
+
     def _calc_track(self, context: Context) -> PoseTrack:
         time = context.get_time()
         stored_time = context.get_discrete_state(self._time_index)[0]
-        track = unpack(self._no_track, context.get_discrete_state(self._track_index).value())
+        track: PoseTrack = self._stored_track.Eval(context)
         if tick_index(time, self._period) == tick_index(stored_time, self._period):
             return track
         X_WO: RigidTransform = self._X_WO_measured.Eval(context)
@@ -200,7 +207,7 @@ class PoseEstimator(LeafSystem):
         """Returns the present twist of the held object, at its centre of mass, or NaN."""
         is_held, *V_WO = validated_numbers(self._V_WO_held.Eval(context))
         w_WO, v_WO = np.reshape(V_WO if is_held > 0 else np.full(6, np.nan), (2, 3))
-        return np.array([w_WO, v_WO + np.cross(w_WO, track.newest.R_WO @ self._p_OCoM)])
+        return np.array([w_WO, v_WO + skew(w_WO) @ (track.newest.R_WO @ self._p_OCoM)])
 
     def _store_track(self, context: Context, discrete_state: DiscreteValues) -> None:
         discrete_state.set_value(self._time_index, [context.get_time()])
@@ -246,7 +253,7 @@ class PoseEstimator(LeafSystem):
         if status not in FOLLOWED:
             return SpatialVelocity.Zero()
         p_CoMO_W = -(belief.R_WO @ self._p_OCoM)
-        return SpatialVelocity(w=belief.w_WO, v=belief.v_WCoM + np.cross(belief.w_WO, p_CoMO_W))
+        return SpatialVelocity(w=belief.w_WO, v=belief.v_WCoM + skew(belief.w_WO) @ p_CoMO_W)
 
     def _calc_covariance(self, context: Context) -> FloatArray:
         status, belief = self._estimate.Eval(context)

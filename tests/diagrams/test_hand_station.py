@@ -47,6 +47,7 @@ def test_links_collide_with_all_but_their_own_finger_and_the_base():
         assert {inspector.CollisionFiltered(a, b) for a, b in combinations(finger, 2)} == {True}
 
 
+RAISED = [0.0, 0.0, 0.4]
 STRETCHED, FOLDED = [0.0, 1.5, 0.0], [0.0, 0.0, 2.4]
 
 
@@ -57,6 +58,9 @@ STRETCHED, FOLDED = [0.0, 1.5, 0.0], [0.0, 0.0, 2.4]
         (("object",), [0.0, 0.0, -0.063], [STRETCHED] * 5),  # With the palm.
         (("surroundings",), [0.0, 0.1, -0.057], [FOLDED, *[STRETCHED] * 4]),  # With an elbow.
         (("hand",), P_WO, [[0.5, *HOME[5:7]], [-0.5, *HOME[5:7]], *[HOME[4:7]] * 3]),
+        # A fingertip alone touches the link of another finger, before or after it in order.
+        (("hand",), RAISED, [[-0.75, 0.88, 1.72], *[HOME[4:7]] * 4]),
+        (("hand",), RAISED, [*[HOME[4:7]] * 4, [0.75, 0.88, 1.72]]),
     ],
 )
 def test_links_that_touch_something_are_measured(touched, place, fingers):

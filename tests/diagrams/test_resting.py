@@ -20,8 +20,8 @@ OBJECTS |= {
     for name, (file, _) in shipped_scenarios().items()
     if file.stem == "objects"
 }
-# Faces down, and starts on edges and corners that are not stable.
-FACES = {"z": (0, 0), "-z": (np.pi, 0), "x": (0, 1.571), "-x": (0, -1.571), "y": (1.571, 0)}
+# Faces down, and starts on edges and corners that are not stable. A pin on its head is tilted.
+FACES = {"z": (0, 0), "-z": (3.04, 0), "x": (0, 1.571), "-x": (0, -1.571), "y": (1.571, 0)}
 EDGES = {"edge": (np.pi / 4, 0), "corner": (np.pi / 4, 0.6155), "tipped": (0.6, 0.6)}
 STARTS = FACES | {"-y": (-1.571, 0)} | EDGES | {"over": (2.4, 0.3), "forward": (-0.7, 1.0)}
 TABLES = {"table": Toss(table=True), "turntable": Conveyor(0.0, 0.0)}
@@ -64,3 +64,22 @@ def test_a_tipped_cube_rests_on_a_face():
     assert depth < 1e-5
     assert place[2] == pytest.approx(0.05, abs=1e-5)
     assert speed < 1e-6
+
+
+@pytest.mark.parametrize("size", [[0.1, 0.1, 0.1], [0.2, 0.2, 0.02], [0.05, 0.06, 0.14]])
+@pytest.mark.parametrize("time_step", [0.01, 0.025])
+def test_a_dropped_box_does_not_rock_wherever_it_lies(size, time_step):
+    for x, y, yaw in [(0.2, 0.05, 0.0), (0.2, 0.1, 0.78), (-0.3, -0.2, 0.3)]:
+        plant = ObjectPlant(
+            Box(size=size), TABLES["table"], MultibodyPlantConfig(time_step=time_step)
+        )
+        body, simulator = plant.plant.GetBodyByName("object"), Simulator(plant)
+        context = plant.plant.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+        dropped = RigidTransform(RollPitchYaw(-0.02, 0.02, yaw), [x, y, size[2] / 2 + 0.0025])
+        plant.plant.SetFreeBodyPose(context, body, dropped)
+        simulator.AdvanceTo(2.0)
+        for step in range(5):
+            simulator.AdvanceTo(2.0 + step * time_step)
+            up = body.EvalPoseInWorld(context).rotation().matrix()[2, 2]
+            assert np.arccos(min(up, 1.0)) < 1e-5
+            assert np.linalg.norm(body.EvalSpatialVelocityInWorld(context).get_coeffs()) < 1e-4

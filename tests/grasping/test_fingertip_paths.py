@@ -94,6 +94,17 @@ def test_a_tip_goes_round_on_the_shorter_side():
     assert min(sides) > 0
 
 
+@pytest.mark.parametrize(("gap", "goes_over"), [(0.01, True), (0.04, False)])
+def test_a_tip_goes_over_the_object_where_a_wall_leaves_no_room_beside_it(gap, goes_over):
+    wall = BoxSolid(np.array([0.0, 0.05 + gap, 0.0]), np.eye(3), np.array([0.3, 0.02, 0.1]))
+    room = TipRoom(BOX, np.zeros(3), np.full(1, CLEARANCE), ((wall, 0.013),))
+    p, goal = np.array([[0.07, 0.01, 0.0]]), np.array([[-0.07, 0.01, 0.0]])
+    path = np.concatenate(list(walk(p, goal, 200 * [room])))
+    np.testing.assert_allclose(path[-1], goal[0], atol=1e-6)
+    assert np.min(wall.distance(path)) > 0.01
+    assert (np.max(path[:, 2]) > 0.05) == goes_over
+
+
 def test_an_obstacle_that_comes_pushes_tips_away():
     p = np.array([[0.07, 0.0, 0.0]])
     v = np.zeros_like(p)

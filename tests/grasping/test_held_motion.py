@@ -54,8 +54,13 @@ def test_a_frame_that_fingertips_have_corrected_is_not_corrected_again():
     np.testing.assert_array_equal(once.following(p_WT, TIPS, 0.0, PERIOD).p_WG, once.p_WG)
 
 
-def test_what_moves_only_the_fingertips_up_or_a_single_finger_does_not_turn_the_frame():
+def test_a_vertical_shift_of_the_fingertips_moves_the_frame_but_not_its_velocity():
     up = moving().following(TIPS + ALONG[::-1], TIPS, PERIOD, PERIOD)
-    np.testing.assert_array_equal(up.p_WG, 0)
+    assert up.p_WG[2] > 0
+    np.testing.assert_array_equal(up.V_WG, moving().V_WG)
+    np.testing.assert_array_equal(up.A_WG, 0)
+
+
+def test_a_single_finger_does_not_turn_the_frame():
     one = moving().following(TIPS[:1] + ALONG, TIPS[:1], PERIOD, PERIOD)
     np.testing.assert_array_equal(one.R_WG, np.eye(3))

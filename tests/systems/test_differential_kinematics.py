@@ -10,8 +10,8 @@ from pydrake.multibody.math import SpatialVelocity
 
 from drake_pregrasp import BoxSolid, HalfSpace, Obstacles
 from drake_pregrasp.grasping.grasp_state import BASE, NOT_HINDERED, GiveUp, describe_give_up
-from drake_pregrasp.systems.differential_kinematics import DifferentialKinematics
-from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE
+from drake_pregrasp.systems.differential_kinematics import DifferentialKinematics, VelocityProgram
+from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE, Clearances
 
 TABLE = HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0]))
 CUBE = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
@@ -160,6 +160,22 @@ def test_a_finger_that_holds_touches_with_its_tip_first():
         assert gaps[f"finger_{finger}_proximal link"] > LINK_CLEARANCE - 1e-3
 
 
+def test_the_palm_gives_way_where_a_link_has_no_room():
+    """A wall stands where the first finger leans out to; only the palm's posture is in the way."""
+    follower = Follower()
+    link = follower.scene.hand.plant.GetFrameByName("finger_0_distal")
+    context = follower.scene.hand.plant.CreateDefaultContext()
+    follower.scene.hand.plant.SetPositions(context, HOME)
+    knee = link.CalcPoseInWorld(context).translation()
+    x, y, height = (knee + TIPS[0]) / 2
+    wall = BoxSolid(np.array([x + 0.05, y, height / 2]), np.eye(3), np.array([0.1, 0.4, height]))
+    for _ in range(150):
+        _, hinders = follower.tick(obstacles=Obstacles((wall,)))
+        assert hinders == NOT_HINDERED
+    assert np.linalg.norm(follower.q[:4] - HOME[:4]) > 0.005
+    np.testing.assert_allclose(HAND.tips_at(follower.q), TIPS, atol=1e-3)
+
+
 def test_a_hand_without_a_way_stops_says_why_and_goes_on_without_a_jump():
     goals = TIPS + np.array([0.3, 0.0, 0.0])
     follower = Follower(desired_cartesian_poses=bus(goals))
@@ -186,3 +202,36 @@ def test_a_hand_without_a_way_stops_says_why_and_goes_on_without_a_jump():
         assert hinders == NOT_HINDERED
     np.testing.assert_allclose(HAND.tips_at(follower.q), goals, atol=1e-3)
     assert "base" in describe_give_up(GiveUp.HINDERED, BASE)
+
+
+@pytest.mark.parametrize("number", [1e20, np.nan])
+def test_a_step_without_a_solution_stops_the_hand_and_says_so(number):
+    follower = Follower()
+    for _ in range(3):
+        v, hinders = follower.tick(nominal_posture=np.where(np.arange(NQ) == 3, number, HOME))
+        assert hinders == BASE
+        np.testing.assert_array_equal(v, 0.0)
+    _, hinders = follower.tick(nominal_posture=HOME)
+    assert hinders == NOT_HINDERED
+
+
+def test_a_reused_program_gives_the_optimum_which_is_the_free_one_if_that_is_allowed():
+    """The system skips the program where the velocity without constraints keeps all of them."""
+    rng = np.random.default_rng(5)
+    reused = VelocityProgram(NQ)
+    for case in range(60):
+        J, rows = rng.normal(size=(15, NQ)), rng.normal(size=(case % 13, NQ))
+        H, v_free = 100 * J.T @ J + 0.5 * np.eye(NQ), rng.normal(size=NQ)
+        # Constraints that a random velocity keeps, and that the free one keeps in half the cases.
+        kept = v_free if case % 2 else rng.normal(size=NQ)
+        slack = rng.uniform(0.0, 0.3, size=NQ)
+        clear = Clearances(rows, rows @ kept - slack[: len(rows)], np.zeros(len(rows), int))
+        least, most = kept - slack, kept + rng.uniform(0.0, 0.3, size=NQ)
+        v = reused.solve(H, v_free, least, most, clear)
+        np.testing.assert_array_equal(v, VelocityProgram(NQ).solve(H, v_free, least, most, clear))
+        if case % 2:
+            np.testing.assert_allclose(v, v_free, atol=1e-4)
+        violations = (least - v, v - most, clear.least - rows @ v)
+        assert max(np.max(part, initial=-np.inf) for part in violations) < 1e-6
+        # No allowed velocity is better: the cost does not fall along the way to any.
+        assert (kept - v) @ H @ (v - v_free) > -1e-3
