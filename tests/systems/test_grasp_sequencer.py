@@ -93,7 +93,7 @@ def squeeze_at(X_WO, **inputs):
 def test_forces_are_planned_at_the_measured_fingertips_with_the_normals_there():
     X_WO = RigidTransform([0.0, 0.0, 0.05])
     # Beside the goals on a ball, to either side in turns, so that the hand does not turn.
-    aside = AROUND + 0.4 * np.array([1, -1, 1, -1, 0])
+    aside = AROUND + 0.06 * np.array([1, -1, 1, -1, 0])
     turned = np.stack([np.cos(aside), np.sin(aside), 0 * aside], axis=1)
     p_WT = (X_WO @ ((0.05 + RADIUS) * turned).T).T
     forces = squeeze_at(X_WO, p_WT=p_WT.ravel()).array("squeeze_forces").reshape(N, 3)
@@ -156,5 +156,5 @@ def test_the_touch_leaves_no_strain_that_drives_the_object():
     hand.advance(SETTINGS.squeeze_duration)
     assert hand.array("grasp_report")[0] == GraspPhase.SQUEEZE
     X_WG = hand.eval("X_WG")
-    np.testing.assert_allclose(X_WG.GetAsMatrix4(), (strain @ X_WO).GetAsMatrix4(), atol=2e-5)
+    np.testing.assert_allclose(X_WG.GetAsMatrix4(), (strain @ X_WO).GetAsMatrix4(), atol=5e-5)
     np.testing.assert_allclose(hand.eval("V_WG").get_coeffs(), 0, atol=5e-3)
