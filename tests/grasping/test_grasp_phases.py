@@ -347,8 +347,10 @@ def test_fingers_that_an_object_leaves_behind_move_out_before_they_touch(lasting
     left = [k for k in range(116, len(states)) if k * PERIOD < min(2.3 + lasting, 4.9)]
     gaps = np.array([states[k].standoffs for k in left])
     assert not np.any([states[k].touched for k in left])
-    assert np.all(np.diff(gaps, axis=0) >= 0) and np.all(gaps[-1] > gaps[0])
+    assert np.all(np.diff(gaps, axis=0) >= 0)
+    assert np.all(gaps[-1] > gaps[0])
     if lasting < 1:
         assert phases(states)[-1] == "HOLD"
     else:
-        assert states[-1].reason == GiveUp.OFF_GOAL and states[-1].detail == 3
+        assert states[-1].reason == GiveUp.OFF_GOAL
+        assert states[-1].detail == 3

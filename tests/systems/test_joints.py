@@ -74,7 +74,8 @@ def test_a_finger_that_is_in_the_way_presses_with_no_more_than_its_limit():
     forces = HAND.kinematics.tip_forces(context, torques)
     level = np.linalg.norm(3 * FORCES[:, :2], axis=1)
     shares = np.minimum(1, np.nan_to_num(limits, nan=np.inf) / level)
-    assert np.any(shares < 1) and np.any(shares[3:] < 1)
+    assert np.any(shares < 1)
+    assert np.any(shares[3:] < 1)
     expected = 3 * FORCES * np.stack([shares, shares, np.ones(N)], axis=1)
     np.testing.assert_allclose(forces, expected, atol=1e-6)
 
