@@ -11,7 +11,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.box_surface import BOX_FACES
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import BallSolid, Solid
-from drake_pregrasp.regions.constraints import FingerReach
+from drake_pregrasp.regions.finger_reach import FingerReach
 
 _HALF_TURN = 3.1416  # Largest angle between two directions, in radians.
 

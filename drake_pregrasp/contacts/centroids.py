@@ -6,11 +6,10 @@ from functools import partial
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.goal_limits import (
     ContactLimits,
     judged_goals,
-    limit_at,
     limited_goals,
     with_returning_contacts,
 )
@@ -23,6 +22,9 @@ from drake_pregrasp.contacts.selection_input import (
 from drake_pregrasp.errors import ContactError
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.regions.constraints import Limit
+
+TIE = 1e-9
+"""Largest relative difference of weights that counts as rounding."""
 
 
 def gaussian_log_weights(q: FloatArray, mu: FloatArray, Sigma: FloatArray) -> FloatArray:
@@ -97,12 +99,17 @@ def best_points(
 ) -> FloatArray:
     """Returns the candidate with the largest weight in each contact's region, shape (k, 3).
 
+    Of weights that differ by rounding only, the first one counts.
+
     Args:
         selection: Surface, contacts, regions and estimate of this tick.
         contacts: Indices of k contacts whose regions are not empty.
         strategy: Weights of the candidates.
     """
-    best = [selection.regions.members(i)[np.argmax(strategy(selection, i))] for i in contacts]
+    best = []
+    for i in contacts:
+        log_b = strategy(selection, i)
+        best.append(selection.regions.members(i)[np.argmax(log_b >= log_b.max() - TIE)])
     return selection.surface.p_OQ[best]
 
 
@@ -126,23 +133,25 @@ def select_contacts(
         in_turns: Whether the contacts move one after another, each with the new goals of those
             before it, and not all at once. The regions are those of the tick in both cases.
         limits: Limits on the goals.
-        choose: A faster implementation of `region_goals` with that strategy.
+        choose: A faster implementation of `region_goals`, or of `best_points`, with that strategy.
     """
     limits = limits or ContactLimits()
     regions = selection.regions
-    if choose is None or best_point:
+    if choose is None:
         choose = partial(best_points if best_point else region_goals, strategy=strategy)
-    active = np.flatnonzero(regions.sizes() > 0)
+    active = np.flatnonzero(regions.counts > 0)
     goals = selection.p_OC.copy()
     for movers in active[:, None] if in_turns else active[None]:
         if len(movers) == 0:
             continue
         seen = replace(selection, p_OC=goals.copy()) if in_turns else selection
         goals[movers] = choose(seen, movers)
-        if not regions.constraints.leaves_every_point:
-            selection.project(goals[movers])  # All at once.
-            for i in movers.tolist():
-                goals[i] = _permitted(selection, i, goals[i], regions.members(i))
+        if regions.constraints.leaves_every_point:
+            continue
+        barred = selection.limits_of(movers, goals[movers])[0] != Limit.NONE
+        for i in movers[barred].tolist():  # The nearest candidate replaces a forbidden goal.
+            points = selection.surface.p_OQ[regions.members(i)]
+            goals[i] = points[np.argmin(np.linalg.norm(points - goals[i], axis=1))]
     on_patches = np.zeros(len(goals), dtype=bool)
     on_patches[active] = True
     limited = limited_goals(selection, goals.copy(), limits)
@@ -150,17 +159,6 @@ def select_contacts(
         limited = with_returning_contacts(selection, limited, limits.max_step)
     on_patches &= (limited == goals).all(axis=1)
     return judged_goals(selection, limited, on_patches, limits)
-
-
-def _permitted(
-    selection: SelectionInput, contact: int, goal: FloatArray, members: IntArray
-) -> FloatArray:
-    """Returns a goal, or the candidate nearest to it if the constraints forbid the goal."""
-    if limit_at(selection, contact, goal)[0] == Limit.NONE:
-        return goal
-    points = selection.surface.p_OQ[members]
-    nearest: FloatArray = points[np.argmin(np.linalg.norm(points - goal, axis=1))]
-    return nearest
 
 
 def verify_contacts(surface: ObjectSurface, goals: ContactGoals) -> None:

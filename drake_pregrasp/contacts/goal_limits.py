@@ -135,7 +135,7 @@ def follow_pairs(
             point = first + pair.distance * away / max(float(np.linalg.norm(away)), 1e-12)
             p_OC[pair.second] = selection.surface.project_into(point[None], [members])[0][0]
         allowed = max(pair.tolerance, pair.error(p_OC_before))
-        too_far = np.linalg.norm(p_OC[pair.second] - before) > max_step
+        too_far = np.linalg.norm(p_OC[pair.second] - before) > max_step * (1 + ROUNDING)
         if pair.error(p_OC) > allowed or too_far:
             both = [pair.first, pair.second]
             p_OC[both] = p_OC_before[both]
@@ -264,7 +264,7 @@ def with_returning_contacts(
     """
     surface, regions = selection.surface, selection.regions
     constraints, goals = regions.constraints, goals.copy()
-    without = (regions.sizes() == 0) & ~regions.lost
+    without = (regions.counts == 0) & ~regions.lost
     there = ~without & ~regions.lost
     normals = selection.project(goals)[1]
     for contact in np.flatnonzero(without).tolist():
@@ -334,17 +334,18 @@ def judged_goals(
     """
     regions = selection.regions
     constraints, limits, causes = regions.constraints, regions.limits.copy(), regions.causes.copy()
-    active = regions.sizes() > 0
+    active = regions.counts > 0
     unknown = np.flatnonzero(~on_surface)
     if len(unknown):
         nearest, _ = selection.project(goals[unknown])
         off = unknown[np.linalg.norm(nearest - goals[unknown], axis=1) > CONTACT_TOLERANCE]
         limits[off], causes[off], active[off] = Limit.FORBIDDEN, NO_CAUSE, False
-    limiting = () if constraints.leaves_every_point else np.flatnonzero(active).tolist()
-    for contact in limiting:
-        limit, cause = limit_at(selection, contact, goals[contact])
-        if limit != Limit.NONE:
-            active[contact], limits[contact], causes[contact] = False, limit, cause
+    there = np.flatnonzero(active)
+    if len(there) and not constraints.leaves_every_point:
+        limit, cause = selection.limits_of(there, goals[there])
+        barred = limit != Limit.NONE
+        off = there[barred]
+        active[off], limits[off], causes[off] = False, limit[barred], cause[barred]
     if len(constraints.tip_radii):
         gaps = _gaps(selection, goals)
         for contact in np.flatnonzero(active).tolist():
@@ -358,16 +359,3 @@ def judged_goals(
     status: FloatArray = _STATUS[active.astype(np.int64), limits]
     status[regions.lost] = ContactStatus.LOST
     return ContactGoals(goals, status, causes.astype(float))
-
-
-def limit_at(selection: SelectionInput, contact: int, p_OCi: FloatArray) -> tuple[int, int]:
-    """Returns the limit that keeps a contact from a point of the surface, and its cause."""
-    constraints = selection.regions.constraints
-    if constraints.leaves_every_point:
-        return Limit.NONE, NO_CAUSE
-    key = contact, p_OCi.tobytes()
-    if key not in selection.known_limits:
-        _, normals = selection.project(p_OCi[None])
-        limits, causes = constraints.limits_at(contact, p_OCi[None], normals)
-        selection.known_limits[key] = int(limits[0]), int(causes[0])
-    return selection.known_limits[key]

@@ -9,6 +9,7 @@ from typing import Any
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.geometry.surface import ObjectSurface, RememberedProjection
+from drake_pregrasp.regions.constraints import LimitFunction, Predicates
 from drake_pregrasp.regions.safe_regions import SafeRegions
 
 
@@ -108,17 +109,19 @@ class SelectionInput:
         regions: The contacts' safe regions.
         covariance_O: Covariance Sigma of the Gaussian weights, expressed in O, shape (3, 3), in m²:
             that of the estimated position, plus the square of `position_spread`.
+        limits_at: Implementation of `Predicates.limits_at`.
     """
 
     surface: ObjectSurface
     p_OC: FloatArray
     regions: SafeRegions
     covariance_O: FloatArray
+    limits_at: LimitFunction = Predicates.limits_at
 
     @cached_property
     def active(self) -> BoolArray:
         """Mask of the contacts that have a region and take part in the grasp, shape (n,)."""
-        return self.regions.sizes() > 0
+        return self.regions.counts > 0
 
     def lever_arms(self, i: int) -> tuple[FloatArray, FloatArray]:
         """Returns lever arms of the other active contacts, and of the candidates in region i.
@@ -139,10 +142,14 @@ class SelectionInput:
         """Projects points onto the surface, each once a tick."""
         return RememberedProjection(self.surface)
 
-    @cached_property
-    def known_limits(self) -> dict[tuple[int, bytes], tuple[int, int]]:
-        """Limits and causes of contacts at points that `limit_at` has found."""
-        return {}
+    def limits_of(self, contacts: IntArray, p_OC: FloatArray) -> tuple[IntArray, IntArray]:
+        """Returns the limits that keep contacts from points of the surface, and causes, (k,) each.
+
+        Args:
+            contacts: Indices of the contacts, shape (k,).
+            p_OC: Point for each contact, shape (k, 3), in metres.
+        """
+        return self.limits_at(self.regions.predicates, contacts, p_OC, self.project(p_OC)[1])
 
 
 WeightFunction = Callable[[SelectionInput, int], FloatArray]

@@ -1,18 +1,60 @@
 """An optional compiled implementation of what takes most of a tick, the extra `fast` (numba).
 
-The references are `regions.safe_regions.label_candidates`, `contacts.centroids.region_goals` and
-`estimation.pose_filter.filter_step`. This package has the same functions, those of regions and
-goals for a surface whose candidates are known beforehand; tests compare both. Systems choose once,
-by `fast_labels`, `fast_goals` and `fast_filter_step`; None means the reference.
+Each function has a reference, with which it agrees: labels but for ties, goals within 1e-9 of the
+object's size, estimates to rounding. Systems choose once, by the functions below; without numba
+these return the reference, or None for it.
+
+| here | reference |
+|---|---|
+| `labels` | `regions.safe_regions.label_candidates` |
+| `predicates` | `regions.constraints.Predicates.limits_at` |
+| `projection` | `geometry.surface.ObjectSurface.project` and `project_into` |
+| `weights`, `margins`, `goals` | `contacts.centroids.region_goals` and `best_points` |
+| `pose_steps` | `estimation.pose_filter.filter_step` |
+
+**One description.** A region is an intersection: the weighted Voronoi cell of its contact,
+half-spaces (forbidden points, neighbouring fingertips, the nearest points of obstacles), and
+predicates of single candidates (closed faces, reach, fingertips clear of obstacles). Once a tick
+`compute_safe_regions` writes all of it into plain arrays, `RegionBounds`. Both implementations read
+these arrays, so that a constraint is described in one place. All solids are boxes with rounded edges,
+with infinite bounds for half-spaces, and therefore share one formula for their distance.
+
+**Blocks.** Candidates never move in the object's frame. At construction they are sorted into
+compact blocks of 64, each with a bounding box of its positions and of its normals. In a tick a
+block finds its owners, then discards what cannot divide it: a half-space that contains the box; an
+obstacle farther away than the box is large; a reach that contains the box. This works because
+every predicate is a distance, or changes no faster than one: its value at the box's middle, plus or
+minus the size of the box, decides the whole block. Only what is left is tested point by point, most
+often a few of hundreds of half-spaces in a few blocks at the boundaries of regions. Of 2,000
+obstacle points, too, a block tests only those nearby.
+
+**Reasons.** A region that comes out tiny has its cell counted in the same call: for each limit, how
+many candidates of the cell it excludes. Blocks without candidates of the cell are skipped.
+
+**Projection.** The same blocks bound the distance to the patches, and balls around triangles bound
+the distance to each triangle.
+
+**Weights.** Measures of the grasp matrix have closed forms or converge in a few Newton steps (see
+`weights`); the margin solves one 7 x 7 system for each place (see `margins`). Candidates of a
+region are copied next to each other, and loops run over many of them without branches, so that the
+compiler makes vector instructions of them. Blends add up the weights of their strategies.
+
+**Compilation.** Functions with signatures are compiled when they are imported, that is when a
+system is made, never in a tick. They use single elements of arrays, since array expressions take
+many times as long to compile.
 """
 
 import functools
 import importlib.util
 import os
+from collections.abc import Mapping
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import GoalFunction
 from drake_pregrasp.estimation.pose_filter import FilterStep
 from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.quality.force_closure import FRICTION
+from drake_pregrasp.regions.constraints import LimitFunction, Predicates
 from drake_pregrasp.regions.safe_regions import LabelCandidates
 
 SWITCH = "DRAKE_PREGRASP_FAST"
@@ -29,44 +71,72 @@ def _is_chosen() -> bool:
     return numba_is_installed() and os.environ.get(SWITCH) != "0"
 
 
-def fast_labels(surface: ObjectSurface) -> LabelCandidates | None:
-    """Returns `label_candidates` compiled for a surface's candidates, or None without numba.
+def fast_labels(q: FloatArray, nhat: FloatArray) -> LabelCandidates | None:
+    """Returns `label_candidates` compiled for the candidates of a surface, or None without numba.
 
     Args:
-        surface: The object's surface.
+        q: Candidate points, shape (N, d), in metres.
+        nhat: Outward unit normals at the candidates, shape (N, 3).
     """
     if not _is_chosen():
         return None
     from drake_pregrasp.fast.labels import CompactCandidates  # numba takes a third of a second.
 
-    return CompactCandidates(surface.p_OQ).label
+    return CompactCandidates(q, nhat).label
+
+
+def fast_surface(surface: ObjectSurface) -> ObjectSurface:
+    """Returns a surface whose projection is compiled, or the same surface without numba."""
+    if not _is_chosen():
+        return surface
+    from drake_pregrasp.fast.projection import CompiledSurface
+
+    return CompiledSurface.of(surface)
+
+
+def fast_limits() -> LimitFunction:
+    """Returns `Predicates.limits_at` compiled, or the reference without numba."""
+    if not _is_chosen():
+        return Predicates.limits_at
+    from drake_pregrasp.fast.predicates import compiled_limits_at
+
+    return compiled_limits_at
 
 
 def fast_goals(
     surface: ObjectSurface,
-    strategy: str,
+    weights: Mapping[str, float],
     *,
     reading: str = "hand",
     stretch: bool = True,
     power: float = 1.0,
+    friction: float = FRICTION,
+    best_point: bool = False,
 ) -> GoalFunction | None:
-    """Returns `region_goals` compiled for a surface and strategy, or None for the reference.
+    """Returns `region_goals` or `best_points` compiled for a surface, or None without numba.
 
     Args:
         surface: The object's surface.
-        strategy: Name of the strategy; this and the other arguments are as for `make_strategy`.
-        reading: Reading of the grasp matrix.
+        weights: Weights of the strategies in a blend, by name; one for a single strategy.
+        reading: Reading of the grasp matrix; this and the next three are as for `make_blend`.
         stretch: Whether weights are stretched over each region.
         power: Exponent of the weights.
+        friction: Coulomb's coefficient.
+        best_point: Whether goals are the best points.
     """
     if not _is_chosen():
         return None
     from drake_pregrasp.fast.goals import CompiledGoals
-    from drake_pregrasp.fast.weights import KINDS
 
-    if strategy not in KINDS or (strategy != "position" and (reading != "hand" or power != 1)):
-        return None
-    return CompiledGoals(surface, strategy, stretch=stretch)
+    return CompiledGoals(
+        surface,
+        weights,
+        reading=reading,
+        stretch=stretch,
+        power=power,
+        friction=friction,
+        best_point=best_point,
+    )
 
 
 def fast_filter_step() -> FilterStep | None:

@@ -1,38 +1,28 @@
-"""Labels of candidates in compact blocks with bounding boxes, which decide whole blocks at once."""
+"""Labels of candidates in compact blocks, whose bounding boxes decide whole blocks at once."""
 
-from collections.abc import Callable
-from typing import Any
+import math
 
-import numba
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.regions.half_spaces import HalfSpaces
-from drake_pregrasp.regions.safe_regions import NO_REGION
+from drake_pregrasp.fast.compiling import compiled
+from drake_pregrasp.fast.predicates import (
+    is_closed,
+    limit_of_point,
+    near_obstacles,
+    no_limits,
+    reach_of_box,
+)
+from drake_pregrasp.regions.constraints import NO_CAUSE, UNCONSTRAINED, Limit
+from drake_pregrasp.regions.safe_regions import NO_REGION, RegionBounds
 
 BLOCK = 64
 """Largest number of candidates in a block."""
 
 _SLACK = 1e-12  # Share of its terms by which a half-space must clear a box to decide it.
-
-
-def compiled(signature: str | None = None) -> Callable[[Callable[..., Any]], Any]:
-    """Returns a decorator that compiles a function with numba and keeps the code on disk.
-
-    With a signature, it is compiled or loaded when it is defined, so that no tick waits for it.
-
-    Args:
-        signature: Types of the result and the arguments, in numba's notation.
-    """
-
-    def compile_(function: Callable[..., Any]) -> Any:
-        try:
-            return numba.njit(signature, cache=True, error_model="numpy")(function)
-        except RuntimeError:  # Numba found no folder that it can write to.
-            return numba.njit(signature, error_model="numpy")(function)
-
-    return compile_
+_NONE, _CROWDED, _WALL = int(Limit.NONE), int(Limit.CROWDED), int(Limit.WALL)
+_NUM_LIMITS = len(Limit)
 
 
 def compact_blocks(q: FloatArray) -> list[IntArray]:
@@ -55,14 +45,17 @@ def compact_blocks(q: FloatArray) -> list[IntArray]:
 
 
 @compiled()
-def own_cells(x, y, z, c, half_power, same_side, places, owners, least, power):  # type: ignore[no-untyped-def]
+def own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power):  # type: ignore[no-untyped-def]
     """Writes the contact whose cell each candidate of a block lies in, or `NO_REGION`."""
-    size = len(x)
+    x, y, z, size = q[0, start:stop], q[1, start:stop], q[2, start:stop], stop - start
     least[:size], owners[:size] = np.inf, NO_REGION
     for i in range(len(c)):
         cx, cy, cz, half = c[i, 0], c[i, 1], c[i, 2], half_power[i]
         for k in range(size):
             power[k] = half - (cx * x[k] + cy * y[k] + cz * z[k])
+        for axis in range(3, len(q)):
+            for k in range(size):
+                power[k] -= c[i, axis] * q[axis, start + k]
         if same_side.size:
             for k in range(size):
                 if not same_side[i, places[k]]:
@@ -74,18 +67,24 @@ def own_cells(x, y, z, c, half_power, same_side, places, owners, least, power): 
 
 
 @compiled()
-def cutting_half_spaces(normals, bounds, slack, center, half, over, reach, cutting):  # type: ignore[no-untyped-def]
+def cutting_half_spaces(normals, bounds, slack, c, box, over, reach, cutting, find_all):  # type: ignore[no-untyped-def]
     """Writes the indices of half-spaces that do not contain a whole box, and returns their number.
 
-    If a half-space excludes the whole box, it is the only one.
+    Unless all are to be found, one that excludes the whole box is the only one.
     """
-    (nx, ny, nz), (x, y, z), (hx, hy, hz) = normals, center, half
+    d, nx, ny, nz = len(normals), normals[0], normals[1], normals[2]
+    x, y, z = box[0] - c[0], box[1] - c[1], box[2] - c[2]
+    hx, hy, hz = box[d], box[d + 1], box[d + 2]
     for j in range(len(bounds)):
         over[j] = nx[j] * x + ny[j] * y + nz[j] * z - bounds[j]
         reach[j] = abs(nx[j]) * hx + abs(ny[j]) * hy + abs(nz[j]) * hz
+    for axis in range(3, d):
+        for j in range(len(bounds)):
+            over[j] += normals[axis, j] * (box[axis] - c[axis])
+            reach[j] += abs(normals[axis, j]) * box[d + axis]
     count = 0
     for j in range(len(bounds)):
-        if over[j] - reach[j] > slack[j]:
+        if over[j] - reach[j] > slack[j] and not find_all:
             cutting[0] = j
             return 1
         cutting[count] = j
@@ -93,128 +92,389 @@ def cutting_half_spaces(normals, bounds, slack, center, half, over, reach, cutti
     return count
 
 
+@compiled()
+def exclude(normals, bounds, j, c, q, start, stop, over, excluded):  # type: ignore[no-untyped-def]
+    """Marks the points of a block that are outside half-space j."""
+    x, y, z = q[0, start:stop], q[1, start:stop], q[2, start:stop]
+    a, b, d, bound = normals[0, j], normals[1, j], normals[2, j], bounds[j]
+    cx, cy, cz = c[0], c[1], c[2]
+    if len(q) == 3:
+        for k in range(stop - start):
+            excluded[k] |= a * (x[k] - cx) + b * (y[k] - cy) + d * (z[k] - cz) > bound
+        return
+    for k in range(stop - start):
+        over[k] = a * (x[k] - cx) + b * (y[k] - cy) + d * (z[k] - cz)
+    for axis in range(3, len(q)):
+        for k in range(stop - start):
+            over[k] += normals[axis, j] * (q[axis, start + k] - c[axis])
+    for k in range(stop - start):
+        excluded[k] |= over[k] > bound
+
+
+@compiled()
+def limit_of_region(  # type: ignore[no-untyped-def]
+    i,
+    q,
+    nhat,
+    places,
+    starts,
+    boxes,
+    cells,
+    c,
+    same_side,
+    few,
+    normals,
+    bounds,
+    slack,
+    limits,
+    causes,
+    contact,
+    solids,
+    points,
+    clearance,
+    standoff,
+    scratch,
+    lists,
+):
+    """Returns the limit that leaves a contact a tiny region, and its cause, as the reference does.
+
+    It counts the candidates of the cell that each limit excludes, in the blocks with such
+    candidates only, by the half-spaces and obstacles that do not permit the whole block.
+    The arguments are those of `label_blocks`, and its memory.
+    """
+    width = 2 + max(largest(causes), largest(solids[:, 19]), largest(points[:, 4]))
+    counts = np.zeros(_NUM_LIMITS * width, np.int64)  # By limit, then by cause, from -1 on.
+    by_points, excluded = counts.copy(), np.empty(BLOCK, dtype=np.bool_)
+    d, own, nearest, cell = len(q), 0, math.inf, NO_REGION
+    nearest_place = -1
+    for block in range(len(starts) - 1):
+        start, stop = starts[block], starts[block + 1]
+        here = 0
+        for k in range(start, stop):
+            here += cells[k] == i
+        own += here
+        if here < stop - start:
+            for k in range(start, stop):
+                if cells[k] != i:
+                    square = 0.0
+                    for axis in range(d):
+                        square += (q[axis, k] - c[i, axis]) ** 2
+                    if square < nearest or (square == nearest and places[k] < nearest_place):
+                        nearest, cell, nearest_place = square, cells[k], places[k]
+        if here == 0:
+            continue
+        cutting, near_solids, near_points = lists
+        over, reach, power = scratch
+        count = cutting_half_spaces(
+            normals,
+            bounds,
+            slack,
+            c[i],
+            boxes[block],
+            over,
+            reach,
+            cutting,
+            True,
+        )
+        before = -1
+        for place in range(count + 1):
+            key = -1
+            if place < count:
+                key = limits[cutting[place]] * width + causes[cutting[place]] + 1
+            if key != before:
+                if before >= 0:
+                    for k in range(start, stop):
+                        counts[before] += excluded[k - start] and cells[k] == i
+                excluded[:] = False
+                before = key
+            if place < count:
+                j = cutting[place]
+                exclude(normals, bounds, j, c[i], q, start, stop, power, excluded)
+        box = box_of(boxes[block], d)
+        num_solids, num_points = near_obstacles(
+            contact, box, solids, points, clearance, standoff, near_solids, near_points, over
+        )
+        for k in range(start, stop):
+            if cells[k] == i:
+                limit, cause = limit_of_point(
+                    contact,
+                    (q[0, k], q[1, k], q[2, k]),
+                    (nhat[0, k], nhat[1, k], nhat[2, k]),
+                    solids,
+                    points,
+                    clearance,
+                    standoff,
+                    near_solids[:num_solids],
+                    near_points[:num_points],
+                    True,
+                )
+                if limit != _NONE:
+                    by_points[limit * width + cause + 1] += 1
+    best, most = 0, 0
+    for key in range(len(counts)):
+        count = max(counts[key], by_points[key])
+        if count > most:
+            best, most = key, count
+    if own < few or most == 0:
+        hidden = same_side.size > 0 and nearest_place >= 0 and not same_side[i, nearest_place]
+        return (_WALL, NO_CAUSE) if cell == NO_REGION or hidden else (_CROWDED, cell)
+    return best // width, best % width - 1
+
+
+@compiled()
+def largest(values):  # type: ignore[no-untyped-def]
+    """Returns the largest of some numbers as an integer, at least -1."""
+    result = -1
+    for value in values:
+        result = max(result, int(value))
+    return result
+
+
+@compiled()
+def box_of(row, d):  # type: ignore[no-untyped-def]
+    """Returns midpoint, mean normal, and the radii of both, of a block's row of `boxes`."""
+    return row[0], row[1], row[2], row[2 * d], row[2 * d + 1], row[2 * d + 2], row[-2], row[-1]
+
+
 @compiled(
-    "i8[::1](f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1],"
-    " f8[:,:,::1], f8[:,::1], b1[:,::1])"
+    "Tuple((i8[::1], i8[::1], i8[::1]))"
+    "(f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[::1], f8,"
+    " f8[:,:,::1], f8[:,::1], i8[::1], i8[::1], b1[:,::1],"
+    " f8[:,::1], f8[:,::1], f8[:,::1], f8, f8)"
 )
 def label_blocks(  # type: ignore[no-untyped-def]
-    q, order, starts, centers, halves, c, half_power, normals, bounds, same_side
+    q,
+    nhat,
+    order,
+    starts,
+    boxes,
+    c,
+    half_power,
+    few,
+    by_axis,
+    bounds,
+    by_limit,
+    by_cause,
+    same_side,
+    contacts,
+    solids,
+    points,
+    clearance,
+    standoff,
 ):
-    """Returns the label of each candidate, in the order of the candidates, shape (N,).
+    """Returns labels in the order of the candidates, limits and causes, as `label_candidates`.
 
     Loops run along one array at a time, so that the compiler makes vector instructions of them.
 
     Args:
-        q: Candidates in the order of the blocks, shape (3, N), in metres.
+        q: Candidates in the order of the blocks, shape (d, N), in metres.
+        nhat: Outward unit normals at the candidates in that order, shape (3, N).
         order: Index of the candidate at each place of that order, shape (N,).
         starts: First place of each block, and N, shape (B + 1,).
-        centers: Midpoints of the bounding boxes of the blocks, shape (B, 3), in metres.
-        halves: Half edge lengths of these boxes, shape (B, 3), in metres.
-        c: Contacts, shape (n, 3), in metres.
+        boxes: Midpoints and half edge lengths of the blocks' boxes, mean normals, and the radii of
+            balls around both, shape (B, 2d + 5), in metres.
+        c: Contacts, shape (n, d), in metres.
         half_power: (|c_i|² - h_i)/2, shape (n,), in m²; infinite for lost fingers.
-        normals: Normals of the half-spaces, shape (n, m, 3), in metres.
+        few: Number of candidates below which a region is tiny.
+        by_axis: Normals of the half-spaces, shape (n, d, m), in metres.
         bounds: Bounds of the half-spaces for points relative to the contact, shape (n, m), in m².
+        by_limit: `Limit` of each half-space, shape (m,).
+        by_cause: Cause of each half-space, shape (m,); those of one limit and cause are adjacent.
         same_side: Candidates that no wall hides from each contact, shape (n, N), or empty for all.
+        contacts: Rows of the contacts; this and the last arguments are as in `Predicates`.
+        solids: Rows of the solids.
+        points: Rows of the obstacle points.
+        clearance: Least distance between fingertips and obstacles, in metres.
+        standoff: Distance from the surface at which fingertips wait, in metres.
     """
-    n, m = bounds.shape
-    labels = np.empty(q.shape[1], dtype=np.int64)
-    owners = np.empty(BLOCK, dtype=np.int64)
+    n, d, m = by_axis.shape
+    labels, cells = np.empty(q.shape[1], dtype=np.int64), np.empty(q.shape[1], dtype=np.int64)
+    owners, sizes = np.empty(BLOCK, dtype=np.int64), np.zeros(n, dtype=np.int64)
     least, power, excluded = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK, dtype=np.bool_)
-    cutting, over, reach = np.empty(m, dtype=np.int64), np.empty(m), np.empty(m)
-    owns = np.empty(n, dtype=np.bool_)
-    extent = np.max(np.abs(centers) + halves) + np.max(np.abs(c))
-    by_axis, slack = np.empty((n, 3, m)), np.empty((n, m))
+    most = max(m, len(points))
+    over, reach, cutting = np.empty(most), np.empty(most), np.empty(most + 1, dtype=np.int64)
+    near_solids, near_points = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
+    owns, is_free = np.empty(n, dtype=np.bool_), np.empty(n, dtype=np.bool_)
+    extent, slack = 0.0, np.empty((n, m))
     for i in range(n):
+        for axis in range(d):
+            extent = max(extent, abs(c[i, axis]))
+    for block in range(len(boxes)):
+        for axis in range(d):
+            extent = max(extent, abs(boxes[block, axis]) + boxes[block, d + axis])
+    extent *= 2.0
+    for i in range(n):
+        is_free[i] = len(solids) == 0 and len(points) == 0 and no_limits(contacts[i])
         for j in range(m):
             size = 0.0
-            for axis in range(3):
-                by_axis[i, axis, j] = normals[i, j, axis]
-                size += abs(normals[i, j, axis])
+            for axis in range(d):
+                size += abs(by_axis[i, axis, j])
             slack[i, j] = _SLACK * (abs(bounds[i, j]) + extent * size)
-    for block in range(len(centers)):
+    for block in range(len(boxes)):
         start, stop = starts[block], starts[block + 1]
-        x, y, z = q[0, start:stop], q[1, start:stop], q[2, start:stop]
         places, size = order[start:stop], stop - start
-        own_cells(x, y, z, c, half_power, same_side, places, owners, least, power)
+        own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power)
         owns[:] = False
         for k in range(size):
+            cells[start + k] = owners[k]
             if owners[k] != NO_REGION:
                 owns[owners[k]] = True
         for i in range(n):
             if not owns[i]:
                 continue
-            cx, cy, cz = c[i, 0], c[i, 1], c[i, 2]
-            center = (centers[block, 0] - cx, centers[block, 1] - cy, centers[block, 2] - cz)
-            half = (halves[block, 0], halves[block, 1], halves[block, 2])
-            nx, ny, nz = by_axis[i, 0], by_axis[i, 1], by_axis[i, 2]
             count = cutting_half_spaces(
-                (nx, ny, nz), bounds[i], slack[i], center, half, over, reach, cutting
+                by_axis[i],
+                bounds[i],
+                slack[i],
+                c[i],
+                boxes[block],
+                over,
+                reach,
+                cutting,
+                False,
             )
             excluded[:size] = False
             for j in cutting[:count]:
-                a, b, d, bound = nx[j], ny[j], nz[j], bounds[i, j]
-                for k in range(size):
-                    excluded[k] |= a * (x[k] - cx) + b * (y[k] - cy) + d * (z[k] - cz) > bound
+                exclude(by_axis[i], bounds[i], j, c[i], q, start, stop, power, excluded)
+            left = 0
             for k in range(size):
-                if excluded[k] and owners[k] == i:
+                if owners[k] == i:
+                    if excluded[k]:
+                        owners[k] = NO_REGION
+                    else:
+                        left += 1
+            if left == 0 or is_free[i]:
+                continue
+            box = box_of(boxes[block], d)
+            reached = reach_of_box(contacts[i], box, standoff)
+            num_solids, num_points = near_obstacles(
+                contacts[i],
+                box,
+                solids,
+                points,
+                clearance,
+                standoff,
+                near_solids,
+                near_points,
+                over,
+            )
+            if reached == 1 and num_solids + num_points == 0 and not is_closed(contacts[i]):
+                continue
+            for k in range(size):
+                if owners[k] == i and (
+                    reached < 0
+                    or limit_of_point(
+                        contacts[i],
+                        (q[0, start + k], q[1, start + k], q[2, start + k]),
+                        (nhat[0, start + k], nhat[1, start + k], nhat[2, start + k]),
+                        solids,
+                        points,
+                        clearance,
+                        standoff,
+                        near_solids[:num_solids],
+                        near_points[:num_points],
+                        reached == 0,
+                    )[0]
+                    != _NONE
+                ):
                     owners[k] = NO_REGION
         for k in range(size):
             labels[places[k]] = owners[k]
-    return labels
+            if owners[k] != NO_REGION:
+                sizes[owners[k]] += 1
+    limits, causes = np.full(n, _NONE), np.full(n, NO_CAUSE)
+    for i in range(n):
+        if sizes[i] < few and half_power[i] < np.inf:
+            limits[i], causes[i] = limit_of_region(
+                i,
+                q,
+                nhat,
+                order,
+                starts,
+                boxes,
+                cells,
+                c,
+                same_side,
+                few,
+                by_axis[i],
+                bounds[i],
+                slack[i],
+                by_limit,
+                by_cause,
+                contacts[i],
+                solids,
+                points,
+                clearance,
+                standoff,
+                (over, reach, power),
+                (cutting, near_solids, near_points),
+            )
+    return labels, limits, causes
 
 
 class CompactCandidates:
     """The candidates of a surface in spatially compact blocks.
 
     Args:
-        q: Candidate points, shape (N, 3), in metres.
+        q: Candidate points, shape (N, d), in metres; the first three coordinates are positions.
+        nhat: Outward unit normals at the candidates, shape (N, 3).
+
+    Attributes:
+        order: Index of the candidate at each place of the blocks, shape (N,).
+        starts: First place of each block, and N, shape (B + 1,).
+        boxes: Midpoints and half edge lengths of the blocks' boxes, mean normals, and the radii of
+            balls around both, shape (B, 2d + 5).
     """
 
-    def __init__(self, q: FloatArray) -> None:
+    def __init__(self, q: FloatArray, nhat: FloatArray) -> None:
         blocks = compact_blocks(q)
-        self._order: IntArray = np.concatenate(blocks)
-        self._starts = np.cumsum([0, *map(len, blocks)])
-        ordered = q[self._order]
-        self._q = np.ascontiguousarray(ordered.T)
-        low = np.minimum.reduceat(ordered, self._starts[:-1])
-        high = np.maximum.reduceat(ordered, self._starts[:-1])
-        self._centers, self._halves = (low + high) / 2, (high - low) / 2
+        self.order: IntArray = np.concatenate(blocks)
+        self.starts = np.cumsum([0, *map(len, blocks)])
+        q, nhat = q[self.order], nhat[self.order]
+        self._q, self._nhat = np.ascontiguousarray(q.T), np.ascontiguousarray(nhat.T)
+        low, high, turned_low, turned_high = (
+            bound.reduceat(values, self.starts[:-1])
+            for values in (q, nhat)
+            for bound in (np.minimum, np.maximum)
+        )
+        half, turn = (high - low) / 2, (turned_high - turned_low) / 2
+        radii = [np.linalg.norm(half[:, :3], axis=1), np.linalg.norm(turn, axis=1)]
+        self.boxes = np.ascontiguousarray(
+            np.column_stack([(low + high) / 2, half, (turned_low + turned_high) / 2, *radii])
+        )
 
-    def label(
-        self,
-        q: FloatArray,
-        c: FloatArray,
-        h: FloatArray,
-        half_spaces: HalfSpaces | None = None,
-        same_side: BoolArray | None = None,
-    ) -> IntArray:
-        """Returns the region of each candidate, or `NO_REGION`, as `label_candidates` does.
-
-        Args:
-            q: The same candidates as in the constructor, shape (N, 3), in metres.
-            c: Contact points; this and the other arguments are as for `label_candidates`.
-            h: Weights of the contacts.
-            half_spaces: Bounds of the regions inside the cells.
-            same_side: Candidates that no wall hides from each contact.
+    def label(self, bounds: RegionBounds) -> tuple[IntArray, IntArray, IntArray]:
+        """Returns labels, limits and causes, as `label_candidates` does for these candidates.
 
         Raises:
-            InvalidArgumentError: If the number of candidates differs from the constructor's.
+            InvalidArgumentError: If the bounds are for another number of candidates or coordinates.
         """
-        if q.shape != self._q.T.shape:
+        c, half_spaces, predicates = bounds.c, bounds.half_spaces, bounds.predicates
+        if predicates is None:
+            predicates = UNCONSTRAINED.predicates(len(c))
+        seen = np.empty((0, 0), dtype=bool) if bounds.same_side is None else bounds.same_side
+        if (bounds.num_candidates, c.shape[1]) != self._q.shape[::-1]:
             raise InvalidArgumentError(
-                f"{len(self._order)} candidates were expected, not {q.shape}"
+                f"{len(self.order)} candidates were expected, not {bounds.num_candidates}"
             )
-        seen = np.empty((0, 0), dtype=bool) if same_side is None else same_side
-        labels: IntArray = label_blocks(
+        result: tuple[IntArray, IntArray, IntArray] = label_blocks(
             self._q,
-            self._order,
-            self._starts,
-            self._centers,
-            self._halves,
+            self._nhat,
+            self.order,
+            self.starts,
+            self.boxes,
             np.array(c, dtype=float, order="C"),
-            (np.sum(c**2, axis=1) - h) / 2,
-            np.empty((len(c), 0, 3)) if half_spaces is None else half_spaces.normals,
-            np.empty((len(c), 0)) if half_spaces is None else half_spaces.bounds,
+            (np.sum(c**2, axis=1) - bounds.h) / 2,
+            bounds.few,
+            np.ascontiguousarray(half_spaces.normals.transpose(0, 2, 1)),
+            np.ascontiguousarray(half_spaces.bounds),
+            half_spaces.limits,
+            half_spaces.causes,
             np.array(seen, dtype=bool, order="C"),
+            predicates.contacts,
+            predicates.solids,
+            predicates.points,
+            predicates.clearance,
+            predicates.standoff,
         )
-        return labels
+        return result

@@ -11,7 +11,7 @@ from drake_pregrasp.estimation.pose_filter import (
     PoseFilterNoise,
     PoseMeasurement,
 )
-from drake_pregrasp.fast.labels import compiled
+from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.geometry.rotations import SMALL
 
 
@@ -59,6 +59,46 @@ def logarithm(M):  # type: ignore[no-untyped-def]
     return np.array([scale * x, scale * y, scale * z])
 
 
+@compiled()
+def multiply(M, left, right, to, transposed):  # type: ignore[no-untyped-def]
+    """Writes the product of two places of M, the second one transposed or not, to a third."""
+    for row in range(6):
+        for column in range(6):
+            M[to, row, column] = 0.0
+            for k in range(6):
+                factor = M[right, column, k] if transposed else M[right, k, column]
+                M[to, row, column] += M[left, row, k] * factor
+
+
+@compiled()
+def rotated(A, B, transposed):  # type: ignore[no-untyped-def]
+    """Returns the product of two matrices, the second one transposed or not, shape (3, 3)."""
+    product = np.zeros((3, 3))
+    for row in range(3):
+        for column in range(3):
+            for k in range(3):
+                factor = B[column, k] if transposed else B[k, column]
+                product[row, column] += A[row, k] * factor
+    return product
+
+
+@compiled()
+def inverted(A):  # type: ignore[no-untyped-def]
+    """Returns the inverse of a matrix, shape (3, 3), by its cofactors."""
+    inverse, determinant = np.empty((3, 3)), 0.0
+    for row in range(3):
+        i, j = (row + 1) % 3, (row + 2) % 3
+        for column in range(3):
+            k, m = (column + 1) % 3, (column + 2) % 3
+            inverse[column, row] = A[i, k] * A[j, m] - A[i, m] * A[j, k]
+    for k in range(3):
+        determinant += A[0, k] * inverse[k, 0]
+    for row in range(3):
+        for column in range(3):
+            inverse[row, column] /= determinant
+    return inverse
+
+
 @compiled(
     "Tuple((f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,:,::1],"
     " f8[::1], f8[:,::1], f8[:,::1], f8[:,:,::1]))"
@@ -93,50 +133,86 @@ def step(  # type: ignore[no-untyped-def]
         variances: Variances of measured position and orientation, shape (2,), in m² and rad².
         p_OCoM: Centre of mass in O, shape (3,), in metres.
     """
-    eye = np.eye(3)
-    turn = means[2] * dt
-    prior, F = means.copy(), np.zeros((2, 6, 6))
-    prior[0] += means[1] * dt
+    # Matrices of 6 x 6 are places of one array: F (0, 1), P before (2, 3), the prior's (4, 5), the
+    # posterior's (6, 7), I - K H (8), and an intermediate product (9).
+    M, prior = np.zeros((10, 6, 6)), means.copy()
+    for k in range(3):
+        prior[0, k] += means[1, k] * dt
     prior[0, 2] -= gravity * (dt * dt / 2)
     prior[1, 2] -= gravity * dt
-    F[0], F[1] = np.eye(6), np.eye(6)
-    F[0, :3, 3:] = dt * eye
-    F[1, :3, :3] = exponential(turn[0], turn[1], turn[2], 0)
-    F[1, :3, 3:] = dt * exponential(turn[0], turn[1], turn[2], 1)
-    prior_R = np.ascontiguousarray(F[1, :3, :3]) @ R_WO
-    P = np.empty((2, 6, 6))
-    P[0], P[1] = F[0] @ P_position @ F[0].T, F[1] @ P_orientation @ F[1].T
+    x, y, z = means[2, 0] * dt, means[2, 1] * dt, means[2, 2] * dt
+    turn, jacobian = exponential(x, y, z, 0), exponential(x, y, z, 1)
+    for row in range(6):
+        M[0, row, row] = M[1, row, row] = 1.0
+        for column in range(6):
+            M[2, row, column], M[3, row, column] = (
+                P_position[row, column],
+                P_orientation[row, column],
+            )
+    for row in range(3):
+        M[0, row, 3 + row] = dt
+        for column in range(3):
+            M[1, row, column], M[1, row, 3 + column] = turn[row, column], dt * jacobian[row, column]
+    prior_R, R = rotated(turn, R_WO, False), np.zeros((2, 3, 3))
+    turned = logarithm(rotated(measured_R, prior_R, True))
+    nu, a, square = np.empty((2, 3)), np.zeros(3), 0.0
+    for row in range(3):
+        nu[0, row], nu[1, row] = measured[row] - prior[0, row], turned[row]
+        for column in range(3):
+            a[row] += prior_R[row, column] * p_OCoM[column]
+        square += a[row] * a[row]
+    for row in range(3):
+        for column in range(3):
+            R[0, row, column] = -variances[1] * a[row] * a[column]
+        R[0, row, row] += variances[0] + variances[1] * square
+        R[1, row, row] = variances[1]
+    S, K_T, squared = np.empty((2, 3, 3)), np.zeros((2, 3, 6)), np.zeros(2)
+    posterior, posterior_R = prior.copy(), prior_R
     for part in range(2):
+        P, P_posterior = 4 + part, 6 + part
+        multiply(M, part, 2 + part, 9, False)
+        multiply(M, 9, part, P, True)
         density = densities[part] ** 2
         for k in range(3):
-            P[part, k, k] += density * (dt**3 / 3)
-            P[part, k, 3 + k] += density * (dt**2 / 2)
-            P[part, 3 + k, k] += density * (dt**2 / 2)
-            P[part, 3 + k, 3 + k] += density * dt
-    nu, R = np.empty((2, 3)), np.empty((2, 3, 3))
-    nu[0], nu[1] = measured - prior[0], logarithm(measured_R @ prior_R.T)
-    a = prior_R @ p_OCoM
-    R[0] = variances[0] * eye + variances[1] * (np.dot(a, a) * eye - np.outer(a, a))
-    R[1] = variances[1] * eye
-    S, K_T, squared = P[:, :3, :3] + R, np.empty((2, 3, 6)), np.empty(2)
-    posterior, posterior_P = prior.copy(), np.empty((2, 6, 6))
-    posterior_R = prior_R
-    for part in range(2):
-        inverse = np.linalg.inv(S[part])
-        K_T[part] = inverse @ np.ascontiguousarray(P[part, :3])
-        squared[part] = nu[part] @ (inverse @ nu[part])
-        K = np.ascontiguousarray(K_T[part].T)
-        A = np.eye(6)
-        A[:, :3] -= K
-        posterior_P[part] = A @ P[part] @ A.T + K @ R[part] @ K_T[part]
-        shift = K @ nu[part]
+            M[P, k, k] += density * (dt**3 / 3)
+            M[P, k, 3 + k] += density * (dt**2 / 2)
+            M[P, 3 + k, k] += density * (dt**2 / 2)
+            M[P, 3 + k, 3 + k] += density * dt
+        for row in range(3):
+            for column in range(3):
+                S[part, row, column] = M[P, row, column] + R[part, row, column]
+        inverse = inverted(S[part])
+        for row in range(6):
+            for column in range(6):
+                M[8, row, column] = 1.0 if row == column else 0.0
+        shift = np.zeros(6)
+        for row in range(3):
+            along = 0.0
+            for k in range(3):
+                along += inverse[row, k] * nu[part, k]
+                for column in range(6):
+                    K_T[part, row, column] += inverse[row, k] * M[P, k, column]
+            squared[part] += nu[part, row] * along
+            for column in range(6):
+                M[8, column, row] -= K_T[part, row, column]
+                shift[column] += K_T[part, row, column] * nu[part, row]
+        multiply(M, 8, P, 9, False)
+        multiply(M, 9, 8, P_posterior, True)
+        for row in range(6):
+            for column in range(6):
+                for k in range(3):
+                    for m in range(3):
+                        noise = K_T[part, k, row] * R[part, k, m] * K_T[part, m, column]
+                        M[P_posterior, row, column] += noise
+        for k in range(3):
+            posterior[1 + part, k] += shift[3 + k]
         if part == 0:
-            posterior[0] += shift[:3]
-            posterior[1] += shift[3:]
+            for k in range(3):
+                posterior[0, k] += shift[k]
         else:
-            posterior_R = exponential(shift[0], shift[1], shift[2], 0) @ prior_R
-            posterior[2] += shift[3:]
-    return prior, prior_R, P, nu, R, S, K_T, squared, posterior, posterior_R, posterior_P
+            correction = exponential(shift[0], shift[1], shift[2], 0)
+            posterior_R = rotated(correction, prior_R, False)
+    return prior, prior_R, M[4:6], nu, R, S, K_T, squared, posterior, posterior_R, M[6:8]
 
 
 def compiled_filter_step(

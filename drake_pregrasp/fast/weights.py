@@ -24,44 +24,57 @@ import math
 
 import numpy as np
 
+from drake_pregrasp.contacts.centroids import TIE
 from drake_pregrasp.contacts.strategies import FLAT
-from drake_pregrasp.fast.labels import compiled
+from drake_pregrasp.fast.compiling import compiled
 
-KINDS = ("position", "msv", "gii", "vew")
-"""Strategies that are compiled, the measures in the reading `hand`."""
+KINDS = (
+    ("position", "hand"),
+    ("msv", "hand"),
+    ("gii", "hand"),
+    ("vew", "hand"),
+    ("margin", "hand"),
+    ("msv", "contact"),
+    ("gii", "contact"),
+    ("vew", "contact"),
+)
+"""Strategies and their readings, in the order of their indices; two do not depend on a reading."""
 
-_POSITION, _MSV, _GII, _VEW = range(4)
+_POSITION, _MSV, _GII, _VEW, _MARGIN, _OWN_MSV, _OWN_GII, _OWN_VEW = range(8)
+_GROUP = 64  # Largest number of places that are computed together.
 _STEPS = 12  # Largest number of steps. Three are enough on a cube; long objects need more.
 _SETTLED = 1e-7  # Relative step after which a root has converged: the error is its square.
 
 
 @compiled()
-def others_sums(r, active):  # type: ignore[no-untyped-def]
-    """Returns t, shape (n, 3), and B, shape (n, 3, 3), over the active contacts but each one."""
-    t, B = np.zeros((len(r), 3)), np.zeros((len(r), 3, 3))
-    for i in range(len(r)):
-        for k in range(len(r)):
-            if k != i and active[k]:
-                t[i] += r[k]
-                B[i] += np.dot(r[k], r[k]) * np.eye(3) - np.outer(r[k], r[k])
-    return t, B
+def others_sums(r, active, i, t, B):  # type: ignore[no-untyped-def]
+    """Writes t, shape (3,), and B, shape (3, 3), over the active contacts but contact i."""
+    t[:], B[:] = 0.0, 0.0
+    for k in range(len(r)):
+        if k == i or not active[k]:
+            continue
+        square = r[k, 0] * r[k, 0] + r[k, 1] * r[k, 1] + r[k, 2] * r[k, 2]
+        for row in range(3):
+            t[row] += r[k, row]
+            for column in range(3):
+                B[row, column] += (square if row == column else 0.0) - r[k, row] * r[k, column]
 
 
 @compiled()
-def volume(t, B, n, q):  # type: ignore[no-untyped-def]
-    """Returns sqrt(det(G Gᵀ)) of n contacts, the last one at q, given the sums over the others."""
+def largest_singular_value(t, B, n, q):  # type: ignore[no-untyped-def]
+    """Returns sigma_max of n contacts, the last one at q, by decomposition."""
+    M = np.zeros((6, 6))
+    square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2]
+    for row in range(3):
+        M[row, row] = M[3 + row, 3 + row] = n
+        for column in range(3):
+            own = (square if row == column else 0.0) - q[row] * q[column]
+            M[3 + row, 3 + column] += B[row, column] + own
     x, y, z = t[0] + q[0], t[1] + q[1], t[2] + q[2]
-    tau, square = x * x + y * y + z * z, q[0] * q[0] + q[1] * q[1] + q[2] * q[2]
-    m = n + square - tau / n
-    m00 = B[0, 0] + m - q[0] * q[0] + x * x / n
-    m11 = B[1, 1] + m - q[1] * q[1] + y * y / n
-    m22 = B[2, 2] + m - q[2] * q[2] + z * z / n
-    m01 = B[0, 1] - q[0] * q[1] + x * y / n
-    m02 = B[0, 2] - q[0] * q[2] + x * z / n
-    m12 = B[1, 2] - q[1] * q[2] + y * z / n
-    determinant = m00 * (m11 * m22 - m12 * m12) - m01 * (m01 * m22 - m12 * m02)
-    determinant += m02 * (m01 * m12 - m11 * m02)
-    return math.sqrt(n**3 * max(determinant, 0.0))
+    for row, column, value in ((0, 1, -z), (0, 2, y), (1, 2, -x)):
+        M[3 + row, column] = M[column, 3 + row] = value
+        M[3 + column, row] = M[row, 3 + column] = -value
+    return math.sqrt(np.linalg.eigvalsh(M)[-1])
 
 
 @compiled()
@@ -73,80 +86,206 @@ def eigenvalue(sign, gap, p11, p12, p22, b1, b2):  # type: ignore[no-untyped-def
     root = math.sqrt(half * half + a12 * a12)
     form = half * (b1 * b1 - b2 * b2) + 2.0 * a12 * b1 * b2
     along = (b1 * b1 + b2 * b2 + sign * form / (root if root > 0.0 else 1.0)) / 2.0
-    return (a11 + a22) / 2.0 + sign * root, max(along, 0.0) * d * d
+    return (a11 + a22) / 2.0 + sign * root, (along if along > 0.0 else 0.0) * d * d
 
 
 @compiled()
-def largest_singular_value(t, B, n, q):  # type: ignore[no-untyped-def]
-    """Returns sigma_max of n contacts, the last one at q, by decomposition."""
-    M = n * np.eye(6)
-    M[3:, 3:] += B + np.dot(q, q) * np.eye(3) - np.outer(q, q)
-    x, y, z = t + q
-    for row, column, value in ((0, 1, -z), (0, 2, y), (1, 2, -x)):
-        M[3 + row, column] = M[column, 3 + row] = value
-        M[3 + column, row] = M[row, 3 + column] = -value
-    return math.sqrt(np.linalg.eigvalsh(M)[-1])
+def write_volumes(t, B, n, q, b):  # type: ignore[no-untyped-def]
+    """Writes sqrt(det(G Gᵀ)) of n contacts, the last one at each place, shape (3, k)."""
+    for k in range(len(b)):
+        p, r, s = q[0, k], q[1, k], q[2, k]
+        x, y, z = t[0] + p, t[1] + r, t[2] + s
+        tau, square = x * x + y * y + z * z, p * p + r * r + s * s
+        m = n + square - tau / n
+        m00 = B[0, 0] + m - p * p + x * x / n
+        m11 = B[1, 1] + m - r * r + y * y / n
+        m22 = B[2, 2] + m - s * s + z * z / n
+        m01 = B[0, 1] - p * r + x * y / n
+        m02 = B[0, 2] - p * s + x * z / n
+        m12 = B[1, 2] - r * s + y * z / n
+        determinant = m00 * (m11 * m22 - m12 * m12) - m01 * (m01 * m22 - m12 * m02)
+        determinant += m02 * (m01 * m12 - m11 * m02)
+        b[k] = math.sqrt(n**3 * (determinant if determinant > 0.0 else 0.0))
 
 
 @compiled()
-def measure(kind, t, B, n, q):  # type: ignore[no-untyped-def]
-    """Returns sigma_min, or the isotropy, of n contacts, the last one at q."""
-    x, y, z = t[0] + q[0], t[1] + q[1], t[2] + q[2]
-    tau = x * x + y * y + z * z
-    length = math.sqrt(tau)
-    ax, ay, az = (x / length, y / length, z / length) if length > 0 else (0.0, 0.0, 1.0)
-    # Two axes across t without a branch (Duff et al., JCGT 2017).
-    sign = math.copysign(1.0, az)
-    s = -1.0 / (sign + az)
-    ux, uy, uz = 1.0 + sign * ax * ax * s, sign * ax * ay * s, -sign * ax
-    vx, vy, vz = ax * ay * s, sign + ay * ay * s, -ay
-    q0 = ax * q[0] + ay * q[1] + az * q[2]
-    q1 = ux * q[0] + uy * q[1] + uz * q[2]
-    q2 = vx * q[0] + vy * q[1] + vz * q[2]
-    square = q[0] * q[0] + q[1] * q[1] + q[2] * q[2]
-    ex = B[0, 0] * ax + B[0, 1] * ay + B[0, 2] * az
-    ey = B[0, 1] * ax + B[1, 1] * ay + B[1, 2] * az
-    ez = B[0, 2] * ax + B[1, 2] * ay + B[2, 2] * az
-    fx = B[0, 0] * ux + B[0, 1] * uy + B[0, 2] * uz
-    fy = B[0, 1] * ux + B[1, 1] * uy + B[1, 2] * uz
-    fz = B[0, 2] * ux + B[1, 2] * uy + B[2, 2] * uz
-    b11 = ax * ex + ay * ey + az * ez + square - q0 * q0
-    b1 = ux * ex + uy * ey + uz * ez - q1 * q0
-    b2 = vx * ex + vy * ey + vz * ez - q2 * q0
-    p11 = ux * fx + uy * fy + uz * fz + square - q1 * q1
-    p12 = vx * fx + vy * fy + vz * fz - q2 * q1
-    p22 = B[0, 0] + B[1, 1] + B[2, 2] + 2.0 * square - b11 - p11
-    root = length
-    for _ in range(_STEPS):
-        mu, slope = eigenvalue(-1.0, root + b11, p11, p12, p22, b1, b2)
-        p = mu - slope * root
-        below = p + math.sqrt(p * p + 4.0 * (1.0 + slope) * tau)
-        before, root = root, 2.0 * tau / (below if below > 0.0 else 1.0)
-        if abs(root - before) <= _SETTLED * root:
-            break
-    sigma_min = math.sqrt(max(n - root, 0.0))
-    if kind == _MSV:
-        return sigma_min
-    root = length + b11
-    settled = False
-    while tau > 0.75 * b11 * b11 and root - b11 > 1e-3 * root and not settled:
-        nu, slope = eigenvalue(1.0, root - b11, p11, p12, p22, b1, b2)
-        p = nu + slope * root
-        before = root
-        root = (p + math.sqrt(p * p + 4.0 * (1.0 + slope) * tau)) / (2.0 * (1.0 + slope))
-        settled = abs(root - before) <= _SETTLED * root
-    return sigma_min / (math.sqrt(n + root) if settled else largest_singular_value(t, B, n, q))
+def write_singular_values(kind, t, B, n, q, b):  # type: ignore[no-untyped-def]
+    """Writes sigma_min, or the isotropy, of n contacts, the last one at each place, shape (3, k).
+
+    Loops run over groups of places without branches, so that they are vector instructions.
+    """
+    rows = np.empty((9, _GROUP))
+    tau, b11, b1, b2, p11, p12, p22, roots, steps = (
+        rows[0],
+        rows[1],
+        rows[2],
+        rows[3],
+        rows[4],
+        rows[5],
+        rows[6],
+        rows[7],
+        rows[8],
+    )
+    for start in range(0, len(b), _GROUP):
+        size = min(_GROUP, len(b) - start)
+        own, px, py, pz = b[start:], q[0, start:], q[1, start:], q[2, start:]
+        for k in range(size):
+            p, r, s = px[k], py[k], pz[k]
+            x, y, z = t[0] + p, t[1] + r, t[2] + s
+            tau[k] = x * x + y * y + z * z
+            length = math.sqrt(tau[k])
+            scale = 1.0 / (length if length > 0.0 else 1.0)
+            ax, ay, az = x * scale, y * scale, z * scale if length > 0.0 else 1.0
+            # Two axes across t without a branch (Duff et al., JCGT 2017).
+            sign = 1.0 if az >= 0.0 else -1.0
+            f = -1.0 / (sign + az)
+            ux, uy, uz = 1.0 + sign * ax * ax * f, sign * ax * ay * f, -sign * ax
+            vx, vy, vz = ax * ay * f, sign + ay * ay * f, -ay
+            q0 = ax * p + ay * r + az * s
+            q1 = ux * p + uy * r + uz * s
+            q2 = vx * p + vy * r + vz * s
+            square = p * p + r * r + s * s
+            ex = B[0, 0] * ax + B[0, 1] * ay + B[0, 2] * az
+            ey = B[0, 1] * ax + B[1, 1] * ay + B[1, 2] * az
+            ez = B[0, 2] * ax + B[1, 2] * ay + B[2, 2] * az
+            fx = B[0, 0] * ux + B[0, 1] * uy + B[0, 2] * uz
+            fy = B[0, 1] * ux + B[1, 1] * uy + B[1, 2] * uz
+            fz = B[0, 2] * ux + B[1, 2] * uy + B[2, 2] * uz
+            b11[k] = ax * ex + ay * ey + az * ez + square - q0 * q0
+            b1[k] = ux * ex + uy * ey + uz * ez - q1 * q0
+            b2[k] = vx * ex + vy * ey + vz * ez - q2 * q0
+            p11[k] = ux * fx + uy * fy + uz * fz + square - q1 * q1
+            p12[k] = vx * fx + vy * fy + vz * fz - q2 * q1
+            p22[k] = B[0, 0] + B[1, 1] + B[2, 2] + 2.0 * square - b11[k] - p11[k]
+            roots[k] = length
+        for _ in range(_STEPS):
+            unsettled = 0
+            for k in range(size):
+                root = roots[k]
+                mu, slope = eigenvalue(-1.0, root + b11[k], p11[k], p12[k], p22[k], b1[k], b2[k])
+                p = mu - slope * root
+                below = p + math.sqrt(p * p + 4.0 * (1.0 + slope) * tau[k])
+                roots[k] = 2.0 * tau[k] / (below if below > 0.0 else 1.0)
+                steps[k] = abs(roots[k] - root) - _SETTLED * roots[k]
+            for k in range(size):
+                unsettled += steps[k] > 0.0
+            if unsettled == 0:
+                break
+        for k in range(size):
+            value = n - roots[k]
+            own[k] = math.sqrt(value if value > 0.0 else 0.0)
+        if kind == _MSV:
+            continue
+        for k in range(size):
+            roots[k], steps[k] = math.sqrt(tau[k]) + b11[k], 1.0
+        for _ in range(_STEPS):
+            unsettled = 0
+            for k in range(size):
+                root, gap = roots[k], roots[k] - b11[k]
+                nu, slope = eigenvalue(1.0, gap, p11[k], p12[k], p22[k], b1[k], b2[k])
+                p = nu + slope * root
+                found = (p + math.sqrt(p * p + 4.0 * (1.0 + slope) * tau[k])) / (1.0 + slope) / 2.0
+                step = abs(found - root) - _SETTLED * found
+                usable = tau[k] > 0.75 * b11[k] * b11[k] and gap > 1e-3 * root
+                # Two of these places are not computed further: those that settled, and those
+                # that need the decomposition.
+                steps[k] = (step if usable else 1e300) if steps[k] < 1e300 else 1e300
+                roots[k] = found if steps[k] < 1e300 else root
+            for k in range(size):
+                unsettled += steps[k] > 0.0 and steps[k] < 1e300
+            if unsettled == 0:
+                break
+        for k in range(size):
+            if steps[k] > 0.0:
+                place = (px[k], py[k], pz[k])
+                own[k] /= largest_singular_value(t, B, n, place)
+            else:
+                own[k] /= math.sqrt(n + roots[k])
 
 
-@compiled("f8[:,::1](i8, b1, i8[::1], i8[::1], b1[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1])")
-def weighted_centroids(  # type: ignore[no-untyped-def]
-    kind, stretch, contacts, labels, active, r, precision, q, areas
+@compiled()
+def write_measures(kind, t, B, n, precision, q, b):  # type: ignore[no-untyped-def]
+    """Writes b_n of a strategy but `margin`, or log(b_n) of `position`, at places, shape (3, k)."""
+    x, y, z = q[0], q[1], q[2]
+    if kind == _POSITION:
+        xx, yy, zz = precision[0, 0], precision[1, 1], precision[2, 2]
+        xy, xz = precision[0, 1] + precision[1, 0], precision[0, 2] + precision[2, 0]
+        yz = precision[1, 2] + precision[2, 1]
+        for k in range(len(b)):
+            square = xx * x[k] * x[k] + yy * y[k] * y[k] + zz * z[k] * z[k]
+            mixed = xy * x[k] * y[k] + xz * x[k] * z[k] + yz * y[k] * z[k]
+            b[k] = -0.5 * (square + mixed)
+    elif kind == _VEW:
+        write_volumes(t, B, n, q, b)
+    elif kind < _MARGIN:
+        write_singular_values(kind, t, B, n, q, b)
+    else:
+        for k in range(len(b)):
+            rho = math.sqrt(x[k] * x[k] + y[k] * y[k] + z[k] * z[k])
+            own = math.sqrt(1.0 + rho * rho / 4.0) - rho / 2.0
+            b[k] = 1.0 if kind == _OWN_VEW else own if kind == _OWN_MSV else own * own
+
+
+@compiled()
+def add_weights(kind, share, stretch, power, areas, b, weights):  # type: ignore[no-untyped-def]
+    """Adds a strategy's share of the weights, which are at most 1, over one region."""
+    least, most, difference, whole = np.inf, -np.inf, 0.0, 0.0
+    for k in range(len(b)):
+        least, most = min(least, b[k]), max(most, b[k])
+    if kind == _POSITION:
+        for k in range(len(b)):
+            weights[k] += share * math.exp(b[k] - most)
+        return
+    base = 0.0
+    if stretch:
+        base = least
+        for k in range(len(b)):
+            difference += (b[k] - least) * areas[k]
+            whole += b[k] * areas[k]
+        if not difference > FLAT * whole:
+            return
+    scale = most - base
+    if not scale > 0.0:
+        return
+    scale = 1.0 / scale
+    if power == 1.0:
+        for k in range(len(b)):
+            weight = (b[k] - base) * scale
+            weights[k] += share * (weight if weight > 0.0 else 0.0)
+    else:
+        for k in range(len(b)):
+            weights[k] += share * max((b[k] - base) * scale, 0.0) ** power
+
+
+@compiled(
+    "f8[:,::1](i8[::1], f8[::1], b1, f8, b1, i8[::1], i8[::1], b1[::1], f8[:,::1], f8[:,::1],"
+    " f8[:,::1], f8[::1], f8[::1])"
+)
+def weighted_goals(  # type: ignore[no-untyped-def]
+    kinds,
+    shares,
+    stretch,
+    power,
+    best_point,
+    contacts,
+    labels,
+    active,
+    r,
+    precision,
+    q,
+    areas,
+    margins,
 ):
-    """Returns the centroids of some contacts' regions, relative to the centre of mass, (k, 3).
+    """Returns the centroids of contacts' regions or their best points, shape (k, 3).
+
+    Both are relative to the centre of mass, in metres.
 
     Args:
-        kind: Index of the strategy in `KINDS`.
+        kinds: Indices of the strategies in `KINDS`.
+        shares: Share of each of them in the weights.
         stretch: Whether to subtract a region's smallest weight.
+        power: Exponent of the weights.
+        best_point: Whether to return the candidates with the largest weights.
         contacts: Indices of the contacts that move, shape (k,).
         labels: Region of each candidate, shape (N,).
         active: Mask of the contacts that take part in the grasp, shape (n,).
@@ -154,45 +293,52 @@ def weighted_centroids(  # type: ignore[no-untyped-def]
         precision: Inverse of the position's covariance, shape (3, 3), in 1/m².
         q: Lever arms of the candidates, shape (N, 3), in metres.
         areas: Surface area that each candidate represents, shape (N,), in m².
+        margins: Weights of the strategy `margin` at the candidates, shape (N,); see `hand_margins`.
     """
-    n = np.count_nonzero(active)
-    t, B = others_sums(r, active)
-    moves = np.zeros(len(r), dtype=np.bool_)
-    moves[contacts] = True
-    b = np.zeros(len(q))
-    least, most = np.full(len(r), np.inf), np.full(len(r), -np.inf)
-    for k in range(len(q)):
-        i = labels[k]
-        if i < 0 or not moves[i]:
-            continue
-        if kind == _POSITION:
-            for row in range(3):
-                for column in range(3):
-                    b[k] -= 0.5 * q[k, row] * precision[row, column] * q[k, column]
-        elif kind == _VEW:
-            b[k] = volume(t[i], B[i], n, q[k])
-        else:
-            b[k] = measure(kind, t[i], B[i], n, q[k])
-        least[i], most[i] = min(least[i], b[k]), max(most[i], b[k])
-    sums, plain = np.zeros((len(r), 4)), np.zeros((len(r), 4))
-    for k in range(len(q)):
-        i = labels[k]
-        if i < 0 or not moves[i]:
-            continue
-        weight = b[k]
-        if kind == _POSITION:
-            weight = math.exp(b[k] - most[i])
-        elif stretch:
-            weight -= least[i]
-        for axis in range(3):
-            sums[i, axis] += weight * areas[k] * q[k, axis]
-            plain[i, axis] += areas[k] * q[k, axis]
-        sums[i, 3] += weight * areas[k]
-        plain[i, 3] += areas[k]
-    centroids = np.empty((len(contacts), 3))
+    n, t, B = float(np.count_nonzero(active)), np.empty(3), np.empty((3, 3))
+    place, ends = np.full(len(r), -1), np.zeros(len(contacts) + 1, np.int64)
     for k in range(len(contacts)):
-        i = contacts[k]
-        total = sums[i, 3] + (least[i] * plain[i, 3] if stretch else 0.0)
-        chosen = sums[i] if sums[i, 3] > FLAT * total else plain[i]
-        centroids[k] = chosen[:3] / chosen[3]
-    return centroids
+        place[contacts[k]] = k
+    for label in labels:
+        if label >= 0 and place[label] >= 0:
+            ends[place[label] + 1] += 1
+    for k in range(len(contacts)):
+        ends[k + 1] += ends[k]
+    # The candidates of each contact, one contact after another.
+    members, filled, own_q = np.empty(ends[-1], np.int64), ends.copy(), np.empty((3, ends[-1]))
+    own_areas = np.empty(ends[-1])
+    for j in range(len(labels)):
+        if labels[j] >= 0 and place[labels[j]] >= 0:
+            to = filled[place[labels[j]]]
+            members[to], own_areas[to] = j, areas[j]
+            own_q[0, to], own_q[1, to], own_q[2, to] = q[j, 0], q[j, 1], q[j, 2]
+            filled[place[labels[j]]] += 1
+    b, weights, goals = np.empty(ends[-1]), np.zeros(ends[-1]), np.empty((len(contacts), 3))
+    for k in range(len(contacts)):
+        i, start, stop = contacts[k], ends[k], ends[k + 1]
+        here, own_b, own_weights = own_q[:, start:stop], b[start:stop], weights[start:stop]
+        x, y, z, own = here[0], here[1], here[2], own_areas[start:stop]
+        others_sums(r, active, i, t, B)
+        for s in range(len(kinds)):
+            if kinds[s] == _MARGIN:
+                for j in range(stop - start):
+                    own_b[j] = margins[members[start + j]]
+            else:
+                write_measures(kinds[s], t, B, n, precision, here, own_b)
+            add_weights(kinds[s], shares[s], stretch, power, own, own_b, own_weights)
+        most = 0.0
+        for j in range(stop - start):
+            most = max(most, own_weights[j])
+        if best_point:
+            for j in range(stop - start):
+                if own_weights[j] >= most * (1.0 - TIE):
+                    goals[k, 0], goals[k, 1], goals[k, 2] = x[j], y[j], z[j]
+                    break
+            continue
+        gx, gy, gz, whole = 0.0, 0.0, 0.0, 0.0
+        for j in range(stop - start):
+            weight = own[j] * (own_weights[j] if most > 0.0 else 1.0)
+            gx, gy, gz = gx + weight * x[j], gy + weight * y[j], gz + weight * z[j]
+            whole += weight
+        goals[k, 0], goals[k, 1], goals[k, 2] = gx / whole, gy / whole, gz / whole
+    return goals

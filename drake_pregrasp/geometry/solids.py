@@ -13,6 +13,9 @@ class Solid(ABC):
     """A closed convex set of points in a frame F, described by its signed distance."""
 
     @abstractmethod
+    def rounded_box(self) -> FloatArray:
+        """Returns the solid as a row of numbers for `rounded_box_distances`, shape (19,)."""
+
     def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the signed distances of points and their gradients.
 
@@ -23,6 +26,8 @@ class Solid(ABC):
             Distances, shape (k,), in metres, below zero inside; and unit gradients in F, shape
             (k, 3).
         """
+        distances, gradients = nearest_solids(self.rounded_box()[None], p_FP)
+        return distances[0], gradients[0]
 
     @abstractmethod
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "Solid":
@@ -39,7 +44,7 @@ class Solid(ABC):
         Args:
             p_FP: Positions of the points in F, shape (k, 3), in metres.
         """
-        return self.distance_and_gradient(p_FP)[0]
+        return rounded_box_distances(self.rounded_box(), p_FP)
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,12 +64,9 @@ class BallSolid(Solid):
             raise InvalidArgumentError(f"a ball's radius must be at least 0 m, not {self.radius}")
         _check_finite("a ball's", radius=self.radius, center=self.center)
 
-    def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """See `Solid`; at the centre the gradient is +z."""
-        away = p_FP - self.center
-        length = np.linalg.norm(away, axis=1)
-        gradient = np.where(length[:, None] > 0, away, [0.0, 0.0, 1.0])
-        return length - self.radius, gradient / np.where(length > 0, length, 1)[:, None]
+    def rounded_box(self) -> FloatArray:
+        """See `Solid`."""
+        return _row(self.center, np.eye(3), np.zeros(3), np.zeros(3), self.radius)
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "BallSolid":
         """See `Solid`."""
@@ -92,24 +94,9 @@ class BoxSolid(Solid):
             )
         _check_finite("a box's", edges=self.size, center=self.center, R_FB=self.R_FB)
 
-    def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def rounded_box(self) -> FloatArray:
         """See `Solid`."""
-        p_BP = (p_FP - self.center) @ self.R_FB
-        beyond = np.abs(p_BP) - self.size / 2
-        outside = np.maximum(beyond, 0)
-        length = np.linalg.norm(outside, axis=1)
-        nearest_face = np.eye(3)[np.argmax(beyond, axis=1)]
-        toward = np.where(length[:, None] > 0, outside, nearest_face)
-        toward *= np.where(p_BP < 0, -1.0, 1.0)
-        gradient = toward / np.linalg.norm(toward, axis=1, keepdims=True)
-        return length + np.minimum(np.max(beyond, axis=1), 0), gradient @ self.R_FB.T
-
-    def distance(self, p_FP: FloatArray) -> FloatArray:
-        """See `Solid`."""
-        beyond = np.abs((p_FP - self.center) @ self.R_FB) - self.size / 2
-        outside = np.linalg.norm(np.maximum(beyond, 0), axis=1)
-        distances: FloatArray = outside + np.minimum(beyond.max(axis=1), 0)
-        return distances
+        return _row(self.center, self.R_FB, -self.size / 2, self.size / 2)
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "BoxSolid":
         """See `Solid`."""
@@ -135,18 +122,95 @@ class HalfSpace(Solid):
             raise InvalidArgumentError("a half-space's normal must not be zero")
         object.__setattr__(self, "normal", self.normal / length)
 
-    def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def rounded_box(self) -> FloatArray:
         """See `Solid`."""
-        return self.distance(p_FP), np.tile(self.normal, (len(p_FP), 1))
-
-    def distance(self, p_FP: FloatArray) -> FloatArray:
-        """See `Solid`."""
-        distances: FloatArray = (p_FP - self.point) @ self.normal
-        return distances
+        normal_only = np.outer(self.normal, [0.0, 0.0, 1.0])
+        high = np.array([np.inf, np.inf, 0.0])
+        return _row(self.point, normal_only, np.full(3, -np.inf), high)
 
     def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "HalfSpace":
         """See `Solid`."""
         return HalfSpace(R_GF @ self.point + p_GF, R_GF @ self.normal)
+
+
+EVERYWHERE = np.array([0.0] * 12 + [-np.inf] * 3 + [np.inf] * 3 + [0.0])
+"""Row of the solid that contains all points; see `rounded_box_distances`."""
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedSolid(Solid):
+    """A solid given by its row of numbers only.
+
+    Attributes:
+        row: Row for `rounded_box_distances`, shape (19,).
+    """
+
+    row: FloatArray
+
+    def rounded_box(self) -> FloatArray:
+        """See `Solid`."""
+        return self.row
+
+    def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "PlacedSolid":
+        """See `Solid`."""
+        return PlacedSolid(moved_rows(self.row[None], R_GF, p_GF)[0])
+
+
+def moved_rows(rows: FloatArray, R_GF: FloatArray, p_GF: FloatArray) -> FloatArray:
+    """Returns rows of solids expressed in a frame G, shape (s, 19); see `Solid.moved`."""
+    moved = rows.copy()
+    moved[:, :3] = rows[:, :3] @ R_GF.T + p_GF
+    moved[:, 3:12] = (R_GF @ rows[:, 3:12].reshape(-1, 3, 3)).reshape(-1, 9)
+    return moved
+
+
+def rounded_box_distances(row: FloatArray, p_FP: FloatArray) -> FloatArray:
+    """Returns the signed distances of points from a box with rounded edges, shape (k,), in metres.
+
+    All solids are such boxes. A ball has no edges, only a radius; a half-space has one face only,
+    as its other bounds are infinite.
+
+    Args:
+        row: Centre in F (3), the axes of the box in F as columns of a matrix (9, row-major), the
+            lower (3) and upper (3) bounds along them, and the radius, in metres.
+        p_FP: Positions of the points in F, shape (k, 3), in metres.
+    """
+    p_BP = (p_FP - row[:3]) @ row[3:12].reshape(3, 3)
+    beyond = np.maximum(p_BP - row[15:18], row[12:15] - p_BP)
+    outside = np.linalg.norm(np.maximum(beyond, 0), axis=1)
+    distances: FloatArray = outside + np.minimum(np.max(beyond, axis=1), 0) - row[18]
+    return distances
+
+
+def nearest_solids(rows: FloatArray, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Returns the signed distances of points from several solids, and their gradients.
+
+    Args:
+        rows: Row of each solid for `rounded_box_distances`, shape (s, 19).
+        p_FP: Positions of the points in F, shape (k, 3), in metres.
+
+    Returns:
+        Distances, shape (s, k), in metres, below zero inside; and unit gradients, shape (s, k, 3).
+    """
+    R_FB = rows[:, 3:12].reshape(-1, 3, 3)
+    p_BP = (p_FP - rows[:, None, :3]) @ R_FB
+    above, below = p_BP - rows[:, None, 15:18], rows[:, None, 12:15] - p_BP
+    beyond = np.maximum(above, below)
+    outside = np.maximum(beyond, 0)
+    lengths = np.linalg.norm(outside, axis=2)
+    # Of faces at the same distance, the last one counts.
+    nearest_face = np.eye(3)[2 - np.argmax(beyond[..., ::-1], axis=2)]
+    toward = np.where(lengths[..., None] > 0, outside, nearest_face)
+    toward *= np.where(above < below, -1.0, 1.0)
+    toward /= np.linalg.norm(toward, axis=2, keepdims=True)
+    distances = lengths + np.minimum(np.max(beyond, axis=2), 0) - rows[:, 18:19]
+    return distances, toward @ R_FB.transpose(0, 2, 1)
+
+
+def _row(
+    center: FloatArray, R_FB: FloatArray, low: FloatArray, high: FloatArray, radius: float = 0.0
+) -> FloatArray:
+    return np.concatenate([center, R_FB.ravel(), low, high, [radius]])
 
 
 def _check_finite(owner: str, **fields: float | FloatArray) -> None:

@@ -61,8 +61,8 @@ class HeldMotion:
         """Returns the motion, corrected by fingertips that stick to a planar moving object.
 
         The displacement of G that fits the fingertips best, by least squares, is a shift and a turn
-        about the vertical. The object stands on a table, so a vertical shift is not a motion: it
-        takes the strain out of fingers that would lift or press the object.
+        about the vertical. The object stands on a table, so a vertical shift is not a motion: G
+        sinks where fingers would lift the object, and it does not rise.
 
         Args:
             p_WT: Centres of the fingertips in W, shape (k, 3), in metres.
@@ -81,7 +81,7 @@ class HeldMotion:
         share = min(1.0, since / period)
         fading = 1 - share * (1 - _FADING)
         level = e.copy()
-        level[1, 2] = 0.0
+        level[1, 2], e[1, 2] = 0.0, min(e[1, 2], 0.0)
         corrected = replace(self, A_WG=fading * self.A_WG + share * _GAMMA / period**2 * level)
         return corrected._displaced(share * _ALPHA * e, self.time, share * _BETA / period * level)
 

@@ -183,7 +183,8 @@ def _spans_all_wrenches(W: FloatArray) -> bool:
     return bool(np.linalg.matrix_rank(W, tol=_RANK_TOLERANCE) == len(W))
 
 
-_GRAM_RANK_TOLERANCE = 1e-10  # Of a pivot over the largest one, with torques divided by an arm.
+GRAM_RANK_TOLERANCE = 1e-10
+"""Least share of a pivot in the largest one, with torques divided by an arm."""
 
 
 def least_norm_margin(
@@ -209,7 +210,7 @@ def least_norm_margin(
         InvalidArgumentError: As for `min_weight_margin`.
     """
     E = cone_edges(friction, model, torsional_friction)
-    P = _balance_blocks(p_CoMC, nhat, model, longest_arm(p_CoMC))
+    P = balance_blocks(p_CoMC, nhat, model, longest_arm(p_CoMC))
     y, spans = _solve(np.sum(_grams(P, E), axis=2))
     weights = _edge_weights(P, E, y[:, None, None])
     least = np.min(weights, axis=(0, 1), initial=np.inf)
@@ -245,8 +246,8 @@ def moved_least_norm_margin(
     """
     E = cone_edges(friction, model, torsional_friction)
     arm = max(longest_arm(p_CoMC), longest_arm(p_CoMQ))
-    P = _balance_blocks(p_CoMC, nhat, model, arm)
-    P_Q = _balance_blocks(p_CoMQ, nhat_Q, model, arm)
+    P = balance_blocks(p_CoMC, nhat, model, arm)
+    P_Q = balance_blocks(p_CoMQ, nhat_Q, model, arm)
     others = np.delete(P, moved, axis=2)
     y, spans = _solve(np.sum(_grams(others, E), axis=2)[:, :, None] + _grams(P_Q, E))
     least = np.min(_edge_weights(P_Q, E, y[:, None]), axis=0)
@@ -259,7 +260,7 @@ def moved_least_norm_margin(
 # Below, the 7 rows of A come first and the many grasps last, so that loops over few rows vectorise.
 
 
-def _balance_blocks(p_CoMC: FloatArray, nhat: FloatArray, model: str, arm: float) -> FloatArray:
+def balance_blocks(p_CoMC: FloatArray, nhat: FloatArray, model: str, arm: float) -> FloatArray:
     """Returns P_i, shape (7, k, n, ...), of contacts (..., n, 3); torques are divided by an arm."""
     G = contact_blocks(p_CoMC, nhat, model)
     G[..., 3:, :] /= arm
@@ -295,7 +296,7 @@ def _solve(M: FloatArray) -> tuple[FloatArray, BoolArray]:
     pivot = largest
     for j in range(size):
         pivot = M[j, j]
-        spans &= pivot > _GRAM_RANK_TOLERANCE * largest
+        spans &= pivot > GRAM_RANK_TOLERANCE * largest
         pivot = np.where(spans, pivot, 1)
         L[j + 1 :, j] = M[j + 1 :, j] / pivot
         M[j + 1 :, j + 1 :] -= L[j + 1 :, None, j] * M[None, j, j + 1 :]

@@ -1,103 +1,31 @@
 """Constraints of safe regions: fingertips, obstacles, reach, and thin walls."""
 
-from collections.abc import Iterator, Sequence
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_surface import AxisArea
-from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.geometry.solids import Solid, rounded_box_distances
 from drake_pregrasp.geometry.surface import ForbiddenPoints
-
-
-def _z() -> FloatArray:
-    return np.array([0.0, 0.0, 1.0])
-
-
-@dataclass(frozen=True, eq=False)
-class FingerReach:
-    """Reach of a finger, expressed in a frame F: the contacts that pass every given test.
-
-    Attributes:
-        solid: Solid that has to contain the contact, or None.
-        direction: Direction in which the finger points away from the hand's axis, shape (3,), not
-            zero; None if neither angle below is limited.
-        half_angle: Largest angle between `direction` and the vector from the axis to the fingertip
-            at its standoff, both projected across the axis, in radians.
-        incidence: Largest angle between `direction` and the outward normal at the contact, in
-            radians. Beyond it, a finger reaches around an edge and touches with a link.
-        origin: Point of the hand's axis, shape (3,), in metres.
-        axis: Axis of the hand, a unit vector, shape (3,).
-    """
-
-    solid: Solid | None = None
-    direction: FloatArray | None = None
-    half_angle: float = np.pi
-    incidence: float = np.pi
-    origin: FloatArray = field(default_factory=lambda: np.zeros(3))
-    axis: FloatArray = field(default_factory=_z)
-
-    def __post_init__(self) -> None:
-        if self.direction is None:
-            if min(self.half_angle, self.incidence) < np.pi:
-                raise InvalidArgumentError("a reach with an angle needs a direction")
-            return
-        length = float(np.linalg.norm(self.direction))
-        if not length > 0:
-            raise InvalidArgumentError("a reach's direction must not be zero")
-        object.__setattr__(self, "direction", self.direction / length)
-        if self.half_angle < np.pi and not np.linalg.norm(self._level(self.direction)) > 0:
-            raise InvalidArgumentError("a sector's direction must not be along the hand's axis")
-
-    def permits(self, contacts: FloatArray, normals: FloatArray, tips: FloatArray) -> BoolArray:
-        """Returns the mask of the contacts that the finger reaches, shape (k,).
-
-        Args:
-            contacts: Contacts in F, shape (k, 3), in metres.
-            normals: Outward unit normals at the contacts, shape (k, 3).
-            tips: Centres of the fingertip at its standoff from each contact, in F, shape (k, 3), in
-                metres.
-        """
-        permitted = np.ones(len(contacts), dtype=bool)
-        if self.solid is not None:
-            permitted &= self.solid.distance(contacts) <= 0
-        if self.direction is None:
-            return permitted
-        if self.half_angle < np.pi:
-            outward, middle = self._level(tips - self.origin), self._level(self.direction)
-            lengths = np.linalg.norm(outward, axis=1) * np.linalg.norm(middle)
-            permitted &= outward @ middle >= np.cos(self.half_angle) * lengths
-        if self.incidence < np.pi:
-            permitted &= normals @ self.direction >= np.cos(self.incidence)
-        return permitted
-
-    def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "FingerReach":
-        """Returns the reach expressed in a frame G in which F has the given pose."""
-        return replace(
-            self,
-            solid=None if self.solid is None else self.solid.moved(R_GF, p_GF),
-            direction=None if self.direction is None else R_GF @ self.direction,
-            origin=R_GF @ self.origin + p_GF,
-            axis=R_GF @ self.axis,
-        )
-
-    def _level(self, vectors: FloatArray) -> FloatArray:
-        """Returns the parts of vectors across the axis, shape (..., 3)."""
-        level: FloatArray = vectors - (vectors @ self.axis)[..., None] * self.axis
-        return level
-
+from drake_pregrasp.regions.finger_reach import UNLIMITED, FingerReach, moved_reaches, reached
 
 NO_CAUSE = -1
 """Cause of a limit that no contact and no obstacle causes."""
 
+_ABOVE = 1 + 1e-9  # A search with this share more than a distance misses nothing by rounding.
+
 OPPOSITE = -0.5
 """Cosine between outward normals below which they count as opposite: 120 degrees."""
 
-_ALONG = (0.0, 0.5, 1.0)  # Shares of the standoff at which fingertips stay clear of obstacles.
+ALONG = (0.0, 0.5, 1.0)
+"""Shares of the standoff at which fingertips stay clear of obstacles."""
 
 
 class Limit(IntEnum):
@@ -178,6 +106,98 @@ class Obstacles:
         )
 
 
+RADIUS, REACH_SOLID, SECTOR, CLOSED = 0, slice(1, 20), slice(20, 34), slice(34, 40)
+"""Parts of a contact's row in `Predicates`: the radius of the fingertip; the solid and the sector
+of its reach (see `reached`); and which faces are closed, in the order of `_FACES`."""
+
+_FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
+
+
+@dataclass(frozen=True, eq=False)
+class Predicates:
+    """Tests that a point on the surface must pass by itself, for n contacts, as plain arrays in O.
+
+    A contact may have a point unless its normal is on a closed face, its finger does not reach it,
+    or the fingertip there is too near to an obstacle, at the contact, half-way to its standoff, or
+    at its standoff. Both the reference and the compiled implementation use these arrays.
+
+    Attributes:
+        contacts: Row of each contact, shape (n, 40): `RADIUS`, `REACH_SOLID`, `SECTOR`, `CLOSED`.
+        solids: Rows of the solids at all times, and the index of each obstacle, shape (k, 20); in
+            ascending order of the index.
+        points: Points, their radii and the index of each obstacle, shape (p, 5); in ascending order
+            of the index.
+        clearance: Least distance between fingertips and obstacles, in metres.
+        standoff: Distance from the surface at which fingertips wait, in metres.
+    """
+
+    contacts: FloatArray
+    solids: FloatArray
+    points: FloatArray
+    clearance: float
+    standoff: float
+
+    def limits_at(
+        self, contacts: IntArray, points: FloatArray, normals: FloatArray
+    ) -> tuple[IntArray, IntArray]:
+        """Returns the `Limit` that keeps a contact from its point, and its cause, shape (k,) each.
+
+        First come closed faces, then reach, then obstacles in their order.
+
+        Args:
+            contacts: Index of each point's contact, shape (k,).
+            points: Points in O, shape (k, 3), in metres.
+            normals: Outward unit normals at the points, shape (k, 3).
+        """
+        limits = np.full(len(points), int(Limit.NONE))
+        causes = np.full(len(points), NO_CAUSE)
+        axis = np.argmax(np.abs(normals), axis=1)
+        along = normals[np.arange(len(points)), axis]
+        face = 2 * axis + (along > 0)
+        closed = self.contacts[contacts, CLOSED.start + face] > 0
+        limits[closed & (along != 0)] = Limit.FORBIDDEN
+        radii = self.contacts[contacts, RADIUS]
+        tips = points + (radii + self.standoff)[:, None] * normals
+        for i in np.unique(contacts):
+            own = np.flatnonzero((contacts == i) & (limits == Limit.NONE))
+            row = self.contacts[i, REACH_SOLID.start : SECTOR.stop]
+            limits[own[~reached(row, points[own], normals[own], tips[own])]] = Limit.REACH
+        free = np.flatnonzero(limits == Limit.NONE)
+        first = self._first_obstacles(points[free], normals[free], radii[free])
+        touched = np.isfinite(first)
+        limits[free[touched]] = Limit.OBSTACLE
+        causes[free[touched]] = first[touched]
+        return limits, causes
+
+    def _first_obstacles(
+        self, points: FloatArray, normals: FloatArray, radii: FloatArray
+    ) -> FloatArray:
+        """Returns the lowest index of the obstacles that fingertips touch, or inf, shape (k,)."""
+        first = np.full(len(points), np.inf)
+        if len(points) == 0 or not (len(self.solids) or len(self.points)):
+            return first
+        needed = radii + self.clearance
+        for share in ALONG if self.standoff > 0 else ALONG[:1]:
+            centres = points + (radii + share * self.standoff)[:, None] * normals
+            for solid in self.solids[::-1]:
+                # A distance that is not a number counts as too near.
+                touched = ~(rounded_box_distances(solid, centres) >= needed)
+                first[touched] = np.minimum(first[touched], solid[19])
+            if len(self.points):
+                places, widths, indices = self.points[:, :3], self.points[:, 3], self.points[:, 4]
+                near = cKDTree(centres).query_ball_point(places, _ABOVE * (widths + max(needed)))
+                point = np.repeat(np.arange(len(near)), list(map(len, near)))
+                own = np.fromiter(itertools.chain(*near), np.int64, len(point))
+                gaps = np.linalg.norm(centres[own] - places[point], axis=1) - widths[point]
+                touched = gaps < needed[own]
+                np.minimum.at(first, own[touched], indices[point[touched]])
+        return first
+
+
+LimitFunction = Callable[[Predicates, IntArray, FloatArray, FloatArray], tuple[IntArray, IntArray]]
+"""An implementation of `Predicates.limits_at`."""
+
+
 @dataclass(frozen=True, eq=False)
 class RegionConstraints:
     """Constraints of the regions of n contacts, expressed in O; none by default.
@@ -197,6 +217,8 @@ class RegionConstraints:
         nhat_OC: Outward unit normals at the contacts, shape (n, 3). Contacts with opposite normals,
             as on the two sides of a plate, need no room from each other.
         reach: Reach of each contact's finger, or None; empty for no limit.
+        reach_pose: Orientation and position in O of the frame in which `reach` is expressed; None
+            for O itself.
         closed: For each contact the areas, in O, that are forbidden to it but not to others; empty
             for none.
         same_side: Candidates that no wall hides from each contact, shape (n, N). Those behind a
@@ -213,6 +235,7 @@ class RegionConstraints:
     nhat_OQ: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     nhat_OC: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     reach: Sequence[FingerReach | None] = ()
+    reach_pose: tuple[FloatArray, FloatArray] | None = None
     closed: Sequence[Sequence[AxisArea]] = ()
     same_side: BoolArray | None = None
     fencing: BoolArray | None = None
@@ -223,71 +246,64 @@ class RegionConstraints:
         blocked = self.obstacles.solids or len(self.obstacles.points) or any(self.closed)
         return not blocked and all(reach is None for reach in self.reach)
 
-    @cached_property
-    def add_half_spaces(self) -> bool:
-        """Whether the half-spaces of the regions differ from those of all forbidden points."""
-        obstacles = self.obstacles.solids or len(self.obstacles.points)
-        tips = np.any(self.tip_radii) or self.tip_gap > 0
-        return bool(obstacles or tips or self.fencing is not None)
-
-    def normals_of(self, candidates: IntArray) -> FloatArray:
-        """Returns outward normals of candidates, shape (k, 3); zeros if there are no normals.
-
-        Args:
-            candidates: Indices of the candidates, shape (k,).
-        """
-        return self.nhat_OQ[candidates] if len(self.nhat_OQ) else np.zeros((len(candidates), 3))
-
     def tip_radius(self, contact: int) -> float:
         """Returns the radius of the fingertip of the contact with that index, in metres."""
         return float(self.tip_radii[contact]) if len(self.tip_radii) else 0.0
 
+    @cached_property
+    def _made(self) -> dict[int, Predicates]:
+        return {}
+
+    def predicates(self, num_contacts: int) -> Predicates:
+        """Returns the tests of single points for that many contacts; they are made once."""
+        if num_contacts not in self._made:
+            self._made[num_contacts] = self._make_predicates(num_contacts)
+        return self._made[num_contacts]
+
+    def _make_predicates(self, num_contacts: int) -> Predicates:
+        rows = np.zeros((num_contacts, CLOSED.stop))
+        rows[:, REACH_SOLID.start : SECTOR.stop] = UNLIMITED
+        if len(self.tip_radii):
+            rows[:, RADIUS] = self.tip_radii
+        for row, reach in zip(rows, self.reach, strict=False):
+            if reach is not None:
+                row[REACH_SOLID.start : SECTOR.stop] = reach.row
+        if self.reach_pose is not None:
+            own = rows[:, REACH_SOLID.start : SECTOR.stop]
+            own[:] = moved_reaches(own, *self.reach_pose)
+        for row, areas in zip(rows, self.closed, strict=False):
+            for area in areas:
+                row[CLOSED.start + _FACES.index(area.face)] = 1.0
+        times = (self.obstacles, *self.later)
+        solids = [
+            [*solid.rounded_box(), index]
+            for index, solids in enumerate(zip(*(o.solids for o in times), strict=True))
+            for solid in solids
+        ]
+        first, points = len(self.obstacles.solids), [o.points for o in times]
+        return Predicates(
+            rows,
+            np.array(solids).reshape(-1, 20),
+            np.concatenate(
+                [np.column_stack([p.points, p.radii, first + np.arange(len(p))]) for p in points]
+            ),
+            self.clearance,
+            self.standoff,
+        )
+
     def limits_at(
         self, contact: int, points: FloatArray, normals: FloatArray
     ) -> tuple[IntArray, IntArray]:
-        """Returns the `Limit` that keeps a contact from each point, and its cause, shape (k,) each.
-
-        These limits hold for a point by itself: first forbidden areas, then reach, then obstacles
-        in their order.
+        """Returns `Predicates.limits_at` of one contact.
 
         Args:
             contact: Index of the contact.
             points: Points in O, shape (k, 3), in metres.
             normals: Outward unit normals at the points, shape (k, 3).
         """
-        limits = np.full(len(points), int(Limit.NONE))
-        causes = np.full(len(points), NO_CAUSE)
-        radius = self.tip_radius(contact)
-        if len(self.closed):
-            for area in self.closed[contact]:
-                limits[area.holds(normals)] = Limit.FORBIDDEN
-        if len(self.reach) and (reach := self.reach[contact]) is not None:
-            tips = points + (radius + self.standoff) * normals
-            unreached = ~reach.permits(points, normals, tips)
-            limits[unreached & (limits == Limit.NONE)] = Limit.REACH
-        for index, gap in self._obstacle_gaps(points + radius * normals, normals):
-            # A distance that is not a number counts as too near.
-            touched = ~(gap >= radius + self.clearance) & (limits == Limit.NONE)
-            limits[touched], causes[touched] = Limit.OBSTACLE, index
-        return limits, causes
-
-    def _obstacle_gaps(
-        self, centres: FloatArray, normals: FloatArray
-    ) -> Iterator[tuple[int, FloatArray]]:
-        """Yields each obstacle's index, and its smallest distances from fingertips, shape (k,).
-
-        The distances are from the tips' centres, between surface and standoff, now or later.
-        """
-        shares = _ALONG if self.standoff > 0 else _ALONG[:1]
-        k = len(centres)
-        along = np.concatenate([centres + share * self.standoff * normals for share in shares])
-        for obstacles in (self.obstacles, *self.later):
-            for index, solid in enumerate(obstacles.solids):
-                yield index, np.min(solid.distance(along).reshape(len(shares), k), axis=0)
-            spheres = zip(obstacles.points.points, obstacles.points.radii, strict=True)
-            for index, (point, radius) in enumerate(spheres, start=len(obstacles.solids)):
-                distances = np.linalg.norm(along - point, axis=1).reshape(len(shares), k)
-                yield index, np.min(distances, axis=0) - radius
+        counts = (contact + 1, len(self.tip_radii), len(self.reach), len(self.closed))
+        predicates = self.predicates(max(counts))
+        return predicates.limits_at(np.full(len(points), contact), points, normals)
 
 
 UNCONSTRAINED = RegionConstraints()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray, IntArray
-from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.geometry.solids import nearest_solids
 from drake_pregrasp.regions.constraints import OPPOSITE, Limit
 
 
@@ -37,7 +37,7 @@ def joined(parts: Sequence[HalfSpaces]) -> HalfSpaces:
     )
 
 
-def solid_half_spaces(c: FloatArray, solids: Sequence[Solid], margins: FloatArray) -> HalfSpaces:
+def solid_half_spaces(c: FloatArray, solids: FloatArray, margins: FloatArray) -> HalfSpaces:
     """Returns the half-spaces that touch each solid at its points nearest to the contacts.
 
     A half-space is set back by the margin, so that the distance of the convex solid from it is at
@@ -45,16 +45,15 @@ def solid_half_spaces(c: FloatArray, solids: Sequence[Solid], margins: FloatArra
 
     Args:
         c: Contacts, shape (n, d), in metres; their first three coordinates are positions.
-        solids: Convex obstacles.
+        solids: Rows of the convex obstacles for `rounded_box_distances`, shape (s, 19 or more).
         margins: Distance by which the half-spaces of each contact are set back, shape (n,), in
             metres.
     """
-    bounds, normals = np.empty((len(c), len(solids))), np.zeros((len(c), len(solids), c.shape[1]))
-    for j, solid in enumerate(solids):
-        distances, gradients = solid.distance_and_gradient(c[:, :3])
-        bounds[:, j], normals[:, j, :3] = distances - margins, -gradients
+    distances, gradients = nearest_solids(solids, c[:, :3])
+    normals = np.zeros((len(c), len(solids), c.shape[1]))
+    normals[:, :, :3] = -gradients.swapaxes(0, 1)
     limits = np.full(len(solids), int(Limit.OBSTACLE))
-    return HalfSpaces(normals, bounds, limits, np.arange(len(solids)))
+    return HalfSpaces(normals, (distances - margins).T, limits, np.arange(len(solids)))
 
 
 def neighbour_half_spaces(

@@ -3,8 +3,7 @@
 import numpy as np
 
 from drake_pregrasp.arrays import FARTHEST, FloatArray, are_valid_points
-from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.solids import BallSolid, Solid
+from drake_pregrasp.geometry.solids import BallSolid, PlacedSolid, moved_rows, nearest_solids
 from drake_pregrasp.geometry.surface import ForbiddenPoints
 from drake_pregrasp.regions.constraints import Obstacles
 
@@ -27,24 +26,15 @@ def place_obstacles(
         p_GF: Position of F in G at the later time, shape (3,), in metres.
         seconds: Seconds from now to the later time.
     """
-    solids = []
+    rows = np.array([solid.rounded_box() for solid in obstacles.solids]).reshape(-1, 19)
     with np.errstate(all="ignore"):  # Results that are not finite are replaced.
-        shifts = seconds * obstacles.velocities
-        for index, solid in enumerate(obstacles.solids):
-            shift = shifts[index] if np.any(shifts) else None
-            solids.append(_placed(solid, R_GF, p_GF, shift))
+        if len(obstacles.velocities):
+            rows[:, :3] += seconds * obstacles.velocities
+        moved = moved_rows(rows, R_GF, p_GF)
+        known = np.isfinite(nearest_solids(moved, np.zeros((1, 3)))[0][:, 0])
         points = _placed_points(obstacles.points, R_GF, p_GF)
+    solids = [PlacedSolid(row) if ok else ANYWHERE for row, ok in zip(moved, known, strict=True)]
     return Obstacles(tuple(solids), points)
-
-
-def _placed(solid: Solid, R_GF: FloatArray, p_GF: FloatArray, shift: FloatArray | None) -> Solid:
-    try:
-        moved = solid if shift is None else solid.moved(np.eye(3), shift)
-        moved = moved.moved(R_GF, p_GF)
-    except InvalidArgumentError:
-        return ANYWHERE
-    distance, gradient = moved.distance_and_gradient(np.zeros((1, 3)))
-    return moved if np.isfinite(distance[0]) and np.all(np.isfinite(gradient)) else ANYWHERE
 
 
 def _placed_points(points: ForbiddenPoints, R_GF: FloatArray, p_GF: FloatArray) -> ForbiddenPoints:

@@ -4,8 +4,10 @@
 `compute_safe_regions`: the same inequalities as half-spaces, and further constraints.
 """
 
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property, partial
 
 import numpy as np
 from scipy.spatial.distance import cdist
@@ -17,6 +19,7 @@ from drake_pregrasp.regions.constraints import (
     NO_CAUSE,
     UNCONSTRAINED,
     Limit,
+    Predicates,
     RegionConstraints,
 )
 from drake_pregrasp.regions.half_spaces import (
@@ -78,6 +81,11 @@ class SafeRegions:
     causes: IntArray
     constraints: RegionConstraints
 
+    @cached_property
+    def predicates(self) -> Predicates:
+        """Tests that a point must pass by itself for each contact."""
+        return self.constraints.predicates(len(self.lost))
+
     @staticmethod
     def unlimited(labels: IntArray, num_contacts: int) -> "SafeRegions":
         """Returns regions of contacts that nothing limits, given their labels, shape (N,)."""
@@ -95,14 +103,44 @@ class SafeRegions:
 
     def sizes(self) -> IntArray:
         """Returns the number of candidates in each region, shape (n,)."""
+        return self.counts
+
+    @cached_property
+    def counts(self) -> IntArray:
+        """Number of candidates in each region, shape (n,)."""
         counts: IntArray = np.bincount(self.labels - NO_REGION, minlength=1 + len(self.lost))[1:]
         return counts
 
 
-LabelCandidates = Callable[
-    [FloatArray, FloatArray, FloatArray, HalfSpaces | None, BoolArray | None], IntArray
-]
-"""An implementation of `label_candidates`."""
+@dataclass(frozen=True, eq=False)
+class RegionBounds:
+    """Everything that bounds the regions of n contacts at one tick, as plain arrays in O.
+
+    Region i is the intersection of the weighted Voronoi cell of c_i with half-spaces, and with the
+    candidates that pass the predicates of contact i.
+
+    Attributes:
+        c: Contacts c_i, shape (n, d), in metres; their first three coordinates are positions.
+        h: Weights h_i, shape (n,), in m²; -inf for lost fingers.
+        half_spaces: Half-spaces of forbidden points, neighbouring fingertips and obstacles.
+        same_side: Candidates that no wall hides from each contact, shape (n, N), or None for all.
+        predicates: Tests of single candidates, or None if every candidate passes.
+        num_candidates: Number of candidates N.
+        few: Number of candidates below which a region is tiny.
+    """
+
+    c: FloatArray
+    h: FloatArray
+    half_spaces: HalfSpaces
+    same_side: BoolArray | None
+    predicates: Predicates | None
+    num_candidates: int
+    few: float
+
+
+LabelCandidates = Callable[[RegionBounds], tuple[IntArray, IntArray, IntArray]]
+"""Returns the region that each candidate of a surface lies in, or `NO_REGION`, shape (N,), and the
+`Limit` that leaves each contact an empty or tiny region, and its cause, shape (n,) each."""
 
 
 def compute_safe_regions(
@@ -136,68 +174,74 @@ def compute_safe_regions(
     if not np.isfinite(p_OC).all():
         raise InvalidArgumentError(f"contacts must be finite, not {p_OC.tolist()}")
     constraints = constraints or UNCONSTRAINED
-    n = len(p_OC)
-    lost = contact_weights == -np.inf
-    half_spaces = point_half_spaces(p_OC, forbidden)
-    if constraints.add_half_spaces:
-        half_spaces = with_constraints(half_spaces, p_OC, contact_weights, constraints)
-    labels = (label or label_candidates)(
-        p_OQ, p_OC, contact_weights, half_spaces, constraints.same_side
-    )
+    c, h = p_OC, contact_weights
+    half_spaces, predicates = point_half_spaces(c, forbidden), None
+    if constraints.fencing is not None:
+        applied = np.where(constraints.fencing, half_spaces.bounds, np.inf)
+        half_spaces = replace(half_spaces, bounds=applied)
+    parts, obstacles = [half_spaces], constraints.obstacles
+    radii = constraints.tip_radii if len(constraints.tip_radii) else np.zeros(len(c))
+    setbacks, margins = radii + constraints.tip_gap / 2, radii + constraints.clearance
+    if np.any(setbacks):
+        parts.append(neighbour_half_spaces(c, h, setbacks, constraints.nhat_OC))
     if not constraints.leaves_every_point:
-        for i in range(n):
-            own = np.flatnonzero(labels == i)
-            limits, _ = constraints.limits_at(i, p_OQ[own, :3], constraints.normals_of(own))
-            labels[own[limits != Limit.NONE]] = NO_REGION
-    regions = SafeRegions(
-        labels, lost, np.full(n, int(Limit.NONE)), np.full(n, NO_CAUSE), constraints
-    )
-    few = TINY_SHARE * len(p_OQ) / max(1, int(np.count_nonzero(~lost)))
-    is_tiny = ~lost & (regions.sizes() < few)
-    if is_tiny.any():
-        cells = label_candidates(p_OQ, p_OC, contact_weights, same_side=constraints.same_side)
-        for i in np.flatnonzero(is_tiny).tolist():
-            regions.limits[i], regions.causes[i] = _limit_of_region(
-                i, p_OQ, p_OC, cells, half_spaces, constraints, few
+        predicates = constraints.predicates(len(c))
+        now = predicates.solids[:: 1 + len(constraints.later)]
+        parts.append(solid_half_spaces(c, now, margins))
+        parts.append(
+            point_half_spaces(
+                c,
+                obstacles.points,
+                margins=margins[:, None],
+                limit=Limit.OBSTACLE,
+                first_cause=len(obstacles.solids),
             )
-    return regions
+        )
+    few = TINY_SHARE * len(p_OQ) / max(1, int(np.count_nonzero(h > -np.inf)))
+    half_spaces = joined(parts) if len(parts) > 1 else half_spaces
+    same_side, N = constraints.same_side, len(p_OQ)
+    bounds = RegionBounds(c, h, half_spaces, same_side, predicates, N, few)
+    if label is None:
+        nhat = constraints.nhat_OQ if len(constraints.nhat_OQ) else np.zeros((N, 3))
+        label = partial(label_candidates, p_OQ, nhat)
+    labels, limits, causes = label(bounds)
+    return SafeRegions(labels, h == -np.inf, limits, causes, constraints)
 
 
 def label_candidates(
-    q: FloatArray,
-    c: FloatArray,
-    h: FloatArray,
-    half_spaces: HalfSpaces | None = None,
-    same_side: BoolArray | None = None,
-) -> IntArray:
-    """Returns the region that each candidate lies in, or `NO_REGION`, shape (N,).
+    q: FloatArray, nhat: FloatArray, bounds: RegionBounds
+) -> tuple[IntArray, IntArray, IntArray]:
+    """Returns labels, limits and causes of regions; see `LabelCandidates`.
 
-    This is the left side of Eq. 1, inside the half-spaces of `point_half_spaces`, its right side.
-    Subtracting |q|² and halving,
+    The cells are the left side of Eq. 1. Subtracting |q|² and halving,
 
         |c_i - q|² - h_i <= |c_k - q|² - h_k   is   (|c_i|² - h_i)/2 - c_i·q  least for i.
 
     Args:
         q: Candidate points, shape (N, d), in metres.
-        c: Contact points c_i, shape (n, d), in metres.
-        h: Weights h_i, shape (n,), in m².
-        half_spaces: Bounds of the regions inside the weighted Voronoi cells; without any, the
-            labels are those of the cells.
-        same_side: Candidates that no wall hides from each contact, shape (n, N).
+        nhat: Outward unit normals at the candidates, shape (N, 3).
+        bounds: Everything that bounds the regions.
     """
+    c, h, half_spaces, n = bounds.c, bounds.h, bounds.half_spaces, len(bounds.c)
     half_power = (np.sum(c**2, axis=1) - h)[:, None] / 2 - c @ q.T
-    if same_side is not None:
-        half_power[~same_side] = np.inf
-    labels: IntArray = np.argmin(half_power, axis=0)
-    labels[np.isposinf(np.min(half_power, axis=0))] = NO_REGION
-    if half_spaces is not None:
-        for i, (normals, bounds) in enumerate(
-            zip(half_spaces.normals, half_spaces.bounds, strict=True)
-        ):
-            cell = np.flatnonzero(labels == i)
-            excluded = normals @ (q[cell] - c[i]).T > bounds[:, None]
-            labels[cell[excluded.any(axis=0)]] = NO_REGION
-    return labels
+    if bounds.same_side is not None:
+        half_power[~bounds.same_side] = np.inf
+    cells: IntArray = np.argmin(half_power, axis=0)
+    cells[np.isposinf(np.min(half_power, axis=0))] = NO_REGION
+    labels = cells.copy()
+    for i in range(n):
+        own = np.flatnonzero(cells == i)
+        excluded = half_spaces.normals[i] @ (q[own] - c[i]).T > half_spaces.bounds[i][:, None]
+        labels[own[excluded.any(axis=0)]] = NO_REGION
+    if bounds.predicates is not None:
+        own = np.flatnonzero(labels != NO_REGION)
+        barred, _ = bounds.predicates.limits_at(labels[own], q[own, :3], nhat[own])
+        labels[own[barred != Limit.NONE]] = NO_REGION
+    limits, causes = np.full(n, int(Limit.NONE)), np.full(n, NO_CAUSE)
+    for i in np.flatnonzero(h > -np.inf).tolist():
+        if np.count_nonzero(labels == i) < bounds.few:
+            limits[i], causes[i] = _limit_of_region(i, q, nhat, cells, bounds)
+    return labels, limits, causes
 
 
 def point_half_spaces(
@@ -236,49 +280,8 @@ def point_half_spaces(
     return HalfSpaces(normals, bounds, np.full(m, int(limit)), causes)
 
 
-def with_constraints(
-    half_spaces: HalfSpaces, c: FloatArray, h: FloatArray, constraints: RegionConstraints
-) -> HalfSpaces:
-    """Returns the half-spaces of the regions with those of fingertips, solids and obstacle points.
-
-    Args:
-        half_spaces: Half-spaces of the forbidden points.
-        c: Contacts, shape (n, d), in metres; their first three coordinates are positions.
-        h: Weights h_i, shape (n,), in m²; -inf for lost fingers.
-        constraints: Fingertips, obstacles, and the forbidden points that apply to each contact.
-    """
-    if constraints.fencing is not None:
-        bounds = np.where(constraints.fencing, half_spaces.bounds, np.inf)
-        half_spaces = replace(half_spaces, bounds=bounds)
-    obstacles = constraints.obstacles
-    radii = constraints.tip_radii if len(constraints.tip_radii) else np.zeros(len(c))
-    margins = radii + constraints.clearance
-    obstacle_points = point_half_spaces(
-        c,
-        obstacles.points,
-        margins=margins[:, None],
-        limit=Limit.OBSTACLE,
-        first_cause=len(obstacles.solids),
-    )
-    setbacks = radii + constraints.tip_gap / 2
-    return joined(
-        [
-            half_spaces,
-            neighbour_half_spaces(c, h, setbacks, constraints.nhat_OC),
-            solid_half_spaces(c, obstacles.solids, margins),
-            obstacle_points,
-        ]
-    )
-
-
 def _limit_of_region(
-    i: int,
-    q: FloatArray,
-    c: FloatArray,
-    cells: IntArray,
-    half_spaces: HalfSpaces,
-    constraints: RegionConstraints,
-    few: float,
+    i: int, q: FloatArray, nhat: FloatArray, cells: IntArray, bounds: RegionBounds
 ) -> tuple[int, int]:
     """Returns the limit that leaves a contact a tiny region, and its cause.
 
@@ -288,32 +291,25 @@ def _limit_of_region(
     Args:
         i: Index of the contact.
         q: Candidate points, shape (N, d), in metres.
-        c: Contact points, shape (n, d), in metres.
+        nhat: Outward unit normals at the candidates, shape (N, 3).
         cells: Contact whose cell each candidate is in, shape (N,).
-        half_spaces: Bounds of the regions inside the cells.
-        constraints: Constraints of the region.
-        few: Number of candidates below which a region is tiny.
+        bounds: Everything that bounds the regions.
     """
-    own = np.flatnonzero(cells == i)
+    own, c, half_spaces = np.flatnonzero(cells == i), bounds.c, bounds.half_spaces
     excluded = half_spaces.normals[i] @ (q[own] - c[i]).T > half_spaces.bounds[i][:, None]
-    point_limits, point_causes = constraints.limits_at(i, q[own, :3], constraints.normals_of(own))
-    barred = point_limits != Limit.NONE
-    if len(own) < few or not (barred.any() or excluded.any()):
-        distances = np.where(cells == i, np.inf, np.sum((q - c[i]) ** 2, axis=1))
-        k = int(np.argmin(distances))
-        same_side = constraints.same_side
-        if cells[k] == NO_REGION or (same_side is not None and not same_side[i, k]):
-            return Limit.WALL, NO_CAUSE
-        return Limit.CROWDED, int(cells[k])
-    counts: dict[tuple[int, int], int] = {}
-    for limit, cause in {
-        *zip(half_spaces.limits.tolist(), half_spaces.causes.tolist(), strict=True)
-    }:
+    counts: Counter[tuple[int, int]] = Counter()
+    keys = list(zip(half_spaces.limits.tolist(), half_spaces.causes.tolist(), strict=True))
+    for limit, cause in set(keys):
         rows = (half_spaces.limits == limit) & (half_spaces.causes == cause)
         counts[limit, cause] = int(np.count_nonzero(excluded[rows].any(axis=0)))
-    for limit, cause in {
-        *zip(point_limits[barred].tolist(), point_causes[barred].tolist(), strict=True)
-    }:
-        here = int(np.count_nonzero((point_limits == limit) & (point_causes == cause)))
-        counts[limit, cause] = max(counts.get((limit, cause), 0), here)
+    if bounds.predicates is not None:
+        barred, barring = bounds.predicates.limits_at(cells[own], q[own, :3], nhat[own])
+        counts |= Counter(zip(barred.tolist(), barring.tolist(), strict=True))
+        del counts[Limit.NONE, NO_CAUSE]
+    if len(own) < bounds.few or not counts.total():
+        distances = np.where(cells == i, np.inf, np.sum((q - c[i]) ** 2, axis=1))
+        k = int(np.argmin(distances))
+        if cells[k] == NO_REGION or (bounds.same_side is not None and not bounds.same_side[i, k]):
+            return Limit.WALL, NO_CAUSE
+        return Limit.CROWDED, int(cells[k])
     return min(counts, key=lambda key: (-counts[key], key))

@@ -22,7 +22,7 @@ from drake_pregrasp.contacts.selection_input import (
 )
 from drake_pregrasp.contacts.strategies import BLEND, make_blend, make_strategy
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.fast import fast_goals
+from drake_pregrasp.fast import fast_goals, fast_limits, fast_surface
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.regions.constraints import NO_CAUSE
 from drake_pregrasp.regions.safe_regions import SafeRegions
@@ -136,14 +136,18 @@ class CentroidSelector(LeafSystem):
         options = {name: getattr(config, name) for name in ("reading", "stretch", "power")}
         self._fast_goals = None
         if weight_function is None:
-            self._fast_goals = fast_goals(surface, config.strategy, **options)
             options["friction"] = config.friction
+            weights = {config.strategy: 1.0}
             if config.strategy == BLEND:
-                weight_function = make_blend(asdict(config.blend), **options)
+                weights = asdict(config.blend)
+                weight_function = make_blend(weights, **options)
             else:
                 weight_function = make_strategy(config.strategy, **options)
+            best = config.best_point
+            self._fast_goals = fast_goals(surface, weights, **options, best_point=best)
         self._strategy = weight_function
-        self._config, self._surface = config, surface
+        self._config, self._surface = config, fast_surface(surface)
+        self._limits_at = fast_limits()
         self._limits = limits or config.limits.make_limits(config.period, config.friction)
 
         self._time_index = self.DeclareDiscreteState(np.array([-np.inf]))
@@ -210,6 +214,7 @@ class CentroidSelector(LeafSystem):
             p_OC=p_OC,
             regions=regions,
             covariance_O=validated_covariance(covariance_W, R_WO, config.position_spread),
+            limits_at=self._limits_at,
         )
         if time < config.static_duration - SLACK * config.period:
             goals = hold_contacts(selection)

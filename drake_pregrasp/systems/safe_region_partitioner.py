@@ -12,17 +12,13 @@ from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.fast import fast_labels
+from drake_pregrasp.fast import fast_labels, fast_surface
 from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.solids import BallSolid
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.regions.constraints import (
-    UNCONSTRAINED,
-    FingerReach,
-    Obstacles,
-    RegionConstraints,
-)
+from drake_pregrasp.regions.constraints import UNCONSTRAINED, Obstacles, RegionConstraints
+from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.obstacles import place_obstacles
 from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
 from drake_pregrasp.regions.walls import SurfaceGraph, normals_agree
@@ -128,7 +124,7 @@ class SafeRegionPartitioner(LeafSystem):
         self._points = surface.p_OQ
         if config.normal_length > 0:
             self._points = lifted(surface.p_OQ, surface.nhat_OQ, config.normal_length)
-        self._label = fast_labels(surface) if config.normal_length == 0 else None
+        self._label = fast_labels(self._points, surface.nhat_OQ)
         self._moments = np.linspace(0.0, limits.horizon, _MOMENTS)[1:] if limits.horizon else ()
         self._is_unlimited = (
             config.wall_test == "none"
@@ -137,7 +133,7 @@ class SafeRegionPartitioner(LeafSystem):
             and not any(self._closed)
         )
         self._graph = SurfaceGraph(surface) if config.wall_test == "surface" else None
-        self._surface, self._num_contacts = surface, num_contacts
+        self._surface, self._num_contacts = fast_surface(surface), num_contacts
         self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
         self._p_WC = self.DeclareVectorInputPort("p_WC", 3 * num_contacts)
         self._contact_weights = self.DeclareVectorInputPort("contact_weights", num_contacts)
@@ -192,6 +188,9 @@ class SafeRegionPartitioner(LeafSystem):
         if in_world.solids or len(in_world.points):
             obstacles = place_obstacles(in_world, X_OW.rotation().matrix(), X_OW.translation())
             later = [self._obstacles_after(context, in_world, X_WO, t) for t in self._moments]
+        reach, X_OH = self._reach, self._reach_pose(context, X_OW)
+        if X_OH is None:
+            reach, X_OH = [reach and _NOTHING for reach in self._reach], X_OW
         return RegionConstraints(
             obstacles=obstacles,
             later=later,
@@ -201,21 +200,19 @@ class SafeRegionPartitioner(LeafSystem):
             standoff=self._limits.standoff,
             nhat_OQ=surface.nhat_OQ,
             nhat_OC=nhat_OC,
-            reach=self._reach_in_O(context, X_OW),
+            reach=reach,
+            reach_pose=(X_OH.rotation().matrix(), X_OH.translation()),
             closed=self._closed,
             same_side=same_side,
             fencing=fencing,
         )
 
-    def _reach_in_O(self, context: Context, X_OW: RigidTransform) -> list[FingerReach | None]:
-        X_OH = X_OW
-        if self._X_WH.HasValue(context):
-            X_WH: RigidTransform = self._X_WH.Eval(context)
-            if not is_valid(X_WH):
-                return [reach and _NOTHING for reach in self._reach]
-            X_OH = X_OW @ X_WH
-        R_OH, p_OH = X_OH.rotation().matrix(), X_OH.translation()
-        return [reach and reach.moved(R_OH, p_OH) for reach in self._reach]
+    def _reach_pose(self, context: Context, X_OW: RigidTransform) -> RigidTransform | None:
+        """Returns the pose of the hand frame in O, or None if it is invalid."""
+        if not self._X_WH.HasValue(context):
+            return X_OW
+        X_WH: RigidTransform = self._X_WH.Eval(context)
+        return X_OW @ X_WH if is_valid(X_WH) else None
 
     def _obstacles_after(
         self, context: Context, in_world: Obstacles, X_WO: RigidTransform, seconds: float

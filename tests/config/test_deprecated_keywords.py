@@ -26,7 +26,7 @@ from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.planner_config import MeasuresConfig, filter_noise
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.geometry.mesh_surface import AxisArea
-from drake_pregrasp.regions.constraints import FingerReach
+from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.systems import (
     centroid_selector,
     fingertip_goal_shaper,

@@ -31,7 +31,8 @@ from drake_pregrasp.geometry.box_surface import BOX_FACES
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.shapes import ball_shape, box_shape, cylinder_shape
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
-from drake_pregrasp.regions.constraints import FingerReach, Limit, Obstacles, RegionConstraints
+from drake_pregrasp.regions.constraints import Limit, Obstacles, RegionConstraints
+from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.safe_regions import NO_REGION
 from drake_pregrasp.regions.walls import normals_agree
 

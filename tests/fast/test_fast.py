@@ -22,7 +22,8 @@ from drake_pregrasp.estimation.pose_filter import (
 from drake_pregrasp.fast import SWITCH, fast_filter_step, fast_goals, fast_labels
 from drake_pregrasp.geometry.shapes import ball_shape
 from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
-from drake_pregrasp.regions.constraints import FingerReach, Obstacles, RegionConstraints
+from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
+from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.safe_regions import SafeRegions, compute_safe_regions
 from drake_pregrasp.regions.walls import normals_agree
 
@@ -35,7 +36,7 @@ SURFACES = {
     "ball": mesh_surface(ball_shape(0.04), spacing=0.006),
     "cup": mesh_surface(CUP, spacing=0.008),
 }
-LABELS = {name: fast_labels(surface) for name, surface in SURFACES.items()}
+LABELS = {name: fast_labels(surface.p_OQ, surface.nhat_OQ) for name, surface in SURFACES.items()}
 KINDS = ("position", "msv", "gii", "vew")
 
 
@@ -97,7 +98,11 @@ def test_of_tied_candidates_the_first_contact_has_each():
     surface = box_surface([0.1, 0.1, 0.1], spacing=0.01)
     p_OC = np.array([[0.05, 0.03, 0.0], [0.05, -0.03, 0.0], [-0.05, 0.03, 0.0], [0.05, 0.03, 0]])
     regions = compute_safe_regions(
-        surface.p_OQ, p_OC, np.zeros(4), ForbiddenPoints.none(), label=fast_labels(surface)
+        surface.p_OQ,
+        p_OC,
+        np.zeros(4),
+        ForbiddenPoints.none(),
+        label=fast_labels(surface.p_OQ, surface.nhat_OQ),
     )
     assert np.sum(regions.sizes()) == len(surface.p_OQ)
     assert regions.sizes()[3] == 0
@@ -120,7 +125,7 @@ def goals_of(surface, p_OC, h, name, *, stretch, covariance, in_turns=False):
     strategy = make_strategy(name, stretch=stretch)
     return [
         select_contacts(selection, strategy, in_turns=in_turns, choose=choose).p_OC
-        for choose in (None, fast_goals(surface, name, stretch=stretch))
+        for choose in (None, fast_goals(surface, {name: 1.0}, stretch=stretch))
     ]
 
 
@@ -190,7 +195,7 @@ def test_of_weights_that_differ_by_rounding_only_areas_count(name):
     member = regions.members(0)
     plain = surface.areas[member] @ q[member] / np.sum(surface.areas[member])
     expected = surface.project_into(plain[None], [member])[0]
-    for choose in (None, fast_goals(surface, name)):
+    for choose in (None, fast_goals(surface, {name: 1.0})):
         goals = select_contacts(selection, make_strategy(name), choose=choose).p_OC
         np.testing.assert_allclose(goals, expected, atol=1e-10)
 
@@ -203,7 +208,7 @@ def frozen(array):
 
 @pytest.mark.parametrize("kind", [np.array, frozen, lambda a: np.repeat(a, 2, axis=0)[::2]])
 def test_no_tick_waits_for_the_compiler_whatever_arrays_it_meets(kind):
-    from drake_pregrasp.fast import goals, labels
+    from drake_pregrasp.fast import labels, predicates, projection, weights
 
     surface, rng = SURFACES["cube"], np.random.default_rng(0)
     p_OC = contacts(surface, 4, rng)
@@ -212,22 +217,24 @@ def test_no_tick_waits_for_the_compiler_whatever_arrays_it_meets(kind):
         surface.p_OQ, kind(p_OC), kind(np.zeros(4)), surface.forbidden, label=LABELS["cube"]
     )
     selection = SelectionInput(surface, kind(p_OC), regions, kind(np.eye(3)))
-    choose = fast_goals(surface, "gii")
+    choose = fast_goals(surface, {"gii": 1.0})
     np.testing.assert_array_equal(choose(selection, kind(np.arange(4))), plain)
-    for entry in (labels.label_blocks, goals.weighted_centroids, goals.projected):
+    entries = (
+        labels.label_blocks,
+        weights.weighted_goals,
+        projection.projected,
+        predicates.limits_of_points,
+    )
+    for entry in entries:
         assert len(entry.signatures) == 1
         assert not entry._can_compile
 
 
-def test_the_reference_computes_settings_that_are_not_compiled(monkeypatch):
+def test_the_switch_chooses_the_reference(monkeypatch):
     surface = SURFACES["few"]
-    assert fast_goals(surface, "margin") is None
-    assert fast_goals(surface, "msv", reading="contact") is None
-    assert fast_goals(surface, "msv", power=2.0) is None
-    assert fast_goals(surface, "position", reading="contact", power=2.0) is not None
     monkeypatch.setenv(SWITCH, "0")
-    assert fast_labels(surface) is None
-    assert fast_goals(surface, "msv") is None
+    assert fast_labels(surface.p_OQ, surface.nhat_OQ) is None
+    assert fast_goals(surface, {"msv": 1.0}) is None
 
 
 def test_candidates_of_another_surface_are_refused():

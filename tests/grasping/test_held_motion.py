@@ -54,11 +54,12 @@ def test_a_frame_that_fingertips_have_corrected_is_not_corrected_again():
     np.testing.assert_array_equal(once.following(p_WT, TIPS, 0.0, PERIOD).p_WG, once.p_WG)
 
 
-def test_a_vertical_shift_of_the_fingertips_moves_the_frame_but_not_its_velocity():
-    up = moving().following(TIPS + ALONG[::-1], TIPS, PERIOD, PERIOD)
-    assert up.p_WG[2] > 0
-    np.testing.assert_array_equal(up.V_WG, moving().V_WG)
-    np.testing.assert_array_equal(up.A_WG, 0)
+@pytest.mark.parametrize("sign", [1, -1])
+def test_fingertips_that_would_lift_the_object_lower_the_frame_without_moving_it(sign):
+    shifted = moving().following(TIPS + sign * ALONG[::-1], TIPS, PERIOD, PERIOD)
+    assert shifted.p_WG[2] < 0 if sign < 0 else shifted.p_WG[2] == 0
+    np.testing.assert_array_equal(shifted.V_WG, moving().V_WG)
+    np.testing.assert_array_equal(shifted.A_WG, 0)
 
 
 def test_a_single_finger_does_not_turn_the_frame():

@@ -8,7 +8,8 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.box_surface import box_surface
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import BallSolid
-from drake_pregrasp.regions.constraints import FingerReach, Limit, RegionConstraints
+from drake_pregrasp.regions.constraints import Limit, RegionConstraints
+from drake_pregrasp.regions.finger_reach import FingerReach
 
 CUBE = box_surface([0.1, 0.1, 0.1], spacing=0.005, forbidden_faces=["+z", "-z"])
 TIPS = CUBE.p_OQ + 0.029 * CUBE.nhat_OQ

@@ -8,7 +8,8 @@ from selections import regions_of
 
 from drake_pregrasp import ForbiddenPoints, box_surface
 from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
-from drake_pregrasp.regions.constraints import NO_CAUSE, FingerReach, Limit, Obstacles
+from drake_pregrasp.regions.constraints import NO_CAUSE, Limit, Obstacles
+from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.safe_regions import NO_REGION, TINY_SHARE, compute_safe_regions
 
 CUBE = box_surface([0.1, 0.1, 0.1], spacing=0.01, forbidden_faces=[])

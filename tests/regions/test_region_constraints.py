@@ -12,13 +12,8 @@ from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.shapes import ball_shape
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
-from drake_pregrasp.regions.constraints import (
-    NO_CAUSE,
-    FingerReach,
-    Limit,
-    Obstacles,
-    RegionConstraints,
-)
+from drake_pregrasp.regions.constraints import NO_CAUSE, Limit, Obstacles, RegionConstraints
+from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.safe_regions import NO_REGION, compute_safe_regions
 from drake_pregrasp.regions.walls import normals_agree
 

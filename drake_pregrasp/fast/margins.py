@@ -1,0 +1,162 @@
+"""The bound of `moved_least_norm_margin` for many places of a contact, in vector instructions.
+
+For each place, M y = e with the 7 x 7 matrix M = sum P_i (E Eᵀ) P_iᵀ is solved by M = L D Lᵀ, as
+the reference does. E Eᵀ is diagonal, and the matrix of the other contacts is the same for all
+places. Elements of M stand for a group of places each, so that loops run over places.
+"""
+
+import math
+
+import numpy as np
+
+from drake_pregrasp.fast.compiling import compiled
+from drake_pregrasp.quality.force_closure import CONE_EDGES, GRAM_RANK_TOLERANCE
+
+GROUP = 64
+"""Largest number of places in a group."""
+
+_DIAGONAL = math.sqrt(0.5)
+
+
+@compiled()
+def add_gram(P, friction, M):  # type: ignore[no-untyped-def]
+    """Adds P (E Eᵀ) Pᵀ of one contact, with P of shape (7, 3, 1), to the lower triangle of M."""
+    across = CONE_EDGES / 2 * friction * friction
+    for a in range(7):
+        for b in range(a + 1):
+            tangential = P[a, 1, 0] * P[b, 1, 0] + P[a, 2, 0] * P[b, 2, 0]
+            M[a, b] += CONE_EDGES * P[a, 0, 0] * P[b, 0, 0] + across * tangential
+
+
+@compiled()
+def least_edges(P, y, friction, size, components, least):  # type: ignore[no-untyped-def]
+    """Lowers `least` to the smallest weight Eᵀ Pᵀ y of a contact's edges, for `size` places.
+
+    The eight edges are at multiples of 45 degrees, so that the smallest weight is a closed form.
+    P has shape (7, 3, size), or (7, 3, 1) for the same contact at all places.
+    """
+    components[:] = 0.0
+    for a in range(7):
+        for column in range(3):
+            if P.shape[2] == 1:
+                p = P[a, column, 0]
+                for k in range(size):
+                    components[column, k] += p * y[a, k]
+            else:
+                for k in range(size):
+                    components[column, k] += P[a, column, k] * y[a, k]
+    for k in range(size):
+        t, o = abs(components[1, k]), abs(components[2, k])
+        steepest = max(max(t, o), (t + o) * _DIAGONAL)
+        least[k] = min(least[k], components[0, k] - friction * steepest)
+
+
+@compiled()
+def group_margins(gram, P_C, others, P, friction, size, M, y, components, least, spans, b):  # type: ignore[no-untyped-def]
+    """Writes the margin's bound of `size` places; a negative one b becomes b / (1 - b).
+
+    Args:
+        gram: Lower triangle of M of the other contacts, shape (7, 7).
+        P_C: P of each contact, shape (n, 7, 3, 1).
+        others: Indices of the other contacts, shape (n - 1,).
+        P: P of the moved contact at each place, shape (7, 3, `GROUP`).
+        friction: Coulomb's coefficient.
+        size: Number of places.
+        M: Memory, shape (7, 7, `GROUP`).
+        y: Memory, shape (7, `GROUP`).
+        components: Memory, shape (3, `GROUP`).
+        least: Memory, shape (`GROUP`,).
+        spans: Memory of the same shape, for the largest element.
+        b: Result, shape (`GROUP`,).
+    """
+    across = CONE_EDGES / 2 * friction * friction
+    spans[:], b[:] = 0.0, 1.0
+    for i in range(7):
+        for j in range(i + 1):
+            same = gram[i, j]
+            for k in range(size):
+                tangential = P[i, 1, k] * P[j, 1, k] + P[i, 2, k] * P[j, 2, k]
+                M[i, j, k] = same + CONE_EDGES * P[i, 0, k] * P[j, 0, k] + across * tangential
+        for k in range(size):
+            spans[k] = max(spans[k], M[i, i, k])
+    for k in range(size):
+        spans[k] *= GRAM_RANK_TOLERANCE
+    # Below the diagonal M keeps D L, above it L.
+    for j in range(7):
+        for k in range(size):
+            b[k] = b[k] if M[j, j, k] > spans[k] else 0.0
+            M[j, j, k] = 1.0 / (M[j, j, k] if b[k] > 0.0 else 1.0)
+        for i in range(j + 1, 7):
+            for k in range(size):
+                M[j, i, k] = M[i, j, k] * M[j, j, k]
+        for i in range(j + 1, 7):
+            for column in range(j + 1, i + 1):
+                for k in range(size):
+                    M[i, column, k] -= M[j, i, k] * M[column, j, k]
+    for j in range(6, -1, -1):
+        for k in range(size):
+            y[j, k] = M[6, 6, k] if j == 6 else 0.0
+        for i in range(j + 1, 7):
+            for k in range(size):
+                y[j, k] -= M[j, i, k] * y[i, k]
+    least[:] = np.inf
+    least_edges(P, y, friction, size, components, least)
+    for other in others:
+        least_edges(P_C[other], y, friction, size, components, least)
+    edges = CONE_EDGES * (len(others) + 1)
+    for k in range(size):
+        bound = edges * least[k]
+        bound = bound if bound >= 0.0 else 1.0 / (1.0 - bound) - 1.0
+        b[k] = bound if b[k] > 0.0 else -1.0
+
+
+@compiled("f8[::1](i8[::1], i8[::1], b1[::1], f8[:,:,:,::1], f8[:,::1], f8)")
+def hand_margins(contacts, labels, active, P_C, P_Q, friction):  # type: ignore[no-untyped-def]
+    """Returns `hand_margin` of the contacts at each candidate of their regions, shape (N,).
+
+    Args:
+        contacts: Indices of the contacts that move, shape (k,).
+        labels: Region of each candidate, shape (N,).
+        active: Mask of the contacts that take part in the grasp, shape (n,).
+        P_C: P of each contact, shape (n, 7, 3, 1).
+        P_Q: P of a contact at each candidate, shape (N, 21).
+        friction: Coulomb's coefficient.
+    """
+    margins, members = np.zeros(len(labels)), np.empty(GROUP, np.int64)
+    P, M, y = np.empty((7, 3, GROUP)), np.empty((7, 7, GROUP)), np.empty((7, GROUP))
+    components, rows = np.empty((3, GROUP)), np.empty((3, GROUP))
+    gram, others = np.empty((7, 7)), np.empty(len(active), np.int64)
+    for i in contacts:
+        count, size = 0, 0
+        gram[:] = 0.0
+        for other in range(len(active)):
+            if active[other] and other != i:
+                add_gram(P_C[other], friction, gram)
+                others[count] = other
+                count += 1
+        for j in range(len(labels)):
+            if labels[j] == i:
+                for a in range(7):
+                    for column in range(3):
+                        P[a, column, size] = P_Q[j, 3 * a + column]
+                members[size] = j
+                size += 1
+            if size == GROUP or (size > 0 and j == len(labels) - 1):
+                group_margins(
+                    gram,
+                    P_C,
+                    others[:count],
+                    P,
+                    friction,
+                    size,
+                    M,
+                    y,
+                    components,
+                    rows[0],
+                    rows[1],
+                    rows[2],
+                )
+                for k in range(size):
+                    margins[members[k]] = rows[2, k]
+                size = 0
+    return margins

@@ -1,0 +1,236 @@
+"""Tests of single points, and of whole blocks of them, by the arrays of `Predicates`."""
+
+import math
+
+import numpy as np
+
+from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.fast.compiling import compiled
+from drake_pregrasp.regions.constraints import (
+    ALONG,
+    CLOSED,
+    NO_CAUSE,
+    RADIUS,
+    REACH_SOLID,
+    SECTOR,
+    Limit,
+    Predicates,
+)
+from drake_pregrasp.regions.finger_reach import ANY_ANGLE
+
+_SOLID, _SECTOR, _CLOSED = REACH_SOLID.start, SECTOR.start, CLOSED.start
+_NONE, _FORBIDDEN, _REACH, _OBSTACLE = map(
+    int, (Limit.NONE, Limit.FORBIDDEN, Limit.REACH, Limit.OBSTACLE)
+)
+_SHARES = len(ALONG)
+_ABOVE = 1 + 1e-9  # Decisions about blocks must not be reversed by rounding.
+
+
+@compiled()
+def distance_to(row, x, y, z):  # type: ignore[no-untyped-def]
+    """Returns the signed distance of a point from a solid, as `rounded_box_distances`."""
+    x, y, z = x - row[0], y - row[1], z - row[2]
+    largest, square = -math.inf, 0.0
+    for k in range(3):
+        along = x * row[3 + k] + y * row[6 + k] + z * row[9 + k]
+        beyond = max(along - row[15 + k], row[12 + k] - along)
+        largest = max(largest, beyond)
+        square += max(beyond, 0.0) ** 2
+    return math.sqrt(square) + min(largest, 0.0) - row[18]
+
+
+@compiled()
+def sector_gaps(row, tx, ty, tz, nx, ny, nz):  # type: ignore[no-untyped-def]
+    """Returns by how much a tip and a normal are inside a sector's two angles, below 0 outside."""
+    x, y, z = tx - row[0], ty - row[1], tz - row[2]
+    height = x * row[3] + y * row[4] + z * row[5]
+    x, y, z = x - height * row[3], y - height * row[4], z - height * row[5]
+    length = math.sqrt(x * x + y * y + z * z)
+    sideways = x * row[6] + y * row[7] + z * row[8] - row[12] * length
+    return sideways, nx * row[9] + ny * row[10] + nz * row[11] - row[13]
+
+
+@compiled()
+def limit_of_point(  # type: ignore[no-untyped-def]
+    contact, q, nhat, solids, points, clearance, standoff, near_solids, near_points, check_reach
+):
+    """Returns the limit and cause of one point for one contact, as `Predicates.limits_at`.
+
+    Args:
+        contact: Row of the contact.
+        q: Point, three numbers in metres.
+        nhat: Outward unit normal at the point, three numbers.
+        solids: Rows of the solids.
+        points: Rows of the obstacle points.
+        clearance: Least distance between fingertips and obstacles, in metres.
+        standoff: Distance from the surface at which fingertips wait, in metres.
+        near_solids: Indices of the solids to be tested, ascending.
+        near_points: Indices of the obstacle points to be tested, ascending.
+        check_reach: Whether the reach is tested.
+    """
+    (x, y, z), (nx, ny, nz) = q, nhat
+    ax, ay, az = abs(nx), abs(ny), abs(nz)
+    if ax >= ay and ax >= az:
+        face, along = 0, nx
+    elif ay >= az:
+        face, along = 2, ny
+    else:
+        face, along = 4, nz
+    if along != 0.0 and contact[_CLOSED + face + (along > 0.0)] > 0.0:
+        return _FORBIDDEN, NO_CAUSE
+    radius = contact[RADIUS]
+    far = radius + standoff
+    if check_reach:
+        if not distance_to(contact[_SOLID:], x, y, z) <= 0.0:
+            return _REACH, NO_CAUSE
+        sideways, facing = sector_gaps(
+            contact[_SECTOR:], x + far * nx, y + far * ny, z + far * nz, nx, ny, nz
+        )
+        if not (sideways >= 0.0 and facing >= 0.0):
+            return _REACH, NO_CAUSE
+    needed = radius + clearance
+    shares = _SHARES if standoff > 0.0 else 1
+    for j in near_solids:
+        for share in range(shares):
+            height = radius + share * standoff / (_SHARES - 1)
+            distance = distance_to(solids[j], x + height * nx, y + height * ny, z + height * nz)
+            if not distance >= needed:
+                return _OBSTACLE, int(solids[j, 19])
+    for j in near_points:
+        for share in range(shares):
+            height = radius + share * standoff / (_SHARES - 1)
+            dx = x + height * nx - points[j, 0]
+            dy = y + height * ny - points[j, 1]
+            dz = z + height * nz - points[j, 2]
+            if math.sqrt(dx * dx + dy * dy + dz * dz) - points[j, 3] < needed:
+                return _OBSTACLE, int(points[j, 4])
+    return _NONE, NO_CAUSE
+
+
+@compiled()
+def near_obstacles(  # type: ignore[no-untyped-def]
+    contact, box, solids, points, clearance, standoff, near_solids, near_points, gaps
+):
+    """Writes which obstacles a fingertip may touch from a box of points; returns their numbers.
+
+    Distances change no faster than points. Tips that touch points of the box are near the tip that
+    would touch its middle.
+
+    Args:
+        contact: Row of the contact.
+        box: Midpoint of the points (3), of their normals (3), and the radii of both.
+        solids: Rows of the solids.
+        points: Rows of the obstacle points.
+        clearance: Least distance between fingertips and obstacles, in metres.
+        standoff: Distance from the surface at which fingertips wait, in metres.
+        near_solids: Indices of the solids, which are written.
+        near_points: Indices of the obstacle points, which are written.
+        gaps: Memory for a number of each point.
+    """
+    x, y, z, nx, ny, nz, size, turn = box
+    radius = contact[RADIUS]
+    room = (radius + clearance + size + (radius + standoff) * turn) * _ABOVE
+    shares = _SHARES if standoff > 0.0 else 1
+    num_solids, num_points = 0, 0
+    for j in range(len(solids)):
+        for share in range(shares):
+            height = radius + share * standoff / (_SHARES - 1)
+            distance = distance_to(solids[j], x + height * nx, y + height * ny, z + height * nz)
+            if not distance >= room:
+                near_solids[num_solids] = j
+                num_solids += 1
+                break
+    height, room = radius + standoff / 2.0, room + standoff / 2.0
+    x, y, z = x + height * nx, y + height * ny, z + height * nz
+    for j in range(len(points)):
+        dx, dy, dz = x - points[j, 0], y - points[j, 1], z - points[j, 2]
+        gaps[j] = dx * dx + dy * dy + dz * dz - (room + points[j, 3]) ** 2 * _ABOVE
+    for j in range(len(points)):
+        near_points[num_points] = j
+        num_points += gaps[j] <= 0.0
+    return num_solids, num_points
+
+
+@compiled()
+def reach_of_box(contact, box, standoff):  # type: ignore[no-untyped-def]
+    """Returns 1 if a finger reaches a whole box of points, -1 if no point of it, 0 if unknown."""
+    x, y, z, nx, ny, nz, size, turn = box
+    size, turn = size * _ABOVE + 1e-12, turn * _ABOVE + 1e-12
+    height = contact[RADIUS] + standoff
+    sector = contact[_SECTOR:]
+    inside = -distance_to(contact[_SOLID:], x, y, z)
+    sideways, facing = sector_gaps(
+        sector, x + height * nx, y + height * ny, z + height * nz, nx, ny, nz
+    )
+    away = (size + height * turn) * (1.0 + abs(sector[12]))
+    if sector[12] == ANY_ANGLE:
+        away = 0.0
+    if sector[13] == ANY_ANGLE:
+        turn = 0.0
+    if inside < -size or sideways < -away or facing < -turn:
+        return -1
+    return int(inside >= size and sideways >= away and facing >= turn)
+
+
+@compiled()
+def is_closed(contact):  # type: ignore[no-untyped-def]
+    """Returns whether any face is closed to a contact."""
+    count = 0
+    for face in range(6):
+        count += contact[_CLOSED + face] > 0.0
+    return count > 0
+
+
+@compiled()
+def no_limits(contact):  # type: ignore[no-untyped-def]
+    """Returns whether a contact has neither closed faces nor a limited reach."""
+    unlimited = contact[_SECTOR + 12] == ANY_ANGLE and contact[_SECTOR + 13] == ANY_ANGLE
+    return unlimited and contact[_SOLID + 17] == np.inf and not is_closed(contact)
+
+
+@compiled(
+    "Tuple((i8[::1], i8[::1]))"
+    "(f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, i8[::1], f8[:,::1], f8[:,::1])"
+)
+def limits_of_points(contacts, solids, points, clearance, standoff, which, q, nhat):  # type: ignore[no-untyped-def]
+    """Returns the limit and cause of each point for its contact, as `Predicates.limits_at`."""
+    limits, causes = np.empty(len(q), dtype=np.int64), np.empty(len(q), dtype=np.int64)
+    near_solids, near_points = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
+    gaps = np.empty(len(points))
+    for k in range(len(q)):
+        contact = contacts[which[k]]
+        place, normal = (q[k, 0], q[k, 1], q[k, 2]), (nhat[k, 0], nhat[k, 1], nhat[k, 2])
+        box = (q[k, 0], q[k, 1], q[k, 2], nhat[k, 0], nhat[k, 1], nhat[k, 2], 0.0, 0.0)
+        num_solids, num_points = near_obstacles(
+            contact, box, solids, points, clearance, standoff, near_solids, near_points, gaps
+        )
+        limits[k], causes[k] = limit_of_point(
+            contact,
+            place,
+            normal,
+            solids,
+            points,
+            clearance,
+            standoff,
+            near_solids[:num_solids],
+            near_points[:num_points],
+            True,
+        )
+    return limits, causes
+
+
+def compiled_limits_at(
+    predicates: Predicates, contacts: IntArray, points: FloatArray, normals: FloatArray
+) -> tuple[IntArray, IntArray]:
+    """Returns the limit that keeps a contact from its point, and its cause; see `Predicates`."""
+    result: tuple[IntArray, IntArray] = limits_of_points(
+        predicates.contacts,
+        predicates.solids,
+        predicates.points,
+        predicates.clearance,
+        predicates.standoff,
+        np.array(contacts, dtype=np.int64),
+        np.array(points, dtype=float, order="C"),
+        np.array(normals, dtype=float, order="C"),
+    )
+    return result

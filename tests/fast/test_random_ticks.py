@@ -1,0 +1,172 @@
+"""With all constraints and strategies at random, the compiled tick equals the reference."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+from thin_cup import CUP
+
+from drake_pregrasp import BoxSolid, ForbiddenPoints, box_surface, mesh_surface
+from drake_pregrasp.contacts.centroids import select_contacts
+from drake_pregrasp.contacts.goal_limits import ContactLimits, Pair
+from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.contacts.strategies import STRATEGIES, make_blend
+from drake_pregrasp.fast import fast_goals, fast_labels, fast_limits, fast_surface
+from drake_pregrasp.geometry.mesh_surface import AxisArea
+from drake_pregrasp.geometry.sampling import lifted
+from drake_pregrasp.geometry.shapes import ball_shape
+from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
+from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
+from drake_pregrasp.regions.finger_reach import FingerReach
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
+from drake_pregrasp.regions.walls import SurfaceGraph, normals_agree
+
+pytest.importorskip("numba", reason="numba is not installed (the extra [fast])")
+
+LENGTH = 0.05  # Of the normals as further coordinates, in metres.
+SURFACES = [
+    box_surface([0.1, 0.1, 0.1], spacing=0.008),
+    box_surface([0.2, 0.05, 0.06], spacing=0.012),
+    mesh_surface(ball_shape(0.04), spacing=0.006),
+    mesh_surface(CUP, spacing=0.008),
+]
+GRAPHS = [SurfaceGraph(surface) for surface in SURFACES]
+COMPILED = [fast_surface(surface) for surface in SURFACES]
+LIFTED = [lifted(surface.p_OQ, surface.nhat_OQ, LENGTH) for surface in SURFACES]
+LABELS = [
+    {3: fast_labels(surface.p_OQ, surface.nhat_OQ), 6: fast_labels(points, surface.nhat_OQ)}
+    for surface, points in zip(SURFACES, LIFTED, strict=True)
+]
+
+
+def random_solid(rng):
+    center = rng.normal(0, 0.06, 3)
+    kind = rng.integers(3)
+    if kind == 0:
+        return BallSolid(center, rng.uniform(0, 0.04))
+    if kind == 1:
+        return BoxSolid(center, Rotation.random(rng=rng).as_matrix(), rng.uniform(0, 0.08, 3))
+    normal = rng.normal(size=3)
+    return HalfSpace(-rng.uniform(0, 0.06) * normal / np.linalg.norm(normal), normal)
+
+
+def random_reach(rng, center):
+    if rng.random() < 0.3:
+        return None
+    solid = None if rng.random() < 0.5 else random_solid(rng).moved(np.eye(3), center)
+    direction = None if rng.random() < 0.4 else rng.normal(size=3)
+    if direction is None:
+        return FingerReach(solid)
+    half_angle, incidence = rng.uniform(0.5, 4, 2)
+    return FingerReach(
+        solid, direction, min(half_angle, np.pi), min(incidence, np.pi), rng.normal(0, 0.01, 3)
+    )
+
+
+def random_constraints(rng, which, p_OC, has):
+    surface, n = SURFACES[which], len(p_OC)
+    nhat_OC = surface.project(p_OC)[1]
+    solids = tuple(random_solid(rng) for _ in range(rng.integers(1, 4))) if "solids" in has else ()
+    count = rng.integers(1, 60) if "points" in has else 0
+    places = 0.09 * rng.normal(size=(count, 3))
+    points = ForbiddenPoints(places, np.abs(rng.normal(0, 0.004, count)))
+    obstacles = Obstacles(solids, points, rng.normal(0, 0.05, (len(solids), 3)))
+    later = []
+    if "horizon" in has:
+        R, p = Rotation.from_rotvec(rng.normal(0, 0.1, 3)).as_matrix(), rng.normal(0, 0.01, 3)
+        later = [obstacles.after(t).moved(R, p) for t in (0.1, 0.2)]
+    same_side = fencing = None
+    if "walls" in has:
+        same_side = normals_agree(nhat_OC, surface.nhat_OQ)
+        fencing = normals_agree(nhat_OC, surface.forbidden.normals)
+        if rng.random() < 0.2:
+            same_side &= GRAPHS[which].near_over_the_surface(p_OC, nhat_OC)
+    faces = ("-x", "+x", "-y", "+y", "-z", "+z")
+    return RegionConstraints(
+        obstacles=obstacles,
+        later=later,
+        clearance=rng.uniform(0, 0.005),
+        tip_radii=rng.uniform(0, 0.012, n) if "tips" in has else np.empty(0),
+        tip_gap=rng.uniform(0, 0.004) if "tips" in has else 0.0,
+        standoff=rng.uniform(0, 0.04) if "tips" in has else 0.0,
+        nhat_OQ=surface.nhat_OQ,
+        nhat_OC=nhat_OC,
+        reach=[random_reach(rng, p) for p in p_OC] if "reach" in has else (),
+        closed=[
+            [AxisArea(f) for f in rng.choice(faces, rng.integers(3), replace=False)]
+            for _ in range(n)
+        ]
+        if "closed" in has
+        else (),
+        same_side=same_side,
+        fencing=fencing,
+    )
+
+
+PARTS = ("tips", "solids", "points", "horizon", "walls", "reach", "closed", "normals", "limits")
+
+
+@settings(max_examples=150)
+@given(
+    which=st.integers(0, len(SURFACES) - 1),
+    seed=st.integers(0, 2**32 - 1),
+    n=st.integers(1, 8),
+    lost=st.integers(0, 2),
+    has=st.sets(st.sampled_from(PARTS)),
+    strategy=st.sampled_from([*STRATEGIES, "blend"]),
+    reading=st.sampled_from(["hand", "contact"]),
+    power=st.sampled_from([1.0, 2.0, 3.0]),
+    stretch=st.booleans(),
+    best_point=st.booleans(),
+    in_turns=st.booleans(),
+)
+def test_a_tick_is_that_of_the_reference(
+    which, seed, n, lost, has, strategy, reading, power, stretch, best_point, in_turns
+):
+    rng, surface = np.random.default_rng(seed), SURFACES[which]
+    q = surface.p_OQ[rng.choice(len(surface.p_OQ), n)]
+    p_OC, nhat_OC = surface.project(q + 1e-3 * rng.normal(size=(n, 3)))
+    h = 1e-4 * rng.normal(size=n)
+    h[rng.permutation(n)[:lost]] = -np.inf
+    constraints = random_constraints(rng, which, p_OC, has)
+    points, c = surface.p_OQ, p_OC
+    if "normals" in has:
+        points, c = LIFTED[which], lifted(p_OC, nhat_OC, LENGTH)
+    expected, found = (
+        compute_safe_regions(points, c, h, surface.forbidden, constraints, label=label)
+        for label in (None, LABELS[which][c.shape[1]])
+    )
+    for part in ("labels", "lost", "limits", "causes"):
+        np.testing.assert_array_equal(getattr(found, part), getattr(expected, part))
+
+    weights = {strategy: 1.0}
+    if strategy == "blend":
+        weights = dict(zip(STRATEGIES, rng.choice([0.0, 1.0, 3.0], 5), strict=True))
+        weights["gii"] += 0.5
+    options = {"reading": reading, "power": power, "stretch": stretch}
+    limits = ContactLimits()
+    if "limits" in has:
+        pairs = (Pair(0, 1, 0.03),) if n > 1 and rng.random() < 0.5 else ()
+        limits = ContactLimits(0.01, 0.001 * (rng.random() < 0.3), pairs, bool(rng.random() < 0.5))
+    A = rng.normal(size=(3, 3))
+    covariance = 0.03**2 * (np.eye(3) + A @ A.T)
+    reference = SelectionInput(surface, p_OC, expected, covariance)
+    compiled = SelectionInput(COMPILED[which], p_OC, expected, covariance, fast_limits())
+    choose = fast_goals(surface, weights, **options, best_point=best_point)
+    goals, others = (
+        select_contacts(
+            selection,
+            make_blend(weights, **options),
+            best_point=best_point,
+            in_turns=in_turns,
+            limits=limits,
+            choose=own,
+        )
+        for selection, own in ((reference, None), (compiled, choose))
+    )
+    np.testing.assert_allclose(
+        others.p_OC, goals.p_OC, rtol=0, atol=1e-9 * np.ptp(surface.p_OQ, axis=0).max()
+    )
+    np.testing.assert_array_equal(others.status, goals.status)
+    np.testing.assert_array_equal(others.causes, goals.causes)
