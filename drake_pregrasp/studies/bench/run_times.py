@@ -22,9 +22,6 @@ from drake_pregrasp.studies.bench.tick_times import chosen, implementations, tic
 
 _WARM_UP = 3  # Number of planning ticks before the measurement.
 
-FIRST_TICK = "surface and first tick [s]"
-"""Column of `time_starts`: seconds after the import."""
-
 _PROGRAM = """
 import json, sys, time
 start = time.perf_counter()
@@ -103,12 +100,13 @@ def time_run(job: RunJob) -> list[dict[str, Any]]:
     """Returns a row for each implementation; all simulations advance in turn.
 
     Contacts adapt from the start. All times are processor times of this thread, so other processes
-    hardly affect them. If the scenario cannot be loaded, for example because an extra is not
-    installed, the only row says why.
+    hardly affect them. If the scenario needs an extra that is not installed, the only row says so.
     """
     try:
         scenario = load_scenario(job.scenario, text=job.text)
     except ScenarioError as error:
+        if "pip install" not in error.problem:
+            raise
         return [{"run": job.name, "not run": error.problem}]
     scenario.planner.static_duration = 0.0
     period, rows = scenario.planner.period, []
@@ -153,7 +151,7 @@ def time_starts(processes: int, *, compiling: bool) -> list[dict[str, Any]]:
                 rows.append((implementation, "first", *first))
             later = [_start(implementation, own_cache) for _ in range(processes)]
             rows.append((implementation, "later", *np.median(later, axis=0).tolist()))
-    columns = ("implementation", "start", "import [s]", FIRST_TICK)
+    columns = ("implementation", "start", "import [s]", "surface and first tick [s]")
     return [dict(zip(columns, row, strict=True)) for row in rows]
 
 
