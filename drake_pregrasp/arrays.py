@@ -178,12 +178,7 @@ def pack(record: "DataclassInstance") -> FloatArray:
     Args:
         record: Dataclass instance of numbers, arrays, and dataclasses of such.
     """
-    return np.concatenate(_parts(record), axis=None, dtype=float)
-
-
-def _parts(record: "DataclassInstance") -> list[FloatArray | list[float]]:
-    """Returns the arrays of a record, and one list for each run of numbers between them."""
-    parts: list[Any] = [[]]
+    parts: list[Any] = [[]]  # Arrays, and one list for each run of numbers between them.
     for name in _field_names(type(record)):
         value = getattr(record, name)
         if isinstance(value, np.ndarray):
@@ -191,8 +186,8 @@ def _parts(record: "DataclassInstance") -> list[FloatArray | list[float]]:
         elif isinstance(value, _PLAIN):
             parts[-1].append(value)
         else:
-            parts += [*_parts(value), []]
-    return parts
+            parts += [pack(value), []]
+    return np.concatenate(parts, axis=None, dtype=float)
 
 
 def unpack(template: Record, vector: FloatArray) -> Record:
@@ -202,12 +197,7 @@ def unpack(template: Record, vector: FloatArray) -> Record:
         template: Instance of the same class whose fields have the types and shapes to restore.
         vector: Packed instance, which is copied.
     """
-    return _unpacked(template, np.array(vector), 0)[0]
-
-
-def _unpacked(template: Record, vector: FloatArray, start: int) -> tuple[Record, int]:
-    """Returns the instance whose packed form begins at an index, and the index of its end."""
-    values: list[Any] = []
+    vector, values, start = np.array(vector), list[Any](), 0
     for name in _field_names(type(template)):
         value = getattr(template, name)
         if isinstance(value, np.ndarray):
@@ -218,10 +208,10 @@ def _unpacked(template: Record, vector: FloatArray, start: int) -> tuple[Record,
             stop = start + 1
             values.append(type(value)(vector[start]))
         else:
-            nested, stop = _unpacked(value, vector, start)
-            values.append(nested)
+            stop = start + len(pack(value))
+            values.append(unpack(value, vector[start:stop]))
         start = stop
-    return type(template)(*values), start
+    return type(template)(*values)
 
 
 @functools.cache

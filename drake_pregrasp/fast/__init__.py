@@ -16,8 +16,8 @@ these return the reference, or None for it.
 half-spaces (forbidden points, neighbouring fingertips, the nearest points of obstacles), and
 predicates of single candidates (closed faces, reach, fingertips clear of obstacles). Once a tick
 `compute_safe_regions` writes all of it into plain arrays, `RegionBounds`. Both implementations read
-these arrays, so that a constraint is described in one place. All solids are boxes with rounded edges,
-with infinite bounds for half-spaces, and therefore share one formula for their distance.
+these arrays, so that a constraint is described in one place. All solids are boxes with rounded
+edges, with infinite bounds for half-spaces, and therefore share one formula for their distance.
 
 **Blocks.** Candidates never move in the object's frame. At construction they are sorted into
 compact blocks of 64, each with a bounding box of its positions and of its normals. In a tick a

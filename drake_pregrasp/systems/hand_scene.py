@@ -17,6 +17,7 @@ from pydrake.geometry import (
     ProximityProperties,
     Role,
     Shape,
+    Sphere,
 )
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
@@ -24,10 +25,9 @@ from pydrake.planning import RobotDiagram
 from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.geometry.solids import HalfSpace, Solid
+from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.quality.grasp_quality import skew
-from drake_pregrasp.systems.drawing import drawn_solid
 from drake_pregrasp.systems.fingertip_sensor import (
     HandKinematics,
     HandLink,
@@ -52,7 +52,7 @@ FASTEST_APPROACH = _RATE * _INFLUENCE
 """Largest speed at which links can slow down in time, in m/s."""
 
 _RETREAT = 0.05  # Largest speed at which a clearance that is violated is restored, in m/s.
-_HUGE = 10.0  # Edge of the box that represents a half-space, in metres.
+_HUGE = 10.0  # Depth of the box that represents a half-space, in metres.
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,11 +72,16 @@ class Clearances:
 
 def drake_shape(solid: Solid) -> tuple[Shape, RigidTransform]:
     """Returns a solid's shape for Drake and the pose of its frame; half-spaces are large boxes."""
-    if not isinstance(solid, HalfSpace):
-        return drawn_solid(solid)
-    R_FB = RotationMatrix.MakeFromOneVector(solid.normal, axis_index=2)
-    center = solid.point - _HUGE / 2 * solid.normal
-    return Box(_HUGE, _HUGE, _HUGE), RigidTransform(R_FB, center)
+    row = solid.rounded_box()
+    axes, low, high, radius = row[3:12].reshape(3, 3), row[12:15], row[15:18], row[18]
+    if np.array_equal(low, high):
+        return Sphere(radius), RigidTransform(row[:3])
+    low, high = np.maximum(low, -_HUGE), np.minimum(high, _HUGE)
+    if np.any(axes[:, 0]):
+        R_FB = RotationMatrix.ProjectToRotationMatrix(axes)
+    else:  # Of a half-space, whose row has the normal alone.
+        R_FB = RotationMatrix.MakeFromOneVector(axes[:, 2], axis_index=2)
+    return Box(*(high - low)), RigidTransform(R_FB, row[:3] + R_FB @ ((low + high) / 2))
 
 
 def separate_fingers(manager: CollisionFilterManager, links: Mapping[GeometryId, HandLink]) -> None:
