@@ -3,121 +3,131 @@
 import json
 import os
 import subprocess
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
+import pandas as pd
 import pytest
 
-from drake_pregrasp import PlannerConfig
-from drake_pregrasp.studies.bench import base_case, tick_times
+from drake_pregrasp import ScenarioError, shipped_scenarios
+from drake_pregrasp.robots import allegro_panda
 from drake_pregrasp.studies.bench import bench as bench_module
-from drake_pregrasp.studies.bench.base_case import RunJob, time_run, time_starts
-from drake_pregrasp.studies.bench.bench import BY_SIZE, bench, plan
+from drake_pregrasp.studies.bench import run_times, tick_times
+from drake_pregrasp.studies.bench.bench import QUESTIONS, bench, goals_table, plan, report
+from drake_pregrasp.studies.bench.run_times import RunJob, time_run, time_starts
 from drake_pregrasp.studies.bench.soak import drift, soak
 from drake_pregrasp.studies.bench.tick_times import (
-    MESH,
     NUM_SETS,
-    WITHOUT_PORTS,
+    PLAIN,
+    PRINTED,
     Scene,
     TickJob,
-    cube,
     implementations,
     make_scene,
     make_tick,
     make_ticks,
+    tick_columns,
     time_ticks,
 )
+from drake_pregrasp.systems import safe_region_partitioner
 
-ALL = (*implementations(), WITHOUT_PORTS)
-SMALL_MESH = Scene(0.02, forbidden=10, shape=MESH)
+ALL = (*implementations(), PRINTED)
+BALL = Scene(12, subdivisions=2)
 
 
 @pytest.mark.parametrize("strategy", ["position", "msv", "gii", "vew", "margin"])
-@pytest.mark.parametrize("scene", [cube(12), SMALL_MESH], ids=["cube", "mesh"])
+@pytest.mark.parametrize("scene", [Scene(12), BALL], ids=["cube", "ball"])
 def test_all_implementations_plan_the_same(scene, strategy):
-    ticks, (_, starts) = make_ticks(TickJob("", scene, strategy)), make_scene(scene)
+    ticks, (_, _, starts) = make_ticks(scene, replace(PLAIN, strategy=strategy)), make_scene(scene)
     assert tuple(ticks) == ALL
     for p_OC in starts[:3]:
-        expected = ticks[WITHOUT_PORTS](p_OC)
+        expected = ticks[PRINTED](p_OC)
         assert np.max(np.abs(expected - p_OC)) > 1e-3
         for name in implementations():
             np.testing.assert_allclose(ticks[name](p_OC), expected, atol=1e-10, err_msg=name)
 
 
-@pytest.mark.parametrize("forbidden", [0, 60])
-def test_obstacles_limit_contacts_as_forbidden_points_do(forbidden):
+@pytest.mark.parametrize("points", [0, 60])
+def test_obstacles_limit_contacts_as_forbidden_points_do(points):
     """Here no ball of a forbidden point contains a candidate, so that both rules agree."""
-    scene = cube(4, forbidden=forbidden)
-    surface, starts = make_scene(scene)
+    forbidden, obstacles = (Scene(4, points=points, obstacles=each) for each in (False, True))
+    surface, _, starts = make_scene(forbidden)
     assert np.all(surface.is_clear_of_forbidden_points)
-    plain, limited = (make_ticks(TickJob("", scene, "gii", obstacles)) for obstacles in (0, 1))
+    expected = make_ticks(forbidden, PLAIN)[PRINTED]
+    limited = make_ticks(obstacles, PLAIN)
+    assert tuple(limited) == implementations()
     for p_OC in starts:
-        np.testing.assert_allclose(
-            limited["reference"](p_OC), plain[WITHOUT_PORTS](p_OC), atol=1e-10
-        )
+        np.testing.assert_allclose(limited["reference"](p_OC), expected(p_OC), atol=1e-10)
 
 
 def test_scenes_have_the_numbers_they_are_asked_for():
-    for scene in (cube(12, contacts=7, forbidden=300), SMALL_MESH):
-        surface, starts = make_scene(scene)
+    for scene in (Scene(12, contacts=7, points=300), BALL):
+        surface, _, starts = make_scene(scene)
         assert starts.shape == (NUM_SETS, scene.contacts, 3)
-        assert len(surface.forbidden) == scene.forbidden
-        assert scene.shape == MESH or len(surface.p_OQ) == 4 * 12**2
         np.testing.assert_allclose(surface.distance(starts[0]), 0, atol=1e-12)
+        if scene != BALL:
+            assert (len(surface.p_OQ), len(surface.forbidden)) == (4 * 12**2, 300)
 
 
 @pytest.mark.parametrize("name", implementations())
 def test_each_tick_is_of_the_implementation_that_is_named(name, monkeypatch):
-    surface, starts = make_scene(cube(8))
+    surface, _, starts = make_scene(Scene(8))
     made, own = [], tick_times.chosen
     monkeypatch.setattr(tick_times, "chosen", lambda asked: made.append(asked) or own(asked))
-    make_tick(surface, name, starts[0], PlannerConfig())
+    make_tick(surface, name, starts[0], PLAIN)
     assert made == [name]
 
 
 def test_ticks_are_timed_in_turn_until_time_is_up():
-    rows = time_ticks(TickJob(BY_SIZE, cube(4), "position", rounds=12, seconds=60.0))
+    job = TickJob("position", 64, Scene(4), PLAIN, seconds=60.0, rounds=12)
+    rows = time_ticks(job)
     assert [row["implementation"] for row in rows] == list(ALL)
     assert [row["ticks"] for row in rows] == [12] * len(ALL)
-    assert all(0 < row["median [ms]"] <= row["99 % [ms]"] for row in rows)
-    hasty = time_ticks(TickJob(BY_SIZE, cube(4), "position", rounds=12, seconds=0.0))
-    assert {row["ticks"] for row in hasty} == {5}
+    for row in rows:
+        assert row["N"] == 64
+        assert 0 < row["median [ms]"] <= row["99 % [ms]"]
+        assert row["99 % / median"] == row["99 % [ms]"] / row["median [ms]"]
+    assert {row["ticks"] for row in time_ticks(job._replace(seconds=0.0))} == {5}
 
 
-def test_parts_are_what_their_diagrams_take_more(monkeypatch):
-    """By a clock that only the simulators advance; a thread works half of the time."""
-    costs, now, made = (1.0, 4.0, 2.0, 0.5), [0.0], []
+def test_the_time_of_a_tick_is_that_of_planning_it(monkeypatch):
+    """By a clock that only safe regions advance; logs would ask for them, too."""
+    now, compute = [0.0], safe_region_partitioner.compute_safe_regions
 
-    class Simulator:
-        def __init__(self, diagram):
-            made.append(self)
-            self.seconds, self.ends = sum(costs[: len(made)]), []
+    def slow(*arguments, **options):
+        now[0] += 2**-6
+        return compute(*arguments, **options)
 
-        def set_target_realtime_rate(self, rate):
-            assert rate == 0
+    clock = type("Clock", (), {"thread_time": lambda: now[0]})
+    monkeypatch.setattr(run_times, "time", clock)
+    monkeypatch.setattr(safe_region_partitioner, "compute_safe_regions", slow)
+    rows = time_run(RunJob("base", "a_base", "{planner: {period: 0.02}}", 5))
+    assert [row["implementation"] for row in rows] == list(implementations())
+    for row in rows:
+        assert (row["run"], row["ticks"]) == ("base", 5)
+        assert row["median [ms]"] == row["99 % [ms]"] == 1e3 * 2**-6
+        assert row["x real time"] == 1 / row["processor s / s"] == pytest.approx(0.02 / 2**-6)
 
-        def AdvanceTo(self, end):
-            now[0] += self.seconds * len(self.ends)  # Nothing for the warm-up.
-            self.ends.append(end)
 
-    clock = type("Clock", (), {"perf_counter": lambda: now[0], "thread_time": lambda: now[0] / 2})
-    monkeypatch.setattr(base_case, "time", clock)
-    monkeypatch.setattr(base_case, "Simulator", Simulator)
-    monkeypatch.setattr(base_case, "ApplySimulatorConfig", lambda *arguments: None)
-    rows = time_run(RunJob("reference", 0.05, 0.2, 3))
-    median = 2 / 0.2  # Rounds take once, twice and three times as long.
-    for row, cost, whole in zip(rows, costs, np.cumsum(costs), strict=True):
-        assert row["x real time"] == pytest.approx(1 / (median * whole))
-        assert row["added [ms]"] == pytest.approx(1e3 * median * cost / 2)
-    for simulator in made:
-        np.testing.assert_allclose(np.diff(simulator.ends), 0.2)
+def test_only_scenarios_that_lack_an_extra_are_left_out(monkeypatch):
+    monkeypatch.setattr(allegro_panda, "PACKAGE", "not-installed")
+    (row,) = time_run(RunJob("arm", "grasp_allegro_panda"))
+    assert row["run"] == "arm"
+    assert "drake_pregrasp[robots]" in row["not run"]
+    base = {"run": "base", "implementation": "reference", **tick_columns([1.0])}
+    *_, table, note = report("", {"hand": pd.DataFrame([row, base])})
+    assert table.data["candidates"].tolist() == ["base"]
+    assert note == f"Not run: arm: {row['not run']}"
+    with pytest.raises(ScenarioError, match="period"):
+        time_run(RunJob("base", "a_base", "{planner: {period: -1}}"))
 
 
 @pytest.mark.slow
 def test_a_fresh_process_imports_the_callers_package(monkeypatch):
-    monkeypatch.setattr(base_case, "implementations", lambda: ("reference",))
+    monkeypatch.setattr(run_times, "implementations", lambda: ("reference",))
     (row,) = time_starts(1, compiling=False)
-    assert min(list(row.values())[1:]) > 0
+    assert min(list(row.values())[2:]) > 0
 
 
 def test_one_process_compiles_and_the_medians_of_the_others_are_of_each_stage(monkeypatch):
@@ -128,12 +138,12 @@ def test_one_process_compiles_and_the_medians_of_the_others_are_of_each_stage(mo
         seconds = [[9.0, 9.0], [3.0, 1.0], [1.0, 2.0], [2.0, 9.0]][len(seen) - 1]
         return subprocess.CompletedProcess(command, 0, stdout=json.dumps(seconds))
 
-    monkeypatch.setattr(base_case, "implementations", lambda: ("numba",))
-    monkeypatch.setattr(base_case.subprocess, "run", run)
+    monkeypatch.setattr(run_times, "implementations", lambda: ("fast",))
+    monkeypatch.setattr(run_times.subprocess, "run", run)
     monkeypatch.setenv("PYTHONPATH", "mine")
     first, later = (list(row.values()) for row in time_starts(3, compiling=True))
-    assert first == ["numba, nothing compiled yet", 9, 9]
-    assert later == ["numba", 2, 2]
+    assert first == ["fast", "first", 9, 9]
+    assert later == ["fast", "later", 2, 2]
     assert len({environment["NUMBA_CACHE_DIR"] for environment in seen}) == 1
     assert seen[0]["PYTHONPATH"].endswith(f"{os.pathsep}mine")
 
@@ -158,29 +168,69 @@ def test_drift_is_the_slope_of_all_hours_but_the_first_quarter():
     assert error == pytest.approx(0, abs=1e-9)
 
 
-def test_plans_differ_in_size_only():
-    quick, full = ([name for name, _ in plan(quick=quick)] for quick in (True, False))
-    assert set(full) - set(quick) == {"memory"}
-    assert len(quick) < len(full)
-    assert full[0] == "memory"
+def planned(*, quick):
+    """A table for each section with the cases of its jobs."""
+    rows = {}
+    for section, measure in plan(quick=quick):
+        job = measure.args[0] if getattr(measure, "args", ()) else None
+        if isinstance(job, RunJob):
+            row = {"run": job.name, "scenario": job.scenario, "ticks": job.ticks}
+        elif isinstance(job, TickJob):
+            N = 4 * job.scene.per_length**2
+            row = {"series": job.series, "size": job.size, "N": N, "ticks": job.rounds}
+        else:
+            row = {"start": "first", "ticks": 1}
+        rows.setdefault(section, []).append(row)
+    return {section: pd.DataFrame(own) for section, own in rows.items()}
+
+
+def test_the_plan_has_all_scenarios_and_a_case_for_each_goal():
+    quick, full = planned(quick=True), planned(quick=False)
+    assert next(iter(full)) == "memory"  # Other measurements would hide growth.
+    assert set(full) == set(QUESTIONS) == {*quick, "memory"}
+    assert set(full["scenarios"]["run"]) >= set(shipped_scenarios())
+    for section, question in QUESTIONS.items():
+        assert len(quick.get(section, [])) <= len(full[section])
+        for goal in question["goals"]:
+            assert len(full[section].query(goal["rows"])), goal["what"]
+    files = {shipped_scenarios()[name][0] for name in quick["scenarios"]["scenario"]}
+    assert files == {file for file, _ in shipped_scenarios().values()}
+
+
+def test_goals_are_met_by_the_worst_case_of_fast_only():
+    rows = [
+        {"run": "a_base", "implementation": "reference", "x real time": 1, "99 % / median": 9},
+        {"run": "a_base", "implementation": "fast", "x real time": 60, "99 % / median": 2},
+        {"run": "box", "implementation": "fast", "x real time": 5, "99 % / median": 2.5},
+    ]
+    table = goals_table({"scenarios": pd.DataFrame(rows).assign(ticks=1)}).set_index("goal")
+    assert len(table) == sum(len(question["goals"]) for question in QUESTIONS.values())
+    base = table.loc["base case, planning at 20 Hz: x real time"]
+    assert tuple(base) == ("≥ 60", "60", "yes")
+    spread = table.loc["shipped scenarios: 99th percentile over median"]
+    assert tuple(spread) == ("≤ 2", "2.5 (box)", "no")
+    assert tuple(table.iloc[-1])[1:] == ("not measured", "–")
 
 
 @pytest.mark.slow
 def test_writes_its_files(tmp_path, monkeypatch):
     jobs = [
-        ("ticks", partial(time_ticks, TickJob(BY_SIZE, cube(4), "vew", rounds=5))),
-        ("ticks", partial(time_ticks, TickJob("contacts", cube(4), "gii", rounds=5))),
-        ("runs", partial(time_run, RunJob(implementations()[-1], 0.05, 0.1, 1))),
+        ("strategies", partial(time_ticks, TickJob("vew", 64, Scene(4), PLAIN, rounds=5))),
+        ("growth", partial(time_ticks, TickJob("contacts", 5, Scene(4), PLAIN, rounds=5))),
+        ("rates", partial(time_run, RunJob("base", "a_base", ticks=5))),
+        ("starts", partial(time_starts, 1, compiling=False)),
     ]
     monkeypatch.setattr(bench_module, "plan", lambda *, quick: jobs)
-    monkeypatch.setattr(bench_module, "_GROWTH", {"contacts": "contacts"})
     steps = []
     path = bench(tmp_path / "b", quick=True, on_progress=lambda *step: steps.append(step))
-    assert steps == [(1, 3), (2, 3), (3, 3)]
-    pictures = {"ticks.png", "growth.png", "base_case.png"}
-    assert {file.name for file in path.parent.iterdir()} == {"bench.md", "bench.json", *pictures}
+    assert steps == [(k, 4) for k in (1, 2, 3, 4)]
+    assert {file.name for file in path.parent.iterdir()} == {"bench.md", "bench.json"}
     content = json.loads((path.parent / "bench.json").read_text())
-    assert {row["N"] for row in content["ticks"]} == {64}
+    assert [row["implementation"] for row in content["growth"]] == list(ALL)
     text = path.read_text()
-    for shown in ("### vew", "gii, reference", "20 Hz", *pictures):
+    measured = {section for section, _ in jobs}
+    for section, question in QUESTIONS.items():
+        assert (f"## {question['title']}" in text) == (section in measured)
+        assert all(goal["what"] in text for goal in question["goals"])
+    for shown in ("reference, x real time", "printed, ms", "| vew ", "| base "):
         assert shown in text

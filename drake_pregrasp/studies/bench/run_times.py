@@ -126,7 +126,7 @@ def time_run(job: RunJob) -> list[dict[str, Any]]:
                 {
                     "run": job.name,
                     "implementation": name,
-                    **tick_columns(run.timer.seconds[_WARM_UP:]),
+                    **tick_columns(run.timer.seconds[_WARM_UP + 1 :]),  # The first is at time 0.
                     "processor s / s": load,
                     "x real time": 1 / load,
                 }
