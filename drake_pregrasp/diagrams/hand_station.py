@@ -105,6 +105,7 @@ class HandStation(Diagram):
             friction=friction,
             obstacles=obstacles,
             add_more=lambda plant: add_hand_model(plant, hand, yaw_range),
+            holds_pose=True,
         )
         instance = self.plant.GetModelInstanceByName(HAND)
         self.plant.SetDefaultPositions(instance, initial)

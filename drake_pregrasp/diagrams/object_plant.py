@@ -47,6 +47,7 @@ def add_moving_object(
     friction: float = FRICTION,
     obstacles: Sequence[MovingSolid] = (),
     add_more: Callable[[MultibodyPlant], object] | None = None,
+    holds_pose: bool = False,
 ) -> MovingObject:
     """Adds a plant with the object, and what moves it.
 
@@ -58,6 +59,8 @@ def add_moving_object(
         friction: Coulomb's coefficient of the object.
         obstacles: Obstacles that are bodies.
         add_more: Function that adds more models to the plant.
+        holds_pose: Whether the pose of a time step is held until the next one (`BodyPose`), for
+            ticks whose times equal those of time steps only up to rounding.
     """
     if isinstance(motion, PoseStream):
         return _add_replay(builder, object_config, motion, plant_config)
@@ -86,7 +89,8 @@ def add_moving_object(
         drive = ObjectMotion(VelocityProfile([[0.0, speed]]))
         builder.AddNamedSystem(f"obstacle_motion_{index}", drive)
         builder.Connect(drive.get_output_port(), plant.get_desired_state_input_port(instance))
-    pose = builder.AddNamedSystem("object_pose", BodyPose(body.index()))
+    body_pose = BodyPose(body.index(), time_step=plant_config.time_step if holds_pose else 0.0)
+    pose = builder.AddNamedSystem("object_pose", body_pose)
     builder.Connect(plant.get_body_poses_output_port(), pose.get_input_port())
     return plant, scene_graph, pose.get_output_port()
 

@@ -11,7 +11,7 @@ from drake_pregrasp.geometry.solids import Solid
 _PASSES = 6  # A tip pushed out by one constraint may violate another one.
 # Points of a straight path, as shares of its length: they find its distance from the object to
 # 0.2 mm.
-_SHARES = np.linspace(0.0, 1.0, 17)[:, None, None]
+_SHARES = np.linspace(0.0, 1.0, 17)[:, None]
 _ON_SIDE = 0.7  # Least horizontal part of a unit outward direction on a side.
 _ROUNDING = 1e-12  # Tolerance of clearances in metres.
 _SQUEEZED = 2e-3  # Clearance to other solids that a tip may give up to pass, in metres.
@@ -41,7 +41,8 @@ class TipRoom:
     def permitted(self, p_GT: FloatArray) -> FloatArray:
         """Returns approximately the nearest permitted positions in G, shape (n, 3), in metres.
 
-        They are never inside the object. Without free space beside it, they are inside others.
+        They are never inside the object. Without free space beside it, they are inside others. If
+        all are permitted, the same array is returned.
 
         Args:
             p_GT: Centres of the tips in G, shape (n, 3), in metres.
@@ -126,7 +127,7 @@ def shape_goals(
 
 
 def _is_free(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> BoolArray:
-    points = p_GT + _SHARES * (goal - p_GT)
+    points = p_GT + _SHARES[:, :, None] * (goal - p_GT)
     distances = room.object.distance(points.reshape(-1, 3)).reshape(points.shape[:2])
     free: BoolArray = distances.min(axis=0) >= room.object_clearances - _GRAZE
     return free
@@ -166,16 +167,16 @@ def _is_blocked(
         room: Free space of the tips.
     """
     x, y, z = (p_GT - room.p_GO).T
-    azimuths = np.arctan2(y, x) + _SHARES[:, 0] * angle
+    azimuths = np.arctan2(y, x) + _SHARES * angle
     radii = np.hypot(x, y) + room.object_clearances  # Beside the object, not inside.
-    round_it = [radii * np.cos(azimuths), radii * np.sin(azimuths), z + _SHARES[:, 0] * height]
+    round_it = [radii * np.cos(azimuths), radii * np.sin(azimuths), z + _SHARES * height]
     points = room.p_GO + np.stack(round_it, axis=2).reshape(-1, 3)
     distances, outward = room.object.distance_and_gradient(points)
     points -= (distances - np.tile(room.object_clearances, len(_SHARES)))[:, None] * outward
     blocked = np.zeros(len(p_GT), dtype=bool)
     for solid, clearance in room.others:
         gaps = solid.distance(points).reshape(len(_SHARES), -1) - clearance
-        blocked |= np.min(gaps, axis=0) < -_SQUEEZED
+        blocked |= gaps.min(axis=0) < -_SQUEEZED
     return blocked
 
 
@@ -192,10 +193,11 @@ def _spread(p_GT: FloatArray, spacing: float | FloatArray) -> FloatArray:
     """Moves both tips of a pair apart equally; returns the same array if none moves."""
     away = p_GT[:, None] - p_GT
     distance = np.sqrt(np.einsum("ijk,ijk->ij", away, away))
-    lacking = np.maximum(spacing - distance, 0)
-    np.fill_diagonal(lacking, 0)
+    lacking = spacing - distance
+    lacking.flat[:: len(p_GT) + 1] = 0  # A tip and itself.
     if lacking.max(initial=0) <= _ROUNDING:
         return p_GT
+    lacking = np.maximum(lacking, 0)
     unit = np.where(distance[..., None] > 0, away, np.triu(np.ones_like(distance))[..., None] - 0.5)
     unit /= np.linalg.norm(unit, axis=2, keepdims=True)
     apart: FloatArray = p_GT + np.sum(lacking[..., None] / 2 * unit, axis=1)

@@ -241,8 +241,8 @@ class FingertipGoalShaper(LeafSystem):
             obstacles=obstacles,
             holding=holding,
         )
-        if not held:
-            shift = np.where(active[:, None], room.permitted(goal) - goal, 0)
+        if not held and (permitted := room.permitted(goal)) is not goal:
+            shift = np.where(active[:, None], permitted - goal, 0)
             along = shift - np.sum(shift * nhat, axis=1, keepdims=True) * nhat
             p_OC, goal = p_OC + along, goal + along
         v_GT = context.get_discrete_state(self._rates).value().reshape(-1, 3)

@@ -11,9 +11,9 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialForce, SpatialVelocity
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray, tick_index
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
@@ -37,15 +37,37 @@ class BodyPose(LeafSystem):
 
     Port `X_WB` emits a `RigidTransform`: the pose of the body B in the world W.
 
+    The state of a discrete plant is that of the next time step as soon as it has been updated. So a
+    system whose tick is at the same time, but for rounding, would see a moving body ahead of its
+    time. With `time_step`, the pose of a time step is held until the next one.
+
     Args:
         body_index: Index of the body B.
+        time_step: Time step of the plant, in seconds; 0 to emit the pose of its present state.
     """
 
-    def __init__(self, body_index: BodyIndex) -> None:
+    def __init__(self, body_index: BodyIndex, *, time_step: float = 0.0) -> None:
         super().__init__()
         poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         index = int(body_index)
-        declare_output(self, "X_WB", POSE, lambda c: poses.Eval(c)[index], poses)
+        if not time_step:
+            declare_output(self, "X_WB", POSE, lambda c: poses.Eval(c)[index], poses)
+            return
+        held = self.DeclareDiscreteState(np.append(-1.0, np.eye(3, 4)))
+
+        def pose(context: Context) -> RigidTransform:
+            step, *X_WB = context.get_discrete_state(held).value()
+            if step != tick_index(context.get_time(), time_step):
+                return poses.Eval(context)[index]
+            X = np.reshape(X_WB, (3, 4))
+            return RigidTransform(RotationMatrix.MakeUnchecked(X[:, :3]), X[:, 3])
+
+        def hold(context: Context, discrete_state: DiscreteValues) -> None:
+            step = tick_index(context.get_time(), time_step)
+            discrete_state.set_value(held, np.append(step, pose(context).GetAsMatrix34()))
+
+        declare_output(self, "X_WB", POSE, pose, poses, self.time_ticket(), self.xd_ticket())
+        self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, hold)
 
 
 class ObjectMotion(LeafSystem):

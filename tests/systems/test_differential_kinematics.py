@@ -7,11 +7,15 @@ from made_systems import CONTROL_PERIOD, FRAMES, HAND, NQ, N, bus
 from pydrake.geometry import Role
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
+from pydrake.solvers import MathematicalProgram, Solve
 
 from drake_pregrasp import BoxSolid, HalfSpace, Obstacles
 from drake_pregrasp.grasping.grasp_state import BASE, NOT_HINDERED, GiveUp, describe_give_up
-from drake_pregrasp.systems.differential_kinematics import DifferentialKinematics, VelocityProgram
-from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE, Clearances
+from drake_pregrasp.systems.differential_kinematics import (
+    DifferentialKinematics,
+    constrained_velocity,
+)
+from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE
 
 TABLE = HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0]))
 CUBE = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
@@ -143,21 +147,26 @@ def test_links_and_fingertips_stay_clear_of_an_object_wherever_the_goals_are(vel
     assert 0.001 < least < 0.01
 
 
-def test_a_finger_that_holds_touches_with_its_tip_first():
-    inward = P_WO + (TIPS - P_WO) * [0.45, 0.45, 1.0]
+@pytest.mark.parametrize("depth", [0.0, 0.02])
+def test_a_finger_that_holds_touches_with_its_tip_first_wherever_the_object_is(depth):
+    """The palm goes over the object to the other side: the finger leans on the object's edge."""
+    leaning = HOME.copy()
+    leaning[[0, 2]] += [-0.08, 0.03]
+    leaning[4:7] = [0.0, 0.44, 0.0]
+    leaning[8::3] = 1.4  # The other fingers stretch out.
     follower = Follower(
         X_WO=RigidTransform(P_WO),
-        desired_cartesian_poses=bus(inward),
-        fingers_hold=np.ones(N),
+        desired_cartesian_poses=bus([[0.058 - depth, 0.0, 0.05]]),
+        fingers_hold=np.eye(N)[0],
+        nominal_posture=leaning,
     )
-    for _ in range(60):
+    for _ in range(150):
         follower.tick()
-    gaps = follower.distances("object")
-    for finger in range(N):
-        tip = gaps[f"finger_{finger}_distal tip"]
-        assert tip < 0.0
-        assert gaps[f"finger_{finger}_distal link"] >= tip + 0.001
-        assert gaps[f"finger_{finger}_proximal link"] > LINK_CLEARANCE - 1e-3
+        gaps = follower.distances("object")
+        assert gaps["finger_0_distal link"] - gaps["finger_0_distal tip"] > 0.0019
+        assert gaps["finger_0_proximal link"] > LINK_CLEARANCE - 1e-3
+    # The tip arrives, which is 1 mm in the object where it is estimated, or deeper.
+    assert gaps["finger_0_distal tip"] == pytest.approx(-0.001 - depth, abs=1e-4)
 
 
 def test_the_palm_gives_way_where_a_link_has_no_room():
@@ -215,23 +224,26 @@ def test_a_step_without_a_solution_stops_the_hand_and_says_so(number):
     assert hinders == NOT_HINDERED
 
 
-def test_a_reused_program_gives_the_optimum_which_is_the_free_one_if_that_is_allowed():
-    """The system skips the program where the velocity without constraints keeps all of them."""
+@pytest.mark.parametrize("distance", [0.0, 0.05, 0.3, 1.0])
+def test_the_constrained_velocity_is_the_optimum_and_the_free_one_where_it_is_allowed(distance):
+    """The system takes the velocity without constraints where it keeps all of them."""
     rng = np.random.default_rng(5)
-    reused = VelocityProgram(NQ)
-    for case in range(60):
-        J, rows = rng.normal(size=(15, NQ)), rng.normal(size=(case % 13, NQ))
+    for case in range(40):
+        J, rows = rng.normal(size=(15, NQ)), rng.normal(size=(1 + case % 12, NQ))
         H, v_free = 100 * J.T @ J + 0.5 * np.eye(NQ), rng.normal(size=NQ)
-        # Constraints that a random velocity keeps, and that the free one keeps in half the cases.
-        kept = v_free if case % 2 else rng.normal(size=NQ)
-        slack = rng.uniform(0.0, 0.3, size=NQ)
-        clear = Clearances(rows, rows @ kept - slack[: len(rows)], np.zeros(len(rows), int))
-        least, most = kept - slack, kept + rng.uniform(0.0, 0.3, size=NQ)
-        v = reused.solve(H, v_free, least, most, clear)
-        np.testing.assert_array_equal(v, VelocityProgram(NQ).solve(H, v_free, least, most, clear))
-        if case % 2:
-            np.testing.assert_allclose(v, v_free, atol=1e-4)
-        violations = (least - v, v - most, clear.least - rows @ v)
-        assert max(np.max(part, initial=-np.inf) for part in violations) < 1e-6
-        # No allowed velocity is better: the cost does not fall along the way to any.
-        assert (kept - v) @ H @ (v - v_free) > -1e-3
+        if case % 4 == 0:
+            rows[-1] = rows[0]  # Constraints that depend on each other.
+        A = np.concatenate([np.eye(NQ), -np.eye(NQ), rows])
+        kept = v_free + distance * rng.normal(size=NQ)  # Keeps all constraints.
+        b = A @ kept - rng.uniform(0.0, 0.3, size=len(A))
+        b[-1] = b[-len(rows)] if case % 4 == 0 else b[-1]
+        v = constrained_velocity(H, v_free, A, b)
+        program = MathematicalProgram()
+        dv = program.NewContinuousVariables(NQ)
+        program.AddQuadraticCost(2 * H, np.zeros(NQ), dv, is_convex=True)
+        program.AddLinearConstraint(A, b - A @ v_free, np.full(len(b), np.inf), dv)
+        result = Solve(program)
+        assert result.is_success()
+        np.testing.assert_allclose(v, v_free + result.GetSolution(dv), atol=2e-4)
+        if distance == 0:
+            np.testing.assert_array_equal(v, v_free)

@@ -80,6 +80,16 @@ def test_body_pose_picks_its_body():
     assert body.eval("X_WB").IsExactlyEqualTo(poses[2])
 
 
+def test_a_held_body_pose_is_that_of_its_time_step():
+    poses = [AbstractValue.Make([RigidTransform([x, 0.0, 0.0])]) for x in (1.0, 2.0)]
+    body = Driven(BodyPose(BodyIndex(0), time_step=0.01), body_poses=poses[0])
+    body.simulator.AdvanceTo(1e-9)  # The plant has been updated, as seen by a tick after rounding.
+    body.fix(body_poses=poses[1])
+    assert body.eval("X_WB").translation()[0] == 1.0
+    body.context.SetTime(0.01)
+    assert body.eval("X_WB").translation()[0] == 2.0
+
+
 def test_fingers_are_lost_from_their_time_on():
     weights = ContactWeights(np.array([1.0, 2.0, 3.0]), [(2.0, [1]), (3.0, [0])])
     rounded = 2.0 - 4e-16  # As a tick's time may be.
