@@ -16,8 +16,8 @@ these return the reference, or None for it.
 half-spaces (forbidden points, neighbouring fingertips, the nearest points of obstacles), and
 predicates of single candidates (closed faces, reach, fingertips clear of obstacles). Once a tick
 `compute_safe_regions` writes all of it into plain arrays, `RegionBounds`. Both implementations read
-these arrays, so that a constraint is described in one place. All solids are boxes with rounded
-edges, with infinite bounds for half-spaces, and therefore share one formula for their distance.
+these arrays, so that a constraint is described in one place. All solids are boxes with
+rounded edges, with infinite bounds for half-spaces, and share one formula for their distance.
 
 **Blocks.** Candidates never move in the object's frame. At construction they are sorted into
 compact blocks of 64, each with a bounding box of its positions and of its normals. In a tick a
@@ -48,12 +48,12 @@ import functools
 import importlib.util
 import os
 from collections.abc import Mapping
+from typing import Any
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import GoalFunction
 from drake_pregrasp.estimation.pose_filter import FilterStep
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import FRICTION
 from drake_pregrasp.regions.constraints import LimitFunction, Predicates
 from drake_pregrasp.regions.safe_regions import LabelCandidates
 
@@ -104,39 +104,20 @@ def fast_limits() -> LimitFunction:
 
 
 def fast_goals(
-    surface: ObjectSurface,
-    weights: Mapping[str, float],
-    *,
-    reading: str = "hand",
-    stretch: bool = True,
-    power: float = 1.0,
-    friction: float = FRICTION,
-    best_point: bool = False,
+    surface: ObjectSurface, weights: Mapping[str, float], **options: Any
 ) -> GoalFunction | None:
     """Returns `region_goals` or `best_points` compiled for a surface, or None without numba.
 
     Args:
         surface: The object's surface.
         weights: Weights of the strategies in a blend, by name; one for a single strategy.
-        reading: Reading of the grasp matrix; this and the next three are as for `make_blend`.
-        stretch: Whether weights are stretched over each region.
-        power: Exponent of the weights.
-        friction: Coulomb's coefficient.
-        best_point: Whether goals are the best points.
+        options: Arguments of `make_blend`, and `best_point`.
     """
     if not _is_chosen():
         return None
     from drake_pregrasp.fast.goals import CompiledGoals
 
-    return CompiledGoals(
-        surface,
-        weights,
-        reading=reading,
-        stretch=stretch,
-        power=power,
-        friction=friction,
-        best_point=best_point,
-    )
+    return CompiledGoals(surface, weights, **options)
 
 
 def fast_filter_step() -> FilterStep | None:

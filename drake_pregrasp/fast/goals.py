@@ -9,7 +9,7 @@ from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.fast.projection import CompiledSurface
 from drake_pregrasp.fast.weights import KINDS, weighted_goals
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import balance_blocks
+from drake_pregrasp.quality.force_closure import FRICTION, balance_blocks
 
 
 class CompiledGoals:
@@ -30,11 +30,11 @@ class CompiledGoals:
         surface: ObjectSurface,
         weights: Mapping[str, float],
         *,
-        reading: str,
-        stretch: bool,
-        power: float,
-        friction: float,
-        best_point: bool,
+        reading: str = "hand",
+        stretch: bool = True,
+        power: float = 1.0,
+        friction: float = FRICTION,
+        best_point: bool = False,
     ) -> None:
         self._surface = surface = CompiledSurface.of(surface)
         shares = {name: share for name, share in weights.items() if share > 0}

@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.arrays import IntArray
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.fast.blocks import BLOCK, Blocks
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.fast.predicates import (
     is_closed,
@@ -17,31 +18,9 @@ from drake_pregrasp.fast.predicates import (
 from drake_pregrasp.regions.constraints import NO_CAUSE, UNCONSTRAINED, Limit
 from drake_pregrasp.regions.safe_regions import NO_REGION, RegionBounds
 
-BLOCK = 64
-"""Largest number of candidates in a block."""
-
 _SLACK = 1e-12  # Share of its terms by which a half-space must clear a box to decide it.
 _NONE, _CROWDED, _WALL = int(Limit.NONE), int(Limit.CROWDED), int(Limit.WALL)
 _NUM_LIMITS = len(Limit)
-
-
-def compact_blocks(q: FloatArray) -> list[IntArray]:
-    """Returns the indices of points in blocks, made by bisection of the longest side.
-
-    Args:
-        q: Points, shape (N, 3), in metres.
-    """
-    waiting, blocks = [np.arange(len(q))], []
-    while waiting:
-        own = waiting.pop()
-        if len(own) <= BLOCK:
-            blocks.append(own)
-            continue
-        axis = np.argmax(np.ptp(q[own], axis=0))
-        middle = BLOCK * -(-len(own) // (2 * BLOCK))
-        order = np.argpartition(q[own, axis], middle - 1)
-        waiting += [own[order[:middle]], own[order[middle:]]]
-    return blocks
 
 
 @compiled()
@@ -113,28 +92,7 @@ def exclude(normals, bounds, j, c, q, start, stop, over, excluded):  # type: ign
 
 @compiled()
 def limit_of_region(  # type: ignore[no-untyped-def]
-    i,
-    q,
-    nhat,
-    places,
-    starts,
-    boxes,
-    cells,
-    c,
-    same_side,
-    few,
-    normals,
-    bounds,
-    slack,
-    limits,
-    causes,
-    contact,
-    solids,
-    points,
-    clearance,
-    standoff,
-    scratch,
-    lists,
+    i, blocks, cells, c, same_side, few, half_spaces, contact, obstacles, scratch, lists
 ):
     """Returns the limit that leaves a contact a tiny region, and its cause, as the reference does.
 
@@ -142,6 +100,9 @@ def limit_of_region(  # type: ignore[no-untyped-def]
     candidates only, by the half-spaces and obstacles that do not permit the whole block.
     The arguments are those of `label_blocks`, and its memory.
     """
+    q, nhat, places, starts, boxes = blocks
+    normals, bounds, slack, limits, causes = half_spaces
+    solids, points, _, _ = obstacles
     width = 2 + max(largest(causes), largest(solids[:, 19]), largest(points[:, 4]))
     counts = np.zeros(_NUM_LIMITS * width, np.int64)  # By limit, then by cause, from -1 on.
     by_points, excluded = counts.copy(), np.empty(BLOCK, dtype=np.bool_)
@@ -166,15 +127,7 @@ def limit_of_region(  # type: ignore[no-untyped-def]
         cutting, near_solids, near_points = lists
         over, reach, power = scratch
         count = cutting_half_spaces(
-            normals,
-            bounds,
-            slack,
-            c[i],
-            boxes[block],
-            over,
-            reach,
-            cutting,
-            True,
+            normals, bounds, slack, c[i], boxes[block], over, reach, cutting, True
         )
         before = -1
         for place in range(count + 1):
@@ -192,7 +145,7 @@ def limit_of_region(  # type: ignore[no-untyped-def]
                 exclude(normals, bounds, j, c[i], q, start, stop, power, excluded)
         box = box_of(boxes[block], d)
         num_solids, num_points = near_obstacles(
-            contact, box, solids, points, clearance, standoff, near_solids, near_points, over
+            contact, box, obstacles, near_solids, near_points, over
         )
         for k in range(start, stop):
             if cells[k] == i:
@@ -200,10 +153,7 @@ def limit_of_region(  # type: ignore[no-untyped-def]
                     contact,
                     (q[0, k], q[1, k], q[2, k]),
                     (nhat[0, k], nhat[1, k], nhat[2, k]),
-                    solids,
-                    points,
-                    clearance,
-                    standoff,
+                    obstacles,
                     near_solids[:num_solids],
                     near_points[:num_points],
                     True,
@@ -288,6 +238,7 @@ def label_blocks(  # type: ignore[no-untyped-def]
         standoff: Distance from the surface at which fingertips wait, in metres.
     """
     n, d, m = by_axis.shape
+    obstacles, blocks = (solids, points, clearance, standoff), (q, nhat, order, starts, boxes)
     labels, cells = np.empty(q.shape[1], dtype=np.int64), np.empty(q.shape[1], dtype=np.int64)
     owners, sizes = np.empty(BLOCK, dtype=np.int64), np.zeros(n, dtype=np.int64)
     least, power, excluded = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK, dtype=np.bool_)
@@ -323,15 +274,7 @@ def label_blocks(  # type: ignore[no-untyped-def]
             if not owns[i]:
                 continue
             count = cutting_half_spaces(
-                by_axis[i],
-                bounds[i],
-                slack[i],
-                c[i],
-                boxes[block],
-                over,
-                reach,
-                cutting,
-                False,
+                by_axis[i], bounds[i], slack[i], c[i], boxes[block], over, reach, cutting, False
             )
             excluded[:size] = False
             for j in cutting[:count]:
@@ -348,15 +291,7 @@ def label_blocks(  # type: ignore[no-untyped-def]
             box = box_of(boxes[block], d)
             reached = reach_of_box(contacts[i], box, standoff)
             num_solids, num_points = near_obstacles(
-                contacts[i],
-                box,
-                solids,
-                points,
-                clearance,
-                standoff,
-                near_solids,
-                near_points,
-                over,
+                contacts[i], box, obstacles, near_solids, near_points, over
             )
             if reached == 1 and num_solids + num_points == 0 and not is_closed(contacts[i]):
                 continue
@@ -367,10 +302,7 @@ def label_blocks(  # type: ignore[no-untyped-def]
                         contacts[i],
                         (q[0, start + k], q[1, start + k], q[2, start + k]),
                         (nhat[0, start + k], nhat[1, start + k], nhat[2, start + k]),
-                        solids,
-                        points,
-                        clearance,
-                        standoff,
+                        obstacles,
                         near_solids[:num_solids],
                         near_points[:num_points],
                         reached == 0,
@@ -387,61 +319,22 @@ def label_blocks(  # type: ignore[no-untyped-def]
         if sizes[i] < few and half_power[i] < np.inf:
             limits[i], causes[i] = limit_of_region(
                 i,
-                q,
-                nhat,
-                order,
-                starts,
-                boxes,
+                blocks,
                 cells,
                 c,
                 same_side,
                 few,
-                by_axis[i],
-                bounds[i],
-                slack[i],
-                by_limit,
-                by_cause,
+                (by_axis[i], bounds[i], slack[i], by_limit, by_cause),
                 contacts[i],
-                solids,
-                points,
-                clearance,
-                standoff,
+                obstacles,
                 (over, reach, power),
                 (cutting, near_solids, near_points),
             )
     return labels, limits, causes
 
 
-class CompactCandidates:
-    """The candidates of a surface in spatially compact blocks.
-
-    Args:
-        q: Candidate points, shape (N, d), in metres; the first three coordinates are positions.
-        nhat: Outward unit normals at the candidates, shape (N, 3).
-
-    Attributes:
-        order: Index of the candidate at each place of the blocks, shape (N,).
-        starts: First place of each block, and N, shape (B + 1,).
-        boxes: Midpoints and half edge lengths of the blocks' boxes, mean normals, and the radii of
-            balls around both, shape (B, 2d + 5).
-    """
-
-    def __init__(self, q: FloatArray, nhat: FloatArray) -> None:
-        blocks = compact_blocks(q)
-        self.order: IntArray = np.concatenate(blocks)
-        self.starts = np.cumsum([0, *map(len, blocks)])
-        q, nhat = q[self.order], nhat[self.order]
-        self._q, self._nhat = np.ascontiguousarray(q.T), np.ascontiguousarray(nhat.T)
-        low, high, turned_low, turned_high = (
-            bound.reduceat(values, self.starts[:-1])
-            for values in (q, nhat)
-            for bound in (np.minimum, np.maximum)
-        )
-        half, turn = (high - low) / 2, (turned_high - turned_low) / 2
-        radii = [np.linalg.norm(half[:, :3], axis=1), np.linalg.norm(turn, axis=1)]
-        self.boxes = np.ascontiguousarray(
-            np.column_stack([(low + high) / 2, half, (turned_low + turned_high) / 2, *radii])
-        )
+class CompactCandidates(Blocks):
+    """The candidates of a surface in compact blocks, and their labels; see `Blocks`."""
 
     def label(self, bounds: RegionBounds) -> tuple[IntArray, IntArray, IntArray]:
         """Returns labels, limits and causes, as `label_candidates` does for these candidates.
@@ -453,13 +346,13 @@ class CompactCandidates:
         if predicates is None:
             predicates = UNCONSTRAINED.predicates(len(c))
         seen = np.empty((0, 0), dtype=bool) if bounds.same_side is None else bounds.same_side
-        if (bounds.num_candidates, c.shape[1]) != self._q.shape[::-1]:
+        if (bounds.num_candidates, c.shape[1]) != self.q.shape[::-1]:
             raise InvalidArgumentError(
                 f"{len(self.order)} candidates were expected, not {bounds.num_candidates}"
             )
         result: tuple[IntArray, IntArray, IntArray] = label_blocks(
-            self._q,
-            self._nhat,
+            self.q,
+            self.nhat,
             self.order,
             self.starts,
             self.boxes,

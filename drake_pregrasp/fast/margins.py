@@ -70,7 +70,7 @@ def group_margins(gram, P_C, others, P, friction, size, M, y, components, least,
         b: Result, shape (`GROUP`,).
     """
     across = CONE_EDGES / 2 * friction * friction
-    spans[:], b[:] = 0.0, 1.0
+    spans[:], b[:] = 0.0, 1.0 if len(others) > 1 else 0.0  # Two fingers never span all wrenches.
     for i in range(7):
         for j in range(i + 1):
             same = gram[i, j]

@@ -52,7 +52,7 @@ def sector_gaps(row, tx, ty, tz, nx, ny, nz):  # type: ignore[no-untyped-def]
 
 @compiled()
 def limit_of_point(  # type: ignore[no-untyped-def]
-    contact, q, nhat, solids, points, clearance, standoff, near_solids, near_points, check_reach
+    contact, q, nhat, obstacles, near_solids, near_points, check_reach
 ):
     """Returns the limit and cause of one point for one contact, as `Predicates.limits_at`.
 
@@ -60,15 +60,12 @@ def limit_of_point(  # type: ignore[no-untyped-def]
         contact: Row of the contact.
         q: Point, three numbers in metres.
         nhat: Outward unit normal at the point, three numbers.
-        solids: Rows of the solids.
-        points: Rows of the obstacle points.
-        clearance: Least distance between fingertips and obstacles, in metres.
-        standoff: Distance from the surface at which fingertips wait, in metres.
+        obstacles: Rows of solids and of points, clearance and standoff, as in `Predicates`.
         near_solids: Indices of the solids to be tested, ascending.
         near_points: Indices of the obstacle points to be tested, ascending.
         check_reach: Whether the reach is tested.
     """
-    (x, y, z), (nx, ny, nz) = q, nhat
+    (x, y, z), (nx, ny, nz), (solids, points, clearance, standoff) = q, nhat, obstacles
     ax, ay, az = abs(nx), abs(ny), abs(nz)
     if ax >= ay and ax >= az:
         face, along = 0, nx
@@ -109,7 +106,7 @@ def limit_of_point(  # type: ignore[no-untyped-def]
 
 @compiled()
 def near_obstacles(  # type: ignore[no-untyped-def]
-    contact, box, solids, points, clearance, standoff, near_solids, near_points, gaps
+    contact, box, obstacles, near_solids, near_points, gaps
 ):
     """Writes which obstacles a fingertip may touch from a box of points; returns their numbers.
 
@@ -119,15 +116,12 @@ def near_obstacles(  # type: ignore[no-untyped-def]
     Args:
         contact: Row of the contact.
         box: Midpoint of the points (3), of their normals (3), and the radii of both.
-        solids: Rows of the solids.
-        points: Rows of the obstacle points.
-        clearance: Least distance between fingertips and obstacles, in metres.
-        standoff: Distance from the surface at which fingertips wait, in metres.
+        obstacles: Rows of solids and of points, clearance and standoff, as in `Predicates`.
         near_solids: Indices of the solids, which are written.
         near_points: Indices of the obstacle points, which are written.
         gaps: Memory for a number of each point.
     """
-    x, y, z, nx, ny, nz, size, turn = box
+    (x, y, z, nx, ny, nz, size, turn), (solids, points, clearance, standoff) = box, obstacles
     radius = contact[RADIUS]
     room = (radius + clearance + size + (radius + standoff) * turn) * _ABOVE
     shares = _SHARES if standoff > 0.0 else 1
@@ -196,22 +190,19 @@ def limits_of_points(contacts, solids, points, clearance, standoff, which, q, nh
     """Returns the limit and cause of each point for its contact, as `Predicates.limits_at`."""
     limits, causes = np.empty(len(q), dtype=np.int64), np.empty(len(q), dtype=np.int64)
     near_solids, near_points = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
-    gaps = np.empty(len(points))
+    gaps, obstacles = np.empty(len(points)), (solids, points, clearance, standoff)
     for k in range(len(q)):
         contact = contacts[which[k]]
         place, normal = (q[k, 0], q[k, 1], q[k, 2]), (nhat[k, 0], nhat[k, 1], nhat[k, 2])
         box = (q[k, 0], q[k, 1], q[k, 2], nhat[k, 0], nhat[k, 1], nhat[k, 2], 0.0, 0.0)
         num_solids, num_points = near_obstacles(
-            contact, box, solids, points, clearance, standoff, near_solids, near_points, gaps
+            contact, box, obstacles, near_solids, near_points, gaps
         )
         limits[k], causes[k] = limit_of_point(
             contact,
             place,
             normal,
-            solids,
-            points,
-            clearance,
-            standoff,
+            obstacles,
             near_solids[:num_solids],
             near_points[:num_points],
             True,

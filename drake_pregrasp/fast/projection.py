@@ -10,8 +10,8 @@ import numpy as np
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.fast.blocks import Blocks
 from drake_pregrasp.fast.compiling import compiled
-from drake_pregrasp.fast.labels import CompactCandidates
 from drake_pregrasp.geometry.sampling import unit_normals
 from drake_pregrasp.geometry.surface import FLAT_CORNER, ObjectSurface
 
@@ -144,9 +144,9 @@ class CompiledSurface(ObjectSurface):
         return CompiledSurface(**fields)
 
     @cached_property
-    def blocks(self) -> CompactCandidates:
+    def blocks(self) -> Blocks:
         """The candidates in compact blocks."""
-        return CompactCandidates(self.p_OQ, self.nhat_OQ)
+        return Blocks(self.p_OQ, self.nhat_OQ)
 
     @cached_property
     def _arrays(self) -> tuple[Any, ...]:

@@ -254,6 +254,8 @@ def moved_least_norm_margin(
     weights = _edge_weights(others[..., None], E, y[:, None, None])
     least = np.minimum(least, np.min(weights, axis=(0, 1), initial=np.inf))
     n = len(p_CoMC)
+    if model == "hard_finger" and n < 3:  # No moment about the line through both; rounding has one.
+        spans = np.zeros_like(spans)
     return np.where(spans, n * E.shape[1] * np.where(spans, least, 0), -np.inf)
 
 

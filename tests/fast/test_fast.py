@@ -110,7 +110,7 @@ def test_of_tied_candidates_the_first_contact_has_each():
 
 @pytest.mark.parametrize("N", [1, 2, 63, 64, 65, 577, 5000])
 def test_blocks_hold_every_candidate_once(N):
-    from drake_pregrasp.fast.labels import BLOCK, compact_blocks
+    from drake_pregrasp.fast.blocks import BLOCK, compact_blocks
 
     blocks = compact_blocks(np.random.default_rng(N).normal(size=(N, 3)).round(1))
     np.testing.assert_array_equal(np.sort(np.concatenate(blocks)), np.arange(N))

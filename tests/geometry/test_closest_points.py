@@ -18,9 +18,9 @@ implementations = pytest.mark.parametrize(
 def nearest(implementation, corners, points):
     if implementation == "reference":
         return closest_points(corners, points)
-    from drake_pregrasp.fast.goals import closest_point
+    from drake_pregrasp.fast.projection import closest_point
 
-    nearest, scratch = np.empty((len(points), 3)), np.empty((5, 3))
+    nearest, scratch = np.empty((len(points), 3)), np.empty((6, 3))
     for k, (p, c) in enumerate(zip(points, corners, strict=True)):
         closest_point(p, c, nearest[k], scratch)
     return nearest

@@ -1,0 +1,61 @@
+"""Spatially compact blocks of candidates, with boxes around their positions and normals."""
+
+import numpy as np
+
+from drake_pregrasp.arrays import FloatArray, IntArray
+
+BLOCK = 64
+"""Largest number of candidates in a block."""
+
+
+def compact_blocks(q: FloatArray) -> list[IntArray]:
+    """Returns the indices of points in blocks, made by bisection of the longest side.
+
+    Args:
+        q: Points, shape (N, 3), in metres.
+    """
+    waiting, blocks = [np.arange(len(q))], []
+    while waiting:
+        own = waiting.pop()
+        if len(own) <= BLOCK:
+            blocks.append(own)
+            continue
+        axis = np.argmax(np.ptp(q[own], axis=0))
+        middle = BLOCK * -(-len(own) // (2 * BLOCK))
+        order = np.argpartition(q[own, axis], middle - 1)
+        waiting += [own[order[:middle]], own[order[middle:]]]
+    return blocks
+
+
+class Blocks:
+    """The candidates of a surface in spatially compact blocks.
+
+    Args:
+        q: Candidate points, shape (N, d), in metres; the first three coordinates are positions.
+        nhat: Outward unit normals at the candidates, shape (N, 3).
+
+    Attributes:
+        q: Candidates in the order of the blocks, shape (d, N), in metres.
+        nhat: Their outward unit normals, shape (3, N).
+        order: Index of the candidate at each place of the blocks, shape (N,).
+        starts: First place of each block, and N, shape (B + 1,).
+        boxes: Midpoints and half edge lengths of the blocks' boxes, mean normals, and the radii of
+            balls around both, shape (B, 2d + 5).
+    """
+
+    def __init__(self, q: FloatArray, nhat: FloatArray) -> None:
+        blocks = compact_blocks(q)
+        self.order: IntArray = np.concatenate(blocks)
+        self.starts = np.cumsum([0, *map(len, blocks)])
+        q, nhat = q[self.order], nhat[self.order]
+        self.q, self.nhat = np.ascontiguousarray(q.T), np.ascontiguousarray(nhat.T)
+        low, high, turned_low, turned_high = (
+            bound.reduceat(values, self.starts[:-1])
+            for values in (q, nhat)
+            for bound in (np.minimum, np.maximum)
+        )
+        half, turn = (high - low) / 2, (turned_high - turned_low) / 2
+        radii = [np.linalg.norm(half[:, :3], axis=1), np.linalg.norm(turn, axis=1)]
+        self.boxes = np.ascontiguousarray(
+            np.column_stack([(low + high) / 2, half, (turned_low + turned_high) / 2, *radii])
+        )
