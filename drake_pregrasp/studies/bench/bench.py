@@ -94,6 +94,7 @@ def bench(
         f"{platform.machine()}, {os.cpu_count()} cores, load {load:.1f} at first and"
         f" {os.getloadavg()[0]:.1f} at last; Python {platform.python_version()}, "
         + ", ".join(f"{package} {version(package)}" for package in packages)
+        + ("; `--quick`: fewer cases and ticks" if quick else "")
     )
     write_text(out / "bench.json", json.dumps({"machine": machine, **rows}, indent=1) + "\n")
     tables = {section: pd.DataFrame(own) for section, own in rows.items() if own}
