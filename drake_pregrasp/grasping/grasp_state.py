@@ -291,7 +291,7 @@ class GraspState:
         if self.phase not in (GraspPhase.CLOSE, GraspPhase.SQUEEZE) and not has_let_go:
             return np.full(len(self.active), NO_LIMIT)
         planned: FloatArray = self.force.value(time) * np.linalg.norm(self.forces, axis=1)
-        return planned + _GENTLE * touch_force
+        return np.where(self.active, planned + _GENTLE * touch_force, NO_LIMIT)
 
     def to_vector(self) -> FloatArray:
         """Returns the state as one vector."""
