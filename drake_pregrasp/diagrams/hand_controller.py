@@ -183,12 +183,7 @@ class HandController(Diagram):
         )
         reference = builder.AddNamedSystem(
             "joint_reference",
-            JointReference(
-                hand.kinematics,
-                period=config.period,
-                initial=self.initial,
-                plant_time_step=plant_time_step,
-            ),
+            JointReference(hand.kinematics, period=config.period, initial=self.initial),
         )
         sensor = builder.AddNamedSystem("fingertip_sensor", FingertipSensor(hand.kinematics))
         sequencer = builder.AddNamedSystem(
@@ -214,7 +209,7 @@ class HandController(Diagram):
             (reference, "position velocity", [kinematics]),
             (kinematics, "commanded_velocity", [reference]),
             (kinematics, "hindered_finger", [sequencer]),
-            (sequencer, "squeeze_forces:f_T_W force_limits", [reference]),
+            (sequencer, "squeeze_forces:f_T_W", [reference]),
             (shaper, "contact_frames", [sequencer]),
             (sensor, "p_WT f_T_W J_WT", [sequencer]),
         ):
@@ -225,8 +220,7 @@ class HandController(Diagram):
             ("X_WO_estimated", [shaper, sequencer, posture, kinematics]),
             ("V_WO_estimated", [sequencer, kinematics]),
             ("close", [sequencer]),
-            ("hand_state", [sensor, reference]),
-            ("net_actuation", [sensor]),
+            ("hand_state net_actuation", [sensor]),
             ("obstacles", [shaper, kinematics]),
             ("tracking_status", [shaper, sequencer]),
         ):

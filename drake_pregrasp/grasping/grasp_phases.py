@@ -12,7 +12,6 @@ import numpy as np
 from drake_pregrasp.arrays import BoolArray
 from drake_pregrasp.grasping.grasp_state import (
     NOT_HINDERED,
-    STILL,
     GiveUp,
     GraspPhase,
     GraspSettings,
@@ -27,8 +26,6 @@ GATE_SHARE = 0.5
 
 CRUSHING = 1.3
 """Ratio of force to largest planned force at which a hand opens; measured forces are rough."""
-
-_EARLY = 0.1  # Share of the squeeze up to which fingers may close again.
 
 
 def hindrance(
@@ -84,9 +81,6 @@ def next_state(
             return _track(state, view, settings, squeeze)
         case GraspPhase.CLOSE:
             return _close(state, view, settings, period, squeeze)
-        case GraspPhase.SQUEEZE if _scatters(state, view, settings):
-            again = _enter(state, GraspPhase.CLOSE, view)
-            return replace(again, gripped=np.inf, force=Ramp.at_rest(0.0))
         case GraspPhase.SQUEEZE if state.force.is_over(view.time):
             lift = Ramp(view.time, settings.lift_duration, 0.0, settings.lift_height)
             return replace(_enter(state, GraspPhase.LIFT, view), height=lift)
@@ -182,34 +176,22 @@ def _close(
     period: float,
     squeeze: Callable[[BoolArray], Squeeze],
 ) -> GraspState:
-    off = np.where(state.active, view.distances, 0.0)
-    # Fingers that an accelerating object has left behind move out and regroup.
-    regroups = not np.all(off <= settings.gate_distance)
-    least = np.where(state.touched, STILL, 1.0) * settings.touch_force
-    feels = (view.presses >= least) & (view.gaps <= settings.search)
-    touched = state.active & feels & (not regroups)
+    feels = (view.presses >= settings.touch_force) & (view.gaps <= settings.search)
+    touches = state.active & ~state.touched & feels
+    touched = state.touched | touches
     elapsed = view.time - state.since
     speed = np.minimum(settings.closing_speed, settings.closing_acceleration * elapsed)
-    ahead = state.standoffs + (period if regroups else -period) * speed
-    # A finger that meets the object stays where it is.
-    standoffs = np.where(touched, view.gaps, np.minimum(ahead, settings.standoff))
-    standoffs = np.maximum(standoffs, -np.asarray(settings.search))
-    state = replace(
-        state, touched=touched, standoffs=np.where(state.active, standoffs, state.standoffs)
-    )
-    missing = np.flatnonzero(state.active & ~touched)
-    if not len(missing):
+    moving = state.active & ~touched
+    # A finger that meets the object stops where it is.
+    met = np.maximum(view.gaps, -np.asarray(settings.search))
+    standoffs = np.where(touches, met, state.standoffs - np.where(moving, speed * period, 0))
+    state = replace(state, touched=touched, standoffs=standoffs)
+    if not np.any(moving):
         return _begin_squeeze(state, view, settings, squeeze)
-    if elapsed > settings.closing_limit:
-        why = (GiveUp.OFF_GOAL, np.argmax(off)) if regroups else (GiveUp.MET_NOTHING, missing[0])
-        return _open(state, view, why[0], float(why[1]))
+    missed = np.flatnonzero(moving & (standoffs < -settings.search))
+    if len(missed):
+        return _open(state, view, GiveUp.MET_NOTHING, float(missed[0]))
     return state
-
-
-def _scatters(state: GraspState, view: GraspView, settings: GraspSettings) -> bool:
-    """Returns whether the object moves away from fingers that do not squeeze it yet."""
-    is_off = np.any(view.distances[state.active] > settings.gate_distance)
-    return bool(is_off) and state.force.value(view.time) < _EARLY
 
 
 def _begin_squeeze(

@@ -6,11 +6,8 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, Value
 
 from drake_pregrasp.arrays import FloatArray, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.grasping.grasp_state import NO_LIMIT
 from drake_pregrasp.systems.fingertip_sensor import LARGEST_RATE, HandKinematics
 from drake_pregrasp.systems.ports import declare_output
-
-_CARRIED = 0.9  # Share of its velocity that a yielding joint keeps; the rest damps vibrations.
 
 
 class JointReference(LeafSystem):
@@ -22,8 +19,6 @@ class JointReference(LeafSystem):
         input_ports:
         - commanded_velocity
         - f_T_W
-        - force_limits
-        - hand_state
         output_ports:
         - position
         - desired_state
@@ -34,13 +29,6 @@ class JointReference(LeafSystem):
 
     Port `f_T_W` (optional) accepts a vector of 3n: the forces that the fingertips should press
     with, in W, in newtons. A force that is not finite counts as zero.
-
-    Port `force_limits` (optional) accepts a vector of n: the largest horizontal force of each
-    fingertip, in newtons; `NO_LIMIT` or NaN for none. A finger that would press with more yields:
-    its desired state stays so close to the measured one that the drives press with no more.
-
-    Port `hand_state` (optional) accepts a vector of 2 nq: measured positions and velocities of the
-    joints. Forces are limited only if it is connected and finite.
 
     Port `position` emits a vector of nq: the reference q at the Context's time. Differential
     inverse kinematics must start from it, not from the measured positions, which lag behind.
@@ -57,35 +45,24 @@ class JointReference(LeafSystem):
         hand: Kinematics of the hand.
         period: Seconds between ticks, greater than zero.
         initial: Initial positions, shape (nq,).
-        plant_time_step: Time step of the hand's plant, in seconds, at whose end the measured
-            positions have changed by the measured velocities.
 
     Raises:
         InvalidArgumentError: If `period` is not positive, or `initial` has another length.
     """
 
-    def __init__(
-        self,
-        hand: HandKinematics,
-        *,
-        period: float,
-        initial: FloatArray,
-        plant_time_step: float = 0.0,
-    ) -> None:
+    def __init__(self, hand: HandKinematics, *, period: float, initial: FloatArray) -> None:
         super().__init__()
         nq, n = hand.num_positions, len(hand.tip_frames)
         if not period > 0:
             raise InvalidArgumentError(f"period must be greater than 0 s, not {period}")
         if np.shape(initial) != (nq,):
             raise InvalidArgumentError(f"the hand has {nq} joints, not {np.size(initial)}")
-        self._hand, self._step = hand, plant_time_step
+        self._hand = hand
         self._start = self.DeclareDiscreteState(np.array([0.0]))
         self._q = self.DeclareDiscreteState(np.array(initial, dtype=float))
         self._v = self.DeclareDiscreteState(np.zeros(nq))
         self._commanded = self.DeclareVectorInputPort("commanded_velocity", nq)
         self._forces = self.DeclareVectorInputPort("f_T_W", 3 * n)
-        self._limits = self.DeclareVectorInputPort("force_limits", n)
-        self._state = self.DeclareVectorInputPort("hand_state", 2 * nq)
         time, stored = self.time_ticket(), self.xd_ticket()
         self._posed = self.DeclareCacheEntry(
             "the hand's plant at the reference",
@@ -95,8 +72,9 @@ class JointReference(LeafSystem):
             {time, stored},
         )
         self._position = declare_output(self, "position", nq, self._reference, time, stored)
-        sources = (self._forces, self._limits, self._state)
-        declare_output(self, "desired_state", 2 * nq, self._calc_desired, time, stored, *sources)
+        declare_output(
+            self, "desired_state", 2 * nq, self._calc_desired, time, stored, self._forces
+        )
         self.DeclareStateOutputPort("velocity", self._v)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
 
@@ -130,23 +108,4 @@ class JointReference(LeafSystem):
             if f_T_W.any():
                 jacobians = self._hand.tip_jacobians(self._posed.Eval(context))
                 q = q + np.einsum("nij,ni->j", jacobians, f_T_W) / self._hand.stiffness
-        return np.concatenate(self._yielding(context, q, np.where(is_at_limit, 0.0, v)))
-
-    def _yielding(
-        self, context: Context, q: FloatArray, v: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Returns desired positions and velocities with which no finger presses too hard."""
-        if not (self._limits.HasValue(context) and self._state.HasValue(context)):
-            return q, v
-        limits = validated_numbers(self._limits.Eval(context))
-        limits = np.where(np.isnan(limits), NO_LIMIT, limits)
-        state = validated_numbers(self._state.Eval(context))
-        if np.all(limits >= NO_LIMIT) or np.any(np.isnan(state)):
-            return q, v
-        hand, (q_now, v_now) = self._hand, state.reshape(2, -1)
-        q_next = q_now + self._step * v_now
-        torques = hand.stiffness * (q - q_next) + hand.damping * (v - v_now)
-        allowed = hand.with_limited_forces(self._posed.Eval(context), torques, limits)
-        yields = allowed != torques
-        q = np.where(yields, q_next + allowed / hand.stiffness, q)
-        return q, np.where(yields, _CARRIED * v_now, v)
+        return np.concatenate([q, np.where(is_at_limit, 0.0, v)])

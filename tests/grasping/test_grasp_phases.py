@@ -335,22 +335,3 @@ def test_a_hand_says_what_hinders_it_for_as_long_as_it_stands(finger, words):
     assert len(standing) == round(0.5 / PERIOD)
     assert all(words in reason for reason in standing)
     assert states[-1].phase == GraspPhase.HOLD
-
-
-@pytest.mark.parametrize("lasting", [0.4, 9.0])
-def test_fingers_that_an_object_leaves_behind_move_out_before_they_touch(lasting):
-    def leave(scene, state):
-        left = 2.3 <= scene.time < 2.3 + lasting
-        scene.distance = 0.01 * (np.arange(N) == 3) if left else 0.0
-
-    states = play(Scene(), end=12.0, change=leave)
-    left = [k for k in range(116, len(states)) if k * PERIOD < min(2.3 + lasting, 4.9)]
-    gaps = np.array([states[k].standoffs for k in left])
-    assert not np.any([states[k].touched for k in left])
-    assert np.all(np.diff(gaps, axis=0) >= 0)
-    assert np.all(gaps[-1] > gaps[0])
-    if lasting < 1:
-        assert phases(states)[-1] == "HOLD"
-    else:
-        assert states[-1].reason == GiveUp.OFF_GOAL
-        assert states[-1].detail == 3
