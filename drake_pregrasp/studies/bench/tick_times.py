@@ -32,7 +32,7 @@ Tick = Callable[[FloatArray], FloatArray]
 """A planning tick, which maps contacts to goals, both in O, shape (n, 3), in metres."""
 
 PRINTED = "printed"
-"""Label of Eq. 1-2 as printed, vectorised, with the reference's goals and without ports."""
+"""Label of `safe_region_labels` with the goals of the reference, without ports."""
 
 LENGTH = 0.1
 """Edge of the cube, and diameter of the meshed ball, in metres."""
