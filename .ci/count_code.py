@@ -20,10 +20,10 @@ SKIPPED = {
     tokenize.ENDMARKER,
 }
 LINES = {  # At most this many lines of code below each folder.
-    "drake_pregrasp": 17_500,
+    "drake_pregrasp": 17_400,
     "drake_pregrasp/studies": 4_500,
     "drake_pregrasp/fast": 1_400,
-    "tests": 13_900,
+    "tests": 13_800,
 }
 FILES = {"drake_pregrasp": 180}
 LONGEST_FILE = 400  # Lines, all counted.
