@@ -137,8 +137,9 @@ def test_full_or_closed_standard_streams_cause_no_traceback(line, status, proble
     command = ["sh", "-c", f"exec {sys.executable} -m drake_pregrasp {line}"]
     result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert result.returncode == status
+    said = [line for line in result.stderr.splitlines() if not line.startswith("numba compiles")]
     assert problem in result.stderr
-    assert result.stderr.count("\n") == bool(problem)
+    assert len(said) == bool(problem)
     assert result.stdout == ""
     if "runs" in line:
         assert set(contents(tmp_path / "runs" / "a_base")) <= set(RUN_FILES)
