@@ -45,7 +45,7 @@ class VelocityProfile:
     @property
     def size(self) -> int:
         """Number k of velocities."""
-        return self.coefficients.shape[1]
+        return int(self.coefficients.shape[1])
 
     def at(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Returns positions and velocities at a time of 0 s or more, shapes (k,).

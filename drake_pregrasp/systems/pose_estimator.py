@@ -15,7 +15,7 @@ from drake_pregrasp.arrays import (
     number_or_nan,
     pack,
     tick_index,
-    unpack,
+    unpacker,
     validated_numbers,
 )
 from drake_pregrasp.config.deprecated_keywords import config_with
@@ -143,6 +143,7 @@ class PoseEstimator(LeafSystem):
         # The track also holds the belief before the measurements that may be newer.
         self._no_track = PoseTrack.empty(config.late_measurements + 1)
 
+        self._unpack = unpacker(self._no_track)
         self._time_index = self.DeclareDiscreteState(np.array([-np.inf]))
         self._track_index = self.DeclareDiscreteState(pack(self._no_track))
         self._X_WO_measured = self.DeclareAbstractInputPort("X_WO_measured", POSE)
@@ -182,7 +183,7 @@ class PoseEstimator(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_track)
 
     def _calc_stored_track(self, context: Context) -> PoseTrack:
-        return unpack(self._no_track, context.get_discrete_state(self._track_index).value())
+        return self._unpack(context.get_discrete_state(self._track_index).value())
 
     def _calc_track(self, context: Context) -> PoseTrack:
         time = context.get_time()
