@@ -37,6 +37,8 @@ SLACK = 1e-6
 
 _NEVER = -(10**18)
 
+_I = np.eye(3)
+
 Record = TypeVar("Record", bound="DataclassInstance")
 
 
@@ -138,7 +140,7 @@ def validated_weights(contact_weights: FloatArray) -> FloatArray:
     Args:
         contact_weights: Weights h_i, shape (n,), in m².
     """
-    validated = np.clip(contact_weights, -LARGEST_WEIGHT, LARGEST_WEIGHT)
+    validated = contact_weights.clip(-LARGEST_WEIGHT, LARGEST_WEIGHT)
     validated[~(contact_weights > -np.inf)] = -np.inf
     return validated
 
@@ -160,7 +162,7 @@ def validated_covariance(covariance_W: FloatArray, R_WO: FloatArray, spread: flo
         covariance_W = np.zeros((3, 3))
     elif largest > LARGEST_VARIANCE:
         covariance_W = covariance_W / largest * LARGEST_VARIANCE
-    added = spread**2 * np.eye(3)
+    added = spread**2 * _I
     covariance_O: FloatArray = R_WO.T @ covariance_W @ R_WO + added
     (a, b, c), (d, e, f), (g, h, i) = covariance_O.tolist()
     if max(abs(b - d), abs(c - g), abs(f - h)) <= _ASYMMETRY * min(a, e, i):
@@ -232,6 +234,6 @@ def _restorer(value: Any, start: int, stop: int) -> Callable[[FloatArray], Any]:
     if not isinstance(value, np.ndarray):
         return lambda vector: kind(vector[start])
     shape, dtype = value.shape, value.dtype
-    if dtype == float:
+    if dtype == np.float64:
         return lambda vector: vector[start:stop].reshape(shape)
     return lambda vector: vector[start:stop].reshape(shape).astype(dtype)

@@ -110,7 +110,7 @@ def update_track(
     if time - newest.time > OLDEST:  # Also without a belief, whose time is -inf.
         return _start(track, measurement, settings)
     is_suspect = settings.refuse_repeats and track.noise_level > _NOISY
-    if is_suspect and np.array_equal(track.last_seen[1:], last_seen[1:]) and _moves(newest):
+    if is_suspect and (track.last_seen[1:] == last_seen[1:]).all() and _moves(newest):
         return replace(track, verdict=MeasurementVerdict.REPEATED)
     earlier = newest
     if is_late:
@@ -156,7 +156,7 @@ def update_track(
     level = min(1.0, float(shares.sum()) / 4)
     return replace(
         after,
-        steps=np.vstack([track.steps[1:], step]),
+        steps=np.concatenate([track.steps[1:], step[None]]),
         alternative=alternative,
         support=support,
         refused=max(0, track.refused - 1),

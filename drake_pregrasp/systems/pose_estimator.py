@@ -174,9 +174,9 @@ class PoseEstimator(LeafSystem):
         declare_output(self, "X_WO_estimated", POSE, self._calc_pose, estimate)
         declare_output(self, "V_WO_estimated", VELOCITY, self._calc_velocity, estimate)
         declare_output(self, "p_WO_covariance", 9, self._calc_covariance, time, track, estimate)
-        declare_output(self, "tracking_status", 1, lambda c: estimate.Eval(c)[0], estimate)
+        declare_output(self, "tracking_status", 1, lambda c: estimate.Eval(c)[0].value, estimate)
         declare_output(self, "time_since_measurement", 1, self._calc_age, time, track)
-        declare_output(self, "measurement_verdict", 1, lambda c: track.Eval(c).verdict, track)
+        declare_output(self, "measurement_verdict", 1, lambda c: track.Eval(c).verdict.value, track)
         declare_output(
             self, "innovation_squared", 2, lambda c: track.Eval(c).innovation_squared, track
         )
@@ -247,7 +247,7 @@ class PoseEstimator(LeafSystem):
         p_OCoM = self._settings.p_OCoM
         p_WO = belief.p_WCoM if p_OCoM is None else belief.p_WCoM - R_WO @ p_OCoM
         # Clipped, so that the pose is valid, if LOST.
-        return RigidTransform(R_WO, np.clip(p_WO, -FARTHEST, FARTHEST))
+        return RigidTransform(R_WO, p_WO.clip(-FARTHEST, FARTHEST))
 
     def _calc_velocity(self, context: Context) -> SpatialVelocity:
         status, belief = self._estimate.Eval(context)
