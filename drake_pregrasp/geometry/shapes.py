@@ -119,7 +119,7 @@ def revolved_shape(profile: Sequence[Sequence[float]]) -> Shape:
     fewest, most = _SECTIONS
     ratio = np.clip(FACET_ERROR / max(float(np.max(line[:, 0])), FACET_ERROR), 0, 1)
     sections = int(np.clip(np.ceil(np.pi / np.arccos(1 - ratio)), fewest, most))
-    return _one_part(_checked(trimesh.creation.revolve(line, sections=sections), "the profile"))
+    return mesh_shape(trimesh.creation.revolve(line, sections=sections), "the profile")
 
 
 def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
@@ -154,6 +154,19 @@ def load_shape(path: Path, *, scale: float = 1.0) -> Shape:
     mesh = trimesh.Trimesh(vertices, whole.faces, process=False)
     mesh.merge_vertices()
     return Shape(_checked(mesh, str(path)), part_names, face_parts)
+
+
+def mesh_shape(mesh: trimesh.Trimesh, what: str) -> Shape:
+    """Returns the shape of a mesh with one part.
+
+    Args:
+        mesh: Closed mesh with merged vertices, in metres.
+        what: Name of the mesh in errors.
+
+    Raises:
+        InvalidArgumentError: If the mesh does not enclose a volume, or its size is not allowed.
+    """
+    return _one_part(_checked(mesh, what))
 
 
 def _one_part(mesh: trimesh.Trimesh) -> Shape:
