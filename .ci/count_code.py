@@ -20,12 +20,12 @@ SKIPPED = {
     tokenize.ENDMARKER,
 }
 LINES = {  # At most this many lines of code below each folder.
-    "drake_pregrasp": 17_400,
-    "drake_pregrasp/studies": 4_500,
+    "drake_pregrasp": 18_600,
+    "drake_pregrasp/studies": 4_900,
     "drake_pregrasp/fast": 1_400,
-    "tests": 13_800,
+    "tests": 14_400,
 }
-FILES = {"drake_pregrasp": 180}
+FILES = {"drake_pregrasp": 186}
 LONGEST_FILE = 400  # Lines, all counted.
 LARGEST_FOLDER = {"systems": 24, "diagrams": 24}
 OTHER_FOLDERS = 16  # Files in any other folder of the package.

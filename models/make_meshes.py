@@ -1,9 +1,11 @@
-"""Writes mug.obj, bracket.obj and turntable.obj into this folder.
+"""Writes mug.obj, bracket.obj, turntable.obj and household shapes into this folder, or another.
 
 It needs the packages manifold3d and trimesh. The files are kept; this script says how they were
 made.
 """
 
+import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -95,17 +97,126 @@ def turntable() -> tuple[trimesh.Trimesh, dict[str, np.ndarray]]:
     return mesh, {"disc": np.ones(len(mesh.faces), dtype=bool)}
 
 
-def write(name: str, mesh: trimesh.Trimesh, parts: dict[str, np.ndarray]) -> None:
+def round_body(*profile: tuple[float, float], sections: int = SECTIONS) -> trimesh.Trimesh:
+    """Returns the body of revolution of a profile (r, z) about z, in millimetres."""
+    return trimesh.creation.revolve(1e-3 * np.array(profile), sections=sections)
+
+
+def rod(radius: float, start: float, end: float, *, sections: int = 24) -> trimesh.Trimesh:
+    """Returns a rod along x, one of whose faces is below if it has few, in millimetres."""
+    body = round_body((0, start), (radius, start), (radius, end), (0, end), sections=sections)
+    body.apply_transform(trimesh.transformations.rotation_matrix(np.pi / sections, [0, 0, 1]))
+    return body.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, [0, 1, 0]))
+
+
+def block(*bounds: tuple[float, float]) -> trimesh.Trimesh:
+    """Returns a box with bounds along x, y and z, in millimetres."""
+    return trimesh.creation.box(bounds=1e-3 * np.array(bounds).T)
+
+
+def united(*parts: trimesh.Trimesh) -> trimesh.Trimesh:
+    """Returns the union of bodies."""
+    return trimesh.boolean.union(parts, engine="manifold")
+
+
+def bottle() -> trimesh.Trimesh:
+    """Returns a bottle of half a litre, closed by its cap."""
+    side = [(29, 0), (33, 5), (33, 120), (31, 137), (24, 155), (15, 170), (13, 178), (13, 184)]
+    return round_body((0, 0), *side, (15, 184), (15, 200), (0, 200))
+
+
+def bowl() -> trimesh.Trimesh:
+    """Returns a bowl with a foot, whose wall is 5 mm thick."""
+    outside = [(28, 0), (29, 5), (38, 11), (46, 22), (51, 38), (53, 55)]
+    inside = [(48, 55), (46, 38), (41, 24), (34, 15), (24, 10)]
+    return round_body((0, 0), *outside, *inside, (0, 9))
+
+
+def can() -> trimesh.Trimesh:
+    """Returns a drinking can."""
+    side = [(24, 0), (27, 3), (33, 9), (33, 106), (27, 115), (25, 115)]
+    return round_body((0, 2), *side, (24, 111), (0, 111))
+
+
+def pan() -> trimesh.Trimesh:
+    """Returns a small pan, whose wall and bottom are 4 mm thick, with its handle along x."""
+    wall = [(44, 0), (50, 38), (46, 38), (41, 4)]
+    handle = block((45, 165), (-9, 9), (24, 36))
+    return united(round_body((0, 0), *wall, (0, 4)), handle)
+
+
+def screwdriver() -> trimesh.Trimesh:
+    """Returns a screwdriver that lies on one of the six faces of its handle."""
+    return united(rod(18, -100, 0, sections=6), rod(3.5, -10, 95))
+
+
+def hammer() -> trimesh.Trimesh:
+    """Returns a hammer that lies on its side."""
+    head = united(block((-14, 14), (-50, 50), (0, 28)), block((-11, 11), (-58, -45), (3, 25)))
+    return united(head, block((-20, 240), (-15, 15), (0, 22)))
+
+
+def drill() -> trimesh.Trimesh:
+    """Returns a cordless drill that stands on its battery."""
+    motor, chuck = rod(26, -60, 75), rod(15, 70, 115)
+    for part in (motor, chuck):
+        part.apply_translation([0, 0, 0.165])
+    return united(
+        block((-45, 40), (-32, 32), (0, 32)), block((-22, 18), (-17, 17), (25, 155)), motor, chuck
+    )
+
+
+def torus() -> trimesh.Trimesh:
+    """Returns a ring that lies flat."""
+    return trimesh.creation.torus(0.040, 0.013, major_sections=48, minor_sections=20)
+
+
+def wedge() -> trimesh.Trimesh:
+    """Returns a wedge for doors, which rises along x."""
+    corners = [(-55, y, z) for y in (-22, 22) for z in (0, 4)]
+    corners += [(45, y, z) for y in (-22, 22) for z in (0, 40)]
+    return trimesh.convex.convex_hull(1e-3 * np.array(corners, dtype=float))
+
+
+def carton() -> trimesh.Trimesh:
+    """Returns a carton of milk without its cap."""
+    return block((-32, 32), (-32, 32), (0, 160))
+
+
+def ball() -> trimesh.Trimesh:
+    """Returns a ball."""
+    return trimesh.creation.icosphere(subdivisions=3, radius=0.037)
+
+
+# Their frames O are at the centres of their bounding boxes.
+HOUSEHOLD: tuple[Callable[[], trimesh.Trimesh], ...] = (
+    bottle, bowl, can, pan, screwdriver, hammer, drill, torus, wedge, carton, ball,
+)  # fmt: skip
+
+
+def centred(mesh: trimesh.Trimesh) -> tuple[trimesh.Trimesh, dict[str, np.ndarray]]:
+    """Returns a mesh about its own middle, and the mask of all its triangles."""
+    mesh.apply_translation(-mesh.bounds.mean(axis=0))
+    return mesh, {"body": np.ones(len(mesh.faces), dtype=bool)}
+
+
+def write(folder: Path, name: str, mesh: trimesh.Trimesh, parts: dict[str, np.ndarray]) -> None:
     """Writes a mesh as OBJ, one object for each part, over the same vertices."""
     lines = [f"# {name}, in metres; made by make_meshes.py."]
     lines += [f"v {x:.7f} {y:.7f} {z:.7f}" for x, y, z in mesh.vertices]
     for part, mask in parts.items():
         lines.append(f"o {part}")
         lines += [f"f {a} {b} {c}" for a, b, c in mesh.faces[mask] + 1]
-    (FOLDER / f"{name}.obj").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    (folder / f"{name}.obj").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def write_all(folder: Path) -> None:
+    """Writes all meshes into a folder."""
+    for make in (mug, bracket, turntable):
+        write(folder, make.__name__, *make())
+    for shape in HOUSEHOLD:
+        write(folder, shape.__name__, *centred(shape()))
 
 
 if __name__ == "__main__":
-    write("mug", *mug())
-    write("bracket", *bracket())
-    write("turntable", *turntable())
+    write_all(Path(sys.argv[1]) if len(sys.argv) > 1 else FOLDER)

@@ -8,6 +8,7 @@ from pydrake.math import RollPitchYaw
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.estimation.recorded_poses import RecordedPoses, read_recorded_poses
+from drake_pregrasp.geometry.random_objects import OBJECTS_URL, random_object
 from drake_pregrasp.geometry.shapes import (
     Shape,
     ball_shape,
@@ -134,10 +135,11 @@ class Mesh:
     """A homogeneous body with the surface of a mesh file, whose frame is O."""
 
     # OBJ, STL, PLY, OFF or glTF file with a watertight mesh, relative to the folder of the
-    # scenario's file; or package://drake_pregrasp/... for a shipped mesh.
+    # scenario's file; package://drake_pregrasp/... for a shipped mesh; or objects://random/000.obj
+    # to 999.obj for a random object of the extra `objects`.
     file: str = field(default="", metadata={"required": True, "path": True})
 
-    # Length of one unit of the file, in metres.
+    # Length of one unit of the file, in metres. The unit of a random object is the metre.
     scale: float = field(default=1.0, metadata={"above": 0, "at_most": 1000})
 
     # Mass, in kg.
@@ -145,6 +147,8 @@ class Mesh:
 
     def make_shape(self) -> Shape:
         """Returns the shape in O."""
+        if self.file.startswith(OBJECTS_URL):
+            return random_object(self.file, self.scale)
         return load_shape(resolve_path(self.file, Path.cwd()), scale=self.scale)
 
 
