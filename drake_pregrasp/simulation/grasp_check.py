@@ -16,7 +16,7 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspSettings
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.simulation_diagram import initial_contacts
+from drake_pregrasp.simulation.start_grasp import initial_contacts
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
 Problems = Iterator[tuple[str, str]]
@@ -93,7 +93,7 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         problem = f"{fingers} fingers of {grasp.largest_force} N hold {lift:.3g} N with friction"
         problem = f"{problem} {grasp.planned_friction}; the object weighs {weight:.3g} N"
         yield "grasp.largest_force", problem
-    with errors_at("initial_contacts"):
+    with errors_at("object" if scenario.chooses_contacts else "initial_contacts"):
         p_OC = scenario.initial_p_OC(surface)
         model.check_contacts(p_OC, surface.project(p_OC)[1])
     _check_arm(scenario, scenario.motion, model, p_OC)
