@@ -18,12 +18,16 @@ from drake_pregrasp.quality.force_closure import (
 from drake_pregrasp.regions.constraints import OPPOSITE, Limit, RegionConstraints
 
 _YAWS = 24  # Yaws of the palm that are tried in a full turn.
-_COARSE, _FINE = 400, 3000  # Largest numbers of candidates, for all yaws and for the best ones.
-_FINALISTS = 6  # Yaws whose exact margins are compared.
-_SWEEPS = 4  # Largest number of rounds in which each finger takes the best place.
+_COARSE, _FINE = 250, 3000  # Largest numbers of candidates, for all yaws and for the best ones.
+_COARSE_SWEEPS, _FINE_SWEEPS = 2, 4  # Largest numbers of rounds in which fingers move in turn.
+_FINALISTS = 5  # Yaws whose exact margins are compared.
 _TURNS = 4  # Largest number of times that the yaw follows the contacts, and these the reach.
-_COMFORT = 0.2  # Margin that is worth as much as being nearer to home by the hand's radius.
-_GAIN = 2.0  # Ratio of margins from which on a finger stays away.
+# What is worth as much as a margin of one:
+_COMFORT = 0.2  # fingertips nearer to their homes by the hand's radius,
+_FINGER = 0.25  # one more finger, which shares the load although it may lower the margin,
+_LOAD = 0.5  # strength for the object's weight once more, up to `_STRONG` times,
+_TURN = 0.02  # and a palm that turns less by a radian.
+_STRONG = 2.0
 _AWAY = -1  # Seat of a finger that stays away.
 
 
@@ -131,16 +135,17 @@ def choose_start_contacts(
         NoGraspError: If no contacts have force closure and hold the weight.
     """
     usable = surface.is_clear_of_forbidden_points & (True if fits is None else fits)
-    coarse, fine = (_Search(surface, hand, usable, most) for most in (_COARSE, _FINE))
-    tried = [coarse.settled(yaw, coarse.seats_at(yaw)) for yaw in coarse.yaws()]
+    coarse = _Search(surface, hand, usable, _COARSE, _COARSE_SWEEPS)
+    fine = _Search(surface, hand, usable, _FINE, _FINE_SWEEPS)
+    tried = [coarse.settled(yaw) for yaw in coarse.yaws()]
     ranked = sorted(tried, key=lambda trial: -trial.bound)[:_FINALISTS]
     grasps = [grasp for trial in ranked if (grasp := fine.grasp_at(trial.yaw)) is not None]
     if not grasps:
         raise coarse.lack()
-    best = max(grasps, key=lambda grasp: grasp.score)
+    best = max(grasps, key=lambda grasp: (grasp.load >= 1, grasp.score))
     if best.load < 1:
-        share = f"with friction {hand.friction:g} the best contacts hold {best.load:.2g} of the weight"
-        raise NoGraspError(Lack.FRICTION, share)
+        share = f"hold {best.load:.2g} of its weight with friction {hand.friction:g}"
+        raise NoGraspError(Lack.FRICTION, f"the best contacts {share}")
     return fine.contacts_of(best)
 
 
@@ -164,15 +169,17 @@ class _Search:
         hand: The hand.
         usable: Mask of the candidates for fingertips, shape (N,).
         most: Largest number of candidates.
+        sweeps: Largest number of rounds in which each finger moves to its best place.
     """
 
     def __init__(
-        self, surface: ObjectSurface, hand: HandOverObject, usable: BoolArray, most: int
+        self, surface: ObjectSurface, hand: HandOverObject, usable: BoolArray, most: int, sweeps: int
     ) -> None:
         index = np.flatnonzero(usable)
         if len(index) > most:
             index = np.sort(np.random.default_rng(0).choice(index, most, replace=False))
         constraints = hand.constraints_at(hand.yaw)
+        self._sweeps = sweeps
         self._hand, self._up, self._n = hand, hand.R_WO[2], len(hand.azimuths)
         self._p, self._normals, self._p_OCoM = surface.p_OQ[index], surface.nhat_OQ[index], surface.p_OCoM
         self._radii, self._standoff = constraints.tip_radii, constraints.standoff
@@ -216,20 +223,18 @@ class _Search:
         away: FloatArray = np.linalg.norm(self._centres - home[:, None], axis=2)
         return away / radius
 
-    def seats_at(self, yaw: float) -> IntArray:
-        return np.full(self._n, _AWAY)
-
-    def settled(self, yaw: float, seats: IntArray) -> _Trial:
-        """Returns a trial at a yaw, in which fingers keep permitted seats at first."""
+    def settled(self, yaw: float, before: IntArray | None = None) -> _Trial:
+        """Returns a trial at a yaw, in which fingers at first keep the seats that are permitted."""
         free, discomforts = self.limits_at(yaw) == Limit.NONE, self.discomforts_at(yaw)
-        fingers, seats = np.arange(self._n), seats.copy()
-        seats[~free[fingers, seats]] = _AWAY
+        fingers, seats = np.arange(self._n), np.full(self._n, _AWAY)
+        if before is not None:
+            seats = np.where(free[fingers, before], before, _AWAY)
         for finger in np.argsort(np.sum(free, axis=1), kind="stable").tolist():
             choices = np.flatnonzero(free[finger] & self._room_beside(finger, seats))
             if seats[finger] == _AWAY and len(choices):
                 seats[finger] = choices[np.argmin(discomforts[finger, choices])]
         bound = -np.inf
-        for _ in range(_SWEEPS):
+        for _ in range(self._sweeps):
             before = bound
             for finger in fingers[seats != _AWAY].tolist():
                 choices = np.flatnonzero(free[finger] & self._room_beside(finger, seats))
@@ -267,7 +272,7 @@ class _Search:
 
     def grasp_at(self, yaw: float) -> _Trial | None:
         """Returns a grasp near a yaw, or None if it has too few fingers or no force closure."""
-        trial = self.settled(yaw, np.full(self._n, _AWAY))
+        trial = self.settled(yaw)
         for _ in range(_TURNS):
             turned = self._turned(trial)
             settled = np.flatnonzero(trial.seats != _AWAY)
@@ -284,7 +289,8 @@ class _Search:
 
     def _placeholders(self, trial: _Trial) -> IntArray:
         """Returns the seats, for fingers that stay away the candidates nearest to their home."""
-        nearest = np.argmin(self.discomforts_at(trial.yaw), axis=1)
+        closed = self.limits_at(trial.yaw) == Limit.FORBIDDEN
+        nearest = np.argmin(np.where(closed, np.inf, self.discomforts_at(trial.yaw)), axis=1)
         return np.where(trial.seats == _AWAY, nearest, trial.seats)
 
     def _judged(self, trial: _Trial) -> _Trial | None:
@@ -296,7 +302,7 @@ class _Search:
         while np.sum(seats != _AWAY) > hand.least_fingers:
             fewer = [np.where(np.arange(self._n) == i, _AWAY, seats) for i in np.flatnonzero(seats != _AWAY)]
             margins = [self._margin(left) for left in fewer]
-            if max(margins) <= _GAIN * margin:
+            if max(margins) <= margin + _FINGER:
                 break
             seats, margin = fewer[int(np.argmax(margins))], max(margins)
         if margin <= 0:
@@ -310,7 +316,8 @@ class _Search:
             normal_forces=hand.normal_forces[:, there],
         )
         discomfort = float(np.sum(self.discomforts_at(trial.yaw)[there, seats[there]])) / self._n
-        score = min(load, 1) * 10 + margin - _COMFORT * discomfort
+        score = margin + _LOAD * min(load, _STRONG) + _FINGER * len(there)
+        score -= _COMFORT * discomfort + _TURN * abs(trial.yaw - hand.yaw)
         return replace(trial, seats=seats, margin=margin, load=load, score=score)
 
     def _margin(self, seats: IntArray) -> float:
@@ -339,7 +346,7 @@ class _Search:
         if np.any(opposite) and not any(map(faced, reached)):
             return NoGraspError(Lack.OPENING, "at no yaw of the palm do fingers reach two opposite sides of it")
         free = [limit == Limit.NONE for limit in limits]
-        trials = [self.settled(yaw, np.full(self._n, _AWAY)) for yaw in self.yaws()]
+        trials = [self.settled(yaw) for yaw in self.yaws()]
         if (most := max(int(np.sum(trial.seats != _AWAY)) for trial in trials)) < least or np.any(opposite) and not any(map(faced, free)):
             return NoGraspError(Lack.ROOM, f"at most {most} fingertips have room on it, {least} are needed")
         return NoGraspError(Lack.FRICTION, f"with friction {mu:g} no contacts in reach have force closure")

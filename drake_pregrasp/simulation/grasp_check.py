@@ -16,7 +16,7 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspSettings
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.start_grasp import initial_contacts
+from drake_pregrasp.simulation.hand_start import initial_contacts
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
 Problems = Iterator[tuple[str, str]]

@@ -28,7 +28,7 @@ from drake_pregrasp.simulation.grasp_check import (
     room_problems,
 )
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.start_grasp import hand_planner
+from drake_pregrasp.simulation.hand_start import hand_planner
 
 MAX_TICKS = 5_000_000
 """Largest number of planning ticks of a run, and of control ticks: each is a row of a log."""
