@@ -347,6 +347,6 @@ class _Search:
             return NoGraspError(Lack.OPENING, "at no yaw of the palm do fingers reach two opposite sides of it")
         free = [limit == Limit.NONE for limit in limits]
         trials = [self.settled(yaw) for yaw in self.yaws()]
-        if (most := max(int(np.sum(trial.seats != _AWAY)) for trial in trials)) < least or np.any(opposite) and not any(map(faced, free)):
+        if (most := max(int(np.sum(trial.seats != _AWAY)) for trial in trials)) < least or (np.any(opposite) and not any(map(faced, free))):
             return NoGraspError(Lack.ROOM, f"at most {most} fingertips have room on it, {least} are needed")
         return NoGraspError(Lack.FRICTION, f"with friction {mu:g} no contacts in reach have force closure")

@@ -28,8 +28,8 @@ from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand, load_hand_model
-from drake_pregrasp.simulation.obstacle_config import ObstacleConfig, moving_solid
 from drake_pregrasp.simulation.hand_start import chosen_contacts
+from drake_pregrasp.simulation.obstacle_config import ObstacleConfig, moving_solid
 from drake_pregrasp.systems.pose_sensor import MAX_SEED
 from drake_pregrasp.systems.sources import MovingSolid
 

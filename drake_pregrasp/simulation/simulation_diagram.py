@@ -1,7 +1,6 @@
 """Diagram of a scenario: plant, sensor, planner, hand, loggers and visualizers."""
 
 from collections.abc import Callable
-from typing import cast
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -10,17 +9,16 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from drake_pregrasp.config.object_config import Box, Conveyor
 from drake_pregrasp.diagrams.hand_station import TABLE, DrivenHand, HandStation, add_driven_hand
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import GraspQuality
+from drake_pregrasp.simulation.hand_start import hand_planner, initial_contacts
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.recording import add_visualizers
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.hand_start import hand_planner, initial_contacts
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
 from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord, TickLogger, TickRecord
 from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer
@@ -57,8 +55,8 @@ def make_diagram(
     if scenario.grasp.has_hand:
         hand = add_driven_hand(
             builder,
-            cast(Box, scenario.object),
-            cast(Conveyor, scenario.motion),
+            scenario.object,
+            scenario.motion,
             scenario.plant_config,
             scenario.grasp,
             scenario.load_hand_model(scenario.grasp.yaw_range),
