@@ -9,26 +9,31 @@ import numpy as np
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import (
     largest_load,
     min_weight_margin,
     moved_least_norm_margin,
 )
-from drake_pregrasp.regions.constraints import OPPOSITE, Limit, RegionConstraints
+from drake_pregrasp.quality.grasp_quality import contact_axes
+from drake_pregrasp.regions.constraints import ALONG, OPPOSITE, Limit, RegionConstraints
 
 _YAWS = 24  # Yaws of the palm that are tried in a full turn.
-_COARSE, _FINE = 250, 3000  # Largest numbers of candidates, for all yaws and for the best ones.
+_COARSE, _FINE = 300, 3000  # Largest numbers of candidates, for all yaws and for the best ones.
 _COARSE_SWEEPS, _FINE_SWEEPS = 2, 4  # Largest numbers of rounds in which fingers move in turn.
-_FINALISTS = 5  # Yaws whose exact margins are compared.
+_FINALISTS = 6  # Yaws whose exact margins are compared.
 _TURNS = 4  # Largest number of times that the yaw follows the contacts, and these the reach.
 # What is worth as much as a margin of one:
-_COMFORT = 0.2  # fingertips nearer to their homes by the hand's radius,
+_COMFORT = 0.2  # fingertips nearer to their homes by the hand's radius, on flat surface,
 _FINGER = 0.25  # one more finger, which shares the load although it may lower the margin,
 _LOAD = 0.5  # strength for the object's weight once more, up to `_STRONG` times,
-_TURN = 0.02  # and a palm that turns less by a radian.
+_TURN = 0.05  # and a palm that turns less by a radian.
 _STRONG = 2.0
 _AWAY = -1  # Seat of a finger that stays away.
+
+_INTRUSION = 0.0015  # Largest depth of a fingertip in the object, beside its contact, in metres.
+_AROUND = 8  # Directions around a contact in which the surface is compared with its plane.
 
 
 class Lack(StrEnum):
@@ -116,7 +121,7 @@ class StartContacts:
 
 
 def choose_start_contacts(
-    surface: ObjectSurface, hand: HandOverObject, fits: BoolArray | None = None
+    surface: ObjectSurface, solid: SignedDistance, hand: HandOverObject
 ) -> StartContacts:
     """Returns the first contacts of a hand on an object.
 
@@ -127,16 +132,14 @@ def choose_start_contacts(
 
     Args:
         surface: The object's surface.
+        solid: The object in O.
         hand: The hand.
-        fits: Mask of the candidates where the object leaves room for fingertips, shape (N,); None
-            for all.
 
     Raises:
         NoGraspError: If no contacts have force closure and hold the weight.
     """
-    usable = surface.is_clear_of_forbidden_points & (True if fits is None else fits)
-    coarse = _Search(surface, hand, usable, _COARSE, _COARSE_SWEEPS)
-    fine = _Search(surface, hand, usable, _FINE, _FINE_SWEEPS)
+    coarse = _Search(surface, solid, hand, _COARSE, _COARSE_SWEEPS)
+    fine = _Search(surface, solid, hand, _FINE, _FINE_SWEEPS)
     tried = [coarse.settled(yaw) for yaw in coarse.yaws()]
     ranked = sorted(tried, key=lambda trial: -trial.bound)[:_FINALISTS]
     grasps = [grasp for trial in ranked if (grasp := fine.grasp_at(trial.yaw)) is not None]
@@ -144,21 +147,30 @@ def choose_start_contacts(
         raise coarse.lack()
     best = max(grasps, key=lambda grasp: (grasp.load >= 1, grasp.score))
     if best.load < 1:
-        share = f"hold {best.load:.2g} of its weight with friction {hand.friction:g}"
-        raise NoGraspError(Lack.FRICTION, f"the best contacts {share}")
+        held = f"hold {best.load:.2g} of its weight with friction {hand.friction:g}"
+        raise NoGraspError(Lack.FRICTION, f"the best contacts {held}")
     return fine.contacts_of(best)
 
 
 @dataclass(frozen=True, eq=False)
 class _Trial:
-    """Seats of fingers at a yaw, with a bound of their margin, less the discomfort."""
+    """Seats of the fingers at a yaw of the palm.
+
+    A seat is the index of a finger's candidate, or `_AWAY`. The score is that of the margin and the
+    load; the bound is that of the margin only, with a bound of the margin.
+    """
 
     yaw: float
     seats: IntArray
     bound: float
     margin: float = 0.0
-    score: float = 0.0
     load: float = 0.0
+    score: float = 0.0
+
+    @property
+    def seated(self) -> IntArray:
+        """Fingers with a seat."""
+        return np.flatnonzero(self.seats != _AWAY)
 
 
 class _Search:
@@ -166,27 +178,49 @@ class _Search:
 
     Args:
         surface: The object's surface.
+        solid: The object in O.
         hand: The hand.
-        usable: Mask of the candidates for fingertips, shape (N,).
-        most: Largest number of candidates.
+        most: Largest number K of candidates.
         sweeps: Largest number of rounds in which each finger moves to its best place.
     """
 
     def __init__(
-        self, surface: ObjectSurface, hand: HandOverObject, usable: BoolArray, most: int, sweeps: int
+        self,
+        surface: ObjectSurface,
+        solid: SignedDistance,
+        hand: HandOverObject,
+        most: int,
+        sweeps: int,
     ) -> None:
-        index = np.flatnonzero(usable)
+        index = np.flatnonzero(surface.is_clear_of_forbidden_points)
         if len(index) > most:
             index = np.sort(np.random.default_rng(0).choice(index, most, replace=False))
-        constraints = hand.constraints_at(hand.yaw)
-        self._sweeps = sweeps
-        self._hand, self._up, self._n = hand, hand.R_WO[2], len(hand.azimuths)
-        self._p, self._normals, self._p_OCoM = surface.p_OQ[index], surface.nhat_OQ[index], surface.p_OCoM
-        self._radii, self._standoff = constraints.tip_radii, constraints.standoff
-        self._room = self._radii[:, None] + self._radii + constraints.tip_gap
-        self._centres = self._p + self._radii[:, None, None] * self._normals
+        limits = hand.constraints_at(hand.yaw)
+        self._hand, self._n, self._sweeps = hand, len(hand.azimuths), sweeps
+        self._p, self._normals = surface.p_OQ[index], surface.nhat_OQ[index]
+        self._arms, self._up = self._p - surface.p_OCoM, hand.R_WO[2]
+        self._height = float(surface.p_OCoM @ self._up)
+        # Centres of fingertips at the contact, half-way to the standoff, and there.
+        self._ways = [
+            self._p + (limits.tip_radii[:, None, None] + share * limits.standoff) * self._normals
+            for share in ALONG
+        ]
         # From above there is no way to a place under another fingertip.
-        self._level = self._across(self._centres)
+        self._level = self._across(self._ways[0])
+        self._room = limits.tip_radii[:, None] + limits.tip_radii + limits.tip_gap
+        self._fits = np.ones((self._n, len(index)), dtype=bool)
+        for centres in self._ways:
+            gaps = solid.distance(centres.reshape(-1, 3)).reshape(self._n, -1)
+            self._fits &= gaps >= limits.tip_radii[:, None] - _INTRUSION
+        self._unevenness = self._unevenness_of(solid, float(np.mean(limits.tip_radii)) / 2)
+
+    def _unevenness_of(self, solid: SignedDistance, radius: float) -> FloatArray:
+        """Returns the mean slope to the surface a radius around each candidate, shape (K,)."""
+        angles = 2 * np.pi * np.arange(_AROUND) / _AROUND
+        circle = radius * np.stack([np.zeros(_AROUND), np.cos(angles), np.sin(angles)])
+        around = self._p[:, None] + (contact_axes(self._normals) @ circle).transpose(0, 2, 1)
+        heights = solid.distance(around.reshape(-1, 3)).reshape(-1, _AROUND)
+        return np.mean(np.abs(heights), axis=1) / radius
 
     def _across(self, vectors: FloatArray) -> FloatArray:
         """Returns the parts of vectors across z of W, shape (..., 3)."""
@@ -194,34 +228,29 @@ class _Search:
         return across
 
     def yaws(self) -> FloatArray:
-        """Returns the yaws to try, those nearest to the palm's first, in radians."""
-        low, high = self._hand.yaw_range
-        steps = np.arange(_YAWS) - _YAWS // 2
-        yaws = self._hand.yaw + 2 * np.pi / _YAWS * steps[np.argsort(np.abs(steps), kind="stable")]
-        return yaws[(yaws >= low) & (yaws <= high)] if np.any((yaws >= low) & (yaws <= high)) else np.array([(low+high)/2])
+        """Returns the yaws of the palm to try, in radians."""
+        turns = 2 * np.pi / _YAWS * (np.arange(_YAWS) - _YAWS // 2)
+        return np.unique(np.clip(self._hand.yaw + turns, *self._hand.yaw_range))
 
     def limits_at(self, yaw: float) -> IntArray:
         """Returns the `Limit` that keeps each finger from each candidate, shape (n, K)."""
-        constraints = self._hand.constraints_at(yaw)
-        limits = np.array(
-            [constraints.limits_at(i, self._p, self._normals)[0] for i in range(self._n)]
-        )
-        away = self._centres + self._standoff * self._normals
-        for centres in (self._centres, away):
+        constraints, fingers = self._hand.constraints_at(yaw), range(self._n)
+        limits = np.array([constraints.limits_at(i, self._p, self._normals)[0] for i in fingers])
+        for centres in (self._ways[0], self._ways[-1]):
             within = self._hand.in_workspace(yaw, centres)
             limits[~within & (limits != Limit.FORBIDDEN)] = Limit.REACH
+        limits[~self._fits & (limits == Limit.NONE)] = Limit.WALL
         return limits
 
     def discomforts_at(self, yaw: float) -> FloatArray:
-        """Returns how far each fingertip at each candidate is from home, shape (n, K).
+        """Returns the distance of each fingertip from home at each candidate, shape (n, K).
 
         Home is at the height of the centre of mass. The unit is the hand's radius at home.
         """
         home = self._across(self._hand.p_OT_at(yaw))
         radius = float(np.mean(np.linalg.norm(home, axis=1)))
-        home = home + (self._p_OCoM @ self._up) * self._up
-        away: FloatArray = np.linalg.norm(self._centres - home[:, None], axis=2)
-        return away / radius
+        away = self._ways[0] - home[:, None] - self._height * self._up
+        return np.linalg.norm(away, axis=2) / radius + self._unevenness
 
     def settled(self, yaw: float, before: IntArray | None = None) -> _Trial:
         """Returns a trial at a yaw, in which fingers at first keep the seats that are permitted."""
@@ -230,24 +259,26 @@ class _Search:
         if before is not None:
             seats = np.where(free[fingers, before], before, _AWAY)
         for finger in np.argsort(np.sum(free, axis=1), kind="stable").tolist():
-            choices = np.flatnonzero(free[finger] & self._room_beside(finger, seats))
+            choices = np.flatnonzero(free[finger] & self._has_room(finger, seats))
             if seats[finger] == _AWAY and len(choices):
                 seats[finger] = choices[np.argmin(discomforts[finger, choices])]
-        bound = -np.inf
+        seated, bound = np.flatnonzero(seats != _AWAY), -np.inf
         for _ in range(self._sweeps):
-            before = bound
-            for finger in fingers[seats != _AWAY].tolist():
-                choices = np.flatnonzero(free[finger] & self._room_beside(finger, seats))
-                bounds = self._bounds(finger, seats, choices)
-                others = np.delete(fingers, finger)[np.delete(seats, finger) != _AWAY]
-                bounds -= _COMFORT / self._n * (discomforts[finger, choices] + np.sum(discomforts[others, seats[others]]))
+            last = bound
+            for finger in seated.tolist():
+                choices = np.flatnonzero(free[finger] & self._has_room(finger, seats))
+                others = seated[seated != finger]
+                discomfort = discomforts[finger, choices] + np.sum(
+                    discomforts[others, seats[others]]
+                )
+                bounds = self._bounds(finger, seats, choices) - _COMFORT / self._n * discomfort
                 seats[finger], bound = choices[np.argmax(bounds)], float(np.max(bounds))
-            if bound <= before + 1e-6:
+            if bound <= last:
                 break
-        return _Trial(yaw, seats, bound)
+        return _Trial(yaw, seats, bound + _FINGER * len(seated))
 
-    def _room_beside(self, finger: int, seats: IntArray) -> BoolArray:
-        """Returns the mask of candidates with room beside other seated fingers, shape (K,)."""
+    def _has_room(self, finger: int, seats: IntArray) -> BoolArray:
+        """Returns the mask of candidates with room beside the other fingertips, shape (K,)."""
         room = np.ones(len(self._p), dtype=bool)
         for other in np.flatnonzero(seats != _AWAY).tolist():
             if other != finger:
@@ -258,95 +289,103 @@ class _Search:
     def _bounds(self, finger: int, seats: IntArray, choices: IntArray) -> FloatArray:
         """Returns bounds of the margin with a finger at each choice, in [-1, 1], shape (k,)."""
         seated = np.flatnonzero(seats != _AWAY)
-        arms = self._p - self._p_OCoM
         bounds = moved_least_norm_margin(
-            arms[seats[seated]],
+            self._arms[seats[seated]],
             self._normals[seats[seated]],
             self._hand.friction,
             moved=int(np.searchsorted(seated, finger)),
-            p_CoMQ=arms[choices],
+            p_CoMQ=self._arms[choices],
             nhat_Q=self._normals[choices],
         )
-        # From (-inf, 0) to (-1, 0), as the strategy `margin` does.
-        return np.where(bounds >= 0, bounds, -1 / (1 - 1 / np.minimum(bounds, -1e-12)))
+        # A negative bound b becomes b/(1 - b), as in the strategy `margin`.
+        return np.where(bounds >= 0, bounds, 1 / (1 - np.minimum(bounds, 0)) - 1)
 
     def grasp_at(self, yaw: float) -> _Trial | None:
-        """Returns a grasp near a yaw, or None if it has too few fingers or no force closure."""
+        """Returns a grasp near a yaw; None if it has too few fingers or no force closure."""
         trial = self.settled(yaw)
         for _ in range(_TURNS):
             turned = self._turned(trial)
-            settled = np.flatnonzero(trial.seats != _AWAY)
-            free = self.limits_at(turned) == Limit.NONE
-            if np.all(free[settled, trial.seats[settled]]):
+            permitted = self.limits_at(turned)[trial.seated, trial.seats[trial.seated]]
+            if np.all(permitted == Limit.NONE):
                 return self._judged(replace(trial, yaw=turned))
             trial = self.settled(turned, trial.seats)
         return None
 
     def _turned(self, trial: _Trial) -> float:
         """Returns the yaw to which the palm turns with the contacts, in radians."""
-        p_GT_W = self._p[self._placeholders(trial)] @ self._hand.R_WO.T
-        return palm_turn(p_GT_W, self._hand.azimuths, trial.yaw, self._hand.yaw_range)
+        p_GT_W, hand = self._p[self._nearest_seats(trial)] @ self._hand.R_WO.T, self._hand
+        return palm_turn(p_GT_W, hand.azimuths, trial.yaw, hand.yaw_range)
 
-    def _placeholders(self, trial: _Trial) -> IntArray:
-        """Returns the seats, for fingers that stay away the candidates nearest to their home."""
+    def _nearest_seats(self, trial: _Trial) -> IntArray:
+        """Returns the seats, and for fingers that stay away the candidates nearest to home."""
         closed = self.limits_at(trial.yaw) == Limit.FORBIDDEN
         nearest = np.argmin(np.where(closed, np.inf, self.discomforts_at(trial.yaw)), axis=1)
         return np.where(trial.seats == _AWAY, nearest, trial.seats)
 
     def _judged(self, trial: _Trial) -> _Trial | None:
-        """Returns a trial with its margin and its load, without fingers that lower the margin."""
-        hand, seats = self._hand, trial.seats.copy()
-        if np.sum(seats != _AWAY) < hand.least_fingers or not hand.holds_palm(trial.yaw):
+        """Returns a trial with its margin, without fingers that lower it; None if there is none."""
+        hand, fingers = self._hand, np.arange(self._n)
+        if len(trial.seated) < hand.least_fingers or not hand.holds_palm(trial.yaw):
             return None
-        margin = self._margin(seats)
-        while np.sum(seats != _AWAY) > hand.least_fingers:
-            fewer = [np.where(np.arange(self._n) == i, _AWAY, seats) for i in np.flatnonzero(seats != _AWAY)]
-            margins = [self._margin(left) for left in fewer]
-            if max(margins) <= margin + _FINGER:
+        trial = replace(trial, margin=self._margin(trial.seats))
+        while len(trial.seated) > hand.least_fingers:
+            fewer = [np.where(fingers == i, _AWAY, trial.seats) for i in trial.seated]
+            margins = [self._margin(seats) for seats in fewer]
+            if max(margins) <= trial.margin + _FINGER:
                 break
-            seats, margin = fewer[int(np.argmax(margins))], max(margins)
-        if margin <= 0:
+            trial = replace(trial, seats=fewer[int(np.argmax(margins))], margin=max(margins))
+        if trial.margin <= 0:
             return None
-        there = np.flatnonzero(seats != _AWAY)
+        seated, seats = trial.seated, trial.seats[trial.seated]
         load = largest_load(
-            self._p[seats[there]] - self._p_OCoM,
-            self._normals[seats[there]],
+            self._arms[seats],
+            self._normals[seats],
             hand.friction,
             wrench=hand.wrench,
-            normal_forces=hand.normal_forces[:, there],
+            normal_forces=hand.normal_forces[:, seated],
         )
-        discomfort = float(np.sum(self.discomforts_at(trial.yaw)[there, seats[there]])) / self._n
-        score = margin + _LOAD * min(load, _STRONG) + _FINGER * len(there)
-        score -= _COMFORT * discomfort + _TURN * abs(trial.yaw - hand.yaw)
-        return replace(trial, seats=seats, margin=margin, load=load, score=score)
+        discomfort = np.sum(self.discomforts_at(trial.yaw)[seated, seats])
+        score = trial.margin + _LOAD * min(load, _STRONG) + _FINGER * len(seated)
+        score -= float(self._cost(trial.yaw, discomfort))
+        return replace(trial, load=load, score=score)
+
+    def _cost(self, yaw: float, discomfort: FloatArray) -> FloatArray:
+        """Returns what a yaw, and the sum of the fingers' discomforts, are worth in margin."""
+        return _COMFORT / self._n * discomfort + _TURN * abs(yaw - self._hand.yaw)
 
     def _margin(self, seats: IntArray) -> float:
         taken = seats[seats != _AWAY]
-        arms, normals = self._p[taken] - self._p_OCoM, self._normals[taken]
-        return min_weight_margin(arms, normals, self._hand.friction)
+        return min_weight_margin(self._arms[taken], self._normals[taken], self._hand.friction)
 
     def contacts_of(self, trial: _Trial) -> StartContacts:
         """Returns the contacts of a trial."""
-        p_OC = self._p[self._placeholders(trial)]
+        p_OC = self._p[self._nearest_seats(trial)]
         return StartContacts(p_OC, trial.seats != _AWAY, trial.yaw, trial.margin)
 
     def lack(self) -> NoGraspError:
-        """Returns what is missing if there is no grasp."""
+        """Returns what is missing, if there is no grasp."""
+        least, friction = self._hand.least_fingers, self._hand.friction
         limits = [self.limits_at(yaw) for yaw in self.yaws()]
-        least, mu = self._hand.least_fingers, self._hand.friction
         opposite = (self._normals @ self._normals.T < OPPOSITE).astype(np.float32)
 
-        def faced(free: BoolArray) -> bool:
-            pairs = free.astype(np.float32) @ opposite @ free.T.astype(np.float32)
-            return bool(np.any(pairs[~np.eye(self._n, dtype=bool)]))
+        def lacks(masks: list[BoolArray]) -> tuple[int, bool]:
+            """Returns how many fingers have a place, and whether none of these are opposite."""
+            places = [mask.astype(np.float32) for mask in masks]
+            facing = any(np.any(place @ opposite @ place.T > 0) for place in places)
+            return max(int(np.sum(np.any(mask, axis=1))) for mask in masks), not facing
 
-        reached = [~np.isin(limit, (Limit.FORBIDDEN, Limit.REACH)) for limit in limits]
-        if (most := max(int(np.sum(np.any(free, axis=1))) for free in reached)) < least:
-            return NoGraspError(Lack.REACH, f"at most {most} fingers reach it at any yaw of the palm, {least} are needed")
-        if np.any(opposite) and not any(map(faced, reached)):
-            return NoGraspError(Lack.OPENING, "at no yaw of the palm do fingers reach two opposite sides of it")
-        free = [limit == Limit.NONE for limit in limits]
-        trials = [self.settled(yaw) for yaw in self.yaws()]
-        if (most := max(int(np.sum(trial.seats != _AWAY)) for trial in trials)) < least or (np.any(opposite) and not any(map(faced, free))):
-            return NoGraspError(Lack.ROOM, f"at most {most} fingertips have room on it, {least} are needed")
-        return NoGraspError(Lack.FRICTION, f"with friction {mu:g} no contacts in reach have force closure")
+        reached, one_sided = lacks([~np.isin(at, (Limit.FORBIDDEN, Limit.REACH)) for at in limits])
+        if reached < least:
+            detail = f"at most {reached} fingers reach it at any yaw of the palm"
+            return NoGraspError(Lack.REACH, f"{detail}, {least} are needed")
+        if one_sided and np.any(opposite):
+            detail = "at no yaw of the palm do fingers reach two opposite sides of it"
+            return NoGraspError(Lack.OPENING, detail)
+        seated = max(len(self.settled(yaw).seated) for yaw in self.yaws())
+        _, one_sided = lacks([at == Limit.NONE for at in limits])
+        if seated < least or (one_sided and np.any(opposite)):
+            where = " on two opposite sides" if seated >= least else ""
+            detail = f"at most {seated} fingertips have room beside each other, table and object"
+            return NoGraspError(Lack.ROOM, f"{detail}{where}; {least} are needed")
+        detail = f"no contacts in reach have force closure with friction {friction:g}"
+        return NoGraspError(Lack.FRICTION, detail)

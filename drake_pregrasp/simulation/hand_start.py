@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from pydrake.math import RigidTransform
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.grasp_config import hand_limits
@@ -12,7 +13,8 @@ from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.assignment import make_room, palm_turn
 from drake_pregrasp.contacts.start_contacts import StartContacts
-from drake_pregrasp.diagrams.expected_path import initial_pose
+from drake_pregrasp.diagrams.expected_path import expected_poses, initial_pose
+from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import TABLE
 from drake_pregrasp.diagrams.start_grasp import choose_contacts, start_constraints
 from drake_pregrasp.geometry.surface import ObjectSurface
@@ -40,9 +42,7 @@ def hand_planner(scenario: "Scenario") -> PlannerConfig:
     return replace(config, limits=replace(limits, **given))
 
 
-def initial_contacts(
-    scenario: "Scenario", surface: ObjectSurface
-) -> tuple[FloatArray, BoolArray]:
+def initial_contacts(scenario: "Scenario", surface: ObjectSurface) -> tuple[FloatArray, BoolArray]:
     """Returns the initial contacts in O, shape (n, 3), in metres, and which have room, shape (n,).
 
     Given contacts whose fingertips overlap are replaced by others on the allowed surface. A finger
@@ -82,11 +82,26 @@ def chosen_contacts(scenario: "Scenario", surface: ObjectSurface) -> StartContac
     hand, grasp = scenario.load_hand_model(), scenario.grasp
     X_WO, limits = initial_pose(scenario.motion, scenario.object), hand_planner(scenario).limits
     mass = scenario.object.mass
-    key = repr((id(hand), grasp, limits, mass, X_WO.GetAsMatrix4().tolist()))
+    key = repr((id(hand), grasp, limits, mass, scenario.motion, X_WO.GetAsMatrix4().tolist()))
     known = _chosen.setdefault(surface, {})
     if key not in known:
-        fixed = [TABLE.solid]
         known[key] = choose_contacts(
-            hand, grasp, limits, surface, mass=mass, X_WO=X_WO, fixed=fixed
+            hand,
+            grasp,
+            limits,
+            surface,
+            solid=scenario.object.make_shape().solid,
+            mass=mass,
+            X_WO=X_WO,
+            fixed=[TABLE.solid],
+            path=[X_WO for _, X_WO in followed_path(scenario, hand)],
         )
     return known[key]
+
+
+def followed_path(scenario: "Scenario", hand: HandModel) -> list[tuple[float, RigidTransform]]:
+    """Returns some times, in seconds, and expected poses X_WO until the hand comes to rest."""
+    rest = scenario.grasp.latest_rest(hand.description.fingertips)
+    end = min(scenario.simulation_duration, rest)
+    poses = expected_poses(scenario.motion, end, scenario.object)
+    return poses[:: max(1, len(poses) // 3)]
