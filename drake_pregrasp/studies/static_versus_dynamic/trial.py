@@ -21,7 +21,7 @@ from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.simulation.simulation_diagram import hand_planner
+from drake_pregrasp.simulation.hand_start import hand_planner
 from drake_pregrasp.studies.static_versus_dynamic import conditions, grasp_outcome, methods
 from drake_pregrasp.studies.static_versus_dynamic.box_goals import ReactiveChoice, StationaryHand
 from drake_pregrasp.studies.static_versus_dynamic.conditions import FINGERS
