@@ -3,6 +3,9 @@
 import dataclasses
 import functools
 import math
+import operator
+from collections.abc import Callable
+from enum import EnumType
 from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -33,6 +36,8 @@ SLACK = 1e-6
 """Share of a period by which rounding may move a tick: k * period must not count as k - 1."""
 
 _NEVER = -(10**18)
+
+_I = np.eye(3)
 
 Record = TypeVar("Record", bound="DataclassInstance")
 
@@ -135,7 +140,7 @@ def validated_weights(contact_weights: FloatArray) -> FloatArray:
     Args:
         contact_weights: Weights h_i, shape (n,), in m².
     """
-    validated = np.clip(contact_weights, -LARGEST_WEIGHT, LARGEST_WEIGHT)
+    validated = contact_weights.clip(-LARGEST_WEIGHT, LARGEST_WEIGHT)
     validated[~(contact_weights > -np.inf)] = -np.inf
     return validated
 
@@ -157,7 +162,7 @@ def validated_covariance(covariance_W: FloatArray, R_WO: FloatArray, spread: flo
         covariance_W = np.zeros((3, 3))
     elif largest > LARGEST_VARIANCE:
         covariance_W = covariance_W / largest * LARGEST_VARIANCE
-    added = spread**2 * np.eye(3)
+    added = spread**2 * _I
     covariance_O: FloatArray = R_WO.T @ covariance_W @ R_WO + added
     (a, b, c), (d, e, f), (g, h, i) = covariance_O.tolist()
     if max(abs(b - d), abs(c - g), abs(f - h)) <= _ASYMMETRY * min(a, e, i):
@@ -169,51 +174,66 @@ def validated_covariance(covariance_W: FloatArray, R_WO: FloatArray, spread: flo
     return nearest
 
 
-_PLAIN = (np.ndarray, int, float, np.generic)  # Types of the fields that are no dataclasses.
-
-
 def pack(record: "DataclassInstance") -> FloatArray:
-    """Returns all fields of a dataclass in one vector, as discrete state; `unpack` is the inverse.
+    """Returns all fields of a dataclass in one vector, as discrete state; see `unpacker`.
 
     Args:
-        record: Dataclass instance of numbers, arrays, and dataclasses of such.
+        record: Dataclass instance of at least two numbers, enumerations, arrays, and dataclasses of
+            such.
     """
-    parts: list[Any] = [[]]  # Arrays, and one list for each run of numbers between them.
-    for name in _field_names(type(record)):
-        value = getattr(record, name)
-        if isinstance(value, np.ndarray):
-            parts += [value, []]
-        elif isinstance(value, _PLAIN):
-            parts[-1].append(value)
-        else:
-            parts += [pack(value), []]
-    return np.concatenate(parts, axis=None, dtype=float)
-
-
-def unpack(template: Record, vector: FloatArray) -> Record:
-    """Returns the dataclass instance that `pack` made a vector of.
-
-    Args:
-        template: Instance of the same class whose fields have the types and shapes to restore.
-        vector: Packed instance, which is copied.
-    """
-    vector, values, start = np.array(vector), list[Any](), 0
-    for name in _field_names(type(template)):
-        value = getattr(template, name)
-        if isinstance(value, np.ndarray):
-            stop = start + value.size
-            part = vector[start:stop].reshape(value.shape)
-            values.append(part if value.dtype == float else part.astype(value.dtype))
-        elif isinstance(value, _PLAIN):
-            stop = start + 1
-            values.append(type(value)(vector[start]))
-        else:
-            stop = start + len(pack(value))
-            values.append(unpack(value, vector[start:stop]))
-        start = stop
-    return type(template)(*values)
+    return np.concatenate(_values_of(type(record))(record), axis=None, dtype=float)
 
 
 @functools.cache
-def _field_names(record_type: type["DataclassInstance"]) -> list[str]:
-    return [field.name for field in dataclasses.fields(record_type)]
+def _values_of(record_type: type["DataclassInstance"]) -> Callable[[Any], tuple[Any, ...]]:
+    """Returns the function that returns all values in instances of a dataclass, in order."""
+    return operator.attrgetter(*_paths(record_type))
+
+
+def _paths(record_type: Any) -> list[str]:
+    paths = []
+    for field in dataclasses.fields(record_type):
+        inner = [""]
+        if dataclasses.is_dataclass(field.type):
+            inner = [f".{path}" for path in _paths(field.type)]
+        elif isinstance(field.type, EnumType):
+            inner = [".value"]  # numpy takes long to find out that an enumeration is a number.
+        paths += [field.name + path for path in inner]
+    return paths
+
+
+def unpacker(template: Record) -> Callable[[FloatArray], Record]:
+    """Returns the inverse of `pack`: a function that makes instances of vectors, which it copies.
+
+    Args:
+        template: Instance of the same class whose fields have the types and shapes to restore.
+    """
+    restorers, start = [], 0
+    for field in dataclasses.fields(template):
+        value = getattr(template, field.name)
+        size = np.size(value) if isinstance(value, _PLAIN) else len(pack(value))
+        restorers.append(_restorer(value, start, start + size))
+        start += size
+
+    def unpack(vector: FloatArray) -> Record:
+        copied = vector.copy()
+        return type(template)(*[restore(copied) for restore in restorers])
+
+    return unpack
+
+
+_PLAIN = (np.ndarray, int, float, np.generic)  # Types of the fields that are no dataclasses.
+
+
+def _restorer(value: Any, start: int, stop: int) -> Callable[[FloatArray], Any]:
+    """Returns the function that restores a field, like a value, from a part of a vector."""
+    kind = type(value)
+    if not isinstance(value, _PLAIN):
+        unpack = unpacker(value)
+        return lambda vector: unpack(vector[start:stop])
+    if not isinstance(value, np.ndarray):
+        return lambda vector: kind(vector[start])
+    shape, dtype = value.shape, value.dtype
+    if dtype == np.float64:
+        return lambda vector: vector[start:stop].reshape(shape)
+    return lambda vector: vector[start:stop].reshape(shape).astype(dtype)

@@ -139,7 +139,7 @@ def select_contacts(
     regions = selection.regions
     if choose is None:
         choose = partial(best_points if best_point else region_goals, strategy=strategy)
-    active = np.flatnonzero(regions.counts > 0)
+    active = np.flatnonzero(selection.active)
     goals = selection.p_OC.copy()
     for movers in active[:, None] if in_turns else active[None]:
         if len(movers) == 0:
@@ -152,12 +152,12 @@ def select_contacts(
         for i in movers[barred].tolist():  # The nearest candidate replaces a forbidden goal.
             points = selection.surface.p_OQ[regions.members(i)]
             goals[i] = points[np.argmin(np.linalg.norm(points - goals[i], axis=1))]
-    on_patches = np.zeros(len(goals), dtype=bool)
-    on_patches[active] = True
-    limited = limited_goals(selection, goals.copy(), limits)
+    limited = limited_goals(selection, goals, limits)
     if limits.recover:
         limited = with_returning_contacts(selection, limited, limits.max_step)
-    on_patches &= (limited == goals).all(axis=1)
+    on_patches = selection.active
+    if limited is not goals:
+        on_patches = on_patches & (limited == goals).all(axis=1)
     return judged_goals(selection, limited, on_patches, limits)
 
 

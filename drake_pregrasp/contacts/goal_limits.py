@@ -217,7 +217,8 @@ def limited_goals(
 
     Args:
         selection: Surface, contacts and regions of this tick.
-        goals: Goals that the strategy has chosen, shape (n, 3), in metres; overwritten.
+        goals: Goals that the strategy has chosen, shape (n, 3), in metres. If there are no limits,
+            this array itself is returned.
         limits: Limits on the motion of goals.
     """
     surface, regions, p_OC = selection.surface, selection.regions, selection.p_OC
@@ -225,6 +226,7 @@ def limited_goals(
     free &= not limits.pairs and limits.guard is None
     if free and len(regions.constraints.tip_radii) == 0:
         return goals
+    goals = goals.copy()
     # The partner of a lost finger moves alone.
     pairs = [p for p in limits.pairs if not (regions.lost[p.first] or regions.lost[p.second])]
     may_stay = np.zeros(len(goals), dtype=bool)
@@ -316,6 +318,7 @@ def has_room(
 _STATUS = np.array([1.0 + np.array(Limit)] * 2)
 _STATUS[0] *= -1
 _STATUS[0, Limit.NONE] = ContactStatus.INACTIVE
+_LOST = float(ContactStatus.LOST)
 
 
 def judged_goals(
@@ -334,14 +337,14 @@ def judged_goals(
     """
     regions = selection.regions
     constraints, limits, causes = regions.constraints, regions.limits.copy(), regions.causes.copy()
-    active = regions.counts > 0
+    active = selection.active.copy()
     unknown = np.flatnonzero(~on_surface)
     if len(unknown):
         nearest, _ = selection.project(goals[unknown])
         off = unknown[np.linalg.norm(nearest - goals[unknown], axis=1) > CONTACT_TOLERANCE]
         limits[off], causes[off], active[off] = Limit.FORBIDDEN, NO_CAUSE, False
-    there = np.flatnonzero(active)
-    if len(there) and not constraints.leaves_every_point:
+    if not constraints.leaves_every_point and active.any():
+        there = np.flatnonzero(active)
         limit, cause = selection.limits_of(there, goals[there])
         barred = limit != Limit.NONE
         off = there[barred]
@@ -357,5 +360,5 @@ def judged_goals(
             for contact, partner in ((pair.first, pair.second), (pair.second, pair.first)):
                 limits[contact], causes[contact] = Limit.PARTNER, partner
     status: FloatArray = _STATUS[active.astype(np.int64), limits]
-    status[regions.lost] = ContactStatus.LOST
+    status[regions.lost] = _LOST
     return ContactGoals(goals, status, causes.astype(float))

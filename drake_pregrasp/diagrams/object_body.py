@@ -29,6 +29,7 @@ from pydrake.multibody.tree import RigidBody, RotationalInertia, SpatialInertia
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.config.object_config import ObjectConfig
 from drake_pregrasp.geometry.shapes import Shape
+from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
 FIRST_TOUCH = 1e-6
 """Initial depth of the object in the table, in metres: without contact it would fall for one time
@@ -45,7 +46,6 @@ DISSIPATION = 100.0
 
 _COLOR = np.array([0.78, 0.80, 0.83, 1.0])
 _DIGITS = 12  # Digits of coordinates in the OBJ text of a mesh for Drake.
-_GRAVITY = 9.81
 _MANY_CORNERS = 6  # So many corners give four points of contact that are not in a line.
 _RESTING_DEPTH = 5e-6  # Of an object on its widest face, in metres. Stiffer objects rock.
 _RESOLUTION = 0.1  # Drake requires it, but a hull is not tessellated.
@@ -143,7 +143,7 @@ def _hull_modulus(hull: trimesh.Trimesh, mass: float) -> float:
     any_triangle = faces[widest][0]
     to_face = hull.triangles_center[any_triangle] - hull.centroid
     thickness = float(to_face @ hull.face_normals[any_triangle])
-    pressure = mass * _GRAVITY / areas[widest]
+    pressure = mass * GRAVITY / areas[widest]
     return min(MODULUS, pressure * thickness / _RESTING_DEPTH)
 
 

@@ -7,7 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_pregrasp.arrays import SLACK, FloatArray, pack, unpack
+from drake_pregrasp.arrays import SLACK, FloatArray, pack, unpacker
 from drake_pregrasp.estimation.pose_filter import (
     NO_BELIEF,
     NO_MEASUREMENT,
@@ -101,6 +101,9 @@ class MeasurementVerdict(IntEnum):
         return self >= MeasurementVerdict.UNUSABLE
 
 
+unpack_belief = unpacker(NO_BELIEF)
+"""Returns the belief in a vector, such as an alternative hypothesis."""
+
 NO_ALTERNATIVE = pack(NO_BELIEF)
 """Placeholder for a missing alternative hypothesis."""
 
@@ -152,7 +155,7 @@ class PoseTrack:
     @cached_property
     def newest(self) -> PoseBelief:
         """Belief after the newest measurement that was used, which ends the last step."""
-        return unpack(NO_BELIEF, self.steps[-1, MEASUREMENT_SIZE:])
+        return unpack_belief(self.steps[-1, MEASUREMENT_SIZE:])
 
     def with_twist(self, V_held: FloatArray, time: float) -> "PoseTrack":
         """Returns the track after a known change of the object's twist.
@@ -171,7 +174,7 @@ class PoseTrack:
         steps[-1] = np.append(self.steps[-1, :MEASUREMENT_SIZE], newest)
         alternative = self.alternative
         if alternative[0] > -math.inf:
-            alternative = pack(boosted(unpack(NO_BELIEF, alternative), dV, time))
+            alternative = pack(boosted(unpack_belief(alternative), dV, time))
         return replace(after, steps=steps, alternative=alternative)
 
     @staticmethod

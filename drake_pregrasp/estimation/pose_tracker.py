@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, is_valid_pose, pack, unpack
+from drake_pregrasp.arrays import BoolArray, FloatArray, is_valid_pose, pack, unpacker
 from drake_pregrasp.estimation.pose_filter import (
     NO_BELIEF,
     NO_MEASUREMENT,
@@ -30,10 +30,13 @@ from drake_pregrasp.estimation.pose_track import (
     NO_ALTERNATIVE,
     MeasurementVerdict,
     PoseTrack,
+    unpack_belief,
 )
 
 OLDEST = 1e6
 """Largest age of a valid measurement, and longest prediction, in seconds."""
+
+_unpack_measurement = unpacker(NO_MEASUREMENT)
 
 _SLACK = 1e-6  # Seconds by which rounding may put a time ahead of the clock.
 _FORGETTING = 0.05  # Share of the newest innovation in the running means.
@@ -107,21 +110,21 @@ def update_track(
     if time - newest.time > OLDEST:  # Also without a belief, whose time is -inf.
         return _start(track, measurement, settings)
     is_suspect = settings.refuse_repeats and track.noise_level > _NOISY
-    if is_suspect and np.array_equal(track.last_seen[1:], last_seen[1:]) and _moves(newest):
+    if is_suspect and (track.last_seen[1:] == last_seen[1:]).all() and _moves(newest):
         return replace(track, verdict=MeasurementVerdict.REPEATED)
     earlier = newest
     if is_late:
         before = track.steps[track.steps[:, 0] < time]
         if len(before) == 0 or before[-1, 0] == -math.inf:
             return replace(track, verdict=MeasurementVerdict.TOO_LATE)
-        earlier = unpack(NO_BELIEF, before[-1, MEASUREMENT_SIZE:])
+        earlier = unpack_belief(before[-1, MEASUREMENT_SIZE:])
     factor = track.noise_factor
     prior, new, posterior = settings.step(earlier, measurement, noise, settings.p_OCoM, factor)
     variance = prior.P_orientation.diagonal()[:3].max()
     if variance > _VAGUE**2 + noise.orientation**2 and not is_late:
         return _start(track, measurement, settings, prior)
     if new.squared.max() > settings.gate_squared and not is_late:
-        previous = unpack(NO_MEASUREMENT, last_seen)
+        previous = _unpack_measurement(last_seen)
         manoeuvre = _manoeuvre(track, previous, measurement, settings)
         prior, new, posterior = manoeuvre or (prior, new, posterior)
     excess = min(sum((factor * new.squared).tolist()) / 6, _LARGEST_EXCESS)
@@ -153,7 +156,7 @@ def update_track(
     level = min(1.0, float(shares.sum()) / 4)
     return replace(
         after,
-        steps=np.vstack([track.steps[1:], step]),
+        steps=np.concatenate([track.steps[1:], step[None]]),
         alternative=alternative,
         support=support,
         refused=max(0, track.refused - 1),
@@ -184,7 +187,7 @@ def _manoeuvre(
     before = track.steps[track.steps[:, 0] < previous.time]
     if track.innovation_squared.max() < _TELLING**2 or len(before) == 0:
         return None
-    belief = unpack(NO_BELIEF, before[-1, MEASUREMENT_SIZE:])
+    belief = unpack_belief(before[-1, MEASUREMENT_SIZE:])
     is_between = belief.time < previous.time < measurement.time
     if not is_between or measurement.time - belief.time > _LONGEST_SURPRISE:
         return None
@@ -255,7 +258,7 @@ def _insert(
     is_later = track.steps[:, 0] > belief.time
     rows = [np.concatenate([track.last_seen, pack(belief)])]
     for seen in track.steps[is_later, :MEASUREMENT_SIZE]:
-        later = unpack(NO_MEASUREMENT, seen)
+        later = _unpack_measurement(seen)
         _, _, belief = settings.step(
             belief, later, settings.noise, settings.p_OCoM, track.noise_factor
         )
@@ -283,7 +286,7 @@ def _next_alternative(
     by chance, a fast rotation repeatedly comes close to the belief's orientation.
     """
     noise, p_OCoM = settings.noise, settings.p_OCoM
-    earlier = unpack(NO_BELIEF, track.alternative)
+    earlier = unpack_belief(track.alternative)
     if not -math.inf < earlier.time < measurement.time:
         jumped = _jumped(prior, first_belief(measurement, noise, p_OCoM))
         is_expected = new.squared <= settings.gate_squared

@@ -5,30 +5,24 @@ from collections.abc import Callable
 from typing import Any
 
 import numba
-from numba.core import event
+from numba.core.event import Event, Listener, register, unregister
 
 
-class _Announcement(event.Listener):  # type: ignore[misc]
+class _Announcement(Listener):  # type: ignore[misc]
     """Says once that numba compiles, since the first planner waits for it."""
 
-    def on_start(self, event: event.Event) -> None:
+    def on_start(self, event: Event) -> None:
         """See numba's `Listener`."""
-        unregister()
+        unregister("numba:compile", self)
         logging.getLogger(__name__).warning(
             "numba compiles the planner; later starts load it from a cache in less than a second"
         )
 
-    def on_end(self, event: event.Event) -> None:
+    def on_end(self, event: Event) -> None:
         """See numba's `Listener`."""
 
 
-_announcement = _Announcement()
-event.register("numba:compile", _announcement)
-
-
-def unregister() -> None:
-    """Ends the announcement."""
-    event.unregister("numba:compile", _announcement)
+register("numba:compile", _Announcement())
 
 
 def compiled(signature: str | None = None) -> Callable[[Callable[..., Any]], Any]:

@@ -84,7 +84,7 @@ class CompiledGoals:
             labels,
             active,
             r,
-            np.linalg.inv(selection.covariance_O),
+            np.array(selection.covariance_O, dtype=float, order="C"),
             self._q,
             self._areas,
             margins,

@@ -27,6 +27,7 @@ import numpy as np
 from drake_pregrasp.contacts.centroids import TIE
 from drake_pregrasp.contacts.strategies import FLAT
 from drake_pregrasp.fast.compiling import compiled
+from drake_pregrasp.fast.pose_steps import inverted
 
 KINDS = (
     ("position", "hand"),
@@ -271,7 +272,7 @@ def weighted_goals(  # type: ignore[no-untyped-def]
     labels,
     active,
     r,
-    precision,
+    covariance,
     q,
     areas,
     margins,
@@ -290,12 +291,13 @@ def weighted_goals(  # type: ignore[no-untyped-def]
         labels: Region of each candidate, shape (N,).
         active: Mask of the contacts that take part in the grasp, shape (n,).
         r: Lever arms of the contacts, shape (n, 3), in metres.
-        precision: Inverse of the position's covariance, shape (3, 3), in 1/m².
+        covariance: Covariance of the position, shape (3, 3), in m².
         q: Lever arms of the candidates, shape (N, 3), in metres.
         areas: Surface area that each candidate represents, shape (N,), in m².
         margins: Weights of the strategy `margin` at the candidates, shape (N,); see `hand_margins`.
     """
     n, t, B = float(np.count_nonzero(active)), np.empty(3), np.empty((3, 3))
+    precision = inverted(covariance)
     place, ends = np.full(len(r), -1), np.zeros(len(contacts) + 1, np.int64)
     for k in range(len(contacts)):
         place[contacts[k]] = k

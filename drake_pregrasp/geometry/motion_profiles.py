@@ -15,6 +15,11 @@ class VelocityProfile:
         rows: Rows of a time in seconds and k velocities, with times that increase from 0. One row
             is a constant velocity.
 
+    Attributes:
+        times: Time of each row, shape (m,), in seconds.
+        coefficients: Positions after each row as polynomials of the time s since then,
+            p + v s + a s²/2: p, v and a/2 of each, shape (m, k, 3).
+
     Raises:
         InvalidArgumentError: If the times do not increase from 0, or rows differ in length.
     """
@@ -25,29 +30,28 @@ class VelocityProfile:
                 f"a profile needs rows of one length, a time and velocities, not {rows}"
             )
         table = np.array(rows, dtype=float)
-        self._times, self._velocities = table[:, 0], table[:, 1:]
-        steps = np.diff(self._times)
-        if self._times[0] != 0 or not np.all(steps > 0):
+        times, velocities = table[:, 0], table[:, 1:]
+        steps = np.diff(times)[:, None]
+        if times[0] != 0 or not np.all(steps > 0):
             raise InvalidArgumentError(
-                f"a profile's times must increase from 0, not be {self._times.tolist()}"
+                f"a profile's times must increase from 0, not be {times.tolist()}"
             )
-        areas = steps[:, None] * (self._velocities[:-1] + self._velocities[1:]) / 2
-        self._accelerations = np.zeros(self._velocities.shape)
-        self._accelerations[:-1] = np.diff(self._velocities, axis=0) / steps[:, None]
-        self._positions = np.vstack([np.zeros(self.size), np.cumsum(areas, axis=0)])
+        self.times, self.coefficients = times, np.zeros((*velocities.shape, 3))
+        areas = steps * (velocities[:-1] + velocities[1:]) / 2
+        self.coefficients[1:, :, 0] = np.cumsum(areas, axis=0)
+        self.coefficients[:, :, 1] = velocities
+        self.coefficients[:-1, :, 2] = np.diff(velocities, axis=0) / steps / 2
 
     @property
     def size(self) -> int:
         """Number k of velocities."""
-        return int(self._velocities.shape[1])
+        return int(self.coefficients.shape[1])
 
     def at(self, time: float) -> tuple[FloatArray, FloatArray]:
         """Returns positions and velocities at a time of 0 s or more, shapes (k,).
 
-        Positions are the exact integral of the velocities from 0: over a linear piece, the time
-        times the mean of the velocities at its ends.
+        Positions are the exact integral of the velocities from 0.
         """
-        row = int(self._times.searchsorted(time, side="right")) - 1
-        since = time - self._times[row]
-        velocities: FloatArray = self._velocities[row] + since * self._accelerations[row]
-        return self._positions[row] + since * (self._velocities[row] + velocities) / 2, velocities
+        row = int(self.times.searchsorted(time, side="right")) - 1
+        since, (p, v, half_a) = time - self.times[row], self.coefficients[row].T
+        return p + since * (v + since * half_a), v + 2 * since * half_a

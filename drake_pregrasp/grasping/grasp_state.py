@@ -1,13 +1,14 @@
 """Phases, settings, state and observations of a grasp."""
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, pack, unpack
+from drake_pregrasp.arrays import BoolArray, FloatArray, pack, unpacker
 
 BASE = -1
 """Index of the palm with its carrier or arm, which belong to no finger."""
@@ -272,16 +273,16 @@ class GraspState:
     @staticmethod
     def from_vector(vector: FloatArray) -> "GraspState":
         """Returns the state from a vector of `to_vector`."""
-        return unpack(_blank_state(len(vector)), vector)
+        return _unpacker(len(vector))(vector)
 
 
 @functools.cache
-def _blank_state(size: int) -> GraspState:
-    """Returns a state that has the given size as a vector."""
+def _unpacker(size: int) -> Callable[[FloatArray], GraspState]:
+    """Returns the inverse of `pack` for states with vectors of the given size."""
     # Only types and shapes matter: integer settings would round the unpacked values.
     anything = GraspSettings(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     single = len(GraspState.first(0, anything).to_vector())
-    return GraspState.first((size - single) // 6, anything)
+    return unpacker(GraspState.first((size - single) // 6, anything))
 
 
 @dataclass(frozen=True, eq=False)

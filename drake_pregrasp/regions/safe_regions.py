@@ -181,10 +181,11 @@ def compute_safe_regions(
         half_spaces = replace(half_spaces, bounds=applied)
     parts, obstacles = [half_spaces], constraints.obstacles
     radii = constraints.tip_radii if len(constraints.tip_radii) else np.zeros(len(c))
-    setbacks, margins = radii + constraints.tip_gap / 2, radii + constraints.clearance
-    if np.any(setbacks):
+    if len(constraints.tip_radii) or constraints.tip_gap > 0:
+        setbacks = radii + constraints.tip_gap / 2
         parts.append(neighbour_half_spaces(c, h, setbacks, constraints.nhat_OC))
     if not constraints.leaves_every_point:
+        margins = radii + constraints.clearance
         predicates = constraints.predicates(len(c))
         now = predicates.solids[:: 1 + len(constraints.later)]
         parts.append(solid_half_spaces(c, now, margins))

@@ -8,6 +8,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+from scipy.linalg import pinv
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.grasping.fingertip_paths import Pace
@@ -45,10 +46,8 @@ def _pseudoinverse(J: FloatArray) -> FloatArray:
         if np.linalg.norm(inverse) < _DAMPING**-2:  # At least the largest 1/s².
             regular: FloatArray = J.T @ inverse
             return regular
-    U, s, Vt = np.linalg.svd(J, full_matrices=False)
-    large = s > _DAMPING
-    damped: FloatArray = (Vt[large].T / s[large]) @ U[:, large].T
-    return damped
+    singular: FloatArray = pinv(J, atol=_DAMPING, rtol=0)
+    return singular
 
 
 def constrained_velocity(

@@ -10,7 +10,7 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.tree import UniformGravityFieldElement
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, pack, unpack, validated_numbers
+from drake_pregrasp.arrays import BoolArray, FloatArray, pack, unpacker, validated_numbers
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Fingertip
@@ -40,6 +40,7 @@ GRAVITY: float = UniformGravityFieldElement.kDefaultStrength
 """Acceleration of gravity along -z of W, in m/s²."""
 
 _AT_REST = HeldMotion.at_rest()
+_unpack_motion = unpacker(_AT_REST)
 _UP = np.array([0.0, 0.0, 1.0])
 _FIRM = 2.0  # Times the touch force: fingertips that press with it stick to the object.
 _WEIGHT_DURATION = 0.1  # Seconds in which fingers take over the weight at the start of the lift.
@@ -235,7 +236,7 @@ class GraspSequencer(LeafSystem):
     def _last_motion(self, context: Context) -> tuple[HeldMotion, bool]:
         """Returns the last motion of G in the squeeze, and whether the object still stands."""
         state: GraspState = self._remembered.Eval(context)
-        last = unpack(_AT_REST, context.get_discrete_state(self._last).value())
+        last = _unpack_motion(context.get_discrete_state(self._last).value())
         opened = state.phase == GraspPhase.BACK_OFF and state.since <= last.time
         return last, opened or state.phase <= GraspPhase.SQUEEZE
 

@@ -253,4 +253,4 @@ def eval_solids(
 
 def is_followed(port: InputPort, context: Context) -> bool:
     """Returns whether goals may follow the estimate, by an optional port `tracking_status`."""
-    return not port.HasValue(context) or port.Eval(context)[0] in FOLLOWED
+    return not port.HasValue(context) or float(port.Eval(context)[0]) in FOLLOWED

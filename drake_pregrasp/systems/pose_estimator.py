@@ -15,7 +15,7 @@ from drake_pregrasp.arrays import (
     number_or_nan,
     pack,
     tick_index,
-    unpack,
+    unpacker,
     validated_numbers,
 )
 from drake_pregrasp.config.deprecated_keywords import config_with
@@ -143,6 +143,7 @@ class PoseEstimator(LeafSystem):
         # The track also holds the belief before the measurements that may be newer.
         self._no_track = PoseTrack.empty(config.late_measurements + 1)
 
+        self._unpack = unpacker(self._no_track)
         self._time_index = self.DeclareDiscreteState(np.array([-np.inf]))
         self._track_index = self.DeclareDiscreteState(pack(self._no_track))
         self._X_WO_measured = self.DeclareAbstractInputPort("X_WO_measured", POSE)
@@ -173,16 +174,16 @@ class PoseEstimator(LeafSystem):
         declare_output(self, "X_WO_estimated", POSE, self._calc_pose, estimate)
         declare_output(self, "V_WO_estimated", VELOCITY, self._calc_velocity, estimate)
         declare_output(self, "p_WO_covariance", 9, self._calc_covariance, time, track, estimate)
-        declare_output(self, "tracking_status", 1, lambda c: estimate.Eval(c)[0], estimate)
+        declare_output(self, "tracking_status", 1, lambda c: estimate.Eval(c)[0].value, estimate)
         declare_output(self, "time_since_measurement", 1, self._calc_age, time, track)
-        declare_output(self, "measurement_verdict", 1, lambda c: track.Eval(c).verdict, track)
+        declare_output(self, "measurement_verdict", 1, lambda c: track.Eval(c).verdict.value, track)
         declare_output(
             self, "innovation_squared", 2, lambda c: track.Eval(c).innovation_squared, track
         )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store_track)
 
     def _calc_stored_track(self, context: Context) -> PoseTrack:
-        return unpack(self._no_track, context.get_discrete_state(self._track_index).value())
+        return self._unpack(context.get_discrete_state(self._track_index).value())
 
     def _calc_track(self, context: Context) -> PoseTrack:
         time = context.get_time()
@@ -246,7 +247,7 @@ class PoseEstimator(LeafSystem):
         p_OCoM = self._settings.p_OCoM
         p_WO = belief.p_WCoM if p_OCoM is None else belief.p_WCoM - R_WO @ p_OCoM
         # Clipped, so that the pose is valid, if LOST.
-        return RigidTransform(R_WO, np.clip(p_WO, -FARTHEST, FARTHEST))
+        return RigidTransform(R_WO, p_WO.clip(-FARTHEST, FARTHEST))
 
     def _calc_velocity(self, context: Context) -> SpatialVelocity:
         status, belief = self._estimate.Eval(context)

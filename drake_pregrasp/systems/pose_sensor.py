@@ -16,7 +16,7 @@ from pydrake.systems.framework import (
     PortDataType,
 )
 
-from drake_pregrasp.arrays import FloatArray, pack, tick_index, unpack
+from drake_pregrasp.arrays import FloatArray, pack, tick_index, unpacker
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.sensor_config import SensorConfig, check_faults
 from drake_pregrasp.errors import InvalidArgumentError
@@ -156,11 +156,12 @@ class NoisyPoseSensor(LeafSystem):
             declare_output(self, "X_WO_measured", POSE, self._measure, *sources)
             declare_output(self, "measurement_time", 1, Context.get_time, time)
             return
-        self._empty = SensorMemory.empty(self._faults, self._period)
-        self._state = self.DeclareDiscreteState(pack(self._empty))
+        empty = SensorMemory.empty(self._faults, self._period)
+        self._unpack = unpacker(empty)
+        self._state = self.DeclareDiscreteState(pack(empty))
         stored = self.discrete_state_ticket(self._state)
         self._memory: CacheEntry = declare_cache(
-            self, "memory at the Context's time", self._empty, self._calc_memory, *sources, stored
+            self, "memory at the Context's time", empty, self._calc_memory, *sources, stored
         )
         memory = self._memory
         declare_output(self, "X_WO_measured", POSE, self._arrived, memory)
@@ -192,7 +193,7 @@ class NoisyPoseSensor(LeafSystem):
 
     def _calc_memory(self, context: Context) -> SensorMemory:
         assert self._faults is not None
-        memory = unpack(self._empty, context.get_discrete_state(self._state).value())
+        memory = self._unpack(context.get_discrete_state(self._state).value())
         time = context.get_time()
         tick = tick_index(time, self._period)
         if tick != memory.tick:

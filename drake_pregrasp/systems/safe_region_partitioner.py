@@ -157,9 +157,8 @@ class SafeRegionPartitioner(LeafSystem):
         if self._contact_weights.HasValue(context):
             weights = validated_weights(self._contact_weights.Eval(context))
         p_OC = (X_OW @ p_WC.T).T
-        placed = are_valid_points(p_OC)
-        if not placed.all():
-            p_OC[~placed], weights[~placed] = 0.0, -np.inf
+        invalid = ~are_valid_points(p_OC)
+        p_OC[invalid], weights[invalid] = 0.0, -np.inf
         constraints = UNCONSTRAINED
         if not self._is_unlimited or self._obstacles.HasValue(context):
             constraints = self._constraints(context, X_WO, p_OC)

@@ -11,7 +11,10 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialForce, SpatialVelocity
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RigidBody
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+from pydrake.polynomial import Polynomial
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
+from pydrake.systems.primitives import TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
 
 from drake_pregrasp.arrays import FloatArray, tick_index
 from drake_pregrasp.errors import InvalidArgumentError
@@ -20,6 +23,8 @@ from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.systems.ports import OBSTACLES, POSE, declare_output
+
+_FOREVER = 1e9  # Seconds; Drake's trajectories end.
 
 
 class BodyPose(LeafSystem):
@@ -70,7 +75,7 @@ class BodyPose(LeafSystem):
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, hold)
 
 
-class ObjectMotion(LeafSystem):
+class ObjectMotion(Diagram):
     """Commands the joints that move the object: conveyor and turntable, or a pusher.
 
     .. pydrake_system::
@@ -88,10 +93,13 @@ class ObjectMotion(LeafSystem):
 
     def __init__(self, profile: VelocityProfile) -> None:
         super().__init__()
-        time = self.time_ticket()
-        declare_output(
-            self, "desired_state", 2 * profile.size, lambda c: profile.at(c.get_time()), time
-        )
+        pieces = [[[Polynomial(c)] for c in piece] for piece in profile.coefficients]
+        positions = PiecewisePolynomial(pieces, [*profile.times, _FOREVER])
+        builder = DiagramBuilder()
+        # A plant asks for its desired state in each time step, for which Python would be slow.
+        source = builder.AddSystem(TrajectorySource(positions, output_derivative_order=1))
+        builder.ExportOutput(source.get_output_port(), "desired_state")
+        builder.BuildInto(self)
 
 
 class PoseReplay(LeafSystem):

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drake_pregrasp import InvalidArgumentError, MeasurementFaults
-from drake_pregrasp.arrays import pack, unpack
+from drake_pregrasp.arrays import pack, unpacker
 from drake_pregrasp.config.sensor_config import check_faults
 from drake_pregrasp.estimation.measurement_faults import (
     POSE_SIZE,
@@ -29,11 +29,11 @@ def value(tick):
 
 def played(faults, seed=0, ticks=range(TICKS)):
     """Returns the memories after the ticks, each by way of the vector that is stored."""
-    memory = empty = SensorMemory.empty(faults, T)
-    found = []
+    memory = SensorMemory.empty(faults, T)
+    found, unpack = [], unpacker(memory)
     for tick in ticks:
         now = {"time": tick * T, "tick": tick, "faults": faults, "period": T, "seed": seed}
-        memory = unpack(empty, pack(next_memory(memory, value(tick), **now)))
+        memory = unpack(pack(next_memory(memory, value(tick), **now)))
         found.append(memory)
     return found
 
