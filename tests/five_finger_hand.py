@@ -15,7 +15,6 @@ X_WO = RigidTransform([0.0, 0.0, 0.05])
 def hand_controller(config=None, **changes):
     arguments = {
         "object_solid": BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)),
-        "object_top": 0.05,
         "mass": 0.4,
         "p_OCoM": np.zeros(3),
         "fixed": [],

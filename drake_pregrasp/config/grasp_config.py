@@ -40,7 +40,7 @@ class GraspConfig:
     # Seconds between control ticks.
     period: float = field(default=0.02, metadata={"at_least": 1e-3, "at_most": 0.1})
 
-    # Coulomb's coefficient of the box. Drake combines the coefficients of two bodies to
+    # Coulomb's coefficient of the object. Drake combines the coefficients of two bodies to
     # 2 µ1 µ2/(µ1 + µ2); fingertips have 0.7, and the turntable has 0.8.
     friction: float = field(default=0.7, metadata={"at_least": 0, "at_most": 10})
 

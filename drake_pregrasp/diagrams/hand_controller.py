@@ -12,7 +12,7 @@ from drake_pregrasp.contacts.assignment import mean_angle, turned_within
 from drake_pregrasp.diagrams.hand_model import HandModel, PalmCarrier
 from drake_pregrasp.diagrams.wiring import connect, export_inputs, export_outputs
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.systems.differential_kinematics import DifferentialKinematics
 from drake_pregrasp.systems.fingertip_goal_shaper import FingertipGoalShaper
 from drake_pregrasp.systems.fingertip_sensor import FingertipSensor
@@ -72,8 +72,7 @@ class HandController(Diagram):
     Args:
         config: Configuration of the grasp.
         hand: Model of the hand.
-        object_solid: The object in O, convex.
-        object_top: Height of the object's highest point over O, in metres.
+        object_solid: The object in O.
         mass: Mass of the object, in kg.
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
         fixed: Solids in W that fingertips avoid, such as the table.
@@ -81,6 +80,7 @@ class HandController(Diagram):
         p_OC: Initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
         target_period: Seconds between ticks of the planner.
         plant_time_step: Time step of the hand's plant, in seconds.
+        object_top: Deprecated, without effect.
 
     Raises:
         InvalidArgumentError: If an argument or a field of `config` is out of its range, an initial
@@ -95,8 +95,7 @@ class HandController(Diagram):
         config: GraspConfig,
         hand: HandModel,
         *,
-        object_solid: Solid,
-        object_top: float,
+        object_solid: SignedDistance,
         mass: float,
         p_OCoM: FloatArray,
         fixed: list[Solid],
@@ -104,6 +103,7 @@ class HandController(Diagram):
         p_OC: FloatArray,
         target_period: float,
         plant_time_step: float,
+        object_top: float | None = None,
     ) -> None:
         super().__init__()
         tip_frames = hand.kinematics.tip_frames
@@ -135,13 +135,13 @@ class HandController(Diagram):
                 tip_frames=tip_frames,
                 tip_radius=hand.tip_radii,
                 object_solid=object_solid,
-                object_top=object_top,
                 fixed=fixed,
                 p_GT=(X_WG.inverse() @ hand.tips_at(self.initial).T).T,
                 finger_azimuths=hand.azimuths,
                 target_period=target_period,
                 lead=config.period + plant_time_step,
                 withdrawn_radii=hand.withdrawn_radii,
+                object_top=object_top,
             ),
         )
         palm: dict[str, Any] = {

@@ -14,7 +14,7 @@ from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_surface import AxisArea
-from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.systems.fingertip_sensor import HandKinematics, frame_names
 from drake_pregrasp.systems.hand_scene import HandScene
 from drake_pregrasp.systems.palm_posture import ArmKinematics, pose_error
@@ -242,7 +242,7 @@ class HandModel:
         frames = [f"{HAND}::{tip.frame}" for tip in self.description.fingertips]
         return HandKinematics(diagram.plant(), frames)
 
-    def make_scene(self, object_solid: Solid, fixed: Sequence[Solid]) -> HandScene:
+    def make_scene(self, object_solid: SignedDistance, fixed: Sequence[Solid]) -> HandScene:
         """Returns a scene of the hand with an object.
 
         Args:

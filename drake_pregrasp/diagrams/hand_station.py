@@ -11,7 +11,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import HandDescription
-from drake_pregrasp.config.object_config import Box, Conveyor
+from drake_pregrasp.config.object_config import MotionConfig, ObjectConfig
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_controller import HandController
@@ -19,7 +19,7 @@ from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
 from drake_pregrasp.diagrams.object_plant import add_moving_object
 from drake_pregrasp.diagrams.wiring import connect
-from drake_pregrasp.geometry.solids import BoxSolid, HalfSpace
+from drake_pregrasp.geometry.solids import HalfSpace
 from drake_pregrasp.systems.fingertip_sensor import hand_links
 from drake_pregrasp.systems.hand_scene import separate_fingers
 from drake_pregrasp.systems.link_contacts import LinkContacts
@@ -27,7 +27,7 @@ from drake_pregrasp.systems.sources import BodyPose, MovingSolid
 
 
 class HandStation(Diagram):
-    """Simulates a box on a conveyor and a hand that can lift it.
+    """Simulates a moving object and a hand that can lift it.
 
     .. pydrake_system::
 
@@ -45,7 +45,7 @@ class HandStation(Diagram):
     Port `desired_state` accepts a vector of 2 nq: desired positions and velocities of the hand's
     joints, for actuators with the gains of its model.
 
-    Port `X_WO` emits a `RigidTransform`: the true pose of the box, as that of `ObjectPlant`.
+    Port `X_WO` emits a `RigidTransform`: the true pose of the object, as that of `ObjectPlant`.
 
     Port `query_object` emits SceneGraph's `QueryObject`, for visualizers.
 
@@ -53,7 +53,7 @@ class HandStation(Diagram):
 
     Port `net_actuation` emits a vector of nq: torques or forces of the actuators, in N m or N.
 
-    Port `X_WD` emits a `RigidTransform`: the pose of the turntable D, on which the box stands.
+    Port `X_WD` emits a `RigidTransform`: the pose of the turntable D of a conveyor, or else W.
 
     Port `link_forces` emits a vector of 3, as `LinkContacts` does: the largest forces with which
     links that are not fingertips touched something since the last tick of the controller.
@@ -65,11 +65,11 @@ class HandStation(Diagram):
     The attributes `plant` and `scene_graph` hold the plant and its SceneGraph.
 
     Args:
-        object_config: The box.
-        motion_config: Motion of the conveyor.
+        object_config: The object.
+        motion_config: Motion of the object, which a plant simulates.
         plant_config: Time step and contact model.
         hand: Description of the hand.
-        friction: Coulomb's coefficient of friction of the box.
+        friction: Coulomb's coefficient of friction of the object.
         initial: Initial positions of the hand, shape (nq,).
         yaw_range: Range of the wrist, as for `add_hand_model`.
         period: Seconds between ticks of the controller, for `link_forces`.
@@ -84,8 +84,8 @@ class HandStation(Diagram):
 
     def __init__(
         self,
-        object_config: Box,
-        motion_config: Conveyor,
+        object_config: ObjectConfig,
+        motion_config: MotionConfig,
         plant_config: MultibodyPlantConfig,
         hand: HandDescription,
         *,
@@ -126,8 +126,10 @@ class HandStation(Diagram):
             ),
         )
         connect(builder, self.plant, "contact_results", contacts)
-        turntable = self.plant.GetBodyByName("turntable")
-        disc = builder.AddNamedSystem("turntable_pose", BodyPose(turntable.index()))
+        carrier = self.plant.world_body()
+        if self.plant.HasBodyNamed("turntable"):
+            carrier = self.plant.GetBodyByName("turntable")
+        disc = builder.AddNamedSystem("turntable_pose", BodyPose(carrier.index()))
         builder.Connect(self.plant.get_body_poses_output_port(), disc.get_input_port())
         builder.ExportInput(self.plant.get_desired_state_input_port(instance), "desired_state")
         builder.ExportOutput(X_WO, "X_WO")
@@ -140,7 +142,7 @@ class HandStation(Diagram):
 
 
 TABLE = MovingSolid(HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0])), np.zeros(3))
-"""Top of the conveyor, which no fingertip may touch."""
+"""Top of the table, which no fingertip may touch."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,8 +162,8 @@ class DrivenHand:
 
 def add_driven_hand(
     builder: DiagramBuilder,
-    object_config: Box,
-    motion_config: Conveyor,
+    object_config: ObjectConfig,
+    motion_config: MotionConfig,
     plant_config: MultibodyPlantConfig,
     grasp: GraspConfig,
     hand: HandModel,
@@ -175,12 +177,12 @@ def add_driven_hand(
 
     Args:
         builder: Builder of the diagram.
-        object_config: The box.
-        motion_config: Motion of the conveyor.
+        object_config: The object.
+        motion_config: Motion of the object, which a plant simulates.
         plant_config: Time step and contact model.
         grasp: Configuration of the grasp.
         hand: Model of the hand.
-        p_OCoM: Centre of mass of the box in O, shape (3,), in metres.
+        p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
         p_OC: Initial contacts in O, in the order of the fingers, shape (n, 3), in metres.
         target_period: Seconds between changes of the contact goals in O.
         obstacles: Obstacles that are bodies of the plant.
@@ -188,14 +190,12 @@ def add_driven_hand(
     Raises:
         InvalidArgumentError: If an argument is out of its range.
     """
-    size = np.array(object_config.size)
     controller = builder.AddNamedSystem(
         "hand_controller",
         HandController(
             grasp,
             hand,
-            object_solid=BoxSolid(np.zeros(3), np.eye(3), size),
-            object_top=float(size[2] / 2),
+            object_solid=object_config.make_shape().solid,
             mass=object_config.mass,
             p_OCoM=p_OCoM,
             fixed=[TABLE.solid],

@@ -2,8 +2,8 @@
 
 Contact is hydroelastic: pressure patches hold the object on a moving table, where single contact
 points would hop. A flat solid meets a body where it meets its convex hull, so tables, which are
-rigid, touch the hull, a compliant solid. Spheres, such as the tip of a pusher, touch the rigid mesh
-itself if the object is not convex: its hull would fill a cup.
+rigid, touch the hull, a compliant solid. Links of a hand, and spheres such as the tip of a pusher,
+touch the rigid mesh itself if the object is not convex: its hull would fill a cup.
 """
 
 import numpy as np
@@ -18,6 +18,7 @@ from pydrake.geometry import (
     InMemoryMesh,
     ProximityProperties,
     Role,
+    RoleAssign,
     SceneGraph,
     Sphere,
 )
@@ -46,6 +47,8 @@ DISSIPATION = 100.0
 
 _COLOR = np.array([0.78, 0.80, 0.83, 1.0])
 _DIGITS = 12  # Digits of coordinates in the OBJ text of a mesh for Drake.
+_LINK_MODULUS = 1e8  # Of links that touch a mesh, in Pa: 5 N press a fingertip 0.1 mm deep.
+_LINK_RESOLUTION = 0.003  # Edge length of the facets of such links, in metres.
 _MANY_CORNERS = 6  # So many corners give four points of contact that are not in a line.
 _RESTING_DEPTH = 5e-6  # Of an object on its widest face, in metres. Stiffer objects rock.
 _RESOLUTION = 0.1  # Drake requires it, but a hull is not tessellated.
@@ -88,7 +91,10 @@ def add_object_body(
 
 
 def separate_contacts(plant: MultibodyPlant, scene_graph: SceneGraph, body: RigidBody) -> None:
-    """Lets spheres touch the mesh of an object that is not convex, and all other shapes its hull.
+    """Lets links and spheres touch the mesh of an object that is not convex, and the rest its hull.
+
+    Links without hydroelastic properties become compliant: Drake computes points of contact with
+    the hull of a mesh only.
 
     Args:
         plant: Plant with all bodies that the object may touch.
@@ -96,15 +102,25 @@ def separate_contacts(plant: MultibodyPlant, scene_graph: SceneGraph, body: Rigi
         body: Body of the object.
     """
     hull, *surface = plant.GetCollisionGeometriesForBody(body)
+    if not surface:
+        return
     inspector = scene_graph.model_inspector()
-    ids = inspector.GetAllGeometryIds(Role.kProximity)
-    spheres = [i for i in ids if isinstance(inspector.GetShape(i), Sphere)]
-    others = [i for i in ids if i not in spheres]
-    if surface:
-        only = CollisionFilterDeclaration()
-        only.ExcludeBetween(GeometrySet(hull), GeometrySet(spheres))
-        only.ExcludeBetween(GeometrySet(surface), GeometrySet(others))
-        scene_graph.collision_filter_manager().Apply(only)
+    fine, flat = [], []
+    for geometry in inspector.GetAllGeometryIds(Role.kProximity):
+        properties = ProximityProperties(inspector.GetProximityProperties(geometry))
+        if not properties.HasProperty("hydroelastic", "compliance_type"):
+            AddCompliantHydroelasticProperties(_LINK_RESOLUTION, _LINK_MODULUS, properties)
+            source = plant.get_source_id()
+            scene_graph.AssignRole(source, geometry, properties, RoleAssign.kReplace)
+            fine.append(geometry)
+        elif isinstance(inspector.GetShape(geometry), Sphere):
+            fine.append(geometry)
+        else:
+            flat.append(geometry)
+    only = CollisionFilterDeclaration()
+    only.ExcludeBetween(GeometrySet(hull), GeometrySet(fine))
+    only.ExcludeBetween(GeometrySet(surface), GeometrySet(flat))
+    scene_graph.collision_filter_manager().Apply(only)
 
 
 def standing_position(object_config: ObjectConfig) -> FloatArray:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import cast
 
@@ -11,7 +12,9 @@ import trimesh
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.closed_surfaces import orient_components
+from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.geometry.meshes import read_pieces
+from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, SignedDistance, Solid
 
 FACET_ERROR = 5e-5
 """Largest distance of facets from the approximated round surface, in metres."""
@@ -40,16 +43,27 @@ class Shape:
         mesh: Watertight mesh with outward normals, in metres.
         part_names: Names of the mesh's parts.
         face_parts: Index of each face's part, shape (F,).
+        simple: The same body as a simple solid, if it is one.
     """
 
     mesh: trimesh.Trimesh
     part_names: tuple[str, ...]
     face_parts: IntArray
+    simple: Solid | None = None
 
     @property
     def p_OCoM(self) -> FloatArray:
         """Centre of mass of the homogeneous body in O, shape (3,), in metres."""
         return np.array(self.mesh.center_mass)
+
+    @cached_property
+    def solid(self) -> SignedDistance:
+        """The body in O, for a hand that moves around it.
+
+        Raises:
+            InvalidArgumentError: See `convex_pieces`.
+        """
+        return self.simple or MeshSolid.of(self.mesh)
 
     def part(self, name: str) -> int:
         """Returns the index of the part with a name.
@@ -70,7 +84,8 @@ def box_shape(size: Sequence[float]) -> Shape:
     Args:
         size: Edge lengths along x, y and z, in metres.
     """
-    return _one_part(trimesh.creation.box(extents=size))
+    solid = BoxSolid(np.zeros(3), np.eye(3), np.array(size))
+    return _one_part(trimesh.creation.box(extents=size), solid)
 
 
 def cylinder_shape(radius: float, length: float) -> Shape:
@@ -93,7 +108,8 @@ def ball_shape(radius: float) -> Shape:
     fewest, most = _SUBDIVISIONS
     needed = np.ceil(np.log(_SUBDIVISION_ERROR * radius / FACET_ERROR) / np.log(4))
     subdivisions = int(np.clip(needed, fewest, most))
-    return _one_part(trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius))
+    mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=radius)
+    return _one_part(mesh, BallSolid(np.zeros(3), radius))
 
 
 def revolved_shape(profile: Sequence[Sequence[float]]) -> Shape:
@@ -169,8 +185,8 @@ def mesh_shape(mesh: trimesh.Trimesh, what: str) -> Shape:
     return _one_part(_checked(mesh, what))
 
 
-def _one_part(mesh: trimesh.Trimesh) -> Shape:
-    return Shape(mesh, ("body",), np.zeros(len(mesh.faces), dtype=np.int64))
+def _one_part(mesh: trimesh.Trimesh, simple: Solid | None = None) -> Shape:
+    return Shape(mesh, ("body",), np.zeros(len(mesh.faces), dtype=np.int64), simple)
 
 
 def _check_size(vertices: FloatArray, what: str) -> float:

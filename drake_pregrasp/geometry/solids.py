@@ -1,6 +1,7 @@
-"""Convex solids with signed distances: no-touch areas, obstacles, and the reach of fingers."""
+"""Sets with signed distances: no-touch areas, obstacles, the reach of fingers, and objects."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,13 +10,10 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.errors import InvalidArgumentError
 
 
-class Solid(ABC):
-    """A closed convex set of points in a frame F, described by its signed distance."""
+class SignedDistance(ABC):
+    """A closed set of points in a frame F, described by its signed distance."""
 
     @abstractmethod
-    def rounded_box(self) -> FloatArray:
-        """Returns the solid as a row of numbers for `rounded_box_distances`, shape (19,)."""
-
     def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the signed distances of points and their gradients.
 
@@ -26,12 +24,10 @@ class Solid(ABC):
             Distances, shape (k,), in metres, below zero inside; and unit gradients in F, shape
             (k, 3).
         """
-        distances, gradients = nearest_solids(self.rounded_box()[None], p_FP)
-        return distances[0], gradients[0]
 
     @abstractmethod
-    def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "Solid":
-        """Returns the same solid expressed in a frame G.
+    def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "SignedDistance":
+        """Returns the same set expressed in a frame G.
 
         Args:
             R_GF: Orientation of F in G, shape (3, 3).
@@ -44,7 +40,64 @@ class Solid(ABC):
         Args:
             p_FP: Positions of the points in F, shape (k, 3), in metres.
         """
+        return self.distance_and_gradient(p_FP)[0]
+
+    @abstractmethod
+    def highest(self, direction: FloatArray) -> float:
+        """Returns the largest coordinate of its points along a unit vector in F, in metres."""
+
+    def hull(self) -> "SignedDistance":
+        """Returns the convex hull."""
+        return self
+
+    @abstractmethod
+    def pieces(self) -> "Sequence[Solid | Polytope]":
+        """Returns convex sets that together cover this one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Polytope:
+    """The convex hull of some points.
+
+    Attributes:
+        vertices: The points in F, shape (k, 3), in metres.
+    """
+
+    vertices: FloatArray
+
+
+class Solid(SignedDistance):
+    """A convex set."""
+
+    @abstractmethod
+    def rounded_box(self) -> FloatArray:
+        """Returns the solid as a row of numbers for `rounded_box_distances`, shape (19,)."""
+
+    def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `SignedDistance`."""
+        distances, gradients = nearest_solids(self.rounded_box()[None], p_FP)
+        return distances[0], gradients[0]
+
+    @abstractmethod
+    def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "Solid":
+        """See `SignedDistance`."""
+
+    def distance(self, p_FP: FloatArray) -> FloatArray:
+        """See `SignedDistance`."""
         return rounded_box_distances(self.rounded_box(), p_FP)
+
+    def highest(self, direction: FloatArray) -> float:
+        """See `SignedDistance`."""
+        row = self.rounded_box()
+        along = row[3:12].reshape(3, 3).T @ direction
+        extreme = np.where(along > 0, row[15:18], row[12:15])
+        # An infinite bound does not count along a direction at right angles to it.
+        lengths = np.where(along != 0, along, 0) @ np.where(along != 0, extreme, 0)
+        return float(row[:3] @ direction + lengths + row[18])
+
+    def pieces(self) -> "tuple[Solid]":
+        """See `SignedDistance`."""
+        return (self,)
 
 
 @dataclass(frozen=True, eq=False)

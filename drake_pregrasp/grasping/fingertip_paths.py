@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
-from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.geometry.solids import SignedDistance, Solid
 
 _PASSES = 6  # A tip pushed out by one constraint may violate another one.
 # Points of a straight path, as shares of its length: they find its distance from the object to
@@ -20,10 +20,10 @@ _GRAZE = 1e-4  # Largest violation of the clearance by a free path, in metres.
 
 @dataclass(frozen=True, eq=False)
 class TipRoom:
-    """Free space for the centres of n fingertips, in the frame G that carries the object.
+    """Free space for the centres of n fingertips, in a frame G whose z axis is up.
 
     Attributes:
-        object: Solid of the object in G, convex and upright: fingers move around it about z of G.
+        object: The object in G; fingers move around it about z.
         p_GO: Position of a point inside the object, in G, shape (3,), in metres.
         object_clearances: Least distance of each tip's centre from the object, shape (n,), in
             metres.
@@ -32,7 +32,7 @@ class TipRoom:
         spacing: Least distance between tips' centres in metres, a scalar or of shape (n, n).
     """
 
-    object: Solid
+    object: SignedDistance
     p_GO: FloatArray
     object_clearances: FloatArray
     others: tuple[tuple[Solid, float | FloatArray], ...] = ()
@@ -180,7 +180,9 @@ def _is_blocked(
     return blocked
 
 
-def _pushed_out(p_GT: FloatArray, solid: Solid, clearance: float | FloatArray) -> FloatArray:
+def _pushed_out(
+    p_GT: FloatArray, solid: SignedDistance, clearance: float | FloatArray
+) -> FloatArray:
     """Moves tips out to a solid's clearance; returns the same array if none moves."""
     lacking = clearance - solid.distance(p_GT)
     if lacking.max() <= _ROUNDING:
@@ -215,20 +217,18 @@ _WITHDRAWN_CLEARANCE = 0.02  # Gap of withdrawn fingertips to the object's top, 
 
 @dataclass(frozen=True, eq=False)
 class TipPlaces:
-    """Positions of fingertips around an object O that is carried in the frame G.
+    """Positions of fingertips around an object, in a frame G whose z axis is up.
 
     Attributes:
         tip_radii: Radii of the fingertips, shape (n,), in metres.
         directions: Horizontal unit vectors to the fingers in the frame U of the palm, shape (n, 3).
         withdrawn_radii: Distance of each finger without a contact from z of G, shape (n,), in
             metres.
-        object_top: Height of the object's top above O, in metres.
     """
 
     tip_radii: FloatArray
     directions: FloatArray
     withdrawn_radii: FloatArray
-    object_top: float
 
     def first_contacts(self, p_GT: FloatArray, standoff: float) -> tuple[FloatArray, FloatArray]:
         """Returns contacts in G for which tips do not move, and their normals, each (n, 3).
@@ -242,23 +242,24 @@ class TipPlaces:
         normals = np.where(length > 0, outward / np.where(length > 0, length, 1), self.directions)
         return p_GT - (self.tip_radii + standoff)[:, None] * normals, normals
 
-    def withdrawn(self, p_GT: FloatArray, R_GU: FloatArray | None) -> FloatArray:
+    def withdrawn(self, p_GT: FloatArray, R_GU: FloatArray | None, top: float) -> FloatArray:
         """Returns positions above the object for fingers without a contact, in G, shape (n, 3).
 
         Args:
             p_GT: Centres of the tips in G, shape (n, 3), in metres.
             R_GU: Orientation of the palm in G, shape (3, 3); None to keep the tips' azimuths.
+            top: Height of the object's top in G, in metres.
         """
         level = p_GT * [1.0, 1.0, 0.0] if R_GU is None else self.directions @ R_GU.T
         least = self.tip_radii[:, None]
         length = np.maximum(np.linalg.norm(level, axis=1, keepdims=True), least)
         raised: FloatArray = level * self.withdrawn_radii[:, None] / length
-        raised[:, 2] = self.object_top + self.tip_radii + _WITHDRAWN_CLEARANCE
+        raised[:, 2] = top + self.tip_radii + _WITHDRAWN_CLEARANCE
         return raised
 
     def room(
         self,
-        object_solid: Solid,
+        object_solid: SignedDistance,
         gaps: FloatArray,
         *,
         fixed: Sequence[Solid],
@@ -268,7 +269,7 @@ class TipPlaces:
         """Returns the free space for the tips' centres.
 
         Args:
-            object_solid: Solid of the convex object in G.
+            object_solid: The object in G.
             gaps: Commanded gap of each tip to the object, shape (n,), in metres; negative to press.
             fixed: Solids in G that all tips avoid, such as the table.
             obstacles: Solids in G that tips avoid unless they hold the object.

@@ -4,14 +4,15 @@ import contextlib
 from collections.abc import Iterator
 
 import numpy as np
+from pydrake.math import RollPitchYaw
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.config.object_config import Box, Conveyor
+from drake_pregrasp.config.object_config import PoseStream
 from drake_pregrasp.contacts.assignment import palm_turn
-from drake_pregrasp.diagrams.expected_path import initial_pose
+from drake_pregrasp.diagrams.expected_path import expected_poses
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import PregraspError, ScenarioError
-from drake_pregrasp.geometry.motion_profiles import VelocityProfile
+from drake_pregrasp.geometry.convex_pieces import check_pieces
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspSettings
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand
@@ -56,12 +57,11 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     grasp, plant = scenario.grasp, scenario.plant_config
     if not grasp.has_hand:
         return
-    if not isinstance(scenario.object, Box):
-        yield "object", "a hand can only grasp a !Box; choose a !Box, or no hand"
-        return
-    if not isinstance(scenario.motion, Conveyor):
-        yield "motion", "a hand can only grasp from a !Conveyor; choose it, or no hand"
-        return
+    if isinstance(scenario.motion, PoseStream):
+        problem = "recorded poses move the object in no plant, so no hand can lift it"
+        yield "motion", f"{problem}; choose another motion, or no hand"
+    with errors_at("object"):
+        check_pieces(scenario.object.make_shape().mesh)
     with errors_at("grasp.hand"):
         hand = load_hand(grasp.hand)
     if scenario.hand != HandConfig():
@@ -96,7 +96,7 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     with errors_at("initial_contacts"):
         p_OC = scenario.initial_p_OC(surface)
         model.check_contacts(p_OC, surface.project(p_OC)[1])
-    _check_arm(scenario, scenario.motion, model, p_OC)
+    _check_arm(scenario, model, p_OC)
 
 
 def room_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
@@ -116,16 +116,16 @@ def room_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         yield "object", f"{problem}; there is no place for {', '.join(away)}"
 
 
-def _check_arm(scenario: Scenario, motion: Conveyor, model: HandModel, p_OC: FloatArray) -> None:
+def _check_arm(scenario: Scenario, model: HandModel, p_OC: FloatArray) -> None:
     """Raises an error unless the arm can reach the object at all times, and lift it."""
     grasp, settings = scenario.grasp, scenario.grasp.make_settings()
-    profile, yaw_range = VelocityProfile(motion.velocities()), model.yaw_range(grasp.yaw_range)
-    X_WO = initial_pose(motion, scenario.object)
+    yaw_range = model.yaw_range(grasp.yaw_range)
     first = palm_turn(p_OC, model.azimuths, 0.0, yaw_range)
     end = min(scenario.simulation_duration, grasp.latest_rest(model.description.fingertips))
-    for time in np.linspace(0.0, end, 4):
-        slid, turned = profile.at(time)[0]
+    poses = expected_poses(scenario.motion, end, scenario.object)
+    for time, X_WO in poses[:: max(1, len(poses) // 3)]:
+        turned = RollPitchYaw(X_WO.rotation()).yaw_angle()
         yaw = float(np.clip(first + turned, *yaw_range))
         for height in (0.0, max(settings.lift_height, settings.approach_height)):
             with errors_at("motion", f"at {time:.3g} s the object is out of the arm's reach: "):
-                model.home(X_WO.translation() + np.array([slid, 0.0, height]), yaw)
+                model.home(X_WO.translation() + np.array([0.0, 0.0, height]), yaw)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import cast
 
 import numpy as np
 from pydrake.geometry import Meshcat
@@ -14,7 +13,6 @@ from pydrake.trajectories import PiecewisePolynomial
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.grasp_config import hand_limits
 from drake_pregrasp.config.limits_config import LimitsConfig
-from drake_pregrasp.config.object_config import Box, Conveyor
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.assignment import make_room, palm_turn
 from drake_pregrasp.diagrams.expected_path import initial_pose
@@ -64,8 +62,8 @@ def make_diagram(
     if scenario.grasp.has_hand:
         hand = add_driven_hand(
             builder,
-            cast(Box, scenario.object),
-            cast(Conveyor, scenario.motion),
+            scenario.object,
+            scenario.motion,
             scenario.plant_config,
             scenario.grasp,
             scenario.load_hand_model(scenario.grasp.yaw_range),

@@ -1,5 +1,6 @@
 """Fingertip goals that a hand can follow without collisions, from contact goals."""
 
+import warnings
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,7 +14,7 @@ from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.rotations import rotation_matrix
-from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.grasping.fingertip_paths import MOVING_CLEARANCE, Pace, TipPlaces, shape_goals
 from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.regions.obstacles import ANYWHERE
@@ -123,8 +124,7 @@ class FingertipGoalShaper(LeafSystem):
             `standoff` are used.
         tip_frames: Scoped names of the fingertips' frames.
         tip_radius: Radius of the fingertips, or of each, shape (n,), in metres.
-        object_solid: The object in O, convex.
-        object_top: Height of the object's highest point over O, in metres.
+        object_solid: The object in O.
         fixed: Solids in W that fingertips avoid, such as the table.
         p_GT: Initial positions of the fingertips' centres in G, shape (n, 3), in metres.
         finger_azimuths: Azimuths of the fingers about z of U, shape (n,), in radians.
@@ -145,8 +145,7 @@ class FingertipGoalShaper(LeafSystem):
         *,
         tip_frames: Sequence[str],
         tip_radius: float | FloatArray,
-        object_solid: Solid,
-        object_top: float,
+        object_solid: SignedDistance,
         fixed: Sequence[Solid],
         p_GT: FloatArray,
         finger_azimuths: FloatArray,
@@ -156,6 +155,9 @@ class FingertipGoalShaper(LeafSystem):
         **deprecated: Any,
     ) -> None:
         super().__init__()
+        if deprecated.pop("object_top", None) is not None:
+            message = "object_top is deprecated: object_solid has it for all orientations"
+            warnings.warn(message, DeprecationWarning, stacklevel=2)
         config = config_with(config, GraspConfig(), deprecated, self, {"speed": "goal_speed"})
         n = len(tip_frames)
         if np.shape(p_GT) != (n, 3):
@@ -173,7 +175,6 @@ class FingertipGoalShaper(LeafSystem):
             tip_radii=self._radius,
             directions=np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(n)], axis=1),
             withdrawn_radii=np.where(radii, radii, mean_radius),
-            object_top=object_top,
         )
         self._fixed, self._lead = tuple(fixed), lead
         acceleration = GOAL_SHARE * config.tip_acceleration
@@ -221,32 +222,36 @@ class FingertipGoalShaper(LeafSystem):
         p_OC, nhat = context.get_discrete_state(kept).value().reshape(2, -1, 3)
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
         self._pose.store(context, discrete_state)
-        X_GW = self._pose.eval(context).inverse()
-        R_GW, p_GW = X_GW.rotation().matrix(), X_GW.translation()
-        obstacles = eval_solids(self, self._obstacles, context, R_GW, p_GW)
+        # Paths are planned in the level frame L: it has the origin of G and the axes of W.
+        X_WG = self._pose.eval(context)
+        R_LG, p_LW, upright = X_WG.rotation().matrix(), -X_WG.translation(), np.eye(3)
+        obstacles = eval_solids(self, self._obstacles, context, upright, p_LW)
         if ANYWHERE in obstacles:
             discrete_state.set_value(self._rates, np.zeros(p_GT.size))
             return
         goal = p_OC + (self._radius + standoffs)[:, None] * nhat
+        object_solid = self._object.moved(R_LG, np.zeros(3))
+        p_LT, goal = p_GT @ R_LG.T, goal @ R_LG.T
         if not active.all():
-            withdrawn = self._places.withdrawn(p_GT, self._palm_turn(context))
+            top = object_solid.highest(np.array([0.0, 0.0, 1.0]))
+            withdrawn = self._places.withdrawn(p_LT, self._palm_turn(context), top)
             goal = np.where(active[:, None], goal, withdrawn)
         holding = held & active
         if self._fingers_hold.HasValue(context):
             holding = holding & ~(np.asarray(self._fingers_hold.Eval(context)) <= 0)
         room = self._places.room(
-            self._object,
+            object_solid,
             np.where(active, standoffs, MOVING_CLEARANCE),
-            fixed=[solid.moved(R_GW, p_GW) for solid in self._fixed],
+            fixed=[solid.moved(upright, p_LW) for solid in self._fixed],
             obstacles=obstacles,
             holding=holding,
         )
         if not held and (permitted := room.permitted(goal)) is not goal:
-            shift = np.where(active[:, None], permitted - goal, 0)
+            shift = np.where(active[:, None], permitted - goal, 0) @ R_LG
             along = shift - np.sum(shift * nhat, axis=1, keepdims=True) * nhat
-            p_OC, goal = p_OC + along, goal + along
+            p_OC, goal = p_OC + along, goal + along @ R_LG.T
         v_GT = context.get_discrete_state(self._rates).value().reshape(-1, 3)
-        shaped = shape_goals(p_GT, v_GT, goal, self._pace, room)
+        shaped = shape_goals(p_LT, v_GT @ R_LG.T, goal, self._pace, room) @ R_LG
         rates = self._pace.limited((shaped - p_GT) / self._pace.period, v_GT)
         discrete_state.set_value(self._active, active.astype(float))
         discrete_state.set_value(self._tips, shaped.ravel())
@@ -275,12 +280,11 @@ class FingertipGoalShaper(LeafSystem):
         discrete_state.set_value(self._targeted, targeted)
 
     def _palm_turn(self, context: Context) -> FloatArray | None:
-        """Returns R_GU, or None without a valid pose of the palm."""
+        """Returns the orientation of the palm in W, or None without a valid pose."""
         if not self._X_WU.HasValue(context) or not is_valid(self._X_WU.Eval(context)):
             return None
-        R_GW = self._pose.eval(context).rotation().inverse()
-        R_GU: FloatArray = (R_GW @ self._X_WU.Eval(context).rotation()).matrix()
-        return R_GU
+        R_WU: FloatArray = self._X_WU.Eval(context).rotation().matrix()
+        return R_WU
 
     def _calc_tip_goals(self, context: Context) -> BusValue:
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)

@@ -15,7 +15,7 @@ from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.contacts.selection_input import is_active
-from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.grasping.grasp_phases import next_state
 from drake_pregrasp.grasping.grasp_state import (
     BASE,
@@ -156,7 +156,7 @@ class GraspSequencer(LeafSystem):
         mass: float,
         p_OCoM: FloatArray,
         fingertips: Sequence[Fingertip] = (),
-        object_solid: Solid | None = None,
+        object_solid: SignedDistance | None = None,
         efforts: FloatArray | None = None,
         **deprecated: Any,
     ) -> None:

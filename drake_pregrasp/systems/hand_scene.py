@@ -9,6 +9,7 @@ from pydrake.geometry import (
     Box,
     CollisionFilterDeclaration,
     CollisionFilterManager,
+    Convex,
     FramePoseVector,
     GeometryFrame,
     GeometryId,
@@ -25,7 +26,7 @@ from pydrake.planning import RobotDiagram
 from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.geometry.solids import Polytope, SignedDistance, Solid
 from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.systems.fingertip_sensor import (
@@ -70,8 +71,10 @@ class Clearances:
     fingers: IntArray
 
 
-def drake_shape(solid: Solid) -> tuple[Shape, RigidTransform]:
+def drake_shape(solid: Solid | Polytope) -> tuple[Shape, RigidTransform]:
     """Returns a solid's shape for Drake and the pose of its frame; half-spaces are large boxes."""
+    if isinstance(solid, Polytope):
+        return Convex(points=solid.vertices.T, label="piece"), RigidTransform()
     row = solid.rounded_box()
     axes, low, high, radius = row[3:12].reshape(3, 3), row[12:15], row[15:18], row[18]
     if np.array_equal(low, high):
@@ -122,7 +125,7 @@ class HandScene:
         hand: HandKinematics,
         *,
         tip_radii: FloatArray,
-        object_solid: Solid,
+        object_solid: SignedDistance,
         fixed: Sequence[Solid],
     ) -> None:
         self.diagram, self.hand = diagram, hand
@@ -132,9 +135,12 @@ class HandScene:
         self._object_frame, self._obstacle_frame = (
             self._graph.RegisterFrame(self._source, frame) for frame in frames
         )
-        self._object = self._graph.RegisterGeometry(
-            self._source, self._object_frame, _geometry("object", *drake_shape(object_solid))
-        )
+        pieces = [
+            self._graph.RegisterGeometry(
+                self._source, self._object_frame, _geometry(f"object {index}", *drake_shape(piece))
+            )
+            for index, piece in enumerate(object_solid.pieces())
+        ]
         around = [
             self._graph.RegisterAnchoredGeometry(
                 self._source, _geometry(f"fixed {index}", *drake_shape(solid))
@@ -144,11 +150,10 @@ class HandScene:
         links = hand_links(hand.plant, hand.frames, tip_radii, self._graph.model_inspector())
         filters = self._graph.collision_filter_manager()
         separate_fingers(filters, links)
-        filters.Apply(
-            CollisionFilterDeclaration().ExcludeWithin(GeometrySet([self._object, *around]))
-        )
+        filters.Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet([*pieces, *around])))
         # Links come first, then the object; all other geometries share the last index.
-        self._index = {geometry: index for index, geometry in enumerate([*links, self._object])}
+        self._index = {geometry: index for index, geometry in enumerate(links)}
+        self._index |= dict.fromkeys(pieces, len(links))
         self._frames = [link.frame for link in links.values()]
         moves = [moving_joints(hand.plant, frame) for frame in self._frames]
         self._moves = np.vstack([*moves, np.zeros((2, hand.num_positions))])
@@ -207,7 +212,8 @@ class HandScene:
                 fingers are kept clear of it.
         """
         query = self._graph.get_query_output_port().Eval(self._graph.GetMyContextFromRoot(context))
-        index, others, links = self._index, len(self._index), len(self._frames)
+        index, links = self._index, len(self._frames)
+        others = links + 1
         found = [
             (a, b, pair.distance, pair.p_ACa if a < links else pair.p_BCb, pair.nhat_BA_W)
             for pair in query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE)
@@ -230,11 +236,13 @@ class HandScene:
         p_WC = _transformed(X_WB, _transformed(self._X_BG[link], p_GC))
         along = np.hstack([(skew(p_WC) @ normals[:, :, None])[:, :, 0], normals])
         rates = (along @ screws) * (self._moves[A] - self._moves[B])
-        p_WO = query.GetPoseInWorld(self._object).translation()
+        p_WO = query.GetPoseInWorld(self._object_frame).translation()
         drift = np.where(A > B, 1, -1) * is_object * (along @ V_WO.Shift(-p_WO).get_coeffs())
         speeds = np.minimum(_RATE * (least_gaps - gaps), _RETREAT) - drift
         if np.any(holding):
-            tips = {finger[row]: row for row in np.flatnonzero(is_object & is_tip)}
+            # Of the pieces of the object, the nearest one counts.
+            touching = np.flatnonzero(is_object & is_tip)
+            tips = {finger[row]: row for row in touching[np.argsort(-gaps[touching])]}
             last = is_object & self._is_last[link] & ~is_tip & holding[finger]
             for row in np.flatnonzero(last):
                 # The fingertip on this link comes first, wherever the object is.

@@ -71,7 +71,7 @@ ESTIMATOR = EstimatorConfig(
     position_std=0.01, gravity=9.81, gate=5.0, lost_after=1e6, reacquire_after=4
 )
 TIPS = {"tip_frames": ["a"], "tip_radius": 0.01, "object_solid": BallSolid(np.zeros(3), 0.05)}
-TIPS |= {"object_top": 0.05, "fixed": [], "p_GT": np.ones((1, 3)), "finger_azimuths": [0.0]}
+TIPS |= {"fixed": [], "p_GT": np.ones((1, 3)), "finger_azimuths": [0.0]}
 CASES = {
     "estimator": (
         pose_estimator,

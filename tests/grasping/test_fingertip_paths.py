@@ -119,7 +119,8 @@ def test_an_obstacle_that_comes_pushes_tips_away():
 AZIMUTHS = np.array([0.0, 2.0, 4.0])
 RADII = np.array([0.008, 0.01, 0.012])
 WAYS = np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS), np.zeros(3)], axis=1)
-PLACES = TipPlaces(RADII, WAYS, np.array([0.07, 0.08, 0.09]), 0.05)
+PLACES = TipPlaces(RADII, WAYS, np.array([0.07, 0.08, 0.09]))
+TOP = 0.05
 BALL = BallSolid(np.zeros(3), 0.04)
 three_tips = st.lists(point, min_size=3, max_size=3).map(np.array)
 
@@ -131,15 +132,15 @@ def room_of(gaps, fixed=(), obstacles=(), holding=(False,) * 3):
 @given(three_tips, st.floats(-3, 3))
 def test_withdrawn_tips_are_over_the_object_and_turn_with_the_palm(p_GT, angle):
     turn = Rotation.from_rotvec([0, 0, angle]).as_matrix()
-    still, turned = (PLACES.withdrawn(p_GT, R) for R in (np.eye(3), turn))
+    still, turned = (PLACES.withdrawn(p_GT, R, TOP) for R in (np.eye(3), turn))
     np.testing.assert_allclose(turned, still @ turn.T, atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(still[:, :2], axis=1), PLACES.withdrawn_radii)
-    assert np.all(still[:, 2] - RADII > PLACES.object_top)
+    assert np.all(still[:, 2] - RADII > TOP)
 
 
 @given(three_tips)
 def test_without_a_palm_they_wait_at_the_azimuths_where_they_are(p_GT):
-    withdrawn = PLACES.withdrawn(p_GT, None)
+    withdrawn = PLACES.withdrawn(p_GT, None, TOP)
     cross = p_GT[:, 0] * withdrawn[:, 1] - p_GT[:, 1] * withdrawn[:, 0]
     np.testing.assert_allclose(cross, 0, atol=1e-12)
     assert np.all(np.sum(p_GT[:, :2] * withdrawn[:, :2], axis=1) >= 0)

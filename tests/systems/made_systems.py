@@ -84,7 +84,6 @@ def make_shaper(*, fixed=(), p_GT=1.2 * 0.079 * RING, target_period=PERIOD, lead
         tip_frames=FRAMES,
         tip_radius=RADIUS,
         object_solid=BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)),
-        object_top=0.05,
         fixed=fixed,
         p_GT=p_GT,
         finger_azimuths=AROUND,

@@ -20,7 +20,7 @@ from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
-from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.regions.constraints import Limit, Obstacles, RegionConstraints
 from drake_pregrasp.studies.static_versus_dynamic.methods import declare_goals, rays_at
 
@@ -46,7 +46,7 @@ class RayTarget(NamedTuple):
         p_OA: Point through which rays pass, in O, shape (3,), in metres.
     """
 
-    solid: Solid
+    solid: SignedDistance
     p_OV: FloatArray
     p_OA: FloatArray
 

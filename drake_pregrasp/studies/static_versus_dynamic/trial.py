@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from functools import partial
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -13,7 +13,6 @@ from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import ConstantValueSource, DiscreteTimeDelay
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.config.object_config import Box, Conveyor
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.diagrams.expected_path import initial_pose
@@ -21,7 +20,6 @@ from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import TABLE, add_driven_hand
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
-from drake_pregrasp.geometry.solids import BoxSolid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.regions.constraints import Obstacles
@@ -199,8 +197,8 @@ class Trial:
         builder = DiagramBuilder()
         driven = add_driven_hand(
             builder,
-            cast(Box, scenario.object),
-            cast(Conveyor, scenario.motion),
+            scenario.object,
+            scenario.motion,
             scenario.plant_config,
             self._grasp,
             self.hand,

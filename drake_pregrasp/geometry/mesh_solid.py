@@ -1,0 +1,71 @@
+"""The body inside a closed mesh, with signed distances and convex pieces."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import trimesh
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.geometry.convex_pieces import convex_pieces
+from drake_pregrasp.geometry.distance_grid import CELL, DistanceGrid, distance_grid
+from drake_pregrasp.geometry.solids import Polytope, SignedDistance
+
+_COARSE = 2 * CELL  # Cells of the convex hull, which only guides paths.
+
+
+@dataclass(frozen=True, eq=False)
+class MeshSolid(SignedDistance):
+    """The body inside a closed mesh with the frame M, expressed in a frame F.
+
+    Attributes:
+        surface: Signed distances from the mesh, in M.
+        around: Signed distances from its convex hull, in M.
+        convex: Convex pieces in M that together cover the body.
+        R_FM: Orientation of M in F, shape (3, 3).
+        p_FM: Position of M in F, shape (3,), in metres.
+    """
+
+    surface: DistanceGrid
+    around: DistanceGrid
+    convex: tuple[Polytope, ...]
+    R_FM: FloatArray
+    p_FM: FloatArray
+
+    @staticmethod
+    def of(mesh: trimesh.Trimesh) -> "MeshSolid":
+        """Returns the body inside a closed mesh with outward normals, in the mesh's frame.
+
+        Args:
+            mesh: The mesh, in metres.
+
+        Raises:
+            InvalidArgumentError: See `convex_pieces`.
+        """
+        convex = tuple(map(Polytope, convex_pieces(mesh)))
+        surface = around = distance_grid(mesh)
+        if len(convex) > 1:
+            around = distance_grid(mesh.convex_hull, _COARSE)
+        return MeshSolid(surface, around, convex, np.eye(3), np.zeros(3))
+
+    def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """See `SignedDistance`."""
+        distances, gradients = self.surface.at((p_FP - self.p_FM) @ self.R_FM)
+        return distances, gradients @ self.R_FM.T
+
+    def moved(self, R_GF: FloatArray, p_GF: FloatArray) -> "MeshSolid":
+        """See `SignedDistance`."""
+        return replace(self, R_FM=R_GF @ self.R_FM, p_FM=R_GF @ self.p_FM + p_GF)
+
+    def highest(self, direction: FloatArray) -> float:
+        """See `SignedDistance`."""
+        along = self.R_FM.T @ direction
+        tops = [np.max(piece.vertices @ along) for piece in self.convex]
+        return float(max(tops) + self.p_FM @ direction)
+
+    def hull(self) -> "MeshSolid":
+        """See `SignedDistance`."""
+        return replace(self, surface=self.around)
+
+    def pieces(self) -> tuple[Polytope, ...]:
+        """See `SignedDistance`."""
+        return tuple(Polytope(p.vertices @ self.R_FM.T + self.p_FM) for p in self.convex)
