@@ -11,7 +11,6 @@ from drake_pregrasp.contacts.assignment import palm_turn
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.start_grasp import check_palm
 from drake_pregrasp.errors import PregraspError, ScenarioError
-from drake_pregrasp.geometry.convex_pieces import check_pieces
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspSettings
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand
@@ -59,8 +58,6 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     if isinstance(scenario.motion, PoseStream):
         problem = "recorded poses move the object in no plant, so no hand can lift it"
         yield "motion", f"{problem}; choose another motion, or no hand"
-    with errors_at("object"):
-        check_pieces(scenario.object.make_shape().mesh)
     with errors_at("grasp.hand"):
         hand = load_hand(grasp.hand)
     if scenario.hand != HandConfig():
