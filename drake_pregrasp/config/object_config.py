@@ -179,6 +179,9 @@ class Conveyor:
         },
     )
 
+    # Angle of O about z of W at the start, in radians.
+    yaw: float = field(default=0.0, metadata={"at_least": -10, "at_most": 10})
+
     def velocities(self) -> list[list[float]]:
         """Returns the profile; a constant velocity is a profile of one row."""
         return self.profile or [[0.0, self.linear_velocity, self.angular_velocity]]

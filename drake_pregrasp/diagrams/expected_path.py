@@ -85,4 +85,7 @@ def initial_pose(motion: MotionConfig, object_config: ObjectConfig) -> RigidTran
     if isinstance(motion, PoseStream):
         position, rotation = motion.read().at(0.0)
         return RigidTransform(RotationMatrix(rotation.as_matrix()), position)
-    return RigidTransform(standing_position(object_config))
+    X_WO = RigidTransform(standing_position(object_config))
+    if isinstance(motion, Conveyor):  # Its centre of mass stays above the origin of W.
+        return RigidTransform(RotationMatrix.MakeZRotation(motion.yaw), np.zeros(3)) @ X_WO
+    return X_WO

@@ -168,7 +168,7 @@ class ObjectPlant(Diagram):
 
     Port `X_WO` emits a `RigidTransform`: the true pose of the object O in the world W. The top of a
     table is the plane z = 0 of W. An object on a table starts at rest with its centre of mass over
-    the origin of W, and with the axes of W.
+    the origin of W, and with the axes of W, unless a conveyor's `yaw` turns it.
 
     Port `query_object` emits SceneGraph's `QueryObject`, for visualizers.
 

@@ -24,13 +24,13 @@ NUM_OBJECTS = 1000
 MASS = 0.1
 """Mass that the package states for every object, in kg."""
 
+_NEEDED = (("pybullet_data", "pybullet"), ("manifold3d", "manifold3d"))  # Modules and packages.
+
 _SCALE = 0.015  # Length of the files' unit, in metres, as the package states it.
 
 # Distance by which each closed surface of a file grows, in metres. The surfaces of an object touch
 # each other, with coordinates rounded to 15 nm: they would be separate bodies.
 _GROWTH = 5e-5
-
-_INSTALL = "pip install 'drake_pregrasp[objects]'"
 
 
 def object_url(index: int) -> str:
@@ -56,7 +56,7 @@ def random_object(url: str, scale: float = 1.0) -> Shape:
     if not (index.isdecimal() and url == object_url(int(index)) and int(index) < NUM_OBJECTS):
         last = object_url(NUM_OBJECTS - 1)
         raise InvalidArgumentError(f"there is no {url}; there are {object_url(0)} to {last}")
-    pieces = read_pieces(_folder() / index / name)
+    pieces = read_pieces(check_installed() / index / name)
     with np.errstate(invalid="ignore"):
         whole = cast(trimesh.Trimesh, trimesh.util.concatenate([piece.mesh for piece in pieces]))
         mesh = trimesh.Trimesh(scale * _SCALE * whole.vertices, whole.faces, process=False)
@@ -68,14 +68,20 @@ def random_object(url: str, scale: float = 1.0) -> Shape:
     return mesh_shape(body, url)
 
 
-def _folder() -> Path:
-    found = importlib.util.find_spec("pybullet_data")
-    if found is None or found.origin is None:
+def check_installed() -> Path:
+    """Returns the folder of the objects.
+
+    Raises:
+        InvalidArgumentError: If a package of the extra `objects` is not installed.
+    """
+    missing = [package for module, package in _NEEDED if not importlib.util.find_spec(module)]
+    if missing:
         raise InvalidArgumentError(
-            f"the objects of {OBJECTS_URL} are in pybullet, which is not installed; {_INSTALL}"
-            " brings it"
+            f"the objects of {OBJECTS_URL} need {' and '.join(missing)};"
+            " pip install 'drake_pregrasp[objects]' brings what they need"
         )
-    return Path(found.origin).parent / "random_urdfs"
+    data = importlib.util.find_spec("pybullet_data")
+    return Path(str(data and data.origin)).parent / "random_urdfs"
 
 
 def _united(mesh: trimesh.Trimesh, url: str) -> trimesh.Trimesh:
@@ -86,12 +92,7 @@ def _united(mesh: trimesh.Trimesh, url: str) -> trimesh.Trimesh:
             if part.volume < 0:
                 part.invert()
         part.vertices = part.vertices + _GROWTH * part.vertex_normals
-    try:
-        union = trimesh.boolean.union(parts, engine="manifold", check_volume=False)
-    except ImportError as error:
-        raise InvalidArgumentError(
-            f"uniting the parts of an object needs manifold3d; {_INSTALL} brings it"
-        ) from error
+    union = trimesh.boolean.union(parts, engine="manifold", check_volume=False)
     if union.is_empty:
         raise InvalidArgumentError(f"{url} encloses no volume")
     return trimesh.Trimesh(union.vertices, union.faces, process=False)

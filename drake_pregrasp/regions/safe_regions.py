@@ -99,11 +99,7 @@ class SafeRegions:
 
     def members(self, contact: int) -> IntArray:
         """Returns the indices of the candidates in S_i of the contact with that index."""
-        return self._members[contact]
-
-    @cached_property
-    def _members(self) -> list[IntArray]:
-        return [np.flatnonzero(self.labels == i) for i in range(len(self.lost))]
+        return np.flatnonzero(self.labels == contact)
 
     def sizes(self) -> IntArray:
         """Returns the number of candidates in each region, shape (n,)."""

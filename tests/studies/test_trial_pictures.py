@@ -13,7 +13,7 @@ from drake_pregrasp.studies.static_versus_dynamic.comparison_command import tria
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import TrialJob
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
-from drake_pregrasp.studies.static_versus_dynamic.trial import Trial
+from drake_pregrasp.studies.static_versus_dynamic.trial import make_trial
 from drake_pregrasp.systems.drawing import contact_color
 
 
@@ -69,7 +69,7 @@ def pixels_of(X_WK, p_WQ):
 @pytest.fixture(scope="module")
 def tracking():
     """A trial on its way, before fingers come down."""
-    trial = Trial(TrialJob("headline", "dynamic_reach", 0))
+    trial = make_trial(TrialJob("headline", "dynamic_reach", 0))
     trial.track(0.3)
     return trial
 

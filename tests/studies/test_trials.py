@@ -1,6 +1,7 @@
 """Trials of the study: goals of the methods, random starts, and outcomes of grasps."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
@@ -14,13 +15,12 @@ from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.assignment import wrapped
 from drake_pregrasp.contacts.selection_input import ContactStatus
-from drake_pregrasp.geometry.solids import BoxSolid, HalfSpace
+from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase, GraspState
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.simulation.hand_file import load_hand, load_hand_model
 from drake_pregrasp.studies.static_versus_dynamic import grasp_outcome, methods
-from drake_pregrasp.studies.static_versus_dynamic.box_goals import ReactiveChoice, StationaryHand
 from drake_pregrasp.studies.static_versus_dynamic.comparison_command import compare_methods
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS, random_start
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import (
@@ -29,7 +29,13 @@ from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import (
     TrialJob,
 )
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS, rays_at
-from drake_pregrasp.studies.static_versus_dynamic.trial import Trial, run_trial
+from drake_pregrasp.studies.static_versus_dynamic.rival_goals import (
+    RayTarget,
+    ReactiveChoice,
+    StationaryHand,
+    antipodal_grasps,
+)
+from drake_pregrasp.studies.static_versus_dynamic.trial import make_trial, run_trial
 from drake_pregrasp.systems.loggers import GraspRecord
 
 HAND = "package://drake_pregrasp/five_finger_hand.yaml"
@@ -37,6 +43,8 @@ MODEL = load_hand_model(HAND)
 FRAMES = MODEL.kinematics.tip_frames
 AROUND = 2 * np.pi * np.arange(5) / 5
 CUBE = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
+CORNERS = 0.05 * np.array(list(itertools.product((-1, 1), repeat=3)))
+TARGET = RayTarget(CUBE, CORNERS, np.zeros(3))
 
 
 @pytest.mark.parametrize("condition", CONDITIONS.values(), ids=CONDITIONS)
@@ -45,8 +53,8 @@ def test_starts_are_those_of_the_seed_apart_and_in_reach(condition):
     low, high = scenario.grasp.yaw_range
     seen = []
     for seed in range(6):
-        start = random_start(condition, surface, MODEL, seed)
-        again = random_start(condition, surface, MODEL, seed)
+        start = random_start(scenario, surface, MODEL, seed=seed)
+        again = random_start(scenario, surface, MODEL, seed=seed)
         np.testing.assert_array_equal(start.p_OC, again.p_OC)
         distances = np.linalg.norm(start.p_OC[:, None] - start.p_OC, axis=2) + np.eye(5)
         assert np.min(distances) >= 0.024
@@ -61,7 +69,7 @@ def test_starts_are_those_of_the_seed_apart_and_in_reach(condition):
 
 def initial_contacts(method, seed):
     """Returns the contacts in O at the start of a trial under `turning`, and their normals."""
-    trial = Trial(TrialJob("turning", method, seed))
+    trial = make_trial(TrialJob("turning", method, seed))
     context = trial.planner.GetMyContextFromRoot(trial.context)
     p_WC = trial.planner.GetOutputPort("p_WC").Eval(context).reshape(-1, 3)
     X_WO = trial.planner.GetOutputPort("X_WO_estimated").Eval(context)
@@ -119,7 +127,7 @@ def test_contacts_that_turn_away_go_to_the_next_finger_round_the_hand():
 
 def stationary_hand(close, *, obstacles=(), yaw=0.3):
     limits = LimitsConfig(tip_radii=[0.009] * 5, standoff=0.02, clearance=0.004)
-    system = StationaryHand(FRAMES, azimuths=AROUND, box_size=[0.1] * 3, limits=limits)
+    system = StationaryHand(FRAMES, azimuths=AROUND, target=TARGET, limits=limits)
     context = system.CreateDefaultContext()
     X_WO = RigidTransform(RotationMatrix.MakeZRotation(yaw), [0.2, 0.1, 0.05])
     system.GetInputPort("X_WO_estimated").FixValue(context, X_WO)
@@ -143,9 +151,9 @@ def test_a_stationary_hand_waits_on_a_ring_and_closes_along_its_rays(yaw):
         on_ring = 0.092 * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
         np.testing.assert_allclose(tip - X_WO.translation(), on_ring, atol=1e-12)
         X_OC = X_WO.inverse() @ closed.Find(name)
-        assert abs(CUBE.distance(X_OC.translation()[None])[0]) < 1e-12
+        assert abs(CUBE.distance(X_OC.translation()[None])[0]) < 1e-9
         outside = X_OC.translation() - 1e-6 * X_OC.rotation().matrix()[:, 2]
-        assert CUBE.distance(outside[None])[0] == pytest.approx(1e-6)
+        assert CUBE.distance(outside[None])[0] == pytest.approx(1e-6, abs=1e-9)
         ray = closed.Find(name).translation() - X_WO.translation()
         assert wrapped(np.arctan2(ray[1], ray[0]) - azimuth) == pytest.approx(0, abs=1e-9)
 
@@ -162,7 +170,7 @@ class Reactive:
 
     def __init__(self):
         limits = LimitsConfig(tip_radii=[0.009] * 5, standoff=0.02, clearance=0.004)
-        system = ReactiveChoice(FRAMES, box_size=[0.1] * 3, limits=limits, period=0.05)
+        system = ReactiveChoice(FRAMES, target=TARGET, limits=limits, period=0.05)
         self._system, self._simulator = system, Simulator(system)
         self._context = self._simulator.get_mutable_context()
         self.give(X_WO_estimated=RigidTransform(), contact_weights=np.zeros(5))
@@ -200,6 +208,33 @@ def test_the_nearest_antipodal_grasp_is_chosen_by_three_fingers():
     inward = {finger: X_WC.rotation().matrix()[:, 2] for finger, X_WC in contacts.items()}
     np.testing.assert_allclose([inward[0], -inward[2], -inward[3]], [[-1, 0, 0]] * 3, atol=1e-9)
     assert status[[1, 4]].tolist() == [ContactStatus.INACTIVE] * 2
+
+
+@pytest.mark.parametrize(
+    ("solid", "corners", "count", "angle"),
+    [
+        (CUBE, CORNERS, 12, 1e-6),
+        (BallSolid(np.zeros(3), 0.05), CORNERS, 24, 0.42),  # Beside its middle it is too steep.
+        (BoxSolid(np.zeros(3), np.eye(3), np.array([0.3, 0.02, 0.02])), CORNERS, 2, 1e-6),
+    ],
+)
+def test_grasps_are_opposed_on_the_surface_and_within_friction(solid, corners, count, angle):
+    corners = corners * [3, 0.2, 0.2] if count == 2 else corners
+    points, normals = antipodal_grasps(RayTarget(solid, corners, np.zeros(3)), 0.009)
+    assert len(points) >= count
+    np.testing.assert_allclose(solid.distance(points.reshape(-1, 3)), 0, atol=1e-6)
+    thumb, fingers = points[:, 0], points[:, 1:]
+    line = thumb - fingers.mean(axis=1)
+    line /= np.linalg.norm(line, axis=1, keepdims=True)
+    for contact, sign in ((0, 1), (1, -1), (2, -1)):
+        assert np.all(sign * np.sum(normals[:, contact] * line, axis=1) >= np.cos(angle + 1e-6))
+    assert np.min(np.linalg.norm(fingers[:, 0] - fingers[:, 1], axis=1)) >= 0.018
+
+
+def test_an_object_too_narrow_for_two_fingertips_has_no_grasp():
+    pin = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.02))
+    points, _ = antipodal_grasps(RayTarget(pin, 0.2 * CORNERS, np.zeros(3)), 0.009)
+    assert len(points) == 0
 
 
 def test_another_grasp_is_chosen_only_if_it_is_better_by_the_margin():
@@ -265,7 +300,8 @@ def outcome_of(records, condition="nominal", samples=(), reason=GiveUp.NONE):
     first = GraspState.first(5, GraspConfig().make_settings())
     state = dataclasses.replace(first, active=np.array([True] * 4 + [False]), reason=reason)
     radii = np.full(5, 0.009)
-    return grasp_outcome.grasp_outcome(CONDITIONS[condition], 2.0, records, samples, state, radii)
+    scenario = CONDITIONS[condition].scenario
+    return grasp_outcome.grasp_outcome(scenario, 2.0, records, samples, state, radii)
 
 
 def good_grasp(**last):
@@ -327,7 +363,10 @@ def test_a_grasp_that_gave_up_says_why_and_has_no_slip():
 
 def test_shares_in_the_area_are_those_of_the_ticks():
     distances = (0.01, -0.001, 0.02, 0.03)
-    samples = [GoalSample(5 - k, k, distance) for k, distance in enumerate(distances)]
+    samples = [
+        GoalSample((1,) * (5 - k) + (ContactStatus.OUT_OF_REACH,) * k, distance)
+        for k, distance in enumerate(distances)
+    ]
     for y, share in ((0.059, 0.0), (0.085, 1.0)):  # The wall's face is at 90 mm.
         records = good_grasp()
         for seen in records:
@@ -339,7 +378,7 @@ def test_shares_in_the_area_are_those_of_the_ticks():
 @pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_each_method_can_be_tracked_and_set_back(method):
-    trial = Trial(TrialJob("headline", method, 3))
+    trial = make_trial(TrialJob("headline", method, 3))
     trial.track(0.2)
     assert len(trial.samples) == 4
     saved, before = trial.context.Clone(), state_of(trial.context)
@@ -355,7 +394,7 @@ def test_each_method_can_be_tracked_and_set_back(method):
 @pytest.mark.slow
 def test_earlier_closing_times_change_nothing():
     job = TrialJob("headline", "dynamic_reach", 1)
-    some, none = Trial(job), Trial(job)
+    some, none = make_trial(job), make_trial(job)
     first, last = some.outcomes((0.2, 0.4))
     (alone,) = none.outcomes((0.4,))
     assert (first.close_at, last.close_at) == (0.2, 0.4)

@@ -6,6 +6,7 @@ import itertools
 import pkgutil
 import re
 
+import numpy as np
 import pytest
 import yaml
 from driven import port_names
@@ -17,10 +18,16 @@ import drake_pregrasp.diagrams
 import drake_pregrasp.studies
 import drake_pregrasp.systems
 from drake_pregrasp import LimitsConfig, load_scenario
+from drake_pregrasp.geometry.solids import BoxSolid
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.studies.static_versus_dynamic.box_goals import ReactiveChoice, StationaryHand
 from drake_pregrasp.studies.static_versus_dynamic.methods import Reassignment
+from drake_pregrasp.studies.static_versus_dynamic.rival_goals import (
+    RayTarget,
+    ReactiveChoice,
+    StationaryHand,
+)
 
+CORNERS = np.array(list(itertools.product((-1, 1), repeat=3)))
 SCENARIOS = ("toss", "pose_stream", "reach", "passing_ball", "grasp_five_finger")
 """Scenarios whose diagrams hold all systems but those of studies and arms."""
 
@@ -42,11 +49,12 @@ def made_diagrams():
 @pytest.fixture(scope="module")
 def systems() -> dict[type, System]:
     limits = LimitsConfig(tip_radii=[0.009] * 5)
-    box = {"box_size": [0.1] * 3, "limits": limits}
-    stationary = StationaryHand(FRAMES, azimuths=AROUND, **box)
+    solid, corners = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)), 0.05 * CORNERS
+    cube = {"target": RayTarget(solid, corners, np.zeros(3)), "limits": limits}
+    stationary = StationaryHand(FRAMES, azimuths=AROUND, **cube)
     others = (
         Reassignment(FRAMES, azimuths=AROUND, period=0.05),
-        ReactiveChoice(FRAMES, **box, period=0.05),
+        ReactiveChoice(FRAMES, **cube, period=0.05),
     )
     alone = make_arm(), stationary, *others
     made = itertools.chain(alone, *map(all_parts, made_diagrams()))

@@ -1,14 +1,13 @@
-"""Conditions of the study, with scenarios from `conditions.yaml`, and random starts of trials."""
+"""Conditions of the study, with scenarios from `conditions.yaml`, and starts of trials."""
 
 import functools
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import NamedTuple
 
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.config.object_config import Box
 from drake_pregrasp.contacts.assignment import assign_fingers_round
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError
@@ -18,8 +17,6 @@ from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.systems.sources import MovingSolid
-
-FINGERS = 5  # Number of fingers of the hand.
 
 _LEAST_DISTANCE = 0.024  # Least distance between random contacts, in metres.
 _HEIGHTS = (-0.030, 0.035)  # Heights of random contacts above the object's centre, in metres.
@@ -46,19 +43,15 @@ class Condition:
         """Scenario with object, motion, sensor noise, hand, obstacles and lost fingers."""
         return load_scenario(self.key, file=Path(__file__).with_name("conditions.yaml"))
 
-    @property
-    def box(self) -> Box:
-        """Box that is grasped, with its size and mass."""
-        return cast(Box, self.scenario.object)
 
-    @property
-    def area(self) -> list[MovingSolid]:
-        """Obstacles at time zero, in W, with their velocities."""
-        return [moving_solid(obstacle) for obstacle in self.scenario.obstacles]
+def area(scenario: Scenario) -> list[MovingSolid]:
+    """Returns the obstacles of a scenario at time zero, in W, with their velocities."""
+    return [moving_solid(obstacle) for obstacle in scenario.obstacles]
 
-    def area_at(self, time: float) -> list[Solid]:
-        """Returns the solids of the obstacles at a time in seconds, in W."""
-        return [moving.solid.moved(np.eye(3), time * moving.velocity) for moving in self.area]
+
+def area_at(scenario: Scenario, time: float) -> list[Solid]:
+    """Returns the solids of the obstacles at a time in seconds, in W."""
+    return [m.solid.moved(np.eye(3), time * m.velocity) for m in area(scenario)]
 
 
 # The conditions by their keys, in the order of tables and figures.
@@ -79,10 +72,10 @@ CONDITIONS = {
 
 
 class Start(NamedTuple):
-    """Random start of a trial, the same for all methods.
+    """Start of a trial, the same for all methods.
 
     Attributes:
-        p_OC: Random contacts in the order of the fingers, in O, shape (n, 3), in metres.
+        p_OC: Contacts in the order of the fingers, in O, shape (n, 3), in metres.
         yaw: Angle of the palm for the contacts, in radians.
         misplacement: Offset of the object on the table, shape (3,): x and y in metres, angle about
             z in radians.
@@ -97,7 +90,9 @@ class Start(NamedTuple):
     noise_seed: int
 
 
-def random_start(condition: Condition, surface: ObjectSurface, hand: HandModel, seed: int) -> Start:
+def random_start(
+    scenario: Scenario, surface: ObjectSurface, hand: HandModel, *, seed: int
+) -> Start:
     """Returns the start of the trials with a seed.
 
     Contacts are drawn on the surface, apart from each other and at a middle height, until the
@@ -105,21 +100,22 @@ def random_start(condition: Condition, surface: ObjectSurface, hand: HandModel, 
     selects them.
 
     Args:
-        condition: Condition of the trial.
+        scenario: Scenario of the trial.
         surface: Surface of the object.
         hand: Model of the hand.
         seed: Seed of all random values of the trial.
     """
-    rng = np.random.default_rng([seed, FINGERS])
+    n = len(hand.azimuths)
+    rng = np.random.default_rng([seed, n])
     misplacement = rng.normal(size=3) * _MISPLACEMENT_STD
-    fingers = rng.permutation(FINGERS).tolist()
-    losses = [(event.at, fingers[: len(event.contacts)]) for event in condition.scenario.damage]
+    fingers = rng.permutation(n).tolist()
+    losses = [(event.at, fingers[: len(event.contacts)]) for event in scenario.damage]
     noise_seed = int(rng.integers(2**31))
     low, high = _HEIGHTS
     choices = surface.p_OQ[(surface.p_OQ[:, 2] >= low) & (surface.p_OQ[:, 2] <= high)]
     while True:
-        p_OC: FloatArray = choices[rng.permutation(len(choices))[:FINGERS]]
-        distances = np.linalg.norm(p_OC[:, None] - p_OC, axis=2) + np.eye(FINGERS)
+        p_OC: FloatArray = choices[rng.permutation(len(choices))[:n]]
+        distances = np.linalg.norm(p_OC[:, None] - p_OC, axis=2) + np.eye(n)
         if np.min(distances) < _LEAST_DISTANCE:
             continue
         try:
@@ -127,7 +123,7 @@ def random_start(condition: Condition, surface: ObjectSurface, hand: HandModel, 
                 hand.azimuths,
                 np.arctan2(p_OC[:, 1], p_OC[:, 0]),
                 largest_offset=hand.largest_offsets,
-                yaw_range=condition.scenario.grasp.yaw_range,
+                yaw_range=scenario.grasp.yaw_range,
             )
         except InvalidArgumentError:
             continue

@@ -10,12 +10,15 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.grasping.grasp_state import (
     GraspPhase,
     GraspState,
     describe_give_up,
 )
-from drake_pregrasp.studies.static_versus_dynamic.conditions import Condition
+from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.studies.static_versus_dynamic.conditions import area_at
+from drake_pregrasp.studies.static_versus_dynamic.failure_cause import failure_cause, tilt_deg
 from drake_pregrasp.systems.loggers import GraspRecord
 
 LIFTED_ABOVE_MM = 80.0
@@ -68,15 +71,23 @@ class GoalSample(NamedTuple):
     """Goals at one tick of the planner.
 
     Attributes:
-        active: Number of active fingers.
-        withdrawn: Number of fingers that are neither active nor lost.
+        status: `ContactStatus` of each finger.
         distance: Least distance from an obstacle, in metres, over all active goals of a
             fingertip in contact or at its standoff; infinite if there is no goal or no obstacle.
     """
 
-    active: int
-    withdrawn: int
+    status: tuple[int, ...]
     distance: float
+
+    @property
+    def active(self) -> int:
+        """Number of active fingers."""
+        return sum(status > 0 for status in self.status)
+
+    @property
+    def withdrawn(self) -> int:
+        """Number of fingers that are neither active nor lost."""
+        return sum(status <= 0 and status != ContactStatus.LOST for status in self.status)
 
 
 @dataclass(frozen=True)
@@ -111,6 +122,9 @@ class Outcome:
         tip_in_area: Share of the control ticks from 1 s until the lift at which a fingertip was in
             an obstacle; nan if there is none.
         gave_up: Reason why the hand gave up; empty if it did not.
+        pushed_before_squeeze_mm: Distance by which the hand moved the object before the squeeze, in
+            millimetres; up to the end of a grasp without a squeeze.
+        cause: Cause of a grasp that failed to lift and hold the object, see `failure_cause`.
     """
 
     close_at: float
@@ -130,6 +144,8 @@ class Outcome:
     link_on_hand_n: float
     tip_in_area: float
     gave_up: str
+    pushed_before_squeeze_mm: float
+    cause: str
 
     @property
     def clean(self) -> bool:
@@ -139,7 +155,7 @@ class Outcome:
 
 
 def grasp_outcome(
-    condition: Condition,
+    scenario: Scenario,
     close_at: float,
     records: Sequence[GraspRecord],
     samples: Sequence[GoalSample],
@@ -149,7 +165,7 @@ def grasp_outcome(
     """Computes the outcome of a grasp.
 
     Args:
-        condition: Condition of the trial.
+        scenario: Scenario of the trial.
         close_at: Time at which the hand was commanded to close, in seconds.
         records: Records of all control ticks until the end of the grasp.
         samples: Goals at the planner's ticks of the tracking run.
@@ -160,26 +176,29 @@ def grasp_outcome(
     phases = np.array([r.report[0] for r in records])
     closing = _first(phases, told, GraspPhase.CLOSE)
     lifting = _first(phases, told, GraspPhase.LIFT)
+    squeezing = _first(phases, told, GraspPhase.SQUEEZE)
     first, end = records[0], records[-1]
+    before_squeeze = end if squeezing is None else records[squeezing]
     on_table = end if lifting is None else records[lifting]
     raised = 1e3 * (end.X_WO.translation()[2] - on_table.X_WO.translation()[2])
-    tilt = np.degrees(np.arccos(np.clip(end.X_WO.rotation().matrix()[2, 2], -1, 1)))
+    lifted = bool(phases[-1] == GraspPhase.HOLD and raised > LIFTED_ABOVE_MM)
+    tilt = tilt_deg(end)
     on_object, on_surroundings, on_hand = np.max([r.link_forces for r in records], axis=0).tolist()
-    has_area = bool(condition.area)
+    has_area = bool(scenario.obstacles)
     tip_in_area = [
-        any(np.any(solid.distance(r.p_WT) < tip_radii) for solid in condition.area_at(r.time))
+        any(np.any(solid.distance(r.p_WT) < tip_radii) for solid in area_at(scenario, r.time))
         for r in records[: -1 if lifting is None else lifting]
         if has_area and r.time >= _AREA_FROM
     ]
     return Outcome(
         close_at=close_at,
-        lifted=bool(phases[-1] == GraspPhase.HOLD and raised > LIFTED_ABOVE_MM),
+        lifted=lifted,
         level=bool(tilt < LEVEL_BELOW_DEG),
         pushed_before_mm=_moved_mm(first, records[told]),
         turned_before_deg=_turned_deg(first, records[told]),
         pushed_closing_mm=_moved_mm(records[told], on_table),
         slip_mm=np.nan if lifting is None else _slip_mm(records[lifting:], state.active),
-        tilt_deg=float(tilt),
+        tilt_deg=tilt,
         fingers=int(np.sum(state.active)),
         waited_s=float((end if closing is None else records[closing]).time - close_at),
         withdrawn=_mean([sample.withdrawn for sample in samples]),
@@ -189,6 +208,10 @@ def grasp_outcome(
         link_on_hand_n=on_hand,
         tip_in_area=_mean(tip_in_area),
         gave_up=describe_give_up(state.reason, state.detail) or "",
+        pushed_before_squeeze_mm=_moved_mm(first, before_squeeze),
+        cause=""
+        if lifted
+        else failure_cause(records, [sample.status for sample in samples[-1:]], state),
     )
 
 

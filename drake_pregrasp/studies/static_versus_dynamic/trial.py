@@ -1,8 +1,9 @@
 """One simulated trial: the diagram of a method, its tracking run, and its grasps."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
-from typing import Any, cast
+from functools import partial
+from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -12,19 +13,25 @@ from pydrake.systems.framework import DiagramBuilder, System
 from pydrake.systems.primitives import ConstantValueSource, DiscreteTimeDelay
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.config.object_config import Conveyor
 from drake_pregrasp.config.planner_config import PlannerConfig
-from drake_pregrasp.contacts.selection_input import ContactStatus, is_active
+from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.diagrams.expected_path import initial_pose
+from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import TABLE, add_driven_hand
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
+from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.simulation.simulation_diagram import hand_planner
-from drake_pregrasp.studies.static_versus_dynamic import conditions, grasp_outcome, methods
-from drake_pregrasp.studies.static_versus_dynamic.box_goals import ReactiveChoice, StationaryHand
-from drake_pregrasp.studies.static_versus_dynamic.conditions import FINGERS
+from drake_pregrasp.simulation.hand_start import hand_planner
+from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.studies.static_versus_dynamic import (
+    conditions,
+    failure_cause,
+    grasp_outcome,
+    methods,
+    rival_goals,
+)
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalSample, Outcome, TrialJob
 from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord
 from drake_pregrasp.systems.palm_posture import reach_frame
@@ -32,8 +39,8 @@ from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 from drake_pregrasp.systems.sources import ContactWeights, MovingObstacles
 
 # Modules of this folder on which the rows of the study depend.
-_OTHERS = (conditions, grasp_outcome, methods)
-MODULES = (__name__, ReactiveChoice.__module__, *(module.__name__ for module in _OTHERS))
+_OTHERS = (conditions, failure_cause, grasp_outcome, methods, rival_goals)
+MODULES = (__name__, *(module.__name__ for module in _OTHERS))
 
 _START_TICKS = 60  # Planning ticks within which the contacts of a fixed plan converge.
 _FOREVER = 1e6  # Static duration of the methods that plan at most once, in seconds.
@@ -42,9 +49,20 @@ _HOLD = 1.0  # Seconds of holding before the outcome is measured.
 _LONGEST_GRASP = 8.0  # Seconds after the command until a grasp counts as failed.
 
 
+StartOf = Callable[[Scenario, ObjectSurface, HandModel], conditions.Start]
+"""Function that returns the start of a trial."""
+
+
+def make_trial(job: TrialJob) -> "Trial":
+    """Returns the trial of a job of the study."""
+    start_of = partial(conditions.random_start, seed=job.seed)
+    scenario = conditions.CONDITIONS[job.condition].scenario
+    return Trial(scenario, methods.METHODS[job.method], start_of)
+
+
 def run_trial(job: TrialJob) -> list[dict[str, Any]]:
     """Simulates a trial, and returns a row for each closing time of its condition."""
-    outcomes = Trial(job).outcomes(conditions.CONDITIONS[job.condition].closing_times)
+    outcomes = make_trial(job).outcomes(conditions.CONDITIONS[job.condition].closing_times)
     return [asdict(outcome) | {"clean": outcome.clean} for outcome in outcomes]
 
 
@@ -52,10 +70,12 @@ class Trial:
     """A trial whose simulation can be advanced step by step.
 
     Args:
-        job: Condition, method and seed of the trial.
+        scenario: Scenario with object, motion, sensor noise, hand and obstacles.
+        method: Method that chooses the contacts.
+        start_of: Function that returns the start for the scenario, its surface and its hand.
 
     Attributes:
-        condition: Condition of the trial.
+        scenario: Scenario of the trial.
         method: Method of the trial.
         surface: Surface of the object.
         hand: Model of the hand.
@@ -68,15 +88,13 @@ class Trial:
         samples: Goals at the planner's ticks of the tracking run so far.
     """
 
-    def __init__(self, job: TrialJob) -> None:
-        self.condition = conditions.CONDITIONS[job.condition]
-        self.method = methods.METHODS[job.method]
-        self._scenario = self.condition.scenario
-        self._grasp = self._scenario.grasp
-        self.surface = self._scenario.make_surface()
-        self.hand = self._scenario.load_hand_model(self._grasp.yaw_range)
-        self._start = conditions.random_start(self.condition, self.surface, self.hand, job.seed)
-        self._X_WO = initial_pose(self._scenario.motion, self._scenario.object)
+    def __init__(self, scenario: Scenario, method: methods.Method, start_of: StartOf) -> None:
+        self.scenario, self.method = scenario, method
+        self._grasp = scenario.grasp
+        self.surface = scenario.make_surface()
+        self.hand = scenario.load_hand_model(self._grasp.yaw_range)
+        self._start = start_of(scenario, self.surface, self.hand)
+        self._X_WO = initial_pose(scenario.motion, scenario.object)
         self._config = self._planner_config(self.method)
         self._period = self._config.period
         self.records: list[GraspRecord] = []
@@ -101,7 +119,7 @@ class Trial:
             state = self.grasp(close_at)
             outcomes.append(
                 grasp_outcome.grasp_outcome(
-                    self.condition, close_at, self.records, self.samples, state, radii
+                    self.scenario, close_at, self.records, self.samples, state, radii
                 )
             )
             self.context.SetTimeStateAndParametersFrom(saved)
@@ -137,7 +155,7 @@ class Trial:
     def _planner_config(self, method: methods.Method) -> PlannerConfig:
         """Returns the planner's settings for a method."""
         grasp = replace(self._grasp, use_reach=method.uses_reach)
-        config = hand_planner(replace(self._scenario, grasp=grasp))
+        config = hand_planner(replace(self.scenario, grasp=grasp))
         limits = replace(config.limits, recover=method.replans)
         return replace(config, limits=limits, static_duration=0.0 if method.replans else _FOREVER)
 
@@ -149,7 +167,7 @@ class Trial:
         builder = DiagramBuilder()
         config = self._planner_config(methods.METHODS["dynamic_reach"])
         planner = AddPregraspPlanner(builder, config, self.surface, self._start.p_OC)
-        solids = tuple(moving.solid for moving in [*self.condition.area, TABLE])
+        solids = tuple(moving.solid for moving in [*conditions.area(self.scenario), TABLE])
         X_WH = reach_frame(self._X_WO, self._start.yaw, self._grasp.yaw_range)
         values = {"X_WO_measured": self._X_WO, "X_WH": X_WH, "obstacles": Obstacles(solids)}
         for name, value in values.items():
@@ -167,18 +185,20 @@ class Trial:
             return self._planned_start()
         if self.method.is_stationary:
             rays = methods.rays_at(self.hand.azimuths + self._start.yaw)
-            return self.surface.project(rays)[0]
+            R_WO = self._X_WO.rotation().matrix()
+            return self.surface.project(self.surface.p_OCoM + rays @ R_WO)[0]
         return self._start.p_OC
 
     def _build(self) -> None:
         """Builds the diagram of the trial."""
-        scenario, config, p_OC = self._scenario, self._config, self._initial_contacts()
+        scenario, config, p_OC = self.scenario, self._config, self._initial_contacts()
+        fingers = len(p_OC)
         own_goals = self.method.is_stationary or self.method.is_reactive
         builder = DiagramBuilder()
         driven = add_driven_hand(
             builder,
-            self.condition.box,
-            cast(Conveyor, scenario.motion),
+            scenario.object,
+            scenario.motion,
             scenario.plant_config,
             self._grasp,
             self.hand,
@@ -199,16 +219,16 @@ class Trial:
         connect(builder, self.goals, "fingertip_targets contact_status", controller)
         connect(builder, self.planner, "X_WO_estimated V_WO_estimated", controller)
         self._add_measurements(builder)
-        weights = builder.AddSystem(ContactWeights(np.zeros(FINGERS), self._start.losses))
+        weights = builder.AddSystem(ContactWeights(np.zeros(fingers), self._start.losses))
         connect(builder, weights, "contact_weights", self.goals)
-        obstacles = builder.AddSystem(MovingObstacles([*self.condition.area, TABLE]))
+        obstacles = builder.AddSystem(MovingObstacles([*conditions.area(self.scenario), TABLE]))
         for system in {self.planner, self.goals}:
             if system.HasInputPort("obstacles"):
                 connect(builder, obstacles, "obstacles", system)
-        area = builder.AddSystem(MovingObstacles(self.condition.area))
+        area = builder.AddSystem(MovingObstacles(conditions.area(self.scenario)))
         connect(builder, area, "obstacles", controller)
         period, sink = self._grasp.period, self.records.append
-        logger = builder.AddSystem(GraspLogger(num_fingers=FINGERS, period=period, sink=sink))
+        logger = builder.AddSystem(GraspLogger(num_fingers=fingers, period=period, sink=sink))
         connect(builder, controller, "grasp_report p_GT p_WT X_WG", logger)
         connect(builder, self.station, "X_WO X_WD link_forces", logger)
         self.diagram = builder.Build()
@@ -216,11 +236,15 @@ class Trial:
     def _add_goals(self, builder: DiagramBuilder) -> System:
         """Adds the system that emits the hand's goals, and exports the input `close`."""
         goals: System = self.planner
-        box: dict[str, Any] = {"box_size": self.condition.box.size, "limits": self._config.limits}
+        limits = self._config.limits
         frames, azimuths = self.hand.kinematics.tip_frames, self.hand.azimuths
         if self.method.is_stationary:
             azimuths = azimuths + self._start.yaw
-            goals = builder.AddSystem(StationaryHand(frames, azimuths=azimuths, **box))
+            goals = builder.AddSystem(
+                rival_goals.StationaryHand(
+                    frames, azimuths=azimuths, target=self._target(), limits=limits
+                )
+            )
             connect(builder, self.planner, "X_WO_estimated", goals)
             # The controller closes after the goals have moved from the ring to the object.
             delay = builder.AddSystem(DiscreteTimeDelay(self._grasp.period, _CLOSE_DELAY, 1))
@@ -235,17 +259,30 @@ class Trial:
             connect(builder, self.planner, "fingertip_targets contact_status", goals)
             connect(builder, self._controller, "X_WH", goals)
         if self.method.is_reactive:
-            goals = builder.AddSystem(ReactiveChoice(frames, **box, period=self._period))
+            goals = builder.AddSystem(
+                rival_goals.ReactiveChoice(
+                    frames, target=self._target(), limits=limits, period=self._period
+                )
+            )
             connect(builder, self.planner, "X_WO_estimated", goals)
             connect(builder, self._controller, "p_WT", goals)
         builder.ExportInput(self._controller.GetInputPort("close"), "close")
         return goals
 
+    def _target(self) -> rival_goals.RayTarget:
+        """Returns the object, with rays at the height of its centre of mass over the table."""
+        limits, p_OV = self._config.limits, np.asarray(self.surface.mesh.vertices)
+        p_OA = self.surface.p_OCoM.copy()
+        lowest = float(np.min(p_OV[:, 2])) + max(limits.tip_radii) + limits.clearance
+        p_OA[2] = max(p_OA[2], lowest)
+        solid = self.scenario.object.make_shape().solid
+        return rival_goals.RayTarget(solid, p_OV, p_OA)
+
     def _add_measurements(self, builder: DiagramBuilder) -> None:
         """Connects measured poses to the planner."""
         size, seed = NoisyPoseSensor.NOISE_SIZE, self._start.noise_seed
         noise = builder.AddSystem(NoiseSource(size=size, period=self._period, seed=seed))
-        sensor = builder.AddSystem(NoisyPoseSensor(self._scenario.sensor))
+        sensor = builder.AddSystem(NoisyPoseSensor(self.scenario.sensor))
         builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
         connect(builder, self.station, "X_WO", sensor)
         connect(builder, sensor, "X_WO_measured", self.planner)
@@ -266,12 +303,11 @@ class Trial:
         status = np.asarray(self.goals.GetOutputPort("contact_status").Eval(context))
         targets = self.goals.GetOutputPort("fingertip_targets").Eval(context)
         active = is_active(status)
-        distance, solids = np.inf, self.condition.area_at(self.context.get_time())
+        distance, solids = np.inf, conditions.area_at(self.scenario, self.context.get_time())
         for finger in np.flatnonzero(active):
             X_WC: RigidTransform = targets.Find(self.hand.kinematics.tip_frames[finger])
             radius = self.hand.tip_radii[finger]
             out = -X_WC.rotation().matrix()[:, 2]
             tips = X_WC.translation() + np.array([[radius], [radius + self._grasp.standoff]]) * out
             distance = min([distance, *(float(np.min(s.distance(tips))) - radius for s in solids)])
-        withdrawn = np.sum(~active & (status != ContactStatus.LOST))
-        return GoalSample(int(np.sum(active)), int(withdrawn), distance)
+        return GoalSample(tuple(status.astype(int).tolist()), distance)

@@ -21,10 +21,10 @@ from drake_pregrasp.simulation.output import writing
 from drake_pregrasp.studies import pictures
 from drake_pregrasp.studies.report_page import Heading, Part, Picture
 from drake_pregrasp.studies.runner import OnProgress, StudyRows, run_jobs
-from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS, FINGERS
+from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import TrialJob
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
-from drake_pregrasp.studies.static_versus_dynamic.trial import Trial
+from drake_pregrasp.studies.static_versus_dynamic.trial import Trial, make_trial
 from drake_pregrasp.systems.drawing import VOLUME_COLOR, contact_color, drawn_solid
 
 PICTURES = "pictures.png"  # File of the figure.
@@ -135,7 +135,7 @@ def make_pictures(
             for axis, title, picture in zip(of_row, titles, of_method, strict=True):
                 axis.imshow(imread(picture.file))
                 axis.set(xticks=[], yticks=[], title=title if job is jobs[0] else "")
-                axis.set_xlabel(f"{picture.active} of {FINGERS} fingers active")
+                axis.set_xlabel(f"{picture.active} of {picture.fingers} fingers active")
             of_row[0].set_ylabel(METHODS[job.method].label)
             grasp = grasps[job.method]
             text = f"clean grasp with {grasp.fingers} fingers" if grasp.clean else grasp.gave_up
@@ -148,7 +148,7 @@ def _take_pictures(
 ) -> list[dict[str, object]]:
     """Takes the pictures of a trial, and returns their files and numbers of active fingers."""
     rows: list[dict[str, object]] = []
-    trial = Trial(job)
+    trial = make_trial(job)
     for place, moment in enumerate([*moments, None]):
         if moment is None:
             trial.grasp(moments[-1])
@@ -156,7 +156,13 @@ def _take_pictures(
             trial.track(moment)
         file = folder / f"{job.method}_{place}.png"
         imsave(file, photograph(trial, annotate=moment is not None))
-        rows.append({"file": str(file), "active": trial.samples[-1].active})
+        rows.append(
+            {
+                "file": str(file),
+                "active": trial.samples[-1].active,
+                "fingers": len(trial.samples[-1].status),
+            }
+        )
     return rows
 
 
@@ -208,7 +214,7 @@ def _shapes(
     trial: Trial, context: Context, *, annotate: bool
 ) -> Iterator[tuple[RigidTransform, Shape, Rgba]]:
     """Yields the drawn shapes besides the simulated geometry: X_WS, the shape S, its colour."""
-    for volume in trial.condition.scenario.no_touch_volumes:
+    for volume in trial.scenario.no_touch_volumes:
         solid = volume.solid.moved(np.eye(3), context.get_time() * volume.velocity)
         shape, X_WS = drawn_solid(solid)
         yield X_WS, shape, VOLUME_COLOR

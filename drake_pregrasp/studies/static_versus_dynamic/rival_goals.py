@@ -1,4 +1,4 @@
-"""Systems that choose goals on a box without the planner: a stationary hand, a reactive choice.
+"""Systems that choose goals without the planner: a stationary hand, and a reactive choice.
 
 The reactive choice is that of Y. Lee, T.-Y. Lin, A. Alexiev and S. Kim, "Hierarchical Reactive
 Grasping via Task-Space Velocity Fields and Joint-Space Quadratic Programming", ICRA 2026, arXiv
@@ -9,6 +9,7 @@ Grasping via Task-Space Velocity Fields and Joint-Space Quadratic Programming", 
 import itertools
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.common.value import AbstractValue
@@ -16,22 +17,71 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
+from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.regions.constraints import Limit, Obstacles, RegionConstraints
 from drake_pregrasp.studies.static_versus_dynamic.methods import declare_goals, rays_at
 
-_RING_RADIUS = 0.092  # Radius on which a stationary hand's fingertips wait, in metres.
+_RING_RADIUS = 0.092  # Least radius on which a stationary hand's fingertips wait, in metres.
 SWITCH_MARGIN = 0.03  # Cost by which another grasp must be better, in metres.
 ANGLE_COST = 0.1  # Cost of an angle, in metres per radian.
 _SPREAD = 0.02  # Distance of the two fingers from the point opposite the thumb, in metres.
-_SHIFT = 0.02  # Distance of grasps beside the middle of a face, in metres.
-_EDGE = 0.0125  # Least distance of a contact from an edge of the box, in metres.
+_SHIFT = 0.02  # Distance of grasps beside the middle of the object, in metres.
+_EDGE = 0.0125  # Least distance of a contact from the ends of the object, in metres.
+_DIRECTIONS = 24  # Directions of grasps around the object.
+_CONE = float(np.arctan(GraspConfig.planned_friction))  # Largest angle of forces from normals.
+_WORSE = float(np.radians(10))  # Angle by which kept grasps are less opposed than the best one.
+_STEPS, _ON_SURFACE = 100, 1e-10  # Largest number of steps along a ray; distance at its end.
 _NONE = -1.0  # State without a grasp.
 
 
-class _GoalsOnBox(LeafSystem):
-    """Input ports of systems that choose goals on a box, and the obstacles' limits on them.
+class RayTarget(NamedTuple):
+    """What rays through the object meet.
+
+    Attributes:
+        solid: The object in O.
+        p_OV: Vertices of its surface in O, shape (k, 3), in metres.
+        p_OA: Point through which rays pass, in O, shape (3,), in metres.
+    """
+
+    solid: SignedDistance
+    p_OV: FloatArray
+    p_OA: FloatArray
+
+    @property
+    def radius(self) -> float:
+        """Largest horizontal distance of a vertex from the point A, in metres."""
+        return float(np.max(np.linalg.norm((self.p_OV - self.p_OA)[:, :2], axis=1)))
+
+    def contacts(
+        self, outward: FloatArray, offsets: FloatArray | float = 0.0
+    ) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Returns the points that rays from outside meet first, normals, and which meet any.
+
+        Each step along a ray is as long as the distance from the object (sphere tracing).
+
+        Args:
+            outward: Unit vectors against the rays, in O, shape (k, 3).
+            offsets: Offsets of the rays from the point A, in O, shape (k, 3), in metres.
+        """
+        far = float(np.max(np.linalg.norm(self.p_OV - self.p_OA, axis=1))) + 0.1
+        points = self.p_OA + offsets + far * outward
+        travel = np.zeros(len(outward))
+        for _ in range(_STEPS):
+            distances = self.solid.distance(points)
+            moving = (distances > _ON_SURFACE) & (travel < 2 * far)
+            if not np.any(moving):
+                break
+            travel += np.where(moving, distances, 0)
+            points = self.p_OA + offsets + (far - travel)[:, None] * outward
+        distances, normals = self.solid.distance_and_gradient(points)
+        return points, normals, np.abs(distances) < 1e-6
+
+
+class _GoalsWithoutPlanner(LeafSystem):
+    """Input ports of systems that choose goals on an object, and the obstacles' limits on them.
 
     Subclasses declare their other input ports, and give the goals to `declare_goals`.
 
@@ -81,7 +131,7 @@ def _goals_at(
     }
 
 
-class StationaryHand(_GoalsOnBox):
+class StationaryHand(_GoalsWithoutPlanner):
     """Emits goals of fingers on a ring around the object that does not turn with it.
 
     .. pydrake_system::
@@ -98,13 +148,13 @@ class StationaryHand(_GoalsOnBox):
 
     The ports are those of `PregraspPlanner`, except `close`, the command to close. Fingers wait on
     a ring around the object, which translates with the object but does not turn. After the command,
-    their goals are the intersections of rays from the object's origin with its surface. A finger is
-    inactive if it is lost, or if the planner's limits forbid its contact.
+    their goals are where horizontal rays to the object's middle meet its surface. A finger is
+    inactive if it is lost, if its ray meets nothing, or if the planner's limits forbid its contact.
 
     Args:
         tip_frames: Scoped names of the fingertips' frames.
         azimuths: Azimuths of the fingers in W, shape (n,), in radians.
-        box_size: Edge lengths of the object, a box centred at the origin of O, in metres.
+        target: The object.
         limits: Limits of the planner, with radii of the fingertips, clearance and standoff.
     """
 
@@ -113,62 +163,74 @@ class StationaryHand(_GoalsOnBox):
         tip_frames: Sequence[str],
         *,
         azimuths: FloatArray,
-        box_size: Sequence[float],
+        target: RayTarget,
         limits: LimitsConfig,
     ) -> None:
         super().__init__(len(tip_frames), limits)
-        self._rays, self._half = rays_at(azimuths), np.array(box_size) / 2
-        self._goal_radius = _RING_RADIUS - (limits.standoff + limits.tip_radii[0])
+        self._rays, self._target = rays_at(azimuths), target
+        radius = max(limits.tip_radii)
+        ring = max(_RING_RADIUS, target.radius + radius + limits.clearance)
+        self._goal_radius = ring - (limits.standoff + radius)
         self._close = self.DeclareVectorInputPort("close", 1)
         declare_goals(self, tip_frames, self._targets, self._status)
 
-    def _contacts(self, context: Context) -> tuple[FloatArray, FloatArray]:
-        """Returns the rays' intersections with the object and the outward normals there, in W."""
+    def _contacts(self, context: Context) -> tuple[FloatArray, FloatArray, BoolArray]:
+        """Returns what the rays meet, the outward normals there, both in W, and which meet any."""
         X_WO: RigidTransform = self._X_WO.Eval(context)
         R_WO = X_WO.rotation().matrix()
-        rays = self._rays @ R_WO
-        reached = self._half / np.maximum(np.abs(rays), 1e-12)
-        p_OC = rays * np.min(reached, axis=1, keepdims=True)
-        face = np.argmin(reached, axis=1)
-        normals = np.eye(3)[face] * np.sign(np.take_along_axis(rays, face[:, None], axis=1))
-        return X_WO.translation() + p_OC @ R_WO.T, normals @ R_WO.T
+        p_OC, normals, met = self._target.contacts(self._rays @ R_WO)
+        return X_WO.translation() + p_OC @ R_WO.T, normals @ R_WO.T, met
 
     def _targets(self, context: Context) -> Mapping[int, RigidTransform]:
         if self._close.Eval(context)[0] >= 1:
-            points, normals = self._contacts(context)
-        else:
-            p_WO = self._X_WO.Eval(context).translation()
-            points, normals = p_WO + self._goal_radius * self._rays, self._rays
-        return _goals_at(range(len(points)), points, normals)
+            points, normals, met = self._contacts(context)
+            fingers = np.flatnonzero(met)
+            return _goals_at(fingers.tolist(), points[fingers], normals[fingers])
+        p_WA = self._X_WO.Eval(context) @ self._target.p_OA
+        return _goals_at(range(len(self._rays)), p_WA + self._goal_radius * self._rays, self._rays)
 
     def _status(self, context: Context) -> FloatArray:
-        points, normals = self._contacts(context)
+        points, normals, met = self._contacts(context)
         permitted = [
-            self._permitted(context, finger, points[[finger]], normals[[finger]])[0]
+            met[finger] and self._permitted(context, finger, points[[finger]], normals[[finger]])[0]
             for finger in range(len(points))
         ]
         return np.where(permitted, float(ContactStatus.ACTIVE), float(ContactStatus.OBSTRUCTED))
 
 
-def box_grasps(size: Sequence[float]) -> tuple[FloatArray, FloatArray]:
-    """Returns antipodal grasps of a box by its side faces: contacts and outward normals in O.
+def antipodal_grasps(target: RayTarget, tip_radius: float) -> tuple[FloatArray, FloatArray]:
+    """Returns antipodal grasps from the sides of an object: contacts and outward normals in O.
 
-    A thumb touches a face, in its middle or beside it, and two fingers the opposite one, to either
-    side of the point opposite the thumb. Both arrays have shape (k, 3, 3), thumb first.
+    A thumb touches one side, in its middle or beside it, and two fingers the opposite one, to
+    either side of the point opposite the thumb. Thumb and fingers press within friction cones, and
+    about as straight against each other as in the best grasp. Both arrays have shape (k, 3, 3),
+    thumb first; k is 0 if there is no such grasp.
 
     Args:
-        size: Edge lengths of the box, centred at the origin of O, in metres.
+        target: The object.
+        tip_radius: Radius of the fingertips, in metres.
     """
-    half, grasps = np.array(size) / 2, []
-    for axis, sign, shift in itertools.product((0, 1), (1.0, -1.0), (0.0, -_SHIFT, _SHIFT)):
-        normal, along = sign * np.eye(3)[axis], np.eye(3)[1 - axis]
-        room = half[1 - axis] - _EDGE
-        spread = min(_SPREAD, room)
-        middle = np.clip(shift, spread - room, room - spread) * along
-        faces = np.array([normal, -normal, -normal])
-        aside = np.array([[0.0], [1.0], [-1.0]]) * spread * along
-        grasps.append((half[axis] * faces + middle + aside, faces))
-    points, normals = np.unique(grasps, axis=0).swapaxes(0, 1)
+    grasps, angles = [], []
+    azimuths = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    for outward, shift in itertools.product(rays_at(azimuths), (0.0, -_SHIFT, _SHIFT)):
+        along = np.array([-outward[1], outward[0], 0.0])
+        across = (target.p_OV - target.p_OA) @ along
+        low, high = np.min(across) + _EDGE, np.max(across) - _EDGE
+        spread = min(_SPREAD, (high - low) / 2)
+        if spread < tip_radius:
+            continue
+        middle = np.clip(shift, low + spread, high - spread)
+        offsets = (middle + spread * np.array([[0.0], [1.0], [-1.0]])) * along
+        rays = np.array([outward, -outward, -outward])
+        points, normals, met = target.contacts(rays, offsets)
+        opposed = [normals[0] @ outward, -np.mean(normals[1:], axis=0) @ outward]
+        if np.all(met):
+            grasps.append([points, normals])
+            angles.append(np.arccos(np.clip(np.min(opposed), -1, 1)))
+    limit = min(min(angles, default=0.0) + _WORSE, _CONE)
+    kept = [grasp for grasp, angle in zip(grasps, angles, strict=True) if angle <= limit]
+    rounded = np.reshape(kept, (-1, 2, 3, 3)).round(9)
+    points, normals = np.unique(rounded, axis=0).swapaxes(0, 1)
     return points, normals
 
 
@@ -198,7 +260,7 @@ def grasp_costs(p_WT: FloatArray, p_WC: FloatArray) -> FloatArray:
     return costs
 
 
-class ReactiveChoice(_GoalsOnBox):
+class ReactiveChoice(_GoalsWithoutPlanner):
     """Emits goals of the three fingers that are nearest to a grasp, chosen anew at every tick.
 
     .. pydrake_system::
@@ -214,14 +276,14 @@ class ReactiveChoice(_GoalsOnBox):
         - contact_status
 
     The ports are those of `PregraspPlanner`, except `p_WT`, the centres of the fingertips in W from
-    `HandController`. At each tick the system compares all grasps of `box_grasps`, by any three
-    fingers that are not lost, whose contacts the obstacles permit. It keeps the present one unless
-    another one is cheaper by `SWITCH_MARGIN`. Other fingers are inactive. If no grasp is permitted,
+    `HandController`. At each tick the system compares all `antipodal_grasps` by any three fingers
+    that are not lost, whose contacts the obstacles permit. It keeps the present one unless another
+    one is cheaper by `SWITCH_MARGIN`. Other fingers are inactive. If no grasp is permitted,
     all fingers are obstructed.
 
     Args:
         tip_frames: Scoped names of the fingertips' frames.
-        box_size: Edge lengths of the object, a box centred at the origin of O, in metres.
+        target: The object.
         limits: Limits of the planner, with radii of the fingertips, clearance and standoff.
         period: Seconds between ticks.
     """
@@ -230,14 +292,14 @@ class ReactiveChoice(_GoalsOnBox):
         self,
         tip_frames: Sequence[str],
         *,
-        box_size: Sequence[float],
+        target: RayTarget,
         limits: LimitsConfig,
         period: float,
     ) -> None:
         n = len(tip_frames)
         super().__init__(n, limits)
         self._sets = np.array(list(itertools.permutations(range(n), 3)))
-        self._p_OC, self._nhat = box_grasps(box_size)
+        self._p_OC, self._nhat = antipodal_grasps(target, max(limits.tip_radii))
         self._chosen = self.DeclareDiscreteState([_NONE])
         self._p_WT = self.DeclareVectorInputPort("p_WT", 3 * n)
         declare_goals(self, tip_frames, self._targets, self._status)
@@ -250,6 +312,8 @@ class ReactiveChoice(_GoalsOnBox):
         return X_WO.translation() + self._p_OC @ R_WO.T, self._nhat @ R_WO.T
 
     def _choose(self, context: Context, discrete_state: DiscreteValues) -> None:
+        if not len(self._p_OC):
+            return
         p_WC, nhat_WC = self._contacts(context)
         # All fingertips are alike, so what the obstacles permit to one they permit to all.
         permitted = self._permitted(context, 0, p_WC.reshape(-1, 3), nhat_WC.reshape(-1, 3))
@@ -265,13 +329,17 @@ class ReactiveChoice(_GoalsOnBox):
     def _grasp(self, context: Context) -> tuple[list[int], int]:
         """Returns the fingers of the present grasp, none without one, and its index."""
         chosen = int(context.get_discrete_state(self._chosen)[0])
+        if chosen < 0:
+            return [], 0
         fingers, grasp = divmod(chosen, len(self._p_OC))
-        return self._sets[fingers].tolist() if chosen >= 0 else [], grasp
+        return self._sets[fingers].tolist(), grasp
 
     def _targets(self, context: Context) -> Mapping[int, RigidTransform]:
         fingers, grasp = self._grasp(context)
+        if not fingers:
+            return {}
         points, normals = (of_all[grasp] for of_all in self._contacts(context))
-        return _goals_at(fingers, points[: len(fingers)], normals[: len(fingers)])
+        return _goals_at(fingers, points, normals)
 
     def _status(self, context: Context) -> FloatArray:
         fingers, _ = self._grasp(context)

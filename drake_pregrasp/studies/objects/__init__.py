@@ -1,0 +1,1 @@
+"""Study of grasps of many objects by many hands."""

@@ -1,0 +1,166 @@
+"""Sets of objects of the study, and the objects of a set that fit a hand."""
+
+import itertools
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.config.object_config import Ball, Box, Cylinder, Mesh, ObjectConfig
+from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.random_objects import (
+    MASS,
+    NUM_OBJECTS,
+    check_installed,
+    object_url,
+)
+from drake_pregrasp.geometry.shapes import Shape
+from drake_pregrasp.resources import MODELS_URL, resource_folder
+from drake_pregrasp.simulation.hand_file import load_hand_model
+
+FIT_IN_WORDS = (
+    "An object fits a hand if some horizontal width of it is between the least and the largest"
+    " opening of the hand, and its top is high enough above the table for a fingertip. The least"
+    " opening is the diameter of a fingertip. The largest one is the largest distance between two"
+    " places on opposite sides that fingers can touch, with room for their standoffs."
+)
+
+_POSES = 4000  # Random poses of the fingers from which the opening is found.
+_LEVEL = 0.02  # Largest height of a fingertip over or under the object's origin, in metres.
+_OPPOSITE = float(np.cos(np.radians(30)))  # Largest angle from opposite sides.
+_HALF_TURN = np.radians(np.arange(0, 180, 5))  # Azimuths of an object's widths.
+
+_HOUSEHOLD_MASSES = {  # In kg.
+    "mug": 0.3,
+    "bottle": 0.3,
+    "bowl": 0.25,
+    "can": 0.35,
+    "pan": 0.35,
+    "screwdriver": 0.12,
+    "hammer": 0.4,
+    "drill": 0.8,
+    "torus": 0.15,
+    "wedge": 0.1,
+    "carton": 0.5,
+    "ball": 0.1,
+}
+
+
+def _random() -> Mapping[str, ObjectConfig]:
+    return {f"{k:03d}": Mesh(object_url(k), mass=MASS) for k in range(NUM_OBJECTS)}
+
+
+def _household() -> Mapping[str, ObjectConfig]:
+    masses = _HOUSEHOLD_MASSES.items()
+    return {name: Mesh(f"{MODELS_URL}{name}.obj", mass=mass) for name, mass in masses}
+
+
+def _primitives() -> Mapping[str, ObjectConfig]:
+    return {
+        "cube_50": Box([0.05, 0.05, 0.05], 0.15),
+        "cube_65": Box([0.065, 0.065, 0.065], 0.25),
+        "cube_100": Box([0.1, 0.1, 0.1], 0.3),
+        "flat_box": Box([0.12, 0.07, 0.04], 0.2),
+        "tall_box": Box([0.06, 0.06, 0.14], 0.3),
+        "cylinder_50": Cylinder(0.025, 0.1, 0.2),
+        "cylinder_66": Cylinder(0.033, 0.12, 0.35),
+        "cylinder_90": Cylinder(0.045, 0.06, 0.3),
+        "ball_60": Ball(0.03, 0.1),
+        "ball_90": Ball(0.045, 0.15),
+    }
+
+
+SETS = {"random": _random, "household": _household, "primitives": _primitives}
+"""Functions that return the objects of the sets by their names."""
+
+
+def hand_file(hand: str) -> str:
+    """Returns the file of a hand: a path that ends with `.yaml`, or that of a shipped hand.
+
+    Raises:
+        InvalidArgumentError: If there is no such shipped hand.
+    """
+    if hand.endswith(".yaml"):
+        return hand
+    there = sorted(path.stem for path in resource_folder("models").glob("*.yaml"))
+    if hand not in there:
+        raise InvalidArgumentError(
+            f"{hand}: no such hand; there are: {','.join(there)}, or the path of a .yaml file"
+        )
+    return f"{MODELS_URL}{hand}.yaml"
+
+
+def hand_name(hand: str) -> str:
+    """Returns the name of a hand in tables."""
+    return Path(hand).stem
+
+
+def opening(hand: HandModel) -> tuple[float, float]:
+    """Returns the least and the largest opening of a hand, in metres; see `FIT_IN_WORDS`."""
+    rng, kinematics = np.random.default_rng(0), hand.kinematics
+    low, high = (np.clip(limit, -10, 10) for limit in (kinematics.lower, kinematics.upper))
+    poses = rng.uniform(low, high, (_POSES, len(low)))
+    poses[:, hand.base.joints] = hand.fingers_home[hand.base.joints]
+    seen = np.array([hand.base.seen_from_object(kinematics, q) for q in poses])
+    contacts = []
+    for tip, p_HT in zip(hand.description.fingertips, np.swapaxes(seen, 0, 1), strict=True):
+        p_HT = p_HT[np.abs(p_HT[:, 2]) < _LEVEL]
+        outward = p_HT * [1.0, 1.0, 0.0]
+        outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+        p_HC = p_HT - (tip.radius + GraspConfig.standoff) * outward
+        can_touch = tip.reach.make_reach().permits(p_HC, outward, p_HT)
+        can_touch &= np.sum(p_HC * outward, axis=1) > 0
+        contacts.append(p_HC[can_touch, :2])
+    widest = 0.0
+    for a, b in itertools.combinations(contacts, 2):
+        far = np.linalg.norm(a, axis=1)[:, None], np.linalg.norm(b, axis=1)
+        is_opposite = a @ b.T < -_OPPOSITE * far[0] * far[1]
+        widest = max(widest, float(np.max(np.where(is_opposite, far[0] + far[1], 0), initial=0)))
+    return 2 * float(np.max(hand.tip_radii)), widest
+
+
+def fits(shape: Shape, limits: tuple[float, float]) -> bool:
+    """Returns whether an object fits a hand, by `FIT_IN_WORDS`.
+
+    Args:
+        shape: The object.
+        limits: Least and largest opening of the hand, in metres.
+    """
+    least, largest = limits
+    along = np.stack([np.cos(_HALF_TURN), np.sin(_HALF_TURN), 0 * _HALF_TURN])
+    widths = np.ptp(shape.mesh.vertices @ along, axis=0)
+    is_high = shape.mesh.extents[2] > least / 2 + LimitsConfig.clearance
+    return bool(is_high and np.any((least <= widths) & (widths <= largest)))
+
+
+def drawn_objects(name: str, hand: str, count: int, seed: int, pool: range) -> list[str]:
+    """Returns objects of a set that fit a hand, drawn without repetition, in the order of the draw.
+
+    Objects that are not accepted as meshes do not fit.
+
+    Args:
+        name: Key of `SETS`.
+        hand: Hand, as for `hand_file`.
+        count: Number of drawn objects; all that fit if there are not more.
+        seed: Seed of the draw.
+        pool: Indices of the objects in the set to draw from.
+
+    Raises:
+        InvalidArgumentError: If the objects or the hand are not installed.
+    """
+    objects, limits = list(SETS[name]().items()), opening(load_hand_model(hand_file(hand)))
+    indices = np.array([k for k in pool if k < len(objects)], dtype=int)
+    order = np.random.default_rng(seed).permutation(indices).tolist()
+    fitting = (objects[k][0] for k in order if _is_accepted(objects[k][1], limits))
+    return list(itertools.islice(fitting, count))
+
+
+def _is_accepted(config: ObjectConfig, limits: tuple[float, float]) -> bool:
+    try:
+        return fits(config.make_shape(), limits)
+    except InvalidArgumentError:
+        check_installed()
+        return False

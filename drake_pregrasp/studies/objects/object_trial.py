@@ -1,0 +1,114 @@
+"""One trial of the study: an object, a hand, a speed and a method, with a random start yaw."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, fields, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drake_pregrasp.config.object_config import Conveyor
+from drake_pregrasp.contacts.assignment import palm_turn
+from drake_pregrasp.diagrams.expected_path import initial_pose
+from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.errors import PregraspError, one_line
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.simulation.hand_file import load_hand
+from drake_pregrasp.simulation.hand_start import initial_contacts
+from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario_check import validate
+from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.studies.objects import object_sets
+from drake_pregrasp.studies.static_versus_dynamic import trial
+from drake_pregrasp.studies.static_versus_dynamic.conditions import Start
+from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import Outcome
+from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS
+
+MODULES = (__name__, object_sets.__name__, *trial.MODULES)
+"""Modules on which the rows of the study depend."""
+
+REFUSED = "refused"
+"""Cause of a failure before the simulation."""
+
+TURN_PER_SPEED = np.radians(10) / 20
+"""Turning rate of the conveyor for each mm/s of its speed, in rad/s."""
+
+
+class ObjectJob(NamedTuple):
+    """One trial of the study.
+
+    Attributes:
+        set: Key of the set of the object.
+        object: Name of the object in its set.
+        hand: Name of a shipped hand, or the path of a hand's file.
+        speed: Speed of the conveyor, in mm/s.
+        method: Key of `METHODS`.
+        seed: Seed of the start yaw and of the noise.
+    """
+
+    set: str
+    object: str
+    hand: str
+    speed: float
+    method: str
+    seed: int
+
+
+def base_scenario() -> Scenario:
+    """Returns the scenario that trials change."""
+    return load_scenario("trial", file=Path(__file__).with_name("objects.yaml"))
+
+
+def make_scenario(job: ObjectJob) -> Scenario:
+    """Returns the scenario of a trial.
+
+    Raises:
+        ScenarioError: If the hand cannot grasp the object there.
+    """
+    base, hand = base_scenario(), object_sets.hand_file(job.hand)
+    yaw = np.random.default_rng([job.seed, *job.object.encode()]).uniform(-np.pi, np.pi)
+    scenario = replace(
+        base,
+        object=object_sets.SETS[job.set]()[job.object],
+        motion=Conveyor(1e-3 * job.speed, TURN_PER_SPEED * job.speed, yaw=float(yaw)),
+        ring_contacts=len(load_hand(hand).fingertips),
+        grasp=replace(base.grasp, hand=hand),
+    )
+    validate(scenario, f"{job.set} {job.object}")
+    return scenario
+
+
+def make_trial(job: ObjectJob) -> trial.Trial:
+    """Returns the trial of a job.
+
+    Raises:
+        PregraspError: If the hand cannot grasp the object there.
+    """
+    method = METHODS[job.method]
+
+    def start_of(scenario: Scenario, surface: ObjectSurface, hand: HandModel) -> Start:
+        p_OC, has_room = initial_contacts(scenario, surface)
+        R_WO = initial_pose(scenario.motion, scenario.object).rotation().matrix()
+        yaw = palm_turn(
+            (p_OC - surface.p_OCoM) @ R_WO.T,
+            hand.azimuths,
+            0.0,
+            hand.yaw_range(scenario.grasp.yaw_range),
+        )
+        without_contacts = method.is_stationary or method.is_reactive
+        away = [] if without_contacts else np.flatnonzero(~has_room).tolist()
+        return Start(p_OC, yaw, np.zeros(3), [(0.0, away)], job.seed)
+
+    return trial.Trial(make_scenario(job), method, start_of)
+
+
+def run_trial(job: ObjectJob) -> Mapping[str, Any]:
+    """Simulates a trial, and returns its row: the `Outcome`, and whether the object was held."""
+    try:
+        made = make_trial(job)
+    except PregraspError as error:
+        nothing = dict.fromkeys((field.name for field in fields(Outcome)), np.nan)
+        refused = {"lifted": False, "level": False, "gave_up": one_line(error), "cause": REFUSED}
+        return nothing | refused | {"held": False}
+    (outcome,) = made.outcomes([made.scenario.grasp.close_at])
+    return asdict(outcome) | {"held": outcome.lifted}
