@@ -124,11 +124,21 @@ def shape_goals(
     way = goal - p_GT
     free = _is_free(p_GT, goal, room)
     if not free.all():
-        leaving, entrance = _way_out(p_GT, room), goal + _way_out(goal, room)
-        round_it = _way_round(p_GT, entrance, replace(room, object=room.object.hull()))
-        is_inside = np.any(leaving, axis=1)
-        way = np.where(free[:, None], way, np.where(is_inside[:, None], leaving, round_it))
+        way = np.where(free[:, None], way, _detour(p_GT, goal, room))
     return room.permitted(p_GT + pace.period * pace.toward(way / pace.period, v_GT))
+
+
+def _detour(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> FloatArray:
+    """Returns displacements around the object's hull, and out of hollows and to their entrances."""
+    hull = room.object.hull()
+    if hull is room.object:
+        return _way_round(p_GT, goal, room)
+    leaving, entrance = _way_out(p_GT, room), goal + _way_out(goal, room)
+    is_inside, free = np.any(leaving, axis=1), _is_free(p_GT, entrance, room)
+    around = _way_round(p_GT, entrance, replace(room, object=hull))
+    around = np.where(free[:, None], entrance - p_GT, around)
+    ways: FloatArray = np.where(is_inside[:, None], leaving, around)
+    return ways
 
 
 def _way_out(p_GT: FloatArray, room: TipRoom) -> FloatArray:
@@ -142,7 +152,7 @@ def _way_out(p_GT: FloatArray, room: TipRoom) -> FloatArray:
         room: Free space of the tips.
     """
     hull, least, away = room.object.hull(), room.object_clearances - _GRAZE, np.zeros(p_GT.shape)
-    if hull is room.object or np.all(hull.distance(p_GT) >= least):
+    if np.all(hull.distance(p_GT) >= least):
         return away
     shortest = np.full(len(p_GT), np.inf)
     _, normals = room.object.distance_and_gradient(p_GT)
