@@ -25,12 +25,8 @@ from drake_pregrasp.systems.palm_posture import ArmKinematics, pose_error
 _STEPS = 300  # Largest number of steps of an arm to its initial pose.
 _ARRIVED = 1e-5  # Largest error of the palm at its initial pose, in metres and radians.
 _JOINT_KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
-
-
-WORKSPACE_STEP = 0.012
-"""Distance within which a finger that reaches one place also reaches another, in metres."""
-
-_WORKSPACE_SAMPLES = 3000  # Places of a fingertip; 90 % are nearer to the next than half a step.
+_WORKSPACE_STEP = 0.012  # Distance from a place in reach within which others are, in metres.
+_WORKSPACE_SAMPLES = 3000  # Number of places in reach that are known.
 
 
 class PalmCarrier:
@@ -341,7 +337,7 @@ class HandModel:
             p_HT: Centres of each fingertip over the object at yaw 0, shape (n, k, 3), in metres.
         """
         near = zip(self._workspaces, p_HT, strict=True)
-        return np.array([tree.query(places)[0] <= WORKSPACE_STEP for tree, places in near])
+        return np.array([tree.query(places)[0] <= _WORKSPACE_STEP for tree, places in near])
 
     @cached_property
     def _workspaces(self) -> list[cKDTree]:
@@ -358,8 +354,7 @@ class HandModel:
 
     def tips_at(self, q: FloatArray) -> FloatArray:
         """Returns the fingertips' centres in W at positions q, shape (n, 3), in metres."""
-        p_WT: FloatArray = _tip_positions(self.kinematics, [q])[0]
-        return p_WT
+        return np.array(_tip_positions(self.kinematics, [q])[0])
 
     @property
     def largest_offsets(self) -> FloatArray:
