@@ -275,9 +275,7 @@ class Trial:
         p_OA = self.surface.p_OCoM.copy()
         lowest = float(np.min(p_OV[:, 2])) + max(limits.tip_radii) + limits.clearance
         p_OA[2] = max(p_OA[2], lowest)
-        return rival_goals.RayTarget(
-            BoxSolid(np.zeros(3), np.eye(3), self.surface.mesh.extents), p_OV, p_OA
-        )
+        return rival_goals.RayTarget(self.scenario.object.make_shape().solid, p_OV, p_OA)
 
     def _add_measurements(self, builder: DiagramBuilder) -> None:
         """Connects measured poses to the planner."""
