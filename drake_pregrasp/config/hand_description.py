@@ -21,8 +21,12 @@ class Carrier:
         default_factory=lambda: ["x", "y", "z", "yaw"], metadata={"length": 4}
     )
 
-    # Height of the carrier over the object's origin, in metres.
+    # Height of the carrier over the object's origin, in metres; more for objects that are so high
+    # that the carrier would come nearer than `top_clearance` to their top.
     palm_height: float = field(default=0.155, metadata={"at_least": 0, "at_most": 10})
+
+    # Least height of the carrier over the object's top, in metres.
+    top_clearance: float = field(default=0.05, metadata={"at_least": 0, "at_most": 10})
 
 
 @dataclass
@@ -132,7 +136,10 @@ class HandDescription:
         Args:
             top: Height of the object's top over its origin, in metres.
         """
-        if isinstance(self.base, Carrier) or not self.base.over_top:
+        if isinstance(self.base, Carrier):
+            height = max(self.base.palm_height, top + self.base.top_clearance)
+            return replace(self, base=replace(self.base, palm_height=height))
+        if not self.base.over_top:
             return self
         x, y, z = self.base.palm_position
         base = replace(self.base, palm_position=[x, y, z + top], over_top=False)

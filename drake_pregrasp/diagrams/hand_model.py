@@ -1,14 +1,17 @@
 """Kinematic model of a hand, from its model file and its description."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from functools import cached_property
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.planning import RobotDiagram, RobotDiagramBuilder
+from scipy.spatial import cKDTree
+from scipy.stats.qmc import Halton
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.hand_description import Arm, BaseConfig, Carrier, HandDescription
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
@@ -22,6 +25,12 @@ from drake_pregrasp.systems.palm_posture import ArmKinematics, pose_error
 _STEPS = 300  # Largest number of steps of an arm to its initial pose.
 _ARRIVED = 1e-5  # Largest error of the palm at its initial pose, in metres and radians.
 _JOINT_KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
+
+
+WORKSPACE_STEP = 0.012
+"""Distance within which a finger that reaches one place also reaches another, in metres."""
+
+_WORKSPACE_SAMPLES = 3000  # Places of a fingertip; 90 % are nearer to the next than half a step.
 
 
 class PalmCarrier:
@@ -63,17 +72,15 @@ class PalmCarrier:
         return posed
 
     def seen_from_object(self, hand: HandKinematics, q: FloatArray) -> FloatArray:
-        """Returns the fingertips' centres over an object at yaw 0, shape (n, 3), in metres.
+        """Returns the fingertips' centres over an object at yaw 0, shape (k, n, 3), in metres.
 
         They are in a frame with the object's origin and the axes of W.
 
         Args:
             hand: Kinematics of the fingertips.
-            q: Positions of all joints, shape (nq,); those of the carrier are ignored.
+            q: Positions of all joints, shape (k, nq); those of the carrier are ignored.
         """
-        context = hand.plant.CreateDefaultContext()
-        hand.plant.SetPositions(context, self.posed(q, np.zeros(3), 0.0))
-        return hand.tip_positions(context)
+        return _tip_positions(hand, [self.posed(positions, np.zeros(3), 0.0) for positions in q])
 
 
 class PalmArm:
@@ -144,9 +151,10 @@ class PalmArm:
     def seen_from_object(self, hand: HandKinematics, q: FloatArray) -> FloatArray:
         """Returns the fingertips' centres over an object at yaw 0, as `PalmCarrier` does."""
         context = hand.plant.CreateDefaultContext()
-        hand.plant.SetPositions(context, q)
+        hand.plant.SetPositions(context, self.with_home(q[0]))
         X_GW = self.X_GP @ self.kinematics.palm_pose(context).inverse()
-        seen: FloatArray = (X_GW @ hand.tip_positions(context).T).T
+        p_WT = _tip_positions(hand, map(self.with_home, q))
+        seen: FloatArray = p_WT @ X_GW.rotation().matrix().T + X_GW.translation()
         return seen
 
 
@@ -158,6 +166,15 @@ def make_base(config: BaseConfig, plant: MultibodyPlant, hand: ModelInstanceInde
     if isinstance(config, Carrier):
         return PalmCarrier(config, plant, hand)
     return PalmArm(config, plant, hand)
+
+
+def _tip_positions(hand: HandKinematics, q: Iterable[FloatArray]) -> FloatArray:
+    """Returns the fingertips' centres in W at positions of all joints, shape (k, n, 3)."""
+    context, p_WT = hand.plant.CreateDefaultContext(), []
+    for positions in q:
+        hand.plant.SetPositions(context, positions)
+        p_WT.append(hand.tip_positions(context))
+    return np.array(p_WT)
 
 
 def _positions(plant: MultibodyPlant, hand: ModelInstanceIndex, names: list[str]) -> list[int]:
@@ -208,6 +225,7 @@ class HandModel:
         fingers_home: Home positions of the fingers, and zeros for the base, shape (nq,).
         tip_radii: Radii of the fingertips, shape (n,), in metres.
         withdrawn_radii: Radii for `FingertipGoalShaper`, shape (n,), in metres.
+        p_HT: Fingertips at home, over the object at yaw 0, shape (n, 3), in metres.
         azimuths: Azimuths of the fingertips at home, over the object at yaw 0, shape (n,), in
             radians.
 
@@ -228,9 +246,9 @@ class HandModel:
             [tip.withdrawn_radius for tip in description.fingertips]
         )
         self.fingers_home = self._place_fingers()
-        p_HT = self.base.seen_from_object(self.kinematics, self.fingers_home)
-        self.azimuths: FloatArray = np.arctan2(p_HT[:, 1], p_HT[:, 0])
-        self._check_reach(p_HT)
+        self.p_HT = self.base.seen_from_object(self.kinematics, self.fingers_home[None])[0]
+        self.azimuths: FloatArray = np.arctan2(self.p_HT[:, 1], self.p_HT[:, 0])
+        self._check_reach(self.p_HT)
 
     def _parse(self) -> RobotDiagram:
         builder = RobotDiagramBuilder(time_step=0.0)
@@ -316,12 +334,32 @@ class HandModel:
                         f" {', '.join(tip.forbidden_faces)}"
                     )
 
+    def in_workspace(self, p_HT: FloatArray) -> BoolArray:
+        """Returns the mask of places of each fingertip that its joints reach, shape (n, k).
+
+        Args:
+            p_HT: Centres of each fingertip over the object at yaw 0, shape (n, k, 3), in metres.
+        """
+        near = zip(self._workspaces, p_HT, strict=True)
+        return np.array([tree.query(places)[0] <= WORKSPACE_STEP for tree, places in near])
+
+    @cached_property
+    def _workspaces(self) -> list[cKDTree]:
+        """Places of each fingertip over the object, at evenly drawn positions of its joints."""
+        kinematics, fingers = self.kinematics, range(len(self.azimuths))
+        own = [kinematics.own_joints(finger) for finger in fingers]
+        shares = Halton(max(map(len, own)), seed=0).random(_WORKSPACE_SAMPLES)
+        q = np.tile(self.fingers_home, (_WORKSPACE_SAMPLES, 1))
+        for joints in own:
+            lower, upper = kinematics.lower[joints], kinematics.upper[joints]
+            q[:, joints] = lower + shares[:, : len(joints)] * (upper - lower)
+        p_HT = self.base.seen_from_object(kinematics, q)
+        return [cKDTree(p_HT[:, finger]) for finger in fingers]
+
     def tips_at(self, q: FloatArray) -> FloatArray:
         """Returns the fingertips' centres in W at positions q, shape (n, 3), in metres."""
-        plant = self.kinematics.plant
-        context = plant.CreateDefaultContext()
-        plant.SetPositions(context, q)
-        return self.kinematics.tip_positions(context)
+        p_WT: FloatArray = _tip_positions(self.kinematics, [q])[0]
+        return p_WT
 
     @property
     def largest_offsets(self) -> FloatArray:

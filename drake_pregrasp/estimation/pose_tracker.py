@@ -7,6 +7,7 @@ state of the tracker is a `PoseTrack`, which `update_track` updates at each tick
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -123,20 +124,21 @@ def update_track(
     variance = prior.P_orientation.diagonal()[:3].max()
     if variance > _VAGUE**2 + noise.orientation**2 and not is_late:
         return _start(track, measurement, settings, prior)
-    if new.squared.max() > settings.gate_squared and not is_late:
+    is_expected = new.squared.max() <= settings.gate_squared
+    if not (is_expected or is_late):
         previous = _unpack_measurement(last_seen)
-        manoeuvre = _manoeuvre(track, previous, measurement, settings)
-        prior, new, posterior = manoeuvre or (prior, new, posterior)
+        if manoeuvre := _manoeuvre(track, previous, measurement, settings):
+            prior, new, posterior = manoeuvre
+            is_expected = new.squared.max() <= settings.gate_squared
     excess = min(sum((factor * new.squared).tolist()) / 6, _LARGEST_EXCESS)
     excess = (1 - _FORGETTING) * track.excess + _FORGETTING * excess
-    after = replace(
-        track,
-        excess=excess,
-        noise_factor=excess if excess > _TOLERATED_EXCESS else 1.0,
-        innovation_squared=new.squared,
-    )
-    is_expected = new.squared.max() <= settings.gate_squared
+    statistics: dict[str, Any] = {
+        "excess": excess,
+        "noise_factor": excess if excess > _TOLERATED_EXCESS else 1.0,
+        "innovation_squared": new.squared,
+    }
     if is_late:
+        after = replace(track, **statistics)
         if not is_expected:
             return replace(after, verdict=MeasurementVerdict.OUTLIER)
         return _insert(track, after, posterior, settings)
@@ -146,16 +148,18 @@ def update_track(
             track, prior, new, posterior, measurement, settings
         )
         if is_better or not is_expected:
+            after = replace(track, **statistics)
             return _refuse(after, rival, support, measurement, settings)
         alternative = pack(rival)
     step = np.concatenate([track.last_seen, pack(posterior)])
     # With noise, successive innovations differ, with the covariance 2 S. With a motion that the
     # filter does not expect, they are similar.
     change = new.nu - track.last_innovation
-    shares = np.einsum("ij,ij->i", change, change) / np.einsum("ijj->i", new.S)
+    shares = (change * change).sum(axis=1) / new.S.trace(axis1=1, axis2=2)
     level = min(1.0, float(shares.sum()) / 4)
     return replace(
-        after,
+        track,
+        **statistics,
         steps=np.concatenate([track.steps[1:], step[None]]),
         alternative=alternative,
         support=support,

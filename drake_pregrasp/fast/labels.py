@@ -357,7 +357,7 @@ class CompactCandidates(Blocks):
             self.starts,
             self.boxes,
             np.array(c, dtype=float, order="C"),
-            (np.sum(c**2, axis=1) - bounds.h) / 2,
+            ((c * c).sum(axis=1) - bounds.h) / 2,
             bounds.few,
             np.ascontiguousarray(half_spaces.normals.transpose(0, 2, 1)),
             np.ascontiguousarray(half_spaces.bounds),

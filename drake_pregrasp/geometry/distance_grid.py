@@ -1,12 +1,13 @@
 """Signed distances from the surface of a mesh, interpolated on a grid."""
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
-from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.geometry.sampling import split_triangles
 from drake_pregrasp.geometry.surface import closest_points
 
@@ -17,9 +18,9 @@ MARGIN = 0.01
 """Width of the grid around the bounding box of the mesh, in metres: about a fingertip's radius."""
 
 _MOST_NODES = 300_000  # Large objects have larger cells.
-_EDGE = 0.004  # Longest edge of the parts of triangles, in metres.
-_NEAREST = 8  # Parts whose distances are computed exactly, for each node.
+_EDGE = 0.005  # Longest edge of the parts of triangles, in metres.
 _CHUNK = 20_000  # Nodes at a time.
+_PASSES = 20  # Largest number of passes over the nodes.
 _TIE = 1e-9  # Difference of distances that is rounding, in metres.
 _CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
@@ -79,26 +80,44 @@ def distance_grid(mesh: trimesh.Trimesh, cell: float = CELL) -> DistanceGrid:
     cell = max(cell, float(np.cbrt(np.prod(extents) / _MOST_NODES)))
     counts = np.ceil(extents / cell).astype(np.int64) + 1
     low = mesh.bounds.mean(axis=0) - cell * (counts - 1) / 2
-    points = low + cell * np.indices(counts).reshape(3, -1).T
-    parts = split_triangles(np.array(mesh.triangles), np.array(mesh.face_normals), _EDGE)
-    parts = parts.chosen(parts.areas > 0)
-    tree, count = cKDTree(parts.centroids), min(_NEAREST, len(parts.faces))
-    nodes = np.empty((len(points), 4))
-    for start in range(0, len(points), _CHUNK):
-        p = points[start : start + _CHUNK]
-        near = tree.query(p, k=count)[1].reshape(len(p), count)
-        q = closest_points(parts.corners[near.ravel()], np.repeat(p, count, axis=0))
-        away = p[:, None] - q.reshape(len(p), count, 3)
-        lengths = np.linalg.norm(away, axis=2)
-        # At an edge, the face whose plane is farthest from the point sets the sign.
-        normals = parts.normals[near]
-        heights = np.einsum("kni,kni->kn", away, normals)
-        tied = lengths <= np.min(lengths, axis=1, keepdims=True) + _TIE
-        best = np.argmax(np.where(tied, np.abs(heights), -1.0), axis=1)[:, None]
-        length, height = (np.take_along_axis(v, best, axis=1) for v in (lengths, heights))
-        distance = np.copysign(length, height)
-        toward = np.take_along_axis(away, best[..., None], axis=1)[:, 0] * np.sign(distance)
-        normal = np.take_along_axis(normals, best[..., None], axis=1)[:, 0]
-        gradient = np.where(length > _TIE, toward / np.maximum(length, _TIE), normal)
-        nodes[start : start + _CHUNK] = np.hstack([distance, gradient])
-    return DistanceGrid(low, cell, counts, nodes)
+    p = low + cell * np.indices(counts).reshape(3, -1).T
+    corners, normals = np.array(mesh.triangles), np.array(mesh.face_normals)
+    parts = split_triangles(corners, normals, _EDGE)
+    face = parts.faces[cKDTree(parts.centroids).query(p)[1]]
+    away = np.empty((len(p), 3))
+    for chunk in np.array_split(np.arange(len(p)), 1 + len(p) // _CHUNK):
+        away[chunk] = p[chunk] - closest_points(corners[face[chunk]], p[chunk])
+    # The face with the nearest centroid is not always the nearest one. What a node has found, its
+    # neighbours try next.
+    for _ in range(_PASSES):
+        before = face.copy()
+        for axis, step in itertools.product(range(3), (-1, 1)):
+            place = np.arange(counts[axis])
+            beside = np.clip(place + step, 0, counts[axis] - 1)
+            tried = np.take(face.reshape(counts), beside, axis=axis).ravel()
+            nodes = np.flatnonzero(tried != face)
+            found = p[nodes] - closest_points(corners[tried[nodes]], p[nodes])
+            is_better = _is_nearer(found, normals[tried[nodes]], away[nodes], normals[face[nodes]])
+            nodes = nodes[is_better]
+            face[nodes], away[nodes] = tried[nodes], found[is_better]
+        if np.array_equal(before, face):
+            break
+    lengths = np.linalg.norm(away, axis=1)
+    signs = np.where(np.einsum("ki,ki->k", away, normals[face]) < 0, -1.0, 1.0)
+    gradients = np.where(lengths[:, None] > _TIE, away * signs[:, None], normals[face])
+    gradients /= np.linalg.norm(gradients, axis=1, keepdims=True)
+    return DistanceGrid(low, cell, counts, np.column_stack([signs * lengths, gradients]))
+
+
+def _is_nearer(
+    away: FloatArray, normals: FloatArray, than: FloatArray, than_normals: FloatArray
+) -> BoolArray:
+    """Returns whether a face is nearer than another, by vectors from faces to points, (k,).
+
+    At an edge, the face whose plane is farthest from the point counts: it has the right sign.
+    """
+    gain = np.linalg.norm(than, axis=1) - np.linalg.norm(away, axis=1)
+    height = np.abs(np.einsum("ki,ki->k", away, normals))
+    other = np.abs(np.einsum("ki,ki->k", than, than_normals))
+    nearer: BoolArray = (gain > _TIE) | (gain >= -_TIE) & (height > other + _TIE)
+    return nearer

@@ -1,4 +1,4 @@
-"""The body inside a closed mesh, with signed distances and convex pieces."""
+"""The body inside a closed mesh, with signed distances."""
 
 from dataclasses import dataclass, replace
 
@@ -6,11 +6,10 @@ import numpy as np
 import trimesh
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.geometry.convex_pieces import convex_pieces
 from drake_pregrasp.geometry.distance_grid import CELL, DistanceGrid, distance_grid
-from drake_pregrasp.geometry.solids import Polytope, SignedDistance
+from drake_pregrasp.geometry.solids import SignedDistance
 
-_COARSE = 2 * CELL  # Cells of the convex hull, which only guides paths.
+_COARSE = 2 * CELL  # Cells of a convex hull, which only guides paths.
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,15 +18,15 @@ class MeshSolid(SignedDistance):
 
     Attributes:
         surface: Signed distances from the mesh, in M.
-        around: Signed distances from its convex hull, in M.
-        convex: Convex pieces in M that together cover the body.
+        around: Signed distances from its convex hull, in M; of a convex mesh, `surface`.
+        corners: Vertices of the convex hull in M, shape (k, 3), in metres.
         R_FM: Orientation of M in F, shape (3, 3).
         p_FM: Position of M in F, shape (3,), in metres.
     """
 
     surface: DistanceGrid
     around: DistanceGrid
-    convex: tuple[Polytope, ...]
+    corners: FloatArray
     R_FM: FloatArray
     p_FM: FloatArray
 
@@ -37,15 +36,10 @@ class MeshSolid(SignedDistance):
 
         Args:
             mesh: The mesh, in metres.
-
-        Raises:
-            InvalidArgumentError: See `convex_pieces`.
         """
-        convex = tuple(map(Polytope, convex_pieces(mesh)))
-        surface = around = distance_grid(mesh)
-        if len(convex) > 1:
-            around = distance_grid(mesh.convex_hull, _COARSE)
-        return MeshSolid(surface, around, convex, np.eye(3), np.zeros(3))
+        hull, surface = mesh.convex_hull, distance_grid(mesh)
+        around = surface if mesh.is_convex else distance_grid(hull, _COARSE)
+        return MeshSolid(surface, around, np.array(hull.vertices), np.eye(3), np.zeros(3))
 
     def distance_and_gradient(self, p_FP: FloatArray) -> tuple[FloatArray, FloatArray]:
         """See `SignedDistance`."""
@@ -58,14 +52,8 @@ class MeshSolid(SignedDistance):
 
     def highest(self, direction: FloatArray) -> float:
         """See `SignedDistance`."""
-        along = self.R_FM.T @ direction
-        tops = [np.max(piece.vertices @ along) for piece in self.convex]
-        return float(max(tops) + self.p_FM @ direction)
+        return float(np.max(self.corners @ (self.R_FM.T @ direction)) + self.p_FM @ direction)
 
     def hull(self) -> "MeshSolid":
         """See `SignedDistance`."""
-        return replace(self, surface=self.around)
-
-    def pieces(self) -> tuple[Polytope, ...]:
-        """See `SignedDistance`."""
-        return tuple(Polytope(p.vertices @ self.R_FM.T + self.p_FM) for p in self.convex)
+        return self if self.surface is self.around else replace(self, surface=self.around)

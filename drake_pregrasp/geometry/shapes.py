@@ -58,11 +58,7 @@ class Shape:
 
     @cached_property
     def solid(self) -> SignedDistance:
-        """The body in O, for a hand that moves around it.
-
-        Raises:
-            InvalidArgumentError: See `convex_pieces`.
-        """
+        """The body in O, for a hand that moves around it."""
         return self.simple or MeshSolid.of(self.mesh)
 
     def part(self, name: str) -> int:

@@ -1,7 +1,6 @@
 """Sets with signed distances: no-touch areas, obstacles, the reach of fingers, and objects."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,23 +46,8 @@ class SignedDistance(ABC):
         """Returns the largest coordinate of its points along a unit vector in F, in metres."""
 
     def hull(self) -> "SignedDistance":
-        """Returns the convex hull."""
+        """Returns the convex hull; a convex set is its own hull."""
         return self
-
-    @abstractmethod
-    def pieces(self) -> "Sequence[Solid | Polytope]":
-        """Returns convex sets that together cover this one."""
-
-
-@dataclass(frozen=True, eq=False)
-class Polytope:
-    """The convex hull of some points.
-
-    Attributes:
-        vertices: The points in F, shape (k, 3), in metres.
-    """
-
-    vertices: FloatArray
 
 
 class Solid(SignedDistance):
@@ -94,10 +78,6 @@ class Solid(SignedDistance):
         # An infinite bound does not count along a direction at right angles to it.
         lengths = np.where(along != 0, along, 0) @ np.where(along != 0, extreme, 0)
         return float(row[:3] @ direction + lengths + row[18])
-
-    def pieces(self) -> "tuple[Solid]":
-        """See `SignedDistance`."""
-        return (self,)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,9 @@ CONE_MODELS = ("hard_finger", "soft_finger", "frictionless")
 
 _RANK_TOLERANCE = 1e-9  # Of singular values, for wrenches of the order of one.
 
+LARGEST_LOAD = 10.0
+"""Multiple of a wrench from which on contacts count as equally strong."""
+
 CONE_EDGES = 8
 """Number of edges of the pyramid inside a friction cone."""
 
@@ -124,6 +127,41 @@ def ferrari_canny(
         return 0.0
     # Each facet's plane is normal @ x + offset = 0, with its unit normal pointing out.
     return max(0.0, float(-np.max(hull.equations[:, -1])))
+
+
+def largest_load(
+    p_CoMC: FloatArray,
+    nhat: FloatArray,
+    friction: float,
+    *,
+    wrench: FloatArray,
+    normal_forces: FloatArray,
+) -> float:
+    """Returns the largest multiple of a wrench on the object that hard fingers balance.
+
+    It is 0 if the fingers do not even balance each other, and at most `LARGEST_LOAD`.
+
+    Args:
+        p_CoMC: As for `min_weight_margin`.
+        nhat: As for `min_weight_margin`.
+        friction: As for `min_weight_margin`.
+        wrench: Force in N and torque about the centre of mass in N m, shape (6,).
+        normal_forces: Smallest and largest normal force of each contact, shape (2, n), in N.
+    """
+    W = primitive_wrenches(p_CoMC, nhat, friction, model="hard_finger", torsional_friction=0.0)
+    balance = np.hstack([W, wrench[:, None]])
+    balance[3:] /= longest_arm(p_CoMC)
+    normals = np.hstack([np.kron(np.eye(len(nhat)), np.ones(CONE_EDGES)), np.zeros((len(nhat), 1))])
+    least, most = normal_forces
+    solution = linprog(
+        c=np.append(np.zeros(W.shape[1]), -1.0),
+        A_eq=balance,
+        b_eq=np.zeros(6),
+        A_ub=np.vstack([normals, -normals]),
+        b_ub=np.append(most, -least),
+        bounds=[(0, None)] * W.shape[1] + [(0, LARGEST_LOAD)],
+    )
+    return float(solution.x[-1]) if solution.success else 0.0
 
 
 def primitive_wrenches(

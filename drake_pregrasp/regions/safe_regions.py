@@ -239,9 +239,9 @@ def label_candidates(
         barred, _ = bounds.predicates.limits_at(labels[own], q[own, :3], nhat[own])
         labels[own[barred != Limit.NONE]] = NO_REGION
     limits, causes = np.full(n, int(Limit.NONE)), np.full(n, NO_CAUSE)
-    for i in np.flatnonzero(h > -np.inf).tolist():
-        if np.count_nonzero(labels == i) < bounds.few:
-            limits[i], causes[i] = _limit_of_region(i, q, nhat, cells, bounds)
+    counts = np.bincount(labels - NO_REGION, minlength=1 + n)[1:]
+    for i in np.flatnonzero((counts < bounds.few) & (h > -np.inf)).tolist():
+        limits[i], causes[i] = _limit_of_region(i, q, nhat, cells, bounds)
     return labels, limits, causes
 
 
@@ -273,8 +273,9 @@ def point_half_spaces(
             all.
     """
     m, size = points.points.shape
-    normals = np.zeros((len(c), m, c.shape[1]))
-    normals[:, :, :size] = points.points - c[:, None, :size]
+    normals = points.points - c[:, None, :size]
+    if size < c.shape[1]:
+        normals = np.pad(normals, ((0, 0), (0, 0), (0, c.shape[1] - size)))
     d = np.sqrt(np.einsum("imk,imk->im", normals, normals))
     bounds = d * (d - points.radii - margins)
     causes = np.full(m, NO_CAUSE) if first_cause == NO_CAUSE else first_cause + np.arange(m)

@@ -4,20 +4,18 @@ import contextlib
 from collections.abc import Iterator
 
 import numpy as np
-from pydrake.math import RollPitchYaw
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.object_config import PoseStream
 from drake_pregrasp.contacts.assignment import palm_turn
-from drake_pregrasp.diagrams.expected_path import expected_poses
 from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.start_grasp import check_palm
 from drake_pregrasp.errors import PregraspError, ScenarioError
-from drake_pregrasp.geometry.convex_pieces import check_pieces
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspSettings
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand
+from drake_pregrasp.simulation.hand_start import followed_path, initial_contacts
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.simulation_diagram import initial_contacts
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
 Problems = Iterator[tuple[str, str]]
@@ -60,8 +58,6 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     if isinstance(scenario.motion, PoseStream):
         problem = "recorded poses move the object in no plant, so no hand can lift it"
         yield "motion", f"{problem}; choose another motion, or no hand"
-    with errors_at("object"):
-        check_pieces(scenario.object.make_shape().mesh)
     with errors_at("grasp.hand"):
         hand = load_hand(grasp.hand)
     if scenario.hand != HandConfig():
@@ -93,7 +89,7 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         problem = f"{fingers} fingers of {grasp.largest_force} N hold {lift:.3g} N with friction"
         problem = f"{problem} {grasp.planned_friction}; the object weighs {weight:.3g} N"
         yield "grasp.largest_force", problem
-    with errors_at("initial_contacts"):
+    with errors_at("object" if scenario.chooses_contacts else "initial_contacts"):
         p_OC = scenario.initial_p_OC(surface)
         model.check_contacts(p_OC, surface.project(p_OC)[1])
     _check_arm(scenario, model, p_OC)
@@ -121,11 +117,8 @@ def _check_arm(scenario: Scenario, model: HandModel, p_OC: FloatArray) -> None:
     grasp, settings = scenario.grasp, scenario.grasp.make_settings()
     yaw_range = model.yaw_range(grasp.yaw_range)
     first = palm_turn(p_OC, model.azimuths, 0.0, yaw_range)
-    end = min(scenario.simulation_duration, grasp.latest_rest(model.description.fingertips))
-    poses = expected_poses(scenario.motion, end, scenario.object)
-    for time, X_WO in poses[:: max(1, len(poses) // 3)]:
-        turned = RollPitchYaw(X_WO.rotation()).yaw_angle()
-        yaw = float(np.clip(first + turned, *yaw_range))
-        for height in (0.0, max(settings.lift_height, settings.approach_height)):
-            with errors_at("motion", f"at {time:.3g} s the object is out of the arm's reach: "):
-                model.home(X_WO.translation() + np.array([0.0, 0.0, height]), yaw)
+    heights = (0.0, max(settings.lift_height, settings.approach_height))
+    (_, start), *_ = path = followed_path(scenario, model)
+    for time, X_WO in path:
+        with errors_at("motion", f"at {time:.3g} s the object is out of the arm's reach: "):
+            check_palm(model, [start, X_WO], first, yaw_range, heights)

@@ -27,7 +27,8 @@ from drake_pregrasp.contacts.assignment import (
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.simulation.hand_file import HandConfig, load_hand_model
+from drake_pregrasp.simulation.hand_file import HandConfig, load_hand, load_hand_model
+from drake_pregrasp.simulation.hand_start import chosen_contacts
 from drake_pregrasp.simulation.obstacle_config import ObstacleConfig, moving_solid
 from drake_pregrasp.systems.pose_sensor import MAX_SEED
 from drake_pregrasp.systems.sources import MovingSolid
@@ -55,6 +56,15 @@ class RecordingConfig:
 
     # Largest edge of the drawn tiles of regions, in metres. A few thousand tiles are fast.
     tile_size: float = field(default=0.005, metadata={"at_least": 0.001})
+
+
+_PAPER_CONTACTS = (
+    (-0.335, 1.0, -0.7),
+    (0.7, 1.0, -0.246),
+    (-0.201, 1.0, 0.701),
+    (0.568, -1.0, 0.661),
+    (1.0, -0.142, -0.701),
+)
 
 
 @dataclass
@@ -93,16 +103,11 @@ class Scenario:
     # Initial contacts, one row each, in half extents of the object's bounding box from its centre:
     # 1 and -1 are a box's faces. On a box they must lie on its surface. On other objects, each
     # contact starts at the nearest allowed point. The default is calibrated to the static rows of
-    # the paper's Table II, for all sizes.
+    # the paper's Table II, for all sizes. With a hand, the default or an empty list means that
+    # fingers, contacts and the palm's yaw are chosen for the hand and the object.
     initial_contacts: list[list[float]] = field(
-        default_factory=lambda: [
-            [-0.335, 1.0, -0.7],
-            [0.7, 1.0, -0.246],
-            [-0.201, 1.0, 0.701],
-            [0.568, -1.0, 0.661],
-            [1.0, -0.142, -0.701],
-        ],
-        metadata={"min_length": 1, "elements": {"length": 3}},
+        default_factory=lambda: [list(contact) for contact in _PAPER_CONTACTS],
+        metadata={"elements": {"length": 3}},
     )
 
     # Number of contacts that start on a ring around the centre of mass; 0 for `initial_contacts`.
@@ -128,7 +133,16 @@ class Scenario:
     @property
     def num_contacts(self) -> int:
         """Number of contacts n."""
+        if self.chooses_contacts:
+            return len(load_hand(self.grasp.hand).fingertips)
         return self.ring_contacts or len(self.initial_contacts)
+
+    @property
+    def chooses_contacts(self) -> bool:
+        """Whether first contacts are chosen, because there is a hand, and no contacts are given."""
+        given = [tuple(contact) for contact in self.initial_contacts]
+        is_given = self.ring_contacts > 0 or given not in ([], list(_PAPER_CONTACTS))
+        return self.grasp.has_hand and not is_given
 
     @property
     def obstacle_bodies(self) -> list[MovingSolid]:
@@ -181,6 +195,8 @@ class Scenario:
         Raises:
             InvalidArgumentError: If the hand's fingers cannot be assigned to the contacts.
         """
+        if self.chooses_contacts:
+            return chosen_contacts(self, surface).p_OC
         if self.ring_contacts:
             p_OC = ring_contacts(surface, self.ring_contacts)
         else:

@@ -27,8 +27,8 @@ from drake_pregrasp.simulation.grasp_check import (
     raise_first,
     room_problems,
 )
+from drake_pregrasp.simulation.hand_start import hand_planner
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.simulation_diagram import hand_planner
 
 MAX_TICKS = 5_000_000
 """Largest number of planning ticks of a run, and of control ticks: each is a row of a log."""
@@ -149,6 +149,8 @@ def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     yield from _size_problems("surface.spacing", scenario.surface.spacing, np.max(extents))
     if scenario.ring_contacts > places:
         yield "ring_contacts", f"{count} is more than the {places} candidates of this surface"
+    if count == 0:
+        yield "initial_contacts", "has none; give at least one, or a hand that chooses them"
     yield from _length_problems("hand.fingertips", scenario.hand.fingertips, count)
     periods = [
         ("planner.period", planner.period, MAX_TICKS, "ticks"),
@@ -159,7 +161,7 @@ def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     for key, period, most, what in periods:
         yield from _count_problems(key, period, scenario.simulation_duration / period, most, what)
     if isinstance(scenario.object, Box) and not scenario.ring_contacts:
-        p_OC = np.array(scenario.initial_contacts) * extents / 2
+        p_OC = np.reshape(scenario.initial_contacts, (-1, 3)) * extents / 2
         for index, distance in enumerate(np.abs(surface.distance(p_OC))):
             if distance > CONTACT_TOLERANCE:
                 problem = f"{scenario.initial_contacts[index]} is {1e3 * distance:.3g} mm off the"

@@ -1,28 +1,21 @@
 """Diagram of a scenario: plant, sensor, planner, hand, loggers and visualizers."""
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from pydrake.geometry import Meshcat
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.math import RigidTransform
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from drake_pregrasp.arrays import BoolArray, FloatArray
-from drake_pregrasp.config.grasp_config import hand_limits
-from drake_pregrasp.config.limits_config import LimitsConfig
-from drake_pregrasp.config.planner_config import PlannerConfig
-from drake_pregrasp.contacts.assignment import make_room, palm_turn
-from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_station import TABLE, DrivenHand, HandStation, add_driven_hand
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import GraspQuality
-from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
+from drake_pregrasp.simulation.hand_start import hand_planner, initial_contacts
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.recording import add_visualizers
 from drake_pregrasp.simulation.scenario import Scenario
@@ -120,57 +113,6 @@ def make_diagram(
     diagram = builder.Build()
     diagram.set_name("pregrasp_simulation")
     return diagram
-
-
-def hand_planner(scenario: Scenario) -> PlannerConfig:
-    """Returns the planner's configuration, with the limits of the scenario's hand if it has one.
-
-    Limits of the scenario take precedence over those of the hand. The forbidden faces of a finger
-    are those of the scenario and those of the hand.
-    """
-    config, grasp = scenario.planner, scenario.grasp
-    if not grasp.has_hand:
-        return config
-    own, default = config.limits, LimitsConfig()
-    hand = scenario.load_hand_model().description
-    limits = hand_limits(hand, grasp, reach=grasp.use_reach)
-    given = {name: value for name, value in vars(own).items() if value != getattr(default, name)}
-    if len(own.forbidden_faces) == len(limits.forbidden_faces):
-        both = zip(own.forbidden_faces, limits.forbidden_faces, strict=True)
-        given["forbidden_faces"] = [list(dict.fromkeys([*a, *b])) for a, b in both]
-    return replace(config, limits=replace(limits, **given))
-
-
-def initial_contacts(scenario: Scenario, surface: ObjectSurface) -> tuple[FloatArray, BoolArray]:
-    """Returns the initial contacts in O, shape (n, 3), in metres, and which have room, shape (n,).
-
-    Contacts whose fingertips overlap are replaced by others on the allowed surface. A finger for
-    which there is none within its reach stays away from the object.
-
-    Args:
-        scenario: Scenario whose other values have been checked.
-        surface: Surface of the object, from `scenario.make_surface()`.
-    """
-    p_OC, grasp = scenario.initial_p_OC(surface), scenario.grasp
-    if not grasp.has_hand:
-        return p_OC, np.ones(len(p_OC), dtype=bool)
-    hand, limits = scenario.load_hand_model(), hand_planner(scenario).limits
-    X_WO = initial_pose(scenario.motion, scenario.object)
-    R_WO, p_WO = X_WO.rotation().matrix(), X_WO.translation()
-    yaw = palm_turn(
-        (p_OC - surface.p_OCoM) @ R_WO.T, hand.azimuths, 0.0, hand.yaw_range(grasp.yaw_range)
-    )
-    R_OH = R_WO.T @ RotationMatrix.MakeZRotation(yaw).matrix()
-    constraints = RegionConstraints(
-        obstacles=Obstacles((TABLE.solid,)).moved(R_WO.T, -R_WO.T @ p_WO),
-        clearance=limits.clearance,
-        tip_radii=np.array(limits.tip_radii),
-        tip_gap=limits.tip_gap,
-        standoff=limits.standoff,
-        reach=[reach and reach.moved(R_OH, np.zeros(3)) for reach in limits.reaches()],
-        closed=limits.closed(),
-    )
-    return make_room(surface, p_OC, constraints)
 
 
 def _add_obstacles(

@@ -5,11 +5,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 from pydrake.geometry import (
     Box,
+    Capsule,
     CollisionFilterDeclaration,
     CollisionFilterManager,
     Convex,
+    Cylinder,
+    Ellipsoid,
     FramePoseVector,
     GeometryFrame,
     GeometryId,
@@ -17,6 +21,7 @@ from pydrake.geometry import (
     GeometrySet,
     ProximityProperties,
     Role,
+    SceneGraphInspector,
     Shape,
     Sphere,
 )
@@ -26,7 +31,9 @@ from pydrake.planning import RobotDiagram
 from pydrake.systems.framework import Context
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.geometry.solids import Polytope, SignedDistance, Solid
+from drake_pregrasp.geometry.mesh_solid import MeshSolid
+from drake_pregrasp.geometry.sampling import split_triangles
+from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.systems.fingertip_sensor import (
@@ -53,6 +60,7 @@ FASTEST_APPROACH = _RATE * _INFLUENCE
 """Largest speed at which links can slow down in time, in m/s."""
 
 _RETREAT = 0.05  # Largest speed at which a clearance that is violated is restored, in m/s.
+_BALL_SPACING = 0.004  # Largest distance of neighbouring balls of a link, in metres.
 _HUGE = 10.0  # Depth of the box that represents a half-space, in metres.
 
 
@@ -71,10 +79,16 @@ class Clearances:
     fingers: IntArray
 
 
-def drake_shape(solid: Solid | Polytope) -> tuple[Shape, RigidTransform]:
-    """Returns a solid's shape for Drake and the pose of its frame; half-spaces are large boxes."""
-    if isinstance(solid, Polytope):
-        return Convex(points=solid.vertices.T, label="piece"), RigidTransform()
+def drake_shape(solid: SignedDistance) -> tuple[Shape, RigidTransform]:
+    """Returns a convex set's shape for Drake and its pose; half-spaces are large boxes.
+
+    Args:
+        solid: A `Solid`, or a convex `MeshSolid`.
+    """
+    if isinstance(solid, MeshSolid):
+        X_FM = RigidTransform(RotationMatrix(solid.R_FM), solid.p_FM)
+        return Convex(points=solid.corners.T, label="object"), X_FM
+    assert isinstance(solid, Solid)
     row = solid.rounded_box()
     axes, low, high, radius = row[3:12].reshape(3, 3), row[12:15], row[15:18], row[18]
     if np.array_equal(low, high):
@@ -135,12 +149,11 @@ class HandScene:
         self._object_frame, self._obstacle_frame = (
             self._graph.RegisterFrame(self._source, frame) for frame in frames
         )
-        pieces = [
-            self._graph.RegisterGeometry(
-                self._source, self._object_frame, _geometry(f"object {index}", *drake_shape(piece))
-            )
-            for index, piece in enumerate(object_solid.pieces())
-        ]
+        hull = object_solid.hull()
+        self._solid = None if hull is object_solid else object_solid
+        self._object = self._graph.RegisterGeometry(
+            self._source, self._object_frame, _geometry("object", *drake_shape(hull))
+        )
         around = [
             self._graph.RegisterAnchoredGeometry(
                 self._source, _geometry(f"fixed {index}", *drake_shape(solid))
@@ -150,10 +163,11 @@ class HandScene:
         links = hand_links(hand.plant, hand.frames, tip_radii, self._graph.model_inspector())
         filters = self._graph.collision_filter_manager()
         separate_fingers(filters, links)
-        filters.Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet([*pieces, *around])))
+        filters.Apply(
+            CollisionFilterDeclaration().ExcludeWithin(GeometrySet([self._object, *around]))
+        )
         # Links come first, then the object; all other geometries share the last index.
-        self._index = {geometry: index for index, geometry in enumerate(links)}
-        self._index |= dict.fromkeys(pieces, len(links))
+        self._index = {geometry: index for index, geometry in enumerate([*links, self._object])}
         self._frames = [link.frame for link in links.values()]
         moves = [moving_joints(hand.plant, frame) for frame in self._frames]
         self._moves = np.vstack([*moves, np.zeros((2, hand.num_positions))])
@@ -162,6 +176,7 @@ class HandScene:
         self._is_tip, self._is_last = is_tip > 0, is_last > 0
         inspector = self._graph.model_inspector()
         self._X_BG = np.array([inspector.GetPoseInFrame(g).GetAsMatrix34() for g in links])
+        self._balls = [link_balls(inspector, geometry) for geometry in links]
 
     def place(
         self, context: Context, q: FloatArray, X_WO: RigidTransform, obstacles: Sequence[Solid]
@@ -212,8 +227,7 @@ class HandScene:
                 fingers are kept clear of it.
         """
         query = self._graph.get_query_output_port().Eval(self._graph.GetMyContextFromRoot(context))
-        index, links = self._index, len(self._frames)
-        others = links + 1
+        index, others, links = self._index, len(self._index), len(self._frames)
         found = [
             (a, b, pair.distance, pair.p_ACa if a < links else pair.p_BCb, pair.nhat_BA_W)
             for pair in query.ComputeSignedDistancePairwiseClosestPoints(_INFLUENCE)
@@ -234,15 +248,19 @@ class HandScene:
         frames = [self._frames[i] for i in link]
         X_WB = frame_poses(frames, self.hand.plant.GetMyContextFromRoot(context))
         p_WC = _transformed(X_WB, _transformed(self._X_BG[link], p_GC))
+        X_WO, rows = query.GetPoseInWorld(self._object_frame), np.flatnonzero(is_object)
+        if self._solid is not None and len(rows):
+            # Drake measures from the hull of the object.
+            solid = self._solid.moved(X_WO.rotation().matrix(), X_WO.translation())
+            gaps[rows], p_WC[rows], outward = self._nearest(solid, link[rows], X_WB[rows])
+            normals[rows] = np.where((A < B)[rows, None], outward, -outward)
         along = np.hstack([(skew(p_WC) @ normals[:, :, None])[:, :, 0], normals])
         rates = (along @ screws) * (self._moves[A] - self._moves[B])
-        p_WO = query.GetPoseInWorld(self._object_frame).translation()
-        drift = np.where(A > B, 1, -1) * is_object * (along @ V_WO.Shift(-p_WO).get_coeffs())
+        V_WW = V_WO.Shift(-X_WO.translation())
+        drift = np.where(A > B, 1, -1) * is_object * (along @ V_WW.get_coeffs())
         speeds = np.minimum(_RATE * (least_gaps - gaps), _RETREAT) - drift
         if np.any(holding):
-            # Of the pieces of the object, the nearest one counts.
-            touching = np.flatnonzero(is_object & is_tip)
-            tips = {finger[row]: row for row in touching[np.argsort(-gaps[touching])]}
+            tips = {finger[row]: row for row in np.flatnonzero(is_object & is_tip)}
             last = is_object & self._is_last[link] & ~is_tip & holding[finger]
             for row in np.flatnonzero(last):
                 # The fingertip on this link comes first, wherever the object is.
@@ -253,6 +271,59 @@ class HandScene:
                     speeds[row] = fastest - (drift[row] - drift[tip])
         kept = among_fingers | ~(is_tip & holding[finger])
         return Clearances(rates[kept], speeds[kept], finger[kept])
+
+    def _nearest(
+        self, solid: SignedDistance, link: IntArray, X_WB: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Returns gaps of links to a solid in W, points on the way, and outward normals there.
+
+        Args:
+            solid: The solid in W.
+            link: Indices of the links, shape (k,).
+            X_WB: Poses of their bodies, shape (k, 3, 4).
+        """
+        counts = [len(self._balls[i]) for i in link]
+        owner, balls = np.repeat(np.arange(len(link)), counts), [self._balls[i] for i in link]
+        centers, radii = np.split(np.concatenate(balls), [3], axis=1)
+        p_WS = _transformed(X_WB[owner], centers)
+        distances, outward = solid.distance_and_gradient(p_WS)
+        gaps = distances - radii[:, 0]
+        nearest = np.lexsort((gaps, owner))[np.cumsum(counts) - counts]
+        return gaps[nearest], p_WS[nearest], outward[nearest]
+
+
+def link_balls(inspector: SceneGraphInspector, geometry: GeometryId) -> FloatArray:
+    """Returns balls inside a convex geometry that touch its surface all over, shape (k, 4).
+
+    The rows hold the centre in the frame of the body and the radius, in metres. Between balls, the
+    surface is at most `_BALL_SPACING` away from their centres or from the axis of a capsule.
+
+    Args:
+        inspector: Inspector of the SceneGraph.
+        geometry: Collision geometry of a link.
+    """
+    shape, radius = inspector.GetShape(geometry), 0.0
+    if isinstance(shape, Sphere):
+        centers, radius = np.zeros((1, 3)), shape.radius()
+    elif isinstance(shape, Capsule):
+        z = np.linspace(-0.5, 0.5, 2 + int(shape.length() / _BALL_SPACING)) * shape.length()
+        centers, radius = z[:, None] * [0.0, 0.0, 1.0], shape.radius()
+    else:
+        if isinstance(shape, Box):
+            mesh = trimesh.creation.box(shape.size())
+        elif isinstance(shape, Cylinder):
+            mesh = trimesh.creation.cylinder(shape.radius(), shape.length())
+        elif isinstance(shape, Ellipsoid):
+            mesh = trimesh.creation.icosphere()
+            mesh.apply_scale([shape.a(), shape.b(), shape.c()])
+        else:
+            hull = inspector.GetConvexHull(geometry)
+            corners = [hull.vertex(index) for index in range(hull.num_vertices())]
+            mesh = trimesh.convex.convex_hull(np.array(corners))
+        parts = split_triangles(mesh.triangles, mesh.face_normals, _BALL_SPACING)
+        centers = np.unique(parts.corners.reshape(-1, 3), axis=0)
+    p_BS = (inspector.GetPoseInFrame(geometry) @ centers.T).T
+    return np.column_stack([p_BS, np.full(len(p_BS), radius)])
 
 
 def _transformed(X_AB: FloatArray, p_BP: FloatArray) -> FloatArray:

@@ -93,7 +93,7 @@ def declare_output(
         return system.DeclareVectorOutputPort(
             name,
             model,
-            lambda context, output: output.SetFromVector(np.ravel(calc(context))),
+            lambda context, output: output.SetFromVector(np.asarray(calc(context)).ravel()),
             tickets,
         )
     return system.DeclareAbstractOutputPort(name, model.Clone, _setting_value(calc), tickets)

@@ -232,7 +232,7 @@ class PoseEstimator(LeafSystem):
             since = self._period + config.lost_after
         belief = self._predicted(newest, since)
         p_WO = belief.p_WCoM - belief.R_WO @ self._p_OCoM
-        if not np.abs([p_WO, belief.v_WCoM, belief.w_WO]).max() <= FARTHEST:
+        if not np.abs(np.concatenate([p_WO, belief.v_WCoM, belief.w_WO])).max() <= FARTHEST:
             return TrackingStatus.LOST, newest
         return status, belief
 
@@ -242,12 +242,13 @@ class PoseEstimator(LeafSystem):
         return predict(now, lookahead, self._noise) if lookahead else now
 
     def _calc_pose(self, context: Context) -> RigidTransform:
-        _, belief = self._estimate.Eval(context)
+        status, belief = self._estimate.Eval(context)
         R_WO = RotationMatrix.ProjectToRotationMatrix(belief.R_WO)
         p_OCoM = self._settings.p_OCoM
         p_WO = belief.p_WCoM if p_OCoM is None else belief.p_WCoM - R_WO @ p_OCoM
-        # Clipped, so that the pose is valid, if LOST.
-        return RigidTransform(R_WO, p_WO.clip(-FARTHEST, FARTHEST))
+        if status == TrackingStatus.LOST:  # The centre of mass is valid, but the origin may not be.
+            p_WO = p_WO.clip(-FARTHEST, FARTHEST)
+        return RigidTransform(R_WO, p_WO)
 
     def _calc_velocity(self, context: Context) -> SpatialVelocity:
         status, belief = self._estimate.Eval(context)

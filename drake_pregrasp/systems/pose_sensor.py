@@ -188,7 +188,7 @@ class NoisyPoseSensor(LeafSystem):
                 offset, turn = faulty_disturbance(
                     noise, *self._stds, self._faults, tick=tick, seed=seed
                 )
-        R_WM = RotationMatrix.MakeUnchecked(turn) @ X_WO.rotation()
+        R_WM = RotationMatrix.MakeUnchecked(turn @ X_WO.rotation().matrix())
         return RigidTransform(R_WM, X_WO.translation() + offset)
 
     def _calc_memory(self, context: Context) -> SensorMemory:

@@ -151,12 +151,11 @@ class SafeRegionPartitioner(LeafSystem):
         X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
         if not is_valid(X_WO):
             return self._no_regions()
-        X_OW = X_WO.inverse()
-        p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
         weights = np.zeros(self._num_contacts)
         if self._contact_weights.HasValue(context):
             weights = validated_weights(self._contact_weights.Eval(context))
-        p_OC = (X_OW @ p_WC.T).T
+        p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
+        p_OC = (X_WO.inverse() @ p_WC.T).T
         invalid = ~are_valid_points(p_OC)
         p_OC[invalid], weights[invalid] = 0.0, -np.inf
         constraints = UNCONSTRAINED

@@ -141,7 +141,7 @@ def test_links_and_fingertips_stay_clear_of_an_object_wherever_the_goals_are(vel
     for k in range(150):
         follower.X_WO = RigidTransform(start + k * step)
         follower.tick()
-        gaps = follower.distances("object 0")
+        gaps = follower.distances("object")
         least = min(least, *gaps.values())
         assert min(gap for name, gap in gaps.items() if "tip" not in name) > LINK_CLEARANCE - 2e-3
     assert 0.001 < least < 0.01
@@ -162,7 +162,7 @@ def test_a_finger_that_holds_touches_with_its_tip_first_wherever_the_object_is(d
     )
     for _ in range(150):
         follower.tick()
-        gaps = follower.distances("object 0")
+        gaps = follower.distances("object")
         assert gaps["finger_0_distal link"] - gaps["finger_0_distal tip"] > 0.0019
         assert gaps["finger_0_proximal link"] > LINK_CLEARANCE - 1e-3
     # The tip arrives, which is 1 mm in the object where it is estimated, or deeper.

@@ -23,8 +23,8 @@ from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.regions.constraints import Obstacles
+from drake_pregrasp.simulation.hand_start import hand_planner
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.simulation_diagram import hand_planner
 from drake_pregrasp.studies.static_versus_dynamic import (
     conditions,
     failure_cause,
@@ -275,7 +275,8 @@ class Trial:
         p_OA = self.surface.p_OCoM.copy()
         lowest = float(np.min(p_OV[:, 2])) + max(limits.tip_radii) + limits.clearance
         p_OA[2] = max(p_OA[2], lowest)
-        return rival_goals.RayTarget(self.scenario.object.make_shape().solid, p_OV, p_OA)
+        solid = self.scenario.object.make_shape().solid
+        return rival_goals.RayTarget(solid, p_OV, p_OA)
 
     def _add_measurements(self, builder: DiagramBuilder) -> None:
         """Connects measured poses to the planner."""

@@ -1,0 +1,391 @@
+"""First contacts of a hand: the fingers, their places and the palm's yaw by force closure."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.solids import SignedDistance
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.quality.force_closure import (
+    largest_load,
+    min_weight_margin,
+    moved_least_norm_margin,
+)
+from drake_pregrasp.quality.grasp_quality import contact_axes
+from drake_pregrasp.regions.constraints import ALONG, OPPOSITE, Limit, RegionConstraints
+
+_YAWS = 24  # Yaws of the palm that are tried in a full turn.
+_COARSE, _FINE = 300, 3000  # Largest numbers of candidates, for all yaws and for the best ones.
+_COARSE_SWEEPS, _FINE_SWEEPS = 2, 4  # Largest numbers of rounds in which fingers move in turn.
+_FINALISTS = 6  # Yaws whose exact margins are compared.
+_TURNS = 4  # Largest number of times that the yaw follows the contacts, and these the reach.
+# What is worth as much as a margin of one:
+_COMFORT = 0.2  # fingertips nearer to their homes by the hand's radius, on flat surface,
+_FINGER = 0.25  # one more finger, which shares the load although it may lower the margin,
+_LOAD = 0.5  # strength for the object's weight once more, up to `_STRONG` times,
+_TURN = 0.05  # and a palm that turns less by a radian.
+_STRONG = 2.0
+_AWAY = -1  # Seat of a finger that stays away.
+
+_INTRUSION = 0.0015  # Largest depth of a fingertip in the object, beside its contact, in metres.
+_AROUND = 8  # Directions around a contact in which the surface is compared with its plane.
+
+
+class Lack(StrEnum):
+    """What is missing for a grasp.
+
+    Attributes:
+        REACH: Too few fingers reach the allowed surface.
+        OPENING: Fingers reach the object, but not two opposite sides of it at once.
+        ROOM: Fingertips in reach have no room beside each other, obstacles and the object.
+        FRICTION: Contacts have no force closure, or do not hold the weight.
+    """
+
+    REACH = "reach"
+    OPENING = "opening"
+    ROOM = "room"
+    FRICTION = "friction"
+
+
+class NoGraspError(InvalidArgumentError):
+    """A hand has no first contacts on an object.
+
+    Args:
+        lack: What is missing.
+        detail: What there is instead.
+    """
+
+    def __init__(self, lack: Lack, detail: str) -> None:
+        super().__init__(f"no grasp for lack of {lack}: {detail}")
+        self.lack = lack
+
+
+@dataclass(frozen=True, eq=False)
+class HandOverObject:
+    """A hand with its palm over an object, as far as its first contacts depend on it.
+
+    Attributes:
+        constraints_at: Function from a yaw of the palm, in radians, to the constraints of the
+            contacts in O, with fingertips.
+        p_OT_at: Function from a yaw to the fingertips at home in O, shape (n, 3), in metres.
+        azimuths: Azimuths of the fingers about the palm's axis at yaw 0, shape (n,), in radians.
+        R_WO: Orientation of the object. The palm's axis is z of W.
+        wrench: Weight of the object: force in N and torque about the centre of mass in N m, in O,
+            shape (6,).
+        friction: Coulomb's coefficient.
+        normal_forces: Smallest and largest normal force of each finger, shape (2, n), in newtons.
+        yaw: Yaw of the palm, in radians; of equal grasps, the nearest one is chosen.
+        yaw_range: Smallest and largest yaw of the palm, in radians.
+        least_fingers: Smallest number of fingers of a grasp.
+        holds_palm: Function that tells whether the hand can hold its palm at a yaw.
+        in_workspace: Function from a yaw and centres of each fingertip in O, shape (n, k, 3), to
+            the mask of those that its joints reach, shape (n, k).
+    """
+
+    constraints_at: Callable[[float], RegionConstraints]
+    p_OT_at: Callable[[float], FloatArray]
+    azimuths: FloatArray
+    R_WO: FloatArray
+    wrench: FloatArray
+    friction: float
+    normal_forces: FloatArray
+    yaw: float = 0.0
+    yaw_range: tuple[float, float] = FREE_TURN
+    least_fingers: int = 3
+    holds_palm: Callable[[float], bool] = lambda yaw: True
+    in_workspace: Callable[[float, FloatArray], BoolArray] = lambda yaw, p_OT: np.ones(
+        p_OT.shape[:2], dtype=bool
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class StartContacts:
+    """First contacts of a hand.
+
+    Attributes:
+        p_OC: Contacts in O, in the order of the fingers, shape (n, 3), in metres.
+        has_contact: Mask of the fingers that take part, shape (n,); the others stay away.
+        yaw: Yaw of the palm, in radians.
+        margin: Min-weight margin of force closure of the fingers that take part.
+    """
+
+    p_OC: FloatArray
+    has_contact: BoolArray
+    yaw: float
+    margin: float
+
+
+def choose_start_contacts(
+    surface: ObjectSurface, solid: SignedDistance, hand: HandOverObject
+) -> StartContacts:
+    """Returns the first contacts of a hand on an object.
+
+    At each yaw of the palm, fingers first take the permitted candidates nearest to their home. Then
+    each in turn moves to the place with the best bound of the force-closure margin beside the
+    others. For the best yaws the palm turns with the contacts until they are in reach there, and
+    the exact margins decide. A finger stays away if it has no room, or lowers the margin.
+
+    Args:
+        surface: The object's surface.
+        solid: The object in O.
+        hand: The hand.
+
+    Raises:
+        NoGraspError: If no contacts have force closure and hold the weight.
+    """
+    coarse = _Search(surface, solid, hand, _COARSE, _COARSE_SWEEPS)
+    fine = _Search(surface, solid, hand, _FINE, _FINE_SWEEPS)
+    tried = [coarse.settled(yaw) for yaw in coarse.yaws()]
+    ranked = sorted(tried, key=lambda trial: -trial.bound)[:_FINALISTS]
+    grasps = [grasp for trial in ranked if (grasp := fine.grasp_at(trial.yaw)) is not None]
+    if not grasps:
+        raise coarse.lack()
+    best = max(grasps, key=lambda grasp: (grasp.load >= 1, grasp.score))
+    if best.load < 1:
+        held = f"hold {best.load:.2g} of its weight with friction {hand.friction:g}"
+        raise NoGraspError(Lack.FRICTION, f"the best contacts {held}")
+    return fine.contacts_of(best)
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """Seats of the fingers at a yaw of the palm.
+
+    A seat is the index of a finger's candidate, or `_AWAY`. The score is that of the margin and the
+    load; the bound is that of the margin only, with a bound of the margin.
+    """
+
+    yaw: float
+    seats: IntArray
+    bound: float
+    margin: float = 0.0
+    load: float = 0.0
+    score: float = 0.0
+
+    @property
+    def seated(self) -> IntArray:
+        """Fingers with a seat."""
+        return np.flatnonzero(self.seats != _AWAY)
+
+
+class _Search:
+    """Candidates as seats for the fingers of a hand.
+
+    Args:
+        surface: The object's surface.
+        solid: The object in O.
+        hand: The hand.
+        most: Largest number K of candidates.
+        sweeps: Largest number of rounds in which each finger moves to its best place.
+    """
+
+    def __init__(
+        self,
+        surface: ObjectSurface,
+        solid: SignedDistance,
+        hand: HandOverObject,
+        most: int,
+        sweeps: int,
+    ) -> None:
+        index = np.flatnonzero(surface.is_clear_of_forbidden_points)
+        if len(index) > most:
+            index = np.sort(np.random.default_rng(0).choice(index, most, replace=False))
+        limits = hand.constraints_at(hand.yaw)
+        self._hand, self._n, self._sweeps = hand, len(hand.azimuths), sweeps
+        self._p, self._normals = surface.p_OQ[index], surface.nhat_OQ[index]
+        self._arms, self._up = self._p - surface.p_OCoM, hand.R_WO[2]
+        self._height = float(surface.p_OCoM @ self._up)
+        # Centres of fingertips at the contact, half-way to the standoff, and there.
+        self._ways = [
+            self._p + (limits.tip_radii[:, None, None] + share * limits.standoff) * self._normals
+            for share in ALONG
+        ]
+        # From above there is no way to a place under another fingertip.
+        self._level = self._across(self._ways[0])
+        self._room = limits.tip_radii[:, None] + limits.tip_radii + limits.tip_gap
+        self._fits = np.ones((self._n, len(index)), dtype=bool)
+        for centres in self._ways:
+            gaps = solid.distance(centres.reshape(-1, 3)).reshape(self._n, -1)
+            self._fits &= gaps >= limits.tip_radii[:, None] - _INTRUSION
+        self._unevenness = self._unevenness_of(solid, float(np.mean(limits.tip_radii)) / 2)
+
+    def _unevenness_of(self, solid: SignedDistance, radius: float) -> FloatArray:
+        """Returns the mean slope to the surface a radius around each candidate, shape (K,)."""
+        angles = 2 * np.pi * np.arange(_AROUND) / _AROUND
+        circle = radius * np.stack([np.zeros(_AROUND), np.cos(angles), np.sin(angles)])
+        around = self._p[:, None] + (contact_axes(self._normals) @ circle).transpose(0, 2, 1)
+        heights = solid.distance(around.reshape(-1, 3)).reshape(-1, _AROUND)
+        return np.mean(np.abs(heights), axis=1) / radius
+
+    def _across(self, vectors: FloatArray) -> FloatArray:
+        """Returns the parts of vectors across z of W, shape (..., 3)."""
+        across: FloatArray = vectors - (vectors @ self._up)[..., None] * self._up
+        return across
+
+    def yaws(self) -> FloatArray:
+        """Returns the yaws of the palm to try, in radians."""
+        turns = 2 * np.pi / _YAWS * (np.arange(_YAWS) - _YAWS // 2)
+        return np.unique(np.clip(self._hand.yaw + turns, *self._hand.yaw_range))
+
+    def limits_at(self, yaw: float) -> IntArray:
+        """Returns the `Limit` that keeps each finger from each candidate, shape (n, K)."""
+        constraints, fingers = self._hand.constraints_at(yaw), range(self._n)
+        limits = np.array([constraints.limits_at(i, self._p, self._normals)[0] for i in fingers])
+        for centres in (self._ways[0], self._ways[-1]):
+            within = self._hand.in_workspace(yaw, centres)
+            limits[~within & (limits != Limit.FORBIDDEN)] = Limit.REACH
+        limits[~self._fits & (limits == Limit.NONE)] = Limit.WALL
+        return limits
+
+    def discomforts_at(self, yaw: float) -> FloatArray:
+        """Returns the distance of each fingertip from home at each candidate, shape (n, K).
+
+        Home is at the height of the centre of mass. The unit is the hand's radius at home.
+        """
+        home = self._across(self._hand.p_OT_at(yaw))
+        radius = float(np.mean(np.linalg.norm(home, axis=1)))
+        away = self._ways[0] - home[:, None] - self._height * self._up
+        return np.linalg.norm(away, axis=2) / radius + self._unevenness
+
+    def settled(self, yaw: float, before: IntArray | None = None) -> _Trial:
+        """Returns a trial at a yaw, in which fingers at first keep the seats that are permitted."""
+        free, discomforts = self.limits_at(yaw) == Limit.NONE, self.discomforts_at(yaw)
+        fingers, seats = np.arange(self._n), np.full(self._n, _AWAY)
+        if before is not None:
+            seats = np.where(free[fingers, before], before, _AWAY)
+        for finger in np.argsort(np.sum(free, axis=1), kind="stable").tolist():
+            choices = np.flatnonzero(free[finger] & self._has_room(finger, seats))
+            if seats[finger] == _AWAY and len(choices):
+                seats[finger] = choices[np.argmin(discomforts[finger, choices])]
+        seated, bound = np.flatnonzero(seats != _AWAY), -np.inf
+        for _ in range(self._sweeps):
+            last = bound
+            for finger in seated.tolist():
+                choices = np.flatnonzero(free[finger] & self._has_room(finger, seats))
+                others = seated[seated != finger]
+                discomfort = discomforts[finger, choices] + np.sum(
+                    discomforts[others, seats[others]]
+                )
+                bounds = self._bounds(finger, seats, choices) - _COMFORT / self._n * discomfort
+                seats[finger], bound = choices[np.argmax(bounds)], float(np.max(bounds))
+            if bound <= last:
+                break
+        return _Trial(yaw, seats, bound + _FINGER * len(seated))
+
+    def _has_room(self, finger: int, seats: IntArray) -> BoolArray:
+        """Returns the mask of candidates with room beside the other fingertips, shape (K,)."""
+        room = np.ones(len(self._p), dtype=bool)
+        for other in np.flatnonzero(seats != _AWAY).tolist():
+            if other != finger:
+                away = self._level[finger] - self._level[other, seats[other]]
+                room &= np.linalg.norm(away, axis=1) > self._room[finger, other]
+        return room
+
+    def _bounds(self, finger: int, seats: IntArray, choices: IntArray) -> FloatArray:
+        """Returns bounds of the margin with a finger at each choice, in [-1, 1], shape (k,)."""
+        seated = np.flatnonzero(seats != _AWAY)
+        bounds = moved_least_norm_margin(
+            self._arms[seats[seated]],
+            self._normals[seats[seated]],
+            self._hand.friction,
+            moved=int(np.searchsorted(seated, finger)),
+            p_CoMQ=self._arms[choices],
+            nhat_Q=self._normals[choices],
+        )
+        # A negative bound b becomes b/(1 - b), as in the strategy `margin`.
+        return np.where(bounds >= 0, bounds, 1 / (1 - np.minimum(bounds, 0)) - 1)
+
+    def grasp_at(self, yaw: float) -> _Trial | None:
+        """Returns a grasp near a yaw; None if it has too few fingers or no force closure."""
+        trial = self.settled(yaw)
+        for _ in range(_TURNS):
+            turned = self._turned(trial)
+            permitted = self.limits_at(turned)[trial.seated, trial.seats[trial.seated]]
+            if np.all(permitted == Limit.NONE):
+                return self._judged(replace(trial, yaw=turned))
+            trial = self.settled(turned, trial.seats)
+        return None
+
+    def _turned(self, trial: _Trial) -> float:
+        """Returns the yaw to which the palm turns with the contacts, in radians."""
+        p_GT_W, hand = self._p[self._nearest_seats(trial)] @ self._hand.R_WO.T, self._hand
+        return palm_turn(p_GT_W, hand.azimuths, trial.yaw, hand.yaw_range)
+
+    def _nearest_seats(self, trial: _Trial) -> IntArray:
+        """Returns the seats, and for fingers that stay away the candidates nearest to home."""
+        closed = self.limits_at(trial.yaw) == Limit.FORBIDDEN
+        nearest = np.argmin(np.where(closed, np.inf, self.discomforts_at(trial.yaw)), axis=1)
+        return np.where(trial.seats == _AWAY, nearest, trial.seats)
+
+    def _judged(self, trial: _Trial) -> _Trial | None:
+        """Returns a trial with its margin, without fingers that lower it; None if there is none."""
+        hand, fingers = self._hand, np.arange(self._n)
+        if len(trial.seated) < hand.least_fingers or not hand.holds_palm(trial.yaw):
+            return None
+        trial = replace(trial, margin=self._margin(trial.seats))
+        while len(trial.seated) > hand.least_fingers:
+            fewer = [np.where(fingers == i, _AWAY, trial.seats) for i in trial.seated]
+            margins = [self._margin(seats) for seats in fewer]
+            if max(margins) <= trial.margin + _FINGER:
+                break
+            trial = replace(trial, seats=fewer[int(np.argmax(margins))], margin=max(margins))
+        if trial.margin <= 0:
+            return None
+        seated, seats = trial.seated, trial.seats[trial.seated]
+        load = largest_load(
+            self._arms[seats],
+            self._normals[seats],
+            hand.friction,
+            wrench=hand.wrench,
+            normal_forces=hand.normal_forces[:, seated],
+        )
+        discomfort = np.sum(self.discomforts_at(trial.yaw)[seated, seats])
+        score = trial.margin + _LOAD * min(load, _STRONG) + _FINGER * len(seated)
+        score -= float(self._cost(trial.yaw, discomfort))
+        return replace(trial, load=load, score=score)
+
+    def _cost(self, yaw: float, discomfort: FloatArray) -> FloatArray:
+        """Returns what a yaw, and the sum of the fingers' discomforts, are worth in margin."""
+        return _COMFORT / self._n * discomfort + _TURN * abs(yaw - self._hand.yaw)
+
+    def _margin(self, seats: IntArray) -> float:
+        taken = seats[seats != _AWAY]
+        return min_weight_margin(self._arms[taken], self._normals[taken], self._hand.friction)
+
+    def contacts_of(self, trial: _Trial) -> StartContacts:
+        """Returns the contacts of a trial."""
+        p_OC = self._p[self._nearest_seats(trial)]
+        return StartContacts(p_OC, trial.seats != _AWAY, trial.yaw, trial.margin)
+
+    def lack(self) -> NoGraspError:
+        """Returns what is missing, if there is no grasp."""
+        least, friction = self._hand.least_fingers, self._hand.friction
+        limits = [self.limits_at(yaw) for yaw in self.yaws()]
+        opposite = (self._normals @ self._normals.T < OPPOSITE).astype(np.float32)
+
+        def lacks(masks: list[BoolArray]) -> tuple[int, bool]:
+            """Returns how many fingers have a place, and whether none of these are opposite."""
+            places = [mask.astype(np.float32) for mask in masks]
+            facing = any(np.any(place @ opposite @ place.T > 0) for place in places)
+            return max(int(np.sum(np.any(mask, axis=1))) for mask in masks), not facing
+
+        reached, one_sided = lacks([~np.isin(at, (Limit.FORBIDDEN, Limit.REACH)) for at in limits])
+        if reached < least:
+            detail = f"at most {reached} fingers reach it at any yaw of the palm"
+            return NoGraspError(Lack.REACH, f"{detail}, {least} are needed")
+        if one_sided and np.any(opposite):
+            detail = "at no yaw of the palm do fingers reach two opposite sides of it"
+            return NoGraspError(Lack.OPENING, detail)
+        seated = max(len(self.settled(yaw).seated) for yaw in self.yaws())
+        _, one_sided = lacks([at == Limit.NONE for at in limits])
+        if seated < least or (one_sided and np.any(opposite)):
+            where = " on two opposite sides" if seated >= least else ""
+            detail = f"at most {seated} fingertips have room beside each other, table and object"
+            return NoGraspError(Lack.ROOM, f"{detail}{where}; {least} are needed")
+        detail = f"no contacts in reach have force closure with friction {friction:g}"
+        return NoGraspError(Lack.FRICTION, detail)

@@ -1,0 +1,149 @@
+"""First contacts of a hand over an object that rests or moves."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.contacts.start_contacts import (
+    HandOverObject,
+    StartContacts,
+    choose_start_contacts,
+)
+from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.solids import SignedDistance, Solid
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.grasping.grasp_state import GraspSettings
+from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
+from drake_pregrasp.systems.grasp_sequencer import GRAVITY
+from drake_pregrasp.systems.palm_posture import reach_frame
+
+ConstraintsAt = Callable[[float], RegionConstraints]
+"""Function from a yaw of the palm, in radians, to the constraints of the contacts in O."""
+
+
+def start_constraints(
+    limits: LimitsConfig,
+    X_WO: RigidTransform,
+    fixed: Sequence[Solid],
+    yaw_range: tuple[float, float],
+) -> ConstraintsAt:
+    """Returns the constraints of a hand's contacts as a function of the palm's yaw.
+
+    Args:
+        limits: Limits of the planner, with those of the hand.
+        X_WO: Pose of the object.
+        fixed: Solids in W that fingertips avoid, such as the table.
+        yaw_range: Smallest and largest angle of the palm, in radians.
+    """
+    R_OW = X_WO.rotation().matrix().T
+    shared = RegionConstraints(
+        obstacles=Obstacles(tuple(fixed)).moved(R_OW, -R_OW @ X_WO.translation()),
+        clearance=limits.clearance,
+        tip_radii=np.array(limits.tip_radii),
+        tip_gap=limits.tip_gap,
+        standoff=limits.standoff,
+        reach=limits.reaches(),
+        closed=limits.closed(),
+    )
+
+    def at(yaw: float) -> RegionConstraints:
+        R_OH = R_OW @ reach_frame(X_WO, yaw, yaw_range).rotation().matrix()
+        return replace(shared, reach_pose=(R_OH, np.zeros(3)))
+
+    return at
+
+
+def choose_contacts(
+    hand: HandModel,
+    config: GraspConfig,
+    limits: LimitsConfig,
+    surface: ObjectSurface,
+    *,
+    solid: SignedDistance,
+    mass: float,
+    X_WO: RigidTransform,
+    fixed: Sequence[Solid],
+    path: Sequence[RigidTransform] = (),
+) -> StartContacts:
+    """Returns the fingers, the contacts and the palm's yaw with which a hand starts.
+
+    Args:
+        hand: Model of the hand.
+        config: Configuration of the grasp.
+        limits: Limits of the planner, with those of the hand; see `hand_limits`.
+        surface: Surface of the object.
+        solid: The object in O.
+        mass: Mass of the object, in kg.
+        X_WO: Pose of the object.
+        fixed: Solids in W that fingertips avoid, such as the table.
+        path: Expected poses of the object, over which an arm must hold the palm as well.
+
+    Raises:
+        NoGraspError: If there is no grasp; the message says what is missing.
+    """
+    R_WO, yaw_range = X_WO.rotation().matrix(), hand.yaw_range(config.yaw_range)
+    settings = config.make_settings(hand.description.fingertips)
+    least = np.full(len(hand.azimuths), settings.least_force)
+
+    heights = (0.0, max(settings.lift_height, settings.approach_height))
+
+    def holds_palm(yaw: float) -> bool:
+        try:
+            check_palm(hand, [X_WO, *path], yaw, yaw_range, heights)
+        except InvalidArgumentError:
+            return False
+        return True
+
+    return choose_start_contacts(
+        surface,
+        solid,
+        HandOverObject(
+            constraints_at=start_constraints(limits, X_WO, fixed, yaw_range),
+            p_OT_at=lambda yaw: hand.p_HT @ (R_WO.T @ _turned(yaw)).T,
+            azimuths=hand.azimuths,
+            R_WO=R_WO,
+            wrench=np.append(R_WO.T @ [0.0, 0.0, -GRAVITY * mass], np.zeros(3)),
+            friction=config.planned_friction,
+            normal_forces=np.array([least, settings.largest_force]),
+            yaw_range=yaw_range,
+            least_fingers=GraspSettings.least_fingers,
+            holds_palm=holds_palm,
+            in_workspace=lambda yaw, p_OT: hand.in_workspace(p_OT @ R_WO.T @ _turned(yaw)),
+        ),
+    )
+
+
+def check_palm(
+    hand: HandModel,
+    poses: Sequence[RigidTransform],
+    yaw: float,
+    yaw_range: tuple[float, float],
+    heights: Sequence[float],
+) -> None:
+    """Checks that a hand can hold its palm over an object.
+
+    Args:
+        hand: Model of the hand.
+        poses: Poses of the object, with which the palm turns.
+        yaw: Yaw of the palm over the first pose, in radians.
+        yaw_range: Smallest and largest angle of the palm, in radians.
+        heights: Heights of the palm over its place at each pose, in metres.
+
+    Raises:
+        InvalidArgumentError: If an arm cannot hold the palm.
+    """
+    first, *_ = turns = [RollPitchYaw(X_WO.rotation()).yaw_angle() for X_WO in poses]
+    for X_WO, turn in zip(poses, turns, strict=True):
+        for height in heights:
+            raised = X_WO.translation() + np.array([0.0, 0.0, height])
+            hand.home(raised, float(np.clip(yaw + turn - first, *yaw_range)))
+
+
+def _turned(yaw: float) -> FloatArray:
+    return RotationMatrix.MakeZRotation(yaw).matrix()
