@@ -12,7 +12,6 @@ from drake_pregrasp.contacts.start_contacts import NoGraspError
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import PregraspError, one_line
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.simulation.hand_start import initial_contacts
 from drake_pregrasp.simulation.hand_start import chosen_contacts
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import validate
