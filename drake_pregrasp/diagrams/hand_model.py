@@ -340,11 +340,11 @@ class HandModel:
         Args:
             p_HT: Centres of each fingertip over the object at yaw 0, shape (n, k, 3), in metres.
         """
-        near = zip(self._workspaces, p_HT, strict=True)
+        near = zip(self.workspaces, p_HT, strict=True)
         return np.array([tree.query(places)[0] <= WORKSPACE_STEP for tree, places in near])
 
     @cached_property
-    def _workspaces(self) -> list[cKDTree]:
+    def workspaces(self) -> list[cKDTree]:
         """Places of each fingertip over the object, at evenly drawn positions of its joints."""
         kinematics, fingers = self.kinematics, range(len(self.azimuths))
         own = [kinematics.own_joints(finger) for finger in fingers]
