@@ -25,7 +25,8 @@ _COARSE_SWEEPS, _FINE_SWEEPS = 2, 4  # Largest numbers of rounds in which finger
 _FINALISTS = 6  # Yaws whose exact margins are compared.
 _TURNS = 4  # Largest number of times that the yaw follows the contacts, and these the reach.
 # What is worth as much as a margin of one:
-_COMFORT = 0.2  # fingertips nearer to their homes by the hand's radius, on flat surface,
+_COMFORT = 0.2  # fingertips nearer to their homes by the hand's radius,
+_FLAT = 2.0  # contacts with a flat surface around them instead of one with a mean slope of 1,
 _FINGER = 0.25  # one more finger, which shares the load although it may lower the margin,
 _LOAD = 0.5  # strength for the object's weight once more, up to `_STRONG` times,
 _TURN = 0.05  # and a palm that turns less by a radian.
@@ -243,14 +244,15 @@ class _Search:
         return limits
 
     def discomforts_at(self, yaw: float) -> FloatArray:
-        """Returns the distance of each fingertip from home at each candidate, shape (n, K).
+        """Returns what each fingertip's way from home to each candidate costs, shape (n, K).
 
-        Home is at the height of the centre of mass. The unit is the hand's radius at home.
+        Home is at the height of the centre of mass, and the unit of length is the hand's radius at
+        home. Contacts on edges and on thin parts cost more.
         """
         home = self._across(self._hand.p_OT_at(yaw))
         radius = float(np.mean(np.linalg.norm(home, axis=1)))
         away = self._ways[0] - home[:, None] - self._height * self._up
-        return np.linalg.norm(away, axis=2) / radius + self._unevenness
+        return _COMFORT * np.linalg.norm(away, axis=2) / radius + _FLAT * self._unevenness
 
     def settled(self, yaw: float, before: IntArray | None = None) -> _Trial:
         """Returns a trial at a yaw, in which fingers at first keep the seats that are permitted."""
@@ -351,7 +353,7 @@ class _Search:
 
     def _cost(self, yaw: float, discomfort: FloatArray) -> FloatArray:
         """Returns what a yaw, and the sum of the fingers' discomforts, are worth in margin."""
-        return _COMFORT / self._n * discomfort + _TURN * abs(yaw - self._hand.yaw)
+        return discomfort / self._n + _TURN * abs(yaw - self._hand.yaw)
 
     def _margin(self, seats: IntArray) -> float:
         taken = seats[seats != _AWAY]

@@ -124,9 +124,10 @@ class HandKinematics:
             actuation: Torques of all joints, shape (nq,), in N m.
         """
         J = self.tip_jacobians(plant_context) * self._is_own[:, None]
-        U, s, Vt = np.linalg.svd(J, full_matrices=False)
-        gains = s / np.maximum(s, _LEAST_SHARE * s[:, :1]) ** 2
-        forces: FloatArray = np.einsum("nij,nj->ni", U, gains * (Vt @ actuation))
+        # U and s of J = U s Vᵀ come from J Jᵀ = U s² Uᵀ, which is smaller; Vᵀ tau is s⁻¹ Uᵀ J tau.
+        squares, U = np.linalg.eigh(J @ J.swapaxes(1, 2))
+        gains = 1 / np.maximum(squares, _LEAST_SHARE**2 * squares[:, -1:])
+        forces: FloatArray = np.einsum("nij,nj,nkj,nk->ni", U, gains, U, J @ actuation)
         return forces
 
 

@@ -1,0 +1,200 @@
+"""First contacts of a hand: laws of the choice, and what is missing where there is no grasp."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from drake_pregrasp.contacts.assignment import palm_turn, ring_contacts
+from drake_pregrasp.contacts.goal_limits import tip_gaps
+from drake_pregrasp.contacts.start_contacts import (
+    HandOverObject,
+    Lack,
+    NoGraspError,
+    choose_start_contacts,
+)
+from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
+from drake_pregrasp.geometry.shapes import ball_shape, box_shape, cylinder_shape, load_shape
+from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
+from drake_pregrasp.quality.force_closure import largest_load, min_weight_margin
+from drake_pregrasp.regions.constraints import Limit, Obstacles, RegionConstraints
+from drake_pregrasp.regions.finger_reach import FingerReach
+
+MODELS = Path(__file__).parents[2] / "models"
+N, TIP, GAP, STANDOFF, CLEARANCE = 5, 0.009, 0.004, 0.02, 0.004
+AZIMUTHS = 2 * np.pi * np.arange(N) / N
+HOME = 0.08 * np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS), np.zeros(N)], axis=1)
+FORCES = np.array([[2.5] * N, [12.0] * N])
+
+
+def shape_of(name):
+    if name.startswith("box"):
+        return box_shape(np.random.default_rng(int(name[3:])).uniform(0.06, 0.11, 3))
+    if name.startswith("cylinder"):
+        rng = np.random.default_rng(int(name[8:]))
+        return cylinder_shape(rng.uniform(0.025, 0.05), rng.uniform(0.06, 0.12))
+    return ball_shape(0.04) if name == "ball" else load_shape(MODELS / f"{name}.obj")
+
+
+def surface_of(shape, spacing=0.006):
+    return mesh_surface(shape, spacing=spacing, no_touch=[AxisArea("+z"), AxisArea("-z")])
+
+
+def reach_of(azimuth, half_angle, solid=None):
+    direction = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    return FingerReach(solid, direction, half_angle=half_angle, incidence=1.22)
+
+
+def hand_over(shape, *, turn=0.0, half_angle=1.13, mass=0.3, reaches=None, tip=TIP, **changes):
+    """A radial hand over an object on the table, both turned about the vertical."""
+    R_WO = Rotation.from_euler("z", turn).as_matrix()
+    bottom = np.array([0.0, 0.0, shape.mesh.bounds[0][2]])
+    shared = {
+        "obstacles": Obstacles((HalfSpace(bottom, np.array([0.0, 0.0, 1.0])),)),
+        "clearance": CLEARANCE,
+        "tip_radii": np.full(N, tip),
+        "tip_gap": GAP,
+        "standoff": STANDOFF,
+        "reach": reaches or [reach_of(azimuth, half_angle) for azimuth in AZIMUTHS],
+    }
+
+    def R_OH(yaw):
+        return R_WO.T @ Rotation.from_euler("z", yaw).as_matrix()
+
+    values = {
+        "constraints_at": lambda yaw: RegionConstraints(
+            **shared, reach_pose=(R_OH(yaw), np.zeros(3))
+        ),
+        "p_OT_at": lambda yaw: HOME @ R_OH(yaw).T,
+        "azimuths": AZIMUTHS,
+        "R_WO": R_WO,
+        "wrench": np.array([0, 0, -9.81 * mass, 0, 0, 0]),
+        "friction": 0.5,
+        "normal_forces": FORCES,
+        "yaw": turn,
+    }
+    return HandOverObject(**values | changes)
+
+
+def chosen(shape, surface=None, **options):
+    hand = hand_over(shape, **options)
+    return choose_start_contacts(surface or surface_of(shape), shape.solid, hand), hand
+
+
+def margin_of(surface, p_OC):
+    return min_weight_margin(p_OC - surface.p_OCoM, surface.project(p_OC)[1], 0.5)
+
+
+SHAPES = ["box0", "box1", "box2", "cylinder0", "cylinder1", "ball", "mug", "can", "bottle", "torus"]
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_chosen_contacts_pass_all_tests_and_hold_the_object(name):
+    shape = shape_of(name)
+    surface = surface_of(shape)
+    start, hand = chosen(shape, surface)
+    on = np.flatnonzero(start.has_contact)
+    assert len(on) >= hand.least_fingers
+    p_OC, normals = start.p_OC[on], surface.project(start.p_OC)[1][on]
+    constraints = hand.constraints_at(start.yaw)
+    limits = [
+        constraints.limits_at(i, p[None], n[None])[0][0]
+        for i, p, n in zip(on, p_OC, normals, strict=True)
+    ]
+    assert set(limits) == {Limit.NONE}
+    # The palm turns to the yaw at which they are in reach.
+    turned = palm_turn(start.p_OC @ hand.R_WO.T, AZIMUTHS, start.yaw)
+    assert turned == pytest.approx(start.yaw, abs=1e-9)
+    # Fingertips are beside each other, seen from above, and outside the object.
+    level = np.array([1.0, 1.0, 0.0])
+    assert np.min(tip_gaps(p_OC * level, normals * level, np.full(len(on), TIP), GAP)) >= 0
+    assert np.min(shape.solid.distance(p_OC + TIP * normals)) >= TIP - 0.0025
+    assert start.margin == pytest.approx(margin_of(surface, p_OC), abs=1e-6)
+    assert start.margin >= margin_of(surface, ring_contacts(surface, N)) - 1e-9
+    load = largest_load(
+        p_OC - surface.p_OCoM, normals, 0.5, wrench=hand.wrench, normal_forces=FORCES[:, on]
+    )
+    assert load >= 1
+
+
+@pytest.mark.parametrize("name", ["box0", "mug"])
+def test_an_object_and_a_palm_that_turn_together_have_the_same_contacts(name):
+    shape = shape_of(name)
+    surface = surface_of(shape)
+    start, _ = chosen(shape, surface)
+    turned, _ = chosen(shape, surface, turn=0.7)
+    np.testing.assert_allclose(turned.p_OC, start.p_OC, atol=1e-12)
+    assert turned.yaw == pytest.approx(start.yaw + 0.7, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["box1", "cylinder0", "mug"])
+def test_a_larger_reach_gives_no_smaller_margin(name):
+    shape = shape_of(name)
+    surface = surface_of(shape)
+    margins = [chosen(shape, surface, half_angle=angle)[0].margin for angle in (0.5, 0.8, np.pi)]
+    assert np.all(np.diff(margins) >= -0.05), margins
+
+
+def test_the_palm_stays_within_its_range():
+    start, _ = chosen(shape_of("box0"), yaw_range=(0.2, 0.4))
+    assert 0.2 <= start.yaw <= 0.4
+    start, _ = chosen(shape_of("box0"), holds_palm=lambda yaw: yaw < -1)
+    assert start.yaw < -1
+
+
+def test_the_same_object_has_the_same_contacts_at_any_density():
+    shape = shape_of("box2")
+    margins = [chosen(shape, surface_of(shape, spacing))[0].margin for spacing in (0.008, 0.002)]
+    assert margins[1] == pytest.approx(margins[0], abs=0.1)
+
+
+def test_a_finger_without_a_place_stays_away():
+    reaches = [reach_of(azimuth, 1.13) for azimuth in AZIMUTHS]
+    reaches[2] = reach_of(AZIMUTHS[2], 1.13, BallSolid(np.array([0.5, 0, 0]), 0.01))
+    start, _ = chosen(shape_of("box0"), reaches=reaches)
+    assert start.has_contact.tolist() == [True, True, False, True, True]
+
+
+def ball_reaches(direction, radius):
+    center = np.array([0.04, 0.0, 0.0])
+    return [FingerReach(BallSolid(center, radius), np.array(direction), incidence=1.2)] * N
+
+
+@pytest.mark.parametrize(
+    ("lack", "message", "options"),
+    [
+        (Lack.REACH, "at most 0 fingers reach it", {"reaches": ball_reaches([1.0, 0, 0], 1e-4)}),
+        (
+            Lack.OPENING,
+            "do fingers reach two opposite sides",
+            {"reaches": ball_reaches([1.0, 0, 0], 1)},
+        ),
+        (Lack.ROOM, "fingertips have room beside each other", {"tip": 0.05}),
+        (
+            Lack.FRICTION,
+            "no contacts in reach have force closure with friction 0",
+            {"friction": 0.0},
+        ),
+        (Lack.FRICTION, "the best contacts hold 0.\\d+ of its weight", {"mass": 9.0}),
+    ],
+)
+def test_it_says_what_is_missing(lack, message, options):
+    with pytest.raises(NoGraspError, match=f"no grasp for lack of {lack}: .*{message}") as error:
+        chosen(shape_of("box0"), **options)
+    assert error.value.lack == lack
+
+
+def test_level_fingers_hold_as_much_as_their_friction():
+    angles = 2 * np.pi * np.arange(4) / 4
+    normals = np.stack([np.cos(angles), np.sin(angles), np.zeros(4)], axis=1)
+    load = largest_load(
+        0.03 * normals,
+        normals,
+        0.5,
+        wrench=np.array([0, 0, -3.0, 0, 0, 0]),
+        normal_forces=np.array([[1.0] * 4, [6.0] * 4]),
+    )
+    assert load == pytest.approx(4 * 0.5 * 6 / 3)
+    crowded = np.array([[7.0] * 4, [6.0] * 4])
+    assert largest_load(0.03 * normals, normals, 0.5, wrench=np.ones(6), normal_forces=crowded) == 0
