@@ -20,7 +20,6 @@ MARGIN = 0.01
 _MOST_NODES = 300_000  # Large objects have larger cells.
 _EDGE = 0.005  # Longest edge of the parts of triangles, in metres.
 _CHUNK = 20_000  # Nodes at a time.
-_PASSES = 20  # Largest number of passes over the nodes.
 _TIE = 1e-9  # Difference of distances that is rounding, in metres.
 _CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
@@ -91,18 +90,22 @@ def distance_grid(mesh: trimesh.Trimesh, cell: float = CELL) -> DistanceGrid:
         away[chunk] = p[chunk] - closest_points(corners[face[chunk]], p[chunk])
     # The face with the nearest centroid is not always the nearest one. What a node has found, its
     # neighbours try next.
-    for _ in range(_PASSES):
+    is_new = np.ones(len(p), dtype=bool)
+    for _ in range(int(np.sum(counts))):  # A face comes as far as through the whole grid.
         before = face.copy()
         for axis, step in itertools.product(range(3), (-1, 1)):
             place = np.arange(counts[axis])
             beside = np.clip(place + step, 0, counts[axis] - 1)
-            tried = np.take(face.reshape(counts), beside, axis=axis).ravel()
-            nodes = np.flatnonzero(tried != face)
+            tried, was_new = (
+                np.take(v.reshape(counts), beside, axis=axis).ravel() for v in (face, is_new)
+            )
+            nodes = np.flatnonzero(was_new & (tried != face))
             found = p[nodes] - closest_points(corners[tried[nodes]], p[nodes])
             is_better = _is_nearer(found, normals[tried[nodes]], away[nodes], normals[face[nodes]])
             nodes = nodes[is_better]
             face[nodes], away[nodes] = tried[nodes], found[is_better]
-        if np.array_equal(before, face):
+        is_new = face != before
+        if not is_new.any():
             break
     lengths = np.linalg.norm(away, axis=1)
     signs = np.where(np.einsum("ki,ki->k", away, normals[face]) < 0, -1.0, 1.0)
