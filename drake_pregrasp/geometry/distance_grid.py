@@ -46,27 +46,35 @@ class DistanceGrid:
     def at(self, p_MP: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns signed distances and unit gradients; see `SignedDistance`.
 
+        They are NaN for points that are not finite.
+
         Args:
             p_MP: Positions of the points in M, shape (k, 3), in metres.
         """
-        place = np.clip((p_MP - self.low) / self.cell, 0, self.counts - 1)
+        is_known = np.isfinite(p_MP).all(axis=1)
+        p_MP = np.where(is_known[:, None], p_MP, self.low)
+        place = np.maximum((p_MP - self.low) / self.cell, 0.0)
+        place = np.minimum(place, self.counts - 1.0)
         first = np.minimum(place.astype(np.int64), self.counts - 2)
-        share = (place - first)[:, None]
-        weights = np.prod(np.where(_CORNERS, share, 1 - share), axis=2)
-        corners = first[:, None] + _CORNERS
-        i, j, k = np.moveaxis(corners, 2, 0)
-        nodes = self.nodes[(i * self.counts[1] + j) * self.counts[2] + k]
-        found = np.einsum("kc,kcv->kv", weights, nodes)
+        share = place - first
+        x, y, z = np.stack([1 - share, share], axis=2).swapaxes(0, 1)
+        weights = (x[:, :, None, None] * y[:, None, :, None] * z[:, None, None, :]).reshape(-1, 8)
+        strides = np.array([self.counts[1] * self.counts[2], self.counts[2], 1])
+        nodes = self.nodes[(first @ strides)[:, None] + _CORNERS @ strides]
+        found = (weights[:, None] @ nodes)[:, 0]
         distances, gradients = found[:, 0], found[:, 1:]
-        gradients /= np.maximum(np.linalg.norm(gradients, axis=1, keepdims=True), 1e-9)
-        is_beyond = np.any(np.abs(self.low + self.cell * place - p_MP) > _TIE, axis=1)
+        lengths = np.sqrt(np.einsum("ki,ki->k", gradients, gradients))
+        gradients /= np.maximum(lengths, 1e-9)[:, None]
+        is_beyond = (np.abs(self.low + self.cell * place - p_MP) > _TIE).any(axis=1)
         if is_beyond.any():
-            at, beyond = self.low + self.cell * corners[is_beyond], nodes[is_beyond]
+            corners = first[is_beyond, None] + _CORNERS
+            at, beyond = self.low + self.cell * corners, nodes[is_beyond]
             away = p_MP[is_beyond, None] - (at - beyond[..., :1] * beyond[..., 1:])
             lengths = np.linalg.norm(away, axis=2)
             nearest = np.arange(len(away)), np.argmin(lengths, axis=1)
             distances[is_beyond] = lengths[nearest]
             gradients[is_beyond] = away[nearest] / lengths[nearest][:, None]
+        found[~is_known] = np.nan  # `distances` and `gradients` are views of it.
         return distances, gradients
 
 
