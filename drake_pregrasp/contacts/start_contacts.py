@@ -221,7 +221,8 @@ class _Search:
         circle = radius * np.stack([np.zeros(_AROUND), np.cos(angles), np.sin(angles)])
         around = self._p[:, None] + (contact_axes(self._normals) @ circle).transpose(0, 2, 1)
         heights = solid.distance(around.reshape(-1, 3)).reshape(-1, _AROUND)
-        return np.mean(np.abs(heights), axis=1) / radius
+        slopes: FloatArray = np.mean(np.abs(heights), axis=1) / radius
+        return slopes
 
     def _across(self, vectors: FloatArray) -> FloatArray:
         """Returns the parts of vectors across z of W, shape (..., 3)."""
@@ -252,7 +253,8 @@ class _Search:
         home = self._across(self._hand.p_OT_at(yaw))
         radius = float(np.mean(np.linalg.norm(home, axis=1)))
         away = self._ways[0] - home[:, None] - self._height * self._up
-        return _COMFORT * np.linalg.norm(away, axis=2) / radius + _FLAT * self._unevenness
+        costs: FloatArray = _COMFORT * np.linalg.norm(away, axis=2) / radius
+        return costs + _FLAT * self._unevenness
 
     def settled(self, yaw: float, before: IntArray | None = None) -> _Trial:
         """Returns a trial at a yaw, in which fingers at first keep the seats that are permitted."""
@@ -346,7 +348,7 @@ class _Search:
             wrench=hand.wrench,
             normal_forces=hand.normal_forces[:, seated],
         )
-        discomfort = np.sum(self.discomforts_at(trial.yaw)[seated, seats])
+        discomfort = np.array(np.sum(self.discomforts_at(trial.yaw)[seated, seats]))
         score = trial.margin + _LOAD * min(load, _STRONG) + _FINGER * len(seated)
         score -= float(self._cost(trial.yaw, discomfort))
         return replace(trial, load=load, score=score)

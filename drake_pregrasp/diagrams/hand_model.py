@@ -25,12 +25,10 @@ from drake_pregrasp.systems.palm_posture import ArmKinematics, pose_error
 _STEPS = 300  # Largest number of steps of an arm to its initial pose.
 _ARRIVED = 1e-5  # Largest error of the palm at its initial pose, in metres and radians.
 _JOINT_KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
-
+_WORKSPACE_SAMPLES = 3000  # Places of a fingertip; 90 % are nearer to the next than half a step.
 
 WORKSPACE_STEP = 0.012
 """Distance within which a finger that reaches one place also reaches another, in metres."""
-
-_WORKSPACE_SAMPLES = 3000  # Places of a fingertip; 90 % are nearer to the next than half a step.
 
 
 class PalmCarrier:
@@ -358,8 +356,7 @@ class HandModel:
 
     def tips_at(self, q: FloatArray) -> FloatArray:
         """Returns the fingertips' centres in W at positions q, shape (n, 3), in metres."""
-        p_WT: FloatArray = _tip_positions(self.kinematics, [q])[0]
-        return p_WT
+        return np.array(_tip_positions(self.kinematics, [q])[0])
 
     @property
     def largest_offsets(self) -> FloatArray:

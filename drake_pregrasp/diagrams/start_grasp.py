@@ -146,4 +146,5 @@ def check_palm(
 
 
 def _turned(yaw: float) -> FloatArray:
-    return RotationMatrix.MakeZRotation(yaw).matrix()
+    R: FloatArray = RotationMatrix.MakeZRotation(yaw).matrix()
+    return R

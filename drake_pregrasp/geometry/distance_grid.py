@@ -30,7 +30,7 @@ class DistanceGrid:
     """Signed distances from the surface of a closed mesh, in its frame M.
 
     Distances and gradients are exact at the nodes of a grid, and are interpolated in its cells.
-    Outside the grid, the surface point nearest to the nearest place of the grid counts.
+    Outside the grid, the surface points nearest to the nodes of the nearest cell count.
 
     Attributes:
         low: First node in M, shape (3,), in metres.
@@ -54,18 +54,20 @@ class DistanceGrid:
         first = np.minimum(place.astype(np.int64), self.counts - 2)
         share = (place - first)[:, None]
         weights = np.prod(np.where(_CORNERS, share, 1 - share), axis=2)
-        i, j, k = np.moveaxis(first[:, None] + _CORNERS, 2, 0)
-        index = (i * self.counts[1] + j) * self.counts[2] + k
-        found = np.einsum("kc,kcv->kv", weights, self.nodes[index])
+        corners = first[:, None] + _CORNERS
+        i, j, k = np.moveaxis(corners, 2, 0)
+        nodes = self.nodes[(i * self.counts[1] + j) * self.counts[2] + k]
+        found = np.einsum("kc,kcv->kv", weights, nodes)
         distances, gradients = found[:, 0], found[:, 1:]
         gradients /= np.maximum(np.linalg.norm(gradients, axis=1, keepdims=True), 1e-9)
-        clipped = self.low + self.cell * place
-        beyond = np.flatnonzero(np.any(np.abs(clipped - p_MP) > _TIE, axis=1))
-        if len(beyond):
-            nearest = clipped[beyond] - distances[beyond, None] * gradients[beyond]
-            away = p_MP[beyond] - nearest
-            distances[beyond] = np.linalg.norm(away, axis=1)
-            gradients[beyond] = away / distances[beyond, None]
+        is_beyond = np.any(np.abs(self.low + self.cell * place - p_MP) > _TIE, axis=1)
+        if is_beyond.any():
+            at, beyond = self.low + self.cell * corners[is_beyond], nodes[is_beyond]
+            away = p_MP[is_beyond, None] - (at - beyond[..., :1] * beyond[..., 1:])
+            lengths = np.linalg.norm(away, axis=2)
+            nearest = np.arange(len(away)), np.argmin(lengths, axis=1)
+            distances[is_beyond] = lengths[nearest]
+            gradients[is_beyond] = away[nearest] / lengths[nearest][:, None]
         return distances, gradients
 
 

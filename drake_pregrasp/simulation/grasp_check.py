@@ -14,8 +14,7 @@ from drake_pregrasp.errors import PregraspError, ScenarioError
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspSettings
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand
-from drake_pregrasp.simulation.hand_start import followed_path, initial_contacts
-from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario import Scenario, followed_path, initial_contacts
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
 Problems = Iterator[tuple[str, str]]

@@ -27,8 +27,7 @@ from drake_pregrasp.simulation.grasp_check import (
     raise_first,
     room_problems,
 )
-from drake_pregrasp.simulation.hand_start import hand_planner
-from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario import Scenario, hand_planner
 
 MAX_TICKS = 5_000_000
 """Largest number of planning ticks of a run, and of control ticks: each is a row of a log."""

@@ -15,10 +15,9 @@ from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, Pregras
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import GraspQuality
-from drake_pregrasp.simulation.hand_start import hand_planner, initial_contacts
 from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.recording import add_visualizers
-from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario import Scenario, hand_planner, initial_contacts
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
 from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord, TickLogger, TickRecord
 from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer

@@ -184,12 +184,6 @@ def test_a_box_that_is_too_long_for_the_opening_is_refused(allegro_panda):
         load_scenario(NAME, text="{object: !Box {size: [0.12, 0.065, 0.065], mass: 0.25}}")
 
 
-def test_a_contact_that_the_thumb_may_not_have_is_refused(allegro_panda):
-    beside = "{initial_contacts: [[1,0.88,0], [1,0,0], [1,-0.88,0], [0,-1,0]]}"
-    with pytest.raises(ScenarioError, match=r"initial_contacts: the contact at .* is forbidden"):
-        load_scenario(NAME, text=beside)
-
-
 def test_without_the_extra_a_line_says_what_to_install(monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(allegro_panda, "PACKAGE", "example-robot-data-that-is-not-there")

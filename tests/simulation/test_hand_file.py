@@ -22,7 +22,7 @@ from drake_pregrasp.config.limits_config import BallReach, BoxReach, SectorReach
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams import hand_parsing
 from drake_pregrasp.simulation.hand_file import load_hand_model
-from drake_pregrasp.simulation.hand_start import hand_planner
+from drake_pregrasp.simulation.scenario import hand_planner
 
 BAD = yaml.safe_load((Path(__file__).parent / "bad_hands.yaml").read_text())
 FIRST_RADIUS = "radius: 0.009"

@@ -12,8 +12,7 @@ from drake_pregrasp.contacts.start_contacts import NoGraspError
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import PregraspError, one_line
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.simulation.hand_start import chosen_contacts
-from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario import Scenario, chosen_contacts
 from drake_pregrasp.simulation.scenario_check import validate
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.studies.objects import object_sets

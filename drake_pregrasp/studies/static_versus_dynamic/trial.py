@@ -23,8 +23,7 @@ from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.regions.constraints import Obstacles
-from drake_pregrasp.simulation.hand_start import hand_planner
-from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.simulation.scenario import Scenario, hand_planner
 from drake_pregrasp.studies.static_versus_dynamic import (
     conditions,
     failure_cause,
