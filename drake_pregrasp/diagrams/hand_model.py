@@ -327,8 +327,8 @@ class HandModel:
                 if AxisArea(face).holds(normal[None])[0]:
                     x, y, z = point
                     raise InvalidArgumentError(
-                        f"the contact at ({x:.3g}, {y:.3g}, {z:.3g}) m is nearest to {tip.frame}, to"
-                        f" which {face} is forbidden; forbidden to it are: {', '.join(forbidden)}"
+                        f"the contact at ({x:.3g}, {y:.3g}, {z:.3g}) m is nearest to {tip.frame},"
+                        f" and on {face}; forbidden to it are: {', '.join(forbidden)}"
                     )
 
     def in_workspace(self, p_HT: FloatArray) -> BoolArray:
