@@ -20,10 +20,10 @@ SKIPPED = {
     tokenize.ENDMARKER,
 }
 LINES = {  # At most this many lines of code below each folder.
-    "drake_pregrasp": 18_600,
+    "drake_pregrasp": 18_900,
     "drake_pregrasp/studies": 4_900,
     "drake_pregrasp/fast": 1_400,
-    "tests": 14_400,
+    "tests": 14_600,
 }
 FILES = {"drake_pregrasp": 186}
 LONGEST_FILE = 400  # Lines, all counted.

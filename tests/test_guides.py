@@ -146,18 +146,19 @@ def test_the_page_on_the_study_says_what_the_code_does():
 
 
 @pytest.mark.parametrize(
-    ("page", "command", "dasks"),
+    ("page", "command", "others"),
     [
         ("static_versus_dynamic.md", "study static-versus-dynamic", ""),
+        ("objects.md", "study objects", "--scenario_text --no --only --python --target"),
         ("sweeps.md", "sweep", "--host --dashboard --nworkers --nthreads --lifetime"),
     ],
 )
-def test_the_pages_on_studies_name_their_options(page, command, dasks, capsys):
+def test_the_pages_on_studies_name_their_options(page, command, others, capsys):
     with pytest.raises(SystemExit):
         main([*command.split(), "--help"])
     known = set(re.findall(r"--\w+", capsys.readouterr().out)) - {"--help"}
     named = set(re.findall(r"--\w+", (DOCS / page).read_text(encoding="utf-8")))
-    assert named == known | set(dasks.split())
+    assert named == known | set(others.split())
 
 
 @pytest.mark.slow

@@ -30,6 +30,7 @@ _STUDY_COMMANDS = {
         "static_versus_dynamic.comparison_command",
         "gain of dynamic planning in simulated grasps",
     ),
+    "objects": ("objects.objects_command", "grasps of many objects by many hands"),
 }
 
 _EXTRA = "dask distributed jinja2 markupsafe pandas seaborn statsmodels tabulate threadpoolctl"

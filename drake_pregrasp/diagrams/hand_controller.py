@@ -183,7 +183,12 @@ class HandController(Diagram):
         )
         reference = builder.AddNamedSystem(
             "joint_reference",
-            JointReference(hand.kinematics, period=config.period, initial=self.initial),
+            JointReference(
+                hand.kinematics,
+                period=config.period,
+                initial=self.initial,
+                plant_time_step=plant_time_step,
+            ),
         )
         sensor = builder.AddNamedSystem("fingertip_sensor", FingertipSensor(hand.kinematics))
         sequencer = builder.AddNamedSystem(
@@ -209,7 +214,7 @@ class HandController(Diagram):
             (reference, "position velocity", [kinematics]),
             (kinematics, "commanded_velocity", [reference]),
             (kinematics, "hindered_finger", [sequencer]),
-            (sequencer, "squeeze_forces:f_T_W", [reference]),
+            (sequencer, "squeeze_forces:f_T_W force_limits", [reference]),
             (shaper, "contact_frames", [sequencer]),
             (sensor, "p_WT f_T_W J_WT", [sequencer]),
         ):
@@ -220,7 +225,8 @@ class HandController(Diagram):
             ("X_WO_estimated", [shaper, sequencer, posture, kinematics]),
             ("V_WO_estimated", [sequencer, kinematics]),
             ("close", [sequencer]),
-            ("hand_state net_actuation", [sensor]),
+            ("hand_state", [sensor, reference]),
+            ("net_actuation", [sensor]),
             ("obstacles", [shaper, kinematics]),
             ("tracking_status", [shaper, sequencer]),
         ):

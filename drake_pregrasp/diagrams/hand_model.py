@@ -25,8 +25,10 @@ from drake_pregrasp.systems.palm_posture import ArmKinematics, pose_error
 _STEPS = 300  # Largest number of steps of an arm to its initial pose.
 _ARRIVED = 1e-5  # Largest error of the palm at its initial pose, in metres and radians.
 _JOINT_KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
-_WORKSPACE_STEP = 0.012  # Distance from a place in reach within which others are, in metres.
-_WORKSPACE_SAMPLES = 3000  # Number of places in reach that are known.
+_WORKSPACE_SAMPLES = 3000  # Places of a fingertip; 90 % are nearer to the next than half a step.
+
+WORKSPACE_STEP = 0.012
+"""Distance within which a finger that reaches one place also reaches another, in metres."""
 
 
 class PalmCarrier:
@@ -336,11 +338,11 @@ class HandModel:
         Args:
             p_HT: Centres of each fingertip over the object at yaw 0, shape (n, k, 3), in metres.
         """
-        near = zip(self._workspaces, p_HT, strict=True)
-        return np.array([tree.query(places)[0] <= _WORKSPACE_STEP for tree, places in near])
+        near = zip(self.workspaces, p_HT, strict=True)
+        return np.array([tree.query(places)[0] <= WORKSPACE_STEP for tree, places in near])
 
     @cached_property
-    def _workspaces(self) -> list[cKDTree]:
+    def workspaces(self) -> list[cKDTree]:
         """Places of each fingertip over the object, at evenly drawn positions of its joints."""
         kinematics, fingers = self.kinematics, range(len(self.azimuths))
         own = [kinematics.own_joints(finger) for finger in fingers]

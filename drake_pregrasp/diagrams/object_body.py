@@ -174,9 +174,13 @@ def _hull_data(hull: trimesh.Trimesh) -> InMemoryMesh:
         own = hull.faces[face]
         edges = {(t[k - 1], t[k]) for t in own for k in range(3)}
         border = [(a, b) for a, b in edges if (b, a) not in edges]
-        if len(border) < _MANY_CORNERS:
+        middle = np.mean([hull.vertices[a] for a, _ in border], axis=0)
+        corners = hull.vertices[border] - hull.centroid
+        # Triangles that are only almost in a plane may have their middle beside them.
+        volumes = np.cross(corners[:, 0], corners[:, 1]) @ (middle - hull.centroid)
+        if len(border) < _MANY_CORNERS and np.all(volumes > 0):
             triangles += [(a, b, len(points)) for a, b in border]
-            points.append(np.mean([hull.vertices[a] for a, _ in border], axis=0))
+            points.append(middle)
         else:
             triangles += [tuple(triangle) for triangle in own]
     points.append(hull.centroid)

@@ -58,7 +58,8 @@ def add_moving_object(
         plant_config: Time step and contact model.
         friction: Coulomb's coefficient of the object.
         obstacles: Obstacles that are bodies.
-        add_more: Function that adds more models to the plant.
+        add_more: Function that adds more models to the plant, such as a hand. A pusher then moves
+            back after the push, so that it leaves them room.
         holds_pose: Whether the pose of a time step is held until the next one (`BodyPose`), for
             ticks whose times equal those of time steps only up to rounding.
     """
@@ -70,7 +71,7 @@ def add_moving_object(
         driven, profile = add_model(plant, "conveyor_table.sdf"), motion.velocities()
     elif isinstance(motion, Push):
         driven = _add_pusher(plant, motion)
-        profile = push_profile(motion)
+        profile = push_profile(motion, RETREAT if add_more else 0.0)
     elif motion.table:
         add_model(plant, "table.sdf")
     moving = add_obstacle_bodies(plant, scene_graph, obstacles, body)
@@ -113,13 +114,26 @@ def _add_pusher(plant: MultibodyPlant, motion: Push) -> ModelInstanceIndex:
     return pusher
 
 
-def push_profile(motion: Push) -> list[list[float]]:
-    """Returns rows of times and speeds of the pusher's tip, in s and m/s."""
+RETREAT = 0.1
+"""Distance by which a pusher moves back from an object that a hand takes, in metres."""
+
+
+def push_profile(motion: Push, retreat: float = 0.0) -> list[list[float]]:
+    """Returns rows of times and speeds of the pusher's tip, in s and m/s.
+
+    Args:
+        motion: The push.
+        retreat: Distance by which the tip moves back afterwards, in metres.
+    """
     ramp = min(RAMP, motion.distance / motion.speed)
     up = motion.start + ramp
     down = motion.start + motion.distance / motion.speed
     corners = [(0.0, 0.0), (motion.start, 0.0), (up, motion.speed), (down, motion.speed)]
     corners.append((down + ramp, 0.0))
+    if retreat:
+        back, end = down + 2 * ramp, down + ramp + retreat / motion.speed
+        corners += [(back, -motion.speed), (max(back, end), -motion.speed)]
+        corners.append((max(back, end) + ramp, 0.0))
     return [[time, speed] for time, speed in dict(corners).items()]  # Without repeated times.
 
 

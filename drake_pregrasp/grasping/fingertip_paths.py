@@ -1,7 +1,7 @@
 """Collision-free positions and paths of fingertips around an object."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ _PASSES = 6  # A tip pushed out by one constraint may violate another one.
 # Points of a straight path, as shares of its length: they find its distance from the object to
 # 0.2 mm.
 _SHARES = np.linspace(0.0, 1.0, 17)[:, None]
+_DEPTHS = np.arange(0.0, 0.25, 0.004)  # Places on the way out of a hollow, in metres.
 _ON_SIDE = 0.7  # Least horizontal part of a unit outward direction on a side.
 _ROUNDING = 1e-12  # Tolerance of clearances in metres.
 _SQUEEZED = 2e-3  # Clearance to other solids that a tip may give up to pass, in metres.
@@ -108,9 +109,10 @@ def shape_goals(
 ) -> FloatArray:
     """Returns the next positions of tips on their paths to goals, in G, shape (n, 3), in metres.
 
-    A tip moves straight if the path is clear of the object, otherwise around it on the shorter
-    side, or over it if other solids block that side. It keeps its pace unless solids or other tips
-    push it out.
+    A tip moves straight if the path is clear of the object, otherwise around its convex hull on the
+    shorter side, or over it if other solids block that side. It enters and leaves a hollow along
+    the normal of the surface or vertically. It keeps its pace unless solids or other tips push it
+    out.
 
     Args:
         p_GT: Centres of the tips in G, shape (n, 3), in metres.
@@ -122,8 +124,50 @@ def shape_goals(
     way = goal - p_GT
     free = _is_free(p_GT, goal, room)
     if not free.all():
-        way = np.where(free[:, None], way, _way_round(p_GT, goal, room))
+        way = np.where(free[:, None], way, _detour(p_GT, goal, room))
     return room.permitted(p_GT + pace.period * pace.toward(way / pace.period, v_GT))
+
+
+def _detour(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> FloatArray:
+    """Returns displacements around the object's hull, and out of hollows and to their entrances."""
+    hull = room.object.hull()
+    if hull is room.object:
+        return _way_round(p_GT, goal, room)
+    leaving, entrance = _way_out(p_GT, room), goal + _way_out(goal, room)
+    is_inside, free = np.any(leaving, axis=1), _is_free(p_GT, entrance, room)
+    around = _way_round(p_GT, entrance, replace(room, object=hull))
+    around = np.where(free[:, None], entrance - p_GT, around)
+    ways: FloatArray = np.where(is_inside[:, None], leaving, around)
+    return ways
+
+
+def _way_out(p_GT: FloatArray, room: TipRoom) -> FloatArray:
+    """Returns straight displacements of tips out of the object's hollows, shape (n, 3), in metres.
+
+    It is the shorter free one of the normal of the surface and the vertical. Tips beside the convex
+    hull do not move, nor do those for which neither is free.
+
+    Args:
+        p_GT: Centres of the tips in G, shape (n, 3), in metres.
+        room: Free space of the tips.
+    """
+    hull, least, away = room.object.hull(), room.object_clearances - _GRAZE, np.zeros(p_GT.shape)
+    if np.all(hull.distance(p_GT) >= least):
+        return away
+    shortest = np.full(len(p_GT), np.inf)
+    _, normals = room.object.distance_and_gradient(p_GT)
+    for direction in (normals, np.array([[0.0, 0.0, 1.0]])):
+        points = (p_GT + _DEPTHS[:, None, None] * direction).reshape(-1, 3)
+        is_out = hull.distance(points).reshape(len(_DEPTHS), -1) >= least
+        is_free = room.object.distance(points).reshape(len(_DEPTHS), -1) >= least
+        is_free[0] = True
+        first = np.argmax(is_out, axis=0)
+        free_until = np.where(is_free.all(axis=0), len(_DEPTHS), np.argmin(is_free, axis=0))
+        length = np.where(is_out.any(axis=0) & (first < free_until), _DEPTHS[first], np.inf)
+        shorter = length < shortest
+        away[shorter] = (_DEPTHS[first, None] * direction)[shorter]
+        shortest = np.minimum(length, shortest)
+    return away
 
 
 def _is_free(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> BoolArray:

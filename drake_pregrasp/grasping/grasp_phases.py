@@ -12,6 +12,7 @@ import numpy as np
 from drake_pregrasp.arrays import BoolArray
 from drake_pregrasp.grasping.grasp_state import (
     NOT_HINDERED,
+    STILL,
     GiveUp,
     GraspPhase,
     GraspSettings,
@@ -26,6 +27,8 @@ GATE_SHARE = 0.5
 
 CRUSHING = 1.3
 """Ratio of force to largest planned force at which a hand opens; measured forces are rough."""
+
+_EASING = 0.2  # Share of the closing speed with which fingers give up their strain.
 
 
 def hindrance(
@@ -84,6 +87,10 @@ def next_state(
         case GraspPhase.SQUEEZE if state.force.is_over(view.time):
             lift = Ramp(view.time, settings.lift_duration, 0.0, settings.lift_height)
             return replace(_enter(state, GraspPhase.LIFT, view), height=lift)
+        case GraspPhase.SQUEEZE:  # The strain of the touch fades; planned forces replace it.
+            strain = np.nan_to_num(view.gaps - state.standoffs)
+            eased = np.clip(strain, 0.0, _EASING * settings.closing_speed * period)
+            return replace(state, standoffs=state.standoffs + np.where(state.active, eased, 0.0))
         case GraspPhase.LIFT if state.height.is_over(view.time):
             return _enter(state, GraspPhase.HOLD, view)
         case GraspPhase.BACK_OFF:
@@ -176,21 +183,28 @@ def _close(
     period: float,
     squeeze: Callable[[BoolArray], Squeeze],
 ) -> GraspState:
-    feels = (view.presses >= settings.touch_force) & (view.gaps <= settings.search)
-    touches = state.active & ~state.touched & feels
-    touched = state.touched | touches
+    off = np.where(state.active, view.distances, 0.0)
+    # Fingers that an accelerating object has left behind move out and regroup.
+    regroups = not np.all(off <= settings.gate_distance)
+    least = np.where(state.touched, STILL, 1.0) * settings.touch_force
+    feels = (view.presses >= least) & (view.gaps <= settings.search)
+    touched = state.active & feels & (not regroups)
     elapsed = view.time - state.since
     speed = np.minimum(settings.closing_speed, settings.closing_acceleration * elapsed)
-    moving = state.active & ~touched
-    # A finger that meets the object stops where it is.
-    met = np.maximum(view.gaps, -np.asarray(settings.search))
-    standoffs = np.where(touches, met, state.standoffs - np.where(moving, speed * period, 0))
-    state = replace(state, touched=touched, standoffs=standoffs)
-    if not np.any(moving):
+    ahead = state.standoffs + (period if regroups else -period) * speed
+    # A finger that meets the object stops, and keeps pressing without a large strain.
+    met = np.maximum(state.standoffs, view.gaps - settings.gate_distance / 2)
+    standoffs = np.where(touched, met, np.minimum(ahead, settings.standoff))
+    standoffs = np.maximum(standoffs, -np.asarray(settings.search))
+    state = replace(
+        state, touched=touched, standoffs=np.where(state.active, standoffs, state.standoffs)
+    )
+    missing = np.flatnonzero(state.active & ~touched)
+    if not len(missing):
         return _begin_squeeze(state, view, settings, squeeze)
-    missed = np.flatnonzero(moving & (standoffs < -settings.search))
-    if len(missed):
-        return _open(state, view, GiveUp.MET_NOTHING, float(missed[0]))
+    if elapsed > settings.closing_limit:
+        why = (GiveUp.OFF_GOAL, np.argmax(off)) if regroups else (GiveUp.MET_NOTHING, missing[0])
+        return _open(state, view, why[0], float(why[1]))
     return state
 
 

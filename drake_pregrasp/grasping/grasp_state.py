@@ -17,6 +17,15 @@ NOT_HINDERED = -2
 """Index of the finger that stops a hand which can move."""
 
 
+STILL = 0.2
+"""Share of the touch force below which a finger no longer touches: its force varies."""
+
+NO_LIMIT = 1e6
+"""Force that stands for no limit, in newtons."""
+
+_GENTLE = 1.5  # Times the touch force: by which a finger may press more than it should.
+
+
 class GraspPhase(IntEnum):
     """Phases of a grasp.
 
@@ -113,16 +122,18 @@ class GraspSettings:
         approach_height: Height above the tracking height at which the hand starts.
         approach_duration: Duration of the motion down to the tracking height.
         standoff: Gap between fingertips and object while tracking.
-        gate_distance: Largest distance of each active finger from its goal when the hand closes.
+        gate_distance: Largest distance of each active finger from its goal when the hand closes,
+            and until all fingers touch.
         gate_limit: Longest time for which the hand waits for the fingers to be at their goals, and
             for enough fingers whose forces can balance the weight. After it, fingers that are off
             their goals take no part.
         closing_speed: Speed of the fingertips along the normals.
         closing_acceleration: Acceleration of the fingertips, in m/s², small enough that their
             inertia is not measured as touch.
+        closing_limit: Longest time in which all fingers must touch the object.
         search: Largest distance from the estimated surface at which a fingertip may meet the
-            object. Forces farther outside are the fingertip's own inertia. A finger that is farther
-            inside has missed the object.
+            object. Forces farther outside are the fingertip's own inertia. A finger does not search
+            farther inside.
         touch_force: Least normal force that counts as touch.
         least_fingers: Least number of active fingers before closing.
         least_force: Least normal force of each finger in the squeeze.
@@ -147,6 +158,7 @@ class GraspSettings:
     approach_duration: float = 1.5
     gate_distance: float = 0.004
     closing_acceleration: float = 0.4
+    closing_limit: float = 3.0
     least_fingers: int = 3
     squeeze_duration: float = 0.5
     imbalance: float = 0.2
@@ -211,7 +223,7 @@ class GraspState:
         force: Applied share of the squeeze, from 0 to 1, over time.
         standoffs: Commanded gap between each fingertip and the object, shape (n,), in metres.
         active: Whether each finger takes part, shape (n,), fixed when the hand closes.
-        touched: Whether each finger has met the object, shape (n,).
+        touched: Whether each finger touches the object, shape (n,), until all of them do.
         forces: Planned forces of the fingers on the object, in O, shape (n, 3), in newtons.
     """
 
@@ -265,6 +277,22 @@ class GraspState:
         if self.phase < GraspPhase.BACK_OFF or self.force.value(time) > 0:
             return self.active
         return self.active & self.touched
+
+    def force_limits(self, time: float, touch_force: float) -> FloatArray:
+        """Returns the largest horizontal force of each finger, shape (n,), in newtons.
+
+        Until the squeeze is complete, and while a hand that has not gripped backs off, fingers
+        press with little more than they should.
+
+        Args:
+            time: Present time in seconds.
+            touch_force: Least normal force that counts as touch.
+        """
+        has_let_go = self.phase == GraspPhase.BACK_OFF and np.isinf(self.gripped)
+        if self.phase not in (GraspPhase.CLOSE, GraspPhase.SQUEEZE) and not has_let_go:
+            return np.full(len(self.active), NO_LIMIT)
+        planned: FloatArray = self.force.value(time) * np.linalg.norm(self.forces, axis=1)
+        return np.where(self.active, planned + _GENTLE * touch_force, NO_LIMIT)
 
     def to_vector(self) -> FloatArray:
         """Returns the state as one vector."""

@@ -198,8 +198,9 @@ class Scenario:
         Args:
             yaw_range: Range of the palm's yaw in radians; see `HandModel`.
         """
-        _, high = self.object.make_shape().mesh.bounds
-        return load_hand_model(self.grasp.hand, yaw_range, object_top=high[2])
+        up = initial_pose(self.motion, self.object).rotation().matrix()[2]
+        top = float(np.max(self.object.make_shape().mesh.vertices @ up))
+        return load_hand_model(self.grasp.hand, yaw_range, object_top=top)
 
     def remaining_contacts(self) -> list[int]:
         """Returns the indices of the contacts that are never lost."""

@@ -31,6 +31,15 @@ def add_processes_option(parser: argparse.ArgumentParser, noun: str = "runs") ->
     parser.add_argument("--processes", type=whole_number(1), metavar="N", help=text)
 
 
+def add_scheduler_option(parser: argparse.ArgumentParser, noun: str = "runs") -> None:
+    """Adds `--scheduler`."""
+    parser.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help=f"make the {noun} on the Dask cluster of this scheduler, such as tcp://host:8786",
+    )
+
+
 def whole_number(least: int, most: int | None = None) -> Callable[[str], int]:
     """Returns the type of an option that is a whole number in a range."""
 

@@ -5,7 +5,6 @@ from dataclasses import asdict
 from typing import Any
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import BusValue, Context, DiscreteValues, LeafSystem
 
@@ -26,7 +25,15 @@ from drake_pregrasp.fast import fast_goals, fast_limits, fast_surface
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.regions.constraints import NO_CAUSE
 from drake_pregrasp.regions.safe_regions import SafeRegions
-from drake_pregrasp.systems.ports import BUS, POSE, REGIONS, LastPose, declare_cache, declare_output
+from drake_pregrasp.systems.ports import (
+    BUS,
+    POSE,
+    REGIONS,
+    LastPose,
+    declare_cache,
+    declare_output,
+    pose_bus,
+)
 
 
 class CentroidSelector(LeafSystem):
@@ -256,19 +263,22 @@ class CentroidSelector(LeafSystem):
         p_OF = goals.p_OC
         if not self._pose.is_tracked(context):
             p_OF = p_OF + self._config.lost_standoff * normals
-        targets = BusValue()
-        for name, p_OFi, normal, status in zip(
-            self._fingertip_frames, p_OF, normals, goals.status, strict=True
-        ):
-            if status != ContactStatus.LOST:
-                X_OF = RigidTransform(_frame_with_z_along(-normal), p_OFi)
-                targets.Set(name, AbstractValue.Make(X_WO @ X_OF))
-        return targets
+        have_goals = goals.status != float(ContactStatus.LOST)
+        frames = _frames_with_z_along(-normals)
+        goal_poses = zip(self._fingertip_frames, frames, p_OF, have_goals, strict=True)
+        return pose_bus(
+            {
+                name: X_WO @ RigidTransform(RotationMatrix(R), p)
+                for name, R, p, has_goal in goal_poses
+                if has_goal
+            }
+        )
 
 
-def _frame_with_z_along(z: FloatArray) -> RotationMatrix:
+def _frames_with_z_along(z: FloatArray) -> FloatArray:
+    """Returns rotation matrices, shape (n, 3, 3), given their last columns, shape (n, 3)."""
     # Along z of O itself, no direction is the closest one, so x of O takes its place.
-    up = np.eye(3)[2 if abs(z[2]) < 1 - 1e-9 else 0]
-    x = up - z * (up @ z)
-    x /= np.linalg.norm(x)
-    return RotationMatrix(np.column_stack([x, np.cross(z, x), z]))
+    up = np.eye(3)[np.where(np.abs(z[:, 2]) < 1 - 1e-9, 2, 0)]
+    x = up - z * np.sum(up * z, axis=1, keepdims=True)
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return np.stack([x, np.cross(z, x), z], axis=2)

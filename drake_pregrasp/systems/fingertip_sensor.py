@@ -37,6 +37,7 @@ class HandKinematics:
         tip_frames: Scoped names of the fingertips' frames.
         frames: The fingertips' frames.
         stiffness: Proportional gain of each joint, shape (nq,).
+        damping: Derivative gain of each joint, shape (nq,).
         efforts: Largest torque or force of each joint, shape (nq,), in N m or N.
         lower: Lower limit of each joint, shape (nq,).
         upper: Upper limit of each joint, shape (nq,).
@@ -51,7 +52,7 @@ class HandKinematics:
         self.plant = plant
         self.tip_frames = list(tip_frames)
         self.frames = [scoped_frame(plant, name) for name in tip_frames]
-        self.stiffness = _stiffness(plant)
+        self.stiffness, self.damping = _gains(plant)
         drives = map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
         self.efforts: FloatArray = np.array([drive.effort_limit() for drive in drives])
         self.lower, self.upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
@@ -75,6 +76,23 @@ class HandKinematics:
     def own_joints(self, finger: int) -> IntArray:
         """Returns the indices of the joints that move only this finger's tip."""
         return np.flatnonzero(self._is_own[finger])
+
+    def with_limited_forces(
+        self, plant_context: Context, torques: FloatArray, limits: FloatArray
+    ) -> FloatArray:
+        """Returns joint torques, less for fingers that would press horizontally beyond a limit.
+
+        Args:
+            plant_context: Context of the plant at the hand's positions.
+            torques: Torques of all joints, shape (nq,), in N m.
+            limits: Largest horizontal force of each fingertip, shape (n,), in newtons.
+        """
+        level = self.tip_forces(plant_context, torques) * [1.0, 1.0, 0.0]
+        size = np.linalg.norm(level, axis=1)
+        excess = level * np.maximum(0.0, 1 - limits / np.maximum(size, 1e-9))[:, None]
+        J = self.tip_jacobians(plant_context) * self._is_own[:, None]
+        less: FloatArray = torques - np.einsum("nij,ni->j", J, excess)
+        return less
 
     def tip_positions(self, plant_context: Context) -> FloatArray:
         """Returns the fingertips' centres in W, shape (n, 3), in metres."""
@@ -124,9 +142,10 @@ class HandKinematics:
             actuation: Torques of all joints, shape (nq,), in N m.
         """
         J = self.tip_jacobians(plant_context) * self._is_own[:, None]
-        U, s, Vt = np.linalg.svd(J, full_matrices=False)
-        gains = s / np.maximum(s, _LEAST_SHARE * s[:, :1]) ** 2
-        forces: FloatArray = np.einsum("nij,nj->ni", U, gains * (Vt @ actuation))
+        # U and s of J = U s Vᵀ come from J Jᵀ = U s² Uᵀ, which is smaller; Vᵀ tau is s⁻¹ Uᵀ J tau.
+        squares, U = np.linalg.eigh(J @ J.swapaxes(1, 2))
+        gains = 1 / np.maximum(squares, _LEAST_SHARE**2 * squares[:, -1:])
+        forces: FloatArray = np.einsum("nij,nj,nkj,nk->ni", U, gains, U, J @ actuation)
         return forces
 
 
@@ -218,8 +237,8 @@ def frame_names(plant: MultibodyPlant, model: ModelInstanceIndex) -> list[str]:
     return [name for name in names if name in bodies or not name.startswith(added)]
 
 
-def _stiffness(plant: MultibodyPlant) -> FloatArray:
-    stiffness = np.zeros(plant.num_positions())
+def _gains(plant: MultibodyPlant) -> tuple[FloatArray, FloatArray]:
+    stiffness, damping = np.zeros((2, plant.num_positions()))
     last = -1
     for index in plant.GetJointActuatorIndices():
         actuator = plant.get_joint_actuator(index)
@@ -230,14 +249,15 @@ def _stiffness(plant: MultibodyPlant) -> FloatArray:
             )
         last = position
         if actuator.has_controller():
-            stiffness[position] = actuator.get_controller_gains().p
+            gains = actuator.get_controller_gains()
+            stiffness[position], damping[position] = gains.p, gains.d
     for index in plant.GetJointIndices():
         joint = plant.get_joint(index)
         if joint.num_positions() and not stiffness[joint.position_start()] > 0:
             raise InvalidArgumentError(
                 f"joint {joint.name()} is not driven; give it an effort and drake:controller_gains"
             )
-    return stiffness
+    return stiffness, damping
 
 
 def moving_joints(plant: MultibodyPlant, frame: Frame) -> BoolArray:

@@ -42,7 +42,6 @@ GRAVITY: float = UniformGravityFieldElement.kDefaultStrength
 _AT_REST = HeldMotion.at_rest()
 _unpack_motion = unpacker(_AT_REST)
 _UP = np.array([0.0, 0.0, 1.0])
-_FIRM = 2.0  # Times the touch force: fingertips that press with it stick to the object.
 _WEIGHT_DURATION = 0.1  # Seconds in which fingers take over the weight at the start of the lift.
 
 
@@ -72,6 +71,7 @@ class GraspSequencer(LeafSystem):
         - squeeze_forces
         - grasp_report
         - V_WO_held
+        - force_limits
 
     Port `close` accepts a vector of 1: above 0.5, the hand must close and stay closed. It closes
     once enough fingers are active, all of these are at their goals, and they can balance the
@@ -108,10 +108,10 @@ class GraspSequencer(LeafSystem):
     `BASE`, or `NOT_HINDERED` (`DifferentialKinematics`). The report says so while the hand stands.
 
     Port `X_WG` emits a `RigidTransform`: the pose of the frame G in which goals are planned. It is
-    the estimated pose of O, raised while the hand approaches. Once all fingers press firmly, they
-    stick to the object, and G moves with them and no longer with the estimate, so that on average
-    they are at their goals: a table that accelerates takes the hand along, and no strain of the
-    touch pushes the object. For the lift, G stops and moves straight up.
+    the estimated pose of O, raised while the hand approaches. When all fingers touch, they stick to
+    the object, and G moves with them and no longer with the estimate, so that on average they are
+    at their goals: a table that accelerates takes the hand along, and no strain of the touch pushes
+    the object. For the lift, G stops and moves straight up.
 
     Port `V_WG` emits a `SpatialVelocity`: the velocity of G in W, on average until the next tick.
 
@@ -130,9 +130,11 @@ class GraspSequencer(LeafSystem):
     Port `grasp_report` emits a vector of 4: the `GraspPhase`, its start in seconds, the `GiveUp`
     and its detail (`describe_give_up`).
 
-    Port `V_WO_held` emits a vector of 7: 1 while the fingers hold the object firmly, then the
+    Port `V_WO_held` emits a vector of 7: 1 while the fingers hold the object, then the
     angular velocity of O in W, in rad/s, and its velocity, in m/s, which do not depend on the
     estimate; else zeros.
+
+    Port `force_limits` emits a vector of n, in newtons: `GraspState.force_limits`.
 
     The squeeze balances the object's weight and the largest acceleration of the lift. Its contacts
     are the points of the object nearest to the measured fingertips, with the normals there.
@@ -224,6 +226,7 @@ class GraspSequencer(LeafSystem):
         )
         declare_output(self, "grasp_report", 4, self._calc_report, state)
         declare_output(self, "V_WO_held", 7, self._calc_V_WO_held, held)
+        declare_output(self, "force_limits", n, self._calc_force_limits, state, time)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._advance)
 
     def _calc_remembered(self, context: Context) -> GraspState:
@@ -283,6 +286,10 @@ class GraspSequencer(LeafSystem):
             return np.zeros(7)
         return np.append(1.0, self._rising(context, self._held.Eval(context).V_WG).get_coeffs())
 
+    def _calc_force_limits(self, context: Context) -> FloatArray:
+        state: GraspState = self._remembered.Eval(context)
+        return state.force_limits(context.get_time(), self._settings.touch_force)
+
     def _rising(self, context: Context, V_WG: FloatArray) -> SpatialVelocity:
         rate = self._remembered.Eval(context).height.rate(context.get_time())
         return SpatialVelocity(w=V_WG[0], v=V_WG[1] + rate * _UP)
@@ -337,10 +344,9 @@ class GraspSequencer(LeafSystem):
         if state.phase > GraspPhase.SQUEEZE:
             return
         discrete_state.set_value(self._last, pack(self._motion.Eval(context)))
-        is_firm = np.all(presses[state.active] >= _FIRM * self._settings.touch_force)
         if state.phase < GraspPhase.SQUEEZE:
             discrete_state.set_value(self._sticking, np.full(p_GT.size, np.nan))
-        elif is_firm and np.all(np.isnan(self._sticking_tips(context))):
+        else:
             discrete_state.set_value(self._sticking, p_GT_goal.ravel())
 
     def _plan_squeeze(self, context: Context, active: BoolArray) -> Squeeze:
@@ -380,7 +386,6 @@ class GraspSequencer(LeafSystem):
         if share == 0 and not state.touched.any():
             return np.zeros_like(state.forces)
         _, nhat = self._contacts(context)
-        # A finger that has touched the object keeps touching it until all fingers press.
         touch = -self._settings.touch_force * state.touched[:, None] * np.nan_to_num(nhat)
         R_GW = self._motion.Eval(context).R_WG.T
         planned, on = state.forces @ R_GW, state.active

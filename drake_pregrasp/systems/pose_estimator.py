@@ -42,6 +42,8 @@ from drake_pregrasp.systems.ports import POSE, VELOCITY, declare_cache, declare_
 WAITING_STD = 1.0
 """Standard deviation of the position before the first measurement, in metres."""
 
+_UNKNOWN = np.full((2, 3), np.nan)  # Twist of an object that no hand holds.
+
 
 class PoseEstimator(LeafSystem):
     """Estimates pose and twist of the object O in the world W.
@@ -206,8 +208,10 @@ class PoseEstimator(LeafSystem):
 
     def _twist(self, context: Context, track: PoseTrack) -> FloatArray:
         """Returns the present twist of the held object, at its centre of mass, or NaN."""
-        is_held, *V_WO = validated_numbers(self._V_WO_held.Eval(context))
-        w_WO, v_WO = np.reshape(V_WO if is_held > 0 else np.full(6, np.nan), (2, 3))
+        V_WO = validated_numbers(self._V_WO_held.Eval(context))
+        if not V_WO[0] > 0:
+            return _UNKNOWN
+        w_WO, v_WO = V_WO[1:].reshape(2, 3)
         return np.array([w_WO, v_WO + skew(w_WO) @ (track.newest.R_WO @ self._p_OCoM)])
 
     def _store_track(self, context: Context, discrete_state: DiscreteValues) -> None:

@@ -69,9 +69,11 @@ class BodyPose(LeafSystem):
 
         def hold(context: Context, discrete_state: DiscreteValues) -> None:
             step = tick_index(context.get_time(), time_step)
-            discrete_state.set_value(held, np.append(step, pose(context).GetAsMatrix34()))
+            X_WB: RigidTransform = port.Eval(context)  # From the cache: a list of poses is long.
+            discrete_state.set_value(held, np.append(step, X_WB.GetAsMatrix34()))
 
-        declare_output(self, "X_WB", POSE, pose, poses, self.time_ticket(), self.xd_ticket())
+        sources = (poses, self.time_ticket(), self.xd_ticket())
+        port = declare_output(self, "X_WB", POSE, pose, *sources)
         self.DeclarePeriodicDiscreteUpdateEvent(time_step, 0.0, hold)
 
 

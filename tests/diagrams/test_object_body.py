@@ -2,15 +2,24 @@
 
 import numpy as np
 import pytest
-from pydrake.math import RollPitchYaw
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import UnitInertia
+from pydrake.geometry import Capsule
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    CoulombFriction,
+    MultibodyPlant,
+    MultibodyPlantConfig,
+)
+from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.analysis import Simulator
-from thin_cup import PROFILE
+from pydrake.systems.framework import DiagramBuilder
+from thin_cup import HEIGHT, PROFILE, WALL
 
 from drake_pregrasp import ObjectPlant
 from drake_pregrasp.config.object_config import Ball, Box, Conveyor, Cylinder, Mesh, Revolved
 from drake_pregrasp.diagrams.object_body import add_object_body, standing_position
+from drake_pregrasp.diagrams.object_plant import add_moving_object
+from drake_pregrasp.geometry.random_objects import object_url
 from drake_pregrasp.resources import resource_folder
 
 OBJECTS = {
@@ -73,6 +82,33 @@ def test_it_stands_still_on_the_table_at_its_lowest_point(scenario, name):
     assert abs(yaw(X_WO)) < 1e-6
 
 
+def test_a_link_without_hydroelastic_properties_falls_into_a_cup_and_lies_on_its_bottom():
+    """Drake alone would let it lie on the cup's hull."""
+    builder, radius = DiagramBuilder(), 0.009
+
+    def add_link(plant):
+        M = SpatialInertia(0.05, np.zeros(3), UnitInertia.SolidSphere(radius))
+        link = plant.AddRigidBody("link", plant.AddModelInstance("link"), M)
+        capsule, friction = Capsule(radius, 0.02), CoulombFriction(0.7, 0.7)
+        X_BG = RigidTransform(RollPitchYaw(0.0, np.pi / 2, 0.0), np.zeros(3))
+        plant.RegisterCollisionGeometry(link, X_BG, capsule, "link", friction)
+        plant.SetDefaultFloatingBaseBodyPose(link, RigidTransform([0.0, 0.0, HEIGHT / 2]))
+
+    plant, _, _ = add_moving_object(
+        builder,
+        OBJECTS["cup"],
+        Conveyor(0.0, 0.0),
+        MultibodyPlantConfig(time_step=0.002),
+        add_more=add_link,
+    )
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(1.0)
+    context = plant.GetMyContextFromRoot(simulator.get_context())
+    height = plant.GetBodyByName("link").EvalPoseInWorld(context).translation()[2]
+    assert height == pytest.approx(WALL + radius, abs=3e-4)
+
+
 @pytest.mark.parametrize("name", STANDING)
 def test_the_conveyor_carries_it_at_its_speed(scenario, name):
     v, step = 0.02, scenario.plant_config.time_step
@@ -101,3 +137,13 @@ def test_the_table_carries_a_box(scenario, size, v, w):
     np.testing.assert_allclose(X_WO.translation()[:2], [3 * v, 0], atol=slip)
     assert X_WO.translation()[2] == pytest.approx(size[2] / 2, abs=1e-3)
     assert yaw(X_WO) == pytest.approx(3 * w, abs=2 * abs(w) * step + 1e-3)
+
+
+def test_faces_that_are_almost_flat_make_a_body_too():
+    """Drake refuses tetrahedra of a hull whose middle is beside a face of four corners."""
+    pytest.importorskip("pybullet_data")
+    pytest.importorskip("manifold3d")
+    for index in (2, 8, 52):
+        plant, scene_graph = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.01)
+        body = add_object_body(plant, Mesh(object_url(index)))
+        assert len(scene_graph.model_inspector().GetAllGeometryIds()) >= 3, body.name()

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
+from thin_cup import CUP
 
 from drake_pregrasp import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.grasping.fingertip_paths import (
@@ -117,6 +118,20 @@ def test_an_obstacle_that_comes_pushes_tips_away():
 
 
 AZIMUTHS = np.array([0.0, 2.0, 4.0])
+CUP_SOLID = CUP.solid
+IN_CUP = TipRoom(object=CUP_SOLID, p_GO=np.zeros(3), object_clearances=np.full(1, 0.011))
+
+
+@pytest.mark.parametrize("start", [[0.08, 0.0, 0.04], [-0.06, 0.06, 0.02], [0.0, 0.0, 0.15]])
+@pytest.mark.parametrize("goal", [[-0.019, 0.0, 0.05], [0.01, 0.015, 0.02]])
+def test_a_tip_gets_into_a_hollow_and_out_again_and_stays_clear(start, goal):
+    for ends in ([start, goal], [goal, start]):
+        first, last = np.array(ends)[:, None]
+        path = np.array(list(walk(first, last, [IN_CUP] * 200)))[:, 0]
+        assert np.min(CUP_SOLID.distance(path)) > 0.0105
+        np.testing.assert_allclose(path[-1], last[0], atol=1e-4)
+
+
 RADII = np.array([0.008, 0.01, 0.012])
 WAYS = np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS), np.zeros(3)], axis=1)
 PLACES = TipPlaces(RADII, WAYS, np.array([0.07, 0.08, 0.09]))

@@ -7,9 +7,11 @@ from dataclasses import fields
 
 import numpy as np
 import pandas as pd
+from pydrake.math import RigidTransform, RotationMatrix
 
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import Outcome, TrialJob
+from drake_pregrasp.systems.loggers import GraspRecord
 
 MEASURES = [field.name for field in fields(Outcome) if field.type in (int, float)]
 Rows = list[dict[str, object]]
@@ -34,6 +36,25 @@ def failing_trial(job: TrialJob) -> Rows:
     if (job.method, job.seed) == ("fixed_plan", 0):
         raise ValueError("no <b>luck\nat all")
     return made_up_trial(job)
+
+
+def record(time, phase, *, lift=0.0, slid=0.0, slip=0.0, tilt=0.0, links=(0.0, 0.0, 0.0)):
+    """Returns the record of a tick at which five fingertips are around a cube."""
+    R = RotationMatrix.MakeXRotation(tilt)
+    X_WO = RigidTransform(R, [slid, 0.0, 0.05 + lift])
+    tips = np.array([[0.059, 0, 0], [-0.059, 0.01, 0], [0, 0.059, 0], [0, -0.059, 0], [0, 0, 0.2]])
+    tips[0, 1] += slip
+    return GraspRecord(
+        time=time,
+        report=np.array([phase, 0.0, 0.0, 0.0]),
+        p_WT=(X_WO @ tips.T).T,
+        p_GT=tips,
+        f_T_W=np.zeros((5, 3)),
+        X_WG=X_WO,
+        X_WO=X_WO,
+        X_WD=RigidTransform(),
+        link_forces=np.array(links),
+    )
 
 
 def state_of(context):

@@ -5,7 +5,7 @@ import itertools
 
 import numpy as np
 import pytest
-from made_up_trials import state_of
+from made_up_trials import record, state_of
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.analysis import Simulator
@@ -36,7 +36,6 @@ from drake_pregrasp.studies.static_versus_dynamic.rival_goals import (
     antipodal_grasps,
 )
 from drake_pregrasp.studies.static_versus_dynamic.trial import make_trial, run_trial
-from drake_pregrasp.systems.loggers import GraspRecord
 
 HAND = "package://drake_pregrasp/five_finger_hand.yaml"
 MODEL = load_hand_model(HAND)
@@ -275,24 +274,6 @@ def test_lost_fingers_and_obstructed_grasps_are_not_chosen():
     assert (
         status.tolist()
         == [ContactStatus.OBSTRUCTED] * 2 + [ContactStatus.LOST] + [ContactStatus.OBSTRUCTED] * 2
-    )
-
-
-def record(time, phase, *, lift=0.0, slid=0.0, slip=0.0, tilt=0.0, links=(0.0, 0.0, 0.0)):
-    R = RotationMatrix.MakeXRotation(tilt)
-    X_WO = RigidTransform(R, [slid, 0.0, 0.05 + lift])
-    tips = np.array([[0.059, 0, 0], [-0.059, 0.01, 0], [0, 0.059, 0], [0, -0.059, 0], [0, 0, 0.2]])
-    tips[0, 1] += slip
-    return GraspRecord(
-        time=time,
-        report=np.array([phase, 0.0, 0.0, 0.0]),
-        p_WT=(X_WO @ tips.T).T,
-        p_GT=tips,
-        f_T_W=np.zeros((5, 3)),
-        X_WG=X_WO,
-        X_WO=X_WO,
-        X_WD=RigidTransform(),
-        link_forces=np.array(links),
     )
 
 

@@ -236,6 +236,7 @@ VALUES = {
     "contact_frames": (CONTACT_FRAMES, -CONTACT_FRAMES),
     "p_WT": (ring(0.05 + RADIUS + 0.02).ravel(), ring(0.05).ravel()),
     "f_T_W": (np.zeros(3 * N), np.ones(3 * N)),
+    "force_limits": (np.full(N, 0.5), np.full(N, 0.1)),
     "J_WT": (np.zeros(3 * N * NQ), np.ones(3 * N * NQ)),
     "hand_state": (np.zeros(2 * NQ), np.full(2 * NQ, 0.1)),
     "net_actuation": (np.ones(NQ), np.full(NQ, 2.0)),

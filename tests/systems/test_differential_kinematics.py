@@ -4,18 +4,30 @@ import numpy as np
 import pytest
 from driven import Driven
 from made_systems import CONTROL_PERIOD, FRAMES, HAND, NQ, N, bus
-from pydrake.geometry import Role
-from pydrake.math import RigidTransform
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    Convex,
+    Cylinder,
+    Ellipsoid,
+    GeometryInstance,
+    ProximityProperties,
+    Role,
+    SceneGraph,
+    Sphere,
+)
+from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.solvers import MathematicalProgram, Solve
 
-from drake_pregrasp import BoxSolid, HalfSpace, Obstacles
+from drake_pregrasp import BoxSolid, HalfSpace, Obstacles, mesh_surface
+from drake_pregrasp.geometry.shapes import revolved_shape
 from drake_pregrasp.grasping.grasp_state import BASE, NOT_HINDERED, GiveUp, describe_give_up
 from drake_pregrasp.systems.differential_kinematics import (
     DifferentialKinematics,
     constrained_velocity,
 )
-from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE
+from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE, link_balls
 
 TABLE = HalfSpace(np.zeros(3), np.array([0.0, 0.0, 1.0]))
 CUBE = BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1))
@@ -31,9 +43,9 @@ ROUNDING = 1e-6
 class Follower:
     """The system with the reference that it drives, tick by tick."""
 
-    def __init__(self, *, q=HOME, X_WO=AFAR, **inputs):
+    def __init__(self, *, q=HOME, X_WO=AFAR, solid=CUBE, **inputs):
         masks = dict.fromkeys(FRAMES, np.array([0, 0, 0, 1, 1, 1]))
-        self.scene = HAND.make_scene(CUBE, [TABLE])
+        self.scene = HAND.make_scene(solid, [TABLE])
         system = DifferentialKinematics(
             self.scene,
             masks=masks,
@@ -145,6 +157,62 @@ def test_links_and_fingertips_stay_clear_of_an_object_wherever_the_goals_are(vel
         least = min(least, *gaps.values())
         assert min(gap for name, gap in gaps.items() if "tip" not in name) > LINK_CLEARANCE - 2e-3
     assert 0.001 < least < 0.01
+
+
+def test_fingers_reach_into_a_hollow_and_links_stay_clear_of_its_true_surface():
+    """All fingertips go into a bowl, which its convex hull would close."""
+    bowl = revolved_shape([[0, 0], [0.11, 0], [0.11, 0.06], [0.1, 0.06], [0.1, 0.005], [0, 0.005]])
+    goals = TIPS * [0.7, 0.7, 0.0] + [0.0, 0.0, 0.025]
+    follower = Follower(
+        q=HAND.home(P_WO + np.array([0.0, 0.0, 0.1]), 0.0),
+        X_WO=RigidTransform(),
+        solid=bowl.solid,
+        desired_cartesian_poses=bus(goals),
+    )
+    surface, inspector = mesh_surface(bowl, spacing=0.01), follower.scene.diagram.scene_graph()
+    for _ in range(150):
+        follower.tick()
+    np.testing.assert_allclose(HAND.tips_at(follower.q), goals, atol=1e-4)
+    plant, inspector = follower.scene.hand.plant, inspector.model_inspector()
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, follower.q)
+    for finger in range(N):
+        link = plant.GetBodyByName(f"finger_{finger}_distal")
+        for geometry in plant.GetCollisionGeometriesForBody(link):
+            if "tip" not in inspector.GetName(geometry):
+                *p_BS, radius = link_balls(inspector, geometry).T
+                p_WS = link.EvalPoseInWorld(context) @ np.array(p_BS)
+                assert np.min(surface.distance(p_WS.T) - radius) > LINK_CLEARANCE - 1e-3
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [
+        Sphere(0.013),
+        Capsule(0.006, 0.09),
+        Box(0.02, 0.027, 0.05),
+        Cylinder(0.03, 0.016),
+        Ellipsoid(0.01, 0.02, 0.03),
+        Convex(
+            points=np.array([[0, 0.02, 0, 0], [0, 0, 0.03, 0], [0, 0, 0, 0.04]]), label="corner"
+        ),
+    ],
+    ids=lambda shape: type(shape).__name__,
+)
+def test_the_balls_of_a_link_are_in_it_and_as_near_to_points_as_it_is(shape):
+    graph, X_WG = SceneGraph(), RigidTransform(RotationMatrix.MakeXRotation(0.4), [0.1, 0, 0.2])
+    geometry = GeometryInstance(X_WG, shape, "link")
+    geometry.set_proximity_properties(ProximityProperties())
+    name = graph.RegisterAnchoredGeometry(graph.RegisterSource("test"), geometry)
+    *p_WS, radius = link_balls(graph.model_inspector(), name).T
+    query = graph.get_query_output_port().Eval(graph.CreateDefaultContext())
+    drake_error = 2e-3 if isinstance(shape, Ellipsoid) else 1e-5
+    points = X_WG.translation() + np.random.default_rng(0).uniform(-0.06, 0.06, (500, 3))
+    for point in points:
+        (exact,) = query.ComputeSignedDistanceToPoint(point)
+        if exact.distance > LINK_CLEARANCE:
+            away = np.linalg.norm(np.transpose(p_WS) - point, axis=1) - radius
+            assert -drake_error < np.min(away) - exact.distance < 1e-3
 
 
 @pytest.mark.parametrize("depth", [0.0, 0.02])

@@ -33,6 +33,9 @@ def close_until_touch(hand, X_WO):
     """Closes with fingertips at their standoff, and then on the object."""
     hand.fix(close=[1.0], p_WT=tips_at(X_WO, SETTINGS.standoff))
     hand.advance(SETTINGS.approach_duration + 0.1)
+    while (gap := hand.array("standoffs")[0]) > 0:
+        hand.fix(p_WT=tips_at(X_WO, gap))
+        hand.tick()
     hand.fix(p_WT=tips_at(X_WO, 0.0))
 
 
@@ -90,7 +93,7 @@ def squeeze_at(X_WO, **inputs):
 def test_forces_are_planned_at_the_measured_fingertips_with_the_normals_there():
     X_WO = RigidTransform([0.0, 0.0, 0.05])
     # Beside the goals on a ball, to either side in turns, so that the hand does not turn.
-    aside = AROUND + 0.4 * np.array([1, -1, 1, -1, 0])
+    aside = AROUND + 0.06 * np.array([1, -1, 1, -1, 0])
     turned = np.stack([np.cos(aside), np.sin(aside), 0 * aside], axis=1)
     p_WT = (X_WO @ ((0.05 + RADIUS) * turned).T).T
     forces = squeeze_at(X_WO, p_WT=p_WT.ravel()).array("squeeze_forces").reshape(N, 3)
@@ -122,13 +125,11 @@ def test_the_carried_frame_comes_down_to_the_object():
     np.testing.assert_allclose(speeds[1:-1], np.gradient(heights, 0.1)[1:-1], atol=0.01)
 
 
-def test_fingers_that_press_firmly_carry_the_frame_and_no_estimate_does():
+def test_fingers_that_squeeze_carry_the_frame_and_no_estimate_does():
     X_WO = RigidTransform([0.0, 0.0, 0.05])
     hand = sequencer_over(X_WO)
     close_until_touch(hand, X_WO)
     p_WT = hand.inputs["p_WT"]
-    hand.fix(p_WT=p_WT, f_T_W=-1.5 * SETTINGS.touch_force * RING.ravel())
-    hand.advance(0.1)
     jumped = RigidTransform([0.004, 0.0, 0.05])
     hand.fix(X_WO_estimated=jumped)
     np.testing.assert_allclose(hand.eval("X_WG").translation(), jumped.translation())
@@ -155,5 +156,5 @@ def test_the_touch_leaves_no_strain_that_drives_the_object():
     hand.advance(SETTINGS.squeeze_duration)
     assert hand.array("grasp_report")[0] == GraspPhase.SQUEEZE
     X_WG = hand.eval("X_WG")
-    np.testing.assert_allclose(X_WG.GetAsMatrix4(), (strain @ X_WO).GetAsMatrix4(), atol=2e-5)
+    np.testing.assert_allclose(X_WG.GetAsMatrix4(), (strain @ X_WO).GetAsMatrix4(), atol=5e-5)
     np.testing.assert_allclose(hand.eval("V_WG").get_coeffs(), 0, atol=5e-3)

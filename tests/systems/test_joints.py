@@ -56,6 +56,30 @@ def test_a_reference_moves_steadily_between_ticks():
         np.testing.assert_allclose(desired, np.concatenate([q, v]), atol=1e-12)
 
 
+def test_a_finger_that_is_in_the_way_presses_with_no_more_than_its_limit():
+    limits = np.array([0.5, 0.5, np.nan, 2.0, 2.0])
+    now = Q - joint_torques(3 * FORCES) / HAND.kinematics.stiffness
+    reference = Driven(
+        make_reference(Q),
+        commanded_velocity=np.zeros(NQ),
+        f_T_W=np.zeros(3 * N),
+        force_limits=limits,
+        hand_state=np.append(now, np.zeros(NQ)),
+    )
+    desired, _ = reference.array("desired_state").reshape(2, NQ)
+    plant = HAND.kinematics.plant
+    context = plant.CreateDefaultContext()
+    plant.SetPositions(context, Q)
+    torques = HAND.kinematics.stiffness * (desired - now)
+    forces = HAND.kinematics.tip_forces(context, torques)
+    level = np.linalg.norm(3 * FORCES[:, :2], axis=1)
+    shares = np.minimum(1, np.nan_to_num(limits, nan=np.inf) / level)
+    assert np.any(shares < 1)
+    assert np.any(shares[3:] < 1)
+    expected = 3 * FORCES * np.stack([shares, shares, np.ones(N)], axis=1)
+    np.testing.assert_allclose(forces, expected, atol=1e-6)
+
+
 def test_a_reference_stays_within_limits_and_rates():
     reference = Driven(make_reference(Q), commanded_velocity=100.0 * np.eye(NQ)[5])
     reference.tick()

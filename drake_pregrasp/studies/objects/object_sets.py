@@ -28,7 +28,6 @@ FIT_IN_WORDS = (
     " places on opposite sides that fingers can touch, with room for their standoffs."
 )
 
-_POSES = 4000  # Random poses of the fingers from which the opening is found.
 _LEVEL = 0.02  # Largest height of a fingertip over or under the object's origin, in metres.
 _OPPOSITE = float(np.cos(np.radians(30)))  # Largest angle from opposite sides.
 _HALF_TURN = np.radians(np.arange(0, 180, 5))  # Azimuths of an object's widths.
@@ -100,14 +99,9 @@ def hand_name(hand: str) -> str:
 
 def opening(hand: HandModel) -> tuple[float, float]:
     """Returns the least and the largest opening of a hand, in metres; see `FIT_IN_WORDS`."""
-    rng, kinematics = np.random.default_rng(0), hand.kinematics
-    low, high = (np.clip(limit, -10, 10) for limit in (kinematics.lower, kinematics.upper))
-    poses = rng.uniform(low, high, (_POSES, len(low)))
-    poses[:, hand.base.joints] = hand.fingers_home[hand.base.joints]
-    seen = np.array([hand.base.seen_from_object(kinematics, q) for q in poses])
     contacts = []
-    for tip, p_HT in zip(hand.description.fingertips, np.swapaxes(seen, 0, 1), strict=True):
-        p_HT = p_HT[np.abs(p_HT[:, 2]) < _LEVEL]
+    for tip, places in zip(hand.description.fingertips, hand.workspaces, strict=True):
+        p_HT = places.data[np.abs(places.data[:, 2]) < _LEVEL]
         outward = p_HT * [1.0, 1.0, 0.0]
         outward /= np.linalg.norm(outward, axis=1, keepdims=True)
         p_HC = p_HT - (tip.radius + GraspConfig.standoff) * outward

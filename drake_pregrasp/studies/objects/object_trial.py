@@ -8,13 +8,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_pregrasp.config.object_config import Conveyor
-from drake_pregrasp.contacts.assignment import palm_turn
-from drake_pregrasp.diagrams.expected_path import initial_pose
+from drake_pregrasp.contacts.start_contacts import NoGraspError
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import PregraspError, one_line
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.simulation.hand_file import load_hand
-from drake_pregrasp.simulation.scenario import Scenario, initial_contacts
+from drake_pregrasp.simulation.scenario import Scenario, chosen_contacts
 from drake_pregrasp.simulation.scenario_check import validate
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.studies.objects import object_sets
@@ -27,7 +25,7 @@ MODULES = (__name__, object_sets.__name__, *trial.MODULES)
 """Modules on which the rows of the study depend."""
 
 REFUSED = "refused"
-"""Cause of a failure before the simulation."""
+"""Cause of a failure before the simulation, which the missing property may follow."""
 
 TURN_PER_SPEED = np.radians(10) / 20
 """Turning rate of the conveyor for each mm/s of its speed, in rad/s."""
@@ -70,7 +68,6 @@ def make_scenario(job: ObjectJob) -> Scenario:
         base,
         object=object_sets.SETS[job.set]()[job.object],
         motion=Conveyor(1e-3 * job.speed, TURN_PER_SPEED * job.speed, yaw=float(yaw)),
-        ring_contacts=len(load_hand(hand).fingertips),
         grasp=replace(base.grasp, hand=hand),
     )
     validate(scenario, f"{job.set} {job.object}")
@@ -86,17 +83,10 @@ def make_trial(job: ObjectJob) -> trial.Trial:
     method = METHODS[job.method]
 
     def start_of(scenario: Scenario, surface: ObjectSurface, hand: HandModel) -> Start:
-        p_OC, has_room = initial_contacts(scenario, surface)
-        R_WO = initial_pose(scenario.motion, scenario.object).rotation().matrix()
-        yaw = palm_turn(
-            (p_OC - surface.p_OCoM) @ R_WO.T,
-            hand.azimuths,
-            0.0,
-            hand.yaw_range(scenario.grasp.yaw_range),
-        )
-        without_contacts = method.is_stationary or method.is_reactive
-        away = [] if without_contacts else np.flatnonzero(~has_room).tolist()
-        return Start(p_OC, yaw, np.zeros(3), [(0.0, away)], job.seed)
+        start = chosen_contacts(scenario, surface)
+        plans = not (method.is_stationary or method.is_reactive)
+        away = np.flatnonzero(~start.has_contact).tolist() if plans else []
+        return Start(start.p_OC, start.yaw, np.zeros(3), [(0.0, away)], job.seed)
 
     return trial.Trial(make_scenario(job), method, start_of)
 
@@ -107,7 +97,9 @@ def run_trial(job: ObjectJob) -> Mapping[str, Any]:
         made = make_trial(job)
     except PregraspError as error:
         nothing = dict.fromkeys((field.name for field in fields(Outcome)), np.nan)
-        refused = {"lifted": False, "level": False, "gave_up": one_line(error), "cause": REFUSED}
+        lack = error.__cause__.lack if isinstance(error.__cause__, NoGraspError) else ""
+        cause = f"{REFUSED}: {lack}" if lack else REFUSED
+        refused = {"lifted": False, "level": False, "gave_up": one_line(error), "cause": cause}
         return nothing | refused | {"held": False}
     (outcome,) = made.outcomes([made.scenario.grasp.close_at])
     return asdict(outcome) | {"held": outcome.lifted}

@@ -1,6 +1,7 @@
 """Statistics of the study: exact intervals and corrected paired tests."""
 
 import math
+from collections.abc import Sequence
 
 import pandas as pd
 from statsmodels.stats.contingency_tables import mcnemar
@@ -28,24 +29,44 @@ def exact_interval(
     return pd.DataFrame({"low": low, "high": high}, index=successes.index)
 
 
-def paired_tests(rows: pd.DataFrame) -> pd.DataFrame:
+def wilson_interval(successes: pd.Series, trials: pd.Series) -> pd.DataFrame:
+    """Returns Wilson's 95 % intervals of shares, in columns `low` and `high`.
+
+    Args:
+        successes: Numbers of successes.
+        trials: Numbers of trials, above zero.
+    """
+    low, high = proportion_confint(successes, trials, alpha=1 - CONFIDENCE, method="wilson")
+    return pd.DataFrame({"low": low, "high": high}, index=successes.index)
+
+
+def paired_tests(
+    rows: pd.DataFrame,
+    *,
+    keys: Sequence[str] = ("condition", "close_at"),
+    pair: Sequence[str] = ("seed",),
+    success: str = "clean",
+) -> pd.DataFrame:
     """Returns exact McNemar tests of the method `TESTED` against each other method.
 
     All tests are one family, whose p values are corrected by Holm's method. The interval of the
-    difference of clean shares combines two exact intervals, each with half of the error
-    probability (Bonferroni), so it is conservative.
+    difference of shares combines two exact intervals, each with half of the error probability
+    (Bonferroni), so it is conservative.
 
     Args:
-        rows: Rows of the study, with columns `condition`, `method`, `seed`, `close_at`, `clean`.
+        rows: Rows of a study, with the following columns and `method`.
+        keys: Columns of the cells that have a test each.
+        pair: Columns that identify a pair of trials in a cell.
+        success: Column of the compared outcome.
 
     Returns:
-        A row for each condition, rival method and closing time with common seeds. Columns
-        `condition`, `method`, `close_at`; the number of common seeds `pairs`; the number of seeds
-        with which only `TESTED` is clean, `gained`, and only the rival is clean, `lost`; `p` and
-        `p_holm`; the interval `low`, `high` of the difference of shares; and the `verdict`.
+        A row for each cell and rival method with common pairs. Columns `keys` and `method`; the
+        number of common pairs `pairs`; the number of pairs in which only `TESTED` succeeds,
+        `gained`, and only the rival, `lost`; `p` and `p_holm`; the interval `low`, `high` of the
+        difference of shares; and the `verdict`.
     """
-    keys = ["condition", "close_at"]
-    clean = rows.pivot(index=[*keys, "seed"], columns="method", values="clean")
+    keys = list(keys)
+    clean = rows.pivot(index=[*keys, *pair], columns="method", values=success)
     tables = []
     for rival in METHODS:
         if rival == TESTED or not {TESTED, rival} <= set(clean.columns):

@@ -2,9 +2,10 @@
 
 import functools
 import textwrap
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -122,47 +123,90 @@ def make_pictures(
             hand closes at the last one.
         simulate: Function that runs another function for jobs, like `run_jobs`.
     """
-    grasps = {row.method: row for row in outcomes.itertuples()}
-    jobs = [TrialJob(grasps[m].condition, m, int(grasps[m].seed)) for m in METHODS if m in grasps]
+    shown = []
+    rows = {row.method: row for row in outcomes.itertuples()}
+    for method, row in ((key, rows[key]) for key in METHODS if key in rows):
+        text = f"clean grasp with {row.fingers} fingers" if row.clean else row.gave_up
+        job = TrialJob(row.condition, method, int(row.seed))
+        shown.append(Grasp(job, METHODS[method].label, text or "not clean"))
+    picture_grid(path, shown, moments, make_trial, simulate=simulate)
+
+
+class Grasp(NamedTuple):
+    """A pictured grasp.
+
+    Attributes:
+        job: Job of its trial.
+        label: Text beside its pictures.
+        text: Text under the last picture.
+    """
+
+    job: Any
+    label: str
+    text: str
+
+
+class _Place(NamedTuple):
+    """Place of a grasp in the grid, and the job of its trial."""
+
+    place: int
+    job: Any
+
+
+def picture_grid(
+    path: Path,
+    grasps: Sequence[Grasp],
+    moments: tuple[float, ...],
+    make: Callable[[Any], Trial],
+    processes: int | None = None,
+    on_progress: OnProgress = lambda done, total: None,
+    *,
+    simulate: Callable[..., StudyRows] | None = None,
+) -> None:
+    """Writes a grid of pictures: a row for each grasp, a column for each moment and the end.
+
+    Args:
+        path: Path of the PNG to write.
+        grasps: The grasps.
+        moments: Times of the pictures before the grasp, as for `make_pictures`.
+        make: Function that returns the trial of a job.
+        processes: Number of local processes; the number of processors if not set.
+        on_progress: Called with the number of pictured grasps and the number of all.
+        simulate: Function that runs another function for jobs, instead of `run_jobs`.
+    """
+    simulate = simulate or functools.partial(run_jobs, processes=processes, on_progress=on_progress)
     titles = [*(f"t = {moment:g} s" for moment in moments), "end of the grasp"]
-    figure = Figure((0.6 + 3 * len(titles), 0.3 + 3.6 * len(jobs)), layout="constrained")
-    axes = figure.subplots(len(jobs), len(titles), squeeze=False)
+    figure = Figure((0.6 + 3 * len(titles), 0.3 + 3.6 * len(grasps)), layout="constrained")
+    axes = figure.subplots(len(grasps), len(titles), squeeze=False)
     with TemporaryDirectory() as folder, writing(path):
-        take = functools.partial(_take_pictures, Path(folder), moments)
-        taken = simulate(take, jobs).rows
-        for job, of_row in zip(jobs, axes, strict=True):
-            of_method = taken[taken["method"] == job.method].itertuples()
-            for axis, title, picture in zip(of_row, titles, of_method, strict=True):
+        take = functools.partial(_take_pictures, Path(folder), moments, make)
+        taken = simulate(take, [_Place(k, grasp.job) for k, grasp in enumerate(grasps)]).rows
+        for place, (grasp, of_row) in enumerate(zip(grasps, axes, strict=True)):
+            own = taken[taken["place"] == place].itertuples()
+            for axis, title, picture in zip(of_row, titles, own, strict=True):
                 axis.imshow(imread(picture.file))
-                axis.set(xticks=[], yticks=[], title=title if job is jobs[0] else "")
+                axis.set(xticks=[], yticks=[], title=title if place == 0 else "")
                 axis.set_xlabel(f"{picture.active} of {picture.fingers} fingers active")
-            of_row[0].set_ylabel(METHODS[job.method].label)
-            grasp = grasps[job.method]
-            text = f"clean grasp with {grasp.fingers} fingers" if grasp.clean else grasp.gave_up
-            of_row[-1].set_xlabel(textwrap.fill(text or "not clean", 34), parse_math=False)
+            of_row[0].set_ylabel(grasp.label)
+            of_row[-1].set_xlabel(textwrap.fill(grasp.text, 34), parse_math=False)
         figure.savefig(path, dpi=130)
 
 
 def _take_pictures(
-    folder: Path, moments: tuple[float, ...], job: TrialJob
+    folder: Path, moments: tuple[float, ...], make: Callable[[Any], Trial], job: _Place
 ) -> list[dict[str, object]]:
     """Takes the pictures of a trial, and returns their files and numbers of active fingers."""
     rows: list[dict[str, object]] = []
-    trial = make_trial(job)
-    for place, moment in enumerate([*moments, None]):
+    trial = make(job.job)
+    for moment in (*moments, None):
         if moment is None:
             trial.grasp(moments[-1])
         else:
             trial.track(moment)
-        file = folder / f"{job.method}_{place}.png"
+        file = folder / f"{job.place}_{len(rows)}.png"
         imsave(file, photograph(trial, annotate=moment is not None))
-        rows.append(
-            {
-                "file": str(file),
-                "active": trial.samples[-1].active,
-                "fingers": len(trial.samples[-1].status),
-            }
-        )
+        last = trial.samples[-1]
+        rows.append({"file": str(file), "active": last.active, "fingers": len(last.status)})
     return rows
 
 

@@ -31,11 +31,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="further folder with files that the study names; repeatable",
     )
-    parser.add_argument(
-        "--scheduler",
-        metavar="ADDRESS",
-        help="make the runs on the Dask cluster of this scheduler, such as tcp://host:8786",
-    )
+    study_options.add_scheduler_option(parser)
 
 
 def sweep(
