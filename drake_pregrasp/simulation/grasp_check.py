@@ -50,7 +50,7 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         scenario: Scenario whose keys, types and ranges have been checked.
         surface: Surface of the scenario's object.
     """
-    grasp, plant = scenario.grasp, scenario.plant_config
+    grasp, plant = scenario.grasp, scenario.plant_settings
     if not grasp.has_hand:
         return
     if isinstance(scenario.motion, PoseStream):

@@ -1,5 +1,6 @@
 """Schema of scenario files, which configure a simulation."""
 
+from copy import copy
 from dataclasses import dataclass, field
 from weakref import WeakKeyDictionary
 
@@ -66,6 +67,8 @@ class RecordingConfig:
     tile_size: float = field(default=0.005, metadata={"at_least": 0.001})
 
 
+_TIME_STEP = 0.025  # Default time step of the plant without a hand, in seconds.
+
 _PAPER_CONTACTS = (
     (-0.335, 1.0, -0.7),
     (0.7, 1.0, -0.246),
@@ -94,10 +97,11 @@ class Scenario:
     # Configuration of Drake's plant. The time step is half the planning period, so that both fall
     # on exactly the same times. Without sampled output ports, the plant steps in the same pass as
     # the planner, which then sees the same pose as loggers and visualizers. The contact model
-    # is Drake's default, hydroelastic and `lagged`: with `sap`, sliding objects hop.
+    # is Drake's default, hydroelastic and `lagged`: with `sap`, sliding objects hop. With a hand,
+    # half its control period replaces the default time step.
     plant_config: MultibodyPlantConfig = field(
         default_factory=lambda: MultibodyPlantConfig(
-            time_step=0.025, use_sampled_output_ports=False
+            time_step=_TIME_STEP, use_sampled_output_ports=False
         )
     )
 
@@ -144,6 +148,14 @@ class Scenario:
         if self.chooses_contacts:
             return len(load_hand(self.grasp.hand).fingertips)
         return self.ring_contacts or len(self.initial_contacts)
+
+    @property
+    def plant_settings(self) -> MultibodyPlantConfig:
+        """The plant's configuration with its time step for a hand, if there is one."""
+        settings = copy(self.plant_config)
+        if self.grasp.has_hand and settings.time_step == _TIME_STEP:
+            settings.time_step = self.grasp.period / 2
+        return settings
 
     @property
     def chooses_contacts(self) -> bool:

@@ -122,6 +122,7 @@ def test_contacts_are_chosen_unless_given(request, name):
     assert margins[1] > margins[0] + 0.1
     mine = Scenario(grasp=given.grasp)  # The default contacts are for no hand.
     assert mine.chooses_contacts
+    assert mine.plant_settings.time_step == mine.grasp.period / 2
     assert not given.chooses_contacts
     assert mine.num_contacts == len(p_OC)
 
