@@ -20,7 +20,6 @@ MARGIN = 0.01
 _MOST_NODES = 300_000  # Large objects have larger cells.
 _EDGE = 0.005  # Longest edge of the parts of triangles, in metres.
 _CHUNK = 20_000  # Nodes at a time.
-_PASSES = 20  # Largest number of passes over the nodes.
 _TIE = 1e-9  # Difference of distances that is rounding, in metres.
 _CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 
@@ -47,27 +46,35 @@ class DistanceGrid:
     def at(self, p_MP: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns signed distances and unit gradients; see `SignedDistance`.
 
+        They are NaN for points that are not finite.
+
         Args:
             p_MP: Positions of the points in M, shape (k, 3), in metres.
         """
-        place = np.clip((p_MP - self.low) / self.cell, 0, self.counts - 1)
+        is_known = np.isfinite(p_MP).all(axis=1)
+        p_MP = np.where(is_known[:, None], p_MP, self.low)
+        place = np.maximum((p_MP - self.low) / self.cell, 0.0)
+        place = np.minimum(place, self.counts - 1.0)
         first = np.minimum(place.astype(np.int64), self.counts - 2)
-        share = (place - first)[:, None]
-        weights = np.prod(np.where(_CORNERS, share, 1 - share), axis=2)
-        corners = first[:, None] + _CORNERS
-        i, j, k = np.moveaxis(corners, 2, 0)
-        nodes = self.nodes[(i * self.counts[1] + j) * self.counts[2] + k]
-        found = np.einsum("kc,kcv->kv", weights, nodes)
+        share = place - first
+        x, y, z = np.stack([1 - share, share], axis=2).swapaxes(0, 1)
+        weights = (x[:, :, None, None] * y[:, None, :, None] * z[:, None, None, :]).reshape(-1, 8)
+        strides = np.array([self.counts[1] * self.counts[2], self.counts[2], 1])
+        nodes = self.nodes[(first @ strides)[:, None] + _CORNERS @ strides]
+        found = (weights[:, None] @ nodes)[:, 0]
         distances, gradients = found[:, 0], found[:, 1:]
-        gradients /= np.maximum(np.linalg.norm(gradients, axis=1, keepdims=True), 1e-9)
-        is_beyond = np.any(np.abs(self.low + self.cell * place - p_MP) > _TIE, axis=1)
+        lengths = np.sqrt(np.einsum("ki,ki->k", gradients, gradients))
+        gradients /= np.maximum(lengths, 1e-9)[:, None]
+        is_beyond = (np.abs(self.low + self.cell * place - p_MP) > _TIE).any(axis=1)
         if is_beyond.any():
-            at, beyond = self.low + self.cell * corners[is_beyond], nodes[is_beyond]
+            corners = first[is_beyond, None] + _CORNERS
+            at, beyond = self.low + self.cell * corners, nodes[is_beyond]
             away = p_MP[is_beyond, None] - (at - beyond[..., :1] * beyond[..., 1:])
             lengths = np.linalg.norm(away, axis=2)
             nearest = np.arange(len(away)), np.argmin(lengths, axis=1)
             distances[is_beyond] = lengths[nearest]
             gradients[is_beyond] = away[nearest] / lengths[nearest][:, None]
+        found[~is_known] = np.nan  # `distances` and `gradients` are views of it.
         return distances, gradients
 
 
@@ -91,18 +98,22 @@ def distance_grid(mesh: trimesh.Trimesh, cell: float = CELL) -> DistanceGrid:
         away[chunk] = p[chunk] - closest_points(corners[face[chunk]], p[chunk])
     # The face with the nearest centroid is not always the nearest one. What a node has found, its
     # neighbours try next.
-    for _ in range(_PASSES):
+    is_new = np.ones(len(p), dtype=bool)
+    for _ in range(int(np.sum(counts))):  # A face comes as far as through the whole grid.
         before = face.copy()
         for axis, step in itertools.product(range(3), (-1, 1)):
             place = np.arange(counts[axis])
             beside = np.clip(place + step, 0, counts[axis] - 1)
-            tried = np.take(face.reshape(counts), beside, axis=axis).ravel()
-            nodes = np.flatnonzero(tried != face)
+            tried, was_new = (
+                np.take(v.reshape(counts), beside, axis=axis).ravel() for v in (face, is_new)
+            )
+            nodes = np.flatnonzero(was_new & (tried != face))
             found = p[nodes] - closest_points(corners[tried[nodes]], p[nodes])
             is_better = _is_nearer(found, normals[tried[nodes]], away[nodes], normals[face[nodes]])
             nodes = nodes[is_better]
             face[nodes], away[nodes] = tried[nodes], found[is_better]
-        if np.array_equal(before, face):
+        is_new = face != before
+        if not is_new.any():
             break
     lengths = np.linalg.norm(away, axis=1)
     signs = np.where(np.einsum("ki,ki->k", away, normals[face]) < 0, -1.0, 1.0)

@@ -22,10 +22,10 @@ from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError, first_li
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.simulation.grasp_check import (
     Problems,
+    check_fingers_have_room,
     errors_at,
     grasp_problems,
     raise_first,
-    room_problems,
 )
 from drake_pregrasp.simulation.scenario import Scenario, hand_planner
 
@@ -87,7 +87,7 @@ def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     limits = hand_planner(scenario).limits
     yield from _limits_problems(limits, scenario.num_contacts, surface)
     yield from _reach_problems(scenario, limits, surface)
-    yield from room_problems(scenario, surface)
+    check_fingers_have_room(scenario, surface)
     yield from _drake_problems(scenario)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.config.object_config import PoseStream
+from drake_pregrasp.config.object_config import Conveyor, PoseStream
 from drake_pregrasp.contacts.goal_limits import hold_contacts
 from drake_pregrasp.contacts.selection_input import (
     ContactStatus,
@@ -98,7 +98,7 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
       controller's lead.
     - `early_motion_mm`, `closing_motion_mm`, `squeeze_motion_mm`: largest motion of the object's
       origin on the turntable from `SETTLED` until the squeeze, while fingers close until touch, and
-      while forces increase.
+      while forces increase; `early_motion_mm` is null if no conveyor carries the object.
     - `lift_height_mm`: height of the object at the end above its height before the lift.
     - `slip_lift_mm`, `slip_hold_mm`: largest motion over the object of any fingertip that pressed
       at the start of the lift.
@@ -116,7 +116,8 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
     carried = _seen_from(log.read_pose("wg"), tips)
     errors = 1e3 * np.linalg.norm(carried - _shifted(time, goals, lead), axis=2)
     tracking = (phase <= GraspPhase.TRACK) & (time > SETTLED)
-    early = (phase <= GraspPhase.CLOSE) & (time > SETTLED)
+    is_carried = isinstance(scenario.motion, Conveyor)
+    early = (phase <= GraspPhase.CLOSE) & (time > SETTLED) & is_carried
     on_table = 1e3 * _seen_from(table_poses, object_poses[:, None, :3])
     on_object = 1e3 * _seen_from(object_poses, tips)
     lifting = np.flatnonzero(phase == GraspPhase.LIFT)

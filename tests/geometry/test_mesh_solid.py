@@ -73,6 +73,13 @@ def test_gradients_are_unit_vectors_that_lead_away(body):
     assert np.mean(gains > 0.9) > 0.9  # But where two walls are equally near.
 
 
+def test_those_of_points_that_are_not_known_are_nan(body):
+    p_OP = np.array([[0.0, np.nan, 0.0], [np.nan, 1.0, np.nan], [0.1, 0.1, 0.1]])
+    distances, gradients = body[0].distance_and_gradient(p_OP)
+    np.testing.assert_array_equal(np.isnan(distances), [True, True, False])
+    np.testing.assert_array_equal(np.isnan(gradients).any(axis=1), [True, True, False])
+
+
 def test_a_moved_body_has_moved_distances_and_its_own_highest_point(body):
     solid, surface = body
     p_OP, moved = places(surface, 0.001, 0.009), solid.moved(TURN, SHIFT)

@@ -206,12 +206,13 @@ def test_the_balls_of_a_link_are_in_it_and_as_near_to_points_as_it_is(shape):
     name = graph.RegisterAnchoredGeometry(graph.RegisterSource("test"), geometry)
     *p_WS, radius = link_balls(graph.model_inspector(), name).T
     query = graph.get_query_output_port().Eval(graph.CreateDefaultContext())
+    drake_error = 2e-3 if isinstance(shape, Ellipsoid) else 1e-5
     points = X_WG.translation() + np.random.default_rng(0).uniform(-0.06, 0.06, (500, 3))
     for point in points:
         (exact,) = query.ComputeSignedDistanceToPoint(point)
         if exact.distance > LINK_CLEARANCE:
             away = np.linalg.norm(np.transpose(p_WS) - point, axis=1) - radius
-            assert -1e-5 < np.min(away) - exact.distance < 1e-3
+            assert -drake_error < np.min(away) - exact.distance < 1e-3
 
 
 @pytest.mark.parametrize("depth", [0.0, 0.02])
