@@ -328,7 +328,7 @@ class HandModel:
                     x, y, z = point
                     raise InvalidArgumentError(
                         f"the contact at ({x:.3g}, {y:.3g}, {z:.3g}) m is nearest to {tip.frame},"
-                        f" and on {face}; forbidden to it are: {', '.join(forbidden)}"
+                        f" to which {face} is forbidden (all of these: {', '.join(forbidden)})"
                     )
 
     def in_workspace(self, p_HT: FloatArray) -> BoolArray:
