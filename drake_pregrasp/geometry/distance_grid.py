@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 from scipy.spatial import cKDTree
 
-from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.geometry.sampling import split_triangles
 from drake_pregrasp.geometry.surface import closest_points
 
