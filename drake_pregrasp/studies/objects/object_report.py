@@ -149,7 +149,7 @@ def plot_map(rows: pd.DataFrame) -> Figure:
     order = rows.groupby("object")["held"].mean().sort_values(ascending=False, kind="stable").index
     grid = grid[order]
     lines = [f"{speed:g} mm/s, {_LABELS[m]}, seed {seed}" for speed, m, seed in grid.index]
-    not_green = np.delete(matplotlib.colormaps["tab20"](range(20)), (4, 5), axis=0)
+    not_green = np.delete(matplotlib.colormaps["tab20"](np.arange(20)), (4, 5), axis=0)
     colors = ["#009E73", *not_green[: len(causes) - 1]]
     figure = Figure((4 + 0.09 * max(40, len(order)), 1.6 + 0.22 * len(lines)), layout="constrained")
     axes = figure.subplots()
