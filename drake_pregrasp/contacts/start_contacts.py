@@ -307,7 +307,7 @@ class _Search:
     def grasp_at(self, yaw: float) -> _Trial | None:
         """Returns a grasp near a yaw; None if it has too few fingers or no force closure."""
         trial = self.settled(yaw)
-        for _ in range(_TURNS):
+        for _ in range(_TURNS if len(trial.seated) >= self._hand.least_fingers else 0):
             turned = self._turned(trial)
             permitted = self.limits_at(turned)[trial.seated, trial.seats[trial.seated]]
             if np.all(permitted == Limit.NONE):

@@ -70,9 +70,7 @@ class PalmCarrier:
         return posed
 
     def seen_from_object(self, hand: HandKinematics, q: FloatArray) -> FloatArray:
-        """Returns the fingertips' centres over an object at yaw 0, shape (k, n, 3), in metres.
-
-        They are in a frame with the object's origin and the axes of W.
+        """Returns the fingertips' centres over an object at yaw 0, along the axes of W, (k, n, 3).
 
         Args:
             hand: Kinematics of the fingertips.
