@@ -20,8 +20,8 @@ SKIPPED = {
     tokenize.ENDMARKER,
 }
 LINES = {  # At most this many lines of code below each folder.
-    "drake_pregrasp": 18_900,
-    "drake_pregrasp/studies": 4_900,
+    "drake_pregrasp": 19_000,
+    "drake_pregrasp/studies": 5_100,
     "drake_pregrasp/fast": 1_400,
     "tests": 14_600,
 }

@@ -8,6 +8,8 @@ from drake_pregrasp.config.planner_config import BlendConfig, EstimatorConfig, P
 from drake_pregrasp.contacts.assignment import ring_contacts
 from drake_pregrasp.contacts.goal_limits import Pair
 from drake_pregrasp.contacts.selection_input import ContactStatus, SelectionInput, WeightFunction
+from drake_pregrasp.contacts.start_contacts import NoGraspError
+from drake_pregrasp.diagrams.grasping_hand import AddHandController, GraspingHand
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import add_hand_model
@@ -43,15 +45,18 @@ from drake_pregrasp.systems.pose_estimator import PoseEstimator
 from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
+from drake_pregrasp.systems.sources import BodyPose
 from drake_pregrasp.version import __version__
 
 __all__ = [
+    "AddHandController",
     "AddPregraspPlanner",
     "ArmKinematics",
     "ArmPosture",
     "BallReach",
     "BallSolid",
     "BlendConfig",
+    "BodyPose",
     "Box",
     "BoxReach",
     "BoxSolid",
@@ -69,6 +74,7 @@ __all__ = [
     "GraspQualityMonitor",
     "GraspQualityView",
     "GraspSequencer",
+    "GraspingHand",
     "HalfSpace",
     "HandController",
     "HandDescription",
@@ -80,6 +86,7 @@ __all__ = [
     "LimitsConfig",
     "MeasurementFaults",
     "MeasurementVerdict",
+    "NoGraspError",
     "NoiseSource",
     "NoisyPoseSensor",
     "ObjectPlant",

@@ -5,17 +5,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from five_finger_hand import HAND, X_WO, hand_controller
 from pages import DOCS, ROOT, block, blocks, executed
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.multibody.math import SpatialVelocity
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import BusValue, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 
 from drake_pregrasp import (
     AddPregraspPlanner,
-    ContactStatus,
     MeasurementVerdict,
     PlannerConfig,
     TrackingStatus,
@@ -75,25 +70,14 @@ def test_the_guide_to_composing_lifts_the_cube(monkeypatch, tmp_path):
 
 
 @pytest.mark.slow
-def test_the_robot_in_a_plant_of_ones_own_stays_where_the_controller_holds_it():
-    add_robot = executed("compose.md", blocks("compose.md", "python")[1])["add_robot"]
-    builder = DiagramBuilder()
-    controller = builder.AddSystem(hand_controller())
-    plant, _ = add_robot(builder, controller, HAND.description)
-    simulator = Simulator(builder.Build())
-    context = simulator.get_mutable_context()
-    own = controller.GetMyMutableContextFromRoot(context)
-    for name, value in (
-        ("fingertip_targets", AbstractValue.Make(BusValue())),
-        ("contact_status", np.full(5, float(ContactStatus.LOST))),
-        ("X_WO_estimated", X_WO),
-        ("V_WO_estimated", SpatialVelocity.Zero()),
-        ("close", [0.0]),
-    ):
-        controller.GetInputPort(name).FixValue(own, value)
-    simulator.AdvanceTo(0.1)
-    q = plant.GetPositions(plant.GetMyContextFromRoot(context))
-    np.testing.assert_allclose(q[:4], controller.initial[:4], atol=0.02)
+@pytest.mark.parametrize("hand", ["five_finger_hand", "allegro_panda"])
+def test_the_robot_in_a_plant_of_ones_own_lifts_the_box(hand, request, capsys):
+    if hand == "allegro_panda":
+        request.getfixturevalue(hand)
+    code = blocks("compose.md", "python")[1].replace("five_finger_hand.yaml", f"{hand}.yaml", 1)
+    names = executed("compose.md", code)
+    assert capsys.readouterr().out.endswith(("HOLD at 0.1 m\n", "HOLD at 0.099 m\n"))
+    assert names["X_WO"].rotation().matrix()[2, 2] > 0.99
 
 
 @pytest.mark.slow
@@ -162,18 +146,19 @@ def test_the_page_on_the_study_says_what_the_code_does():
 
 
 @pytest.mark.parametrize(
-    ("page", "command", "dasks"),
+    ("page", "command", "others"),
     [
         ("static_versus_dynamic.md", "study static-versus-dynamic", ""),
+        ("objects.md", "study objects", "--scenario_text --no --only --python --target"),
         ("sweeps.md", "sweep", "--host --dashboard --nworkers --nthreads --lifetime"),
     ],
 )
-def test_the_pages_on_studies_name_their_options(page, command, dasks, capsys):
+def test_the_pages_on_studies_name_their_options(page, command, others, capsys):
     with pytest.raises(SystemExit):
         main([*command.split(), "--help"])
     known = set(re.findall(r"--\w+", capsys.readouterr().out)) - {"--help"}
     named = set(re.findall(r"--\w+", (DOCS / page).read_text(encoding="utf-8")))
-    assert named == known | set(dasks.split())
+    assert named == known | set(others.split())
 
 
 @pytest.mark.slow

@@ -323,13 +323,12 @@ class HandModel:
             InvalidArgumentError: If a contact is on such a face.
         """
         for tip, point, normal in zip(self.description.fingertips, p_OC, normals, strict=True):
-            for face in tip.forbidden_faces:
+            for face in (forbidden := tip.forbidden_faces):
                 if AxisArea(face).holds(normal[None])[0]:
                     x, y, z = point
                     raise InvalidArgumentError(
                         f"the contact at ({x:.3g}, {y:.3g}, {z:.3g}) m is nearest to {tip.frame},"
-                        f" to which {face} is forbidden; forbidden to it are:"
-                        f" {', '.join(tip.forbidden_faces)}"
+                        f" to which {face} is forbidden (all of these: {', '.join(forbidden)})"
                     )
 
     def in_workspace(self, p_HT: FloatArray) -> BoolArray:

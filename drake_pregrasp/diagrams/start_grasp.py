@@ -1,4 +1,4 @@
-"""First contacts of a hand over an object that rests or moves."""
+"""First contacts of a hand over an object, chosen or given, and the planner's limits for it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -6,9 +6,12 @@ from dataclasses import replace
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
-from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.config.grasp_config import GraspConfig, hand_limits
+from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.config.planner_config import PlannerConfig
+from drake_pregrasp.contacts.assignment import assign_fingers_round, make_room, palm_turn
 from drake_pregrasp.contacts.start_contacts import (
     HandOverObject,
     StartContacts,
@@ -76,7 +79,7 @@ def choose_contacts(
     Args:
         hand: Model of the hand.
         config: Configuration of the grasp.
-        limits: Limits of the planner, with those of the hand; see `hand_limits`.
+        limits: Limits of the planner, with those of the hand; see `hand_planner`.
         surface: Surface of the object.
         solid: The object in O.
         mass: Mass of the object, in kg.
@@ -117,6 +120,113 @@ def choose_contacts(
             in_workspace=lambda yaw, p_OT: hand.in_workspace(p_OT @ R_WO.T @ _turned(yaw)),
         ),
     )
+
+
+def hand_planner(config: PlannerConfig, grasp: GraspConfig, hand: HandDescription) -> PlannerConfig:
+    """Returns a planner's configuration with the limits of a hand.
+
+    Limits of the configuration take precedence over those of the hand. The forbidden faces of a
+    finger are those of both.
+
+    Args:
+        config: Configuration of the planner.
+        grasp: Configuration of the grasp.
+        hand: Description of the hand.
+    """
+    own, default = config.limits, LimitsConfig()
+    limits = hand_limits(hand, grasp, reach=grasp.use_reach)
+    given = {name: value for name, value in vars(own).items() if value != getattr(default, name)}
+    if len(own.forbidden_faces) == len(limits.forbidden_faces):
+        both = zip(own.forbidden_faces, limits.forbidden_faces, strict=True)
+        given["forbidden_faces"] = [list(dict.fromkeys([*a, *b])) for a, b in both]
+    return replace(config, limits=replace(limits, **given))
+
+
+def assigned_contacts(
+    hand: HandModel,
+    yaw_range: tuple[float, float],
+    p_OC: FloatArray,
+    *,
+    p_OCoM: FloatArray,
+    R_WO: FloatArray,
+) -> FloatArray:
+    """Returns given contacts in the order of the fingers, shape (n, 3), in metres.
+
+    Args:
+        hand: Model of the hand.
+        yaw_range: Smallest and largest angle of the palm, in radians.
+        p_OC: Contacts in O, shape (n, 3), in metres.
+        p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
+        R_WO: Orientation of the object.
+
+    Raises:
+        InvalidArgumentError: If there is not one contact for each finger, or one is out of reach.
+    """
+    check_count(hand.description, len(p_OC))
+    p_CoMC_W = (p_OC - p_OCoM) @ R_WO.T
+    order, _ = assign_fingers_round(
+        hand.azimuths,
+        np.arctan2(p_CoMC_W[:, 1], p_CoMC_W[:, 0]),
+        largest_offset=hand.largest_offsets,
+        yaw_range=yaw_range,
+    )
+    return np.array(p_OC[order])
+
+
+def contacts_with_room(
+    hand: HandModel,
+    limits: LimitsConfig,
+    yaw_range: tuple[float, float],
+    surface: ObjectSurface,
+    p_OC: FloatArray,
+    *,
+    X_WO: RigidTransform,
+    fixed: Sequence[Solid],
+) -> tuple[FloatArray, BoolArray]:
+    """Returns contacts beside each other, shape (n, 3), and which have room, shape (n,).
+
+    Contacts whose fingertips overlap are replaced by others on the allowed surface. A finger for
+    which there is none within its reach stays away from the object.
+
+    Args:
+        hand: Model of the hand.
+        limits: Limits of the planner, with those of the hand; see `hand_planner`.
+        yaw_range: Smallest and largest angle of the palm, in radians.
+        surface: Surface of the object.
+        p_OC: Contacts in O, in the order of the fingers, shape (n, 3), in metres.
+        X_WO: Pose of the object.
+        fixed: Solids in W that fingertips avoid, such as the table.
+    """
+    p_CoMC_W = (p_OC - surface.p_OCoM) @ X_WO.rotation().matrix().T
+    yaw = palm_turn(p_CoMC_W, hand.azimuths, 0.0, yaw_range)
+    return make_room(surface, p_OC, start_constraints(limits, X_WO, fixed, yaw_range)(yaw))
+
+
+def check_count(hand: HandDescription, count: int) -> None:
+    """Checks that a hand has one fingertip for each contact.
+
+    Raises:
+        InvalidArgumentError: If it has more, or fewer.
+    """
+    if (fingers := len(hand.fingertips)) != count:
+        raise InvalidArgumentError(f"{fingers} fingertips must be {count}, one for each contact")
+
+
+def check_room(hand: HandDescription, has_room: BoolArray) -> None:
+    """Checks that enough fingers of a hand reach the object with room beside each other.
+
+    Args:
+        hand: Description of the hand.
+        has_room: Mask of the fingers that do, shape (n,).
+
+    Raises:
+        InvalidArgumentError: If too few do; the message names the others.
+    """
+    there, least = int(np.sum(has_room)), GraspSettings.least_fingers
+    away = [tip.frame for tip, room in zip(hand.fingertips, has_room, strict=True) if not room]
+    if away and there < least:
+        problem = f"only {there} fingers reach it and have room, {least} are needed"
+        raise InvalidArgumentError(f"{problem}; there is no place for {', '.join(away)}")
 
 
 def check_palm(

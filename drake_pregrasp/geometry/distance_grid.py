@@ -51,7 +51,7 @@ class DistanceGrid:
         Args:
             p_MP: Positions of the points in M, shape (k, 3), in metres.
         """
-        is_known = np.isfinite(p_MP).all(axis=1)
+        is_known = np.isfinite(np.sum(p_MP, axis=1))
         p_MP = np.where(is_known[:, None], p_MP, self.low)
         place = np.maximum((p_MP - self.low) / self.cell, 0.0)
         place = np.minimum(place, self.counts - 1.0)

@@ -9,10 +9,9 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.object_config import PoseStream
 from drake_pregrasp.contacts.assignment import palm_turn
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.start_grasp import check_palm
+from drake_pregrasp.diagrams.start_grasp import check_count, check_palm, check_room
 from drake_pregrasp.errors import PregraspError, ScenarioError
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.grasping.grasp_state import GraspSettings
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand
 from drake_pregrasp.simulation.scenario import Scenario, followed_path, initial_contacts
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
@@ -51,7 +50,7 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         scenario: Scenario whose keys, types and ranges have been checked.
         surface: Surface of the scenario's object.
     """
-    grasp, plant = scenario.grasp, scenario.plant_config
+    grasp, plant = scenario.grasp, scenario.plant_settings
     if not grasp.has_hand:
         return
     if isinstance(scenario.motion, PoseStream):
@@ -62,8 +61,8 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     if scenario.hand != HandConfig():
         yield "hand", "has no effect with grasp.hand, which sets the pose; leave it out"
     fingers = len(hand.fingertips)
-    if fingers != (count := scenario.num_contacts):
-        yield "grasp.hand", f"{fingers} fingertips must be {count}, one for each contact"
+    with errors_at("grasp.hand"):
+        check_count(hand, scenario.num_contacts)
     if plant.time_step > grasp.period:
         problem = f"{plant.time_step} must be at most {grasp.period}, the hand's period"
         yield "plant_config.time_step", problem
@@ -94,8 +93,8 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     _check_arm(scenario, model, p_OC)
 
 
-def room_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
-    """Yields a problem if too few fingers of a hand reach the object with room beside each other.
+def check_fingers_have_room(scenario: Scenario, surface: ObjectSurface) -> None:
+    """Raises an error if too few fingers of a hand reach the object with room beside each other.
 
     Args:
         scenario: Scenario whose other values have been checked.
@@ -104,11 +103,8 @@ def room_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     if not scenario.grasp.has_hand:
         return
     _, has_room = initial_contacts(scenario, surface)
-    tips, least = load_hand(scenario.grasp.hand).fingertips, GraspSettings.least_fingers
-    away = [tip.frame for tip, room in zip(tips, has_room, strict=True) if not room]
-    if away and len(tips) - len(away) < least:
-        problem = f"only {len(tips) - len(away)} fingers reach it and have room, {least} are needed"
-        yield "object", f"{problem}; there is no place for {', '.join(away)}"
+    with errors_at("object"):
+        check_room(load_hand(scenario.grasp.hand), has_room)
 
 
 def _check_arm(scenario: Scenario, model: HandModel, p_OC: FloatArray) -> None:

@@ -1,6 +1,7 @@
 """Schema of scenario files, which configure a simulation."""
 
-from dataclasses import dataclass, field, replace
+from copy import copy
+from dataclasses import dataclass, field
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -9,8 +10,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
-from drake_pregrasp.config.grasp_config import GraspConfig, hand_limits
-from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.object_config import (
     Box,
     Conveyor,
@@ -24,16 +24,18 @@ from drake_pregrasp.config.surface_config import SurfaceConfig
 from drake_pregrasp.contacts.assignment import (
     FREE_TURN,
     assign_fingers,
-    assign_fingers_round,
-    make_room,
-    palm_turn,
     ring_contacts,
 )
 from drake_pregrasp.contacts.start_contacts import StartContacts
+from drake_pregrasp.diagrams import start_grasp
 from drake_pregrasp.diagrams.expected_path import expected_poses, initial_pose
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import TABLE
-from drake_pregrasp.diagrams.start_grasp import choose_contacts, start_constraints
+from drake_pregrasp.diagrams.start_grasp import (
+    assigned_contacts,
+    choose_contacts,
+    contacts_with_room,
+)
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand, load_hand_model
 from drake_pregrasp.simulation.obstacle_config import ObstacleConfig, moving_solid
@@ -65,6 +67,8 @@ class RecordingConfig:
     tile_size: float = field(default=0.005, metadata={"at_least": 0.001})
 
 
+_TIME_STEP = 0.025  # Default time step of the plant without a hand, in seconds.
+
 _PAPER_CONTACTS = (
     (-0.335, 1.0, -0.7),
     (0.7, 1.0, -0.246),
@@ -93,10 +97,11 @@ class Scenario:
     # Configuration of Drake's plant. The time step is half the planning period, so that both fall
     # on exactly the same times. Without sampled output ports, the plant steps in the same pass as
     # the planner, which then sees the same pose as loggers and visualizers. The contact model
-    # is Drake's default, hydroelastic and `lagged`: with `sap`, sliding objects hop.
+    # is Drake's default, hydroelastic and `lagged`: with `sap`, sliding objects hop. With a hand,
+    # half its control period replaces the default time step.
     plant_config: MultibodyPlantConfig = field(
         default_factory=lambda: MultibodyPlantConfig(
-            time_step=0.025, use_sampled_output_ports=False
+            time_step=_TIME_STEP, use_sampled_output_ports=False
         )
     )
 
@@ -143,6 +148,14 @@ class Scenario:
         if self.chooses_contacts:
             return len(load_hand(self.grasp.hand).fingertips)
         return self.ring_contacts or len(self.initial_contacts)
+
+    @property
+    def plant_settings(self) -> MultibodyPlantConfig:
+        """The plant's configuration with its time step for a hand, if there is one."""
+        settings = copy(self.plant_config)
+        if self.grasp.has_hand and settings.time_step == _TIME_STEP:
+            settings.time_step = self.grasp.period / 2
+        return settings
 
     @property
     def chooses_contacts(self) -> bool:
@@ -215,13 +228,8 @@ class Scenario:
         X_WO = initial_pose(self.motion, self.object)
         if self.grasp.has_hand:
             hand = self.load_hand_model()
-            p_CoMC_W: FloatArray = (X_WO.rotation() @ (p_OC - surface.p_OCoM).T).T
-            azimuths = np.arctan2(p_CoMC_W[:, 1], p_CoMC_W[:, 0])
-            offsets, yaw_range = hand.largest_offsets, hand.yaw_range(self.grasp.yaw_range)
-            order, _ = assign_fingers_round(
-                hand.azimuths, azimuths, largest_offset=offsets, yaw_range=yaw_range
-            )
-            return np.array(p_OC[order])
+            yaw_range, R_WO = hand.yaw_range(self.grasp.yaw_range), X_WO.rotation().matrix()
+            return assigned_contacts(hand, yaw_range, p_OC, p_OCoM=surface.p_OCoM, R_WO=R_WO)
         if not self.hand.fingertips:
             return p_OC
         X_OH = X_WO.inverse() @ self.hand.initial_X_WH(X_WO)
@@ -230,22 +238,11 @@ class Scenario:
 
 
 def hand_planner(scenario: Scenario) -> PlannerConfig:
-    """Returns the planner's configuration, with the limits of the scenario's hand if it has one.
-
-    Limits of the scenario take precedence over those of the hand. The forbidden faces of a finger
-    are those of the scenario and those of the hand.
-    """
-    config, grasp = scenario.planner, scenario.grasp
-    if not grasp.has_hand:
-        return config
-    own, default = config.limits, LimitsConfig()
+    """Returns the planner's configuration, with the limits of the scenario's hand if it has one."""
+    if not scenario.grasp.has_hand:
+        return scenario.planner
     hand = scenario.load_hand_model().description
-    limits = hand_limits(hand, grasp, reach=grasp.use_reach)
-    given = {name: value for name, value in vars(own).items() if value != getattr(default, name)}
-    if len(own.forbidden_faces) == len(limits.forbidden_faces):
-        both = zip(own.forbidden_faces, limits.forbidden_faces, strict=True)
-        given["forbidden_faces"] = [list(dict.fromkeys([*a, *b])) for a, b in both]
-    return replace(config, limits=replace(limits, **given))
+    return start_grasp.hand_planner(scenario.planner, scenario.grasp, hand)
 
 
 def initial_contacts(scenario: Scenario, surface: ObjectSurface) -> tuple[FloatArray, BoolArray]:
@@ -264,12 +261,16 @@ def initial_contacts(scenario: Scenario, surface: ObjectSurface) -> tuple[FloatA
     p_OC, grasp = scenario.initial_p_OC(surface), scenario.grasp
     if not grasp.has_hand:
         return p_OC, np.ones(len(p_OC), dtype=bool)
-    hand, X_WO = scenario.load_hand_model(), initial_pose(scenario.motion, scenario.object)
-    yaw_range = hand.yaw_range(grasp.yaw_range)
-    R_WO = X_WO.rotation().matrix()
-    yaw = palm_turn((p_OC - surface.p_OCoM) @ R_WO.T, hand.azimuths, 0.0, yaw_range)
-    limits = hand_planner(scenario).limits
-    return make_room(surface, p_OC, start_constraints(limits, X_WO, [TABLE.solid], yaw_range)(yaw))
+    hand = scenario.load_hand_model()
+    return contacts_with_room(
+        hand,
+        hand_planner(scenario).limits,
+        hand.yaw_range(grasp.yaw_range),
+        surface,
+        p_OC,
+        X_WO=initial_pose(scenario.motion, scenario.object),
+        fixed=[TABLE.solid],
+    )
 
 
 _chosen: WeakKeyDictionary[ObjectSurface, dict[str, StartContacts]] = WeakKeyDictionary()

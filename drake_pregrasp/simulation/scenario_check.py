@@ -22,10 +22,10 @@ from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError, first_li
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.simulation.grasp_check import (
     Problems,
+    check_fingers_have_room,
     errors_at,
     grasp_problems,
     raise_first,
-    room_problems,
 )
 from drake_pregrasp.simulation.scenario import Scenario, hand_planner
 
@@ -87,7 +87,7 @@ def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     limits = hand_planner(scenario).limits
     yield from _limits_problems(limits, scenario.num_contacts, surface)
     yield from _reach_problems(scenario, limits, surface)
-    yield from room_problems(scenario, surface)
+    check_fingers_have_room(scenario, surface)
     yield from _drake_problems(scenario)
 
 
@@ -143,7 +143,7 @@ def _size_problems(key: str, size: float, largest: float, hint: str = "") -> Pro
 
 
 def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
-    planner, plant = scenario.planner, scenario.plant_config
+    planner, plant = scenario.planner, scenario.plant_settings
     count, places, extents = scenario.num_contacts, len(surface.p_OQ), surface.mesh.extents
     yield from _size_problems("surface.spacing", scenario.surface.spacing, np.max(extents))
     if scenario.ring_contacts > places:
@@ -281,7 +281,7 @@ def _drake_problems(scenario: Scenario) -> Problems:
     """Yields Drake's own errors about its settings."""
     try:
         with failures_as_errors():
-            AddMultibodyPlant(scenario.plant_config, DiagramBuilder())
+            AddMultibodyPlant(scenario.plant_settings, DiagramBuilder())
     except RuntimeError as error:
         yield "plant_config", first_line(error)
     try:

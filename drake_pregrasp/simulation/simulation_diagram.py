@@ -56,7 +56,7 @@ def make_diagram(
             builder,
             scenario.object,
             scenario.motion,
-            scenario.plant_config,
+            scenario.plant_settings,
             scenario.grasp,
             scenario.load_hand_model(scenario.grasp.yaw_range),
             p_OCoM=surface.p_OCoM,
@@ -69,7 +69,7 @@ def make_diagram(
         object_plant = ObjectPlant(
             scenario.object,
             scenario.motion,
-            scenario.plant_config,
+            scenario.plant_settings,
             obstacles=scenario.obstacle_bodies,
         )
         add("object_plant", object_plant)

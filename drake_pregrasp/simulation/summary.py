@@ -112,7 +112,7 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
         return {"phase": None, "gave_up": None}
     tips, goals, forces = (log.read_points(kind) for kind in ("tip", "goal", "force"))
     object_poses, table_poses = log.read_pose("wo"), log.read_pose("wd")
-    lead = scenario.grasp.period + scenario.plant_config.time_step
+    lead = scenario.grasp.period + scenario.plant_settings.time_step
     carried = _seen_from(log.read_pose("wg"), tips)
     errors = 1e3 * np.linalg.norm(carried - _shifted(time, goals, lead), axis=2)
     tracking = (phase <= GraspPhase.TRACK) & (time > SETTLED)

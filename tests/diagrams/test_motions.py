@@ -34,6 +34,16 @@ def poses(motion, times, time_step=0.0125, box=BOX):
     return found
 
 
+@pytest.mark.parametrize("start", [0.0, 2.5])
+def test_a_conveyor_carries_an_object_that_starts_turned_about_its_centre_of_mass(start):
+    mug = Mesh(file=str(resource_folder("models") / "mug.obj"))
+    motion = Conveyor(linear_velocity=0.02, angular_velocity=0.2, yaw=start)
+    *_, X_WO = poses(motion, [0.5], box=mug)
+    p_WCoM = X_WO @ mug.make_shape().p_OCoM
+    assert yaw(X_WO) == pytest.approx(start + 0.1, abs=0.004)
+    np.testing.assert_allclose(p_WCoM[:2], [0.01, 0.0], atol=5e-4)
+
+
 def yaw(X_WO):
     return RollPitchYaw(X_WO.rotation()).yaw_angle()
 

@@ -23,6 +23,7 @@ from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.simulation.summary import inactive_contacts
 
+HAND = "package://drake_pregrasp/five_finger_hand.yaml"
 NAME = "grasp_five_finger"
 QUIET = "sensor: {position_std: 0.0, orientation_std: 0.0}"
 SLOW = f"motion: {{linear_velocity: 0.001, angular_velocity: 0.0174}}, {QUIET}"
@@ -78,6 +79,18 @@ def test_a_belt_that_accelerates_neither_shoves_nor_slides_the_object(start, cha
     lift = phases["time"][phases["phase"] == GraspPhase.LIFT][0]
     assert np.all(log["tracking_status"] == TrackingStatus.TRACKING)
     assert np.max(log["position_error"][log["time"] >= lift]) < 2e-3
+
+
+@pytest.mark.slow
+def test_an_object_and_a_hand_are_all_that_a_scenario_needs(tmp_path):
+    (tmp_path / "mine.yaml").write_text(
+        f"mine: {{object: !Cylinder {{}}, grasp: {{hand: {HAND}}}}}"
+    )
+    scenario = load_scenario(file=tmp_path / "mine.yaml", text="{simulation_duration: 7.5}")
+    result = run(scenario, name="mine", out=tmp_path, recording=False)
+    grasp = result.summary["grasp"]
+    assert (grasp["phase"], grasp["lift_height_mm"]) == ("hold", pytest.approx(100, abs=2))
+    assert grasp["early_motion_mm"] < 1.0
 
 
 @pytest.mark.slow

@@ -21,8 +21,9 @@ from drake_pregrasp.config.hand_description import Arm, Carrier
 from drake_pregrasp.config.limits_config import BallReach, BoxReach, SectorReach
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams import hand_parsing
+from drake_pregrasp.quality.force_closure import min_weight_margin
 from drake_pregrasp.simulation.hand_file import load_hand_model
-from drake_pregrasp.simulation.scenario import hand_planner
+from drake_pregrasp.simulation.scenario import Scenario, hand_planner, initial_contacts
 
 BAD = yaml.safe_load((Path(__file__).parent / "bad_hands.yaml").read_text())
 FIRST_RADIUS = "radius: 0.009"
@@ -105,6 +106,25 @@ def test_faces_are_forbidden_by_the_scenario_and_by_the_hand(tmp_path):
     path = write_hand(tmp_path, FIRST_RADIUS, "forbidden_faces: ['+x', '-y', '+y'], radius: 0.009")
     with pytest.raises(ScenarioError, match=r"nearest to finger_0_tip, to which [+-][xy] is for"):
         scenario_with(path)
+
+
+@pytest.mark.parametrize("name", ["grasp_five_finger", "grasp_allegro_panda"])
+def test_contacts_are_chosen_unless_given(request, name):
+    if name == "grasp_allegro_panda":
+        request.getfixturevalue("allegro_panda")
+    given = load_scenario(name)
+    surface = given.make_surface()
+    margins = []
+    for text in ("{}", "{initial_contacts: []}"):
+        p_OC, has_room = initial_contacts(load_scenario(name, text=text), surface)
+        on, normals = p_OC[has_room], surface.project(p_OC)[1][has_room]
+        margins.append(min_weight_margin(on - surface.p_OCoM, normals, 0.5))
+    assert margins[1] > margins[0] + 0.1
+    mine = Scenario(grasp=given.grasp)  # The default contacts are for no hand.
+    assert mine.chooses_contacts
+    assert mine.plant_settings.time_step == mine.grasp.period / 2
+    assert not given.chooses_contacts
+    assert mine.num_contacts == len(p_OC)
 
 
 def test_limits_of_a_scenario_are_checked_with_those_of_its_hand():

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from drake_pregrasp.studies.objects.object_trial import (
     make_trial,
 )
 from drake_pregrasp.studies.report_page import Details, Heading, Part, Picture, Table, write_report
-from drake_pregrasp.studies.runner import OnProgress
+from drake_pregrasp.studies.runner import OnProgress, run_jobs
 from drake_pregrasp.studies.static_versus_dynamic import paired_statistics
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import LIFTED_ABOVE_MM
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS, TESTED
@@ -34,6 +35,7 @@ HELD = "held"
 _TITLE = "Objects: which ones are held, and why others are not"
 _CELLS = ["hand", "speed", "method"]
 _LABELS = {key: method.label for key, method in METHODS.items()}
+_MAP = "Success map, with objects in order of their shares of success: "
 _PICTURED = 3  # Number of pictured grasps for each hand, of held objects and of failures each.
 _IN_WORDS = (
     f"An object is held if it was lifted by more than {LIFTED_ABOVE_MM:g} mm and is still there"
@@ -68,7 +70,7 @@ def write_object_report(
             share_table(rows),
             Heading("Causes"),
             cause_table(rows),
-            *(Picture(plot_map(own), _map_text(hand)) for hand, own in rows.groupby("hand")),
+            *(Picture(plot_map(own), _MAP + hand_name(hand)) for hand, own in rows.groupby("hand")),
             Heading("Paired tests"),
             paired_table(rows),
             *figures,
@@ -147,8 +149,8 @@ def plot_map(rows: pd.DataFrame) -> Figure:
     order = rows.groupby("object")["held"].mean().sort_values(ascending=False, kind="stable").index
     grid = grid[order]
     lines = [f"{speed:g} mm/s, {_LABELS[m]}, seed {seed}" for speed, m, seed in grid.index]
-    few = matplotlib.colormaps["tab20"](np.arange(len(causes)) % 20)
-    colors = ["#009E73", *few[1:]]
+    not_green = np.delete(matplotlib.colormaps["tab20"](np.arange(20)), (4, 5), axis=0)
+    colors = ["#009E73", *not_green[: len(causes) - 1]]
     figure = Figure((4 + 0.09 * max(40, len(order)), 1.6 + 0.22 * len(lines)), layout="constrained")
     axes = figure.subplots()
     norm = BoundaryNorm(np.arange(len(causes) + 1) - 0.5, len(causes))
@@ -190,16 +192,13 @@ def pictures_of_grasps(
     if not shown:
         return []
     moments = (1.0, base_scenario().grasp.close_at)
-    picture_grid(folder / PICTURES, shown, moments, make_trial, processes, on_progress)
+    simulate = partial(run_jobs, processes=processes, on_progress=on_progress)
+    picture_grid(folder / PICTURES, shown, moments, make_trial, simulate)
     caption = (
         f"Grasps with {_LABELS[TESTED]}: for each hand the first {_PICTURED} held objects, and the"
         f" first failure of each of the {_PICTURED} most frequent causes after the start."
     )
     return [Heading("Pictures"), Picture(folder / PICTURES, caption)]
-
-
-def _map_text(hand: str) -> str:
-    return f"Success map of {hand_name(hand)}; objects in order of their shares of success."
 
 
 def _labelled(table: pd.DataFrame) -> pd.DataFrame:

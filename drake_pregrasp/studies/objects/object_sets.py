@@ -1,14 +1,16 @@
 """Sets of objects of the study, and the objects of a set that fit a hand."""
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from pydrake.common.yaml import yaml_load_typed
 
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.limits_config import LimitsConfig
-from drake_pregrasp.config.object_config import Ball, Box, Cylinder, Mesh, ObjectConfig
+from drake_pregrasp.config.object_config import Mesh, ObjectConfig
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.random_objects import (
@@ -32,48 +34,32 @@ _LEVEL = 0.02  # Largest height of a fingertip over or under the object's origin
 _OPPOSITE = float(np.cos(np.radians(30)))  # Largest angle from opposite sides.
 _HALF_TURN = np.radians(np.arange(0, 180, 5))  # Azimuths of an object's widths.
 
-_HOUSEHOLD_MASSES = {  # In kg.
-    "mug": 0.3,
-    "bottle": 0.3,
-    "bowl": 0.25,
-    "can": 0.35,
-    "pan": 0.35,
-    "screwdriver": 0.12,
-    "hammer": 0.4,
-    "drill": 0.8,
-    "torus": 0.15,
-    "wedge": 0.1,
-    "carton": 0.5,
-    "ball": 0.1,
-}
+Objects = Mapping[str, ObjectConfig]
+"""Objects of a set by their names."""
 
 
-def _random() -> Mapping[str, ObjectConfig]:
+def _random() -> Objects:
     return {f"{k:03d}": Mesh(object_url(k), mass=MASS) for k in range(NUM_OBJECTS)}
 
 
-def _household() -> Mapping[str, ObjectConfig]:
-    masses = _HOUSEHOLD_MASSES.items()
-    return {name: Mesh(f"{MODELS_URL}{name}.obj", mass=mass) for name, mass in masses}
+SETS_FILE = Path(__file__).with_name("object_sets.yaml")
+"""File with the sets of shipped objects."""
 
 
-def _primitives() -> Mapping[str, ObjectConfig]:
-    return {
-        "cube_50": Box([0.05, 0.05, 0.05], 0.15),
-        "cube_65": Box([0.065, 0.065, 0.065], 0.25),
-        "cube_100": Box([0.1, 0.1, 0.1], 0.3),
-        "flat_box": Box([0.12, 0.07, 0.04], 0.2),
-        "tall_box": Box([0.06, 0.06, 0.14], 0.3),
-        "cylinder_50": Cylinder(0.025, 0.1, 0.2),
-        "cylinder_66": Cylinder(0.033, 0.12, 0.35),
-        "cylinder_90": Cylinder(0.045, 0.06, 0.3),
-        "ball_60": Ball(0.03, 0.1),
-        "ball_90": Ball(0.045, 0.15),
-    }
+@dataclass
+class _ShippedSets:
+    household: dict[str, ObjectConfig] = field(default_factory=dict)
+    primitives: dict[str, ObjectConfig] = field(default_factory=dict)
 
 
-SETS = {"random": _random, "household": _household, "primitives": _primitives}
-"""Functions that return the objects of the sets by their names."""
+_SHIPPED: _ShippedSets = yaml_load_typed(schema=_ShippedSets, filename=str(SETS_FILE))
+
+SETS: dict[str, Callable[[], Objects]] = {
+    "random": _random,
+    "household": lambda: _SHIPPED.household,
+    "primitives": lambda: _SHIPPED.primitives,
+}
+"""Functions that return the objects of the sets."""
 
 
 def hand_file(hand: str) -> str:

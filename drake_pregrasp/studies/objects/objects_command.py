@@ -10,13 +10,20 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.simulation.scenario_file import scenario_data
 from drake_pregrasp.studies import study_options
 from drake_pregrasp.studies.objects.object_report import pictures_of_grasps, write_object_report
-from drake_pregrasp.studies.objects.object_sets import FIT_IN_WORDS, SETS, drawn_objects, hand_file
+from drake_pregrasp.studies.objects.object_sets import (
+    FIT_IN_WORDS,
+    SETS,
+    SETS_FILE,
+    drawn_objects,
+    hand_file,
+)
 from drake_pregrasp.studies.objects.object_trial import (
     MODULES,
     ObjectJob,
     base_scenario,
     run_trial,
 )
+from drake_pregrasp.studies.package_digest import digest_files
 from drake_pregrasp.studies.runner import OnProgress, StudyRows, run_jobs
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS, TESTED
 
@@ -135,7 +142,11 @@ def study_objects(
     Raises:
         OutputError: If the folder cannot be used, or has rows of other settings.
     """
-    settings = {"scenario": scenario_data(base_scenario()), "fit": FIT_IN_WORDS}
+    settings = {
+        "scenario": scenario_data(base_scenario()),
+        "fit": FIT_IN_WORDS,
+        "sets": digest_files([SETS_FILE]),
+    }
     found = run_jobs(
         run,
         jobs,

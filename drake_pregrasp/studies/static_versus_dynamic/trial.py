@@ -198,7 +198,7 @@ class Trial:
             builder,
             scenario.object,
             scenario.motion,
-            scenario.plant_config,
+            scenario.plant_settings,
             self._grasp,
             self.hand,
             p_OCoM=self.surface.p_OCoM,

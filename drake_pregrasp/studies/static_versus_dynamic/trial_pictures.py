@@ -129,7 +129,7 @@ def make_pictures(
         text = f"clean grasp with {row.fingers} fingers" if row.clean else row.gave_up
         job = TrialJob(row.condition, method, int(row.seed))
         shown.append(Grasp(job, METHODS[method].label, text or "not clean"))
-    picture_grid(path, shown, moments, make_trial, simulate=simulate)
+    picture_grid(path, shown, moments, make_trial, simulate)
 
 
 class Grasp(NamedTuple):
@@ -158,10 +158,7 @@ def picture_grid(
     grasps: Sequence[Grasp],
     moments: tuple[float, ...],
     make: Callable[[Any], Trial],
-    processes: int | None = None,
-    on_progress: OnProgress = lambda done, total: None,
-    *,
-    simulate: Callable[..., StudyRows] | None = None,
+    simulate: Callable[..., StudyRows] = run_jobs,
 ) -> None:
     """Writes a grid of pictures: a row for each grasp, a column for each moment and the end.
 
@@ -172,9 +169,8 @@ def picture_grid(
         make: Function that returns the trial of a job.
         processes: Number of local processes; the number of processors if not set.
         on_progress: Called with the number of pictured grasps and the number of all.
-        simulate: Function that runs another function for jobs, instead of `run_jobs`.
+        simulate: Function that runs another function for jobs, like `run_jobs`.
     """
-    simulate = simulate or functools.partial(run_jobs, processes=processes, on_progress=on_progress)
     titles = [*(f"t = {moment:g} s" for moment in moments), "end of the grasp"]
     figure = Figure((0.6 + 3 * len(titles), 0.3 + 3.6 * len(grasps)), layout="constrained")
     axes = figure.subplots(len(grasps), len(titles), squeeze=False)

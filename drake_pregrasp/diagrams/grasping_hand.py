@@ -1,0 +1,155 @@
+"""A hand that plans and grasps in a diagram of your own."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.geometry import SceneGraph
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantValueSource
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.config.hand_description import HandDescription
+from drake_pregrasp.config.planner_config import PlannerConfig
+from drake_pregrasp.diagrams.hand_controller import HandController
+from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.hand_station import TABLE
+from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
+from drake_pregrasp.diagrams.start_grasp import (
+    assigned_contacts,
+    check_room,
+    choose_contacts,
+    contacts_with_room,
+    hand_planner,
+)
+from drake_pregrasp.diagrams.wiring import connect
+from drake_pregrasp.geometry.mesh_solid import MeshSolid
+from drake_pregrasp.geometry.solids import SignedDistance, Solid
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.regions.constraints import Obstacles
+from drake_pregrasp.systems.fingertip_sensor import hand_links
+from drake_pregrasp.systems.hand_scene import separate_fingers
+from drake_pregrasp.systems.sources import ContactWeights
+
+
+class GraspingHand(NamedTuple):
+    """Systems that let a hand follow and grasp an object.
+
+    Attributes:
+        controller: Controller of the hand.
+        planner: Planner of its contacts.
+    """
+
+    controller: HandController
+    planner: PregraspPlanner
+
+
+def AddHandController(
+    builder: DiagramBuilder,
+    hand: HandDescription,
+    surface: ObjectSurface,
+    planner: PlannerConfig,
+    *,
+    plant: MultibodyPlant,
+    robot: ModelInstanceIndex,
+    mass: float,
+    X_WO: RigidTransform,
+    config: GraspConfig | None = None,
+    p_OC: FloatArray | None = None,
+    object_solid: SignedDistance | None = None,
+    fixed: Sequence[Solid] = (TABLE.solid,),
+    scene_graph: SceneGraph | None = None,
+) -> GraspingHand:
+    """Adds a planner and a controller for a hand, and connects them to each other and to a plant.
+
+    The default positions of the robot become those in which the hand starts, over the object. The
+    planner's input `X_WO_measured` and the controller's input `close` must then be connected.
+
+    Args:
+        builder: Builder of the diagram, with the plant.
+        hand: Description of the hand, from `load_hand`.
+        surface: Surface of the object.
+        planner: Configuration of the planner; limits of the hand are added.
+        plant: A finalized plant with the robot; see `add_hand_model`.
+        robot: Model instance of the robot in the plant.
+        mass: Mass of the object, in kg.
+        X_WO: Initial pose of the object.
+        config: Configuration of the grasp; None for the default.
+        p_OC: Initial contacts in O, one for each finger, shape (n, 3), in metres. None: fingers,
+            contacts and the palm's yaw are chosen.
+        object_solid: The object in O; None for the inside of the surface's mesh.
+        fixed: Solids in W that fingertips avoid, such as the table.
+        scene_graph: SceneGraph of the plant, in which links of the same finger, and those of the
+            base, no longer collide with each other, nor fingers with the base. None: nothing
+            changes.
+
+    Raises:
+        NoGraspError: If contacts are to be chosen, but there is no grasp.
+        InvalidArgumentError: If the hand and its model, or given contacts and the fingers, do not
+            match, or an arm cannot hold the palm over the object.
+    """
+    config = config or GraspConfig()
+    solid = object_solid or MeshSolid.of(surface.mesh)
+    model = HandModel(hand.over_object(surface.mesh.bounds[1][2]), config.yaw_range)
+    planner = hand_planner(planner, config, model.description)
+    yaw_range, limits = model.yaw_range(config.yaw_range), planner.limits
+    R_WO = X_WO.rotation().matrix()
+    if p_OC is None:
+        start = choose_contacts(
+            model, config, limits, surface, solid=solid, mass=mass, X_WO=X_WO, fixed=fixed
+        )
+        p_OC, has_contact = start.p_OC, start.has_contact
+    else:
+        p_OC = assigned_contacts(model, yaw_range, p_OC, p_OCoM=surface.p_OCoM, R_WO=R_WO)
+        model.check_contacts(p_OC, surface.project(p_OC)[1])
+        p_OC, has_contact = contacts_with_room(
+            model, limits, yaw_range, surface, p_OC, X_WO=X_WO, fixed=fixed
+        )
+        check_room(model.description, has_contact)
+    controller = builder.AddNamedSystem(
+        "hand_controller",
+        HandController(
+            config,
+            model,
+            object_solid=solid,
+            mass=mass,
+            p_OCoM=surface.p_OCoM,
+            fixed=list(fixed),
+            X_WO=X_WO,
+            p_OC=p_OC,
+            target_period=planner.period,
+            plant_time_step=plant.time_step(),
+        ),
+    )
+    frames = model.kinematics.tip_frames
+    planning = AddPregraspPlanner(builder, planner, surface, p_OC, fingertip_frames=frames)
+    avoided = ConstantValueSource(AbstractValue.Make(Obstacles(tuple(fixed))))
+    away = [(0.0, np.flatnonzero(~has_contact).tolist())]
+    weights = ContactWeights(np.zeros(len(p_OC)), away)
+    for name, source in (("contact_weights", weights), ("obstacles", avoided)):
+        system = builder.AddNamedSystem(name, source)
+        builder.Connect(system.get_output_port(), planning.GetInputPort(name))
+    connect(builder, planning, "fingertip_targets contact_status tracking_status", controller)
+    connect(builder, planning, "X_WO_estimated V_WO_estimated", controller)
+    connect(builder, controller, "hold_contacts V_WO_held", planning)
+    if limits.reach:
+        connect(builder, controller, "X_WH", planning)
+    if scene_graph is not None:
+        tips = [plant.GetFrameByName(tip.frame, robot) for tip in hand.fingertips]
+        inspector = scene_graph.model_inspector()
+        links = hand_links(plant, tips, model.tip_radii, inspector)
+        separate_fingers(scene_graph.collision_filter_manager(), links)
+    plant.SetDefaultPositions(robot, controller.initial)
+    for port, name in (
+        (plant.get_state_output_port(robot), "hand_state"),
+        (plant.get_net_actuation_output_port(robot), "net_actuation"),
+    ):
+        builder.Connect(port, controller.GetInputPort(name))
+    desired = plant.get_desired_state_input_port(robot)
+    builder.Connect(controller.GetOutputPort("desired_state"), desired)
+    return GraspingHand(controller, planning)
