@@ -15,6 +15,7 @@ from drake_pregrasp.geometry.mesh_surface import (
     FacingArea,
     NoTouchArea,
     PartArea,
+    TipSize,
     mesh_surface,
 )
 from drake_pregrasp.geometry.shapes import Shape
@@ -120,7 +121,9 @@ class SurfaceConfig:
     # Radius R_j of each forbidden point, in metres.
     forbidden_radius: float = field(default=0.005, metadata={"at_least": 0, "at_most": 10})
 
-    def make_surface(self, config: ObjectConfig, spacing: float | None = None) -> ObjectSurface:
+    def make_surface(
+        self, config: ObjectConfig, spacing: float | None = None, tip: TipSize | None = None
+    ) -> ObjectSurface:
         """Returns the sampled surface of an object.
 
         The two newest surfaces are cached, and made anew if the configuration or the file changes.
@@ -129,6 +132,7 @@ class SurfaceConfig:
             config: The object.
             spacing: Distance between candidate points, in metres; that of this configuration by
                 default.
+            tip: Size of the fingertips of a hand, which need a place. On a box they have it.
 
         Raises:
             InvalidArgumentError: If the object cannot be made, or no allowed surface is left.
@@ -139,14 +143,14 @@ class SurfaceConfig:
                 status = resolve_path(config.file, Path.cwd()).stat()
                 changed = (status.st_mtime_ns, status.st_size, status.st_ino)
         sampling = self if spacing is None else dataclasses.replace(self, spacing=spacing)
-        key = repr((Path.cwd(), sampling, config, changed))
-        surface = _kept.pop(key, None) or sampling._make(config)
+        key = repr((Path.cwd(), sampling, config, changed, tip))
+        surface = _kept.pop(key, None) or sampling._make(config, tip)
         _kept[key] = surface  # The newest is last.
         for oldest in list(_kept)[:-_MOST_KEPT]:
             _kept.pop(oldest, None)
         return surface
 
-    def _make(self, config: ObjectConfig) -> ObjectSurface:
+    def _make(self, config: ObjectConfig, tip: TipSize | None) -> ObjectSurface:
         lengths = {
             "spacing": self.spacing,
             "forbidden_spacing": self.forbidden_spacing,
@@ -162,7 +166,7 @@ class SurfaceConfig:
         shape = config.make_shape()
         areas: list[NoTouchArea] = [AxisArea(face) for face in self.forbidden_faces]
         areas += [area.make_area(shape) for area in self.no_touch]
-        return mesh_surface(shape, seed=self.seed, no_touch=areas, **lengths)
+        return mesh_surface(shape, seed=self.seed, no_touch=areas, tip=tip, **lengths)
 
 
 _kept: dict[str, ObjectSurface] = {}

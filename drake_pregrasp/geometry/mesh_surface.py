@@ -9,7 +9,7 @@ from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError
 from drake_pregrasp.geometry.sampling import Triangles, choose_evenly, split_triangles
 from drake_pregrasp.geometry.shapes import Shape
-from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
 
 _DISTANCE = 0.75
@@ -74,6 +74,46 @@ NoTouchArea = FacingArea | AxisArea | PartArea | Solid
 """Area without contacts. A solid in O forbids the surface inside it."""
 
 
+_INTRUSION = 0.0015  # Largest depth of a fingertip in the object, beside its contact, in metres.
+_SLOPE = 0.15  # Largest mean slope around a contact, which is 0.3 on a right-angled edge.
+_AROUND = 8  # Directions in which the surface around a contact is compared with its plane.
+_WAY = (0.0, 0.5, 1.0)  # Shares of the standoff at which a fingertip has to fit.
+
+
+@dataclass(frozen=True)
+class TipSize:
+    """Size of fingertips, which decides where they have a place on an object.
+
+    Attributes:
+        radius: Radius of the largest fingertip, in metres.
+        standoff: Gap from which it closes along the normal, in metres.
+    """
+
+    radius: float
+    standoff: float
+
+    def has_place(self, p_OC: FloatArray, nhat_OC: FloatArray, solid: SignedDistance) -> BoolArray:
+        """Returns the mask of contacts at which a fingertip fits and the surface is even, (k,).
+
+        Args:
+            p_OC: Contacts in O, shape (k, 3), in metres.
+            nhat_OC: Outward unit normals at the contacts, shape (k, 3).
+            solid: The object in O.
+        """
+        fits = np.ones(len(p_OC), dtype=bool)
+        for share in _WAY:
+            centres = p_OC + (self.radius + share * self.standoff) * nhat_OC
+            fits &= solid.distance(centres) >= self.radius - _INTRUSION
+        angles, apart = 2 * np.pi * np.arange(_AROUND) / _AROUND, self.radius / 2
+        across = np.cross(nhat_OC, np.eye(3)[np.argmin(np.abs(nhat_OC), axis=1)])
+        across *= apart / np.linalg.norm(across, axis=1, keepdims=True)
+        circle = np.cos(angles)[:, None, None] * across
+        circle += np.sin(angles)[:, None, None] * np.cross(nhat_OC, across)
+        heights = np.abs(solid.distance((p_OC + circle).reshape(-1, 3))).reshape(_AROUND, -1)
+        even: BoolArray = fits & (np.mean(heights, axis=0) <= _SLOPE * apart)
+        return even
+
+
 def is_forbidden(
     triangles: Triangles, face_parts: IntArray, areas: Sequence[NoTouchArea]
 ) -> BoolArray:
@@ -108,6 +148,7 @@ def mesh_surface(
     no_touch: Sequence[NoTouchArea] = (),
     forbidden_spacing: float = 0.02,
     forbidden_radius: float = 0.005,
+    tip: TipSize | None = None,
 ) -> ObjectSurface:
     """Returns the surface of a homogeneous body from its mesh.
 
@@ -122,6 +163,7 @@ def mesh_surface(
         no_touch: Areas without contacts.
         forbidden_spacing: Mean distance of neighbouring forbidden points, in metres.
         forbidden_radius: Radius R_j of each forbidden point, in metres.
+        tip: Size of the fingertips: surface on which they have no place is not allowed either.
 
     Raises:
         InvalidArgumentError: If a length is not above 0, or the spacing is so fine that the
@@ -137,6 +179,8 @@ def mesh_surface(
     triangles = triangles.chosen(triangles.areas > _SLIVER * (EDGE * spacing) ** 2)
     forbidden = is_forbidden(triangles, shape.face_parts, no_touch)
     allowed = triangles.chosen(~forbidden)
+    if tip is not None:
+        allowed = allowed.chosen(tip.has_place(allowed.centroids, allowed.normals, shape.solid))
     if len(allowed.faces) == 0:
         raise NoSurfaceError(
             "no surface is left for contacts: make the forbidden areas smaller, or the spacing,"

@@ -36,6 +36,7 @@ from drake_pregrasp.diagrams.start_grasp import (
     choose_contacts,
     contacts_with_room,
 )
+from drake_pregrasp.geometry.mesh_surface import TipSize
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand, load_hand_model
 from drake_pregrasp.simulation.obstacle_config import ObstacleConfig, moving_solid
@@ -187,10 +188,16 @@ class Scenario:
     def make_surface(self, spacing: float | None = None) -> ObjectSurface:
         """Returns the object's surface, sampled as `surface` configures, or with another spacing.
 
+        A hand's fingertips need a place on it.
+
         Raises:
             InvalidArgumentError: If the object is invalid, or no surface is allowed for contacts.
         """
-        return self.surface.make_surface(self.object, spacing)
+        tip = None
+        if self.grasp.has_hand:
+            radius = max(tip.radius for tip in load_hand(self.grasp.hand).fingertips)
+            tip = TipSize(radius, self.grasp.standoff)
+        return self.surface.make_surface(self.object, spacing, tip)
 
     def load_hand_model(self, yaw_range: tuple[float, float] = FREE_TURN) -> HandModel:
         """Loads the hand's model with its description for the scenario's object.
