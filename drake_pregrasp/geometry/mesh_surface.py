@@ -87,10 +87,12 @@ class TipSize:
     Attributes:
         radius: Radius of the largest fingertip, in metres.
         standoff: Gap from which it closes along the normal, in metres.
+        clearance: Largest gap that it keeps to the object on its way, in metres.
     """
 
     radius: float
     standoff: float
+    clearance: float
 
     def has_place(self, p_OC: FloatArray, nhat_OC: FloatArray, solid: SignedDistance) -> BoolArray:
         """Returns the mask of contacts at which a fingertip fits and the surface is even, (k,).
@@ -102,8 +104,9 @@ class TipSize:
         """
         fits = np.ones(len(p_OC), dtype=bool)
         for share in _WAY:
-            centres = p_OC + (self.radius + share * self.standoff) * nhat_OC
-            fits &= solid.distance(centres) >= self.radius - _INTRUSION
+            gap = share * self.standoff
+            gaps = solid.distance(p_OC + (self.radius + gap) * nhat_OC) - self.radius
+            fits &= gaps >= min(gap, self.clearance) - _INTRUSION
         angles, apart = 2 * np.pi * np.arange(_AROUND) / _AROUND, self.radius / 2
         across = np.cross(nhat_OC, np.eye(3)[np.argmin(np.abs(nhat_OC), axis=1)])
         across *= apart / np.linalg.norm(across, axis=1, keepdims=True)
