@@ -77,7 +77,7 @@ NoTouchArea = FacingArea | AxisArea | PartArea | Solid
 _INTRUSION = 0.0015  # Largest depth of a fingertip in the object, beside its contact, in metres.
 _SLOPE = 0.15  # Largest mean slope around a contact, which is 0.3 on a right-angled edge.
 _AROUND = 8  # Directions in which the surface around a contact is compared with its plane.
-_WAY = (0.0, 0.5, 1.0)  # Shares of the standoff at which a fingertip has to fit.
+_PLACES = 6  # Number of places on the way from the standoff, at which a fingertip has to fit.
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,7 @@ class TipSize:
             solid: The object in O.
         """
         fits = np.ones(len(p_OC), dtype=bool)
-        for share in _WAY:
-            gap = share * self.standoff
+        for gap in np.linspace(0.0, self.standoff, _PLACES):
             gaps = solid.distance(p_OC + (self.radius + gap) * nhat_OC) - self.radius
             fits &= gaps >= min(gap, self.clearance) - _INTRUSION
         angles, apart = 2 * np.pi * np.arange(_AROUND) / _AROUND, self.radius / 2
