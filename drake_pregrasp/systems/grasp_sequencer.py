@@ -367,16 +367,20 @@ class GraspSequencer(LeafSystem):
         if self._J_WT.HasValue(context):
             J_WT = validated_numbers(self._J_WT.Eval(context)).reshape(len(active), 3, -1)[active]
             jacobians = R_WO.T @ J_WT if np.all(np.isfinite(J_WT)) else None
-        planned = plan_squeeze(
-            p_OC - self._p_OCoM,
-            nhat,
-            np.append(load_O, np.zeros(3)),
-            friction=self._config.planned_friction,
-            least_normal=settings.least_force,
-            largest_normal=np.broadcast_to(settings.largest_force, active.shape)[active],
-            jacobians=jacobians,
-            efforts=self._efforts,
-        )
+        # Fingers that would tip the object with the least force may press with less, if they touch.
+        for least in (settings.least_force, min(settings.least_force, 2 * settings.touch_force)):
+            planned = plan_squeeze(
+                p_OC - self._p_OCoM,
+                nhat,
+                np.append(load_O, np.zeros(3)),
+                friction=self._config.planned_friction,
+                least_normal=least,
+                largest_normal=np.broadcast_to(settings.largest_force, active.shape)[active],
+                jacobians=jacobians,
+                efforts=self._efforts,
+            )
+            if planned.residual <= settings.imbalance:
+                break
         forces[active] = planned.forces
         return planned._replace(forces=forces)
 

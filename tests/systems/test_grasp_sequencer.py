@@ -101,7 +101,7 @@ def test_forces_are_planned_at_the_measured_fingertips_with_the_normals_there():
     np.testing.assert_allclose(pressing, -turned, atol=1e-3)
 
 
-@pytest.mark.parametrize(("lever", "reason"), [(0.1, GiveUp.NONE), (10.0, GiveUp.NEEDS_TORQUE)])
+@pytest.mark.parametrize(("lever", "reason"), [(0.1, GiveUp.NONE), (100.0, GiveUp.NEEDS_TORQUE)])
 def test_the_torques_of_the_joints_limit_the_squeeze(lever, reason):
     J = np.zeros((N, 3, NQ))
     J[:, 0, :N] = lever * np.eye(N)  # Each finger has a joint against forces along x.
