@@ -130,7 +130,9 @@ class GraspConfig:
         return float(np.max(distances / speeds + speeds / (2 * acceleration)))
 
     def latest_rest(self, fingertips: Sequence[Fingertip] = ()) -> float:
-        """Returns the latest time until which the hand follows the object's motion, in seconds.
+        """Returns the time until which the hand follows the object's motion, in seconds.
+
+        Fingers that regroup because the object leaves them behind need longer.
 
         The hand stops for the lift after it has waited for its fingers, closed and squeezed.
         """

@@ -24,12 +24,12 @@ _COARSE, _FINE = 300, 3000  # Largest numbers of candidates, for all yaws and fo
 _COARSE_SWEEPS, _FINE_SWEEPS = 2, 4  # Largest numbers of rounds in which fingers move in turn.
 _FINALISTS = 6  # Yaws whose exact margins are compared.
 _TURNS = 4  # Largest number of times that the yaw follows the contacts, and these the reach.
-# What is worth as much as a margin of one:
-_COMFORT = 0.2  # fingertips nearer to their homes by the hand's radius,
-_FLAT = 2.0  # contacts with a flat surface around them instead of one with a mean slope of 1,
-_FINGER = 0.25  # one more finger, which shares the load although it may lower the margin,
-_LOAD = 0.5  # strength for the object's weight once more, up to `_STRONG` times,
-_TURN = 0.05  # and a palm that turns less by a radian.
+# Costs and gains in units of the force-closure margin:
+_COMFORT = 0.2  # Cost of fingertips that are the hand's radius away from their homes.
+_FLAT = 2.0  # Cost of contacts with a mean slope of 1 around them.
+_FINGER = 0.25  # Gain of one more finger, which shares the load.
+_LOAD = 0.5  # Gain of strength for the object's weight once more, up to `_STRONG` times.
+_TURN = 0.05  # Cost of a palm that turns by a radian.
 _STRONG = 2.0
 _AWAY = -1  # Seat of a finger that stays away.
 
@@ -275,7 +275,7 @@ class _Search:
                 discomfort = discomforts[finger, choices] + np.sum(
                     discomforts[others, seats[others]]
                 )
-                bounds = self._bounds(finger, seats, choices) - _COMFORT / self._n * discomfort
+                bounds = self._bounds(finger, seats, choices) - discomfort / self._n
                 seats[finger], bound = choices[np.argmax(bounds)], float(np.max(bounds))
             if bound <= last:
                 break
@@ -348,14 +348,10 @@ class _Search:
             wrench=hand.wrench,
             normal_forces=hand.normal_forces[:, seated],
         )
-        discomfort = np.array(np.sum(self.discomforts_at(trial.yaw)[seated, seats]))
+        discomfort = float(np.sum(self.discomforts_at(trial.yaw)[seated, seats]))
         score = trial.margin + _LOAD * min(load, _STRONG) + _FINGER * len(seated)
-        score -= float(self._cost(trial.yaw, discomfort))
+        score -= discomfort / self._n + _TURN * abs(trial.yaw - hand.yaw)
         return replace(trial, load=load, score=score)
-
-    def _cost(self, yaw: float, discomfort: FloatArray) -> FloatArray:
-        """Returns what a yaw, and the sum of the fingers' discomforts, are worth in margin."""
-        return discomfort / self._n + _TURN * abs(yaw - self._hand.yaw)
 
     def _margin(self, seats: IntArray) -> float:
         taken = seats[seats != _AWAY]

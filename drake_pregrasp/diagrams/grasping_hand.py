@@ -95,7 +95,8 @@ def AddHandController(
     """
     config = config or GraspConfig()
     solid = object_solid or MeshSolid.of(surface.mesh)
-    model = HandModel(hand.over_object(surface.mesh.bounds[1][2]), config.yaw_range)
+    top = float(np.max(surface.mesh.vertices @ X_WO.rotation().matrix()[2]))
+    model = HandModel(hand.over_object(top), config.yaw_range)
     planner = hand_planner(planner, config, model.description)
     yaw_range, limits = model.yaw_range(config.yaw_range), planner.limits
     R_WO = X_WO.rotation().matrix()

@@ -28,7 +28,8 @@ _CORNERS = np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
 class DistanceGrid:
     """Signed distances from the surface of a closed mesh, in its frame M.
 
-    Distances and gradients are exact at the nodes of a grid, and are interpolated in its cells.
+    Distances and gradients are those of the nearest face at the nodes of a grid, which is found
+    from neighbour to neighbour, and are interpolated in its cells.
     Outside the grid, the surface points nearest to the nodes of the nearest cell count.
 
     Attributes:

@@ -155,8 +155,8 @@ def mesh_surface(
     """Returns the surface of a homogeneous body from its mesh.
 
     Candidates are spread evenly over the allowed surface. The patch of a candidate is the allowed
-    surface that is nearer to it than to other candidates. Forbidden points sample the remaining
-    surface.
+    surface that is nearer to it than to other candidates. Forbidden points sample the no-touch
+    areas, but not the surface on which fingertips have no place.
 
     Args:
         shape: Shape of the body, a closed mesh.
@@ -181,8 +181,13 @@ def mesh_surface(
     triangles = triangles.chosen(triangles.areas > _SLIVER * (EDGE * spacing) ** 2)
     forbidden = is_forbidden(triangles, shape.face_parts, no_touch)
     allowed = triangles.chosen(~forbidden)
-    if tip is not None:
+    if tip is not None and len(allowed.faces):
         allowed = allowed.chosen(tip.has_place(allowed.centroids, allowed.normals, shape.solid))
+        if len(allowed.faces) == 0:
+            raise NoSurfaceError(
+                f"fingertips of radius {tip.radius:g} m have no place on the allowed surface, which"
+                " must be even there, and free of other parts of the object"
+            )
     if len(allowed.faces) == 0:
         raise NoSurfaceError(
             "no surface is left for contacts: make the forbidden areas smaller, or the spacing,"

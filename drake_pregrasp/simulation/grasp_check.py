@@ -111,9 +111,9 @@ def _check_arm(scenario: Scenario, model: HandModel, p_OC: FloatArray) -> None:
     """Raises an error unless the arm can reach the object at all times, and lift it."""
     grasp, settings = scenario.grasp, scenario.grasp.make_settings()
     yaw_range = model.yaw_range(grasp.yaw_range)
-    first = palm_turn(p_OC, model.azimuths, 0.0, yaw_range)
     heights = (0.0, max(settings.lift_height, settings.approach_height))
     (_, start), *_ = path = followed_path(scenario, model)
+    first = palm_turn(p_OC @ start.rotation().matrix().T, model.azimuths, 0.0, yaw_range)
     for time, X_WO in path:
         with errors_at("motion", f"at {time:.3g} s the object is out of the arm's reach: "):
             check_palm(model, [start, X_WO], first, yaw_range, heights)

@@ -296,8 +296,9 @@ def chosen_contacts(scenario: Scenario, surface: ObjectSurface) -> StartContacts
     """
     hand, grasp = scenario.load_hand_model(), scenario.grasp
     X_WO, limits = initial_pose(scenario.motion, scenario.object), hand_planner(scenario).limits
-    mass = scenario.object.mass
-    key = repr((id(hand), grasp, limits, mass, scenario.motion, X_WO.GetAsMatrix4().tolist()))
+    mass, path = scenario.object.mass, [X for _, X in followed_path(scenario, hand)]
+    poses = [X.GetAsMatrix4().tolist() for X in (X_WO, *path)]
+    key = repr((hand.description, grasp, limits, mass, poses))
     known = _chosen.setdefault(surface, {})
     if key not in known:
         known[key] = choose_contacts(
@@ -309,7 +310,7 @@ def chosen_contacts(scenario: Scenario, surface: ObjectSurface) -> StartContacts
             mass=mass,
             X_WO=X_WO,
             fixed=[TABLE.solid],
-            path=[X_WO for _, X_WO in followed_path(scenario, hand)],
+            path=path,
         )
     return known[key]
 

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -344,10 +345,9 @@ class GraspSequencer(LeafSystem):
         if state.phase > GraspPhase.SQUEEZE:
             return
         discrete_state.set_value(self._last, pack(self._motion.Eval(context)))
-        if state.phase < GraspPhase.SQUEEZE:
-            discrete_state.set_value(self._sticking, np.full(p_GT.size, np.nan))
-        else:
-            discrete_state.set_value(self._sticking, p_GT_goal.ravel())
+        sticks = state.phase == GraspPhase.SQUEEZE
+        sticking = p_GT_goal.ravel() if sticks else np.full(p_GT.size, np.nan)
+        discrete_state.set_value(self._sticking, sticking)
 
     def _plan_squeeze(self, context: Context, active: BoolArray) -> Squeeze:
         p_OC, nhat = (part[active] for part in self._contacts(context))
@@ -355,11 +355,10 @@ class GraspSequencer(LeafSystem):
             p_OT = self._tips(context)[active]
             distances, nhat = self._solid.distance_and_gradient(p_OT)
             p_OC = p_OT - distances[:, None] * nhat
-        forces = np.zeros((len(active), 3))
-        if not np.all(np.isfinite(p_OC)) or not np.all(np.isfinite(nhat)):
+        forces, settings = np.zeros((len(active), 3)), self._settings
+        if not np.all(np.isfinite([p_OC, nhat])):
             return Squeeze(forces, GRAVITY * self._mass)
         R_WO = self._pose.eval(context).rotation().matrix()
-        settings = self._settings
         # A ramp of duration T over the height h accelerates by at most 6 h / T^2.
         lift = 6 * settings.lift_height / settings.lift_duration**2
         load_O = R_WO.T @ np.array([0.0, 0.0, -self._mass * (GRAVITY + lift)])
@@ -367,20 +366,18 @@ class GraspSequencer(LeafSystem):
         if self._J_WT.HasValue(context):
             J_WT = validated_numbers(self._J_WT.Eval(context)).reshape(len(active), 3, -1)[active]
             jacobians = R_WO.T @ J_WT if np.all(np.isfinite(J_WT)) else None
-        # Fingers that would tip the object with the least force may press with less, if they touch.
-        for least in (settings.least_force, min(settings.least_force, 2 * settings.touch_force)):
-            planned = plan_squeeze(
-                p_OC - self._p_OCoM,
-                nhat,
-                np.append(load_O, np.zeros(3)),
-                friction=self._config.planned_friction,
-                least_normal=least,
-                largest_normal=np.broadcast_to(settings.largest_force, active.shape)[active],
-                jacobians=jacobians,
-                efforts=self._efforts,
-            )
-            if planned.residual <= settings.imbalance:
-                break
+        grasp = p_OC - self._p_OCoM, nhat, np.append(load_O, np.zeros(3))
+        plan = partial(
+            plan_squeeze,
+            *grasp,
+            friction=self._config.planned_friction,
+            largest_normal=np.broadcast_to(settings.largest_force, active.shape)[active],
+            jacobians=jacobians,
+            efforts=self._efforts,
+        )
+        planned = plan(least_normal=settings.least_force)
+        if planned.residual > settings.imbalance:  # The least force of a finger tips the object.
+            planned = plan(least_normal=min(settings.least_force, 2 * settings.touch_force))
         forces[active] = planned.forces
         return planned._replace(forces=forces)
 

@@ -295,8 +295,9 @@ class HandScene:
 def link_balls(inspector: SceneGraphInspector, geometry: GeometryId) -> FloatArray:
     """Returns balls inside a convex geometry that touch its surface all over, shape (k, 4).
 
-    The rows hold the centre in the frame of the body and the radius, in metres. Between balls, the
-    surface is at most `_BALL_SPACING` away from their centres or from the axis of a capsule.
+    The rows hold the centre in the frame of the body and the radius, in metres. The balls of a
+    sphere or a capsule have its radius, and those of other shapes are points of the surface. They
+    are at most `_BALL_SPACING` apart.
 
     Args:
         inspector: Inspector of the SceneGraph.
