@@ -356,20 +356,19 @@ class GraspSequencer(LeafSystem):
             distances, nhat = self._solid.distance_and_gradient(p_OT)
             p_OC = p_OT - distances[:, None] * nhat
         forces, settings = np.zeros((len(active), 3)), self._settings
+        R_WO = self._pose.eval(context).rotation().matrix()
         if not np.all(np.isfinite([p_OC, nhat])):
             return Squeeze(forces, GRAVITY * self._mass)
-        R_WO = self._pose.eval(context).rotation().matrix()
         # A ramp of duration T over the height h accelerates by at most 6 h / T^2.
         lift = 6 * settings.lift_height / settings.lift_duration**2
-        load_O = R_WO.T @ np.array([0.0, 0.0, -self._mass * (GRAVITY + lift)])
+        load_O = -self._mass * (GRAVITY + lift) * R_WO[2]
         jacobians = None
         if self._J_WT.HasValue(context):
             J_WT = validated_numbers(self._J_WT.Eval(context)).reshape(len(active), 3, -1)[active]
             jacobians = R_WO.T @ J_WT if np.all(np.isfinite(J_WT)) else None
-        grasp = p_OC - self._p_OCoM, nhat, np.append(load_O, np.zeros(3))
         plan = partial(
             plan_squeeze,
-            *grasp,
+            *(p_OC - self._p_OCoM, nhat, np.append(load_O, np.zeros(3))),
             friction=self._config.planned_friction,
             largest_normal=np.broadcast_to(settings.largest_force, active.shape)[active],
             jacobians=jacobians,
