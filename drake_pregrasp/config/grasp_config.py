@@ -118,17 +118,6 @@ class GraspConfig:
             lift_duration=self.lift_duration,
         )
 
-    def closing_duration(self, fingertips: Sequence[Fingertip] = ()) -> float:
-        """Returns the duration of closing from the standoff to the end of the search, in seconds.
-
-        They accelerate with a constant a to their speed v and then keep it: a distance d takes
-        d/v + v/(2 a) if it is long enough to reach v. The slowest finger determines the duration.
-        """
-        settings = self.make_settings(fingertips)
-        distances, acceleration = self.standoff + settings.search, settings.closing_acceleration
-        speeds = np.minimum(settings.closing_speed, np.sqrt(2 * acceleration * distances))
-        return float(np.max(distances / speeds + speeds / (2 * acceleration)))
-
     def latest_rest(self, fingertips: Sequence[Fingertip] = ()) -> float:
         """Returns the time until which the hand follows the object's motion, in seconds.
 
@@ -137,7 +126,7 @@ class GraspConfig:
         The hand stops for the lift after it has waited for its fingers, closed and squeezed.
         """
         settings = self.make_settings(fingertips)
-        closing = self.closing_duration(fingertips) + settings.squeeze_duration
+        closing = settings.closing_duration + settings.squeeze_duration
         return self.close_at + settings.gate_limit + closing + settings.stop_duration
 
     def largest_lift(self, fingertips: Sequence[Fingertip]) -> float:

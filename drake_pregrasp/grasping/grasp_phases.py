@@ -202,7 +202,7 @@ def _close(
     missing = np.flatnonzero(state.active & ~touched)
     if not len(missing):
         return _begin_squeeze(state, view, settings, squeeze)
-    if elapsed > settings.closing_limit:
+    if elapsed > settings.closing_duration + settings.regroup_limit:
         why = (GiveUp.OFF_GOAL, np.argmax(off)) if regroups else (GiveUp.MET_NOTHING, missing[0])
         return _open(state, view, why[0], float(why[1]))
     return state

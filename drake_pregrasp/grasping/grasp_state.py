@@ -130,7 +130,7 @@ class GraspSettings:
         closing_speed: Speed of the fingertips along the normals.
         closing_acceleration: Acceleration of the fingertips, in m/s², small enough that their
             inertia is not measured as touch.
-        closing_limit: Longest time in which all fingers must touch the object.
+        regroup_limit: Longest time by which fingers that regroup may delay the touch of all.
         search: Largest distance from the estimated surface at which a fingertip may meet the
             object. Forces farther outside are the fingertip's own inertia. A finger does not search
             farther inside.
@@ -158,11 +158,22 @@ class GraspSettings:
     approach_duration: float = 1.5
     gate_distance: float = 0.004
     closing_acceleration: float = 0.4
-    closing_limit: float = 3.0
+    regroup_limit: float = 2.3
     least_fingers: int = 3
     squeeze_duration: float = 0.5
     imbalance: float = 0.2
     stop_duration: float = 0.3
+
+    @property
+    def closing_duration(self) -> float:
+        """Duration of closing from the standoff to the end of the search, in seconds.
+
+        Fingertips accelerate with a constant a to their speed v and then keep it: a distance d
+        takes d/v + v/(2 a) if it is long enough to reach v. The slowest one decides.
+        """
+        distances, acceleration = self.standoff + np.asarray(self.search), self.closing_acceleration
+        speeds = np.minimum(self.closing_speed, np.sqrt(2 * acceleration * distances))
+        return float(np.max(distances / speeds + speeds / (2 * acceleration)))
 
 
 @dataclass(frozen=True)

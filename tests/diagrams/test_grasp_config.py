@@ -63,7 +63,7 @@ def test_closing_lasts_as_long_as_the_slowest_finger_takes(speeds, depths, stand
     config = GraspConfig(close_at=0.1, standoff=standoff, closing_speed=speed)
     tips = fingertips(speeds, depths)
     took = last_touch(config, tips).gripped - config.close_at
-    assert took == pytest.approx(config.closing_duration(tips), abs=4 * PERIOD)
+    assert took == pytest.approx(config.make_settings(tips).closing_duration, abs=4 * PERIOD)
 
 
 @pytest.mark.parametrize("gate_limit", [0.0, 0.4])
