@@ -75,7 +75,7 @@ NoTouchArea = FacingArea | AxisArea | PartArea | Solid
 
 
 _INTRUSION = 0.0015  # Largest depth of a fingertip in the object, beside its contact, in metres.
-_SLOPE = 0.15  # Largest mean slope around a contact, which is 0.3 on a right-angled edge.
+_SLOPE = 0.2  # Largest mean slope around a contact, which is 0.3 on a right-angled edge.
 _AROUND = 8  # Directions in which the surface around a contact is compared with its plane.
 _PLACES = 6  # Number of places on the way from the standoff, at which a fingertip has to fit.
 
