@@ -12,9 +12,12 @@ from drake_pregrasp.contacts.centroids import (
 )
 from drake_pregrasp.contacts.goal_limits import ContactLimits
 from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.geometry.mesh_surface import mesh_surface
+from drake_pregrasp.geometry.shapes import ball_shape
 from drake_pregrasp.regions.constraints import RegionConstraints
 from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
 
+BALL = mesh_surface(ball_shape(0.04), spacing=0.006)
 CUBE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
 
 
@@ -90,3 +93,21 @@ def always_worse():
     """A measure of which each value is below those before it, so that no step is accepted."""
     values = iter(range(0, -1000, -1))
     return lambda p_CoMC, nhat: np.array([next(values)])
+
+
+def tracking_goals(surface, p_OC, limits=None, **constraints):
+    return select_contacts(
+        selection_of(surface, p_OC, **constraints), position_tracking, limits=limits
+    )
+
+
+def overlaps(surface, goals, tips):
+    centres = goals.p_OC + tips[:, None] * surface.project(goals.p_OC)[1]
+    away = np.linalg.norm(centres[:, None] - centres, axis=2)
+    both = np.outer(goals.active, goals.active) & ~np.eye(len(tips), dtype=bool)
+    return np.any(both & (away < tips[:, None] + tips - 1e-8))
+
+
+def on_face(*yz):
+    """Contacts on the cube's face +x."""
+    return np.array([[0.05, y, z] for y, z in yz])

@@ -9,6 +9,7 @@ import numpy as np
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.geometry.mesh_surface import INTRUSION, mean_slopes
 from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import (
@@ -16,7 +17,6 @@ from drake_pregrasp.quality.force_closure import (
     min_weight_margin,
     moved_least_norm_margin,
 )
-from drake_pregrasp.quality.grasp_quality import contact_axes
 from drake_pregrasp.regions.constraints import ALONG, OPPOSITE, Limit, RegionConstraints
 
 _YAWS = 24  # Yaws of the palm that are tried in a full turn.
@@ -33,12 +33,9 @@ _TURN = 0.05  # Cost of a palm that turns by a radian.
 _STRONG = 2.0
 _AWAY = -1  # Seat of a finger that stays away.
 
-_INTRUSION = 0.0015  # Largest depth of a fingertip in the object, beside its contact, in metres.
-_AROUND = 8  # Directions around a contact in which the surface is compared with its plane.
-
 
 class Lack(StrEnum):
-    """What is missing for a grasp.
+    """Property that a grasp needs and that is missing.
 
     Attributes:
         REACH: Too few fingers reach the allowed surface.
@@ -157,8 +154,8 @@ def choose_start_contacts(
 class _Trial:
     """Seats of the fingers at a yaw of the palm.
 
-    A seat is the index of a finger's candidate, or `_AWAY`. The score is that of the margin and the
-    load; the bound is that of the margin only, with a bound of the margin.
+    A seat is the index of a finger's candidate, or `_AWAY`. The search compares bounds, which
+    contain an upper bound of the margin; the last trials have exact margins, loads and scores.
     """
 
     yaw: float
@@ -212,17 +209,9 @@ class _Search:
         self._fits = np.ones((self._n, len(index)), dtype=bool)
         for centres in self._ways:
             gaps = solid.distance(centres.reshape(-1, 3)).reshape(self._n, -1)
-            self._fits &= gaps >= limits.tip_radii[:, None] - _INTRUSION
-        self._unevenness = self._unevenness_of(solid, float(np.mean(limits.tip_radii)) / 2)
-
-    def _unevenness_of(self, solid: SignedDistance, radius: float) -> FloatArray:
-        """Returns the mean slope to the surface a radius around each candidate, shape (K,)."""
-        angles = 2 * np.pi * np.arange(_AROUND) / _AROUND
-        circle = radius * np.stack([np.zeros(_AROUND), np.cos(angles), np.sin(angles)])
-        around = self._p[:, None] + (contact_axes(self._normals) @ circle).transpose(0, 2, 1)
-        heights = solid.distance(around.reshape(-1, 3)).reshape(-1, _AROUND)
-        slopes: FloatArray = np.mean(np.abs(heights), axis=1) / radius
-        return slopes
+            self._fits &= gaps >= limits.tip_radii[:, None] - INTRUSION
+        radius = float(np.mean(limits.tip_radii)) / 2
+        self._slopes = mean_slopes(self._p, self._normals, solid, radius)
 
     def _across(self, vectors: FloatArray) -> FloatArray:
         """Returns the parts of vectors across z of W, shape (..., 3)."""
@@ -254,7 +243,7 @@ class _Search:
         radius = float(np.mean(np.linalg.norm(home, axis=1)))
         away = self._ways[0] - home[:, None] - self._height * self._up
         costs: FloatArray = _COMFORT * np.linalg.norm(away, axis=2) / radius
-        return costs + _FLAT * self._unevenness
+        return costs + _FLAT * self._slopes
 
     def settled(self, yaw: float, before: IntArray | None = None) -> _Trial:
         """Returns a trial at a yaw, in which fingers at first keep the seats that are permitted."""

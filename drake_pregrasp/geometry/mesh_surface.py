@@ -74,10 +74,13 @@ NoTouchArea = FacingArea | AxisArea | PartArea | Solid
 """Area without contacts. A solid in O forbids the surface inside it."""
 
 
-_INTRUSION = 0.0015  # Largest depth of a fingertip in the object, beside its contact, in metres.
 _SLOPE = 0.2  # Largest mean slope around a contact, which is 0.3 on a right-angled edge.
 _AROUND = 8  # Directions in which the surface around a contact is compared with its plane.
 _PLACES = 6  # Number of places on the way from the standoff, at which a fingertip has to fit.
+
+
+INTRUSION = 0.0015
+"""Largest depth of a fingertip in the object, beside its contact, in metres."""
 
 
 @dataclass(frozen=True)
@@ -105,15 +108,31 @@ class TipSize:
         fits = np.ones(len(p_OC), dtype=bool)
         for gap in np.linspace(0.0, self.standoff, _PLACES):
             gaps = solid.distance(p_OC + (self.radius + gap) * nhat_OC) - self.radius
-            fits &= gaps >= min(gap, self.clearance) - _INTRUSION
-        angles, apart = 2 * np.pi * np.arange(_AROUND) / _AROUND, self.radius / 2
-        across = np.cross(nhat_OC, np.eye(3)[np.argmin(np.abs(nhat_OC), axis=1)])
-        across *= apart / np.linalg.norm(across, axis=1, keepdims=True)
-        circle = np.cos(angles)[:, None, None] * across
-        circle += np.sin(angles)[:, None, None] * np.cross(nhat_OC, across)
-        heights = np.abs(solid.distance((p_OC + circle).reshape(-1, 3))).reshape(_AROUND, -1)
-        even: BoolArray = fits & (np.mean(heights, axis=0) <= _SLOPE * apart)
-        return even
+            fits &= gaps >= min(gap, self.clearance) - INTRUSION
+        return fits & (mean_slopes(p_OC, nhat_OC, solid, self.radius / 2) <= _SLOPE)
+
+
+def mean_slopes(
+    p_OC: FloatArray, nhat_OC: FloatArray, solid: SignedDistance, radius: float
+) -> FloatArray:
+    """Returns the mean slope from each contact to the surface around it, shape (k,).
+
+    It is 0 on a plane.
+
+    Args:
+        p_OC: Contacts in O, shape (k, 3), in metres.
+        nhat_OC: Outward unit normals at the contacts, shape (k, 3).
+        solid: The object in O.
+        radius: Distance from the contacts at which the surface is compared, in metres.
+    """
+    angles = 2 * np.pi * np.arange(_AROUND) / _AROUND
+    across = np.cross(nhat_OC, np.eye(3)[np.argmin(np.abs(nhat_OC), axis=1)])
+    across *= radius / np.linalg.norm(across, axis=1, keepdims=True)
+    circle = np.cos(angles)[:, None, None] * across
+    circle += np.sin(angles)[:, None, None] * np.cross(nhat_OC, across)
+    heights = np.abs(solid.distance((p_OC + circle).reshape(-1, 3))).reshape(_AROUND, -1)
+    slopes: FloatArray = np.mean(heights, axis=0) / radius
+    return slopes
 
 
 def is_forbidden(

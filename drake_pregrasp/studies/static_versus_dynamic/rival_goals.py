@@ -38,7 +38,7 @@ _NONE = -1.0  # State without a grasp.
 
 
 class RayTarget(NamedTuple):
-    """What rays through the object meet.
+    """Object that rays meet.
 
     Attributes:
         solid: The object in O.
