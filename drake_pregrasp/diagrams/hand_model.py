@@ -25,10 +25,10 @@ from drake_pregrasp.systems.palm_posture import ArmKinematics, pose_error
 _STEPS = 300  # Largest number of steps of an arm to its initial pose.
 _ARRIVED = 1e-5  # Largest error of the palm at its initial pose, in metres and radians.
 _JOINT_KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
-_WORKSPACE_SAMPLES = 3000  # Places of a fingertip; 90 % are nearer to the next than half a step.
+_WORKSPACE_SAMPLES = 3000  # Places of a fingertip.
 
 WORKSPACE_STEP = 0.012
-"""Distance within which a finger that reaches one place also reaches another, in metres."""
+"""Largest distance within which a finger that reaches one place also reaches another, in metres."""
 
 
 class PalmCarrier:
@@ -335,8 +335,14 @@ class HandModel:
         Args:
             p_HT: Centres of each fingertip over the object at yaw 0, shape (n, k, 3), in metres.
         """
-        near = zip(self.workspaces, p_HT, strict=True)
-        return np.array([tree.query(places)[0] <= WORKSPACE_STEP for tree, places in near])
+        near = zip(self.workspaces, self._steps, p_HT, strict=True)
+        return np.array([tree.query(places)[0] <= step for tree, step, places in near])
+
+    @cached_property
+    def _steps(self) -> list[float]:
+        """Distances as `WORKSPACE_STEP`: 90 % of the places are nearer to the next than half."""
+        nearest = [tree.query(tree.data, k=2)[0][:, 1] for tree in self.workspaces]
+        return [min(WORKSPACE_STEP, 2 * float(np.quantile(gaps, 0.9))) for gaps in nearest]
 
     @cached_property
     def workspaces(self) -> list[cKDTree]:
