@@ -200,7 +200,8 @@ class HandDescription:
         """
         if isinstance(self.base, Carrier):
             height = max(self.base.palm_height, top + self.base.top_clearance)
-            return replace(self, base=replace(self.base, palm_height=height))
+            tips = [tip.raised(height - self.base.palm_height) for tip in self.fingertips]
+            return replace(self, base=replace(self.base, palm_height=height), fingertips=tips)
         if not self.base.over_top:
             return self
         x, y, z = self.base.palm_position

@@ -72,7 +72,9 @@ def _joint(plant: MultibodyPlant, hand: ModelInstanceIndex, name: str, key: str)
     joints = [plant.get_mutable_joint(index) for index in plant.GetJointIndices(hand)]
     there = {j.name(): j for j in joints if isinstance(j, PrismaticJoint | RevoluteJoint)}
     if name not in there:
-        raise InvalidArgumentError(f"{key}: no joint {name} slides or turns; of: {', '.join(there)}")
+        raise InvalidArgumentError(
+            f"{key}: no joint {name} slides or turns; of: {', '.join(there)}"
+        )
     return there[name]
 
 
@@ -137,12 +139,20 @@ def _drive(plant: MultibodyPlant, joint: Joint, drive: Drive | None) -> None:
     for index in plant.GetJointActuatorIndices():
         old = plant.get_joint_actuator(index)
         if old.joint() is joint:
-            effort, rotor, gears = old.effort_limit(), old.default_rotor_inertia(), old.default_gear_ratio()
+            effort, rotor, gears = (
+                old.effort_limit(),
+                old.default_rotor_inertia(),
+                old.default_gear_ratio(),
+            )
             gains = old.get_controller_gains() if old.has_controller() else None
             plant.RemoveJointActuator(old)
     if drive is not None:
         effort = drive.effort or effort
-        gains, rotor, gears = PdControllerGains(p=drive.stiffness, d=drive.damping), drive.rotor_inertia, 1.0
+        gains, rotor, gears = (
+            PdControllerGains(p=drive.stiffness, d=drive.damping),
+            drive.rotor_inertia,
+            1.0,
+        )
         joint.set_default_damping_vector([0.0])
         if drive.speed:
             joint.set_velocity_limits([-drive.speed], [drive.speed])

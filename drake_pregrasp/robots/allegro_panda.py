@@ -1,4 +1,4 @@
-"""An Allegro hand, palm down, on the flange of a Panda arm."""
+"""An Allegro hand, alone or palm down on the flange of a Panda arm."""
 
 import importlib.metadata
 import math
@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.robots.robot_meshes import convert_meshes
@@ -126,18 +127,32 @@ def write_allegro_panda(
         InvalidArgumentError: If `data` lacks a file, or has one that cannot be read.
     """
     robot = ElementTree.parse(data.find(_PANDA)).getroot()
-    robot.set("name", "allegro_panda")
     drop_from(robot, "panda_hand")
     add_robot(robot, ElementTree.parse(data.find(_ALLEGRO)).getroot())
     weld(robot, "world", "panda_link0", xyz=_BASE_XYZ, rpy=(0.0, 0.0, 0.0))
     weld(robot, "panda_link8", "palm_link", xyz=_PALM_XYZ, rpy=_PALM_RPY)
+    return _write(robot, data, folder / "allegro_panda.urdf", on_progress)
+
+
+def write_allegro_hand(
+    data: RobotData, folder: Path, on_progress: Callable[[int, int], None]
+) -> Path:
+    """Writes the URDF of the hand alone, as `write_allegro_panda` does."""
+    robot = ElementTree.parse(data.find(_ALLEGRO)).getroot()
+    return _write(robot, data, folder / "allegro_hand.urdf", on_progress)
+
+
+def _write(
+    robot: Element, data: RobotData, path: Path, on_progress: Callable[[int, int], None]
+) -> Path:
+    """Writes a robot with drives, and with all that Drake needs."""
+    robot.set("name", path.stem)
     drop_ignored(robot)
     mend_inertias(robot)
     for prefix, drive in _DRIVES.items():
         drive_joints(robot, drive, prefix=prefix)
     set_contact(robot, _FRICTION, _STIFFNESS)
-    convert_meshes(robot, data.find, folder, on_progress)
-    path = folder / "allegro_panda.urdf"
+    convert_meshes(robot, data.find, path.parent, on_progress)
     ElementTree.indent(robot)
     ElementTree.ElementTree(robot).write(path, encoding="utf-8", xml_declaration=True)
     return path
