@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from drake_pregrasp.studies.paper.paper_cases import LITERAL, SCENARIOS, TABLE_2
 from drake_pregrasp.studies.paper.paper_figures import figure_2c, figure_4, figure_5, figure_6
 from drake_pregrasp.studies.report_page import Heading, Part, Picture, Table, write_report
 from drake_pregrasp.studies.runner import OnProgress
-from drake_pregrasp.studies.study_options import add_out_option, names, step_bar
+from drake_pregrasp.studies.study_options import add_report_command, names
 
 SEEDS = tuple(range(10))
 """Default seeds of each case."""
@@ -178,7 +177,7 @@ def _figures(logs: Mapping[str, CaseLog]) -> dict[str, Figure]:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `drake-pregrasp reproduce`."""
-    add_out_option(parser, "reproduction")
+    add_report_command(parser, reproduce, "reproduction", "cases")
     parser.add_argument(
         "--cases",
         type=names,
@@ -186,13 +185,3 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="a,b,...",
         help=f"cases to run; {','.join(SCENARIOS)} if not set",
     )
-    parser.set_defaults(command=_command)
-
-
-def _command(options: argparse.Namespace) -> int:
-    start = time.perf_counter()
-    with step_bar() as on_progress:
-        report = reproduce(options.out, options.cases, on_progress=on_progress)
-    print(f"reproduced in {(time.perf_counter() - start) / 60:.1f} minutes")
-    print(f"report in {report}: open it in a browser")
-    return 0
