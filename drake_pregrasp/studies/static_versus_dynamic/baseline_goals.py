@@ -285,12 +285,7 @@ class ReactiveChoice(_GoalsWithoutPlanner):
     """
 
     def __init__(
-        self,
-        tip_frames: Sequence[str],
-        *,
-        target: RayTarget,
-        limits: LimitsConfig,
-        period: float,
+        self, tip_frames: Sequence[str], *, target: RayTarget, limits: LimitsConfig, period: float
     ) -> None:
         n = len(tip_frames)
         super().__init__(n, limits)
