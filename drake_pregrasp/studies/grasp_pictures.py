@@ -73,7 +73,7 @@ def picture_grasp(scenario: Scenario) -> ByteArray:
     surface = scenario.make_surface()
     diagram = make_diagram(scenario, surface)
     station: HandStation = diagram.GetSubsystemByName("object_plant")
-    station.scene_graph.AddRenderer("vtk", pictures.lit_renderer(_LIGHTS, _BACKGROUND))
+    station.scene_graph.AddRenderer(pictures.RENDERER, pictures.lit_renderer(_LIGHTS, _BACKGROUND))
     has_arm = isinstance(load_hand(scenario.grasp.hand).base, Arm)
     simulator, taken = Simulator(diagram), list[ByteArray]()
     for time in _moments(scenario, surface):

@@ -215,7 +215,7 @@ def photograph(trial: Trial, *, annotate: bool) -> pictures.ByteArray:
         instance = pictures.coloured(X_WS, shape, color, f"drawn_{index}")
         frame = scene.world_frame_id()
         scene.RegisterGeometry(scene_context, plant.get_source_id(), frame, instance)
-    scene.AddRenderer(scene_context, CAMERA.core().renderer_name(), pictures.lit_renderer(_LIGHTS))
+    scene.AddRenderer(scene_context, pictures.RENDERER, pictures.lit_renderer(_LIGHTS))
     # Setting the positions makes Drake compute the poses of the added geometry.
     plant_context = plant.GetMyMutableContextFromRoot(context)
     plant.SetPositions(plant_context, plant.GetPositions(plant_context))
