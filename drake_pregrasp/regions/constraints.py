@@ -98,9 +98,7 @@ class Obstacles:
         return Obstacles(
             tuple(solid.moved(R_GF, p_GF) for solid in self.solids),
             ForbiddenPoints(
-                self.points.points @ R_GF.T + p_GF,
-                self.points.radii,
-                self.points.normals @ R_GF.T,
+                self.points.points @ R_GF.T + p_GF, self.points.radii, self.points.normals @ R_GF.T
             ),
             self.velocities @ R_GF.T,
         )

@@ -98,7 +98,9 @@ class GraspCamera:
         self._station: HandStation = diagram.GetSubsystemByName("object_plant")
         self._planner: PregraspPlanner = diagram.GetSubsystemByName("pregrasp_planner")
         self._surface, self._drawn = surface, list[GeometryId]()
-        self._station.scene_graph.AddRenderer("vtk", pictures.lit_renderer(_LIGHTS, _BACKGROUND))
+        self._station.scene_graph.AddRenderer(
+            pictures.RENDERER, pictures.lit_renderer(_LIGHTS, _BACKGROUND)
+        )
         has_arm = isinstance(load_hand(scenario.grasp.hand).base, Arm)
         self._p_TK_W = _FROM_ARM if has_arm else _FROM_HAND
         self._simulator = Simulator(diagram)

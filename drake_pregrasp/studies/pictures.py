@@ -43,6 +43,9 @@ from drake_pregrasp.systems.drawing import (
 
 ByteArray = NDArray[np.uint8]
 
+RENDERER = "vtk"
+"""Name of the renderer in a scene."""
+
 WHITE = (1.0, 1.0, 1.0)
 """Default background colour."""
 
@@ -115,18 +118,15 @@ def drawn_mesh(triangles: FloatArray, lift: float = 0.0) -> Mesh:
     return Mesh(mesh_data=InMemoryMesh(mesh_file=MemoryFile(text.encode(), ".obj", "mesh.obj")))
 
 
-def color_camera(
-    pixels: tuple[int, int], field_of_view: float, renderer: str = "vtk"
-) -> ColorRenderCamera:
+def color_camera(pixels: tuple[int, int], field_of_view: float) -> ColorRenderCamera:
     """Returns a camera.
 
     Args:
         pixels: Width and height of the camera's pictures, in pixels.
         field_of_view: Vertical field of view in radians.
-        renderer: Name of the renderer in the scene.
     """
     info, depths = CameraInfo(*pixels, field_of_view), ClippingRange(0.01, 10.0)
-    return ColorRenderCamera(RenderCameraCore(renderer, info, depths, RigidTransform()))
+    return ColorRenderCamera(RenderCameraCore(RENDERER, info, depths, RigidTransform()))
 
 
 def camera_pose(p_FT: FloatArray, p_TK_F: FloatArray) -> RigidTransform:
@@ -205,7 +205,7 @@ def render_goals(
         pixels: Width and height of the picture, in pixels.
     """
     scene = SceneGraph()
-    scene.AddRenderer("vtk", lit_renderer(_LIGHTS))
+    scene.AddRenderer(RENDERER, lit_renderer(_LIGHTS))
     source = scene.RegisterSource("goals")
 
     def add(X_OG: RigidTransform, shape: Shape, color: Rgba, name: str) -> None:
