@@ -1,4 +1,4 @@
-"""Writes the radial hands of three, four and five fingers, with their descriptions, into this folder.
+"""Writes the radial hands of three, four and five fingers and their descriptions into this folder.
 
 The files are kept; this script says how they were made. Lengths in metres, angles in radians.
 """

@@ -132,9 +132,10 @@ class Fingertip:
 
 @dataclass
 class Drive:
-    """Position drive of joints, which replaces that of the model and the joints' damping."""
+    """Position drive of joints, which replaces the drives of the model and the joints' damping."""
 
-    # Names of the joints; empty for all joints of the hand that no other drive names.
+    # Names of the joints; empty for all that no other drive names. If there is a drive or a mount,
+    # each joint needs a drive.
     joints: list[str] = field(default_factory=list)
 
     # Gains of the error of position, in N m/rad, and of velocity, in N m s/rad.
@@ -144,11 +145,12 @@ class Drive:
     # Inertia of the rotor behind its gears, in kg m².
     rotor_inertia: float = field(default=5e-4, metadata={"at_least": 0, "at_most": 100})
 
-    # Largest torque, in N m; 0 for that of the model.
-    effort: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e6})
+    # Largest torque, in N m.
+    effort: float = field(default=1.0, metadata={"above": 0, "at_most": 1e6})
 
-    # Largest speed, in rad/s; 0 for that of the model.
+    # Largest speed and acceleration, in rad/s and rad/s²; 0 for those of the model.
     speed: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e6})
+    acceleration: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e6})
 
 
 @dataclass

@@ -24,11 +24,10 @@ from drake_pregrasp.systems.palm_posture import ArmKinematics, pose_error
 
 _STEPS = 300  # Largest number of steps of an arm to its initial pose.
 _ARRIVED = 1e-5  # Largest error of the palm at its initial pose, in metres and radians.
+_TWO_TURNS = 4 * np.pi
 _JOINT_KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
-_WORKSPACE_SAMPLES = 3000  # Places of a fingertip.
-
-WORKSPACE_STEP = 0.012
-"""Largest distance within which a finger that reaches one place also reaches another, in metres."""
+_WORKSPACE_SAMPLES = 3000  # Places of a fingertip; 90 % are nearer to the next than half a step.
+_LARGEST_STEP = 0.012  # Largest distance to another place that a finger reaches, in metres.
 
 
 class PalmCarrier:
@@ -204,9 +203,6 @@ def _check_home(
             )
 
 
-_TWO_TURNS = 4 * np.pi
-
-
 class HandModel:
     """Kinematic model of a hand without a scene.
 
@@ -340,9 +336,8 @@ class HandModel:
 
     @cached_property
     def _steps(self) -> list[float]:
-        """Distances as `WORKSPACE_STEP`: 90 % of the places are nearer to the next than half."""
-        nearest = [tree.query(tree.data, k=2)[0][:, 1] for tree in self.workspaces]
-        return [min(WORKSPACE_STEP, 2 * float(np.quantile(gaps, 0.9))) for gaps in nearest]
+        gaps = [tree.query(tree.data, k=2)[0][:, 1] for tree in self.workspaces]
+        return [min(_LARGEST_STEP, 2 * float(np.quantile(gap, 0.9))) for gap in gaps]
 
     @cached_property
     def workspaces(self) -> list[cKDTree]:

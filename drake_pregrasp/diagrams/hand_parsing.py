@@ -91,7 +91,11 @@ def add_hand_model(
         )
     (hand,) = models
     plant.RenameModelInstance(hand, HAND)
-    assemble_hand(plant, hand, description)
+    try:
+        with failures_as_errors():
+            assemble_hand(plant, hand, description)
+    except (RuntimeError, ValueError) as error:
+        raise InvalidArgumentError(f"model: {path}: {first_line(error)}") from error
     plant.set_gravity_enabled(hand, False)
     if isinstance(description.base, Carrier) and yaw_range != FREE_TURN:
         wrist = description.base.joints[-1]

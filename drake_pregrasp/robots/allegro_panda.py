@@ -11,9 +11,7 @@ from xml.etree.ElementTree import Element
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.robots.robot_meshes import convert_meshes
 from drake_pregrasp.robots.urdf_mending import (
-    Drive,
     add_robot,
-    drive_joints,
     drop_from,
     drop_ignored,
     mend_inertias,
@@ -86,29 +84,6 @@ _BASE_XYZ = (-0.55, 0.0, 0.0)
 _PALM_XYZ = (-0.02, 0.0, 0.045)
 _PALM_RPY = (math.pi, -math.pi / 2, 0.0)
 
-# Accelerations of the arm's joints from frankaemika.github.io/docs/control_parameters.html, as are
-# the torques (87 and 12 N m) and speeds (2.175 and 2.61 rad/s) of its model.
-_ACCELERATIONS = (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
-_GAINS = 4 * [(9000.0, 600.0)] + 2 * [(4500.0, 200.0)] + [(3000.0, 120.0)]
-
-# Reflected inertia of the rotors, in kg m². The arm's is that of the Panda in MuJoCo Menagerie. The
-# hand's is the time constant of motors without iron cores, 7 ms, times torque over speed, 0.7 N m
-# over 9.5 rad/s.
-_ARM_ROTOR, _HAND_ROTOR = 0.1, 5e-4
-
-# Drives by prefixes of joints' names, stiff where the arm is long.
-_DRIVES = {
-    f"panda_joint{i}": Drive(*gains, _ARM_ROTOR, acceleration=acceleration)
-    for i, (gains, acceleration) in enumerate(zip(_GAINS, _ACCELERATIONS, strict=True), start=1)
-}
-# The model of the hand allows 15 N m, the manufacturer 0.9 N m.
-_DRIVES |= dict.fromkeys(
-    [f"joint_{i}.0" for i in range(12)], Drive(4.0, 0.12, _HAND_ROTOR, effort=0.9)
-)
-_DRIVES |= dict.fromkeys(
-    [f"joint_{i}.0" for i in range(12, 16)], Drive(1.5, 0.05, _HAND_ROTOR, effort=0.9)
-)
-
 _FRICTION = 0.7  # Friction coefficient of rubber on most materials.
 _STIFFNESS = 1e4  # Stiffness of rubber tips in N/m; harder contacts would chatter.
 
@@ -145,12 +120,10 @@ def write_allegro_hand(
 def _write(
     robot: Element, data: RobotData, path: Path, on_progress: Callable[[int, int], None]
 ) -> Path:
-    """Writes a robot with drives, and with all that Drake needs."""
+    """Writes a robot as Drake needs it."""
     robot.set("name", path.stem)
     drop_ignored(robot)
     mend_inertias(robot)
-    for prefix, drive in _DRIVES.items():
-        drive_joints(robot, drive, prefix=prefix)
     set_contact(robot, _FRICTION, _STIFFNESS)
     convert_meshes(robot, data.find, path.parent, on_progress)
     ElementTree.indent(robot)
