@@ -278,13 +278,14 @@ class RegionConstraints:
             for index, solids in enumerate(zip(*(o.solids for o in times), strict=True))
             for solid in solids
         ]
-        first, points = len(self.obstacles.solids), [o.points for o in times]
+        first, parts = len(self.obstacles.solids), [o.points for o in times]
+        points = np.concatenate(
+            [np.c_[p.points, p.radii, first + np.arange(len(p))] for p in parts]
+        )
         return Predicates(
             rows,
             np.array(solids).reshape(-1, 20),
-            np.concatenate(
-                [np.column_stack([p.points, p.radii, first + np.arange(len(p))]) for p in points]
-            ),
+            points[np.argsort(points[:, 4], kind="stable")],
             self.clearance,
             self.standoff,
         )

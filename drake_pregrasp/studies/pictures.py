@@ -155,6 +155,32 @@ def take_picture(query: QueryObject, camera: ColorRenderCamera, X_WK: RigidTrans
     return np.array(image.data[:, :, :3])
 
 
+def goal_geometry(
+    surface: ObjectSurface, labels: IntArray, p_OC: FloatArray, contacts: Sequence[int]
+) -> list[GeometryInstance]:
+    """Returns the safe regions and the goals as geometry in O, in the colours of their contacts.
+
+    Args:
+        surface: Surface of the object O.
+        labels: Index of the contact that owns each candidate, or `NO_REGION`, shape (N,).
+        p_OC: Positions of the goals to draw, in O, shape (k, 3), in metres.
+        contacts: Index of the contact of each goal, which sets its colour, length k.
+    """
+    owners = np.repeat(labels, np.diff(surface.patch_starts))
+    drawn = []
+    for label in np.unique(labels).tolist():
+        color = NO_REGION_COLOR if label == NO_REGION else tint(contact_color(label), 0.3)
+        region = drawn_mesh(surface.patches[owners == label], lift=_LIFT)
+        drawn.append(coloured(RigidTransform(), region, color, f"region_{label}"))
+    radius = _MARKER_SHARE * float(np.cbrt(np.prod(surface.mesh.extents)))
+    # Balls touch the surface from outside: centred on a thin wall, they would show on both sides.
+    centers = p_OC + radius * surface.project(p_OC)[1]
+    for center, contact in zip(centers, contacts, strict=True):
+        X_OG, color = RigidTransform(center), contact_color(contact)
+        drawn.append(coloured(X_OG, Sphere(radius), color, f"goal_{contact}"))
+    return drawn
+
+
 def render_goals(
     surface: ObjectSurface,
     labels: IntArray,
@@ -186,17 +212,8 @@ def render_goals(
         scene.RegisterAnchoredGeometry(source, coloured(X_OG, shape, color, name))
 
     add(RigidTransform(), drawn_mesh(surface.mesh.triangles), _OBJECT_COLOR, "object")
-    owners = np.repeat(labels, np.diff(surface.patch_starts))
-    for label in np.unique(labels).tolist():
-        color = NO_REGION_COLOR if label == NO_REGION else tint(contact_color(label), 0.3)
-        region = drawn_mesh(surface.patches[owners == label], lift=_LIFT)
-        add(RigidTransform(), region, color, f"region_{label}")
-    extents = surface.mesh.extents
-    radius = _MARKER_SHARE * float(np.cbrt(np.prod(extents)))
-    # Balls touch the surface from outside: centred on a thin wall, they would show on both sides.
-    centers = p_OC + radius * surface.project(p_OC)[1]
-    for center, contact in zip(centers, contacts, strict=True):
-        add(RigidTransform(center), Sphere(radius), contact_color(contact), f"goal_{contact}")
+    for instance in goal_geometry(surface, labels, p_OC, contacts):
+        scene.RegisterAnchoredGeometry(source, instance)
     for index, (solid, color) in enumerate(
         [(body, Rgba(*BODY_COLOR)) for body in bodies] + [(v, VOLUME_COLOR) for v in volumes]
     ):
@@ -204,7 +221,7 @@ def render_goals(
         add(X_OS, shape, color, f"obstacle_{index}")
 
     query = scene.get_query_output_port().Eval(scene.CreateDefaultContext())
-    distance = 2.9 * float(np.linalg.norm(extents)) / 1.4
+    distance = 2.9 * float(np.linalg.norm(surface.mesh.extents)) / 1.4
     p_TK_O = distance * np.array([0.85 * np.cos(yaw), 0.85 * np.sin(yaw), 0.53])
     X_OK = camera_pose(np.mean(surface.mesh.bounds, axis=0), p_TK_O)
     return take_picture(query, color_camera(pixels, 0.5), X_OK)

@@ -138,6 +138,19 @@ PARTS += ("forbidden", "coincident")
     best_point=False,
     in_turns=False,
 )
+@example(  # A goal that two obstacle points bar, one of them later.
+    which=3,
+    seed=947390,
+    n=5,
+    lost=0,
+    has=set(PARTS),
+    strategy="msv",
+    reading="hand",
+    power=2.0,
+    stretch=True,
+    best_point=False,
+    in_turns=False,
+)
 def test_a_tick_is_that_of_the_reference(
     which, seed, n, lost, has, spread, strategy, reading, power, stretch, best_point, in_turns
 ):
