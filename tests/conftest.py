@@ -9,14 +9,7 @@ import pytest
 from hypothesis import settings
 from selections import selection_of
 
-from drake_pregrasp import (
-    RunResult,
-    Scenario,
-    box_surface,
-    load_scenario,
-    run,
-    shipped_scenarios,
-)
+from drake_pregrasp import RunResult, Scenario, box_surface, load_scenario, run, shipped_scenarios
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ObjectSurface

@@ -9,7 +9,8 @@ from drake_pregrasp.config.hand_description import Closing, Fingertip, HandDescr
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.grasping.fingertip_paths import OTHER_CLEARANCE
+from drake_pregrasp.geometry.mesh_surface import TipSize
+from drake_pregrasp.grasping.fingertip_paths import MOVING_CLEARANCE, OTHER_CLEARANCE
 from drake_pregrasp.grasping.grasp_state import GraspSettings
 
 _LENGTH = {"above": 0, "at_most": 10}
@@ -117,6 +118,10 @@ class GraspConfig:
             lift_height=self.lift_height,
             lift_duration=self.lift_duration,
         )
+
+    def tip_size(self, fingertips: Sequence[Fingertip]) -> TipSize:
+        """Returns the size of the largest fingertip, which needs a place on the object."""
+        return TipSize(max(tip.radius for tip in fingertips), self.standoff, MOVING_CLEARANCE)
 
     def latest_rest(self, fingertips: Sequence[Fingertip] = ()) -> float:
         """Returns the time until which the hand follows the object's motion, in seconds.

@@ -102,9 +102,8 @@ def step_toward(
     step = min(max_step, length)
     longest = max_step * (1 + ROUNDING)  # On a flat face the point is exactly a step away.
     for _ in range(_HALVINGS if len(near) else 0):
-        point: FloatArray = surface.project_into((p_OCi + step / length * offset)[None], [near])[0][
-            0
-        ]
+        straight = p_OCi + step / length * offset
+        point: FloatArray = surface.project_into(straight[None], [near])[0][0]
         if np.linalg.norm(point - p_OCi) <= longest:
             return point
         step /= 2

@@ -20,6 +20,7 @@ depend only on the differences within the region.
 
 from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -204,14 +205,7 @@ def stretched(b: FloatArray, areas: FloatArray) -> FloatArray:
     return difference if difference @ areas > FLAT * (b @ areas) else np.zeros(len(b))
 
 
-def make_blend(
-    weights: Mapping[str, float],
-    *,
-    reading: str = "hand",
-    stretch: bool = True,
-    power: float = 1.0,
-    friction: float = FRICTION,
-) -> WeightFunction:
+def make_blend(weights: Mapping[str, float], **options: Any) -> WeightFunction:
     """Returns the weight function of b_n = sum_s w_s b_n,s / max b_s, with maxima over the region.
 
     The weights of every strategy s are therefore from 0 to 1 in each region, in any unit. If all
@@ -219,10 +213,7 @@ def make_blend(
 
     Args:
         weights: Weights w_s by the strategies' names, 0 for missing names. Only ratios matter.
-        reading: Reading of the grasp matrix, as for `make_strategy`.
-        stretch: Whether to stretch weights, as for `make_strategy`.
-        power: Exponent of the weights, as for `make_strategy`.
-        friction: Coulomb's coefficient, for `margin`.
+        options: Further arguments of `make_strategy`.
 
     Raises:
         InvalidArgumentError: As for `make_strategy`, or if a weight is negative, or all are zero.
@@ -236,11 +227,7 @@ def make_blend(
         raise InvalidArgumentError(
             f"a blend needs a weight above 0 for one of: {', '.join(STRATEGIES)}"
         )
-    parts = [
-        (w, make_strategy(s, reading=reading, stretch=stretch, power=power, friction=friction))
-        for s, w in weights.items()
-        if w > 0
-    ]
+    parts = [(w, make_strategy(s, **options)) for s, w in weights.items() if w > 0]
 
     def log_weights(selection: SelectionInput, i: int) -> FloatArray:
         b = np.zeros(len(selection.regions.members(i)))

@@ -25,9 +25,11 @@ from drake_pregrasp.diagrams.start_grasp import (
     check_room,
     choose_contacts,
     contacts_with_room,
+    grasp_problems,
     hand_planner,
 )
 from drake_pregrasp.diagrams.wiring import connect
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
@@ -90,10 +92,14 @@ def AddHandController(
 
     Raises:
         NoGraspError: If contacts are to be chosen, but there is no grasp.
-        InvalidArgumentError: If the hand and its model, or given contacts and the fingers, do not
-            match, or an arm cannot hold the palm over the object.
+        InvalidArgumentError: If settings do not go together, the hand and its model, or given
+            contacts and the fingers, do not match, or an arm cannot hold the palm over the object.
     """
     config = config or GraspConfig()
+    for key, problem in grasp_problems(
+        config, planner, hand, mass=mass, time_step=plant.time_step()
+    ):
+        raise InvalidArgumentError(f"{key}: {problem}")
     solid = object_solid or MeshSolid.of(surface.mesh)
     top = float(np.max(surface.mesh.vertices @ X_WO.rotation().matrix()[2]))
     model = HandModel(hand.over_object(top), config.yaw_range)

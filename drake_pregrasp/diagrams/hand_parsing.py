@@ -54,9 +54,7 @@ HAND = "hand"
 
 
 def add_hand_model(
-    plant: MultibodyPlant,
-    description: HandDescription,
-    yaw_range: tuple[float, float] = FREE_TURN,
+    plant: MultibodyPlant, description: HandDescription, yaw_range: tuple[float, float] = FREE_TURN
 ) -> ModelInstanceIndex:
     """Adds a hand to a plant that is not finalized, without gravity, as if it were compensated.
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
+import yaml
 from pydrake.multibody.parsing import PackageMap
 
 from drake_pregrasp.errors import InvalidArgumentError, first_line, printable
@@ -57,73 +58,21 @@ MAX_CELLS = 1000
 _KINDS = {"sdf": "sdf", "robot": "urdf", "mujoco": "xml"}  # Formats by the tags of roots.
 _MESH_NAMES = {"urdf": "filename", "xml": "file"}  # Attributes; SDF has an element.
 
-_DRAKE_TAGS = """
-    acceleration ball_constraint ball_constraint_body_A ball_constraint_body_B ball_constraint_p_AP
-    ball_constraint_p_BQ bushing_force_damping bushing_force_stiffness bushing_frameA bushing_frameC
-    bushing_torque_damping bushing_torque_stiffness capsule child collision_filter_group
-    compliant_hydroelastic controller_gains damping declare_convex ellipsoid gear_ratio
-    hunt_crossley_dissipation hydroelastic_margin hydroelastic_modulus
-    ignored_collision_filter_group illustration_properties joint linear_bushing_rpy
-    linear_spring_damper linear_spring_damper_body_A linear_spring_damper_body_B
-    linear_spring_damper_damping linear_spring_damper_free_length linear_spring_damper_p_AP
-    linear_spring_damper_p_BQ linear_spring_damper_stiffness member member_group
-    mesh_resolution_hint mimic mu_dynamic mu_static parent perception_properties
-    point_contact_stiffness proximity_properties relaxation_time rigid_hydroelastic rotor_inertia
-    screw_thread_pitch tendon_constraint tendon_constraint_damping tendon_constraint_joint
-    tendon_constraint_lower_limit tendon_constraint_offset tendon_constraint_stiffness
-    tendon_constraint_upper_limit visual
-"""
-_DRAKE = {f"drake:{name}" for name in _DRAKE_TAGS.split()}
-_SDF = """
-    sdf model static pose link inertial mass inertia ixx iyy izz ixy ixz iyz visual collision
-    geometry box size sphere radius cylinder length capsule ellipsoid radii plane normal mesh scale
-    material ambient diffuse specular emissive surface friction ode mu mu2 joint parent child axis
-    axis2 xyz limit lower upper effort velocity stiffness dissipation dynamics damping
-    spring_reference spring_stiffness mimic multiplier offset reference screw_thread_pitch
-    thread_pitch frame
-"""
-_URDF = """
-    robot link inertial origin mass inertia visual collision geometry box sphere cylinder capsule
-    ellipsoid mesh material color joint parent child axis limit dynamics mimic transmission type
-    actuator frame
-"""
-_MJCF = """
-    mujoco compiler default asset mesh material worldbody body geom joint freejoint inertial
-    actuator motor position velocity general equality connect weld contact exclude pair
-"""
+_ELEMENTS: Mapping[str, list[str]] = yaml.safe_load(
+    Path(__file__).with_name("model_elements.yaml").read_text(encoding="utf-8")
+)
+_REFUSED, _ATTRIBUTES = set(_ELEMENTS["refused"]), set(_ELEMENTS["attributes"])
 _TAGS: Mapping[str, set[str]] = {
-    "sdf": {*_SDF.split(), *_DRAKE},
-    "urdf": {*_URDF.split(), *_DRAKE},
-    "xml": set(_MJCF.split()),
+    "sdf": {*_ELEMENTS["sdf"], *_ELEMENTS["drake"]},
+    "urdf": {*_ELEMENTS["urdf"], *_ELEMENTS["drake"]},
+    "xml": set(_ELEMENTS["xml"]),
 }
 """Elements of each format that are copied; others are left out."""
 
-_REFUSED = {"include", "attach", "heightmap", "image", "hfield", "flexcomp", "composite"}
-"""Elements without which a model would be another one, so that they cannot be left out."""
-
-_ATTRIBUTE_NAMES = """
-    name type version relative_to attached_to expressed_in canonical_link joint xyz rpy value ixx
-    iyy izz ixy ixz iyz size radius length link rgba lower upper effort velocity damping friction
-    multiplier offset scale p d enabled ignore a b c drake:acceleration
-    model angle autolimits coordinate eulerseq inertiafromgeom balanceinertia boundmass boundinertia
-    settotalmass inertiagrouprange class childclass pos quat axisangle xyaxes zaxis euler range
-    limited armature stiffness springref ref mass diaginertia fullinertia fromto density contype
-    conaffinity group mesh material kp kv gear ctrlrange ctrllimited forcerange forcelimited
-    inheritrange gainprm biasprm gaintype biastype dyntype body1 body2 geom1 geom2 anchor relpose
-    refpos refquat axis actuatorfrcrange actuatorfrclimited
-"""
-_ATTRIBUTES = set(_ATTRIBUTE_NAMES.split())
-"""Attributes that are copied: those of SDF, URDF and Drake first, then those of MJCF."""
-
-_OTHERS = """
-    joint freejoint drake:joint frame motor position velocity general transmission connect weld
-    exclude pair default drake:ball_constraint drake:collision_filter_group drake:linear_bushing_rpy
-    drake:linear_spring_damper drake:member drake:tendon_constraint
-"""
 _COUNTED: Mapping[str, tuple[str, int]] = {
     **dict.fromkeys(("link", "body"), ("links", MAX_LINKS)),
     **dict.fromkeys(("visual", "collision", "geom"), ("geometries", MAX_GEOMETRIES)),
-    **{name: (f"elements <{name}>", MAX_OTHERS) for name in _OTHERS.split()},
+    **{name: (f"elements <{name}>", MAX_OTHERS) for name in _ELEMENTS["counted"]},
 }
 
 

@@ -1,6 +1,6 @@
 """First contacts of a hand over an object, chosen or given, and the planner's limits for it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -200,6 +200,43 @@ def contacts_with_room(
     p_CoMC_W = (p_OC - surface.p_OCoM) @ X_WO.rotation().matrix().T
     yaw = palm_turn(p_CoMC_W, hand.azimuths, 0.0, yaw_range)
     return make_room(surface, p_OC, start_constraints(limits, X_WO, fixed, yaw_range)(yaw))
+
+
+def grasp_problems(
+    config: GraspConfig,
+    planner: PlannerConfig,
+    hand: HandDescription,
+    *,
+    mass: float,
+    time_step: float,
+) -> Iterator[tuple[str, str]]:
+    """Yields the key and a description of each reason why settings of a grasp do not go together.
+
+    Args:
+        config: Configuration of the grasp.
+        planner: Configuration of the planner.
+        hand: Description of the hand.
+        mass: Mass of the object, in kg.
+        time_step: Time step of the plant, in seconds.
+    """
+    if time_step > config.period:
+        problem = f"{time_step} must be at most {config.period}, the hand's period"
+        yield "plant_config.time_step", problem
+    if ahead := planner.estimator.lookahead:
+        yield "planner.estimator.lookahead", f"{ahead} must be 0: a hand looks ahead itself"
+    largest = np.min(config.make_settings(hand.fingertips).largest_force)
+    if config.least_force > largest:
+        problem = f"{config.least_force} must be at most {largest}, the largest force"
+        yield "grasp.least_force", problem
+    if config.touch_force >= config.least_force:
+        problem = f"{config.touch_force} must be less than {config.least_force}, the least force"
+        yield "grasp.touch_force", problem
+    weight, lift = GRAVITY * mass, config.largest_lift(hand.fingertips)
+    if lift < weight:
+        fingers = len(hand.fingertips)
+        problem = f"{fingers} fingers of {config.largest_force} N hold {lift:.3g} N with friction"
+        problem = f"{problem} {config.planned_friction}; the object weighs {weight:.3g} N"
+        yield "grasp.largest_force", problem
 
 
 def check_count(hand: HandDescription, count: int) -> None:

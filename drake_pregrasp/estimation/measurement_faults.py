@@ -114,25 +114,17 @@ def arrival_tick(tick: int, faults: MeasurementFaults, period: float, seed: int)
 
 def is_frozen(tick: int, faults: MeasurementFaults, period: float, seed: int) -> bool:
     """Returns whether the sensor repeats an old value at a tick; arguments as in `arrival_tick`."""
+    burst = {"rate": faults.freeze_rate, "duration": faults.freeze_duration}
     return faults.act_at(tick, period) and in_burst(
-        tick,
-        rate=faults.freeze_rate,
-        duration=faults.freeze_duration,
-        period=period,
-        seed=seed,
-        channel=FaultChannel.FREEZING,
+        tick, **burst, period=period, seed=seed, channel=FaultChannel.FREEZING
     )
 
 
 def is_occluded(tick: int, faults: MeasurementFaults, period: float, seed: int) -> bool:
     """Returns whether a measurement at a tick is lost; arguments as in `arrival_tick`."""
+    burst = {"rate": faults.dropout_rate, "duration": faults.dropout_duration}
     return faults.act_at(tick, period) and in_burst(
-        tick,
-        rate=faults.dropout_rate,
-        duration=faults.dropout_duration,
-        period=period,
-        seed=seed,
-        channel=FaultChannel.DROPOUTS,
+        tick, **burst, period=period, seed=seed, channel=FaultChannel.DROPOUTS
     )
 
 

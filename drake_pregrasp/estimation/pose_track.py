@@ -8,12 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from drake_pregrasp.arrays import SLACK, FloatArray, pack, unpacker
-from drake_pregrasp.estimation.pose_filter import (
-    NO_BELIEF,
-    NO_MEASUREMENT,
-    PoseBelief,
-    boosted,
-)
+from drake_pregrasp.estimation.pose_filter import NO_BELIEF, NO_MEASUREMENT, PoseBelief, boosted
 
 
 @unique

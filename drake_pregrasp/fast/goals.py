@@ -38,17 +38,10 @@ class CompiledGoals:
     ) -> None:
         self._surface = surface = CompiledSurface.of(surface)
         shares = {name: share for name, share in weights.items() if share > 0}
-        kinds = [
-            KINDS.index((name, "hand" if name in ("position", "margin") else reading))
-            for name in shares
-        ]
-        self._settings = (
-            np.array(kinds),
-            np.array(list(shares.values()), dtype=float),
-            stretch,
-            float(power),
-            best_point,
-        )
+        readings = {"position": "hand", "margin": "hand"}
+        kinds = [KINDS.index((name, readings.get(name, reading))) for name in shares]
+        strategies = np.array(kinds), np.array(list(shares.values()), dtype=float)
+        self._settings = (*strategies, stretch, float(power), best_point)
         self._friction, self._p_OCoM = float(friction), surface.p_OCoM
         self._q = np.array(surface.p_OQ - surface.p_OCoM, dtype=float, order="C")
         self._areas = np.array(surface.areas, dtype=float)
@@ -79,7 +72,7 @@ class CompiledGoals:
             P_C = np.ascontiguousarray(P_C.transpose(2, 0, 1))[..., None]
             margins = hand_margins(contacts, labels, active, P_C, self._P_Q, self._friction)
         goals: FloatArray = weighted_goals(
-            *self._settings,
+            self._settings,
             contacts,
             labels,
             active,

@@ -188,57 +188,30 @@ def box_of(row, d):  # type: ignore[no-untyped-def]
 
 @compiled(
     "Tuple((i8[::1], i8[::1], i8[::1]))"
-    "(f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[::1], f8,"
-    " f8[:,:,::1], f8[:,::1], i8[::1], i8[::1], b1[:,::1],"
-    " f8[:,::1], f8[:,::1], f8[:,::1], f8, f8)"
+    "(Tuple((f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1])), f8[:,::1], f8[::1], f8,"
+    " Tuple((f8[:,:,::1], f8[:,::1], i8[::1], i8[::1])), b1[:,::1], f8[:,::1],"
+    " Tuple((f8[:,::1], f8[:,::1], f8, f8)))"
 )
-def label_blocks(  # type: ignore[no-untyped-def]
-    q,
-    nhat,
-    order,
-    starts,
-    boxes,
-    c,
-    half_power,
-    few,
-    by_axis,
-    bounds,
-    by_limit,
-    by_cause,
-    same_side,
-    contacts,
-    solids,
-    points,
-    clearance,
-    standoff,
-):
+def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, obstacles):  # type: ignore[no-untyped-def]
     """Returns labels in the order of the candidates, limits and causes, as `label_candidates`.
 
     Loops run along one array at a time, so that the compiler makes vector instructions of them.
 
     Args:
-        q: Candidates in the order of the blocks, shape (d, N), in metres.
-        nhat: Outward unit normals at the candidates in that order, shape (3, N).
-        order: Index of the candidate at each place of that order, shape (N,).
-        starts: First place of each block, and N, shape (B + 1,).
-        boxes: Midpoints and half edge lengths of the blocks' boxes, mean normals, and the radii of
-            balls around both, shape (B, 2d + 5), in metres.
+        blocks: Attributes of `Blocks`: q, nhat, order, starts and boxes.
         c: Contacts, shape (n, d), in metres.
         half_power: (|c_i|² - h_i)/2, shape (n,), in m²; infinite for lost fingers.
         few: Number of candidates below which a region is tiny.
-        by_axis: Normals of the half-spaces, shape (n, d, m), in metres.
-        bounds: Bounds of the half-spaces for points relative to the contact, shape (n, m), in m².
-        by_limit: `Limit` of each half-space, shape (m,).
-        by_cause: Cause of each half-space, shape (m,); those of one limit and cause are adjacent.
+        half_spaces: Normals of the half-spaces, shape (n, d, m), in metres; their bounds for points
+            relative to the contact, shape (n, m), in m²; `Limit` and cause of each, shape (m,).
+            Those of one limit and cause are adjacent.
         same_side: Candidates that no wall hides from each contact, shape (n, N), or empty for all.
-        contacts: Rows of the contacts; this and the last arguments are as in `Predicates`.
-        solids: Rows of the solids.
-        points: Rows of the obstacle points.
-        clearance: Least distance between fingertips and obstacles, in metres.
-        standoff: Distance from the surface at which fingertips wait, in metres.
+        contacts: Rows of the contacts, as in `Predicates`.
+        obstacles: Rows of solids and of points, clearance and standoff, as in `Predicates`.
     """
+    (q, nhat, order, starts, boxes), (solids, points, _, standoff) = blocks, obstacles
+    by_axis, bounds, by_limit, by_cause = half_spaces
     n, d, m = by_axis.shape
-    obstacles, blocks = (solids, points, clearance, standoff), (q, nhat, order, starts, boxes)
     labels, cells = np.empty(q.shape[1], dtype=np.int64), np.empty(q.shape[1], dtype=np.int64)
     owners, sizes = np.empty(BLOCK, dtype=np.int64), np.zeros(n, dtype=np.int64)
     least, power, excluded = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK, dtype=np.bool_)
@@ -342,32 +315,23 @@ class CompactCandidates(Blocks):
         Raises:
             InvalidArgumentError: If the bounds are for another number of candidates or coordinates.
         """
-        c, half_spaces, predicates = bounds.c, bounds.half_spaces, bounds.predicates
+        c, planes, predicates = bounds.c, bounds.half_spaces, bounds.predicates
         if predicates is None:
             predicates = UNCONSTRAINED.predicates(len(c))
+        by_axis = np.ascontiguousarray(planes.normals.transpose(0, 2, 1))
         seen = np.empty((0, 0), dtype=bool) if bounds.same_side is None else bounds.same_side
         if (bounds.num_candidates, c.shape[1]) != self.q.shape[::-1]:
             raise InvalidArgumentError(
                 f"{len(self.order)} candidates were expected, not {bounds.num_candidates}"
             )
         result: tuple[IntArray, IntArray, IntArray] = label_blocks(
-            self.q,
-            self.nhat,
-            self.order,
-            self.starts,
-            self.boxes,
+            (self.q, self.nhat, self.order, self.starts, self.boxes),
             np.array(c, dtype=float, order="C"),
             ((c * c).sum(axis=1) - bounds.h) / 2,
             bounds.few,
-            np.ascontiguousarray(half_spaces.normals.transpose(0, 2, 1)),
-            np.ascontiguousarray(half_spaces.bounds),
-            half_spaces.limits,
-            half_spaces.causes,
+            (by_axis, np.ascontiguousarray(planes.bounds), planes.limits, planes.causes),
             np.array(seen, dtype=bool, order="C"),
             predicates.contacts,
-            predicates.solids,
-            predicates.points,
-            predicates.clearance,
-            predicates.standoff,
+            (predicates.solids, predicates.points, predicates.clearance, predicates.standoff),
         )
         return result

@@ -124,7 +124,8 @@ def hand_margins(contacts, labels, active, P_C, P_Q, friction):  # type: ignore[
     """
     margins, members = np.zeros(len(labels)), np.empty(GROUP, np.int64)
     P, M, y = np.empty((7, 3, GROUP)), np.empty((7, 7, GROUP)), np.empty((7, GROUP))
-    components, rows = np.empty((3, GROUP)), np.empty((3, GROUP))
+    components, least = np.empty((3, GROUP)), np.empty(GROUP)
+    spans, b = np.empty(GROUP), np.empty(GROUP)
     gram, others = np.empty((7, 7)), np.empty(len(active), np.int64)
     for i in contacts:
         count, size = 0, 0
@@ -142,21 +143,9 @@ def hand_margins(contacts, labels, active, P_C, P_Q, friction):  # type: ignore[
                 members[size] = j
                 size += 1
             if size == GROUP or (size > 0 and j == len(labels) - 1):
-                group_margins(
-                    gram,
-                    P_C,
-                    others[:count],
-                    P,
-                    friction,
-                    size,
-                    M,
-                    y,
-                    components,
-                    rows[0],
-                    rows[1],
-                    rows[2],
-                )
+                own = others[:count]
+                group_margins(gram, P_C, own, P, friction, size, M, y, components, least, spans, b)
                 for k in range(size):
-                    margins[members[k]] = rows[2, k]
+                    margins[members[k]] = b[k]
                 size = 0
     return margins

@@ -13,10 +13,10 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.fast.blocks import Blocks
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.geometry.sampling import unit_normals
-from drake_pregrasp.geometry.surface import FLAT_CORNER, ObjectSurface
+from drake_pregrasp.geometry.surface import FLAT_CORNER, NO_DISTANCE, TIE, ObjectSurface
 
-_ABOVE = 1 + 1e-9  # Bounds must not exclude the nearest point by rounding,
-_TINY = 1e-15  # not even at a distance of zero; in metres.
+_ABOVE = 1 + 1e-9  # Bounds must not exclude the nearest point by rounding.
+_FAR = 1e300  # Squared distance before the first triangle, in m².
 
 
 @compiled()
@@ -72,8 +72,9 @@ def projected(  # type: ignore[no-untyped-def]
 ):
     """Returns the nearest points on patches, shape (k, 3), and their triangles, shape (k,).
 
-    Of triangles at the same distance, the first one counts. A candidate is on its patch, so the
-    nearest one bounds the distance; blocks, patches and triangles beyond it are left out.
+    Of triangles at the same distance but for rounding, the first one counts. A candidate is on its
+    patch, so the nearest one bounds the distance; blocks, patches and triangles beyond it are left
+    out.
 
     Args:
         points: Points, shape (k, 3), in metres.
@@ -92,7 +93,7 @@ def projected(  # type: ignore[no-untyped-def]
     distances, point, scratch = np.empty(len(boxes)), np.empty(3), np.empty((6, 3))
     for k in range(len(points)):
         x, y, z = points[k, 0], points[k, 1], points[k, 2]
-        first, bound, least = 0, np.inf, np.inf
+        first, bound, least = 0, np.inf, _FAR
         for block in range(len(boxes)):
             dx = max(abs(boxes[block, 0] - x) - boxes[block, 3], 0.0)
             dy = max(abs(boxes[block, 1] - y) - boxes[block, 4], 0.0)
@@ -124,11 +125,14 @@ def projected(  # type: ignore[no-untyped-def]
                     if dx * dx + dy * dy + dz * dz > far * far:
                         continue
                     distance = closest_point(points[k], patches[triangle], point, scratch)
-                    bound = min(bound, math.sqrt(distance) * _ABOVE + _TINY)
-                    if distance < least or (distance == least and triangle < triangles[k]):
-                        least, triangles[k] = distance, triangle
+                    bound = min(bound, math.sqrt(distance) * _ABOVE + NO_DISTANCE)
+                    slack = least * TIE + NO_DISTANCE**2
+                    is_first = distance <= least + slack and triangle < triangles[k]
+                    if is_first or distance < least - slack:
+                        triangles[k] = triangle
                         for axis in range(3):
                             nearest[k, axis] = point[axis]
+                    least = min(least, distance)
     return nearest, triangles
 
 

@@ -30,14 +30,8 @@ from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.fast.pose_steps import inverted
 
 KINDS = (
-    ("position", "hand"),
-    ("msv", "hand"),
-    ("gii", "hand"),
-    ("vew", "hand"),
-    ("margin", "hand"),
-    ("msv", "contact"),
-    ("gii", "contact"),
-    ("vew", "contact"),
+    *((strategy, "hand") for strategy in ("position", "msv", "gii", "vew", "margin")),
+    *((strategy, "contact") for strategy in ("msv", "gii", "vew")),
 )
 """Strategies and their readings, in the order of their indices; two do not depend on a reading."""
 
@@ -116,17 +110,8 @@ def write_singular_values(kind, t, B, n, q, b):  # type: ignore[no-untyped-def]
     Loops run over groups of places without branches, so that they are vector instructions.
     """
     rows = np.empty((9, _GROUP))
-    tau, b11, b1, b2, p11, p12, p22, roots, steps = (
-        rows[0],
-        rows[1],
-        rows[2],
-        rows[3],
-        rows[4],
-        rows[5],
-        rows[6],
-        rows[7],
-        rows[8],
-    )
+    b11, b1, b2, p11, p12, p22 = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5]
+    tau, roots, steps = rows[6], rows[7], rows[8]
     for start in range(0, len(b), _GROUP):
         size = min(_GROUP, len(b) - start)
         own, px, py, pz = b[start:], q[0, start:], q[1, start:], q[2, start:]
@@ -259,34 +244,18 @@ def add_weights(kind, share, stretch, power, areas, b, weights):  # type: ignore
 
 
 @compiled(
-    "f8[:,::1](i8[::1], f8[::1], b1, f8, b1, i8[::1], i8[::1], b1[::1], f8[:,::1], f8[:,::1],"
-    " f8[:,::1], f8[::1], f8[::1])"
+    "f8[:,::1](Tuple((i8[::1], f8[::1], b1, f8, b1)), i8[::1], i8[::1], b1[::1], f8[:,::1],"
+    " f8[:,::1], f8[:,::1], f8[::1], f8[::1])"
 )
-def weighted_goals(  # type: ignore[no-untyped-def]
-    kinds,
-    shares,
-    stretch,
-    power,
-    best_point,
-    contacts,
-    labels,
-    active,
-    r,
-    covariance,
-    q,
-    areas,
-    margins,
-):
+def weighted_goals(settings, contacts, labels, active, r, covariance, q, areas, margins):  # type: ignore[no-untyped-def]
     """Returns the centroids of contacts' regions or their best points, shape (k, 3).
 
     Both are relative to the centre of mass, in metres.
 
     Args:
-        kinds: Indices of the strategies in `KINDS`.
-        shares: Share of each of them in the weights.
-        stretch: Whether to subtract a region's smallest weight.
-        power: Exponent of the weights.
-        best_point: Whether to return the candidates with the largest weights.
+        settings: Indices of the strategies in `KINDS`; share of each of them in the weights;
+            whether to subtract a region's smallest weight; exponent of the weights; and whether to
+            return the candidates with the largest weights.
         contacts: Indices of the contacts that move, shape (k,).
         labels: Region of each candidate, shape (N,).
         active: Mask of the contacts that take part in the grasp, shape (n,).
@@ -296,6 +265,7 @@ def weighted_goals(  # type: ignore[no-untyped-def]
         areas: Surface area that each candidate represents, shape (N,), in m².
         margins: Weights of the strategy `margin` at the candidates, shape (N,); see `hand_margins`.
     """
+    kinds, shares, stretch, power, best_point = settings
     n, t, B = float(np.count_nonzero(active)), np.empty(3), np.empty((3, 3))
     precision = inverted(covariance)
     place, ends = np.full(len(r), -1), np.zeros(len(contacts) + 1, np.int64)

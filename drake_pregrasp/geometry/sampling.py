@@ -61,9 +61,8 @@ def split_triangles(corners: FloatArray, normals: FloatArray, longest_edge: floa
         InvalidArgumentError: If there would be more than `MAX_TRIANGLES`.
     """
     area = float(np.sum(trimesh.triangles.area(corners)))
-    if (
-        area > MAX_TRIANGLES * longest_edge**2 / 2
-    ):  # A triangle's area is at most half the square of its longest edge.
+    # A triangle's area is at most half the square of its longest edge.
+    if area > MAX_TRIANGLES * longest_edge**2 / 2:
         raise _too_fine(longest_edge)
     done_corners, done_faces = [np.empty((0, 3, 3))], [np.empty(0, dtype=np.int64)]
     faces, done = np.arange(len(corners)), 0

@@ -18,6 +18,12 @@ CONTACT_TOLERANCE = 1e-4
 
 _ROUNDING = 1 + 1e-9
 
+TIE = 1e-14
+"""Relative difference of squared distances that is rounding: of such triangles the first counts."""
+
+NO_DISTANCE = 1e-15
+"""Distance that is rounding, in metres."""
+
 FLAT_CORNER = 1e-12
 """Squared sine of a corner up to which a triangle counts as degenerate: rounding would decide on
 which side of its edges a point is."""
@@ -183,8 +189,11 @@ class ObjectSurface:
         away = closest - p_OP[point]
         squares = np.einsum("ij,ij->i", away, away)
         starts = np.searchsorted(point, np.arange(len(p_OP)))
-        # Of equals the first counts: stable sorting keeps their order.
-        best = np.lexsort((squares, point))[starts] if len(p_OP) else starts
+        if len(p_OP) == 0:
+            return np.empty((0, 3)), np.empty((0, 3))
+        least = np.minimum.reduceat(squares, starts)
+        nearest = np.flatnonzero(squares <= (least * (1 + TIE) + NO_DISTANCE**2)[point])
+        best = nearest[np.searchsorted(point[nearest], np.arange(len(p_OP)))]
         return closest[best], self._triangles.normals[triangles[best]]
 
     def candidates_within(self, p_OP: FloatArray, distance: float) -> IntArray:

@@ -98,9 +98,7 @@ class Obstacles:
         return Obstacles(
             tuple(solid.moved(R_GF, p_GF) for solid in self.solids),
             ForbiddenPoints(
-                self.points.points @ R_GF.T + p_GF,
-                self.points.radii,
-                self.points.normals @ R_GF.T,
+                self.points.points @ R_GF.T + p_GF, self.points.radii, self.points.normals @ R_GF.T
             ),
             self.velocities @ R_GF.T,
         )
@@ -280,13 +278,14 @@ class RegionConstraints:
             for index, solids in enumerate(zip(*(o.solids for o in times), strict=True))
             for solid in solids
         ]
-        first, points = len(self.obstacles.solids), [o.points for o in times]
+        first, parts = len(self.obstacles.solids), [o.points for o in times]
+        points = np.concatenate(
+            [np.c_[p.points, p.radii, first + np.arange(len(p))] for p in parts]
+        )
         return Predicates(
             rows,
             np.array(solids).reshape(-1, 20),
-            np.concatenate(
-                [np.column_stack([p.points, p.radii, first + np.arange(len(p))]) for p in points]
-            ),
+            points[np.argsort(points[:, 4], kind="stable")],
             self.clearance,
             self.standoff,
         )

@@ -62,11 +62,7 @@ def force_closed_share(
     closed = bound > _LEAST_MARGIN
     for index in np.flatnonzero(~closed & np.isfinite(bound)):
         margin = min_weight_margin(
-            p_CoMC[index],
-            nhat[index],
-            friction,
-            model=model,
-            torsional_friction=torsional_friction,
+            p_CoMC[index], nhat[index], friction, model=model, torsional_friction=torsional_friction
         )
         closed[index] = margin > _LEAST_MARGIN
     return float(np.mean(closed))

@@ -3,18 +3,16 @@
 import contextlib
 from collections.abc import Iterator
 
-import numpy as np
-
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.object_config import PoseStream
 from drake_pregrasp.contacts.assignment import palm_turn
+from drake_pregrasp.diagrams import start_grasp
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.start_grasp import check_count, check_palm, check_room
 from drake_pregrasp.errors import PregraspError, ScenarioError
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand
 from drake_pregrasp.simulation.scenario import Scenario, followed_path, initial_contacts
-from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 
 Problems = Iterator[tuple[str, str]]
 """Pairs of a key and the problem of its value. Later pairs may follow from the first one."""
@@ -60,33 +58,18 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         hand = load_hand(grasp.hand)
     if scenario.hand != HandConfig():
         yield "hand", "has no effect with grasp.hand, which sets the pose; leave it out"
-    fingers = len(hand.fingertips)
     with errors_at("grasp.hand"):
         check_count(hand, scenario.num_contacts)
-    if plant.time_step > grasp.period:
-        problem = f"{plant.time_step} must be at most {grasp.period}, the hand's period"
-        yield "plant_config.time_step", problem
     if plant.discrete_contact_approximation == "tamsi":
         problem = "tamsi has no drives for a hand's joints; choose sap, similar or lagged"
         yield "plant_config.discrete_contact_approximation", problem
-    if ahead := scenario.planner.estimator.lookahead:
-        yield "planner.estimator.lookahead", f"{ahead} must be 0: a hand looks ahead itself"
     with errors_at("grasp.hand", f"{grasp.hand}: "):
         model = scenario.load_hand_model()
     with errors_at("grasp.wrist_range"):
         model.yaw_range(grasp.yaw_range)
-    largest = np.min(grasp.make_settings(hand.fingertips).largest_force)
-    if grasp.least_force > largest:
-        problem = f"{grasp.least_force} must be at most {largest}, the largest force"
-        yield "grasp.least_force", problem
-    if grasp.touch_force >= grasp.least_force:
-        problem = f"{grasp.touch_force} must be less than {grasp.least_force}, the least force"
-        yield "grasp.touch_force", problem
-    weight, lift = GRAVITY * scenario.object.mass, grasp.largest_lift(hand.fingertips)
-    if lift < weight:
-        problem = f"{fingers} fingers of {grasp.largest_force} N hold {lift:.3g} N with friction"
-        problem = f"{problem} {grasp.planned_friction}; the object weighs {weight:.3g} N"
-        yield "grasp.largest_force", problem
+    yield from start_grasp.grasp_problems(
+        grasp, scenario.planner, hand, mass=scenario.object.mass, time_step=plant.time_step
+    )
     with errors_at("object" if scenario.chooses_contacts else "initial_contacts"):
         p_OC = scenario.initial_p_OC(surface)
         model.check_contacts(p_OC, surface.project(p_OC)[1])

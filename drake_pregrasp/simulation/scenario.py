@@ -36,9 +36,7 @@ from drake_pregrasp.diagrams.start_grasp import (
     choose_contacts,
     contacts_with_room,
 )
-from drake_pregrasp.geometry.mesh_surface import TipSize
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.grasping.fingertip_paths import MOVING_CLEARANCE
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand, load_hand_model
 from drake_pregrasp.simulation.obstacle_config import ObstacleConfig, moving_solid
 from drake_pregrasp.systems.pose_sensor import MAX_SEED
@@ -196,8 +194,7 @@ class Scenario:
         """
         tip = None
         if self.grasp.has_hand:
-            radius = max(tip.radius for tip in load_hand(self.grasp.hand).fingertips)
-            tip = TipSize(radius, self.grasp.standoff, MOVING_CLEARANCE)
+            tip = self.grasp.tip_size(load_hand(self.grasp.hand).fingertips)
         return self.surface.make_surface(self.object, spacing, tip)
 
     def load_hand_model(self, yaw_range: tuple[float, float] = FREE_TURN) -> HandModel:

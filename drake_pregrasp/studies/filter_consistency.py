@@ -108,9 +108,9 @@ def band(freedom: int, samples: int) -> tuple[float, float]:
 
 
 @functools.cache
-def conveyor_motion(scenario: str = "a_base") -> Motion:
-    """Returns the simulated motion of a scenario's object, which the conveyor moves by friction."""
-    config = load_scenario(scenario)
+def conveyor_motion() -> Motion:
+    """Returns the simulated motion of the base case's object, moved by friction of the conveyor."""
+    config = load_scenario("a_base")
     plant = ObjectPlant(config.object, config.motion, config.plant_config)
     simulator = Simulator(plant)
     ApplySimulatorConfig(config.simulator_config, simulator)

@@ -1,14 +1,16 @@
-"""Pictures of the shipped hands: above the object, following it, closed, and lifting it."""
+"""Films and pictures of the shipped hands, with regions and goals on the object."""
 
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from pydrake.geometry import GeometryId
+from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
-from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Arm
 from drake_pregrasp.diagrams.hand_station import HandStation
+from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.simulation.hand_file import load_hand
@@ -17,7 +19,13 @@ from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies import pictures
-from drake_pregrasp.studies.pictures import ByteArray, Light, camera_pose, take_picture
+from drake_pregrasp.studies.pictures import (
+    ByteArray,
+    Light,
+    camera_pose,
+    goal_geometry,
+    take_picture,
+)
 from drake_pregrasp.studies.report_page import Heading, Part, write_report
 from drake_pregrasp.studies.runner import OnProgress
 from drake_pregrasp.systems.loggers import GraspRecord
@@ -25,12 +33,15 @@ from drake_pregrasp.systems.loggers import GraspRecord
 PHASES = (GraspPhase.TRACK, GraspPhase.SQUEEZE, GraspPhase.HOLD)
 """Phases with a picture at their end, besides the picture at the start."""
 
-_CAMERA = pictures.color_camera((400, 400), 0.6)
+FRAME_TIME = 0.1
+"""Time between the pictures of a film, in seconds."""
+
+_CAMERA = pictures.color_camera((400, 400), 0.46)
 _GAP = 8  # White pixels between pictures.
 _FROM_ARM, _FROM_HAND = np.array([0.45, -1.0, 0.5]), np.array([0.75, 0.65, 0.5])
 """Position of the camera relative to its target in W, with and without an arm, in metres."""
-_ABOVE = np.array([0.0, 0.0, 0.13])  # Target of the camera above the object, in metres.
-_LIGHTS = (Light([0.3, 0.5, 0.8], 0.85), Light([-0.6, 0.3, 0.7], 0.4), Light([0.0, 1.0, 0.1], 0.3))
+_ABOVE = np.array([0.0, 0.0, 0.12])  # Target of the camera above the object, in metres.
+_LIGHTS = (Light([0.3, 0.5, 0.8], 0.85), Light([-0.6, 0.3, 0.7], 0.6), Light([0.0, 1.0, 0.1], 0.3))
 _BACKGROUND = (0.93, 0.94, 0.96)
 
 
@@ -38,7 +49,7 @@ def picture_grasps(out: str | Path, *, on_progress: OnProgress = lambda done, to
     """Runs the shipped scenarios with a hand, and returns the page with their pictures.
 
     Args:
-        out: Folder of the page and of the pictures, `NAME.png`.
+        out: Folder of the page, the films, `NAME.webp`, and the pictures, `NAME.png`.
         on_progress: Called with the number of finished scenarios and the number of all.
 
     Raises:
@@ -55,39 +66,105 @@ def picture_grasps(out: str | Path, *, on_progress: OnProgress = lambda done, to
     for done, (name, scenario) in enumerate(scenarios.items()):
         on_progress(done, len(hands))
         image = Image.fromarray(picture_grasp(scenario))
+        first, *others = map(Image.fromarray, film_grasp(scenario))
         with writing(folder):
             image.save(folder / f"{name}.png", optimize=True)
-        parts += [Heading(f"`{name}`: {hands[name]}"), f"![{hands[name]}]({name}.png)"]
+            first.save(
+                folder / f"{name}.webp",
+                save_all=True,
+                append_images=others,
+                duration=round(1000 * FRAME_TIME),
+                loop=0,
+                quality=60,
+            )
+        pictures_of = [f"![{hands[name]}]({name}.{kind})" for kind in ("webp", "png")]
+        parts += [Heading(f"`{name}`: {hands[name]}"), *pictures_of]
     on_progress(len(hands), len(hands))
     return write_report(folder, "Hands", parts, name="grasps", formats=("md",))
 
 
-def picture_grasp(scenario: Scenario) -> ByteArray:
-    """Returns four pictures of a hand side by side, shape (height, width, 3).
+class GraspCamera:
+    """Takes pictures of a scenario with a hand, with regions and goals on the object.
 
     The camera moves with the object.
 
     Args:
         scenario: Scenario with a hand.
+        surface: Surface of the scenario's object.
+    """
+
+    def __init__(self, scenario: Scenario, surface: ObjectSurface) -> None:
+        diagram = make_diagram(scenario, surface)
+        self._station: HandStation = diagram.GetSubsystemByName("object_plant")
+        self._planner: PregraspPlanner = diagram.GetSubsystemByName("pregrasp_planner")
+        self._surface, self._drawn = surface, list[GeometryId]()
+        self._station.scene_graph.AddRenderer(
+            pictures.RENDERER, pictures.lit_renderer(_LIGHTS, _BACKGROUND)
+        )
+        has_arm = isinstance(load_hand(scenario.grasp.hand).base, Arm)
+        self._p_TK_W = _FROM_ARM if has_arm else _FROM_HAND
+        self._simulator = Simulator(diagram)
+
+    def picture_at(self, time: float) -> ByteArray:
+        """Returns the picture at a time, shape (height, width, 3).
+
+        Args:
+            time: Simulated time in seconds, not before that of the last picture.
+        """
+        self._simulator.AdvanceTo(time)
+        context = self._station.GetMyContextFromRoot(self._simulator.get_context())
+        X_WO: RigidTransform = self._station.GetOutputPort("X_WO").Eval(context)
+        self._draw_goals(X_WO)
+        target = X_WO.translation() * [1.0, 1.0, 0.0] + _ABOVE
+        query = self._station.GetOutputPort("query_object").Eval(context)
+        return take_picture(query, _CAMERA, camera_pose(target, self._p_TK_W))
+
+    def _draw_goals(self, X_WO: RigidTransform) -> None:
+        """Replaces regions and goals in the scene by those of this tick; a closed hand has none."""
+        planner, plant = self._planner, self._station.plant
+        context = planner.GetMyContextFromRoot(self._simulator.get_context())
+        regions = planner.GetOutputPort("safe_regions").Eval(context)
+        status = planner.GetOutputPort("contact_status").Eval(context)
+        p_WC = planner.GetOutputPort("p_WC").Eval(context).reshape(-1, 3)
+        hold = planner.GetInputPort("hold_contacts").Eval(context)[0]
+        active = [] if hold > 0 else np.flatnonzero(status > 0).tolist()
+        p_OC = (X_WO.inverse() @ p_WC[active].T).T
+        scene = self._station.scene_graph
+        drawn_in = scene.GetMyMutableContextFromRoot(self._simulator.get_mutable_context())
+        source = plant.get_source_id()
+        frame = plant.GetBodyFrameIdOrThrow(plant.GetBodyByName("object").index())
+        for geometry in self._drawn:
+            scene.RemoveGeometry(drawn_in, source, geometry)
+        self._drawn = [
+            scene.RegisterGeometry(drawn_in, source, frame, instance)
+            for instance in goal_geometry(self._surface, regions.labels, p_OC, active)
+        ]
+
+
+def picture_grasp(scenario: Scenario) -> ByteArray:
+    """Returns four pictures of a hand side by side, shape (height, width, 3).
+
+    Args:
+        scenario: Scenario with a hand.
     """
     surface = scenario.make_surface()
-    diagram = make_diagram(scenario, surface)
-    station: HandStation = diagram.GetSubsystemByName("object_plant")
-    station.scene_graph.AddRenderer("vtk", pictures.lit_renderer(_LIGHTS, _BACKGROUND))
-    has_arm = isinstance(load_hand(scenario.grasp.hand).base, Arm)
-    simulator, taken = Simulator(diagram), list[ByteArray]()
-    for time in _moments(scenario, surface):
-        simulator.AdvanceTo(time)
-        context = station.GetMyContextFromRoot(simulator.get_context())
-        p_WO: FloatArray = station.GetOutputPort("X_WO").Eval(context).translation()
-        target = p_WO * [1.0, 1.0, 0.0] + _ABOVE
-        X_WK = camera_pose(target, _FROM_ARM if has_arm else _FROM_HAND)
-        query = station.GetOutputPort("query_object").Eval(context)
-        taken.append(take_picture(query, _CAMERA, X_WK))
+    camera = GraspCamera(scenario, surface)
+    taken = [camera.picture_at(time) for time in _moments(scenario, surface)]
     gaps = [(0, 0), (_GAP, 0), (0, 0)]
     return np.concatenate(
         [taken[0], *(np.pad(p, gaps, constant_values=255) for p in taken[1:])], axis=1
     )
+
+
+def film_grasp(scenario: Scenario) -> list[ByteArray]:
+    """Returns pictures of a hand every `FRAME_TIME`, each of shape (height, width, 3).
+
+    Args:
+        scenario: Scenario with a hand.
+    """
+    camera = GraspCamera(scenario, scenario.make_surface())
+    times = np.arange(0.0, scenario.simulation_duration + FRAME_TIME / 2, FRAME_TIME)
+    return [camera.picture_at(time) for time in times]
 
 
 def _moments(scenario: Scenario, surface: ObjectSurface) -> list[float]:

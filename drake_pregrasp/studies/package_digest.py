@@ -39,6 +39,7 @@ def package_digest(*modules: str) -> dict[str, str]:
         for file in sorted(_PACKAGE.rglob("*.py"))
         if file.relative_to(_PACKAGE).parts[0] not in _LEFT_OUT
     ]
+    files += sorted((_PACKAGE / "diagrams").glob("*.yaml"))
     files += sorted(file for file in resource_folder("models").rglob("*") if file.is_file())
     for name in sorted(set(modules)):
         files.append(Path(str(importlib.import_module(name).__file__)))

@@ -43,6 +43,9 @@ from drake_pregrasp.systems.drawing import (
 
 ByteArray = NDArray[np.uint8]
 
+RENDERER = "vtk"
+"""Name of the renderer in a scene."""
+
 WHITE = (1.0, 1.0, 1.0)
 """Default background colour."""
 
@@ -115,18 +118,15 @@ def drawn_mesh(triangles: FloatArray, lift: float = 0.0) -> Mesh:
     return Mesh(mesh_data=InMemoryMesh(mesh_file=MemoryFile(text.encode(), ".obj", "mesh.obj")))
 
 
-def color_camera(
-    pixels: tuple[int, int], field_of_view: float, renderer: str = "vtk"
-) -> ColorRenderCamera:
+def color_camera(pixels: tuple[int, int], field_of_view: float) -> ColorRenderCamera:
     """Returns a camera.
 
     Args:
         pixels: Width and height of the camera's pictures, in pixels.
         field_of_view: Vertical field of view in radians.
-        renderer: Name of the renderer in the scene.
     """
     info, depths = CameraInfo(*pixels, field_of_view), ClippingRange(0.01, 10.0)
-    return ColorRenderCamera(RenderCameraCore(renderer, info, depths, RigidTransform()))
+    return ColorRenderCamera(RenderCameraCore(RENDERER, info, depths, RigidTransform()))
 
 
 def camera_pose(p_FT: FloatArray, p_TK_F: FloatArray) -> RigidTransform:
@@ -155,6 +155,32 @@ def take_picture(query: QueryObject, camera: ColorRenderCamera, X_WK: RigidTrans
     return np.array(image.data[:, :, :3])
 
 
+def goal_geometry(
+    surface: ObjectSurface, labels: IntArray, p_OC: FloatArray, contacts: Sequence[int]
+) -> list[GeometryInstance]:
+    """Returns the safe regions and the goals as geometry in O, in the colours of their contacts.
+
+    Args:
+        surface: Surface of the object O.
+        labels: Index of the contact that owns each candidate, or `NO_REGION`, shape (N,).
+        p_OC: Positions of the goals to draw, in O, shape (k, 3), in metres.
+        contacts: Index of the contact of each goal, which sets its colour, length k.
+    """
+    owners = np.repeat(labels, np.diff(surface.patch_starts))
+    drawn = []
+    for label in np.unique(labels).tolist():
+        color = NO_REGION_COLOR if label == NO_REGION else tint(contact_color(label), 0.3)
+        region = drawn_mesh(surface.patches[owners == label], lift=_LIFT)
+        drawn.append(coloured(RigidTransform(), region, color, f"region_{label}"))
+    radius = _MARKER_SHARE * float(np.cbrt(np.prod(surface.mesh.extents)))
+    # Balls touch the surface from outside: centred on a thin wall, they would show on both sides.
+    centers = p_OC + radius * surface.project(p_OC)[1]
+    for center, contact in zip(centers, contacts, strict=True):
+        X_OG, color = RigidTransform(center), contact_color(contact)
+        drawn.append(coloured(X_OG, Sphere(radius), color, f"goal_{contact}"))
+    return drawn
+
+
 def render_goals(
     surface: ObjectSurface,
     labels: IntArray,
@@ -179,24 +205,15 @@ def render_goals(
         pixels: Width and height of the picture, in pixels.
     """
     scene = SceneGraph()
-    scene.AddRenderer("vtk", lit_renderer(_LIGHTS))
+    scene.AddRenderer(RENDERER, lit_renderer(_LIGHTS))
     source = scene.RegisterSource("goals")
 
     def add(X_OG: RigidTransform, shape: Shape, color: Rgba, name: str) -> None:
         scene.RegisterAnchoredGeometry(source, coloured(X_OG, shape, color, name))
 
     add(RigidTransform(), drawn_mesh(surface.mesh.triangles), _OBJECT_COLOR, "object")
-    owners = np.repeat(labels, np.diff(surface.patch_starts))
-    for label in np.unique(labels).tolist():
-        color = NO_REGION_COLOR if label == NO_REGION else tint(contact_color(label), 0.3)
-        region = drawn_mesh(surface.patches[owners == label], lift=_LIFT)
-        add(RigidTransform(), region, color, f"region_{label}")
-    extents = surface.mesh.extents
-    radius = _MARKER_SHARE * float(np.cbrt(np.prod(extents)))
-    # Balls touch the surface from outside: centred on a thin wall, they would show on both sides.
-    centers = p_OC + radius * surface.project(p_OC)[1]
-    for center, contact in zip(centers, contacts, strict=True):
-        add(RigidTransform(center), Sphere(radius), contact_color(contact), f"goal_{contact}")
+    for instance in goal_geometry(surface, labels, p_OC, contacts):
+        scene.RegisterAnchoredGeometry(source, instance)
     for index, (solid, color) in enumerate(
         [(body, Rgba(*BODY_COLOR)) for body in bodies] + [(v, VOLUME_COLOR) for v in volumes]
     ):
@@ -204,7 +221,7 @@ def render_goals(
         add(X_OS, shape, color, f"obstacle_{index}")
 
     query = scene.get_query_output_port().Eval(scene.CreateDefaultContext())
-    distance = 2.9 * float(np.linalg.norm(extents)) / 1.4
+    distance = 2.9 * float(np.linalg.norm(surface.mesh.extents)) / 1.4
     p_TK_O = distance * np.array([0.85 * np.cos(yaw), 0.85 * np.sin(yaw), 0.53])
     X_OK = camera_pose(np.mean(surface.mesh.bounds, axis=0), p_TK_O)
     return take_picture(query, color_camera(pixels, 0.5), X_OK)

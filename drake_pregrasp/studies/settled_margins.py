@@ -13,7 +13,7 @@ from drake_pregrasp.config.planner_config import BlendConfig, PlannerConfig
 from drake_pregrasp.geometry.box_surface import box_surface
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import FRICTION, min_weight_margin
-from drake_pregrasp.studies.bench.tick_times import Tick, implementations, make_tick
+from drake_pregrasp.studies.bench.tick_times import implementations, make_tick
 
 CASES: Sequence[tuple[int, int, Sequence[float], float]] = (
     (5, 40, (0.1, 0.1, 0.1), 0.005),
@@ -50,31 +50,16 @@ def margin_of(surface: ObjectSurface, p_OC: FloatArray) -> float:
     return min_weight_margin(p_OC - surface.p_OCoM, surface.project(p_OC)[1], FRICTION)
 
 
-def settled_contacts(
-    tick: Tick, p_OC: FloatArray, *, ticks: int = 60, last: int = 8
-) -> list[FloatArray]:
-    """Runs ticks, and returns the contacts of the last ones.
-
-    Args:
-        tick: Function that maps contacts to the next contacts.
-        p_OC: Initial contacts in O, shape (n, 3), in metres.
-        ticks: Number of all ticks.
-        last: Number of returned ticks.
-    """
-    found = []
-    for _ in range(ticks):
-        p_OC = tick(p_OC)
-        found.append(p_OC)
-    return found[-last:]
-
-
 def settled_margin(
     surface: ObjectSurface, p_OC: FloatArray, config: PlannerConfig, *, ticks: int = 60
 ) -> float:
     """Returns the mean margin of the last 8 of `ticks` ticks from p_OC, shape (n, 3), in metres."""
     tick = make_tick(surface, implementations()[-1], p_OC, config)
-    settled = settled_contacts(tick, p_OC, ticks=ticks)
-    return float(np.mean([margin_of(surface, p_OC) for p_OC in settled]))
+    margins = []
+    for _ in range(ticks):
+        p_OC = tick(p_OC)
+        margins.append(margin_of(surface, p_OC))
+    return float(np.mean(margins[-8:]))
 
 
 def main() -> None:

@@ -61,20 +61,22 @@ def names(text: str) -> list[str]:
 
 
 def add_report_command(
-    parser: argparse.ArgumentParser, study: Callable[..., Path], out: str
+    parser: argparse.ArgumentParser, study: Callable[..., Path], out: str, *names: str
 ) -> None:
-    """Adds the command of a study whose only option is `--out`.
+    """Adds `--out` and the command of a study that writes one report.
 
     Args:
         parser: Parser of the command.
         study: Function that writes the report to a folder and returns its path; accepts
             `on_progress`.
         out: Default folder of the report.
+        names: Names of further options, which the study accepts as keywords.
     """
 
     def command(options: argparse.Namespace) -> int:
+        keywords = {name: getattr(options, name) for name in names}
         with step_bar() as on_progress:
-            report = study(options.out, on_progress=on_progress)
+            report = study(options.out, **keywords, on_progress=on_progress)
         print(f"report in {report}")
         return 0
 

@@ -4,10 +4,9 @@ import contextlib
 from collections.abc import Mapping
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
-from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import Context, LeafSystem
 from scipy.linalg import pinv
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
@@ -25,6 +24,7 @@ from drake_pregrasp.systems.ports import (
     VELOCITY,
     LastPose,
     declare_cache,
+    declare_context,
     declare_output,
     eval_solids,
     validated_poses,
@@ -189,14 +189,9 @@ class DifferentialKinematics(LeafSystem):
         self._hold = self.DeclareVectorInputPort("fingers_hold", n)
         self._obstacles = self.DeclareAbstractInputPort("obstacles", OBSTACLES)
         self._pose = LastPose(self, self._X_WO)
-        placing = {p.ticket() for p in (self._q, self._X_WG, self._hold, self._obstacles)}
-        self._placed = self.DeclareCacheEntry(
-            "the hand and what is around it",
-            ValueProducer(
-                lambda: AbstractValue.Make(scene.diagram.CreateDefaultContext()), self._calc_placed
-            ),
-            placing | {self._pose.source.ticket()},
-        )
+        placing = (self._q, self._X_WG, self._hold, self._obstacles, self._pose.source)
+        words = "the hand and what is around it"
+        self._placed = declare_context(self, words, scene.diagram, self._calc_placed, *placing)
         inputs = (self._v, self._posture, self._goals, self._v_WT, self._V_WG, self._V_WO)
         self._step = declare_cache(
             self, "velocities", (np.zeros(nq), NOT_HINDERED), self._calc_step, self._placed, *inputs
@@ -209,12 +204,12 @@ class DifferentialKinematics(LeafSystem):
         holding: BoolArray = ~(np.asarray(self._hold.Eval(context)) <= 0)
         return holding
 
-    def _calc_placed(self, context: Context, output: AbstractValue) -> None:
+    def _calc_placed(self, context: Context, placed: Context) -> None:
         is_held = np.any(self._holding(context))
         X_WO = self._X_WG.Eval(context) if is_held else self._pose.eval(context)
         solids = eval_solids(self, self._obstacles, context, np.eye(3), np.zeros(3))
         known = [solid for solid in solids if solid is not ANYWHERE]
-        self._scene.place(output.get_mutable_value(), self._q.Eval(context), X_WO, known)
+        self._scene.place(placed, self._q.Eval(context), X_WO, known)
 
     def _calc_step(self, context: Context) -> tuple[FloatArray, int]:
         placed, holding = self._placed.Eval(context), self._holding(context)

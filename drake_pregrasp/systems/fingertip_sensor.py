@@ -4,17 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.geometry import GeometryId, SceneGraphInspector
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable, ModelInstanceIndex
-from pydrake.systems.framework import Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import Context, LeafSystem
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import BASE
 from drake_pregrasp.quality.grasp_quality import skew
-from drake_pregrasp.systems.ports import declare_output
+from drake_pregrasp.systems.ports import declare_context, declare_output
 
 LARGEST_RATE = 10.0
 """Largest rate of any joint, in rad/s or m/s."""
@@ -327,13 +326,8 @@ class FingertipSensor(LeafSystem):
         nq, n = hand.num_positions, len(hand.tip_frames)
         self._state = self.DeclareVectorInputPort("hand_state", 2 * nq)
         self._actuation = self.DeclareVectorInputPort("net_actuation", nq)
-        self._posed = self.DeclareCacheEntry(
-            "the hand's plant at the measured positions",
-            ValueProducer(
-                lambda: AbstractValue.Make(hand.plant.CreateDefaultContext()), self._calc_posed
-            ),
-            {self._state.ticket()},
-        )
+        words = "the hand's plant at the measured positions"
+        self._posed = declare_context(self, words, hand.plant, self._calc_posed, self._state)
         posed, actuation = self._posed, self._actuation
         declare_output(self, "p_WT", 3 * n, self._calc_positions, posed)
         declare_output(self, "f_T_W", 3 * n, self._calc_forces, posed, actuation)
@@ -342,8 +336,8 @@ class FingertipSensor(LeafSystem):
     def _positions(self, context: Context) -> FloatArray:
         return validated_numbers(self._state.Eval(context)[: self._hand.num_positions])
 
-    def _calc_posed(self, context: Context, output: AbstractValue) -> None:
-        self._hand.plant.SetPositions(output.get_mutable_value(), self._positions(context))
+    def _calc_posed(self, context: Context, posed: Context) -> None:
+        self._hand.plant.SetPositions(posed, self._positions(context))
 
     def _calc_positions(self, context: Context) -> FloatArray:
         if np.isnan(self._positions(context)).any():  # Drake aborts the process on NaN.

@@ -1,14 +1,13 @@
 """Desired joint states, integrated from the velocities of differential inverse kinematics."""
 
 import numpy as np
-from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import Context, DiscreteValues, LeafSystem, ValueProducer
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray, validated_numbers
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import NO_LIMIT
 from drake_pregrasp.systems.fingertip_sensor import LARGEST_RATE, HandKinematics
-from drake_pregrasp.systems.ports import declare_output
+from drake_pregrasp.systems.ports import declare_context, declare_output
 
 
 class JointReference(LeafSystem):
@@ -86,13 +85,8 @@ class JointReference(LeafSystem):
         self._limits = self.DeclareVectorInputPort("force_limits", n)
         self._state = self.DeclareVectorInputPort("hand_state", 2 * nq)
         time, stored = self.time_ticket(), self.xd_ticket()
-        self._posed = self.DeclareCacheEntry(
-            "the hand's plant at the reference",
-            ValueProducer(
-                lambda: AbstractValue.Make(hand.plant.CreateDefaultContext()), self._calc_posed
-            ),
-            {time, stored},
-        )
+        words = "the hand's plant at the reference"
+        self._posed = declare_context(self, words, hand.plant, self._calc_posed, time, stored)
         self._position = declare_output(self, "position", nq, self._reference, time, stored)
         sources = (self._forces, self._limits, self._state)
         declare_output(self, "desired_state", 2 * nq, self._calc_desired, time, stored, *sources)
@@ -116,8 +110,8 @@ class JointReference(LeafSystem):
         discrete_state.set_value(self._v_last, context.get_discrete_state(self._v).value())
         discrete_state.set_value(self._v, v / max(1.0, np.abs(v).max() / LARGEST_RATE))
 
-    def _calc_posed(self, context: Context, output: AbstractValue) -> None:
-        self._hand.plant.SetPositions(output.get_mutable_value(), self._position.Eval(context))
+    def _calc_posed(self, context: Context, posed: Context) -> None:
+        self._hand.plant.SetPositions(posed, self._position.Eval(context))
 
     def _calc_desired(self, context: Context) -> FloatArray:
         q = self._position.Eval(context)

@@ -17,6 +17,7 @@ from pydrake.systems.framework import (
     InputPort,
     LeafSystem,
     OutputPort,
+    System,
     ValueProducer,
 )
 
@@ -116,6 +117,29 @@ def declare_cache(
         sources: Everything that the value depends on.
     """
     producer = ValueProducer(lambda: AbstractValue.Make(model), _setting_value(calc))
+    return system.DeclareCacheEntry(description, producer, _tickets(sources))
+
+
+def declare_context(
+    system: LeafSystem,
+    description: str,
+    of: System,
+    calc: Callable[[Context, Context], None],
+    *sources: Source,
+) -> CacheEntry:
+    """Declares a cache entry that keeps a context of another system.
+
+    Args:
+        system: System that declares the entry.
+        description: Description of the entry.
+        of: System whose context is kept.
+        calc: Function that changes the kept context, its second argument.
+        sources: What the kept context depends on.
+    """
+    producer = ValueProducer(
+        lambda: AbstractValue.Make(of.CreateDefaultContext()),
+        lambda context, output: calc(context, output.get_mutable_value()),
+    )
     return system.DeclareCacheEntry(description, producer, _tickets(sources))
 
 

@@ -180,9 +180,6 @@ def test_former_names_of_statuses_warn():
 
 
 def test_there_is_no_chatter_of_solvers_to_suppress():
-    with (
-        pytest.warns(DeprecationWarning, match="does nothing") as warned,
-        without_solver_chatter(),
-    ):
+    with pytest.warns(DeprecationWarning, match="does nothing") as warned, without_solver_chatter():
         pass
     assert warned[0].filename == __file__

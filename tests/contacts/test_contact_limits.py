@@ -22,12 +22,7 @@ from thin_cup import CUP, RADIUS, WALL
 
 from drake_pregrasp import ContactStatus, InvalidArgumentError
 from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
-from drake_pregrasp.contacts.goal_limits import (
-    ContactLimits,
-    Pair,
-    hold_contacts,
-    step_toward,
-)
+from drake_pregrasp.contacts.goal_limits import ContactLimits, Pair, hold_contacts, step_toward
 from drake_pregrasp.contacts.quality_guard import guard_measure
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface

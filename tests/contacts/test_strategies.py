@@ -5,11 +5,7 @@ from selections import selection_of
 
 from drake_pregrasp import InvalidArgumentError, box_surface
 from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
-from drake_pregrasp.contacts.strategies import (
-    READINGS,
-    hand_margin,
-    make_strategy,
-)
+from drake_pregrasp.contacts.strategies import READINGS, hand_margin, make_strategy
 from drake_pregrasp.quality.force_closure import least_norm_margin, min_weight_margin
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 

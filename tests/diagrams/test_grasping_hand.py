@@ -8,6 +8,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from drake_pregrasp import (
     AddHandController,
+    GraspConfig,
     InvalidArgumentError,
     NoGraspError,
     PlannerConfig,
@@ -21,7 +22,7 @@ SIZE = [0.1, 0.1, 0.1]
 SURFACE = box_surface(SIZE, spacing=0.01, forbidden_faces=["+z", "-z"])
 
 
-def add(p_OC=None, mass=0.4):
+def add(p_OC=None, mass=0.4, **config):
     builder = DiagramBuilder()
     settings = MultibodyPlantConfig(time_step=0.01, use_sampled_output_ports=False)
     plant, _ = AddMultibodyPlant(settings, builder)
@@ -37,6 +38,7 @@ def add(p_OC=None, mass=0.4):
         mass=mass,
         X_WO=X_WO,
         p_OC=p_OC,
+        config=GraspConfig(**config),
     )
     return builder, plant, robot, added
 
@@ -65,6 +67,23 @@ def test_given_contacts_are_checked_as_on_the_command_line(contacts):
     assert str(of_a_file.value).endswith(str(in_python.value))
 
 
-def test_an_object_that_is_too_heavy_is_refused_in_python_too():
-    with pytest.raises(NoGraspError, match=r"hold 0.* of its weight"):
-        add(mass=9.0)
+@pytest.mark.parametrize(
+    ("text", "python"),
+    [
+        ("{object: {mass: 9}}", {"mass": 9.0}),
+        ("{grasp: {touch_force: 3}}", {"touch_force": 3.0}),
+        ("{grasp: {least_force: 20}}", {"least_force": 20.0}),
+        ("{grasp: {period: 0.002}, plant_config: {time_step: 0.01}}", {"period": 0.002}),
+    ],
+)
+def test_settings_are_checked_as_on_the_command_line(text, python):
+    with pytest.raises(ScenarioError) as of_a_file:
+        load_scenario("grasp_five_finger", text=text)
+    with pytest.raises(InvalidArgumentError) as in_python:
+        add(**python)
+    assert str(of_a_file.value).endswith(str(in_python.value))
+
+
+def test_without_a_grasp_python_says_what_is_missing():
+    with pytest.raises(NoGraspError, match="for lack of friction"):
+        add(mass=0.1, planned_friction=0.02, largest_force=100.0)

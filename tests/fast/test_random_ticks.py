@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from thin_cup import CUP
@@ -120,6 +120,32 @@ PARTS = ("tips", "solids", "points", "horizon", "walls", "reach", "closed", "nor
     stretch=st.booleans(),
     best_point=st.booleans(),
     in_turns=st.booleans(),
+)
+@example(  # A centroid in a plane of symmetry of the cube: rounding must not choose its side.
+    which=0,
+    seed=8,
+    n=8,
+    lost=0,
+    has={"solids", "horizon", "points", "tips", "normals"},
+    strategy="msv",
+    reading="contact",
+    power=1.0,
+    stretch=False,
+    best_point=False,
+    in_turns=False,
+)
+@example(  # A goal that two obstacle points bar, one of them later.
+    which=3,
+    seed=947390,
+    n=5,
+    lost=0,
+    has=set(PARTS),
+    strategy="msv",
+    reading="hand",
+    power=2.0,
+    stretch=True,
+    best_point=False,
+    in_turns=False,
 )
 def test_a_tick_is_that_of_the_reference(
     which, seed, n, lost, has, strategy, reading, power, stretch, best_point, in_turns

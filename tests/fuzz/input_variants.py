@@ -59,12 +59,7 @@ class _Stages(Diagram):
 
 
 _HAND_LIMITS = LimitsConfig(
-    max_speed=0.1,
-    deadband=0.0005,
-    tip_radii=[0.006] * 3,
-    tip_gap=0.002,
-    standoff=0.01,
-    horizon=0.2,
+    max_speed=0.1, deadband=0.0005, tip_radii=[0.006] * 3, tip_gap=0.002, standoff=0.01, horizon=0.2
 )
 
 

@@ -10,13 +10,7 @@ import yaml
 from pydrake.systems.analysis import Simulator
 from simulation_runs import check_gaps, points, run_log, run_text
 
-from drake_pregrasp import (
-    HalfSpace,
-    ScenarioError,
-    load_scenario,
-    make_diagram,
-    run,
-)
+from drake_pregrasp import HalfSpace, ScenarioError, load_scenario, make_diagram, run
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.estimation.pose_track import TrackingStatus

@@ -33,11 +33,11 @@ def rows_with(condition, clean_seeds, seeds=20, times=None, **columns):
 
 
 @pytest.mark.parametrize(
-    ("tested", "rival", "cell"),
+    ("tested", "baseline", "cell"),
     [(19, 4, "ahead at {}"), (4, 19, "behind at {}"), (10, 10, "not shown (least p 1)")],
 )
-def test_verdicts_follow_the_rows_whoever_leads(tested, rival, cell):
-    rows = rows_with("nominal", {"fixed_plan": rival, "dynamic_reach": tested})
+def test_verdicts_follow_the_rows_whoever_leads(tested, baseline, cell):
+    rows = rows_with("nominal", {"fixed_plan": baseline, "dynamic_reach": tested})
     few_at_7 = rows[(rows["close_at"] == 4) | (rows["seed"] < 3)]
     for some, times in ((rows, "4, 7 s"), (few_at_7, "4 s")):
         (line,) = comparison_report.overview_table(paired_tests(some)).data.data.to_dict("records")

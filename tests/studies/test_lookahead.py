@@ -1,10 +1,13 @@
 """The study of look-ahead."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pandas as pd
 import pytest
-from scipy.spatial.transform import Rotation
+from pydrake.math import RigidTransform, RotationMatrix
 
+from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.studies.lookahead import lookahead
 from drake_pregrasp.studies.lookahead.lookahead_runs import (
     CASES,
@@ -30,20 +33,27 @@ def test_look_ahead_leaves_at_most_a_third_of_the_error(case):
 
 def test_errors_are_those_of_the_same_point_of_the_object_later():
     """The object moves by 1 m along x and turns by a right angle a tick."""
-    K = 4
-    p = np.column_stack([np.arange(K), np.zeros(K), np.zeros(K)]).astype(float)
-    R = Rotation.from_rotvec(np.pi / 2 * np.outer(np.arange(K), [0, 0, 1]))
-    p_WC = (p + R.apply([0.1, 0, 0]))[:, None]
-    covariance = np.tile(np.diag([4.0, 1, 1]), (K, 1, 1))
-    active = np.ones((K, 1), dtype=bool)
-    run = LookaheadRun(p_WC, active, p, R.as_quat(), p, R.as_quat(), covariance)
+    turn = RotationMatrix.MakeZRotation(np.pi / 2)
+    X_WO = [RigidTransform([k, 0, 0]) for k in range(4)]
+    for k in range(1, 4):
+        X_WO[k].set_rotation(turn @ X_WO[k - 1].rotation())
+    ticks = [
+        SimpleNamespace(
+            p_WC=np.array([X @ [0.1, 0, 0]]),
+            contact_status=np.array([float(ContactStatus.ACTIVE)]),
+            X_WO=X,
+            X_WO_estimated=X,
+        )
+        for X in X_WO
+    ]
+    run = LookaheadRun(ticks, np.tile(np.diag([4.0, 1, 1]), (4, 1, 1)))
     np.testing.assert_allclose(run.goal_errors(0, 0), 0, atol=1e-15)
     late = run.goal_errors(1, 0)
     np.testing.assert_allclose(late[0], np.hypot(0.9, 0.1))  # (1, 0.1) instead of (0.1, 0).
     assert len(late) == 3
     np.testing.assert_allclose(run.normalised_errors(1, 1), [1 / 4, 1 / 4])
-    unseen = run._replace(active=np.array([[True], [False], [True], [True]]))
-    assert len(unseen.goal_errors(1, 0)) == 2
+    ticks[1].contact_status[:] = ContactStatus.LOST
+    assert len(run.goal_errors(1, 0)) == 2
 
 
 def test_look_back_is_nearer_to_the_truth():

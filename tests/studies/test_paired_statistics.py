@@ -7,15 +7,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binomtest, multinomial
 
-from drake_pregrasp.studies.static_versus_dynamic.paired_statistics import (
-    least_pairs,
-    paired_tests,
-)
+from drake_pregrasp.studies.static_versus_dynamic.paired_statistics import least_pairs, paired_tests
 
 
-def rows_of(pairs, condition="nominal", close_at=4.0, rival="fixed_plan"):
-    """Rows in which the tested method and a rival are clean or not, with one seed a pair."""
-    both = [("dynamic_reach", 0), (rival, 1)]
+def rows_of(pairs, condition="nominal", close_at=4.0, baseline="fixed_plan"):
+    """Rows in which the tested method and a baseline are clean or not, with one seed a pair."""
+    both = [("dynamic_reach", 0), (baseline, 1)]
     return pd.DataFrame(
         [
             {"condition": condition, "method": m, "seed": s, "close_at": close_at, "clean": pair[k]}
@@ -79,7 +76,7 @@ def test_only_common_seeds_and_only_the_tested_method_are_compared():
     kept = rows[(rows["method"] != "fixed_plan") | (rows["seed"] % 2 == 1)]
     (test,) = paired_tests(kept).itertuples()
     assert (test.pairs, test.gained, test.lost) == (10, 10, 0)
-    rivals = pd.concat([kept, rows_of(counts_to_pairs(20, 0), rival="reassigned")])
-    tests = paired_tests(rivals.drop_duplicates(["method", "seed"]))
+    baselines = pd.concat([kept, rows_of(counts_to_pairs(20, 0), baseline="reassigned")])
+    tests = paired_tests(baselines.drop_duplicates(["method", "seed"]))
     assert set(tests["method"]) == {"fixed_plan", "reassigned"}
     assert paired_tests(rows[rows["method"] == "fixed_plan"]).empty

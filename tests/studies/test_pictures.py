@@ -11,7 +11,7 @@ from pydrake.math import RigidTransform
 from drake_pregrasp import ContactStatus, load_scenario
 from drake_pregrasp.studies import gallery, pictures, shape_study
 from drake_pregrasp.studies.gallery import describe_limits, make_gallery
-from drake_pregrasp.studies.grasp_pictures import picture_grasp
+from drake_pregrasp.studies.grasp_pictures import FRAME_TIME, film_grasp, picture_grasp
 from drake_pregrasp.studies.pictures import WHITE, Light
 from drake_pregrasp.studies.shape_study import study_shapes
 
@@ -75,6 +75,20 @@ def test_a_hand_is_seen_at_four_moments_that_differ():
     for moment in moments:  # Something is there, and not everywhere.
         background = np.mean(np.all(np.abs(moment - moment[0, 0]) < 2, axis=2))
         assert 0.2 < background < 0.9
+
+
+def colourful(image):
+    """Returns the share of pixels with a strong colour."""
+    return np.mean(np.ptp(image.astype(int), axis=2) > 60)
+
+
+@pytest.mark.slow
+def test_a_film_shows_regions_at_the_rate_of_its_frames():
+    text = "{simulation_duration: 0.3, planner: {static_duration: 0.0}}"
+    frames = film_grasp(load_scenario("grasp_five_finger", text=text))
+    assert len(frames) == 1 + round(0.3 / FRAME_TIME)
+    assert all(frame.shape == frames[0].shape for frame in frames)
+    assert colourful(frames[-1]) > 0.01  # Without regions and goals it is 0.003.
 
 
 def ticks(*statuses):

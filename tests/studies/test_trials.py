@@ -21,6 +21,12 @@ from drake_pregrasp.quality.grasp_quality import grasp_quality
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.simulation.hand_file import load_hand, load_hand_model
 from drake_pregrasp.studies.static_versus_dynamic import grasp_outcome, methods
+from drake_pregrasp.studies.static_versus_dynamic.baseline_goals import (
+    RayTarget,
+    ReactiveChoice,
+    StationaryHand,
+    antipodal_grasps,
+)
 from drake_pregrasp.studies.static_versus_dynamic.comparison_command import compare_methods
 from drake_pregrasp.studies.static_versus_dynamic.conditions import CONDITIONS, random_start
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import (
@@ -29,12 +35,6 @@ from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import (
     TrialJob,
 )
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS, rays_at
-from drake_pregrasp.studies.static_versus_dynamic.rival_goals import (
-    RayTarget,
-    ReactiveChoice,
-    StationaryHand,
-    antipodal_grasps,
-)
 from drake_pregrasp.studies.static_versus_dynamic.trial import make_trial, run_trial
 
 HAND = "package://drake_pregrasp/five_finger_hand.yaml"

@@ -31,7 +31,7 @@ from drake_pregrasp.studies.bench.tick_times import (
 )
 from drake_pregrasp.studies.report_page import Heading, Part, Table, write_report
 from drake_pregrasp.studies.runner import OnProgress
-from drake_pregrasp.studies.study_options import add_out_option, step_bar
+from drake_pregrasp.studies.study_options import add_report_command
 
 STRATEGIES = {
     **{name: replace(PLAIN, strategy=name) for name in ("position", "msv", "gii", "vew", "margin")},
@@ -103,16 +103,8 @@ def bench(
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `drake-pregrasp bench`."""
-    add_out_option(parser, "bench")
+    add_report_command(parser, bench, "bench", "quick")
     parser.add_argument("--quick", action="store_true", help="leave out long measurements")
-    parser.set_defaults(command=_command)
-
-
-def _command(options: argparse.Namespace) -> int:
-    with step_bar() as on_progress:
-        report = bench(options.out, quick=options.quick, on_progress=on_progress)
-    print(f"report in {report}")
-    return 0
 
 
 def plan(*, quick: bool) -> list[Job]:

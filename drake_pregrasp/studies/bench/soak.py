@@ -27,16 +27,14 @@ Hour = dict[str, float]
 def soak(
     hours: int,
     *,
-    scenario: str = "a_base",
     seconds: float = 3600.0,
     period: float | None = None,
     on_hour: Callable[[Hour], None] = lambda hour: None,
 ) -> list[Hour]:
-    """Simulates a shipped scenario for hours without a recording.
+    """Simulates the base case for hours without a recording.
 
     Args:
         hours: Number of hours.
-        scenario: Name of the shipped scenario.
         seconds: Simulated time of one hour, in seconds.
         period: Planning period in seconds; the scenario's period if None.
         on_hour: Called at the end of each hour with its values.
@@ -46,7 +44,7 @@ def soak(
         of the position error in metres, and of the share of active contacts; and the resident
         memory of the process at the end of the hour, in bytes.
     """
-    config = load_scenario(scenario)
+    config = load_scenario("a_base")
     config.planner.period = period or config.planner.period
     total = np.zeros(6)
 

@@ -8,11 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, EventStatus
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, pack, tick_index
+from drake_pregrasp.arrays import FloatArray, pack
 from drake_pregrasp.config.planner_config import filter_noise
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.estimation.pose_filter import PoseBelief
@@ -20,6 +19,7 @@ from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.systems.loggers import TickRecord
 
 PERIOD = 0.0125
 """Planning period in seconds; the hand's delays are multiples of it."""
@@ -34,24 +34,14 @@ CASES: dict[str, Any] = yaml.safe_load(
 
 
 class LookaheadRun(NamedTuple):
-    """Records of K ticks of a run; all positions are in the world frame, in metres.
+    """Records of K ticks of a run, and what they do not hold.
 
     Attributes:
-        p_WC: Goals of the n contacts, shape (K, n, 3).
-        active: Whether each contact is active, shape (K, n).
-        p_WO: True positions of O, shape (K, 3).
-        R_WO: True orientations of O as quaternions x, y, z, w, shape (K, 4).
-        p_WO_estimated: Estimated positions of O that the goals belong to, shape (K, 3).
-        R_WO_estimated: Estimated orientations of O as quaternions x, y, z, w, shape (K, 4).
+        records: Records of all ticks.
         p_WO_covariance: Covariances of the estimated positions, shape (K, 3, 3), in m².
     """
 
-    p_WC: FloatArray
-    active: BoolArray
-    p_WO: FloatArray
-    R_WO: FloatArray
-    p_WO_estimated: FloatArray
-    R_WO_estimated: FloatArray
+    records: Sequence[TickRecord]
     p_WO_covariance: FloatArray
 
     def goal_errors(self, delay: int, start: int) -> FloatArray:
@@ -68,12 +58,10 @@ class LookaheadRun(NamedTuple):
             Distance between goal and point in metres, for each tick and active contact.
         """
         errors = []
-        for k in range(start, len(self.p_WC) - delay):
-            p_WC = self.p_WC[k, self.active[k]]
-            R_OW = Rotation.from_quat(self.R_WO_estimated[k]).inv()
-            p_OC = R_OW.apply(p_WC - self.p_WO_estimated[k])
-            R_WO = Rotation.from_quat(self.R_WO[k + delay])
-            errors.append(np.linalg.norm(self.p_WO[k + delay] + R_WO.apply(p_OC) - p_WC, axis=1))
+        for record, later in zip(self.records[start:], self.records[start + delay :], strict=False):
+            p_WC = record.p_WC[is_active(record.contact_status)]
+            moved = later.X_WO @ record.X_WO_estimated.inverse()
+            errors.append(np.linalg.norm((moved @ p_WC.T).T - p_WC, axis=1))
         return np.concatenate(errors)
 
     def normalised_errors(self, delay: int, start: int) -> FloatArray:
@@ -81,8 +69,10 @@ class LookaheadRun(NamedTuple):
 
         With a correct covariance they are chi-square distributed with mean 3.
         """
-        last = len(self.p_WC) - delay
-        e = self.p_WO[start + delay :] - self.p_WO_estimated[start:last]
+        p_WO = np.array([record.X_WO.translation() for record in self.records])
+        predicted = np.array([record.X_WO_estimated.translation() for record in self.records])
+        last = len(p_WO) - delay
+        e = p_WO[start + delay :] - predicted[start:last]
         weighted = np.linalg.solve(self.p_WO_covariance[start:last], e[:, :, None])[:, :, 0]
         squares: FloatArray = np.sum(e * weighted, axis=1)
         return squares
@@ -98,33 +88,20 @@ def lookahead_scenario(case: str, lookahead: float, seed: int) -> Scenario:
 
 def run_lookahead(scenario: Scenario) -> LookaheadRun:
     """Simulates a scenario of `lookahead_scenario`."""
-    diagram = make_diagram(scenario, scenario.make_surface())
+    records: list[TickRecord] = []
+    covariances: list[FloatArray] = []
+
+    def add(record: TickRecord) -> None:
+        context = planner.GetMyContextFromRoot(simulator.get_context())
+        covariances.append(covariance.Eval(context).reshape(3, 3).copy())
+        records.append(record)
+
+    diagram = make_diagram(scenario, scenario.make_surface(), sink=add)
     planner = diagram.GetSubsystemByName("pregrasp_planner")
-    plant = diagram.GetSubsystemByName("object_plant")
-    ticks: dict[int, list[FloatArray | BoolArray]] = {}
-
-    def monitor(context: Context) -> EventStatus:
-        tick = tick_index(context.get_time(), PERIOD)
-        if tick not in ticks:
-            goals = planner.GetMyContextFromRoot(context)
-            X_WO = plant.GetOutputPort("X_WO").Eval(plant.GetMyContextFromRoot(context))
-            estimate = planner.GetOutputPort("X_WO_estimated").Eval(goals)
-            values = (
-                planner.GetOutputPort("p_WC").Eval(goals).reshape(-1, 3),
-                is_active(planner.GetOutputPort("contact_status").Eval(goals)),
-                X_WO.translation(),
-                Rotation.from_matrix(X_WO.rotation().matrix()).as_quat(),
-                estimate.translation(),
-                Rotation.from_matrix(estimate.rotation().matrix()).as_quat(),
-                planner.GetOutputPort("p_WO_covariance").Eval(goals).reshape(3, 3),
-            )
-            ticks[tick] = [value.copy() for value in values]  # Drake reuses its own arrays.
-        return EventStatus.DidNothing()
-
+    covariance = planner.GetOutputPort("p_WO_covariance")
     simulator = Simulator(diagram)
-    simulator.set_monitor(monitor)
     simulator.AdvanceTo(scenario.simulation_duration)
-    return LookaheadRun(*(np.array(values) for values in zip(*ticks.values(), strict=True)))
+    return LookaheadRun(records, np.array(covariances))
 
 
 @dataclass(frozen=True)
@@ -166,29 +143,31 @@ def lookback_errors(job: dict[str, Any]) -> list[dict[str, Any]]:
     scenario = lookahead_scenario(job["case"], 0.0, job["seed"])
     run = run_lookahead(scenario)
     noise = filter_noise(scenario.planner.estimator)
-    n_p, n_R = np.random.default_rng(job["seed"]).standard_normal((2, len(run.p_WO), 3))
-    R_WO = Rotation.from_quat(run.R_WO)
+    poses = [record.X_WO for record in run.records]
+    n_p, n_R = np.random.default_rng(job["seed"]).standard_normal((2, len(poses), 3))
+    p_WO = np.array([X_WO.translation() for X_WO in poses])
+    R_WO = Rotation.from_matrix([X_WO.rotation().matrix() for X_WO in poses])
     beliefs = filter_poses(
-        PERIOD * np.arange(len(run.p_WO), dtype=float),
-        run.p_WO + scenario.sensor.position_std * n_p,
+        PERIOD * np.arange(len(poses), dtype=float),
+        p_WO + scenario.sensor.position_std * n_p,
         (Rotation.from_rotvec(scenario.sensor.orientation_std * n_R) * R_WO).as_matrix(),
         noise,
     )
     smoothed = smooth(beliefs, noise)
     same = bool(np.array_equal(pack(beliefs[-1]), pack(smoothed[-1])))
     return [
-        {"poses": name, **_past_errors(found, run, R_WO), "newest_equal": same}
+        {"poses": name, **_past_errors(found, p_WO, R_WO), "newest_equal": same}
         for name, found in (("filtered", beliefs), ("smoothed", smoothed))
     ]
 
 
 def _past_errors(
-    beliefs: Sequence[PoseBelief], run: LookaheadRun, R_WO: Rotation
+    beliefs: Sequence[PoseBelief], p_WO: FloatArray, R_WO: Rotation
 ) -> dict[str, float]:
-    v_WO = np.gradient(run.p_WO, PERIOD, axis=0)
+    v_WO = np.gradient(p_WO, PERIOD, axis=0)
     R = Rotation.from_matrix([belief.R_WO for belief in beliefs])
     errors = {
-        "position": np.array([belief.p_WCoM for belief in beliefs]) - run.p_WO,
+        "position": np.array([belief.p_WCoM for belief in beliefs]) - p_WO,
         "orientation": (R * R_WO.inv()).as_rotvec(),
         "velocity": np.array([belief.v_WCoM for belief in beliefs]) - v_WO,
     }

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
+import yaml
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import FloatArray
@@ -33,35 +34,19 @@ class Published(NamedTuple):
     dynamic: Three
 
 
-SCENARIOS = {
-    name[0]: name
-    for name in (
-        *("a_base", "b_slower", "c_faster", "d_smaller", "e_bigger", "f_damage"),
-        *("g_poor_start", "h_msv", "i_gii", "j_vew"),
-    )
-}
+PAPER: dict[str, Any] = yaml.safe_load(
+    Path(__file__).with_name("paper.yaml").read_text(encoding="utf-8")
+)
+"""Scenarios and published values of the cases, and texts of the report."""
+
+SCENARIOS: dict[str, str] = PAPER["scenarios"]
 """Shipped scenario of each case of Tables I and III."""
 
-_STATIC = (2.2089, 0.9749, 125.4176)
-
-TABLE_2 = {
-    "a": Published(_STATIC, (2.2307, 0.9941, 125.4403)),
-    "b": Published(_STATIC, (2.2152, 0.9804, 125.4160)),
-    "c": Published(_STATIC, (2.2357, 0.9981, 125.4970)),
-    "d": Published((2.2161, 0.9818, 125.2092), (2.2356, 0.9989, 125.2405)),
-    "e": Published((2.1817, 0.9489, 126.2972), (2.1846, 0.9514, 126.2973)),
-    "f": Published((1.6913, 0.9494, 26.8783), (1.7129, 0.9770, 27.0855)),
-    "g": Published((1.9508, 0.9512, None), (2.2159, 0.9812, 125.3789)),
-}
-"""Table II. Row f holds after the damage; the static contacts of g are its poor start."""
-
-TABLE_3 = {
-    "a": TABLE_2["a"],
-    "h": Published(_STATIC, (2.2359, 0.9974, 125.7573)),
-    "i": Published(_STATIC, (2.2340, 0.9965, 125.8007)),
-    "j": Published(_STATIC, (2.2260, 0.9890, 125.7573)),
-}
-"""Table III."""
+TABLE_2, TABLE_3 = (
+    {case: Published(*map(tuple, row)) for case, row in PAPER[table].items()}
+    for table in ("table_2", "table_3")
+)
+"""Tables II and III."""
 
 LITERAL = {"h": "h, literal", "i": "i, literal", "j": "j, literal"}
 """Labels of the cases with weights as printed: the paper does not state the stretch b - min b."""

@@ -2,7 +2,6 @@
 
 import argparse
 import json
-import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -20,7 +19,7 @@ from drake_pregrasp.studies.paper.paper_cases import LITERAL, SCENARIOS, TABLE_2
 from drake_pregrasp.studies.paper.paper_figures import figure_2c, figure_4, figure_5, figure_6
 from drake_pregrasp.studies.report_page import Heading, Part, Picture, Table, write_report
 from drake_pregrasp.studies.runner import OnProgress
-from drake_pregrasp.studies.study_options import add_out_option, names, step_bar
+from drake_pregrasp.studies.study_options import add_report_command, names
 
 SEEDS = tuple(range(10))
 """Default seeds of each case."""
@@ -29,32 +28,12 @@ DURATION = 20.0
 """Default simulated time of each run in seconds, long after the contacts have settled."""
 
 SHOWN_REGION = 4
-"""Index of the contact whose region Fig. 2c shows."""
+"""Index of the contact whose region Fig. 2c shows, as its caption says."""
 
-CAPTIONS = {
-    "figure_2c": f"Fig. 2c: stretched weights on the safe region of contact {SHOWN_REGION} of the"
-    " static contacts of a_base (cross: the contact, dot: the goal), side faces unrolled.",
-    "figure_4": "Fig. 4: the measures, divided by their values for contacts at the centre of mass.",
-    "figure_5": "Fig. 5: regions and goals from two sides: first tick of a, last of a, f and j.",
-    "figure_6": "Fig. 6: displacement and energy of the goals.",
-}
+CAPTIONS: dict[str, str] = paper_cases.PAPER["captions"]
 """Captions of the figures, by the names of their files."""
 
 _TRANSIENT = 1e-4  # Least relative loss of a transient best value.
-
-_NOTES = (
-    "A run's best value is its maximum after the static phase, and after the damage in f, as in the"
-    " paper; the settled value is the mean once the contacts have come to rest, or into the cycle"
-    " they stay in. A best value is transient if the measure stays below it by more than 0.01 %"
-    " from then on. Values are medians over the seeds, which differ in the measurement noise, and"
-    " follow from log.csv and scenario.yaml of the folders in runs.",
-    "The paper's initial contacts are not published. Ours are fitted to its nine static values of"
-    " a, d and e, and chosen among such sets so that the best values come near Table III.",
-    "The rows h, i and j stretch the weights over each region to b - min b. The paper does not"
-    " print this; it is our interpretation. The literal rows have the weights as printed.",
-    "Two published values are in doubt. The static Q_VEW of f, 26.8783, is impossible: three"
-    " contacts have at least 3³ = 27. And 125.7573 is printed for both h and j.",
-)
 
 
 def reproduce(
@@ -111,7 +90,7 @@ def reproduce(
     verdicts["verdict"] = np.where(claims["verdict"] == "holds", "holds", "fails")
     parts: list[Part] = [
         f"Cases {', '.join(cases)}; {len(seeds)} seeds; {duration:g} s each.",
-        *_NOTES,
+        *paper_cases.PAPER["notes"],
         Heading("Claims"),
         Table(claims.style.set_td_classes(verdicts)),
         Heading("Table II: position tracking"),
@@ -178,7 +157,7 @@ def _figures(logs: Mapping[str, CaseLog]) -> dict[str, Figure]:
 
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds the options of `drake-pregrasp reproduce`."""
-    add_out_option(parser, "reproduction")
+    add_report_command(parser, reproduce, "reproduction", "cases")
     parser.add_argument(
         "--cases",
         type=names,
@@ -186,13 +165,3 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar="a,b,...",
         help=f"cases to run; {','.join(SCENARIOS)} if not set",
     )
-    parser.set_defaults(command=_command)
-
-
-def _command(options: argparse.Namespace) -> int:
-    start = time.perf_counter()
-    with step_bar() as on_progress:
-        report = reproduce(options.out, options.cases, on_progress=on_progress)
-    print(f"reproduced in {(time.perf_counter() - start) / 60:.1f} minutes")
-    print(f"report in {report}: open it in a browser")
-    return 0

@@ -87,7 +87,7 @@ def write_comparison(
 
 
 def overview_table(tests: pd.DataFrame) -> Table:
-    """Returns a table of verdicts for each condition and rival method, with the closing times."""
+    """Returns a table of verdicts for each condition and baseline, with the closing times."""
     cells: dict[str, dict[str, str]] = {}
     for (condition, method), group in tests.groupby(["condition", "method"], sort=False):
         words = [
@@ -147,7 +147,7 @@ def reason_table(rows: pd.DataFrame) -> Table:
 
 
 def paired_test_table(tests: pd.DataFrame) -> Table:
-    """Returns the paired tests of a condition, with a row per rival method and closing time."""
+    """Returns the paired tests of a condition, with a row per baseline and closing time."""
     table = tests.set_index(["method", "close_at"])
     columns = {
         "common seeds": table["pairs"],

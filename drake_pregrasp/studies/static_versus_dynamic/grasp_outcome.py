@@ -11,11 +11,7 @@ from scipy.spatial.transform import Rotation
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
-from drake_pregrasp.grasping.grasp_state import (
-    GraspPhase,
-    GraspState,
-    describe_give_up,
-)
+from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState, describe_give_up
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.studies.static_versus_dynamic.conditions import area_at
 from drake_pregrasp.studies.static_versus_dynamic.failure_cause import failure_cause, tilt_deg

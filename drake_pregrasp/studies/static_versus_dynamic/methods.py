@@ -4,13 +4,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, BusValue, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BusValue, Context, DiscreteValues, LeafSystem
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.contacts.assignment import mean_angle, wrapped
 from drake_pregrasp.contacts.selection_input import ContactStatus
+from drake_pregrasp.systems.ports import BUS, POSE, declare_output, pose_bus
 
 _LARGEST_MEAN_OFFSET = float(np.radians(40))  # Largest mean angle between fingers and contacts.
 
@@ -91,19 +91,16 @@ def declare_goals(
             to lost fingers.
     """
 
-    def calc_targets(context: Context, output: AbstractValue) -> None:
-        bus = BusValue()
-        for finger, X_WC in targets(context).items():
-            bus.Set(tip_frames[finger], AbstractValue.Make(X_WC))
-        output.set_value(bus)
+    def calc_targets(context: Context) -> BusValue:
+        return pose_bus({tip_frames[f]: X_WC for f, X_WC in targets(context).items()})
 
-    def calc_status(context: Context, output: BasicVector) -> None:
+    def calc_status(context: Context) -> FloatArray:
         lost = np.isneginf(system.GetInputPort("contact_weights").Eval(context))
-        output.SetFromVector(np.where(lost, float(ContactStatus.LOST), status(context)))
+        return np.where(lost, float(ContactStatus.LOST), status(context))
 
-    empty = AbstractValue.Make(BusValue())
-    system.DeclareAbstractOutputPort("fingertip_targets", empty.Clone, calc_targets)
-    system.DeclareVectorOutputPort("contact_status", len(tip_frames), calc_status)
+    everything = system.all_sources_ticket()
+    declare_output(system, "fingertip_targets", BUS, calc_targets, everything)
+    declare_output(system, "contact_status", len(tip_frames), calc_status, everything)
 
 
 class Reassignment(LeafSystem):
@@ -135,12 +132,10 @@ class Reassignment(LeafSystem):
         super().__init__()
         self._tip_frames, self._azimuths = np.array(tip_frames), np.array(azimuths)
         self._shift = self.DeclareDiscreteState(1)
-        self._given = self.DeclareAbstractInputPort(
-            "fingertip_targets", AbstractValue.Make(BusValue())
-        )
+        self._given = self.DeclareAbstractInputPort("fingertip_targets", BUS)
         self._given_status = self.DeclareVectorInputPort("contact_status", len(tip_frames))
         self.DeclareVectorInputPort("contact_weights", len(tip_frames))
-        self._X_WH = self.DeclareAbstractInputPort("X_WH", AbstractValue.Make(RigidTransform()))
+        self._X_WH = self.DeclareAbstractInputPort("X_WH", POSE)
         declare_goals(self, tip_frames, self._targets, self._status)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._update_shift)
 

@@ -60,21 +60,21 @@ def paired_tests(
         success: Column of the compared outcome.
 
     Returns:
-        A row for each cell and rival method with common pairs. Columns `keys` and `method`; the
+        A row for each cell and baseline with common pairs. Columns `keys` and `method`; the
         number of common pairs `pairs`; the number of pairs in which only `TESTED` succeeds,
-        `gained`, and only the rival, `lost`; `p` and `p_holm`; the interval `low`, `high` of the
+        `gained`, and only the baseline, `lost`; `p` and `p_holm`; the interval `low`, `high` of the
         difference of shares; and the `verdict`.
     """
     keys = list(keys)
     clean = rows.pivot(index=[*keys, *pair], columns="method", values=success)
     tables = []
-    for rival in METHODS:
-        if rival == TESTED or not {TESTED, rival} <= set(clean.columns):
+    for baseline in METHODS:
+        if baseline == TESTED or not {TESTED, baseline} <= set(clean.columns):
             continue
-        both = clean[[TESTED, rival]].dropna().astype(bool)
-        gained, lost = both[TESTED] & ~both[rival], both[rival] & ~both[TESTED]
+        both = clean[[TESTED, baseline]].dropna().astype(bool)
+        gained, lost = both[TESTED] & ~both[baseline], both[baseline] & ~both[TESTED]
         counted = pd.DataFrame({"pairs": 1, "gained": gained, "lost": lost})
-        tables.append(counted.groupby(level=keys).sum().reset_index().assign(method=rival))
+        tables.append(counted.groupby(level=keys).sum().reset_index().assign(method=baseline))
     columns = [*keys, "method", "pairs", "gained", "lost"]
     empty = pd.DataFrame(columns=columns)
     tests = pd.concat(tables, ignore_index=True)[columns] if tables else empty

@@ -25,11 +25,11 @@ from drake_pregrasp.grasping.grasp_state import GraspPhase, GraspState
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.simulation.scenario import Scenario, hand_planner
 from drake_pregrasp.studies.static_versus_dynamic import (
+    baseline_goals,
     conditions,
     failure_cause,
     grasp_outcome,
     methods,
-    rival_goals,
 )
 from drake_pregrasp.studies.static_versus_dynamic.grasp_outcome import GoalSample, Outcome, TrialJob
 from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord
@@ -38,7 +38,7 @@ from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 from drake_pregrasp.systems.sources import ContactWeights, MovingObstacles
 
 # Modules of this folder on which the rows of the study depend.
-_OTHERS = (conditions, failure_cause, grasp_outcome, methods, rival_goals)
+_OTHERS = (conditions, failure_cause, grasp_outcome, methods, baseline_goals)
 MODULES = (__name__, *(module.__name__ for module in _OTHERS))
 
 _START_TICKS = 60  # Planning ticks within which the contacts of a fixed plan converge.
@@ -240,7 +240,7 @@ class Trial:
         if self.method.is_stationary:
             azimuths = azimuths + self._start.yaw
             goals = builder.AddSystem(
-                rival_goals.StationaryHand(
+                baseline_goals.StationaryHand(
                     frames, azimuths=azimuths, target=self._target(), limits=limits
                 )
             )
@@ -259,7 +259,7 @@ class Trial:
             connect(builder, self._controller, "X_WH", goals)
         if self.method.is_reactive:
             goals = builder.AddSystem(
-                rival_goals.ReactiveChoice(
+                baseline_goals.ReactiveChoice(
                     frames, target=self._target(), limits=limits, period=self._period
                 )
             )
@@ -268,14 +268,14 @@ class Trial:
         builder.ExportInput(self._controller.GetInputPort("close"), "close")
         return goals
 
-    def _target(self) -> rival_goals.RayTarget:
+    def _target(self) -> baseline_goals.RayTarget:
         """Returns the object, with rays at the height of its centre of mass over the table."""
         limits, p_OV = self._config.limits, np.asarray(self.surface.mesh.vertices)
         p_OA = self.surface.p_OCoM.copy()
         lowest = float(np.min(p_OV[:, 2])) + max(limits.tip_radii) + limits.clearance
         p_OA[2] = max(p_OA[2], lowest)
         solid = self.scenario.object.make_shape().solid
-        return rival_goals.RayTarget(solid, p_OV, p_OA)
+        return baseline_goals.RayTarget(solid, p_OV, p_OA)
 
     def _add_measurements(self, builder: DiagramBuilder) -> None:
         """Connects measured poses to the planner."""

@@ -2,7 +2,7 @@
 
 import functools
 import textwrap
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -146,13 +146,6 @@ class Grasp(NamedTuple):
     text: str
 
 
-class _Place(NamedTuple):
-    """Place of a grasp in the grid, and the job of its trial."""
-
-    place: int
-    job: Any
-
-
 def picture_grid(
     path: Path,
     grasps: Sequence[Grasp],
@@ -167,8 +160,6 @@ def picture_grid(
         grasps: The grasps.
         moments: Times of the pictures before the grasp, as for `make_pictures`.
         make: Function that returns the trial of a job.
-        processes: Number of local processes; the number of processors if not set.
-        on_progress: Called with the number of pictured grasps and the number of all.
         simulate: Function that runs another function for jobs, like `run_jobs`.
     """
     titles = [*(f"t = {moment:g} s" for moment in moments), "end of the grasp"]
@@ -176,7 +167,8 @@ def picture_grid(
     axes = figure.subplots(len(grasps), len(titles), squeeze=False)
     with TemporaryDirectory() as folder, writing(path):
         take = functools.partial(_take_pictures, Path(folder), moments, make)
-        taken = simulate(take, [_Place(k, grasp.job) for k, grasp in enumerate(grasps)]).rows
+        jobs = [{"place": place, "job": grasp.job} for place, grasp in enumerate(grasps)]
+        taken = simulate(take, jobs).rows
         for place, (grasp, of_row) in enumerate(zip(grasps, axes, strict=True)):
             own = taken[taken["place"] == place].itertuples()
             for axis, title, picture in zip(of_row, titles, own, strict=True):
@@ -189,17 +181,17 @@ def picture_grid(
 
 
 def _take_pictures(
-    folder: Path, moments: tuple[float, ...], make: Callable[[Any], Trial], job: _Place
+    folder: Path, moments: tuple[float, ...], make: Callable[[Any], Trial], job: Mapping[str, Any]
 ) -> list[dict[str, object]]:
     """Takes the pictures of a trial, and returns their files and numbers of active fingers."""
     rows: list[dict[str, object]] = []
-    trial = make(job.job)
+    trial = make(job["job"])
     for moment in (*moments, None):
         if moment is None:
             trial.grasp(moments[-1])
         else:
             trial.track(moment)
-        file = folder / f"{job.place}_{len(rows)}.png"
+        file = folder / f"{job['place']}_{len(rows)}.png"
         imsave(file, photograph(trial, annotate=moment is not None))
         last = trial.samples[-1]
         rows.append({"file": str(file), "active": last.active, "fingers": len(last.status)})
@@ -223,7 +215,7 @@ def photograph(trial: Trial, *, annotate: bool) -> pictures.ByteArray:
         instance = pictures.coloured(X_WS, shape, color, f"drawn_{index}")
         frame = scene.world_frame_id()
         scene.RegisterGeometry(scene_context, plant.get_source_id(), frame, instance)
-    scene.AddRenderer(scene_context, CAMERA.core().renderer_name(), pictures.lit_renderer(_LIGHTS))
+    scene.AddRenderer(scene_context, pictures.RENDERER, pictures.lit_renderer(_LIGHTS))
     # Setting the positions makes Drake compute the poses of the added geometry.
     plant_context = plant.GetMyMutableContextFromRoot(context)
     plant.SetPositions(plant_context, plant.GetPositions(plant_context))

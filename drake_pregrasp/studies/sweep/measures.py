@@ -7,6 +7,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+import yaml
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
@@ -20,27 +21,10 @@ from drake_pregrasp.studies.sweep.sweep_plan import SEED_FIELD, SweepPlan
 
 _QUALITIES = {"q_msv": "Q_MSV", "q_gii": "Q_GII", "q_vew": "Q_VEW"}
 _EXTREMES = ("mean", "min", "max")  # Functions of numpy.
-_MOTION = {
-    "motion_on_object": "motion over the object [mm/s]",
-    "displacement": "motion in the world [mm/s]",
-    "position_error_mean": "position error, mean [mm]",
-    "position_error_max": "position error, maximum [mm]",
-    "active_share": "share of active contacts",
-    "ticks": "planning ticks",
-}
-_MARGINS = {
-    "force_closure_margin": "min-weight margin at the end",
-    "ferrari_canny": "Ferrari and Canny's radius at the end [N]",
-    "independent_region_share": "share of force-closed choices at the end",
-}
-# The summary of a grasp has these names with the ending `_mm`.
-_GRASP = {
-    "lift_height": "lift height [mm]",
-    "early_motion": "motion of the object before the squeeze [mm]",
-    "closing_motion": "motion of the object in closing [mm]",
-    "slip_hold": "slip in the hold [mm]",
-    "tracking_error_mean": "distance of the fingertips from their goals, mean [mm]",
-}
+_LABELS: dict[str, dict[str, str]] = yaml.safe_load(
+    Path(__file__).with_name("measures.yaml").read_text(encoding="utf-8")
+)
+_MOTION, _MARGINS, _GRASP = (_LABELS[group] for group in ("motion", "margins", "grasp"))
 
 MEASURES: Mapping[str, str] = {
     **{

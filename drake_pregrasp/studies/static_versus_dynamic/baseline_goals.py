@@ -12,7 +12,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
@@ -21,8 +20,9 @@ from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.geometry.solids import SignedDistance
-from drake_pregrasp.regions.constraints import Limit, Obstacles, RegionConstraints
+from drake_pregrasp.regions.constraints import Limit, RegionConstraints
 from drake_pregrasp.studies.static_versus_dynamic.methods import declare_goals, rays_at
+from drake_pregrasp.systems.ports import OBSTACLES, POSE
 
 _RING_RADIUS = 0.092  # Least radius on which a stationary hand's fingertips wait, in metres.
 SWITCH_MARGIN = 0.03  # Cost by which another grasp must be better, in metres.
@@ -97,13 +97,9 @@ class _GoalsWithoutPlanner(LeafSystem):
             tip_radii=np.array(limits.tip_radii),
             standoff=limits.standoff,
         )
-        self._X_WO = self.DeclareAbstractInputPort(
-            "X_WO_estimated", AbstractValue.Make(RigidTransform())
-        )
+        self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
         self._weights = self.DeclareVectorInputPort("contact_weights", num_fingers)
-        self._obstacles = self.DeclareAbstractInputPort(
-            "obstacles", AbstractValue.Make(Obstacles())
-        )
+        self._obstacles = self.DeclareAbstractInputPort("obstacles", OBSTACLES)
 
     def _permitted(
         self, context: Context, finger: int, p_WC: FloatArray, nhat_WC: FloatArray
@@ -289,12 +285,7 @@ class ReactiveChoice(_GoalsWithoutPlanner):
     """
 
     def __init__(
-        self,
-        tip_frames: Sequence[str],
-        *,
-        target: RayTarget,
-        limits: LimitsConfig,
-        period: float,
+        self, tip_frames: Sequence[str], *, target: RayTarget, limits: LimitsConfig, period: float
     ) -> None:
         n = len(tip_frames)
         super().__init__(n, limits)
