@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.geometry.mesh_surface import INTRUSION
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 
 _PASSES = 6  # A tip pushed out by one constraint may violate another one.
@@ -173,7 +174,9 @@ def _way_out(p_GT: FloatArray, room: TipRoom) -> FloatArray:
 def _is_free(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> BoolArray:
     points = p_GT + _SHARES[:, :, None] * (goal - p_GT)
     distances = room.object.distance(points.reshape(-1, 3)).reshape(points.shape[:2])
-    free: BoolArray = distances.min(axis=0) >= room.object_clearances - _GRAZE
+    # A tip that is too near, such as one that gives up its strain, leaves on a straight path.
+    least = np.minimum(room.object_clearances, distances[0])
+    free: BoolArray = distances.min(axis=0) >= least - _GRAZE
     return free
 
 
@@ -305,6 +308,7 @@ class TipPlaces:
         self,
         object_solid: SignedDistance,
         gaps: FloatArray,
+        goals: FloatArray,
         *,
         fixed: Sequence[Solid],
         obstacles: Sequence[Solid],
@@ -315,6 +319,7 @@ class TipPlaces:
         Args:
             object_solid: The object in G.
             gaps: Commanded gap of each tip to the object, shape (n,), in metres; negative to press.
+            goals: Goals of the tips' centres in G, shape (n, 3), in metres.
             fixed: Solids in G that all tips avoid, such as the table.
             obstacles: Solids in G that tips avoid unless they hold the object.
             holding: Whether each tip holds the object, shape (n,).
@@ -322,10 +327,12 @@ class TipPlaces:
         clearances = self.tip_radii + OTHER_CLEARANCE
         # A holding finger that an obstacle pushes along the object would lose the grasp.
         unless_holding = np.where(holding, -np.inf, clearances) if obstacles else clearances
+        least = self.tip_radii + np.minimum(gaps, MOVING_CLEARANCE)
         return TipRoom(
             object=object_solid,
             p_GO=np.zeros(3),
-            object_clearances=self.tip_radii + np.minimum(gaps, MOVING_CLEARANCE),
+            # Between parts of the object, a tip has no more room than contacts need (`TipSize`).
+            object_clearances=np.clip(object_solid.distance(goals), least - INTRUSION, least),
             others=(
                 *((solid, clearances) for solid in fixed),
                 *((solid, unless_holding) for solid in obstacles),

@@ -242,6 +242,7 @@ class FingertipGoalShaper(LeafSystem):
         room = self._places.room(
             object_solid,
             np.where(active, standoffs, MOVING_CLEARANCE),
+            goal,
             fixed=[solid.moved(upright, p_LW) for solid in self._fixed],
             obstacles=obstacles,
             holding=holding,

@@ -137,8 +137,8 @@ class GraspSequencer(LeafSystem):
 
     Port `force_limits` emits a vector of n, in newtons: `GraspState.force_limits`.
 
-    The squeeze balances the object's weight and the largest acceleration of the lift. Its contacts
-    are the points of the object nearest to the measured fingertips, with the normals there.
+    The squeeze balances the object's weight and the largest acceleration of the lift. Once the hand
+    closes, it is planned at the points of the object nearest to the fingertips, not the contacts.
 
     Args:
         config: Configuration of the grasp; `GraspConfig()` by default.
@@ -351,7 +351,7 @@ class GraspSequencer(LeafSystem):
 
     def _plan_squeeze(self, context: Context, active: BoolArray) -> Squeeze:
         p_OC, nhat = (part[active] for part in self._contacts(context))
-        if self._solid is not None:
+        if self._solid is not None and self._remembered.Eval(context).phase >= GraspPhase.CLOSE:
             p_OT = self._tips(context)[active]
             distances, nhat = self._solid.distance_and_gradient(p_OT)
             p_OC = p_OT - distances[:, None] * nhat

@@ -5,9 +5,10 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from thin_cup import CUP
+from thin_cup import CUP, RADIUS
 
 from drake_pregrasp import BallSolid, BoxSolid, HalfSpace
+from drake_pregrasp.geometry.mesh_surface import INTRUSION
 from drake_pregrasp.grasping.fingertip_paths import (
     MOVING_CLEARANCE,
     OTHER_CLEARANCE,
@@ -132,6 +133,15 @@ def test_a_tip_gets_into_a_hollow_and_out_again_and_stays_clear(start, goal):
         np.testing.assert_allclose(path[-1], last[0], atol=1e-4)
 
 
+def test_a_tip_that_is_too_near_leaves_straight():
+    """As one does that gives up its strain: its clearance grows while it touches."""
+    y = RADIUS + np.array([0.010, 0.011])
+    start, goal = (np.array([[0.0, distance, 0.06]]) for distance in y)
+    path = np.array(list(walk(start, goal, [IN_CUP] * 20)))[:, 0]
+    np.testing.assert_allclose(path[:, [0, 2]], start[:, [0, 2]].repeat(20, 0), atol=1e-6)
+    np.testing.assert_allclose(path[-1], goal[0], atol=1e-6)
+
+
 RADII = np.array([0.008, 0.01, 0.012])
 WAYS = np.stack([np.cos(AZIMUTHS), np.sin(AZIMUTHS), np.zeros(3)], axis=1)
 PLACES = TipPlaces(RADII, WAYS, np.array([0.07, 0.08, 0.09]))
@@ -140,8 +150,9 @@ BALL = BallSolid(np.zeros(3), 0.04)
 three_tips = st.lists(point, min_size=3, max_size=3).map(np.array)
 
 
-def room_of(gaps, fixed=(), obstacles=(), holding=(False,) * 3):
-    return PLACES.room(BALL, gaps, fixed=fixed, obstacles=obstacles, holding=np.array(holding))
+def room_of(gaps, goals=WAYS, fixed=(), obstacles=(), holding=(False,) * 3):
+    around = {"fixed": fixed, "obstacles": obstacles, "holding": np.array(holding)}
+    return PLACES.room(BALL, gaps, goals, **around)
 
 
 @given(three_tips, st.floats(-3, 3))
@@ -190,6 +201,16 @@ def test_tips_may_be_as_near_as_they_are_to_touch_or_press():
     room = room_of(gaps)
     touching = (BALL.radius + RADII + gaps)[:, None] * WAYS
     np.testing.assert_allclose(room.permitted(touching), touching, atol=1e-9)
+
+
+def test_tips_come_as_near_to_other_parts_of_the_object_as_their_goals():
+    """But not much nearer than they should: contacts are not planned there."""
+    lacking = np.array([0.0005, 0.001, 0.009])
+    goals = (BALL.radius + RADII + MOVING_CLEARANCE - lacking)[:, None] * WAYS
+    permitted = room_of(np.full(3, 0.02), goals).permitted(goals)
+    np.testing.assert_allclose(permitted[:2], goals[:2], atol=1e-9)
+    least = RADII[2] + MOVING_CLEARANCE - INTRUSION
+    assert BALL.distance(permitted)[2] == pytest.approx(least)
 
 
 def test_tips_that_hold_avoid_the_table_but_no_obstacle():

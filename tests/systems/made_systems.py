@@ -92,7 +92,7 @@ def make_shaper(*, fixed=(), p_GT=1.2 * 0.079 * RING, target_period=PERIOD, lead
     )
 
 
-def make_sequencer():
+def make_sequencer(object_solid=None):
     tips = [Fingertip(radius=RADIUS)] * N
     ball, efforts = BallSolid(np.zeros(3), 0.05), np.full(NQ, 9.0)
     return GraspSequencer(
@@ -100,7 +100,7 @@ def make_sequencer():
         fingertips=tips,
         mass=0.4,
         p_OCoM=np.zeros(3),
-        object_solid=ball,
+        object_solid=object_solid or ball,
         efforts=efforts,
     )
 

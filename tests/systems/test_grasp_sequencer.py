@@ -7,6 +7,7 @@ from made_systems import AROUND, CONTROL_PERIOD, NQ, RADIUS, RING, SETTINGS, N, 
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
+from drake_pregrasp import BallSolid
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
 
 AT_TABLE = RigidTransform(RotationMatrix.MakeXRotation(0.3), [0.0, 0.0, 0.05])
@@ -16,9 +17,9 @@ def tips_at(X_WO, gap):
     return (X_WO @ ((0.05 + RADIUS + gap) * RING).T).T.ravel()
 
 
-def sequencer_over(X_WO):
+def sequencer_over(X_WO, object_solid=None):
     return Driven(
-        make_sequencer(),
+        make_sequencer(object_solid),
         close=[0.0],
         contact_status=np.ones(N),
         contact_frames=np.concatenate([0.05 * RING, RING]).ravel(),
@@ -99,6 +100,14 @@ def test_forces_are_planned_at_the_measured_fingertips_with_the_normals_there():
     forces = squeeze_at(X_WO, p_WT=p_WT.ravel()).array("squeeze_forces").reshape(N, 3)
     pressing = forces * [1, 1, 0] / np.linalg.norm(forces[:, :2], axis=1, keepdims=True)
     np.testing.assert_allclose(pressing, -turned, atol=1e-3)
+
+
+def test_the_hand_closes_by_its_contacts_whatever_is_nearest_to_the_standoffs():
+    X_WO = RigidTransform([0.0, 0.0, 0.05])
+    hand = sequencer_over(X_WO, BallSolid(np.array([0.0, 0.0, -0.5]), 0.4))
+    hand.fix(close=[1.0], p_WT=tips_at(X_WO, SETTINGS.standoff))
+    hand.advance(SETTINGS.approach_duration + 0.1)
+    assert hand.array("grasp_report")[0] == GraspPhase.CLOSE
 
 
 @pytest.mark.parametrize(("lever", "reason"), [(0.1, GiveUp.NONE), (100.0, GiveUp.NEEDS_TORQUE)])
