@@ -23,7 +23,7 @@ LINES = {  # At most this many lines of code below each folder.
     "drake_pregrasp": 19_100,
     "drake_pregrasp/studies": 5_100,
     "drake_pregrasp/fast": 1_400,
-    "tests": 14_620,
+    "tests": 14_650,
 }
 FILES = {"drake_pregrasp": 186}
 LONGEST_FILE = 400  # Lines, all counted.

@@ -102,29 +102,17 @@ def inverted(A):  # type: ignore[no-untyped-def]
 @compiled(
     "Tuple((f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1], f8[:,:,::1], f8[:,:,::1], f8[:,:,::1],"
     " f8[::1], f8[:,::1], f8[:,::1], f8[:,:,::1]))"
-    "(f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8, f8, f8[::1], f8[::1],"
-    " f8[::1])"
+    "(f8[:,::1], f8[:,::1], f8[:,:,::1], f8[::1], f8[:,::1], f8, f8, f8[::1], f8[::1], f8[::1])"
 )
 def step(  # type: ignore[no-untyped-def]
-    means,
-    R_WO,
-    P_position,
-    P_orientation,
-    measured,
-    measured_R,
-    dt,
-    gravity,
-    densities,
-    variances,
-    p_OCoM,
+    means, R_WO, P_last, measured, measured_R, dt, gravity, densities, variances, p_OCoM
 ):
     """Returns the prior, the innovation and the posterior, as `filter_step` does.
 
     Args:
         means: p_WCoM, v_WCoM and w_WO, shape (3, 3).
         R_WO: Mean orientation, shape (3, 3).
-        P_position: Covariance of (p_WCoM, v_WCoM), shape (6, 6).
-        P_orientation: Covariance of (theta, w_WO), shape (6, 6).
+        P_last: Covariances of (p_WCoM, v_WCoM) and of (theta, w_WO), shape (2, 6, 6).
         measured: Measured p_WCoM, shape (3,), in metres.
         measured_R: Measured orientation, shape (3, 3).
         dt: Seconds from the belief to the measurement.
@@ -145,10 +133,7 @@ def step(  # type: ignore[no-untyped-def]
     for row in range(6):
         M[0, row, row] = M[1, row, row] = 1.0
         for column in range(6):
-            M[2, row, column], M[3, row, column] = (
-                P_position[row, column],
-                P_orientation[row, column],
-            )
+            M[2, row, column], M[3, row, column] = P_last[0, row, column], P_last[1, row, column]
     for row in range(3):
         M[0, row, 3 + row] = dt
         for column in range(3):
@@ -224,11 +209,10 @@ def compiled_filter_step(
 ) -> tuple[PoseBelief, Innovation, PoseBelief]:
     """Returns the prior, the innovation and the posterior, as `filter_step` does."""
     time = measurement.time
-    prior, prior_R, P, nu, R, S, K_T, squared, posterior, posterior_R, posterior_P = step(
+    prior, prior_R, P, nu, R, S, K_T, squared, after, after_R, after_P = step(
         np.array([earlier.p_WCoM, earlier.v_WCoM, earlier.w_WO]),
         np.ascontiguousarray(earlier.R_WO),
-        np.ascontiguousarray(earlier.P_position),
-        np.ascontiguousarray(earlier.P_orientation),
+        np.array([earlier.P_position, earlier.P_orientation]),
         measurement.p_WCoM,
         np.ascontiguousarray(measurement.R_WO),
         time - earlier.time,
@@ -240,13 +224,5 @@ def compiled_filter_step(
     return (
         PoseBelief(time, prior[0], prior[1], prior_R, prior[2], P[0], P[1]),
         Innovation(nu, P, R, S, K_T, squared),
-        PoseBelief(
-            time,
-            posterior[0],
-            posterior[1],
-            posterior_R,
-            posterior[2],
-            posterior_P[0],
-            posterior_P[1],
-        ),
+        PoseBelief(time, after[0], after[1], after_R, after[2], after_P[0], after_P[1]),
     )

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from drake_pregrasp import (
-    BallReach,
     BallSolid,
+    BlendConfig,
     CentroidSelector,
     ContactStatus,
     EstimatorConfig,
@@ -20,6 +20,8 @@ from drake_pregrasp import (
     PoseEstimator,
     PoseFilterNoise,
     SafeRegionPartitioner,
+    box_surface,
+    load_scenario,
     without_solver_chatter,
 )
 from drake_pregrasp.config.deprecated_keywords import config_with
@@ -27,15 +29,6 @@ from drake_pregrasp.config.planner_config import MeasuresConfig, filter_noise
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.regions.finger_reach import FingerReach
-from drake_pregrasp.systems import (
-    centroid_selector,
-    fingertip_goal_shaper,
-    grasp_quality_monitor,
-    grasp_sequencer,
-    pose_estimator,
-    pose_sensor,
-    safe_region_partitioner,
-)
 
 
 def test_keywords_change_fields_and_fields_of_fields():
@@ -67,108 +60,76 @@ def test_unknown_keywords_and_keywords_beside_a_configuration_are_refused(
         config_with(config, PlannerConfig(), keywords, object())
 
 
+SURFACE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
+P_OC = load_scenario("a_base").initial_p_OC(SURFACE)
+BALL = BallSolid(np.zeros(3), 0.05)
+FIVE = {"surface": SURFACE, "num_contacts": 5}
 ESTIMATOR = EstimatorConfig(
     position_std=0.01, gravity=9.81, gate=5.0, lost_after=1e6, reacquire_after=4
 )
-TIPS = {"tip_frames": ["a"], "tip_radius": 0.01, "object_solid": BallSolid(np.zeros(3), 0.05)}
+NOISE = {"noise": PoseFilterNoise(**vars(filter_noise(ESTIMATOR))), "gate": 5.0}
+NOISE |= {"lost_after": np.inf, "reacquire_after": 4}
+STDS = {"position_std": 0.1, "orientation_std": 0.2}
+BLEND = {"period": 0.1, "strategy": "blend", "blend": {"vew": 1.0}}
+REACHES = {"reach": [FingerReach(BallSolid(np.zeros(3), 0.1)), None, None, None, None]}
+REACHES["tip_radii"] = np.full(5, 0.01)
+TIPS = {"tip_frames": ["a"], "tip_radius": 0.01, "object_solid": BALL, "target_period": 0.05}
 TIPS |= {"fixed": [], "p_GT": np.ones((1, 3)), "finger_azimuths": [0.0]}
-CASES = {
-    "estimator": (
-        pose_estimator,
-        lambda s, c: PoseEstimator(
-            period=0.05,
-            noise=PoseFilterNoise(**vars(filter_noise(ESTIMATOR))),
-            gate=5.0,
-            lost_after=np.inf,
-            reacquire_after=4,
-        ),
-        ESTIMATOR,
-    ),
-    "sensor": (
-        pose_sensor,
-        lambda s, c: NoisyPoseSensor(
-            position_std=0.1, orientation_std=0.2, faults=MeasurementFaults(), period=0.1
-        ),
+FINGERS = {"num_fingers": 3, "tip_radius": 0.01, "mass": 0.4, "p_OCoM": np.zeros(3)}
+CASES = [
+    (PoseEstimator, {"period": 0.05, **NOISE}, ESTIMATOR),
+    (
+        NoisyPoseSensor,
+        {**STDS, "faults": MeasurementFaults(), "period": 0.1},
         SensorConfig(0.1, 0.2),
     ),
-    "sensor without faults": (
-        pose_sensor,
-        lambda s, c: NoisyPoseSensor(position_std=0.1, orientation_std=0.2, faults=None),
-        SensorConfig(0.1, 0.2),
-    ),
-    "selector": (
-        centroid_selector,
-        lambda s, c: CentroidSelector(
-            surface=s, p_OC=c, period=0.1, strategy="blend", blend={"vew": 1.0}
+    (NoisyPoseSensor, {**STDS, "faults": None}, SensorConfig(0.1, 0.2)),
+    (
+        CentroidSelector,
+        {"surface": SURFACE, "p_OC": P_OC, **BLEND},
+        PlannerConfig(
+            period=0.1, static_duration=0.0, strategy="blend", blend=BlendConfig(vew=1.0)
         ),
-        None,
     ),
-    "partitioner": (
-        safe_region_partitioner,
-        lambda s, c: SafeRegionPartitioner(
-            surface=s,
-            num_contacts=5,
-            tip_radii=np.full(5, 0.01),
-            reach=[FingerReach(BallSolid(np.zeros(3), 0.1)), None, None, None, None],
-            closed=[[AxisArea("+x")], [], [], [], []],
+    (
+        SafeRegionPartitioner,
+        {**FIVE, **REACHES, "closed": [[AxisArea("+x")], [], [], [], []], "wall_test": "normals"},
+        PlannerConfig(
+            limits=LimitsConfig(clearance=0.0, forbidden_faces=[["+x"], [], [], [], []], **REACHES),
             wall_test="normals",
         ),
-        None,
     ),
-    "shaper": (
-        fingertip_goal_shaper,
-        lambda s, c: FingertipGoalShaper(
-            **TIPS, target_period=0.05, period=0.01, speed=0.1, standoff=0.03
-        ),
+    (
+        FingertipGoalShaper,
+        {**TIPS, "period": 0.01, "speed": 0.1, "standoff": 0.03},
         GraspConfig(period=0.01, goal_speed=0.1, standoff=0.03),
     ),
-    "sequencer": (
-        grasp_sequencer,
-        lambda s, c: GraspSequencer(
-            num_fingers=3, tip_radius=0.01, mass=0.4, p_OCoM=np.zeros(3), friction=0.4, period=0.01
-        ),
+    (
+        GraspSequencer,
+        {**FINGERS, "friction": 0.4, "period": 0.01},
         GraspConfig(planned_friction=0.4, period=0.01),
     ),
-    "monitor": (
-        grasp_quality_monitor,
-        lambda s, c: GraspQualityMonitor(surface=s, num_contacts=5, contact_model="hard_finger"),
+    (
+        GraspQualityMonitor,
+        {**FIVE, "contact_model": "hard_finger"},
         MeasuresConfig(contact_model="hard_finger"),
     ),
-}
+]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
-def test_systems_understand_the_keywords_that_they_had(surface, p_OC, monkeypatch, name):
-    module, make, expected = CASES[name]
+@pytest.mark.parametrize(("system", "keywords", "expected"), CASES)
+def test_systems_understand_the_keywords_that_they_had(monkeypatch, system, keywords, expected):
     configs = []
 
     def recorded(*arguments):
         configs.append(config_with(*arguments))
         return configs[-1]
 
-    monkeypatch.setattr(module, "config_with", recorded)
+    monkeypatch.setattr(f"{system.__module__}.config_with", recorded)
     with pytest.warns(DeprecationWarning, match="as keywords they are deprecated"):
-        make(surface, p_OC)
-    (config,) = configs
-    if expected is not None:
-        assert config == expected
-    if name == "selector":
-        assert (config.static_duration, config.strategy, config.blend.vew) == (0.0, "blend", 1.0)
-    if name == "partitioner":
-        assert config.limits.clearance == 0.0
-        assert config.limits.forbidden_faces == [["+x"], [], [], [], []]
-        new = PlannerConfig(
-            limits=LimitsConfig(
-                clearance=0.0,
-                tip_radii=[0.01] * 5,
-                reach=[BallReach(center=[0, 0, 0], radius=0.1), None, None, None, None],
-                forbidden_faces=config.limits.forbidden_faces,
-            ),
-            wall_test="normals",
-        )
-        assert config.wall_test == new.wall_test
-        SafeRegionPartitioner(new, surface=surface, num_contacts=5)
+        system(**keywords)
+    assert configs == [expected]
 
 
 def test_former_names_of_statuses_warn():

@@ -30,6 +30,7 @@ SURFACES = [
     box_surface([0.2, 0.05, 0.06], spacing=0.012),
     mesh_surface(ball_shape(0.04), spacing=0.006),
     mesh_surface(CUP, spacing=0.008),
+    box_surface([0.1, 0.1, 0.1], spacing=0.05),  # Fewer candidates than a block holds.
 ]
 GRAPHS = [SurfaceGraph(surface) for surface in SURFACES]
 COMPILED = [fast_surface(surface) for surface in SURFACES]
@@ -64,7 +65,7 @@ def random_reach(rng, center):
     )
 
 
-def random_constraints(rng, which, p_OC, has):
+def random_constraints(rng, which, p_OC, forbidden, has):
     surface, n = SURFACES[which], len(p_OC)
     nhat_OC = surface.project(p_OC)[1]
     solids = tuple(random_solid(rng) for _ in range(rng.integers(1, 4))) if "solids" in has else ()
@@ -79,7 +80,7 @@ def random_constraints(rng, which, p_OC, has):
     same_side = fencing = None
     if "walls" in has:
         same_side = normals_agree(nhat_OC, surface.nhat_OQ)
-        fencing = normals_agree(nhat_OC, surface.forbidden.normals)
+        fencing = normals_agree(nhat_OC, forbidden.normals)
         if rng.random() < 0.2:
             same_side &= GRAPHS[which].near_over_the_surface(p_OC, nhat_OC)
     faces = ("-x", "+x", "-y", "+y", "-z", "+z")
@@ -105,15 +106,17 @@ def random_constraints(rng, which, p_OC, has):
 
 
 PARTS = ("tips", "solids", "points", "horizon", "walls", "reach", "closed", "normals", "limits")
+PARTS += ("forbidden", "coincident")
 
 
-@settings(max_examples=150)
+@settings(max_examples=200)
 @given(
     which=st.integers(0, len(SURFACES) - 1),
     seed=st.integers(0, 2**32 - 1),
-    n=st.integers(1, 8),
+    n=st.integers(1, 12),
     lost=st.integers(0, 2),
     has=st.sets(st.sampled_from(PARTS)),
+    spread=st.sampled_from([3e-4, 0.03, 30.0]),
     strategy=st.sampled_from([*STRATEGIES, "blend"]),
     reading=st.sampled_from(["hand", "contact"]),
     power=st.sampled_from([1.0, 2.0, 3.0]),
@@ -127,6 +130,7 @@ PARTS = ("tips", "solids", "points", "horizon", "walls", "reach", "closed", "nor
     n=8,
     lost=0,
     has={"solids", "horizon", "points", "tips", "normals"},
+    spread=0.03,
     strategy="msv",
     reading="contact",
     power=1.0,
@@ -139,7 +143,8 @@ PARTS = ("tips", "solids", "points", "horizon", "walls", "reach", "closed", "nor
     seed=947390,
     n=5,
     lost=0,
-    has=set(PARTS),
+    has=set(PARTS) - {"forbidden", "coincident"},
+    spread=0.03,
     strategy="msv",
     reading="hand",
     power=2.0,
@@ -148,19 +153,27 @@ PARTS = ("tips", "solids", "points", "horizon", "walls", "reach", "closed", "nor
     in_turns=False,
 )
 def test_a_tick_is_that_of_the_reference(
-    which, seed, n, lost, has, strategy, reading, power, stretch, best_point, in_turns
+    which, seed, n, lost, has, spread, strategy, reading, power, stretch, best_point, in_turns
 ):
     rng, surface = np.random.default_rng(seed), SURFACES[which]
     q = surface.p_OQ[rng.choice(len(surface.p_OQ), n)]
     p_OC, nhat_OC = surface.project(q + 1e-3 * rng.normal(size=(n, 3)))
     h = 1e-4 * rng.normal(size=n)
+    if "coincident" in has:
+        p_OC[n // 2 :], nhat_OC[n // 2 :], h[n // 2 :] = p_OC[0], nhat_OC[0], h[0]
     h[rng.permutation(n)[:lost]] = -np.inf
-    constraints = random_constraints(rng, which, p_OC, has)
+    forbidden = surface.forbidden
+    if "forbidden" in has:
+        m = rng.choice([1, 40, 300])
+        z = rng.choice(surface.p_OQ, m) + 1e-3 * rng.normal(size=(m, 3))
+        z[: m // 20] = p_OC[0]  # Some at a contact itself.
+        forbidden = forbidden.joined(ForbiddenPoints(z, np.abs(rng.normal(0, 0.004, m))))
+    constraints = random_constraints(rng, which, p_OC, forbidden, has)
     points, c = surface.p_OQ, p_OC
     if "normals" in has:
         points, c = LIFTED[which], lifted(p_OC, nhat_OC, LENGTH)
     expected, found = (
-        compute_safe_regions(points, c, h, surface.forbidden, constraints, label=label)
+        compute_safe_regions(points, c, h, forbidden, constraints, label=label)
         for label in (None, LABELS[which][c.shape[1]])
     )
     for part in ("labels", "lost", "limits", "causes"):
@@ -176,7 +189,7 @@ def test_a_tick_is_that_of_the_reference(
         pairs = (Pair(0, 1, 0.03),) if n > 1 and rng.random() < 0.5 else ()
         limits = ContactLimits(0.01, 0.001 * (rng.random() < 0.3), pairs, bool(rng.random() < 0.5))
     A = rng.normal(size=(3, 3))
-    covariance = 0.03**2 * (np.eye(3) + A @ A.T)
+    covariance = spread**2 * (np.eye(3) + A @ A.T)
     reference = SelectionInput(surface, p_OC, expected, covariance)
     compiled = SelectionInput(COMPILED[which], p_OC, expected, covariance, fast_limits())
     choose = fast_goals(surface, weights, **options, best_point=best_point)
