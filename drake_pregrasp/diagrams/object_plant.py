@@ -70,6 +70,7 @@ def add_moving_object(
         return _add_replay(builder, object_config, motion, plant_config)
     plant, scene_graph = AddMultibodyPlant(plant_config, builder)
     body = add_object_body(plant, object_config, friction=friction)
+    mesh = object_config.make_shape().mesh
     if isinstance(motion, Conveyor):
         driven, profile = add_model(plant, "conveyor_table.sdf"), motion.velocities()
     elif isinstance(motion, Push):
@@ -81,15 +82,14 @@ def add_moving_object(
     if add_more is not None:
         add_more(plant)
     plant.Finalize()
-    separate_contacts(plant, scene_graph, body)
+    separate_contacts(plant, scene_graph, body, is_convex=mesh.is_convex)
     plant.SetDefaultFloatingBaseBodyPose(body, initial_pose(motion, object_config))
     if isinstance(motion, Toss):
         solids = [o.solid for o in obstacles if not np.any(o.velocity)]
         solids += [TABLE_TOP] if motion.table else []
-        points = object_config.make_shape().mesh.convex_hull.vertices
         coulomb = 2 * friction * FRICTION / (friction + FRICTION)  # As Drake combines them.
-        launch = _launch_velocity(plant, motion)
-        tossed = TossedBody(plant, body, launch, points=points, solids=solids, friction=coulomb)
+        launch, corners = _launch_velocity(plant, motion), mesh.convex_hull.vertices
+        tossed = TossedBody(plant, body, launch, points=corners, solids=solids, friction=coulomb)
         builder.AddNamedSystem("tossed_body", tossed)
         connect(builder, plant, "body_poses body_spatial_velocities", tossed)
         builder.Connect(tossed.get_output_port(), plant.get_applied_spatial_force_input_port())

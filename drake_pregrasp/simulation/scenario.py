@@ -72,7 +72,7 @@ class RecordingConfig:
 
 _TIME_STEP = 0.025  # Default time step of the plant without a hand, in seconds.
 _LANDING_STEP = 0.0025  # Longest default time step for an object that lands on a table, in seconds.
-_STEP_LENGTH = 1e-3  # Largest distance that a pusher moves in a default time step, in metres.
+_STEP_LENGTH = 5e-4  # Largest distance that a pusher moves in a default time step, in metres.
 
 _PAPER_CONTACTS = (
     (-0.335, 1.0, -0.7),
