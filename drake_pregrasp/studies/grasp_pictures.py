@@ -1,6 +1,7 @@
 """Films and pictures of the shipped hands, with regions and goals on the object."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from PIL import Image
@@ -11,7 +12,6 @@ from pydrake.systems.analysis import Simulator
 from drake_pregrasp.config.hand_description import Arm
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
-from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.output import make_folder, writing
@@ -19,19 +19,13 @@ from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies import pictures
-from drake_pregrasp.studies.pictures import (
-    ByteArray,
-    Light,
-    camera_pose,
-    goal_geometry,
-    take_picture,
-)
+from drake_pregrasp.studies.pictures import ByteArray, Light
 from drake_pregrasp.studies.report_page import Heading, Part, write_report
 from drake_pregrasp.studies.runner import OnProgress
 from drake_pregrasp.systems.loggers import GraspRecord
 
 PHASES = (GraspPhase.TRACK, GraspPhase.SQUEEZE, GraspPhase.HOLD)
-"""Phases with a picture at their end, besides the picture at the start."""
+"""Phases whose ends are pictured, besides the start."""
 
 FRAME_TIME = 0.1
 """Time between the pictures of a film, in seconds."""
@@ -65,10 +59,10 @@ def picture_grasps(out: str | Path, *, on_progress: OnProgress = lambda done, to
     parts: list[Part] = ["`drake-pregrasp study grasps` makes these pictures."]
     for done, (name, scenario) in enumerate(scenarios.items()):
         on_progress(done, len(hands))
-        image = Image.fromarray(picture_grasp(scenario))
-        first, *others = map(Image.fromarray, film_grasp(scenario))
+        film = film_grasp(scenario)
+        first, *others = map(Image.fromarray, film.frames)
         with writing(folder):
-            image.save(folder / f"{name}.png", optimize=True)
+            Image.fromarray(film.at_phases()).save(folder / f"{name}.png", optimize=True)
             first.save(
                 folder / f"{name}.webp",
                 save_all=True,
@@ -83,6 +77,25 @@ def picture_grasps(out: str | Path, *, on_progress: OnProgress = lambda done, to
     return write_report(folder, "Hands", parts, name="grasps", formats=("md",))
 
 
+class Film(NamedTuple):
+    """Pictures of a hand.
+
+    Attributes:
+        frames: Pictures every `FRAME_TIME`, each of shape (height, width, 3).
+        phases: `GraspPhase` of each picture.
+    """
+
+    frames: list[ByteArray]
+    phases: list[float]
+
+    def at_phases(self) -> ByteArray:
+        """Returns the first picture and those at the ends of `PHASES`, side by side."""
+        ends = [max(k for k, now in enumerate(self.phases) if now <= phase) for phase in PHASES]
+        gaps = [(0, 0), (_GAP, 0), (0, 0)]
+        others = [np.pad(self.frames[k], gaps, constant_values=255) for k in ends]
+        return np.concatenate([self.frames[0], *others], axis=1)
+
+
 class GraspCamera:
     """Takes pictures of a scenario with a hand, with regions and goals on the object.
 
@@ -90,14 +103,17 @@ class GraspCamera:
 
     Args:
         scenario: Scenario with a hand.
-        surface: Surface of the scenario's object.
+
+    Attributes:
+        records: Records of all control ticks so far.
     """
 
-    def __init__(self, scenario: Scenario, surface: ObjectSurface) -> None:
-        diagram = make_diagram(scenario, surface)
+    def __init__(self, scenario: Scenario) -> None:
+        self.records: list[GraspRecord] = []
+        self._surface, self._drawn = scenario.make_surface(), list[GeometryId]()
+        diagram = make_diagram(scenario, self._surface, grasp_sink=self.records.append)
         self._station: HandStation = diagram.GetSubsystemByName("object_plant")
         self._planner: PregraspPlanner = diagram.GetSubsystemByName("pregrasp_planner")
-        self._surface, self._drawn = surface, list[GeometryId]()
         self._station.scene_graph.AddRenderer(
             pictures.RENDERER, pictures.lit_renderer(_LIGHTS, _BACKGROUND)
         )
@@ -117,7 +133,7 @@ class GraspCamera:
         self._draw_goals(X_WO)
         target = X_WO.translation() * [1.0, 1.0, 0.0] + _ABOVE
         query = self._station.GetOutputPort("query_object").Eval(context)
-        return take_picture(query, _CAMERA, camera_pose(target, self._p_TK_W))
+        return pictures.take_picture(query, _CAMERA, pictures.camera_pose(target, self._p_TK_W))
 
     def _draw_goals(self, X_WO: RigidTransform) -> None:
         """Replaces regions and goals in the scene by those of this tick; a closed hand has none."""
@@ -137,39 +153,14 @@ class GraspCamera:
             scene.RemoveGeometry(drawn_in, source, geometry)
         self._drawn = [
             scene.RegisterGeometry(drawn_in, source, frame, instance)
-            for instance in goal_geometry(self._surface, regions.labels, p_OC, active)
+            for instance in pictures.goal_geometry(self._surface, regions.labels, p_OC, active)
         ]
 
 
-def picture_grasp(scenario: Scenario) -> ByteArray:
-    """Returns four pictures of a hand side by side, shape (height, width, 3).
-
-    Args:
-        scenario: Scenario with a hand.
-    """
-    surface = scenario.make_surface()
-    camera = GraspCamera(scenario, surface)
-    taken = [camera.picture_at(time) for time in _moments(scenario, surface)]
-    gaps = [(0, 0), (_GAP, 0), (0, 0)]
-    return np.concatenate(
-        [taken[0], *(np.pad(p, gaps, constant_values=255) for p in taken[1:])], axis=1
-    )
-
-
-def film_grasp(scenario: Scenario) -> list[ByteArray]:
-    """Returns pictures of a hand every `FRAME_TIME`, each of shape (height, width, 3).
-
-    Args:
-        scenario: Scenario with a hand.
-    """
-    camera = GraspCamera(scenario, scenario.make_surface())
-    times = np.arange(0.0, scenario.simulation_duration + FRAME_TIME / 2, FRAME_TIME)
-    return [camera.picture_at(time) for time in times]
-
-
-def _moments(scenario: Scenario, surface: ObjectSurface) -> list[float]:
-    """Returns the start and the ends of `PHASES` in seconds, from a run without pictures."""
-    records: list[GraspRecord] = []
-    simulator = Simulator(make_diagram(scenario, surface, grasp_sink=records.append))
-    simulator.AdvanceTo(scenario.simulation_duration)
-    return [0.0] + [max(r.time for r in records if r.report[0] <= phase) for phase in PHASES]
+def film_grasp(scenario: Scenario) -> Film:
+    """Simulates a scenario with a hand, and returns its film."""
+    camera, film = GraspCamera(scenario), Film([], [])
+    for time in np.arange(0.0, scenario.simulation_duration + FRAME_TIME / 2, FRAME_TIME):
+        film.frames.append(camera.picture_at(time))
+        film.phases.append(camera.records[-1].report[0])
+    return film

@@ -39,10 +39,10 @@ def package_digest(*modules: str) -> dict[str, str]:
         for file in sorted(_PACKAGE.rglob("*.py"))
         if file.relative_to(_PACKAGE).parts[0] not in _LEFT_OUT
     ]
-    files += sorted((_PACKAGE / "diagrams").glob("*.yaml"))
+    files += [Path(str(importlib.import_module(name).__file__)) for name in sorted(set(modules))]
+    # Modules read data files beside them.
+    files += sorted({data for file in files for data in file.parent.glob("*.yaml")})
     files += sorted(file for file in resource_folder("models").rglob("*") if file.is_file())
-    for name in sorted(set(modules)):
-        files.append(Path(str(importlib.import_module(name).__file__)))
     versions = {}
     for library in _LIBRARIES:
         try:

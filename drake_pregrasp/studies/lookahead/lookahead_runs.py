@@ -17,7 +17,7 @@ from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.estimation.pose_filter import PoseBelief
 from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.simulation.scenario_file import load_scenario, read_mapping
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.systems.loggers import TickRecord
 
@@ -27,9 +27,7 @@ PERIOD = 0.0125
 SETTLED = 8
 """First tick whose goals count: after 0.1 s, the velocity estimate has converged."""
 
-CASES: dict[str, Any] = yaml.safe_load(
-    Path(__file__).with_name("lookahead_cases.yaml").read_text(encoding="utf-8")
-)
+CASES = read_mapping(Path(__file__).with_name("lookahead_cases.yaml"))
 """Shipped scenario and overrides of each case, by the case's name."""
 
 

@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
-import yaml
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.simulation.run import run
 from drake_pregrasp.simulation.run_log import last_phase, static_phase, ticks_from
-from drake_pregrasp.simulation.scenario_file import load_scenario
+from drake_pregrasp.simulation.scenario_file import load_scenario, read_mapping
 from drake_pregrasp.simulation.summary import MEASURES, remaining_static_quality
 from drake_pregrasp.studies.runner import OnProgress, run_jobs
 
@@ -34,9 +33,7 @@ class Published(NamedTuple):
     dynamic: Three
 
 
-PAPER: dict[str, Any] = yaml.safe_load(
-    Path(__file__).with_name("paper.yaml").read_text(encoding="utf-8")
-)
+PAPER = read_mapping(Path(__file__).with_name("paper.yaml"))
 """Scenarios and published values of the cases, and texts of the report."""
 
 SCENARIOS: dict[str, str] = PAPER["scenarios"]

@@ -1,7 +1,8 @@
 """Compared methods of the study, and the system that re-assigns the contacts of a fixed plan."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from pydrake.math import RigidTransform
@@ -10,6 +11,7 @@ from pydrake.systems.framework import BusValue, Context, DiscreteValues, LeafSys
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.contacts.assignment import mean_angle, wrapped
 from drake_pregrasp.contacts.selection_input import ContactStatus
+from drake_pregrasp.simulation.scenario_file import read_mapping
 from drake_pregrasp.systems.ports import BUS, POSE, declare_output, pose_bus
 
 _LARGEST_MEAN_OFFSET = float(np.radians(40))  # Largest mean angle between fingers and contacts.
@@ -36,7 +38,6 @@ class Method:
     text: str
     color: str
     marker: str
-    _: KW_ONLY
     plans_start: bool = False
     replans: bool = False
     uses_reach: bool = False
@@ -45,26 +46,10 @@ class Method:
     is_reactive: bool = False
 
 
-_FIXED = "contacts are planned at the start, then carried with it"
-_REASSIGNED = "as the fixed plan, but contacts go to other fingers, round the hand, as it turns"
-_STATIONARY = "the hand follows the object, does not turn, and closes without a plan"
-_REACTIVE = "the antipodal grasp and the three fingers nearest to it are chosen at every tick"
-_DYNAMIC = "contacts are planned anew at every tick"
-_REACH = "contacts are planned anew at every tick, within the reach of each finger"
-
 # The methods by their keys, in the order of tables and figures.
-# Colours of Okabe and Ito's colour-blind-safe set, without its yellow, which is pale on white.
 METHODS = {
-    "fixed_plan": Method("fixed plan", _FIXED, "#E69F00", "s", plans_start=True),
-    "reassigned": Method(
-        "re-assigned plan", _REASSIGNED, "#D55E00", "D", plans_start=True, is_reassigned=True
-    ),
-    "stationary": Method("stationary hand", _STATIONARY, "#56B4E9", "P", is_stationary=True),
-    "reactive": Method("reactive choice", _REACTIVE, "#CC79A7", "v", is_reactive=True),
-    "dynamic": Method("dynamic without reach", _DYNAMIC, "#009E73", "^", replans=True),
-    "dynamic_reach": Method(
-        "dynamic with reach", _REACH, "#0072B2", "o", replans=True, uses_reach=True
-    ),
+    key: Method(**fields)
+    for key, fields in read_mapping(Path(__file__).with_name("methods.yaml")).items()
 }
 
 TESTED = "dynamic_reach"  # Key of the method that is tested against each other method.

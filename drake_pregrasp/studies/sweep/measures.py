@@ -7,24 +7,23 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import yaml
 from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.simulation.run import LoggedRun
 from drake_pregrasp.simulation.run_log import adapting_phase
 from drake_pregrasp.simulation.scenario import Scenario
-from drake_pregrasp.simulation.scenario_file import scenario_from_data
+from drake_pregrasp.simulation.scenario_file import read_mapping, scenario_from_data
 from drake_pregrasp.simulation.summary import force_closure_summary, summarize_grasp
 from drake_pregrasp.studies.sweep.field_path import with_fields
 from drake_pregrasp.studies.sweep.sweep_plan import SEED_FIELD, SweepPlan
 
 _QUALITIES = {"q_msv": "Q_MSV", "q_gii": "Q_GII", "q_vew": "Q_VEW"}
 _EXTREMES = ("mean", "min", "max")  # Functions of numpy.
-_LABELS: dict[str, dict[str, str]] = yaml.safe_load(
-    Path(__file__).with_name("measures.yaml").read_text(encoding="utf-8")
-)
-_MOTION, _MARGINS, _GRASP = (_LABELS[group] for group in ("motion", "margins", "grasp"))
+LABELS = read_mapping(Path(__file__).with_name("measures.yaml"))
+"""Labels of measures by their names, in groups, and the fields of scenarios by their `units`."""
+
+_MOTION, _MARGINS, _GRASP = (LABELS[group] for group in ("motion", "margins", "grasp"))
 
 MEASURES: Mapping[str, str] = {
     **{

@@ -13,7 +13,7 @@ from matplotlib.ticker import LogFormatter
 
 from drake_pregrasp.studies.report_page import Details, Heading, Part, Picture, Table, write_report
 from drake_pregrasp.studies.runner import StudyRows, to_csv
-from drake_pregrasp.studies.sweep.measures import MEASURES
+from drake_pregrasp.studies.sweep.measures import LABELS, MEASURES
 from drake_pregrasp.studies.sweep.study_file import Study
 from drake_pregrasp.studies.sweep.sweep_plan import GridAxis, RandomAxis
 
@@ -28,15 +28,6 @@ _SHOWN = (
 _MOST_COLORS = 7  # Largest number of values that colours distinguish.
 _MOST_GROUPS = 8  # Random numbers with more values are grouped into quartiles.
 _LOG_RATIO = 20.0  # Ratio of largest to least value from which a scale is logarithmic.
-_UNITS = {
-    "m": ("position_std", "position_spread", "size", "spacing", "radius", "clearance", "standoff"),
-    "rad": ("orientation_std", "direction"),
-    "s": ("period", "time_step", "static_duration", "simulation_duration", "lookahead"),
-    "m/s": ("linear_velocity", "speed", "initial_velocity_std"),
-    "rad/s": ("angular_velocity", "spin", "initial_angular_velocity_std"),
-    "m/s²/√Hz": ("acceleration",),
-    "rad/s²/√Hz": ("angular_acceleration",),
-}
 
 
 def write_sweep_report(folder: Path, study: Study, found: StudyRows) -> Path:
@@ -133,7 +124,7 @@ def axis_table(
 def axis_label(name: str) -> str:
     """Returns the label of an axis, with the unit of its field if the unit is known."""
     field = name.rpartition(".")[2].partition("[")[0]
-    unit = next((unit for unit, fields in _UNITS.items() if field in fields), "")
+    unit = next((unit for unit, fields in LABELS["units"].items() if field in fields), "")
     # Names of several fields that change together may have a unit.
     return f"{name} [{unit}]" if unit and " [" not in name else name
 
