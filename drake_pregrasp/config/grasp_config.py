@@ -5,13 +5,18 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Closing, Fingertip, HandDescription
 from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.config.object_config import POINT
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_surface import TipSize
 from drake_pregrasp.grasping.fingertip_paths import MOVING_CLEARANCE, OTHER_CLEARANCE
 from drake_pregrasp.grasping.grasp_state import GraspSettings
+
+ABOVE, SIDE = "above", "side"
+"""Values of `GraspConfig.approaches`."""
 
 _LENGTH = {"above": 0, "at_most": 10}
 _TIME = {"above": 0, "at_most": 1e6}
@@ -82,10 +87,37 @@ class GraspConfig:
     # Duration of the lift, in seconds.
     lift_duration: float = field(default=1.0, metadata=_TIME)
 
+    # Direction of the lift in W, of any length, not into the table.
+    lift_direction: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0], metadata=POINT)
+
+    # Directions from which the palm may come: the one with the best first contacts is chosen.
+    approaches: list[str] = field(
+        default_factory=lambda: [ABOVE], metadata={"min_length": 1, "one_of": (ABOVE, SIDE)}
+    )
+
+    # Height of the palm's axis over the table, if it comes from the side, in metres. 0: that of the
+    # object's centre of mass, or more if the hand at home would not clear the table there.
+    side_height: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
+
     @property
     def has_hand(self) -> bool:
         """Whether there is a hand."""
         return bool(self.hand)
+
+    @property
+    def lift_axis(self) -> FloatArray:
+        """Unit vector of the lift in W, shape (3,).
+
+        Raises:
+            InvalidArgumentError: If the lift has no direction, or pushes into the table.
+        """
+        direction = np.array(self.lift_direction)
+        length = float(np.linalg.norm(direction))
+        if not length > 0 or direction[2] < 0:
+            raise InvalidArgumentError(
+                f"lift_direction must not be zero, nor point into the table: {self.lift_direction}"
+            )
+        return direction / length
 
     @property
     def yaw_range(self) -> tuple[float, float]:

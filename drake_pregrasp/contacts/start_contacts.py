@@ -1,7 +1,7 @@
 """First contacts of a hand: the fingers, their places and the palm's yaw by force closure."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 import numpy as np
@@ -72,7 +72,7 @@ class HandOverObject:
             contacts in O, with fingertips.
         p_OT_at: Function from a yaw to the fingertips at home in O, shape (n, 3), in metres.
         azimuths: Azimuths of the fingers about the palm's axis at yaw 0, shape (n,), in radians.
-        R_WO: Orientation of the object. The palm's axis is z of W.
+        R_AO: Orientation of the object in the frame A of the approach. The palm's axis is z of A.
         wrench: Weight of the object: force in N and torque about the centre of mass in N m, in O,
             shape (6,).
         friction: Coulomb's coefficient.
@@ -81,6 +81,7 @@ class HandOverObject:
         yaw_range: Smallest and largest yaw of the palm, in radians.
         least_fingers: Smallest number of fingers of a grasp.
         holds_palm: Function that tells whether the hand can hold its palm at a yaw.
+        p_AO: Position of the object's origin in A, shape (3,), in metres.
         in_workspace: Function from a yaw and centres of each fingertip in O, shape (n, k, 3), to
             the mask of those that its joints reach, shape (n, k).
     """
@@ -88,7 +89,7 @@ class HandOverObject:
     constraints_at: Callable[[float], RegionConstraints]
     p_OT_at: Callable[[float], FloatArray]
     azimuths: FloatArray
-    R_WO: FloatArray
+    R_AO: FloatArray
     wrench: FloatArray
     friction: float
     normal_forces: FloatArray
@@ -96,6 +97,7 @@ class HandOverObject:
     yaw_range: tuple[float, float] = FREE_TURN
     least_fingers: int = 3
     holds_palm: Callable[[float], bool] = lambda yaw: True
+    p_AO: FloatArray = field(default_factory=lambda: np.zeros(3))
     in_workspace: Callable[[float, FloatArray], BoolArray] = lambda yaw, p_OT: np.ones(
         p_OT.shape[:2], dtype=bool
     )
@@ -110,12 +112,14 @@ class StartContacts:
         has_contact: Mask of the fingers that take part, shape (n,); the others stay away.
         yaw: Yaw of the palm, in radians.
         margin: Min-weight margin of force closure of the fingers that take part.
+        score: What the choice maximizes: the margin, with strength, fingers and comfort.
     """
 
     p_OC: FloatArray
     has_contact: BoolArray
     yaw: float
     margin: float
+    score: float
 
 
 def choose_start_contacts(
@@ -196,14 +200,14 @@ class _Search:
         limits = hand.constraints_at(hand.yaw)
         self._hand, self._n, self._sweeps = hand, len(hand.azimuths), sweeps
         self._p, self._normals = surface.p_OQ[index], surface.nhat_OQ[index]
-        self._arms, self._up = self._p - surface.p_OCoM, hand.R_WO[2]
+        self._arms, self._up = self._p - surface.p_OCoM, hand.R_AO[2]
         self._height = float(surface.p_OCoM @ self._up)
         # Centres of fingertips at the contact, half-way to the standoff, and there.
         self._ways = [
             self._p + (limits.tip_radii[:, None, None] + share * limits.standoff) * self._normals
             for share in ALONG
         ]
-        # From above there is no way to a place under another fingertip.
+        # Along the palm's axis there is no way to a place under another fingertip.
         self._level = self._across(self._ways[0])
         # Contacts that are nearer to each other have no safe regions (`neighbour_half_spaces`).
         largest = np.maximum(limits.tip_radii[:, None], limits.tip_radii)
@@ -216,7 +220,7 @@ class _Search:
         self._slopes = mean_slopes(self._p, self._normals, solid, radius)
 
     def _across(self, vectors: FloatArray) -> FloatArray:
-        """Returns the parts of vectors across z of W, shape (..., 3)."""
+        """Returns the parts of vectors across the palm's axis, shape (..., 3)."""
         across: FloatArray = vectors - (vectors @ self._up)[..., None] * self._up
         return across
 
@@ -311,8 +315,9 @@ class _Search:
 
     def _turned(self, trial: _Trial) -> float:
         """Returns the yaw to which the palm turns with the contacts, in radians."""
-        p_GT_W, hand = self._p[self._nearest_seats(trial)] @ self._hand.R_WO.T, self._hand
-        return palm_turn(p_GT_W, hand.azimuths, trial.yaw, hand.yaw_range)
+        hand = self._hand
+        p_AT = self._p[self._nearest_seats(trial)] @ hand.R_AO.T + hand.p_AO
+        return palm_turn(p_AT, hand.azimuths, trial.yaw, hand.yaw_range)
 
     def _nearest_seats(self, trial: _Trial) -> IntArray:
         """Returns the seats, and for fingers that stay away the candidates nearest to home."""
@@ -354,7 +359,7 @@ class _Search:
     def contacts_of(self, trial: _Trial) -> StartContacts:
         """Returns the contacts of a trial."""
         p_OC = self._p[self._nearest_seats(trial)]
-        return StartContacts(p_OC, trial.seats != _AWAY, trial.yaw, trial.margin)
+        return StartContacts(p_OC, trial.seats != _AWAY, trial.yaw, trial.margin, trial.score)
 
     def lack(self) -> NoGraspError:
         """Returns what is missing, if there is no grasp."""

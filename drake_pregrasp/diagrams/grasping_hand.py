@@ -13,7 +13,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.config.grasp_config import ABOVE, GraspConfig
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.diagrams.hand_controller import HandController
@@ -100,6 +100,8 @@ def AddHandController(
         config, planner, hand, mass=mass, time_step=plant.time_step()
     ):
         raise InvalidArgumentError(f"{key}: {problem}")
+    if config.approaches != [ABOVE]:
+        raise InvalidArgumentError(f"grasp.approaches: here it must be [{ABOVE}]")
     solid = object_solid or MeshSolid.of(surface.mesh)
     top = float(np.max(surface.mesh.vertices @ X_WO.rotation().matrix()[2]))
     model = HandModel(hand.over_object(top), config.yaw_range)

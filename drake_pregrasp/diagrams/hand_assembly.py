@@ -29,7 +29,10 @@ _RADIUS = 0.05  # Radius of the balls whose inertias the axes have, in metres.
 
 
 def assemble_hand(
-    plant: MultibodyPlant, hand: ModelInstanceIndex, description: HandDescription
+    plant: MultibodyPlant,
+    hand: ModelInstanceIndex,
+    description: HandDescription,
+    R_WA: RotationMatrix | None = None,
 ) -> None:
     """Adds to a parsed hand what its description adds to the model.
 
@@ -37,6 +40,7 @@ def assemble_hand(
         plant: Plant with the hand, which is not finalized.
         hand: Model instance of the hand.
         description: Description of the hand.
+        R_WA: Orientation of added axes in W; None for upright.
 
     Raises:
         InvalidArgumentError: If a locked joint cannot be locked.
@@ -54,7 +58,8 @@ def assemble_hand(
     drives = {name: drive for drive in description.drives for name in drive.joints or [""]}
     if isinstance(description.base, Carrier) and description.base.mount.link:
         axes = description.base.joints
-        _add_axes(plant, hand, axes, description.base.mount)
+        X_WA = RigidTransform(R_WA or RotationMatrix(), np.zeros(3))
+        _add_axes(plant, hand, axes, description.base.mount, X_WA)
         drives |= dict(zip(axes, _DRIVES, strict=True))
     joints = list(_in_order(plant, hand, plant.world_body().index())) if drives else []
     if unknown := set(drives) - {"", *(joint.name() for joint in joints)}:
@@ -86,26 +91,31 @@ def _remove_actuator(plant: MultibodyPlant, joint: Joint) -> None:
 
 
 def _add_axes(
-    plant: MultibodyPlant, hand: ModelInstanceIndex, names: list[str], mount: Mount
+    plant: MultibodyPlant,
+    hand: ModelInstanceIndex,
+    names: list[str],
+    mount: Mount,
+    X_WA: RigidTransform,
 ) -> None:
     """Adds three slides and a wrist, which carries a link of the hand."""
-    link, carrier = plant.GetBodyByName(mount.link, hand), plant.world_body()
+    link = plant.GetBodyByName(mount.link, hand)
+    carrier = plant.AddFrame(FixedOffsetFrame("approach", plant.world_frame(), X_WA, hand))
     for joint in map(plant.get_joint, plant.GetJointIndices(hand)):
         if joint.child_body() is link:  # As of links on the world in an MJCF.
             _remove(plant, joint)
     for axis, (name, mass, most) in enumerate(zip(names, _MASSES, _RANGES, strict=True)):
         inertia = SpatialInertia.SolidSphereWithMass(mass, _RADIUS)
         body = plant.AddRigidBody(f"{name}_axis", hand, inertia)
-        ends = carrier.body_frame(), body.body_frame()
+        ends = carrier, body.body_frame()
         joint = plant.AddJoint(
             PrismaticJoint(name, *ends, np.eye(3)[axis])
             if axis < len(names) - 1
             else RevoluteJoint(name, *ends, np.array([0.0, 0.0, 1.0]))
         )
         joint.set_position_limits([-most], [most])
-        carrier = body
+        carrier = body.body_frame()
     X = RigidTransform(RollPitchYaw(mount.rpy), mount.position)
-    plant.WeldFrames(carrier.body_frame(), link.body_frame(), X)
+    plant.WeldFrames(carrier, link.body_frame(), X)
 
 
 def _in_order(plant: MultibodyPlant, hand: ModelInstanceIndex, parent: int) -> Iterator[Joint]:

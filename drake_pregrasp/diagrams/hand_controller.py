@@ -9,7 +9,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.assignment import mean_angle, turned_within
-from drake_pregrasp.diagrams.hand_model import HandModel, PalmCarrier
+from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.palm_base import PalmCarrier
 from drake_pregrasp.diagrams.wiring import connect, export_inputs, export_outputs
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
@@ -121,10 +122,14 @@ class HandController(Diagram):
         hand.check_contacts(p_OC, object_solid.distance_and_gradient(p_OC)[1])
         builder = DiagramBuilder()
         settings = config.make_settings(hand.description.fingertips)
-        raised = np.array([0.0, 0.0, settings.approach_height])
+        R_LA = hand.X_LA.rotation().matrix()
+        raised = settings.approach_height * R_LA[:, 2]
         X_WG = RigidTransform(X_WO.rotation(), X_WO.translation() + raised)
-        p_CoMC_W = (X_WO.rotation() @ (p_OC - p_OCoM).T).T
-        turn = mean_angle(np.arctan2(p_CoMC_W[:, 1], p_CoMC_W[:, 0]) - hand.azimuths)
+        centre = p_OCoM  # The palm's axis from above; from the side it has a height of its own.
+        if not hand.X_LA.rotation().IsExactlyIdentity():
+            centre = X_WO.rotation().inverse() @ hand.X_LA.translation()
+        p_AC = (X_WO.rotation() @ (p_OC - centre).T).T @ R_LA
+        turn = mean_angle(np.arctan2(p_AC[:, 1], p_AC[:, 0]) - hand.azimuths)
         yaw_range = hand.yaw_range(config.yaw_range)
         yaw = turned_within(turn, yaw_range)
         self.initial = hand.home(X_WG.translation(), yaw)
@@ -141,6 +146,7 @@ class HandController(Diagram):
                 target_period=target_period,
                 lead=config.period + plant_time_step,
                 withdrawn_radii=hand.withdrawn_radii,
+                X_LA=hand.X_LA,
                 object_top=object_top,
             ),
         )
@@ -149,6 +155,7 @@ class HandController(Diagram):
             "finger_azimuths": hand.azimuths,
             "period": config.period,
             "yaw_range": yaw_range,
+            "X_LA": hand.X_LA,
         }
         base = hand.base
         masks = dict.fromkeys(tip_frames, _POSITION_ONLY)
@@ -163,7 +170,7 @@ class HandController(Diagram):
                 **palm,
                 palm_frame=base.palm_frame,
                 X_GP=base.X_GP,
-                home=base.with_home(hand.fingers_home),
+                home=base.placed(hand.fingers_home),
                 p_WG=X_WG.translation(),
                 yaw=yaw,
                 lead=config.period + plant_time_step,
@@ -200,6 +207,7 @@ class HandController(Diagram):
                 p_OCoM=p_OCoM,
                 object_solid=object_solid,
                 efforts=hand.kinematics.efforts,
+                palm_axis=R_LA[:, 2],
             ),
         )
         for source, names, targets in (

@@ -4,203 +4,27 @@ from collections.abc import Iterable, Sequence
 from functools import cached_property
 
 import numpy as np
-from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.math import RigidTransform
 from pydrake.planning import RobotDiagram, RobotDiagramBuilder
 from scipy.spatial import cKDTree
 from scipy.stats.qmc import Halton
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
-from drake_pregrasp.config.hand_description import Arm, BaseConfig, Carrier, HandDescription
+from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
+from drake_pregrasp.diagrams.palm_base import PalmCarrier, check_home, make_base, tip_positions
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
-from drake_pregrasp.systems.fingertip_sensor import HandKinematics, frame_names
-from drake_pregrasp.systems.hand_scene import HandScene
-from drake_pregrasp.systems.palm_posture import ArmKinematics, pose_error
+from drake_pregrasp.grasping.grasp_state import BASE
+from drake_pregrasp.systems.fingertip_sensor import HandKinematics, hand_links
+from drake_pregrasp.systems.hand_scene import HandScene, link_balls
+from drake_pregrasp.systems.palm_posture import FROM_ABOVE
 
-_STEPS = 300  # Largest number of steps of an arm to its initial pose.
-_ARRIVED = 1e-5  # Largest error of the palm at its initial pose, in metres and radians.
 _TWO_TURNS = 4 * np.pi
-_JOINT_KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
 _WORKSPACE_SAMPLES = 3000  # Places of a fingertip; 90 % are nearer to the next than half a step.
 _LARGEST_STEP = 0.012  # Largest distance to another place that a finger reaches, in metres.
-
-
-class PalmCarrier:
-    """Four axes that carry a palm.
-
-    Args:
-        config: Description of the axes.
-        plant: A finalized plant that contains only the hand.
-        hand: Model instance of the hand.
-
-    Attributes:
-        joints: Indices of the positions x, y, z and yaw.
-
-    Raises:
-        InvalidArgumentError: If the model lacks such joints.
-    """
-
-    def __init__(self, config: Carrier, plant: MultibodyPlant, hand: ModelInstanceIndex) -> None:
-        self.joints = _positions(plant, hand, config.joints)
-        self._height = config.palm_height
-        for name, expected in zip(config.joints, _JOINT_KINDS, strict=True):
-            kind = plant.GetJointByName(name, hand).type_name()
-            if kind != expected:
-                raise InvalidArgumentError(
-                    f"base.joints: {name} is {kind}; three prismatic joints along x, y and z come"
-                    " first, then a revolute one about z"
-                )
-
-    def posed(self, q: FloatArray, p_WO: FloatArray, yaw: float) -> FloatArray:
-        """Returns positions with the palm over an object and the fingers as in q, shape (nq,).
-
-        Args:
-            q: Positions of all joints, shape (nq,).
-            p_WO: Position of the object in W, shape (3,), in metres.
-            yaw: Yaw of the palm, in radians.
-        """
-        posed = np.array(q, dtype=float)
-        posed[self.joints] = [*(p_WO + np.array([0.0, 0.0, self._height])), yaw]
-        return posed
-
-    def seen_from_object(self, hand: HandKinematics, q: FloatArray) -> FloatArray:
-        """Returns the fingertips' centres over an object at yaw 0, along the axes of W, (k, n, 3).
-
-        Args:
-            hand: Kinematics of the fingertips.
-            q: Positions of all joints, shape (k, nq); those of the carrier are ignored.
-        """
-        return _tip_positions(hand, [self.posed(positions, np.zeros(3), 0.0) for positions in q])
-
-
-class PalmArm:
-    """An arm that carries a palm.
-
-    Args:
-        config: Description of the arm.
-        plant: A finalized plant that contains only the hand and the arm.
-        hand: Model instance of both.
-
-    Attributes:
-        joints: Indices of the arm's positions.
-        palm_frame: Scoped name of the palm's frame P.
-        kinematics: Kinematics of the arm.
-        X_GP: Pose of the palm over the object at yaw 0.
-
-    Raises:
-        InvalidArgumentError: If the model lacks such joints or frames, or home violates limits.
-    """
-
-    def __init__(self, config: Arm, plant: MultibodyPlant, hand: ModelInstanceIndex) -> None:
-        self.joints = _positions(plant, hand, config.joints)
-        if not plant.HasFrameNamed(config.palm, hand):
-            there = ", ".join(frame_names(plant, hand))
-            raise InvalidArgumentError(
-                f"base.palm: there is no frame {config.palm}; there are: {there}"
-            )
-        palm = plant.GetFrameByName(config.palm, hand)
-        self.palm_frame = palm.scoped_name().get_full()
-        self._plant = plant
-        self.kinematics = arm = ArmKinematics(plant, palm, np.array(self.joints))
-        _check_home("base.home", config.joints, config.home, arm.lower, arm.upper)
-        self.X_GP = RigidTransform(RollPitchYaw(config.palm_rpy), config.palm_position)
-        self._home = np.array(config.home)
-
-    def posed(self, q: FloatArray, p_WO: FloatArray, yaw: float) -> FloatArray:
-        """Returns positions with the palm over an object and the fingers as in q, shape (nq,).
-
-        Args:
-            q: Positions of all joints, shape (nq,); those of the arm are ignored.
-            p_WO: Position of the object in W, shape (3,), in metres.
-            yaw: Yaw of the palm, in radians.
-
-        Raises:
-            InvalidArgumentError: If the arm cannot hold the palm there.
-        """
-        X_WP = RigidTransform(RotationMatrix.MakeZRotation(yaw), p_WO) @ self.X_GP
-        context = self._plant.CreateDefaultContext()
-        posed = home = self.with_home(q)
-        for _ in range(_STEPS):
-            posed = self.kinematics.step_to(context, posed, X_WP, home)
-            self._plant.SetPositions(context, posed)
-            error = pose_error(self.kinematics.palm_pose(context), X_WP)
-            if np.max(np.abs(error)) < _ARRIVED:
-                return posed
-        place = ", ".join(f"{x:.3g}" for x in X_WP.translation())
-        raise InvalidArgumentError(
-            f"base: the arm cannot hold the palm at ({place}) m, turned by {yaw:.3g} rad; it stays"
-            f" {1e3 * np.linalg.norm(error[3:]):.3g} mm and {np.linalg.norm(error[:3]):.3g} rad off"
-        )
-
-    def with_home(self, q: FloatArray) -> FloatArray:
-        """Returns positions with the arm at home, shape (nq,)."""
-        home = np.array(q, dtype=float)
-        home[self.joints] = self._home
-        return home
-
-    def seen_from_object(self, hand: HandKinematics, q: FloatArray) -> FloatArray:
-        """Returns the fingertips' centres over an object at yaw 0, as `PalmCarrier` does."""
-        context = hand.plant.CreateDefaultContext()
-        hand.plant.SetPositions(context, self.with_home(q[0]))
-        X_GW = self.X_GP @ self.kinematics.palm_pose(context).inverse()
-        p_WT = _tip_positions(hand, map(self.with_home, q))
-        seen: FloatArray = p_WT @ X_GW.rotation().matrix().T + X_GW.translation()
-        return seen
-
-
-PalmBase = PalmCarrier | PalmArm
-
-
-def make_base(config: BaseConfig, plant: MultibodyPlant, hand: ModelInstanceIndex) -> PalmBase:
-    """Returns the base that a description names in a model."""
-    if isinstance(config, Carrier):
-        return PalmCarrier(config, plant, hand)
-    return PalmArm(config, plant, hand)
-
-
-def _tip_positions(hand: HandKinematics, q: Iterable[FloatArray]) -> FloatArray:
-    """Returns the fingertips' centres in W at positions of all joints, shape (k, n, 3)."""
-    context, p_WT = hand.plant.CreateDefaultContext(), []
-    for positions in q:
-        hand.plant.SetPositions(context, positions)
-        p_WT.append(hand.tip_positions(context))
-    return np.array(p_WT)
-
-
-def _positions(plant: MultibodyPlant, hand: ModelInstanceIndex, names: list[str]) -> list[int]:
-    there = [plant.get_joint(index).name() for index in plant.GetJointIndices(hand)]
-    for name in names:
-        if name not in there:
-            raise InvalidArgumentError(
-                f"base.joints: there is no joint {name}; there are: {', '.join(there)}"
-            )
-    joints = [plant.GetJointByName(name, hand) for name in names]
-    for joint in joints:
-        if joint.num_positions() != 1:
-            raise InvalidArgumentError(
-                f"base.joints: {joint.name()} is {joint.type_name()}; it must slide or turn"
-            )
-    return [joint.position_start() for joint in joints]
-
-
-def _check_home(
-    key: str, names: Sequence[str], home: list[float], lower: FloatArray, upper: FloatArray
-) -> None:
-    if len(home) != len(names):
-        raise InvalidArgumentError(
-            f"{key}: {len(home)} positions must be {len(names)}, one for each of its own joints:"
-            f" {', '.join(names)}"
-        )
-    for name, value, least, most in zip(names, home, lower, upper, strict=True):
-        if not least <= value <= most:
-            raise InvalidArgumentError(
-                f"{key}: {value:g} of {name} must be from {least:g} to {most:g}"
-            )
 
 
 class HandModel:
@@ -209,42 +33,48 @@ class HandModel:
     Args:
         description: Description of the hand.
         yaw_range: Range of the wrist, as for `add_hand_model`.
+        X_LA: Approach of the palm: pose of the frame A, in the frame L with the origin of the
+            object and the axes of W. The palm comes along z of A, about which its yaw turns, and
+            which points to the palm. From above by default, with A as L.
 
     Attributes:
         description: Description of the hand.
+        X_LA: Approach of the palm.
         kinematics: Kinematics of the fingertips.
         base: Carrier or arm of the palm.
         fingers_home: Home positions of the fingers, and zeros for the base, shape (nq,).
         tip_radii: Radii of the fingertips, shape (n,), in metres.
         withdrawn_radii: Radii for `FingertipGoalShaper`, shape (n,), in metres.
-        p_HT: Fingertips at home, over the object at yaw 0, shape (n, 3), in metres.
-        azimuths: Azimuths of the fingertips at home, over the object at yaw 0, shape (n,), in
-            radians.
+        p_HT: Fingertips at home, in A at yaw 0, shape (n, 3), in metres.
+        azimuths: Azimuths of the fingertips at home, in A at yaw 0, shape (n,), in radians.
 
     Raises:
         InvalidArgumentError: If the model and its description do not match.
     """
 
     def __init__(
-        self, description: HandDescription, yaw_range: tuple[float, float] = FREE_TURN
+        self,
+        description: HandDescription,
+        yaw_range: tuple[float, float] = FREE_TURN,
+        X_LA: RigidTransform = FROM_ABOVE,
     ) -> None:
-        self.description, self._yaw_range = description, yaw_range
+        self.description, self._yaw_range, self.X_LA = description, yaw_range, X_LA
         self._diagram = self._parse()  # Keeps the plant alive.
         plant = self._diagram.plant()
-        self.base = make_base(description.base, plant, plant.GetModelInstanceByName(HAND))
+        self.base = make_base(description.base, plant, plant.GetModelInstanceByName(HAND), X_LA)
         self.kinematics = self._kinematics(self._diagram)
         self.tip_radii: FloatArray = np.array([tip.radius for tip in description.fingertips])
-        self.withdrawn_radii: FloatArray = np.array(
-            [tip.withdrawn_radius for tip in description.fingertips]
-        )
         self.fingers_home = self._place_fingers()
-        self.p_HT = self.base.seen_from_object(self.kinematics, self.fingers_home[None])[0]
+        self.p_HT = self._tips_in_A([self.fingers_home])[0]
         self.azimuths: FloatArray = np.arctan2(self.p_HT[:, 1], self.p_HT[:, 0])
+        given = np.array([tip.withdrawn_radius for tip in description.fingertips])
+        mean = np.mean(np.linalg.norm(self.p_HT[:, :2], axis=1))
+        self.withdrawn_radii: FloatArray = np.where(given, given, mean)
         self._check_reach(self.p_HT)
 
     def _parse(self) -> RobotDiagram:
         builder = RobotDiagramBuilder(time_step=0.0)
-        add_hand_model(builder.plant(), self.description, self._yaw_range)
+        add_hand_model(builder.plant(), self.description, self._yaw_range, self.X_LA.rotation())
         builder.plant().Finalize()
         return builder.Build()
 
@@ -329,7 +159,7 @@ class HandModel:
         """Returns the mask of places of each fingertip that its joints reach, shape (n, k).
 
         Args:
-            p_HT: Centres of each fingertip over the object at yaw 0, shape (n, k, 3), in metres.
+            p_HT: Centres of each fingertip in A at yaw 0, shape (n, k, 3), in metres.
         """
         near = zip(self.workspaces, self._steps, p_HT, strict=True)
         return np.array([tree.query(places)[0] <= step for tree, step, places in near])
@@ -349,12 +179,45 @@ class HandModel:
         for joints in own:
             lower, upper = kinematics.lower[joints], kinematics.upper[joints]
             q[:, joints] = lower + shares[:, : len(joints)] * (upper - lower)
-        p_HT = self.base.seen_from_object(kinematics, q)
+        p_HT = self._tips_in_A(q)
         return [cKDTree(p_HT[:, finger]) for finger in fingers]
+
+    def _tips_in_A(self, q: Iterable[FloatArray]) -> FloatArray:
+        """Returns the fingertips in A with the palm at home and fingers as in q, (k, n, 3)."""
+        p_WT = tip_positions(self.kinematics, map(self.base.placed, q))
+        X_AW = self.base.X_AW
+        tips: FloatArray = p_WT @ X_AW.rotation().matrix().T + X_AW.translation()
+        return tips
+
+    def side_depth(self, yaw: float) -> float:
+        """Returns how far fingers at home reach below the palm's axis, in metres.
+
+        Args:
+            yaw: Yaw of a palm from the side, in radians. At yaw 0, x of A points down.
+        """
+        p_HB, radii = self._finger_balls
+        down = p_HB[:, 0] * np.cos(yaw) - p_HB[:, 1] * np.sin(yaw)
+        return float(np.max(down + radii))
+
+    @cached_property
+    def _finger_balls(self) -> tuple[FloatArray, FloatArray]:
+        """Balls inside the links of fingers at home: centres in A at yaw 0, and radii."""
+        plant, inspector = self.kinematics.plant, self._diagram.scene_graph().model_inspector()
+        context = plant.CreateDefaultContext()
+        plant.SetPositions(context, self.base.placed(self.fingers_home))
+        links = hand_links(plant, self.kinematics.frames, self.tip_radii, inspector)
+        X_AW, found = self.base.X_AW, []
+        for geometry, link in links.items():
+            if link.finger != BASE:
+                centers, radii = np.split(link_balls(inspector, geometry), [3], axis=1)
+                p_AB = X_AW @ link.frame.CalcPoseInWorld(context) @ centers.T
+                found.append(np.column_stack([p_AB.T, radii]))
+        balls = np.concatenate(found)
+        return balls[:, :3], balls[:, 3]
 
     def tips_at(self, q: FloatArray) -> FloatArray:
         """Returns the fingertips' centres in W at positions q, shape (n, 3), in metres."""
-        return np.array(_tip_positions(self.kinematics, [q])[0])
+        return np.array(tip_positions(self.kinematics, [q])[0])
 
     @property
     def largest_offsets(self) -> FloatArray:
@@ -373,7 +236,7 @@ class HandModel:
         for index, tip in enumerate(self.description.fingertips):
             own = kinematics.own_joints(index)
             lower, upper = kinematics.lower[own], kinematics.upper[own]
-            _check_home(f"fingertips[{index}].home", names[own].tolist(), tip.home, lower, upper)
+            check_home(f"fingertips[{index}].home", names[own].tolist(), tip.home, lower, upper)
             home[own], left[own] = tip.home, False
         if np.any(left):
             raise InvalidArgumentError(

@@ -6,20 +6,24 @@ unknown origin must not cause that, so it is turned into an error.
 
 import contextlib
 import logging
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from xml.etree import ElementTree
 
+import numpy as np
+from pydrake.math import RollPitchYaw, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import ModelInstanceIndex
 
-from drake_pregrasp.config.hand_description import Carrier, HandDescription
+from drake_pregrasp.config.hand_description import Arm, Carrier, HandDescription
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_assembly import assemble_hand
-from drake_pregrasp.diagrams.model_files import checked_model
+from drake_pregrasp.diagrams.model_files import CheckedModel, checked_model
 from drake_pregrasp.errors import InvalidArgumentError, first_line
 from drake_pregrasp.resources import resolve_path, resource_folder
 from drake_pregrasp.robots.robot_models import ROBOTS_URL, cache_folder, robot_model
+from drake_pregrasp.robots.urdf_mending import DRAKE
 
 
 @contextlib.contextmanager
@@ -55,7 +59,10 @@ HAND = "hand"
 
 
 def add_hand_model(
-    plant: MultibodyPlant, description: HandDescription, yaw_range: tuple[float, float] = FREE_TURN
+    plant: MultibodyPlant,
+    description: HandDescription,
+    yaw_range: tuple[float, float] = FREE_TURN,
+    R_WA: RotationMatrix | None = None,
 ) -> ModelInstanceIndex:
     """Adds a hand to a plant that is not finalized, without gravity, as if it were compensated.
 
@@ -66,6 +73,8 @@ def add_hand_model(
         description: Description of the hand.
         yaw_range: Smallest and largest angle of a carrier's wrist, in radians; the model keeps its
             own range by default.
+        R_WA: Orientation in which a carrier stands in W, with its palm along -z of A (see
+            `HandModel`); None for upright. Arms stay where they are.
 
     Raises:
         InvalidArgumentError: If its model cannot be loaded.
@@ -73,13 +82,17 @@ def add_hand_model(
     parser = Parser(plant)
     path = model_path(description.model)
     parser.SetAutoRenaming(True)
-    copy = None if _is_own(path) and path.suffix != ".xml" else checked_model(path)
+    base, copy = description.base, None
+    stands = R_WA is None or R_WA.IsExactlyIdentity() or isinstance(base, Arm) or base.mount.link
+    if not stands or path.suffix == ".xml" or not _is_own(path):
+        copy = checked_model(path)
     try:
         with held_messages() as messages, failures_as_errors():  # An error says them in one line.
             if copy is None:
                 models = parser.AddModels(str(path))
             else:
-                models = parser.AddModelsFromString(copy.text, copy.kind)
+                text = copy.text if R_WA is None or stands else _turned(copy, R_WA)
+                models = parser.AddModelsFromString(text, copy.kind)
     except (RuntimeError, ValueError) as error:
         problem = first_line(error)
         raise InvalidArgumentError(f"model: {path} is no model of a hand: {problem}") from error
@@ -93,7 +106,7 @@ def add_hand_model(
     plant.RenameModelInstance(hand, HAND)
     try:
         with failures_as_errors():
-            assemble_hand(plant, hand, description)
+            assemble_hand(plant, hand, description, R_WA)
     except (RuntimeError, ValueError) as error:
         raise InvalidArgumentError(f"model: {path}: {first_line(error)}") from error
     plant.set_gravity_enabled(hand, False)
@@ -103,6 +116,40 @@ def add_hand_model(
             joint = plant.GetMutableJointByName(wrist, hand)
             joint.set_position_limits([yaw_range[0]], [yaw_range[1]])
     return hand
+
+
+def _turned(model: CheckedModel, R_WA: RotationMatrix) -> str:
+    """Returns the text of a model that is turned about the origin of W."""
+    ElementTree.register_namespace("drake", DRAKE)
+    root, name = ElementTree.fromstring(model.text), "turned"
+    if model.kind == "sdf":
+        for element in root.findall("model"):
+            pose = element.find("pose")
+            pose = ElementTree.SubElement(element, "pose") if pose is None else pose
+            *p_WM, roll, pitch, yaw = np.array((pose.text or "0 " * 6).split(), dtype=float)
+            R_WM = R_WA @ RollPitchYaw(roll, pitch, yaw).ToRotationMatrix()
+            pose.text = _numbers([*(R_WA @ p_WM), *RollPitchYaw(R_WM).vector()])
+    elif model.kind == "urdf":
+        for parent in root.findall("joint/parent[@link='world']"):
+            parent.set("link", name)
+        joint = ElementTree.SubElement(root, "joint", name=name, type="fixed")
+        ElementTree.SubElement(joint, "origin", rpy=_numbers(RollPitchYaw(R_WA).vector()))
+        ElementTree.SubElement(joint, "parent", link="world")
+        ElementTree.SubElement(joint, "child", link=name)
+        ElementTree.SubElement(root, "link", name=name)
+    else:
+        quat = _numbers(R_WA.ToQuaternion().wxyz())
+        for world in root.findall("worldbody"):
+            bodies = world.findall("body")
+            turned = ElementTree.SubElement(world, "body", name=name, quat=quat)
+            for body in bodies:
+                world.remove(body)
+                turned.append(body)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(repr(float(value)) for value in values)
 
 
 def _is_own(model: Path) -> bool:

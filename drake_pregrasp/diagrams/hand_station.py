@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import SceneGraph
+from pydrake.math import RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
@@ -74,6 +75,7 @@ class HandStation(Diagram):
         yaw_range: Range of the wrist, as for `add_hand_model`.
         period: Seconds between ticks of the controller, for `link_forces`.
         obstacles: Obstacles that are bodies.
+        R_WA: Orientation of the carrier, as for `add_hand_model`.
 
     Raises:
         InvalidArgumentError: If the hand's model cannot be loaded.
@@ -94,6 +96,7 @@ class HandStation(Diagram):
         yaw_range: tuple[float, float] = FREE_TURN,
         period: float = GraspConfig.period,
         obstacles: Sequence[MovingSolid] = (),
+        R_WA: RotationMatrix | None = None,
     ) -> None:
         super().__init__()
         builder = DiagramBuilder()
@@ -104,7 +107,7 @@ class HandStation(Diagram):
             plant_config,
             friction=friction,
             obstacles=obstacles,
-            add_more=lambda plant: add_hand_model(plant, hand, yaw_range),
+            add_more=lambda plant: add_hand_model(plant, hand, yaw_range, R_WA),
             holds_pose=True,
         )
         instance = self.plant.GetModelInstanceByName(HAND)
@@ -217,6 +220,7 @@ def add_driven_hand(
             yaw_range=grasp.yaw_range,
             period=grasp.period,
             obstacles=obstacles,
+            R_WA=hand.X_LA.rotation(),
         ),
     )
     connect(builder, station, "hand_state net_actuation", controller)

@@ -24,7 +24,8 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspSettings
 from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
-from drake_pregrasp.systems.palm_posture import reach_frame
+from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE
+from drake_pregrasp.systems.palm_posture import FROM_ABOVE, reach_frame
 
 ConstraintsAt = Callable[[float], RegionConstraints]
 """Function from a yaw of the palm, in radians, to the constraints of the contacts in O."""
@@ -35,6 +36,7 @@ def start_constraints(
     X_WO: RigidTransform,
     fixed: Sequence[Solid],
     yaw_range: tuple[float, float],
+    X_LA: RigidTransform = FROM_ABOVE,
 ) -> ConstraintsAt:
     """Returns the constraints of a hand's contacts as a function of the palm's yaw.
 
@@ -43,6 +45,7 @@ def start_constraints(
         X_WO: Pose of the object.
         fixed: Solids in W that fingertips avoid, such as the table.
         yaw_range: Smallest and largest angle of the palm, in radians.
+        X_LA: Approach of the palm; see `HandModel`.
     """
     R_OW = X_WO.rotation().matrix().T
     shared = RegionConstraints(
@@ -56,8 +59,8 @@ def start_constraints(
     )
 
     def at(yaw: float) -> RegionConstraints:
-        R_OH = R_OW @ reach_frame(X_WO, yaw, yaw_range).rotation().matrix()
-        return replace(shared, reach_pose=(R_OH, np.zeros(3)))
+        R_OH = R_OW @ reach_frame(X_WO, yaw, yaw_range, X_LA).rotation().matrix()
+        return replace(shared, reach_pose=(R_OH, R_OW @ X_LA.translation()))
 
     return at
 
@@ -94,30 +97,35 @@ def choose_contacts(
     settings = config.make_settings(hand.description.fingertips)
     least = np.full(len(hand.azimuths), settings.least_force)
 
-    heights = (0.0, max(settings.lift_height, settings.approach_height))
+    R_OW, X_LA = R_WO.T, hand.X_LA
+    R_OA, p_OA = R_OW @ X_LA.rotation().matrix(), R_OW @ X_LA.translation()
+
+    is_above = X_LA.rotation().IsExactlyIdentity()
 
     def holds_palm(yaw: float) -> bool:
         try:
-            check_palm(hand, [X_WO, *path], yaw, yaw_range, heights)
+            check_palm(hand, [X_WO, *path], yaw, yaw_range, raised_places(hand, config))
         except InvalidArgumentError:
             return False
-        return True
+        height = float((X_WO.translation() + X_LA.translation())[2])
+        return is_above or hand.side_depth(yaw) + LINK_CLEARANCE <= height
 
     return choose_start_contacts(
         surface,
         solid,
         HandOverObject(
-            constraints_at=start_constraints(limits, X_WO, fixed, yaw_range),
-            p_OT_at=lambda yaw: hand.p_HT @ (R_WO.T @ _turned(yaw)).T,
+            constraints_at=start_constraints(limits, X_WO, fixed, yaw_range, X_LA),
+            p_OT_at=lambda yaw: hand.p_HT @ (R_OA @ _turned(yaw)).T + p_OA,
             azimuths=hand.azimuths,
-            R_WO=R_WO,
-            wrench=np.append(R_WO.T @ [0.0, 0.0, -GRAVITY * mass], np.zeros(3)),
+            R_AO=R_OA.T,
+            p_AO=-p_OA @ R_OA,
+            wrench=np.append(R_OW @ [0.0, 0.0, -GRAVITY * mass], np.zeros(3)),
             friction=config.planned_friction,
             normal_forces=np.array([least, settings.largest_force]),
             yaw_range=yaw_range,
             least_fingers=GraspSettings.least_fingers,
             holds_palm=holds_palm,
-            in_workspace=lambda yaw, p_OT: hand.in_workspace(p_OT @ R_WO.T @ _turned(yaw)),
+            in_workspace=lambda yaw, p_OT: hand.in_workspace((p_OT - p_OA) @ R_OA @ _turned(yaw)),
         ),
     )
 
@@ -272,25 +280,33 @@ def check_palm(
     poses: Sequence[RigidTransform],
     yaw: float,
     yaw_range: tuple[float, float],
-    heights: Sequence[float],
+    places: Sequence[FloatArray],
 ) -> None:
-    """Checks that a hand can hold its palm over an object.
+    """Checks that a hand can hold its palm at an object.
 
     Args:
         hand: Model of the hand.
         poses: Poses of the object, with which the palm turns.
         yaw: Yaw of the palm over the first pose, in radians.
         yaw_range: Smallest and largest angle of the palm, in radians.
-        heights: Heights of the palm over its place at each pose, in metres.
+        places: Places of G relative to the object's origin at each pose, in W, in metres.
 
     Raises:
         InvalidArgumentError: If an arm cannot hold the palm.
     """
+    upright = hand.X_LA.rotation().matrix()[2, 2]  # The palm turns with the object.
     first, *_ = turns = [RollPitchYaw(X_WO.rotation()).yaw_angle() for X_WO in poses]
     for X_WO, turn in zip(poses, turns, strict=True):
-        for height in heights:
-            raised = X_WO.translation() + np.array([0.0, 0.0, height])
-            hand.home(raised, float(np.clip(yaw + turn - first, *yaw_range)))
+        turned = float(np.clip(yaw + (turn - first) * upright, *yaw_range))
+        for place in places:
+            hand.home(X_WO.translation() + place, turned)
+
+
+def raised_places(hand: HandModel, config: GraspConfig) -> list[FloatArray]:
+    """Returns places of G relative to the object's origin between which a hand moves, in W."""
+    settings = config.make_settings()
+    back = settings.approach_height * hand.X_LA.rotation().matrix()[:, 2]
+    return [np.zeros(3), back, settings.lift_height * config.lift_axis]
 
 
 def _turned(yaw: float) -> FloatArray:

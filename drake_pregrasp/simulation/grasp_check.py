@@ -4,14 +4,16 @@ import contextlib
 from collections.abc import Iterator
 
 from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.grasp_config import ABOVE, SIDE
 from drake_pregrasp.config.object_config import PoseStream
 from drake_pregrasp.contacts.assignment import palm_turn
 from drake_pregrasp.diagrams import start_grasp
+from drake_pregrasp.diagrams.approaches import least_side_height
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.start_grasp import check_count, check_palm, check_room
+from drake_pregrasp.diagrams.start_grasp import check_count, check_palm, check_room, raised_places
 from drake_pregrasp.errors import PregraspError, ScenarioError
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.simulation.hand_file import HandConfig, load_hand
+from drake_pregrasp.simulation.hand_file import HandConfig, load_hand, load_hand_model
 from drake_pregrasp.simulation.scenario import Scenario, followed_path, initial_contacts
 
 Problems = Iterator[tuple[str, str]]
@@ -58,11 +60,21 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         hand = load_hand(grasp.hand)
     if scenario.hand != HandConfig():
         yield "hand", "has no effect with grasp.hand, which sets the pose; leave it out"
+    with errors_at("grasp.lift_direction"):
+        _ = grasp.lift_axis
+    if not scenario.chooses_contacts and grasp.approaches != [ABOVE]:
+        problem = f"{grasp.approaches} must be [{ABOVE}], because contacts are given"
+        yield "grasp.approaches", problem
     with errors_at("grasp.hand"):
         check_count(hand, scenario.num_contacts)
     if plant.discrete_contact_approximation == "tamsi":
         problem = "tamsi has no drives for a hand's joints; choose sap, similar or lagged"
         yield "plant_config.discrete_contact_approximation", problem
+    with errors_at("grasp.hand", f"{grasp.hand}: "):
+        least = least_side_height(load_hand_model(grasp.hand)) if SIDE in grasp.approaches else 0.0
+    if 0 < grasp.side_height < least:
+        problem = f"{grasp.side_height} must be at least {least:.3g}"
+        yield "grasp.side_height", f"{problem}, so that the hand clears the table"
     with errors_at("grasp.hand", f"{grasp.hand}: "):
         model = scenario.load_hand_model()
     with errors_at("grasp.wrist_range"):
@@ -92,11 +104,11 @@ def check_fingers_have_room(scenario: Scenario, surface: ObjectSurface) -> None:
 
 def _check_arm(scenario: Scenario, model: HandModel, p_OC: FloatArray) -> None:
     """Raises an error unless the arm can reach the object at all times, and lift it."""
-    grasp, settings = scenario.grasp, scenario.grasp.make_settings()
+    grasp = scenario.grasp
     yaw_range = model.yaw_range(grasp.yaw_range)
-    heights = (0.0, max(settings.lift_height, settings.approach_height))
     (_, start), *_ = path = followed_path(scenario, model)
-    first = palm_turn(p_OC @ start.rotation().matrix().T, model.azimuths, 0.0, yaw_range)
+    p_AC = (model.X_LA.inverse() @ (start.rotation() @ p_OC.T)).T
+    first = palm_turn(p_AC, model.azimuths, 0.0, yaw_range)
     for time, X_WO in path:
         with errors_at("motion", f"at {time:.3g} s the object is out of the arm's reach: "):
-            check_palm(model, [start, X_WO], first, yaw_range, heights)
+            check_palm(model, [start, X_WO], first, yaw_range, raised_places(model, grasp))

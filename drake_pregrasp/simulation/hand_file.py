@@ -19,6 +19,7 @@ from drake_pregrasp.resources import MODELS_URL, make_paths_absolute, resolve_pa
 from drake_pregrasp.robots.robot_models import ROBOTS_URL
 from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.yaml_text import load_typed, read_yaml
+from drake_pregrasp.systems.palm_posture import FROM_ABOVE
 
 _VECTOR = {"length": 3, "at_least": -10, "at_most": 10}
 
@@ -91,7 +92,11 @@ def check_hand_files(hand: str, allowed: Sequence[Path], source: str) -> None:
 
 
 def load_hand_model(
-    file: str | Path, yaw_range: tuple[float, float] = FREE_TURN, *, object_top: float = 0.0
+    file: str | Path,
+    yaw_range: tuple[float, float] = FREE_TURN,
+    *,
+    object_top: float = 0.0,
+    X_LA: RigidTransform = FROM_ABOVE,
 ) -> HandModel:
     """Loads a hand and its model, or returns the cached model while both files are unchanged.
 
@@ -99,6 +104,7 @@ def load_hand_model(
         file: File of the hand's description; see `load_hand`.
         yaw_range: Range of the palm's yaw in radians; see `HandModel`.
         object_top: Height of the object's top over its origin, in metres; see `HandDescription`.
+        X_LA: Approach of the palm; see `HandModel`.
 
     Raises:
         ScenarioError: If the description is invalid; see `load_hand`.
@@ -107,7 +113,8 @@ def load_hand_model(
     path = model_path(load_hand(file).model)
     own = resolve_path(str(file), Path.cwd())
     changed = own.stat().st_mtime_ns, path.stat().st_mtime_ns
-    return _model(own, path, changed, yaw_range, object_top)
+    approach = tuple(X_LA.GetAsMatrix34().ravel().tolist())
+    return _model(own, path, changed, yaw_range, object_top, approach)
 
 
 @functools.lru_cache(maxsize=2)  # Models without and with the range of the wrist.
@@ -117,9 +124,11 @@ def _model(
     changed: tuple[int, int],
     yaw_range: tuple[float, float],
     object_top: float,
+    approach: tuple[float, ...],
 ) -> HandModel:
     try:
         with failures_as_errors():
-            return HandModel(load_hand(file).over_object(object_top), yaw_range)
+            X_LA = RigidTransform(np.reshape(approach, (3, 4)))
+            return HandModel(load_hand(file).over_object(object_top), yaw_range, X_LA)
     except RuntimeError as error:
         raise InvalidArgumentError(f"model: {model} cannot be used: {first_line(error)}") from error

@@ -115,12 +115,13 @@ def shown_path(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
     duration = scenario.simulation_duration + scenario.planner.estimator.lookahead
     if not grasp.has_hand:
         return expected_path(scenario.motion, duration, scenario.object), _CAMERA
-    settings, hand = grasp.make_settings(), scenario.load_hand_model().description
+    settings, model = grasp.make_settings(), scenario.load_hand_model()
+    hand = model.description
     duration = min(duration, grasp.latest_rest(hand.fingertips))
     path = expected_path(scenario.motion, duration, scenario.object)
     above = hand.palm_height + max(settings.lift_height, settings.approach_height)
     has_arm = isinstance(hand.base, Arm)
-    raised = path[[0, -1]] + [0.0, 0.0, above + has_arm * _ARM_RAISED]
+    raised = path[[0, -1]] + model.X_LA @ np.array([0.0, 0.0, above + has_arm * _ARM_RAISED])
     return np.concatenate([path, raised]), _ARM_CAMERA if has_arm else _CAMERA
 
 

@@ -2,7 +2,7 @@
 
 import math
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -11,7 +11,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
-from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.config.grasp_config import ABOVE, GraspConfig
 from drake_pregrasp.config.object_config import (
     Box,
     Conveyor,
@@ -31,6 +31,7 @@ from drake_pregrasp.contacts.assignment import (
 )
 from drake_pregrasp.contacts.start_contacts import StartContacts
 from drake_pregrasp.diagrams import start_grasp
+from drake_pregrasp.diagrams.approaches import best_approach, candidate_approaches
 from drake_pregrasp.diagrams.expected_path import expected_poses, initial_pose
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import TABLE
@@ -42,6 +43,7 @@ from drake_pregrasp.diagrams.start_grasp import (
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand, load_hand_model
 from drake_pregrasp.simulation.obstacle_config import ObstacleConfig, moving_solid
+from drake_pregrasp.systems.palm_posture import FROM_ABOVE
 from drake_pregrasp.systems.pose_sensor import MAX_SEED
 from drake_pregrasp.systems.sources import MovingSolid
 
@@ -208,14 +210,35 @@ class Scenario:
         return self.surface.make_surface(self.object, spacing, tip)
 
     def load_hand_model(self, yaw_range: tuple[float, float] = FREE_TURN) -> HandModel:
-        """Loads the hand's model with its description for the scenario's object.
+        """Loads the hand's model with its description for the scenario's object and approach.
 
         Args:
             yaw_range: Range of the palm's yaw in radians; see `HandModel`.
         """
-        up = initial_pose(self.motion, self.object).rotation().matrix()[2]
-        top = float(np.max(self.object.make_shape().mesh.vertices @ up))
-        return load_hand_model(self.grasp.hand, yaw_range, object_top=top)
+        return self._hand_from(self.approach, yaw_range)
+
+    def _hand_from(
+        self, X_LA: RigidTransform, yaw_range: tuple[float, float] = FREE_TURN
+    ) -> HandModel:
+        R_WO = initial_pose(self.motion, self.object).rotation()
+        R_AO = (X_LA.rotation().inverse() @ R_WO).matrix()
+        top = float(np.max(self.object.make_shape().mesh.vertices @ R_AO[2]))
+        return load_hand_model(self.grasp.hand, yaw_range, object_top=top, X_LA=X_LA)
+
+    @property
+    def approach(self) -> RigidTransform:
+        """Approach X_LA of the palm (see `HandModel`), the one with the best first contacts."""
+        if self.grasp.approaches == [ABOVE] or not self.chooses_contacts:
+            return FROM_ABOVE
+        key = repr(replace(self, description="", random_seed=0))
+        if key not in _approaches:
+            surface, X_WO = self.make_surface(), initial_pose(self.motion, self.object)
+            hand = self._hand_from(FROM_ABOVE)
+            _approaches[key] = best_approach(
+                candidate_approaches(self.grasp, hand, X_WO, surface.p_OCoM),
+                lambda X_LA: _contacts_from(self, surface, self._hand_from(X_LA)).score,
+            )
+        return _approaches[key]
 
     def remaining_contacts(self) -> list[int]:
         """Returns the indices of the contacts that are never lost."""
@@ -288,6 +311,7 @@ def initial_contacts(scenario: Scenario, surface: ObjectSurface) -> tuple[FloatA
     )
 
 
+_approaches: dict[str, RigidTransform] = {}
 _chosen: WeakKeyDictionary[ObjectSurface, dict[str, StartContacts]] = WeakKeyDictionary()
 
 
@@ -301,11 +325,15 @@ def chosen_contacts(scenario: Scenario, surface: ObjectSurface) -> StartContacts
     Raises:
         NoGraspError: If there are none.
     """
-    hand, grasp = scenario.load_hand_model(), scenario.grasp
-    X_WO, limits = initial_pose(scenario.motion, scenario.object), hand_planner(scenario).limits
+    return _contacts_from(scenario, surface, scenario.load_hand_model())
+
+
+def _contacts_from(scenario: Scenario, surface: ObjectSurface, hand: HandModel) -> StartContacts:
+    grasp, X_WO = scenario.grasp, initial_pose(scenario.motion, scenario.object)
+    limits = start_grasp.hand_planner(scenario.planner, grasp, hand.description).limits
     mass, path = scenario.object.mass, [X for _, X in followed_path(scenario, hand)]
     poses = [X.GetAsMatrix4().tolist() for X in (X_WO, *path)]
-    key = repr((hand.description, grasp, limits, mass, poses))
+    key = repr((hand.description, hand.X_LA, grasp, limits, mass, poses))
     known = _chosen.setdefault(surface, {})
     if key not in known:
         known[key] = choose_contacts(

@@ -18,6 +18,7 @@ from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.grasping.fingertip_paths import MOVING_CLEARANCE, Pace, TipPlaces, shape_goals
 from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.regions.obstacles import ANYWHERE
+from drake_pregrasp.systems.palm_posture import FROM_ABOVE
 from drake_pregrasp.systems.ports import (
     BUS,
     OBSTACLES,
@@ -134,6 +135,8 @@ class FingertipGoalShaper(LeafSystem):
         withdrawn_radii: Distance from z of G at which each finger without an active contact waits,
             shape (n,), in metres. 0, also the default, stands for the mean initial distance of the
             fingertips from z of G.
+        X_LA: Approach of the palm; see `HandModel`. Fingers go around z of A, and withdraw along
+            it.
 
     Raises:
         InvalidArgumentError: If an argument or a field of `config` is out of its range.
@@ -152,6 +155,7 @@ class FingertipGoalShaper(LeafSystem):
         target_period: float,
         lead: float = 0.0,
         withdrawn_radii: FloatArray | None = None,
+        X_LA: RigidTransform = FROM_ABOVE,
         **deprecated: Any,
     ) -> None:
         super().__init__()
@@ -176,7 +180,7 @@ class FingertipGoalShaper(LeafSystem):
             directions=np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(n)], axis=1),
             withdrawn_radii=np.where(radii, radii, mean_radius),
         )
-        self._fixed, self._lead = tuple(fixed), lead
+        self._fixed, self._lead, self._X_AL = tuple(fixed), lead, X_LA.inverse()
         acceleration = GOAL_SHARE * config.tip_acceleration
         self._pace = Pace(config.goal_speed, acceleration, config.period)
         self._standoff = config.standoff
@@ -222,19 +226,22 @@ class FingertipGoalShaper(LeafSystem):
         p_OC, nhat = context.get_discrete_state(kept).value().reshape(2, -1, 3)
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
         self._pose.store(context, discrete_state)
-        # Paths are planned in the level frame L: it has the origin of G and the axes of W.
+        # Paths are planned in the frame A of the approach, in which the palm's axis is z.
         X_WG = self._pose.eval(context)
-        R_LG, p_LW, upright = X_WG.rotation().matrix(), -X_WG.translation(), np.eye(3)
-        obstacles = eval_solids(self, self._obstacles, context, upright, p_LW)
+        X_AG = self._X_AL @ RigidTransform(X_WG.rotation(), np.zeros(3))
+        X_AW = self._X_AL @ RigidTransform(-X_WG.translation())
+        R_AG, p_AG = X_AG.rotation().matrix(), X_AG.translation()
+        R_AW, p_AW = X_AW.rotation().matrix(), X_AW.translation()
+        obstacles = eval_solids(self, self._obstacles, context, R_AW, p_AW)
         if ANYWHERE in obstacles:
             discrete_state.set_value(self._rates, np.zeros(p_GT.size))
             return
         goal = p_OC + (self._radius + standoffs)[:, None] * nhat
-        object_solid = self._object.moved(R_LG, np.zeros(3))
-        p_LT, goal = p_GT @ R_LG.T, goal @ R_LG.T
+        object_solid = self._object.moved(R_AG, p_AG)
+        p_AT, goal = p_GT @ R_AG.T + p_AG, goal @ R_AG.T + p_AG
         if not active.all():
             top = object_solid.highest(np.array([0.0, 0.0, 1.0]))
-            withdrawn = self._places.withdrawn(p_LT, self._palm_turn(context), top)
+            withdrawn = self._places.withdrawn(p_AT, self._palm_turn(context), top)
             goal = np.where(active[:, None], goal, withdrawn)
         holding = held & active
         if self._fingers_hold.HasValue(context):
@@ -243,16 +250,16 @@ class FingertipGoalShaper(LeafSystem):
             object_solid,
             np.where(active, standoffs, MOVING_CLEARANCE),
             goal,
-            fixed=[solid.moved(upright, p_LW) for solid in self._fixed],
+            fixed=[solid.moved(R_AW, p_AW) for solid in self._fixed],
             obstacles=obstacles,
             holding=holding,
         )
         if not held and (permitted := room.permitted(goal)) is not goal:
-            shift = np.where(active[:, None], permitted - goal, 0) @ R_LG
+            shift = np.where(active[:, None], permitted - goal, 0) @ R_AG
             along = shift - np.sum(shift * nhat, axis=1, keepdims=True) * nhat
-            p_OC, goal = p_OC + along, goal + along @ R_LG.T
+            p_OC, goal = p_OC + along, goal + along @ R_AG.T
         v_GT = context.get_discrete_state(self._rates).value().reshape(-1, 3)
-        shaped = shape_goals(p_LT, v_GT @ R_LG.T, goal, self._pace, room) @ R_LG
+        shaped = (shape_goals(p_AT, v_GT @ R_AG.T, goal, self._pace, room) - p_AG) @ R_AG
         rates = self._pace.limited((shaped - p_GT) / self._pace.period, v_GT)
         discrete_state.set_value(self._active, active.astype(float))
         discrete_state.set_value(self._tips, shaped.ravel())
@@ -281,11 +288,11 @@ class FingertipGoalShaper(LeafSystem):
         discrete_state.set_value(self._targeted, targeted)
 
     def _palm_turn(self, context: Context) -> FloatArray | None:
-        """Returns the orientation of the palm in W, or None without a valid pose."""
+        """Returns the orientation of the palm in A, or None without a valid pose."""
         if not self._X_WU.HasValue(context) or not is_valid(self._X_WU.Eval(context)):
             return None
-        R_WU: FloatArray = self._X_WU.Eval(context).rotation().matrix()
-        return R_WU
+        R_AU: FloatArray = (self._X_AL.rotation() @ self._X_WU.Eval(context).rotation()).matrix()
+        return R_AU
 
     def _calc_tip_goals(self, context: Context) -> BusValue:
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)

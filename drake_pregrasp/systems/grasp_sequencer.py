@@ -1,7 +1,7 @@
 """Sequence of a grasp: the moment of closing, the forces, and the motion of the object."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
 
@@ -24,6 +24,7 @@ from drake_pregrasp.grasping.grasp_state import (
     GraspPhase,
     GraspState,
     GraspView,
+    Ramp,
     Squeeze,
 )
 from drake_pregrasp.grasping.held_motion import HeldMotion
@@ -87,8 +88,7 @@ class GraspSequencer(LeafSystem):
     Port `X_WO_estimated` accepts a `RigidTransform`: the estimated pose of the object O in W. If it
     is invalid, the object is treated as lost at its last valid pose.
 
-    Port `V_WO_estimated` accepts a `SpatialVelocity`: the estimated velocity of O in W. An invalid
-    one counts as zero.
+    Port `V_WO_estimated` accepts a `SpatialVelocity`: that of O in W; zero if it is invalid.
 
     Port `p_WT` accepts a vector of 3n: the fingertips' centres in W, in metres. The hand does not
     close with a finger whose position is not finite.
@@ -98,12 +98,11 @@ class GraspSequencer(LeafSystem):
 
     Port `tracking_status` (optional) accepts a vector of 1: a `TrackingStatus`; any other number
     counts as `LOST`. While goals must not follow the estimate, the hand does not descend, and it
-    waits to close without a time limit and reports that. A closing hand opens unless all fingers
-    have touched the object; then it continues. If the port is unconnected, the object is tracked.
+    waits to close without a time limit and reports that. A closing hand opens, unless all fingers
+    have touched the object. If the port is unconnected, the object is tracked.
 
     Port `J_WT` (optional) accepts a vector of 3n nq: the Jacobians of the fingertips' velocities in
-    W, shape (n, 3, nq) (`FingertipSensor`). If it is finite, the squeeze is within the largest
-    torques of the joints.
+    W, shape (n, 3, nq). If it is finite, the squeeze is within the largest torques of the joints.
 
     Port `hindered_finger` (optional) accepts a vector of 1: the finger whose links stop the hand,
     `BASE`, or `NOT_HINDERED` (`DifferentialKinematics`). The report says so while the hand stands.
@@ -112,33 +111,28 @@ class GraspSequencer(LeafSystem):
     the estimated pose of O, raised while the hand approaches. When all fingers touch, they stick to
     the object, and G moves with them and no longer with the estimate, so that on average they are
     at their goals: a table that accelerates takes the hand along, and no strain of the touch pushes
-    the object. For the lift, G stops and moves straight up.
+    the object. For the lift, G stops and moves straight along `lift_direction`.
 
     Port `V_WG` emits a `SpatialVelocity`: the velocity of G in W, on average until the next tick.
 
     Port `standoffs` emits a vector of n: the desired gap of each fingertip, in metres.
 
-    Port `hold_contacts` emits a vector of 1: 1 from the moment the hand closes or gives up until it
-    approaches again, else 0.
+    Port `hold_contacts` emits a vector of 1: 1 from closing or giving up until the next approach.
 
     Port `fingers_hold` emits a vector of n: 1 for each finger on its contact or on the way to it,
     from the moment the hand closes until it releases; 0 for fingers that may avoid obstacles.
 
     Port `squeeze_forces` emits a vector of 3n: the desired forces of the fingertips, in W, in
-    newtons. The table carries the weight until the lift, so that friction still moves the object
-    with it.
+    newtons; once the hand closes, at the points of the object nearest to the fingertips. They
+    balance weight and acceleration of the lift. The table carries the weight until the lift.
 
     Port `grasp_report` emits a vector of 4: the `GraspPhase`, its start in seconds, the `GiveUp`
     and its detail (`describe_give_up`).
 
-    Port `V_WO_held` emits a vector of 7: 1 while the fingers hold the object, then the
-    angular velocity of O in W, in rad/s, and its velocity, in m/s, which do not depend on the
-    estimate; else zeros.
+    Port `V_WO_held` emits a vector of 7: 1 while the fingers hold the object, then the angular
+    velocity of O in W, in rad/s, and its velocity, in m/s, without the estimate; else zeros.
 
     Port `force_limits` emits a vector of n, in newtons: `GraspState.force_limits`.
-
-    The squeeze balances the object's weight and the largest acceleration of the lift. Once the hand
-    closes, it is planned at the points of the object nearest to the fingertips, not the contacts.
 
     Args:
         config: Configuration of the grasp; `GraspConfig()` by default.
@@ -147,6 +141,7 @@ class GraspSequencer(LeafSystem):
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
         object_solid: The object in O; None to plan the squeeze at the contacts of `contact_frames`.
         efforts: Largest torque of each joint, shape (nq,), in N m; empty for no limits.
+        palm_axis: Unit vector from the object to the palm in W, shape (3,).
 
     Raises:
         InvalidArgumentError: If a field of `config` is out of its range.
@@ -161,6 +156,7 @@ class GraspSequencer(LeafSystem):
         fingertips: Sequence[Fingertip] = (),
         object_solid: SignedDistance | None = None,
         efforts: FloatArray | None = None,
+        palm_axis: FloatArray = _UP,
         **deprecated: Any,
     ) -> None:
         super().__init__()
@@ -175,6 +171,7 @@ class GraspSequencer(LeafSystem):
         n = len(fingertips)
         self._config, self._mass, self._p_OCoM = config, mass, np.array(p_OCoM)
         self._settings = settings or config.make_settings(fingertips)
+        self._palm_axis, self._lift_axis = palm_axis, config.lift_axis
         self._solid, self._efforts = object_solid, np.empty(0) if efforts is None else efforts
         self._radius = np.array([tip.radius for tip in fingertips])
         first = GraspState.first(n, self._settings)
@@ -256,9 +253,9 @@ class GraspSequencer(LeafSystem):
         p_WT = validated_numbers(self._p_WT.Eval(context)).reshape(-1, 3)
         on = state.active & np.all(np.isfinite(p_WT) & np.isfinite(p_GT), axis=1)
         now = last.at(time)
-        if not np.any(on):
-            return now
-        return now.following(p_WT[on], p_GT[on], time - last.time, self._config.period)
+        if np.any(on):
+            now = now.following(p_WT[on], p_GT[on], time - last.time, self._config.period)
+        return now
 
     def _calc_motion(self, context: Context) -> HeldMotion:
         state: GraspState = self._remembered.Eval(context)
@@ -273,16 +270,15 @@ class GraspSequencer(LeafSystem):
 
     def _calc_X_WG(self, context: Context) -> RigidTransform:
         motion: HeldMotion = self._motion.Eval(context)
-        height = self._remembered.Eval(context).height.value(context.get_time())
-        return RigidTransform(RotationMatrix(motion.R_WG), motion.p_WG + height * _UP)
+        p_WG = motion.p_WG + self._raised(context, Ramp.value)
+        return RigidTransform(RotationMatrix(motion.R_WG), p_WG)
 
     def _calc_V_WG(self, context: Context) -> SpatialVelocity:
         motion: HeldMotion = self._motion.Eval(context)
         return self._rising(context, motion.V_WG + self._config.period / 2 * motion.A_WG)
 
     def _calc_V_WO_held(self, context: Context) -> FloatArray:
-        state: GraspState = self._remembered.Eval(context)
-        force = state.force.value(context.get_time())
+        force = self._remembered.Eval(context).force.value(context.get_time())
         if force == 0 or np.isnan(self._sticking_tips(context)).all():
             return np.zeros(7)
         return np.append(1.0, self._rising(context, self._held.Eval(context).V_WG).get_coeffs())
@@ -292,8 +288,12 @@ class GraspSequencer(LeafSystem):
         return state.force_limits(context.get_time(), self._settings.touch_force)
 
     def _rising(self, context: Context, V_WG: FloatArray) -> SpatialVelocity:
-        rate = self._remembered.Eval(context).height.rate(context.get_time())
-        return SpatialVelocity(w=V_WG[0], v=V_WG[1] + rate * _UP)
+        return SpatialVelocity(w=V_WG[0], v=V_WG[1] + self._raised(context, Ramp.rate))
+
+    def _raised(self, context: Context, change: Callable[[Ramp, float], float]) -> FloatArray:
+        state, time = self._remembered.Eval(context), context.get_time()
+        axis = self._lift_axis if state.force.value(time) > 0 else self._palm_axis
+        return np.asarray(change(state.height, time) * axis)
 
     def _contacts(self, context: Context) -> tuple[FloatArray, FloatArray]:
         p_OC, nhat = validated_numbers(self._frames.Eval(context)).reshape(2, -1, 3)
@@ -361,7 +361,7 @@ class GraspSequencer(LeafSystem):
             return Squeeze(forces, GRAVITY * self._mass)
         # A ramp of duration T over the height h accelerates by at most 6 h / T^2.
         lift = 6 * settings.lift_height / settings.lift_duration**2
-        load_O = -self._mass * (GRAVITY + lift) * R_WO[2]
+        load_O = -self._mass * (GRAVITY * _UP + lift * self._lift_axis) @ R_WO
         jacobians = None
         if self._J_WT.HasValue(context):
             J_WT = validated_numbers(self._J_WT.Eval(context)).reshape(len(active), 3, -1)[active]

@@ -1,6 +1,7 @@
 """Posture of the palm over the object while the fingertips follow their goals."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
@@ -28,6 +29,9 @@ from drake_pregrasp.systems.ports import (
     validated_poses,
     validated_velocity,
 )
+
+FROM_ABOVE = RigidTransform()
+"""Approach of a palm from above; see `HandModel`."""
 
 _DAMPING = 1e-4  # Damping of joint steps against palm steps, in metres or radians of the palm.
 _LARGEST_STEP = 0.2  # Largest step of a joint, in radians.
@@ -105,6 +109,7 @@ class _PalmPosture(LeafSystem):
         yaw_range: Smallest and largest angle of the palm, in radians.
         period: Seconds between ticks.
         state: Initial state, with the palm's yaw in radians as its last element.
+        X_LA: Approach of the palm; see `HandModel`.
     """
 
     def __init__(
@@ -114,12 +119,13 @@ class _PalmPosture(LeafSystem):
         yaw_range: tuple[float, float],
         period: float,
         state: FloatArray,
+        X_LA: RigidTransform,
     ) -> None:
         super().__init__()
         if not period > 0:
             raise InvalidArgumentError(f"period must be greater than 0 s, not {period}")
         self._tip_frames, self._azimuths = list(tip_frames), np.array(finger_azimuths)
-        self._yaw_range, self._period = yaw_range, period
+        self._yaw_range, self._period, self._X_LA = yaw_range, period, X_LA
 
         self._state: DiscreteStateIndex = self.DeclareDiscreteState(state)
         self._tip_goals = self.DeclareAbstractInputPort("tip_goals", BUS)
@@ -135,31 +141,41 @@ class _PalmPosture(LeafSystem):
 
     def _calc_X_WH(self, context: Context) -> RigidTransform:
         yaw = context.get_discrete_state(self._state).value()[-1]
-        return reach_frame(self._object.eval(context), yaw, self._yaw_range)
+        return reach_frame(self._object.eval(context), yaw, self._yaw_range, self._X_LA)
 
     def _calc_X_WU(self, context: Context) -> RigidTransform:
         yaw = context.get_discrete_state(self._state).value()[-1]
-        return _upright_frame(self._object.eval(context), yaw)
+        return turned_frame(self._object.eval(context), self._X_LA, yaw)
+
+    def _yaw_toward(self, p_LT: FloatArray, *arguments: Any) -> float:
+        """Returns `palm_turn` to fingertips relative to the origin of G, with other arguments."""
+        p_AT = (p_LT - self._X_LA.translation()) @ self._X_LA.rotation().matrix()
+        return palm_turn(p_AT, self._azimuths, *arguments)
 
     def _goal_poses(self, context: Context) -> list[RigidTransform | None]:
         port = f"tip_goals of {self.get_name()}"
         return validated_poses(self._tip_goals.Eval(context), self._tip_frames, port)
 
 
-def reach_frame(X_WO: RigidTransform, yaw: float, yaw_range: tuple[float, float]) -> RigidTransform:
+def reach_frame(
+    X_WO: RigidTransform, yaw: float, yaw_range: tuple[float, float], X_LA: RigidTransform
+) -> RigidTransform:
     """Returns the frame H of reach in W (`CarrierPosture` defines it).
 
     Args:
         X_WO: Pose of the object.
         yaw: Yaw of the palm, in radians.
         yaw_range: Smallest and largest angle of the palm, in radians.
+        X_LA: Approach of the palm; see `HandModel`.
     """
     middle = sum(yaw_range) / 2
-    return _upright_frame(X_WO, middle if np.isfinite(middle) else yaw)
+    return turned_frame(X_WO, X_LA, middle if np.isfinite(middle) else yaw)
 
 
-def _upright_frame(X_WO: RigidTransform, yaw: float) -> RigidTransform:
-    return RigidTransform(RotationMatrix.MakeZRotation(yaw), X_WO.translation())
+def turned_frame(X_WO: RigidTransform, X_LA: RigidTransform, yaw: float) -> RigidTransform:
+    """Returns the frame A of an approach in W, turned by the palm's yaw."""
+    turn = RigidTransform(RotationMatrix.MakeZRotation(yaw), np.zeros(3))
+    return RigidTransform(X_WO.translation()) @ X_LA @ turn
 
 
 class CarrierPosture(_PalmPosture):
@@ -193,13 +209,13 @@ class CarrierPosture(_PalmPosture):
     The palm turns to the yaw with the smallest mean angle between the fingers' own azimuths and
     those of their goals, continuously and within its range.
 
-    Port `X_WH` emits a `RigidTransform`: the frame H of the fingers' reach in W. Its origin is the
-    object's and its z axis is up. H turns with a palm that turns without limits; for a palm of
-    limited range its yaw is the middle of that range, from which the palm can turn either way while
-    the fingers close.
+    Port `X_WH` emits a `RigidTransform`: the frame H of the fingers' reach in W. At yaw 0 it is the
+    frame A of the approach; from above, its origin is the object's and its z axis is up. H turns
+    with a palm that turns without limits; for a palm of limited range its yaw is the middle of that
+    range, from which the palm can turn either way while the fingers close.
 
-    Port `X_WU` emits a `RigidTransform`: the frame U of the palm in W, as of the last tick. Its
-    origin is the object's, its z axis is up, and it always turns with the palm.
+    Port `X_WU` emits a `RigidTransform`: the frame U of the palm in W, as of the last tick. It
+    is as H, but always turns with the palm.
 
     A system that follows a posture with the gain K lags a constant velocity by the time 1/K, so the
     posture is predicted ahead by 1/K.
@@ -213,6 +229,7 @@ class CarrierPosture(_PalmPosture):
         gain: Gain K with which the posture is followed, in 1/s, greater than zero.
         period: Seconds between ticks, greater than zero.
         yaw_range: Smallest and largest angle of the palm, in radians.
+        X_LA: Approach of the palm; see `HandModel`.
 
     Raises:
         InvalidArgumentError: If `gain` or `period` is not positive.
@@ -228,9 +245,10 @@ class CarrierPosture(_PalmPosture):
         gain: float,
         period: float,
         yaw_range: tuple[float, float] = FREE_TURN,
+        X_LA: RigidTransform = FROM_ABOVE,
     ) -> None:
         yaw = np.array(home, dtype=float)[[carrier[3]]]
-        super().__init__(tip_frames, finger_azimuths, yaw_range, period, yaw)
+        super().__init__(tip_frames, finger_azimuths, yaw_range, period, yaw, X_LA)
         if not gain > 0:
             raise InvalidArgumentError(f"gain must be greater than 0 1/s, not {gain}")
         self._home, self._lead = np.array(home, dtype=float), 1 / gain
@@ -248,8 +266,8 @@ class CarrierPosture(_PalmPosture):
         yaw = float(context.get_discrete_state(self._state)[0])
         p_WT = [X.translation() for X in self._goal_poses(context) if X is not None]
         if len(p_WT) == len(self._tip_frames):
-            p_GT_W = np.array(p_WT) - self._carrier.eval(context).translation()
-            yaw = palm_turn(p_GT_W, self._azimuths, yaw, self._yaw_range)
+            p_LT = np.array(p_WT) - self._carrier.eval(context).translation()
+            yaw = self._yaw_toward(p_LT, yaw, self._yaw_range)
         return yaw
 
     def _store(self, context: Context, discrete_state: DiscreteValues) -> None:
@@ -260,9 +278,10 @@ class CarrierPosture(_PalmPosture):
     def _calc_posture(self, context: Context) -> FloatArray:
         V_WG = validated_velocity(self._V_WG.Eval(context))
         posture = self._home.copy()
-        posture[self._slides] += self._carrier.eval(context).translation()
-        posture[self._slides] += V_WG.translational() * self._lead
-        yaw = self._turned.Eval(context) + V_WG.rotational()[2] * self._lead
+        R_AW = self._X_LA.rotation().inverse()
+        posture[self._slides] += R_AW @ self._carrier.eval(context).translation()
+        posture[self._slides] += R_AW @ V_WG.translational() * self._lead
+        yaw = self._turned.Eval(context) + (R_AW @ V_WG.rotational())[2] * self._lead
         low, high = self._yaw_range
         posture[self._turn] = max(low, min(yaw, high))
         return posture
@@ -304,13 +323,14 @@ class ArmPosture(_PalmPosture):
         palm_frame: Scoped name of the palm's frame P.
         finger_azimuths: Azimuths of the fingers about z of W over the object at yaw 0, shape (n,),
             in radians.
-        X_GP: Pose of the palm over the object at yaw 0.
+        X_GP: Pose of the palm in A at yaw 0.
         home: Home positions of all joints, shape (nq,).
         p_WG: Initial position of G in W, shape (3,), in metres.
         yaw: Initial yaw of the palm, in radians.
         lead: Seconds by which the fingertips' goals are ahead of the Context's time.
         period: Seconds between ticks, greater than zero.
         yaw_range: Smallest and largest angle of the palm, in radians.
+        X_LA: Approach of the palm; see `HandModel`.
 
     Raises:
         InvalidArgumentError: If `period` is not positive.
@@ -329,9 +349,11 @@ class ArmPosture(_PalmPosture):
         lead: float,
         period: float,
         yaw_range: tuple[float, float] = FREE_TURN,
+        X_LA: RigidTransform = FROM_ABOVE,
     ) -> None:
         # The state is the smoothed position of G and yaw of the palm.
-        super().__init__(tip_frames, finger_azimuths, yaw_range, period, np.append(p_WG, yaw))
+        state = np.append(p_WG, yaw)
+        super().__init__(tip_frames, finger_azimuths, yaw_range, period, state, X_LA)
         self._palm_frame, self._X_GP, self._lead = palm_frame, X_GP, lead
         self._home = np.array(home, dtype=float)
         inputs = (self._tip_goals, self._X_WG, self._V_WG)
@@ -346,7 +368,8 @@ class ArmPosture(_PalmPosture):
 
     def _rates(self, context: Context) -> FloatArray:
         V_WG = validated_velocity(self._V_WG.Eval(context))
-        return np.append(V_WG.translational(), V_WG.rotational()[2])
+        turning = self._X_LA.rotation().inverse() @ V_WG.rotational()
+        return np.append(V_WG.translational(), turning[2])
 
     def _calc_now(self, context: Context) -> FloatArray:
         smooth: FloatArray = context.get_discrete_state(self._state).value()
@@ -355,7 +378,7 @@ class ArmPosture(_PalmPosture):
         p_WT = [X.translation() for X in self._goal_poses(context) if X is not None]
         yaw = smooth[3] + ahead[3]
         if len(p_WT) == len(self._tip_frames):
-            yaw = palm_turn(np.array(p_WT) - p_WG - ahead[:3], self._azimuths, yaw)
+            yaw = self._yaw_toward(np.array(p_WT) - p_WG - ahead[:3], yaw)
         share = min(1.0, self._period / SMOOTHING)
         now: FloatArray = smooth + share * (np.append(p_WG, yaw - ahead[3]) - smooth)
         return self._within(now)
@@ -372,6 +395,6 @@ class ArmPosture(_PalmPosture):
     def _calc_goals(self, context: Context) -> BusValue:
         tips = zip(self._tip_frames, self._goal_poses(context), strict=True)
         goals = {name: X_WT for name, X_WT in tips if X_WT is not None}
-        x, y, z, yaw = self._within(self._now.Eval(context) + self._lead * self._rates(context))
-        X_WP = RigidTransform(RotationMatrix.MakeZRotation(yaw), [x, y, z]) @ self._X_GP
+        *p_WG, yaw = self._within(self._now.Eval(context) + self._lead * self._rates(context))
+        X_WP = turned_frame(RigidTransform(p_WG), self._X_LA, yaw) @ self._X_GP
         return pose_bus(goals | {self._palm_frame: X_WP})

@@ -72,7 +72,7 @@ def hand_over(shape, *, turn=0.0, half_angle=1.13, mass=0.3, reaches=None, tip=T
         ),
         "p_OT_at": lambda yaw: HOME @ R_OH(yaw).T,
         "azimuths": AZIMUTHS,
-        "R_WO": R_WO,
+        "R_AO": R_WO,
         "wrench": np.array([0, 0, -9.81 * mass, 0, 0, 0]),
         "friction": 0.5,
         "normal_forces": FORCES,
@@ -108,7 +108,7 @@ def test_chosen_contacts_pass_all_tests_and_hold_the_object(name):
     ]
     assert set(limits) == {Limit.NONE}
     # The palm turns to the yaw at which they are in reach.
-    turned = palm_turn(start.p_OC @ hand.R_WO.T, AZIMUTHS, start.yaw)
+    turned = palm_turn(start.p_OC @ hand.R_AO.T, AZIMUTHS, start.yaw)
     assert turned == pytest.approx(start.yaw, abs=1e-9)
     # Fingertips are beside each other, seen from above, and outside the object.
     level = np.array([1.0, 1.0, 0.0])

@@ -60,6 +60,19 @@ def check_grasp(result, largest_error):
 
 
 @pytest.mark.slow
+def test_a_hand_from_the_side_lifts_along_a_direction_without_touching_anything_else(tmp_path):
+    text = "grasp: {approaches: [side], lift_direction: [0.3, -0.2, 1.0]}"
+    result = run_text("grasp_from_side", text, tmp_path)
+    grasp, log = result.summary["grasp"], run_log(result, "grasp.csv")
+    assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
+    assert set(grasp["link_forces"].values()) == {0.0}
+    lifting, places = log["phase"] >= GraspPhase.LIFT, points(log, "wo")
+    moved = places[-1] - places[lifting][0]
+    expected = 0.1 * np.array([0.3, -0.2, 1.0]) / np.linalg.norm([0.3, -0.2, 1.0])
+    np.testing.assert_allclose(moved, expected, atol=0.01)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("start", [None, 3.0, 5.3])
 @pytest.mark.parametrize("change", [0.3, -0.3])
 def test_a_belt_that_accelerates_neither_shoves_nor_slides_the_object(start, change, tmp_path):

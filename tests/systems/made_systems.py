@@ -92,16 +92,17 @@ def make_shaper(*, fixed=(), p_GT=1.2 * 0.079 * RING, target_period=PERIOD, lead
     )
 
 
-def make_sequencer(object_solid=None):
+def make_sequencer(config=None, object_solid=None, **changes):
     tips = [Fingertip(radius=RADIUS)] * N
     ball, efforts = BallSolid(np.zeros(3), 0.05), np.full(NQ, 9.0)
     return GraspSequencer(
-        GraspConfig(),
+        config or GraspConfig(),
         fingertips=tips,
         mass=0.4,
         p_OCoM=np.zeros(3),
         object_solid=object_solid or ball,
         efforts=efforts,
+        **changes,
     )
 
 

@@ -8,6 +8,8 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
 from drake_pregrasp import BallSolid
+from drake_pregrasp.config.grasp_config import GraspConfig
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
 
 AT_TABLE = RigidTransform(RotationMatrix.MakeXRotation(0.3), [0.0, 0.0, 0.05])
@@ -17,9 +19,9 @@ def tips_at(X_WO, gap):
     return (X_WO @ ((0.05 + RADIUS + gap) * RING).T).T.ravel()
 
 
-def sequencer_over(X_WO, object_solid=None):
+def sequencer_over(X_WO, sequencer=None):
     return Driven(
-        make_sequencer(object_solid),
+        sequencer or make_sequencer(),
         close=[0.0],
         contact_status=np.ones(N),
         contact_frames=np.concatenate([0.05 * RING, RING]).ravel(),
@@ -82,9 +84,9 @@ def test_fingers_that_have_touched_keep_touching_and_all_together_carry_the_weig
     assert np.min(-np.sum(forces * nhat_W, axis=1)) >= SETTINGS.least_force - 1e-3
 
 
-def squeeze_at(X_WO, **inputs):
+def squeeze_at(X_WO, sequencer=None, **inputs):
     """Returns a hand that has been told to close and feels all fingers, after the squeeze."""
-    hand = sequencer_over(X_WO)
+    hand = sequencer_over(X_WO, sequencer)
     close_until_touch(hand, X_WO)
     hand.fix(f_T_W=(-RING @ X_WO.rotation().matrix().T).ravel(), **inputs)
     hand.advance(SETTINGS.squeeze_duration + 0.1)
@@ -104,7 +106,9 @@ def test_forces_are_planned_at_the_measured_fingertips_with_the_normals_there():
 
 def test_the_hand_closes_by_its_contacts_whatever_is_nearest_to_the_standoffs():
     X_WO = RigidTransform([0.0, 0.0, 0.05])
-    hand = sequencer_over(X_WO, BallSolid(np.array([0.0, 0.0, -0.5]), 0.4))
+    hand = sequencer_over(
+        X_WO, make_sequencer(object_solid=BallSolid(np.array([0.0, 0.0, -0.5]), 0.4))
+    )
     hand.fix(close=[1.0], p_WT=tips_at(X_WO, SETTINGS.standoff))
     hand.advance(SETTINGS.approach_duration + 0.1)
     assert hand.array("grasp_report")[0] == GraspPhase.CLOSE
@@ -132,6 +136,37 @@ def test_the_carried_frame_comes_down_to_the_object():
     assert heights[-1] == pytest.approx(0)
     assert np.all(np.diff(heights) <= 1e-12)
     np.testing.assert_allclose(speeds[1:-1], np.gradient(heights, 0.1)[1:-1], atol=0.01)
+
+
+def test_it_comes_along_the_axis_of_the_palm_and_lifts_along_a_direction_of_its_own():
+    X_WO, palm, lift = RigidTransform([0.0, 0.0, 0.05]), np.array([1.0, 0.0, 0.0]), [0.6, 0.0, 0.8]
+    config = GraspConfig(lift_direction=[3.0, 0.0, 4.0])
+
+    def raised(hand):
+        return hand.eval("X_WG").translation() - X_WO.translation()
+
+    hand = sequencer_over(X_WO, make_sequencer(config, palm_axis=palm))
+    np.testing.assert_allclose(raised(hand), SETTINGS.approach_height * palm)
+    hand = squeeze_at(X_WO, make_sequencer(config, palm_axis=palm))
+    hand.advance(0.15)
+    acceleration = 6 * SETTINGS.lift_height / SETTINGS.lift_duration**2
+    load = 0.4 * (acceleration * np.array(lift) + np.array([0.0, 0.0, 9.81]))
+    forces = hand.array("squeeze_forces").reshape(N, 3)
+    np.testing.assert_allclose(forces.sum(axis=0), load, atol=0.01)
+    hand.advance(SETTINGS.lift_duration)
+    np.testing.assert_allclose(raised(hand), SETTINGS.lift_height * np.array(lift), atol=1e-6)
+    # It sets the object down where it was, and backs off as it came.
+    hand.fix(close=[0.0])
+    hand.advance(SETTINGS.lift_duration + 0.1)
+    np.testing.assert_allclose(raised(hand), 0, atol=1e-6)
+    hand.advance(SETTINGS.squeeze_duration + SETTINGS.approach_duration + 1.0)
+    np.testing.assert_allclose(raised(hand), SETTINGS.approach_height * palm, atol=1e-6)
+
+
+@pytest.mark.parametrize("direction", [[0.0, 0.0, 0.0], [1.0, 0.0, -0.1]])
+def test_no_lift_pushes_into_the_table(direction):
+    with pytest.raises(InvalidArgumentError, match="lift_direction must not be zero, nor"):
+        make_sequencer(GraspConfig(lift_direction=direction))
 
 
 def test_fingers_that_squeeze_carry_the_frame_and_no_estimate_does():

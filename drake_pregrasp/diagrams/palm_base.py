@@ -1,0 +1,192 @@
+"""Carriers and arms that hold the palm of a hand."""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.config.hand_description import Arm, BaseConfig, Carrier
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.systems.fingertip_sensor import HandKinematics, frame_names
+from drake_pregrasp.systems.palm_posture import ArmKinematics, pose_error, turned_frame
+
+_STEPS = 300  # Largest number of steps of an arm to its initial pose.
+_ARRIVED = 1e-5  # Largest error of the palm at its initial pose, in metres and radians.
+_JOINT_KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
+
+
+class PalmCarrier:
+    """Four axes that carry a palm.
+
+    Args:
+        config: Description of the axes.
+        plant: A finalized plant that contains only the hand.
+        hand: Model instance of the hand.
+        X_LA: Approach of the palm; see `HandModel`.
+
+    Attributes:
+        joints: Indices of the positions x, y, z and yaw.
+        X_AW: Pose of W in A with the palm at home.
+
+    Raises:
+        InvalidArgumentError: If the model lacks such joints.
+    """
+
+    def __init__(
+        self, config: Carrier, plant: MultibodyPlant, hand: ModelInstanceIndex, X_LA: RigidTransform
+    ) -> None:
+        self.joints = _positions(plant, hand, config.joints)
+        self._height, self._X_LA, self.X_AW = config.palm_height, X_LA, X_LA.inverse()
+        for name, expected in zip(config.joints, _JOINT_KINDS, strict=True):
+            kind = plant.GetJointByName(name, hand).type_name()
+            if kind != expected:
+                raise InvalidArgumentError(
+                    f"base.joints: {name} is {kind}; three prismatic joints along x, y and z come"
+                    " first, then a revolute one about z"
+                )
+
+    def posed(self, q: FloatArray, p_WO: FloatArray, yaw: float) -> FloatArray:
+        """Returns positions with the palm over an object and the fingers as in q, shape (nq,).
+
+        Args:
+            q: Positions of all joints, shape (nq,).
+            p_WO: Position of the object in W, shape (3,), in metres.
+            yaw: Yaw of the palm, in radians.
+        """
+        posed = np.array(q, dtype=float)
+        p_AO = self._X_LA.rotation().inverse() @ (p_WO + self._X_LA.translation())
+        posed[self.joints] = [*(p_AO + np.array([0.0, 0.0, self._height])), yaw]
+        return posed
+
+    def placed(self, q: FloatArray) -> FloatArray:
+        """Returns positions with the palm at home and the fingers as in q, shape (nq,)."""
+        return self.posed(q, np.zeros(3), 0.0)
+
+
+class PalmArm:
+    """An arm that carries a palm.
+
+    Args:
+        config: Description of the arm.
+        plant: A finalized plant that contains only the hand and the arm.
+        hand: Model instance of both.
+        X_LA: Approach of the palm; see `HandModel`.
+
+    Attributes:
+        joints: Indices of the arm's positions.
+        palm_frame: Scoped name of the palm's frame P.
+        kinematics: Kinematics of the arm.
+        X_GP: Pose of the palm in A at yaw 0.
+        X_AW: Pose of W in A at yaw 0 with the arm at home.
+
+    Raises:
+        InvalidArgumentError: If the model lacks such joints or frames, or home violates limits.
+    """
+
+    def __init__(
+        self, config: Arm, plant: MultibodyPlant, hand: ModelInstanceIndex, X_LA: RigidTransform
+    ) -> None:
+        self.joints, self._X_LA = _positions(plant, hand, config.joints), X_LA
+        if not plant.HasFrameNamed(config.palm, hand):
+            there = ", ".join(frame_names(plant, hand))
+            raise InvalidArgumentError(
+                f"base.palm: there is no frame {config.palm}; there are: {there}"
+            )
+        palm = plant.GetFrameByName(config.palm, hand)
+        self.palm_frame = palm.scoped_name().get_full()
+        self._plant = plant
+        self.kinematics = arm = ArmKinematics(plant, palm, np.array(self.joints))
+        check_home("base.home", config.joints, config.home, arm.lower, arm.upper)
+        self.X_GP = RigidTransform(RollPitchYaw(config.palm_rpy), config.palm_position)
+        self._home = np.array(config.home)
+        context = plant.CreateDefaultContext()
+        plant.SetPositions(context, self.placed(plant.GetPositions(context)))
+        self.X_AW = self.X_GP @ arm.palm_pose(context).inverse()
+
+    def posed(self, q: FloatArray, p_WO: FloatArray, yaw: float) -> FloatArray:
+        """Returns positions with the palm over an object and the fingers as in q, shape (nq,).
+
+        Args:
+            q: Positions of all joints, shape (nq,); those of the arm are ignored.
+            p_WO: Position of the object in W, shape (3,), in metres.
+            yaw: Yaw of the palm, in radians.
+
+        Raises:
+            InvalidArgumentError: If the arm cannot hold the palm there.
+        """
+        X_WP = turned_frame(RigidTransform(p_WO), self._X_LA, yaw) @ self.X_GP
+        context = self._plant.CreateDefaultContext()
+        posed = home = self.placed(q)
+        for _ in range(_STEPS):
+            posed = self.kinematics.step_to(context, posed, X_WP, home)
+            self._plant.SetPositions(context, posed)
+            error = pose_error(self.kinematics.palm_pose(context), X_WP)
+            if np.max(np.abs(error)) < _ARRIVED:
+                return posed
+        place = ", ".join(f"{x:.3g}" for x in X_WP.translation())
+        raise InvalidArgumentError(
+            f"base: the arm cannot hold the palm at ({place}) m, turned by {yaw:.3g} rad; it stays"
+            f" {1e3 * np.linalg.norm(error[3:]):.3g} mm and {np.linalg.norm(error[:3]):.3g} rad off"
+        )
+
+    def placed(self, q: FloatArray) -> FloatArray:
+        """Returns positions with the arm at home and the fingers as in q, shape (nq,)."""
+        home = np.array(q, dtype=float)
+        home[self.joints] = self._home
+        return home
+
+
+PalmBase = PalmCarrier | PalmArm
+
+
+def make_base(
+    config: BaseConfig, plant: MultibodyPlant, hand: ModelInstanceIndex, X_LA: RigidTransform
+) -> PalmBase:
+    """Returns the base that a description names in a model."""
+    if isinstance(config, Carrier):
+        return PalmCarrier(config, plant, hand, X_LA)
+    return PalmArm(config, plant, hand, X_LA)
+
+
+def tip_positions(hand: HandKinematics, q: Iterable[FloatArray]) -> FloatArray:
+    """Returns the fingertips' centres in W at positions of all joints, shape (k, n, 3)."""
+    context, p_WT = hand.plant.CreateDefaultContext(), []
+    for positions in q:
+        hand.plant.SetPositions(context, positions)
+        p_WT.append(hand.tip_positions(context))
+    return np.array(p_WT)
+
+
+def _positions(plant: MultibodyPlant, hand: ModelInstanceIndex, names: list[str]) -> list[int]:
+    there = [plant.get_joint(index).name() for index in plant.GetJointIndices(hand)]
+    for name in names:
+        if name not in there:
+            raise InvalidArgumentError(
+                f"base.joints: there is no joint {name}; there are: {', '.join(there)}"
+            )
+    joints = [plant.GetJointByName(name, hand) for name in names]
+    for joint in joints:
+        if joint.num_positions() != 1:
+            raise InvalidArgumentError(
+                f"base.joints: {joint.name()} is {joint.type_name()}; it must slide or turn"
+            )
+    return [joint.position_start() for joint in joints]
+
+
+def check_home(
+    key: str, names: Sequence[str], home: list[float], lower: FloatArray, upper: FloatArray
+) -> None:
+    """Raises an error unless a key holds home positions of some joints within their limits."""
+    if len(home) != len(names):
+        raise InvalidArgumentError(
+            f"{key}: {len(home)} positions must be {len(names)}, one for each of its own joints:"
+            f" {', '.join(names)}"
+        )
+    for name, value, least, most in zip(names, home, lower, upper, strict=True):
+        if not least <= value <= most:
+            raise InvalidArgumentError(
+                f"{key}: {value:g} of {name} must be from {least:g} to {most:g}"
+            )
