@@ -124,7 +124,7 @@ def _grasp_in_words(grasp: Mapping[str, Any]) -> str:
     if grasp["gave_up"] is not None:
         words.append(f"gave up because {grasp['gave_up']}")
     for key, text in (
-        ("tracking_error_mean_mm", "fingertips {:.3f} mm off their goals"),
+        ("tracking_error_mean_mm", "fingertips {:.3f} mm off their goals (mean until closing)"),
         ("closing_motion_mm", "object moved {:.3f} mm in closing"),
         ("lift_height_mm", "lifted {:.1f} mm"),
         ("slip_lift_mm", "slip {:.2f} mm in the lift"),

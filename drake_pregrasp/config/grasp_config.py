@@ -35,8 +35,9 @@ class GraspConfig:
     # Whether the planner is limited to what the fingers reach.
     use_reach: bool = True
 
-    # Time at which the hand is commanded to close, in seconds.
-    close_at: float = field(default=4.0, metadata={"at_least": 0, "at_most": 1e6})
+    # Time at which the hand is commanded to close, in seconds. The default leaves contacts two
+    # seconds to adapt after the default `planner.static_duration`.
+    close_at: float = field(default=6.0, metadata={"at_least": 0, "at_most": 1e6})
 
     # Seconds between control ticks.
     period: float = field(default=0.02, metadata={"at_least": 1e-3, "at_most": 0.1})

@@ -137,6 +137,8 @@ def wrapped(angles: FloatArray) -> FloatArray:
     return within
 
 
+_UP = np.array([0.0, 0.0, 1.0])
+
 _FACING = 0.5
 """Cosine of the largest angle between a normal and the outward direction of a finger."""
 
@@ -177,26 +179,27 @@ def ring_contacts(surface: ObjectSurface, count: int) -> FloatArray:
 
 
 def make_room(
-    surface: ObjectSurface, p_OC: FloatArray, constraints: RegionConstraints
+    surface: ObjectSurface, p_OC: FloatArray, constraints: RegionConstraints, up: FloatArray = _UP
 ) -> tuple[FloatArray, BoolArray]:
     """Moves contacts whose fingertips overlap to the nearest permitted candidates with room.
 
-    Fingers come from above, along z of O, so there is no room for one fingertip under another.
+    Fingers come from above, so there is no room for one fingertip under another.
     Contacts that overlap with the fewest others have precedence.
 
     Args:
         surface: The object's surface.
         p_OC: Contacts, shape (n, 3), in metres.
         constraints: Constraints of the contacts, with fingertips.
+        up: Unit vector from which fingers come, in O, shape (3,).
 
     Returns:
         The contacts, and the mask of those that have room, each on its own allowed surface.
     """
-    p_OC, (_, normals), level = p_OC.copy(), surface.project(p_OC), np.array([1.0, 1.0, 0.0])
+    p_OC, (_, normals), level = p_OC.copy(), surface.project(p_OC), np.eye(3) - np.outer(up, up)
 
     def gaps() -> FloatArray:
         tips = constraints.tip_radii, constraints.tip_gap
-        return tip_gaps(p_OC * level, normals * level, *tips)
+        return tip_gaps(p_OC @ level, normals @ level, *tips)
 
     there = np.zeros(len(p_OC), dtype=bool)
     for contact in np.argsort(np.sum(gaps() < 0, axis=1), kind="stable").tolist():

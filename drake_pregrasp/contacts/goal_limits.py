@@ -288,7 +288,7 @@ def has_room(
     p_OC: FloatArray,
     nhat_OC: FloatArray,
     there: BoolArray,
-    axes: FloatArray | None = None,
+    seen: FloatArray | None = None,
 ) -> BoolArray:
     """Returns the mask of candidates that a contact may have beside others, shape (N,).
 
@@ -299,7 +299,7 @@ def has_room(
         p_OC: All contacts, shape (n, 3), in metres.
         nhat_OC: Outward unit normals at the contacts, shape (n, 3).
         there: Mask of the other contacts, shape (n,).
-        axes: Shares of x, y and z of O in distances between fingertips, shape (3,); None for all.
+        seen: Projection along which fingertips keep apart, shape (3, 3); None for their distance.
     """
     limits, _ = constraints.limits_at(contact, surface.p_OQ, surface.nhat_OQ)
     free: BoolArray = (limits == Limit.NONE) & surface.is_clear_of_forbidden_points
@@ -309,7 +309,7 @@ def has_room(
         other_radius = constraints.tip_radius(other)
         away = centres - (p_OC[other] + other_radius * nhat_OC[other])
         room = radius + other_radius + constraints.tip_gap
-        free &= np.linalg.norm(away if axes is None else away * axes, axis=1) > room
+        free &= np.linalg.norm(away if seen is None else away @ seen, axis=1) > room
     return free
 
 

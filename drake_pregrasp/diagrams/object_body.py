@@ -2,8 +2,8 @@
 
 Contact is hydroelastic: pressure patches hold the object on a moving table, where single contact
 points would hop. A flat solid meets a body where it meets its convex hull, so tables, which are
-rigid, touch the hull, a compliant solid. Links of a hand, and spheres such as the tip of a pusher,
-touch the rigid mesh itself if the object is not convex: its hull would fill a cup.
+rigid, touch the hull, a compliant solid. Spheres such as the tip of a pusher touch the rigid mesh
+itself, and so do links of a hand if the object is not convex: its hull would fill a cup.
 """
 
 import numpy as np
@@ -81,39 +81,40 @@ def add_object_body(
     AddRigidHydroelasticProperties(rigid)
     tetrahedra = MeshGeometry(mesh_data=_hull_data(hull))
     plant.RegisterCollisionGeometry(body, X_OG, tetrahedra, "hull", compliant)
-    if not shape.mesh.is_convex:
-        surface = MeshGeometry(mesh_data=_mesh_data(shape.mesh))
-        plant.RegisterCollisionGeometry(body, X_OG, surface, "surface", rigid)
+    surface = MeshGeometry(mesh_data=_mesh_data(shape.mesh))
+    plant.RegisterCollisionGeometry(body, X_OG, surface, "surface", rigid)
     # Drake's VTK renderer needs normals, which at edges are different for each face.
     drawn = MeshGeometry(mesh_data=_mesh_data(shape.mesh.smooth_shaded))
     plant.RegisterVisualGeometry(body, X_OG, drawn, "surface", _COLOR)
     return body
 
 
-def separate_contacts(plant: MultibodyPlant, scene_graph: SceneGraph, body: RigidBody) -> None:
-    """Lets links and spheres touch the mesh of an object that is not convex, and the rest its hull.
+def separate_contacts(
+    plant: MultibodyPlant, scene_graph: SceneGraph, body: RigidBody, *, is_convex: bool
+) -> None:
+    """Lets spheres touch the mesh of an object, and the rest its hull.
 
-    Links without hydroelastic properties become compliant: Drake computes points of contact with
-    the hull of a mesh only.
+    Links without hydroelastic properties have points of contact with the hull if the object is
+    convex. Otherwise they become compliant and touch the mesh.
 
     Args:
         plant: Plant with all bodies that the object may touch.
         scene_graph: SceneGraph of the plant.
         body: Body of the object.
+        is_convex: Whether the object is convex.
     """
-    hull, *surface = plant.GetCollisionGeometriesForBody(body)
-    if not surface:
-        return
+    hull, surface = plant.GetCollisionGeometriesForBody(body)
     inspector = scene_graph.model_inspector()
     fine, flat = [], []
     for geometry in inspector.GetAllGeometryIds(Role.kProximity):
         properties = ProximityProperties(inspector.GetProximityProperties(geometry))
-        if not properties.HasProperty("hydroelastic", "compliance_type"):
+        is_point = not properties.HasProperty("hydroelastic", "compliance_type")
+        if is_point and not is_convex:
             AddCompliantHydroelasticProperties(_LINK_RESOLUTION, _LINK_MODULUS, properties)
             source = plant.get_source_id()
             scene_graph.AssignRole(source, geometry, properties, RoleAssign.kReplace)
             fine.append(geometry)
-        elif isinstance(inspector.GetShape(geometry), Sphere):
+        elif not is_point and isinstance(inspector.GetShape(geometry), Sphere):
             fine.append(geometry)
         else:
             flat.append(geometry)

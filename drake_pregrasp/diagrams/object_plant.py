@@ -8,7 +8,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
-from pydrake.multibody.tree import ModelInstanceIndex, RigidBody
+from pydrake.multibody.tree import ModelInstanceIndex
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
 from drake_pregrasp.config.object_config import (
@@ -22,9 +22,12 @@ from drake_pregrasp.config.object_config import (
 from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.object_body import FRICTION, add_object_body, separate_contacts
 from drake_pregrasp.diagrams.obstacle_bodies import add_obstacle_bodies
+from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
+from drake_pregrasp.geometry.solids import BoxSolid
 from drake_pregrasp.resources import resource_folder
-from drake_pregrasp.systems.sources import BodyPose, Launch, MovingSolid, ObjectMotion, PoseReplay
+from drake_pregrasp.systems.sources import BodyPose, MovingSolid, ObjectMotion, PoseReplay
+from drake_pregrasp.systems.tossed_body import TossedBody
 
 MovingObject = tuple[MultibodyPlant, SceneGraph, OutputPort]
 """Plant with the object's body, SceneGraph with its geometry, and the port with its pose X_WO."""
@@ -67,6 +70,7 @@ def add_moving_object(
         return _add_replay(builder, object_config, motion, plant_config)
     plant, scene_graph = AddMultibodyPlant(plant_config, builder)
     body = add_object_body(plant, object_config, friction=friction)
+    mesh = object_config.make_shape().mesh
     if isinstance(motion, Conveyor):
         driven, profile = add_model(plant, "conveyor_table.sdf"), motion.velocities()
     elif isinstance(motion, Push):
@@ -78,11 +82,17 @@ def add_moving_object(
     if add_more is not None:
         add_more(plant)
     plant.Finalize()
-    separate_contacts(plant, scene_graph, body)
+    separate_contacts(plant, scene_graph, body, is_convex=mesh.is_convex)
     plant.SetDefaultFloatingBaseBodyPose(body, initial_pose(motion, object_config))
     if isinstance(motion, Toss):
-        launch = builder.AddNamedSystem("launch", _launch(plant, body, motion))
-        builder.Connect(launch.get_output_port(), plant.get_applied_spatial_force_input_port())
+        solids = [o.solid for o in obstacles if not np.any(o.velocity)]
+        solids += [TABLE_TOP] if motion.table else []
+        coulomb = 2 * friction * FRICTION / (friction + FRICTION)  # As Drake combines them.
+        launch, corners = _launch_velocity(plant, motion), mesh.convex_hull.vertices
+        tossed = TossedBody(plant, body, launch, points=corners, solids=solids, friction=coulomb)
+        builder.AddNamedSystem("tossed_body", tossed)
+        connect(builder, plant, "body_poses body_spatial_velocities", tossed)
+        builder.Connect(tossed.get_output_port(), plant.get_applied_spatial_force_input_port())
     else:
         command = builder.AddNamedSystem("object_motion", ObjectMotion(VelocityProfile(profile)))
         builder.Connect(command.get_output_port(), plant.get_desired_state_input_port(driven))
@@ -137,16 +147,19 @@ def push_profile(motion: Push, retreat: float = 0.0) -> list[list[float]]:
     return [[time, speed] for time, speed in dict(corners).items()]  # Without repeated times.
 
 
-def _launch(plant: MultibodyPlant, body: RigidBody, motion: Toss) -> Launch:
-    """Returns the system that launches a body in the plant's first step.
+TABLE_TOP = BoxSolid(np.array([0.0, 0.0, -0.015]), np.eye(3), np.array([1.2, 0.8, 0.03]))
+"""The table of `table.sdf` in W."""
+
+
+def _launch_velocity(plant: MultibodyPlant, motion: Toss) -> SpatialVelocity:
+    """Returns the velocity of the centre of mass for a launch in the plant's first step.
 
     In time steps of h, a body falls by g t (t + h)/2. A launch that is faster by g h/2 upwards
     makes the parabola of the centre of mass exact at the steps. The orientation of a tumbling body
     still has an error of the order of h.
     """
     half_step = -plant.gravity_field().gravity_vector() * plant.time_step() / 2
-    V_WOcm = SpatialVelocity(w=motion.spin, v=np.array(motion.velocity) + half_step)
-    return Launch(plant, body, V_WOcm)
+    return SpatialVelocity(w=motion.spin, v=np.array(motion.velocity) + half_step)
 
 
 def _add_replay(

@@ -197,9 +197,10 @@ def contacts_with_room(
         X_WO: Pose of the object.
         fixed: Solids in W that fingertips avoid, such as the table.
     """
-    p_CoMC_W = (p_OC - surface.p_OCoM) @ X_WO.rotation().matrix().T
-    yaw = palm_turn(p_CoMC_W, hand.azimuths, 0.0, yaw_range)
-    return make_room(surface, p_OC, start_constraints(limits, X_WO, fixed, yaw_range)(yaw))
+    R_WO = X_WO.rotation().matrix()
+    yaw = palm_turn((p_OC - surface.p_OCoM) @ R_WO.T, hand.azimuths, 0.0, yaw_range)
+    constraints = start_constraints(limits, X_WO, fixed, yaw_range)(yaw)
+    return make_room(surface, p_OC, constraints, up=R_WO[2])
 
 
 def grasp_problems(

@@ -1,5 +1,6 @@
 """Schema of scenario files, which configure a simulation."""
 
+import math
 from copy import copy
 from dataclasses import dataclass, field
 from weakref import WeakKeyDictionary
@@ -17,6 +18,8 @@ from drake_pregrasp.config.object_config import (
     MotionConfig,
     ObjectConfig,
     PoseStream,
+    Push,
+    Toss,
 )
 from drake_pregrasp.config.planner_config import MeasuresConfig, PlannerConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
@@ -68,6 +71,8 @@ class RecordingConfig:
 
 
 _TIME_STEP = 0.025  # Default time step of the plant without a hand, in seconds.
+_LANDING_STEP = 0.0025  # Longest default time step for an object that lands on a table, in seconds.
+_STEP_LENGTH = 5e-4  # Largest distance that a pusher moves in a default time step, in metres.
 
 _PAPER_CONTACTS = (
     (-0.335, 1.0, -0.7),
@@ -98,7 +103,8 @@ class Scenario:
     # on exactly the same times. Without sampled output ports, the plant steps in the same pass as
     # the planner, which then sees the same pose as loggers and visualizers. The contact model
     # is Drake's default, hydroelastic and `lagged`: with `sap`, sliding objects hop. With a hand,
-    # half its control period replaces the default time step.
+    # half its control period replaces the default time step; an object that lands on a table, or a
+    # fast pusher, divides it further.
     plant_config: MultibodyPlantConfig = field(
         default_factory=lambda: MultibodyPlantConfig(
             time_step=_TIME_STEP, use_sampled_output_ports=False
@@ -151,10 +157,14 @@ class Scenario:
 
     @property
     def plant_settings(self) -> MultibodyPlantConfig:
-        """The plant's configuration with its time step for a hand, if there is one."""
-        settings = copy(self.plant_config)
-        if self.grasp.has_hand and settings.time_step == _TIME_STEP:
-            settings.time_step = self.grasp.period / 2
+        """The plant's configuration; its default time step suits the hand and the motion."""
+        settings, motion = copy(self.plant_config), self.motion
+        if settings.time_step == _TIME_STEP:
+            step = self.grasp.period / 2 if self.grasp.has_hand else _TIME_STEP
+            longest = _STEP_LENGTH / motion.speed if isinstance(motion, Push) else math.inf
+            if isinstance(motion, Toss) and motion.table:
+                longest = _LANDING_STEP
+            settings.time_step = step / max(1, math.ceil(step / longest))
         return settings
 
     @property

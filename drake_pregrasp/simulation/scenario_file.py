@@ -32,12 +32,14 @@ def find_scenario(name: str) -> Path:
     """Returns the file of the shipped scenario with a name.
 
     Raises:
-        ScenarioError: If the name is unknown; the message suggests the nearest name, or lists all
-            names.
+        ScenarioError: If the name is unknown; the message suggests the nearest name, lists all
+            names, or says how to give a file.
     """
     shipped = shipped_scenarios()
     if name not in shipped:
-        raise ScenarioError("", name, f"no such scenario; {nearest(name, shipped)}")
+        is_file = Path(name).suffix in (".yaml", ".yml")
+        hint = f"for a file, use --scenario_file {name}" if is_file else nearest(name, shipped)
+        raise ScenarioError("", name, f"no such scenario; {hint}")
     return shipped[name][0]
 
 

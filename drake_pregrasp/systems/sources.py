@@ -8,9 +8,7 @@ from pydrake.common.eigen_geometry import Quaternion
 from pydrake.common.value import AbstractValue
 from pydrake.geometry import FrameId, FramePoseVector
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.math import SpatialForce, SpatialVelocity
-from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
-from pydrake.multibody.tree import BodyIndex, RigidBody
+from pydrake.multibody.tree import BodyIndex
 from pydrake.polynomial import Polynomial
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
 from pydrake.systems.primitives import TrajectorySource
@@ -140,49 +138,6 @@ class PoseReplay(LeafSystem):
         poses = FramePoseVector()
         poses.set_value(self._frame_id, self._pose.Eval(context))
         return poses
-
-
-class Launch(LeafSystem):
-    """Gives a body at rest a velocity, by a force in the plant's first time step.
-
-    .. pydrake_system::
-
-        name: Launch
-        output_ports:
-        - spatial_forces
-
-    Port `spatial_forces` emits a list of `ExternallyAppliedSpatialForce`, for the plant's port
-    `applied_spatial_force`: one force in the first step and none from the second step on. The force
-    is M V / h, with the body's spatial inertia M about its centre of mass and the time step h.
-    A plant has default poses but no default velocities, so a force makes the motion start from the
-    default Context.
-
-    Args:
-        plant: The body's plant, finalized and discrete.
-        body: The body B.
-        V_WBcm: Velocity of B's centre of mass in W that the force causes in the absence of gravity,
-            and the angular velocity of B.
-    """
-
-    def __init__(self, plant: MultibodyPlant, body: RigidBody, V_WBcm: SpatialVelocity) -> None:
-        super().__init__()
-        time_step = plant.time_step()
-        context = plant.CreateDefaultContext()
-        M_BBo_B = body.CalcSpatialInertiaInBodyFrame(context)
-        p_BoBcm_B = M_BBo_B.get_com()
-        R_WB = body.EvalPoseInWorld(context).rotation()
-        M_BBcm_W = M_BBo_B.Shift(p_BoBcm_B).ReExpress(R_WB)
-        force = ExternallyAppliedSpatialForce()
-        force.body_index = body.index()
-        force.p_BoBq_B = p_BoBcm_B
-        force.F_Bq_W = SpatialForce(M_BBcm_W.CopyToFullMatrix6() @ V_WBcm.get_coeffs() / time_step)
-        declare_output(
-            self,
-            "spatial_forces",
-            AbstractValue.Make([force]),
-            lambda c: [force] if c.get_time() < time_step / 2 else [],
-            self.time_ticket(),
-        )
 
 
 class ContactWeights(LeafSystem):

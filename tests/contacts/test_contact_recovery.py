@@ -77,14 +77,17 @@ def test_a_fingertip_without_room_between_two_others_keeps_away(width, away):
     np.testing.assert_array_equal(given, p_OC)  # No other has to move.
 
 
-def test_fingertips_that_overlap_get_the_nearest_place_side_by_side():
+@pytest.mark.parametrize(("side", "up"), [(1, 2), (2, 1)])
+def test_fingertips_that_overlap_get_the_nearest_place_side_by_side(side, up):
+    """Also over an object that lies on another face."""
     surface = box_surface([0.08] * 3, spacing=0.005)
-    p_OC = np.array([[0.04, 0.0, 0.01], [0.04, 0.005, -0.03]])  # One under the other.
-    given, has_room = make_room(surface, p_OC, on_sides("+x", "+x"))
+    p_OC = np.full((2, 3), 0.04)
+    p_OC[:, side], p_OC[:, up] = [0.0, 0.005], [0.01, -0.03]  # One under the other.
+    given, has_room = make_room(surface, p_OC, on_sides("+x", "+x"), up=np.eye(3)[up])
     assert has_room.all()
     np.testing.assert_array_equal(given[0], p_OC[0])
-    assert 0.028 <= given[1, 1] <= 0.028 + 0.005
-    np.testing.assert_allclose(given[1, 2], p_OC[1, 2], atol=0.0025)
+    assert 0.028 <= given[1, side] <= 0.028 + 0.005
+    np.testing.assert_allclose(given[1, up], p_OC[1, up], atol=0.0025)
 
 
 def test_the_way_back_leads_into_no_ball_round_forbidden_points():

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drake_pregrasp import GraspConfig, InvalidArgumentError
+from drake_pregrasp import GraspConfig, InvalidArgumentError, PlannerConfig
 from drake_pregrasp.config.hand_description import Closing, Fingertip
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.grasping.grasp_phases import next_state
@@ -82,3 +82,7 @@ def test_a_wrist_has_two_angles_in_order(wrong):
         assert GraspConfig(wrist_range=wrong).yaw_range
     assert GraspConfig(wrist_range=[-0.1, 0.2]).yaw_range == (-0.1, 0.2)
     assert GraspConfig().yaw_range == FREE_TURN
+
+
+def test_contacts_adapt_for_a_while_before_a_hand_closes_by_default():
+    assert GraspConfig().close_at >= PlannerConfig().static_duration + 2

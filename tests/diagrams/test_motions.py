@@ -87,13 +87,6 @@ def test_a_thrown_body_follows_its_centre_of_mass():
     np.testing.assert_allclose(later @ p_OCoM, expected, atol=1e-3)
 
 
-def test_a_table_in_the_way_stops_a_fall():
-    motion = Toss(position=[0, 0, 0.2], rpy=[0.5, 0.2, 0], table=True)
-    (X_WO,) = poses(motion, [1.5], time_step=0.0025)
-    assert 0.02 < X_WO.translation()[2] < 0.08
-    assert np.hypot(*X_WO.translation()[:2]) < 0.2
-
-
 def test_a_conveyor_follows_its_profile():
     rows = [[0.0, 0, 0], [1.0, 0.1, 0.5], [2.0, 0.1, -0.5], [2.5, 0.0, 0.0]]
     profile, times = VelocityProfile(rows), [0.5, 1.0, 1.5, 2.5, 3.5]
