@@ -90,7 +90,7 @@ def test_included_parts_of_an_mjcf_are_read_once_from_allowed_folders(tmp_path):
     folder.mkdir()
     (model := folder / "hand.xml").write_text(MJCF.format("", "part.xml"))
     (folder / "part.xml").write_text(PART)
-    (tmp_path / "secret.xml").write_text(PART)
+    (tmp_path / "secret.xml").write_text("no XML, so reading it is another error")
     copy = checked_model(model, [folder])
     assert '<body name="palm"><geom name="pad"' in copy.text
     assert set(copy.files) == {model, folder / "part.xml"}
