@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Sequence
+from importlib.machinery import PathFinder
 from pathlib import Path
 
 from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
@@ -50,6 +51,12 @@ def resolve_path(text: str, folder: Path) -> Path:
         why = getattr(error, "strerror", None) or str(error)
         raise InvalidArgumentError(f"{text!r} cannot be a file: {why}") from error
     return path
+
+
+def python_package(name: str) -> Path | None:
+    """Returns the folder of an installed Python package, which is not imported; None if absent."""
+    spec = PathFinder.find_spec(name) if name.isidentifier() else None
+    return Path(spec.origin).parent if spec and spec.origin else None
 
 
 def check_inside(path: Path, folders: Sequence[Path]) -> None:

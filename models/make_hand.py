@@ -1,6 +1,6 @@
-"""Writes five_finger_hand.sdf into this folder.
+"""Writes the radial hands of three, four and five fingers and their descriptions into this folder.
 
-The file is kept; this script says how it was made. Lengths in metres, angles in radians.
+The files are kept; this script says how they were made. Lengths in metres, angles in radians.
 """
 
 import math
@@ -8,7 +8,7 @@ from pathlib import Path
 
 FOLDER = Path(__file__).parent
 
-NUM_FINGERS = 5
+NUMBERS = {3: "three", 4: "four", 5: "five"}
 KNUCKLE_CIRCLE = 0.050
 PROXIMAL, DISTAL = 0.090, 0.110
 LINK_RADIUS, TIP_RADIUS = 0.006, 0.009
@@ -22,7 +22,7 @@ TIP_COLORS = (
 )
 
 HEAD = """<?xml version="1.0"?>
-<!-- Written by make_hand.py. A radial hand of five fingers on a carrier of four axes: it slides
+<!-- Written by make_hand.py. A radial hand of {number} fingers on a carrier of four axes: it slides
      along x, y and z of the world and turns about z. Each finger hangs from a knuckle at the palm's
      rim, swings sideways about the radial axis, pitches outward and curls inward. With all joints
      at 0 the palm's frame is the world's, and the fingers hang straight down. The tips have the
@@ -47,6 +47,13 @@ HEAD = """<?xml version="1.0"?>
      2.5e-2 kg m2, by 80 rad/s2. -->
 <sdf version="1.9" xmlns:drake="http://drake.mit.edu">
   <model name="hand">
+"""
+DESCRIPTION = """\
+# The radial hand of {name}.sdf, on its carrier. The keys are explained in
+# drake_pregrasp/config/hand_description.py and docs/own_hand.md.
+model: package://drake_pregrasp/{name}.sdf
+base: !Carrier {{joints: [x, y, z, yaw], palm_height: 0.155}}
+fingertips:
 """
 TAIL = """  </model>
 </sdf>
@@ -180,9 +187,8 @@ def carrier() -> str:
     )
 
 
-def finger(index: int) -> str:
+def finger(index: int, azimuth: float) -> str:
     """Returns a finger of three joints and its tip's frame."""
-    azimuth = 2 * math.pi * index / NUM_FINGERS
     base, name = f"finger_{index}_base", f"finger_{index}"
     x, y = KNUCKLE_CIRCLE * math.cos(azimuth), KNUCKLE_CIRCLE * math.sin(azimuth)
     here = f'      <pose relative_to="{base}"/>\n'
@@ -257,12 +263,24 @@ def finger(index: int) -> str:
     )
 
 
+def description(name: str, azimuths: list[float]) -> str:
+    """Returns the description of a hand."""
+    tips = [
+        f"  - {{frame: finger_{index}_tip, radius: {TIP_RADIUS}, home: [0.0, 0.9, 1.35],"
+        f" reach: !SectorReach {{azimuth: {round(azimuth, 4)}, half_angle: 1.13}}}}\n"
+        for index, azimuth in enumerate(azimuths)
+    ]
+    return DESCRIPTION.format(name=name) + "".join(tips)
+
+
 def main() -> None:
-    """Writes the file."""
-    fingers = "".join(finger(index) for index in range(NUM_FINGERS))
-    (FOLDER / "five_finger_hand.sdf").write_text(
-        HEAD + carrier() + fingers + TAIL, encoding="utf-8"
-    )
+    """Writes the files."""
+    for count, number in NUMBERS.items():
+        name, azimuths = f"{number}_finger_hand", [2 * math.pi * k / count for k in range(count)]
+        fingers = "".join(finger(index, azimuth) for index, azimuth in enumerate(azimuths))
+        model = HEAD.format(number=number) + carrier() + fingers + TAIL
+        (FOLDER / f"{name}.sdf").write_text(model, encoding="utf-8")
+        (FOLDER / f"{name}.yaml").write_text(description(name, azimuths), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Fixtures that many tests share."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +13,7 @@ from drake_pregrasp import RunResult, Scenario, box_surface, load_scenario, run,
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.resources import python_package
 from drake_pregrasp.robots.allegro_panda import find_robot_data
 from drake_pregrasp.robots.robot_models import robot_model
 from drake_pregrasp.studies.sweep.study_file import shipped_studies
@@ -88,15 +89,24 @@ def allegro_panda() -> Path:
 
 
 def usable_scenarios() -> list[Any]:
-    """The names of the shipped scenarios; those of robots that are not there are skipped."""
-    return _usable(shipped_scenarios(), "grasp_allegro_panda")
+    """The names of the shipped scenarios; those of hands that are not there are skipped."""
+    lacking = {"grasp_allegro_panda": lacking_robots(), "grasp_shadow": lacking_shadow()}
+    return _usable(shipped_scenarios(), lacking)
 
 
 def usable_studies() -> list[Any]:
     """The names of the shipped sweeps; those of robots that are not there are skipped."""
-    return _usable(shipped_studies(), "random_boxes_allegro")
+    return _usable(shipped_studies(), {"random_boxes_allegro": lacking_robots()})
 
 
-def _usable(names: Iterable[str], of_a_robot: str) -> list[Any]:
-    lacking = pytest.mark.skipif(bool(lacking_robots()), reason=lacking_robots() or "there")
-    return [pytest.param(name, marks=lacking if name == of_a_robot else ()) for name in names]
+def lacking_shadow() -> str:
+    """What the Shadow hand needs and is not there."""
+    return "" if python_package("gymnasium_robotics") else "gymnasium-robotics is not installed"
+
+
+def _usable(names: Iterable[str], lacking: Mapping[str, str]) -> list[Any]:
+    marks = {
+        name: pytest.mark.skipif(bool(lack), reason=lack or "there")
+        for name, lack in lacking.items()
+    }
+    return [pytest.param(name, marks=marks.get(name, ())) for name in names]

@@ -1,5 +1,6 @@
 import dataclasses
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -105,10 +106,14 @@ def test_the_estimator_alone_follows_until_the_object_is_lost(capsys):
 
 
 @pytest.mark.slow
-def test_the_guide_to_a_hand_of_your_own_grasps_with_it(monkeypatch, tmp_path):
+@pytest.mark.parametrize("example", [0, 1])
+def test_the_guide_to_a_hand_of_your_own_grasps_with_it(example, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "my_hand.yaml").write_text(block("own_hand.md", "yaml"))
-    (options,) = re.findall(r"--scenario_text '(.*)'", (DOCS / "own_hand.md").read_text())
+    shutil.copy(DOCS / "own_hand" / "gripper.urdf", tmp_path)
+    text = (DOCS / "own_hand.md").read_text(encoding="utf-8")
+    options = re.findall(r"--scenario_text '(.*)'", text)[example]
+    name = re.search(r"hand: (\w+\.yaml)", options)[1]
+    (tmp_path / name).write_text(blocks("own_hand.md", "yaml")[example])
     scenario = load_scenario("grasp_five_finger", text=options)
     grasp = run(scenario, name="mine", out=tmp_path, recording=False).summary["grasp"]
     assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)

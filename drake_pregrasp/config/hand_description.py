@@ -13,6 +13,21 @@ _ANGLE = {"at_least": -10, "at_most": 10}
 
 
 @dataclass
+class Mount:
+    """Where a hand without axes of its own is joined to axes that this package adds."""
+
+    # Name of the hand's link that is joined to the wrist; empty if the model has the axes itself.
+    link: str = ""
+
+    # Position of the link over the object's origin less `palm_height`, at yaw 0, along the axes of
+    # W, in metres.
+    position: list[float] = field(default_factory=zeros, metadata=POINT)
+
+    # Orientation of the link at yaw 0, as roll, pitch and yaw in W, in radians.
+    rpy: list[float] = field(default_factory=zeros, metadata=POINT)
+
+
+@dataclass
 class Carrier:
     """Four axes that carry a palm over the object."""
 
@@ -27,6 +42,9 @@ class Carrier:
 
     # Least height of the carrier over the object's top, in metres.
     top_clearance: float = field(default=0.05, metadata={"at_least": 0, "at_most": 10})
+
+    # Place of a hand whose model lacks these joints.
+    mount: Mount = field(default_factory=Mount)
 
 
 @dataclass
@@ -74,8 +92,14 @@ class Closing:
 class Fingertip:
     """A fingertip and its finger."""
 
-    # Name of the frame at the centre of the fingertip.
+    # Name of the frame at the centre of the fingertip; links have frames of their names.
     frame: str = field(default="", metadata={"required": True})
+
+    # Link to which this frame is added; empty if the model has the frame.
+    link: str = ""
+
+    # Centre of the fingertip in that link, in metres.
+    center: list[float] = field(default_factory=zeros, metadata=POINT)
 
     # Radius of the fingertip, in metres.
     radius: float = field(default=0.01, metadata={"required": True, "above": 0, "at_most": 0.1})
@@ -107,12 +131,46 @@ class Fingertip:
 
 
 @dataclass
+class Drive:
+    """Position drive of joints, which replaces the drives of the model and the joints' damping."""
+
+    # Names of the joints; empty for all that no other drive names. If there is a drive or a mount,
+    # each joint needs a drive.
+    joints: list[str] = field(default_factory=list)
+
+    # Gains of the error of position, in N m/rad, and of velocity, in N m s/rad.
+    stiffness: float = field(default=4.0, metadata={"above": 0, "at_most": 1e6})
+    damping: float = field(default=0.12, metadata={"above": 0, "at_most": 1e6})
+
+    # Inertia of the rotor behind its gears, in kg m².
+    rotor_inertia: float = field(default=5e-4, metadata={"at_least": 0, "at_most": 100})
+
+    # Largest torque, in N m.
+    effort: float = field(default=1.0, metadata={"above": 0, "at_most": 1e6})
+
+    # Largest speed and acceleration, in rad/s and rad/s²; 0 for those of the model.
+    speed: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e6})
+    acceleration: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e6})
+
+
+@dataclass
+class LockedJoint:
+    """A joint that does not move."""
+
+    # Name of the joint.
+    joint: str = field(default="", metadata={"required": True})
+
+    # Its position, in radians or metres.
+    position: float = field(default=0.0, metadata=_ANGLE)
+
+
+@dataclass
 class HandDescription:
     """A hand with its carrier or arm."""
 
-    # An SDF, a URDF or an MJCF with one model, all of whose joints have drives with gains: a path
-    # from this file's folder, package://drake_pregrasp/... for a shipped model, or
-    # robots://allegro_panda.urdf for the model of the extra `robots`.
+    # An SDF, a URDF or an MJCF with one model: a path from this file's folder,
+    # package://drake_pregrasp/... for a shipped model, or robots://allegro_panda.urdf for the model
+    # of the extra `robots`.
     model: str = field(default="", metadata={"required": True, "path": True})
 
     # Base of the palm: !Carrier or !Arm.
@@ -122,6 +180,12 @@ class HandDescription:
     fingertips: list[Fingertip] = field(
         default_factory=list, metadata={"required": True, "min_length": 2}
     )
+
+    # Drives of joints that have none in the model, or others.
+    drives: list[Drive] = field(default_factory=list)
+
+    # Joints that are replaced by fixed ones, such as those of a wrist under a carrier.
+    locked: list[LockedJoint] = field(default_factory=list)
 
     @property
     def palm_height(self) -> float:
@@ -138,7 +202,8 @@ class HandDescription:
         """
         if isinstance(self.base, Carrier):
             height = max(self.base.palm_height, top + self.base.top_clearance)
-            return replace(self, base=replace(self.base, palm_height=height))
+            tips = [tip.raised(height - self.base.palm_height) for tip in self.fingertips]
+            return replace(self, base=replace(self.base, palm_height=height), fingertips=tips)
         if not self.base.over_top:
             return self
         x, y, z = self.base.palm_position

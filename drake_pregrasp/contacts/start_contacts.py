@@ -205,7 +205,9 @@ class _Search:
         ]
         # From above there is no way to a place under another fingertip.
         self._level = self._across(self._ways[0])
-        self._room = limits.tip_radii[:, None] + limits.tip_radii + limits.tip_gap
+        # Contacts that are nearer to each other have no safe regions (`neighbour_half_spaces`).
+        largest = np.maximum(limits.tip_radii[:, None], limits.tip_radii)
+        self._room = 2 * largest + limits.tip_gap
         self._fits = np.ones((self._n, len(index)), dtype=bool)
         for centres in self._ways:
             gaps = solid.distance(centres.reshape(-1, 3)).reshape(self._n, -1)
@@ -275,8 +277,11 @@ class _Search:
         room = np.ones(len(self._p), dtype=bool)
         for other in np.flatnonzero(seats != _AWAY).tolist():
             if other != finger:
-                away = self._level[finger] - self._level[other, seats[other]]
-                room &= np.linalg.norm(away, axis=1) > self._room[finger, other]
+                seat, least = seats[other], self._room[finger, other]
+                away = self._level[finger] - self._level[other, seat]
+                room &= np.linalg.norm(away, axis=1) > least
+                is_apart = np.linalg.norm(self._p - self._p[seat], axis=1) > least
+                room &= is_apart | (self._normals @ self._normals[seat] < OPPOSITE)
         return room
 
     def _bounds(self, finger: int, seats: IntArray, choices: IntArray) -> FloatArray:

@@ -24,11 +24,10 @@ from drake_pregrasp.systems.palm_posture import ArmKinematics, pose_error
 
 _STEPS = 300  # Largest number of steps of an arm to its initial pose.
 _ARRIVED = 1e-5  # Largest error of the palm at its initial pose, in metres and radians.
+_TWO_TURNS = 4 * np.pi
 _JOINT_KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
 _WORKSPACE_SAMPLES = 3000  # Places of a fingertip; 90 % are nearer to the next than half a step.
-
-WORKSPACE_STEP = 0.012
-"""Distance within which a finger that reaches one place also reaches another, in metres."""
+_LARGEST_STEP = 0.012  # Largest distance to another place that a finger reaches, in metres.
 
 
 class PalmCarrier:
@@ -204,9 +203,6 @@ def _check_home(
             )
 
 
-_TWO_TURNS = 4 * np.pi
-
-
 class HandModel:
     """Kinematic model of a hand without a scene.
 
@@ -335,8 +331,13 @@ class HandModel:
         Args:
             p_HT: Centres of each fingertip over the object at yaw 0, shape (n, k, 3), in metres.
         """
-        near = zip(self.workspaces, p_HT, strict=True)
-        return np.array([tree.query(places)[0] <= WORKSPACE_STEP for tree, places in near])
+        near = zip(self.workspaces, self._steps, p_HT, strict=True)
+        return np.array([tree.query(places)[0] <= step for tree, step, places in near])
+
+    @cached_property
+    def _steps(self) -> list[float]:
+        gaps = [tree.query(tree.data, k=2)[0][:, 1] for tree in self.workspaces]
+        return [min(_LARGEST_STEP, 2 * float(np.quantile(gap, 0.9))) for gap in gaps]
 
     @cached_property
     def workspaces(self) -> list[cKDTree]:

@@ -15,6 +15,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 
 from drake_pregrasp.config.hand_description import Carrier, HandDescription
 from drake_pregrasp.contacts.assignment import FREE_TURN
+from drake_pregrasp.diagrams.hand_assembly import assemble_hand
 from drake_pregrasp.diagrams.model_files import checked_model
 from drake_pregrasp.errors import InvalidArgumentError, first_line
 from drake_pregrasp.resources import resolve_path, resource_folder
@@ -72,7 +73,7 @@ def add_hand_model(
     parser = Parser(plant)
     path = model_path(description.model)
     parser.SetAutoRenaming(True)
-    copy = None if _is_own(path) else checked_model(path)
+    copy = None if _is_own(path) and path.suffix != ".xml" else checked_model(path)
     try:
         with held_messages() as messages, failures_as_errors():  # An error says them in one line.
             if copy is None:
@@ -82,7 +83,7 @@ def add_hand_model(
     except (RuntimeError, ValueError) as error:
         problem = first_line(error)
         raise InvalidArgumentError(f"model: {path} is no model of a hand: {problem}") from error
-    for message in messages:
+    for message in [] if _is_own(path) else messages:
         logging.getLogger("drake").handle(message)
     if len(models) != 1:
         raise InvalidArgumentError(
@@ -90,6 +91,11 @@ def add_hand_model(
         )
     (hand,) = models
     plant.RenameModelInstance(hand, HAND)
+    try:
+        with failures_as_errors():
+            assemble_hand(plant, hand, description)
+    except (RuntimeError, ValueError) as error:
+        raise InvalidArgumentError(f"model: {path}: {first_line(error)}") from error
     plant.set_gravity_enabled(hand, False)
     if isinstance(description.base, Carrier) and yaw_range != FREE_TURN:
         wrist = description.base.joints[-1]

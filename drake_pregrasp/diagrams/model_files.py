@@ -20,7 +20,12 @@ from pydrake.multibody.parsing import PackageMap
 
 from drake_pregrasp.errors import InvalidArgumentError, first_line, printable
 from drake_pregrasp.geometry.meshes import MESH_SUFFIXES, companions, read_pieces
-from drake_pregrasp.resources import check_inside, read_bounded_text, resource_folder
+from drake_pregrasp.resources import (
+    check_inside,
+    python_package,
+    read_bounded_text,
+    resource_folder,
+)
 from drake_pregrasp.robots.robot_meshes import write_obj
 from drake_pregrasp.robots.urdf_mending import DRAKE
 
@@ -54,6 +59,9 @@ MAX_TRIANGLES = 100_000
 MAX_CELLS = 1000
 """Largest number of cells into which Drake splits a model's hydroelastic geometries: the sum of
 (size / resolution hint)², and a tenth of the triangles of a geometry with a mesh file."""
+
+MAX_INCLUDES = 20
+"""Largest number of files that an MJCF includes."""
 
 _KINDS = {"sdf": "sdf", "robot": "urdf", "mujoco": "xml"}  # Formats by the tags of roots.
 _MESH_NAMES = {"urdf": "filename", "xml": "file"}  # Attributes; SDF has an element.
@@ -196,6 +204,8 @@ class _Copier:
     def copy(self) -> CheckedModel:
         """Returns the copy."""
         root = _parse(self._model)
+        if root.tag == "mujoco":
+            self._include(root)
         if root.tag not in _KINDS:
             raise self._error(
                 f"is no model of a hand: its root is <{root.tag}>; it must be <sdf>, <robot> (URDF)"
@@ -203,11 +213,11 @@ class _Copier:
             )
         self._kind = _KINDS[root.tag]
         for compiler in root.iter("compiler"):
-            self._folder /= compiler.get("meshdir", compiler.get("assetdir", ""))
+            self._folder = self._located(compiler.get("meshdir", compiler.get("assetdir", "")))
             self._strips_path |= compiler.get("strippath") == "true"
         copied = Element(root.tag, {"xmlns:drake": DRAKE})
         self._fill(copied, root)
-        if self._left_out:
+        if self._left_out and not self._model.is_relative_to(resource_folder("models")):
             logging.getLogger(__name__).warning(
                 "%s: these elements are left out, because a hand does not need them: %s",
                 self._model,
@@ -215,6 +225,21 @@ class _Copier:
             )
         text = ElementTree.tostring(copied, encoding="unicode")
         return CheckedModel(text, self._kind, tuple(self._files))
+
+    def _include(self, element: Element) -> None:
+        """Replaces each `<include>` of an MJCF by what the root of its file contains."""
+        for index, child in reversed(list(enumerate(element))):
+            if child.tag != "include":
+                self._include(child)
+                continue
+            path = self._located(child.get("file", "")).resolve()
+            check_inside(path, self._allowed)
+            if path in self._files or len(self._files) > MAX_INCLUDES:
+                raise self._error(f"includes {path} twice, or more than {MAX_INCLUDES} files")
+            self._files.append(path)
+            included = _parse(path)
+            self._include(included)
+            element[index : index + 1] = list(included)
 
     def _error(self, problem: str) -> InvalidArgumentError:
         return InvalidArgumentError(f"model: {self._model} {problem}")
@@ -271,9 +296,10 @@ class _Copier:
         scheme, separator, rest = name.partition("://")
         if separator and scheme in ("package", "model"):
             package, _, rest = rest.partition("/")
-            if package not in self._packages:
+            folder = self._packages.get(package) or python_package(package)
+            if folder is None:
                 raise self._error(f"names {name}: no such package is here")
-            return self._packages[package] / rest
+            return folder / rest
         path = name.removeprefix("file://")
         if "://" in path or "\0" in path:
             raise self._error(f"names {name}: only files and packages are read")

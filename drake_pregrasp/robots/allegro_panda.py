@@ -1,4 +1,4 @@
-"""An Allegro hand, palm down, on the flange of a Panda arm."""
+"""An Allegro hand, alone or palm down on the flange of a Panda arm."""
 
 import importlib.metadata
 import math
@@ -6,13 +6,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.robots.robot_meshes import convert_meshes
 from drake_pregrasp.robots.urdf_mending import (
-    Drive,
     add_robot,
-    drive_joints,
     drop_from,
     drop_ignored,
     mend_inertias,
@@ -85,29 +84,6 @@ _BASE_XYZ = (-0.55, 0.0, 0.0)
 _PALM_XYZ = (-0.02, 0.0, 0.045)
 _PALM_RPY = (math.pi, -math.pi / 2, 0.0)
 
-# Accelerations of the arm's joints from frankaemika.github.io/docs/control_parameters.html, as are
-# the torques (87 and 12 N m) and speeds (2.175 and 2.61 rad/s) of its model.
-_ACCELERATIONS = (15.0, 7.5, 10.0, 12.5, 15.0, 20.0, 20.0)
-_GAINS = 4 * [(9000.0, 600.0)] + 2 * [(4500.0, 200.0)] + [(3000.0, 120.0)]
-
-# Reflected inertia of the rotors, in kg m². The arm's is that of the Panda in MuJoCo Menagerie. The
-# hand's is the time constant of motors without iron cores, 7 ms, times torque over speed, 0.7 N m
-# over 9.5 rad/s.
-_ARM_ROTOR, _HAND_ROTOR = 0.1, 5e-4
-
-# Drives by prefixes of joints' names, stiff where the arm is long.
-_DRIVES = {
-    f"panda_joint{i}": Drive(*gains, _ARM_ROTOR, acceleration=acceleration)
-    for i, (gains, acceleration) in enumerate(zip(_GAINS, _ACCELERATIONS, strict=True), start=1)
-}
-# The model of the hand allows 15 N m, the manufacturer 0.9 N m.
-_DRIVES |= dict.fromkeys(
-    [f"joint_{i}.0" for i in range(12)], Drive(4.0, 0.12, _HAND_ROTOR, effort=0.9)
-)
-_DRIVES |= dict.fromkeys(
-    [f"joint_{i}.0" for i in range(12, 16)], Drive(1.5, 0.05, _HAND_ROTOR, effort=0.9)
-)
-
 _FRICTION = 0.7  # Friction coefficient of rubber on most materials.
 _STIFFNESS = 1e4  # Stiffness of rubber tips in N/m; harder contacts would chatter.
 
@@ -126,18 +102,30 @@ def write_allegro_panda(
         InvalidArgumentError: If `data` lacks a file, or has one that cannot be read.
     """
     robot = ElementTree.parse(data.find(_PANDA)).getroot()
-    robot.set("name", "allegro_panda")
     drop_from(robot, "panda_hand")
     add_robot(robot, ElementTree.parse(data.find(_ALLEGRO)).getroot())
     weld(robot, "world", "panda_link0", xyz=_BASE_XYZ, rpy=(0.0, 0.0, 0.0))
     weld(robot, "panda_link8", "palm_link", xyz=_PALM_XYZ, rpy=_PALM_RPY)
+    return _write(robot, data, folder / "allegro_panda.urdf", on_progress)
+
+
+def write_allegro_hand(
+    data: RobotData, folder: Path, on_progress: Callable[[int, int], None]
+) -> Path:
+    """Writes the URDF of the hand alone, as `write_allegro_panda` does."""
+    robot = ElementTree.parse(data.find(_ALLEGRO)).getroot()
+    return _write(robot, data, folder / "allegro_hand.urdf", on_progress)
+
+
+def _write(
+    robot: Element, data: RobotData, path: Path, on_progress: Callable[[int, int], None]
+) -> Path:
+    """Writes a robot as Drake needs it."""
+    robot.set("name", path.stem)
     drop_ignored(robot)
     mend_inertias(robot)
-    for prefix, drive in _DRIVES.items():
-        drive_joints(robot, drive, prefix=prefix)
     set_contact(robot, _FRICTION, _STIFFNESS)
-    convert_meshes(robot, data.find, folder, on_progress)
-    path = folder / "allegro_panda.urdf"
+    convert_meshes(robot, data.find, path.parent, on_progress)
     ElementTree.indent(robot)
     ElementTree.ElementTree(robot).write(path, encoding="utf-8", xml_declaration=True)
     return path

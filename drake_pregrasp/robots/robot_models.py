@@ -13,7 +13,12 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from drake_pregrasp.errors import InvalidArgumentError, OutputError
-from drake_pregrasp.robots.allegro_panda import RobotData, find_robot_data, write_allegro_panda
+from drake_pregrasp.robots.allegro_panda import (
+    RobotData,
+    find_robot_data,
+    write_allegro_hand,
+    write_allegro_panda,
+)
 
 _PARTIAL = ".partial-"
 _ABANDONED = 3600.0  # Seconds after which an unfinished folder is removed.
@@ -83,7 +88,10 @@ ROBOTS_URL = "robots://"
 """Prefix of the names of the robots' models."""
 
 _Writer = Callable[[RobotData, Path, Callable[[int, int], None]], Path]
-_WRITERS: Mapping[str, _Writer] = {"allegro_panda.urdf": write_allegro_panda}
+_WRITERS: Mapping[str, _Writer] = {
+    "allegro_hand.urdf": write_allegro_hand,
+    "allegro_panda.urdf": write_allegro_panda,
+}
 
 
 def robot_model(url: str) -> Path:

@@ -2,7 +2,6 @@
 
 import copy
 from collections.abc import Iterable
-from dataclasses import dataclass
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
@@ -13,25 +12,6 @@ DRAKE = "http://drake.mit.edu"
 
 _IGNORED = ("safety_controller", "dynamics")  # Elements of joints that Drake warns about.
 _SLACK = 1e-12  # Rounding error of moments of inertia, in kg m².
-
-
-@dataclass(frozen=True)
-class Drive:
-    """Drive of a joint to desired positions.
-
-    Attributes:
-        stiffness: Gain of the position error, in N m/rad.
-        damping: Gain of the velocity error, in N m s/rad.
-        rotor_inertia: Inertia of the rotor reflected by the gears, in kg m².
-        effort: Largest torque, in N m, or None for that of the model.
-        acceleration: Largest acceleration, in rad/s², or None for no limit.
-    """
-
-    stiffness: float
-    damping: float
-    rotor_inertia: float
-    effort: float | None = None
-    acceleration: float | None = None
 
 
 def drop_from(robot: Element, link: str) -> None:
@@ -106,29 +86,9 @@ def _is_possible(inertia: Element) -> bool:
     return bool(moments[0] > 0 and moments[0] + moments[1] >= moments[2] - _SLACK)
 
 
-def drive_joints(robot: Element, drive: Drive, *, prefix: str) -> None:
-    """Adds actuators with gains to the movable joints whose names start with a prefix."""
-    ElementTree.register_namespace("drake", DRAKE)
-    for joint in robot.findall("joint"):
-        name, limit = joint.get("name", ""), joint.find("limit")
-        if joint.get("type") == "fixed" or limit is None or not name.startswith(prefix):
-            continue
-        if drive.effort is not None:
-            limit.set("effort", f"{drive.effort:g}")
-        if drive.acceleration is not None:
-            limit.set(f"{{{DRAKE}}}acceleration", f"{drive.acceleration:g}")
-        transmission = SubElement(robot, "transmission")
-        SubElement(transmission, "type").text = "transmission_interface/SimpleTransmission"
-        SubElement(transmission, "joint", name=name)
-        actuator = SubElement(transmission, "actuator", name=name)
-        SubElement(actuator, f"{{{DRAKE}}}rotor_inertia", value=f"{drive.rotor_inertia:g}")
-        SubElement(actuator, f"{{{DRAKE}}}gear_ratio", value="1")
-        gains = {"p": f"{drive.stiffness:g}", "d": f"{drive.damping:g}"}
-        SubElement(actuator, f"{{{DRAKE}}}controller_gains", gains)
-
-
 def set_contact(robot: Element, coefficient: float, stiffness: float) -> None:
     """Sets the Coulomb friction coefficient and point-contact stiffness in N/m of collisions."""
+    ElementTree.register_namespace("drake", DRAKE)
     for collision in robot.iterfind("link/collision"):
         properties = SubElement(collision, f"{{{DRAKE}}}proximity_properties")
         SubElement(properties, f"{{{DRAKE}}}mu_static", value=f"{coefficient:g}")

@@ -1,5 +1,6 @@
 """First contacts of a hand: laws of the choice, and what is missing where there is no grasp."""
 
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
 from drake_pregrasp.quality.force_closure import largest_load, min_weight_margin
 from drake_pregrasp.regions.constraints import Limit, Obstacles, RegionConstraints
 from drake_pregrasp.regions.finger_reach import FingerReach
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
 
 MODELS = Path(__file__).parents[2] / "models"
 N, TIP, GAP, STANDOFF, CLEARANCE = 5, 0.009, 0.004, 0.02, 0.004
@@ -88,7 +90,7 @@ def margin_of(surface, p_OC):
     return min_weight_margin(p_OC - surface.p_OCoM, surface.project(p_OC)[1], 0.5)
 
 
-SHAPES = ["box0", "box1", "box2", "cylinder0", "cylinder1", "ball", "mug", "torus"]
+SHAPES = ["box0", "box1", "box2", "cylinder0", "cylinder1", "ball", "mug", "screwdriver"]
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -112,6 +114,14 @@ def test_chosen_contacts_pass_all_tests_and_hold_the_object(name):
     level = np.array([1.0, 1.0, 0.0])
     assert np.min(tip_gaps(p_OC * level, normals * level, np.full(len(on), TIP), GAP)) >= 0
     assert np.min(shape.solid.distance(p_OC + TIP * normals)) >= TIP - 0.0025
+    # From there the planner can move them.
+    nhat = {"nhat_OQ": surface.nhat_OQ, "nhat_OC": surface.project(start.p_OC)[1]}
+    weights = np.where(start.has_contact, 0.0, -np.inf)
+    constraints = replace(constraints, **nhat)
+    regions = compute_safe_regions(
+        surface.p_OQ, start.p_OC, weights, surface.forbidden, constraints
+    )
+    assert np.all(regions.counts[on] > 0)
     assert start.margin == pytest.approx(margin_of(surface, p_OC), abs=1e-6)
     # It trades little of the margin for flat surface and for fingers near their home.
     assert start.margin >= margin_of(surface, ring_contacts(surface, N)) - 0.07

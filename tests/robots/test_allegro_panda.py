@@ -10,6 +10,7 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
+from drake_pregrasp import HandModel, load_hand
 from drake_pregrasp.robots.allegro_panda import find_robot_data
 from drake_pregrasp.robots.robot_models import robot_model
 
@@ -45,14 +46,11 @@ def test_drake_loads_it_without_a_word_with_few_solid_collision_shapes(
     assert (shapes.count("Box"), shapes.count("Sphere"), len(shapes)) == (17, 4, 29)
 
 
-def test_every_joint_is_driven_in_the_order_of_the_joints(plant):
-    drives = [plant.get_joint_actuator(i) for i in plant.GetJointActuatorIndices()]
-    assert [drive.joint().position_start() for drive in drives] == list(range(23))
-    assert all(drive.has_controller() and drive.default_rotor_inertia() > 0 for drive in drives)
-    efforts = np.array([drive.effort_limit() for drive in drives])
-    np.testing.assert_array_equal(efforts[7:], 0.9)
-    np.testing.assert_array_equal(efforts[:7], [87, 87, 87, 87, 12, 12, 12])
-    accelerations = plant.GetAccelerationUpperLimits()
+def test_every_joint_is_driven_within_the_limits_of_its_maker(allegro_panda):
+    hand = HandModel(load_hand("package://drake_pregrasp/allegro_panda.yaml")).kinematics
+    assert np.all(hand.stiffness > 0)
+    np.testing.assert_array_equal(hand.efforts, [87, 87, 87, 87, 12, 12, 12] + 16 * [0.9])
+    accelerations = hand.acceleration_limit
     np.testing.assert_array_equal(accelerations[:7], [15, 7.5, 10, 12.5, 15, 20, 20])
 
 

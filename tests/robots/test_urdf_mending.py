@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from drake_pregrasp.errors import InvalidArgumentError, first_line
 from drake_pregrasp.robots.robot_meshes import convert_mesh
-from drake_pregrasp.robots.urdf_mending import Drive, drive_joints, drop_from, mend_inertias
+from drake_pregrasp.robots.urdf_mending import drop_from, mend_inertias
 
 ROBOT = """
 <robot name="tree">
@@ -33,15 +33,6 @@ def test_what_hangs_on_a_dropped_link_goes_with_it():
     drop_from(robot, "b")
     assert names(robot, "link") == ["a", "d"]
     assert names(robot, "joint") == ["ad"]
-
-
-def test_only_movable_joints_of_the_prefix_are_driven():
-    robot = ElementTree.fromstring(ROBOT)
-    drive_joints(robot, Drive(3.0, 0.1, 1e-4, effort=0.9), prefix="a")
-    assert [joint.get("name") for joint in robot.iterfind("transmission/joint")] == ["ab", "ad"]
-    assert {limit.get("effort") for limit in robot.iterfind("joint/limit")} == {"0.9"}
-    drive_joints(robot, Drive(3.0, 0.1, 1e-4), prefix="b")
-    assert len(robot.findall("transmission")) == 2
 
 
 def link_with(inertia, mass=1.0):

@@ -1,0 +1,72 @@
+"""One line of a scenario puts another hand or object in."""
+
+import pytest
+from conftest import lacking_robots, lacking_shadow
+from simulation_runs import run_text
+
+from drake_pregrasp import ScenarioError, load_scenario
+from drake_pregrasp.contacts.start_contacts import Lack
+from drake_pregrasp.resources import resource_folder
+from drake_pregrasp.simulation.hand_file import load_hand_model
+
+OBJECTS = {
+    "box": "!Box {size: [0.05, 0.05, 0.06], mass: 0.2}",
+    "cylinder": "!Cylinder {radius: 0.025, length: 0.08, mass: 0.2}",
+    "ball": "!Ball {radius: 0.03, mass: 0.1}",
+    "torus": '!Mesh {file: "package://drake_pregrasp/torus.obj", mass: 0.15}',
+}
+LACKING = {
+    "allegro_hand": lacking_robots(),
+    "allegro_panda": lacking_robots(),
+    "shadow_hand": lacking_shadow(),
+}
+HANDS = [
+    pytest.param(name, marks=pytest.mark.skipif(bool(lack), reason=lack or "there"))
+    for name in sorted(file.stem for file in resource_folder("models").glob("*.yaml"))
+    for lack in [LACKING.get(name, "")]
+]
+TEXT = "initial_contacts: [], grasp: {hand: package://drake_pregrasp/%s.yaml}, object: %s"
+
+
+@pytest.mark.parametrize("hand", HANDS)
+def test_every_shipped_hand_is_driven_and_reaches_its_home(hand, capfd):
+    model = load_hand_model(f"package://drake_pregrasp/{hand}.yaml")
+    assert (model.kinematics.stiffness > 0).all()
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("hand", HANDS)
+@pytest.mark.parametrize("name", OBJECTS)
+def test_each_hand_takes_each_object_or_says_what_is_missing(hand, name):
+    try:
+        scenario = load_scenario("grasp_five_finger", text=f"{{{TEXT % (hand, OBJECTS[name])}}}")
+    except ScenarioError as error:
+        problem = str(error)
+    else:
+        assert scenario.num_contacts == len(scenario.load_hand_model().azimuths)
+        return
+    assert any(f"no grasp for lack of {lack}" in problem for lack in Lack)
+    assert name not in ("box", "cylinder")  # All hands have grasps on these.
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("hand", "name"),
+    [
+        ("three_finger_hand", "box"),
+        ("three_finger_hand", "cylinder"),
+        ("four_finger_hand", "box"),
+        ("four_finger_hand", "cylinder"),
+        ("allegro_hand", "box"),
+        ("shadow_hand", "box"),
+        ("shadow_hand", "cylinder"),
+    ],
+)
+def test_hands_hold_what_they_lift(hand, name, tmp_path):
+    if lack := LACKING.get(hand, ""):
+        pytest.skip(lack)
+    base = "grasp_shadow" if hand == "shadow_hand" else "grasp_five_finger"
+    grasp = run_text(base, TEXT % (hand, OBJECTS[name]), tmp_path).summary["grasp"]
+    assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
+    assert grasp["lift_height_mm"] > 95
