@@ -78,15 +78,12 @@ def test_it_stops_at_a_wall_too_and_falls_beside_the_table():
     assert np.max(places[-1, :, 2]) < -0.2
 
 
-@pytest.mark.parametrize(
-    ("text", "step"),
-    [
-        ("{}", 0.025),
-        ("motion: !Toss {table: true}", 0.0025),
-        ("motion: !Toss {}", 0.025),
-        ("motion: !Push {speed: 0.5}", 0.001),
-        ("{motion: !Push {speed: 0.5}, plant_config: {time_step: 0.01}}", 0.01),
-    ],
-)
-def test_the_default_time_step_suits_the_motion(text, step):
-    assert load_scenario("a_base", text=text).plant_settings.time_step == pytest.approx(step)
+FAST_PUSH = "motion: !Push {speed: 0.5}"
+STEPS = {"{}": 0.025, "motion: !Toss {table: true}": 0.0025, "motion: !Toss {}": 0.025}
+STEPS |= {FAST_PUSH: 0.001, f"{{{FAST_PUSH}, plant_config: {{time_step: 0.01}}}}": 0.01}
+
+
+@pytest.mark.parametrize("text", STEPS)
+def test_the_default_time_step_suits_the_motion(text):
+    step = load_scenario("a_base", text=text).plant_settings.time_step
+    assert step == pytest.approx(STEPS[text])
