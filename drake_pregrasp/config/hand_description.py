@@ -14,16 +14,16 @@ _ANGLE = {"at_least": -10, "at_most": 10}
 
 @dataclass
 class Mount:
-    """Where a hand without axes of its own is joined to axes that this package adds."""
+    """Place of a hand without axes of its own on axes that this package adds."""
 
     # Name of the hand's link that is joined to the wrist; empty if the model has the axes itself.
     link: str = ""
 
-    # Position of the link over the object's origin less `palm_height`, at yaw 0, along the axes of
-    # W, in metres.
+    # Position of the link in the frame of the wrist, in metres. At yaw 0 the wrist has the axes of
+    # W, and is `palm_height` over the object's origin.
     position: list[float] = field(default_factory=zeros, metadata=POINT)
 
-    # Orientation of the link at yaw 0, as roll, pitch and yaw in W, in radians.
+    # Orientation of the link, as roll, pitch and yaw in the wrist, in radians.
     rpy: list[float] = field(default_factory=zeros, metadata=POINT)
 
 
@@ -138,7 +138,8 @@ class Drive:
     # each joint needs a drive.
     joints: list[str] = field(default_factory=list)
 
-    # Gains of the error of position, in N m/rad, and of velocity, in N m s/rad.
+    # Gains of the error of position, in N m/rad, and of velocity, in N m s/rad. For joints that
+    # slide, here and below, metres replace radians, newtons N m, and kg kg m².
     stiffness: float = field(default=4.0, metadata={"above": 0, "at_most": 1e6})
     damping: float = field(default=0.12, metadata={"above": 0, "at_most": 1e6})
 
@@ -169,8 +170,8 @@ class HandDescription:
     """A hand with its carrier or arm."""
 
     # An SDF, a URDF or an MJCF with one model: a path from this file's folder,
-    # package://drake_pregrasp/... for a shipped model, or robots://allegro_panda.urdf for the model
-    # of the extra `robots`.
+    # package://drake_pregrasp/... for a shipped model, or robots://allegro_panda.urdf or
+    # robots://allegro_hand.urdf for models of the extra `robots`.
     model: str = field(default="", metadata={"required": True, "path": True})
 
     # Base of the palm: !Carrier or !Arm.

@@ -1,4 +1,4 @@
-"""What a description adds to a hand's model: axes that carry it, drives, frames, fixed joints."""
+"""Completion of a hand's model by its description: axes, drives, frames, and fixed joints."""
 
 from collections.abc import Iterator
 
@@ -18,6 +18,7 @@ from pydrake.multibody.tree import (
 )
 
 from drake_pregrasp.config.hand_description import Carrier, Drive, HandDescription, Mount
+from drake_pregrasp.diagrams.palm_base import check_home
 from drake_pregrasp.errors import InvalidArgumentError
 
 # The axes of five_finger_hand.sdf, whose comment names their data sheets: drives, ranges in metres
@@ -34,7 +35,7 @@ def assemble_hand(
     description: HandDescription,
     R_WA: RotationMatrix | None = None,
 ) -> None:
-    """Adds to a parsed hand what its description adds to the model.
+    """Adds axes, drives and frames of a description to a parsed hand, and fixes locked joints.
 
     Args:
         plant: Plant with the hand, which is not finalized.
@@ -43,24 +44,27 @@ def assemble_hand(
         R_WA: Orientation of added axes in W; None for upright.
 
     Raises:
-        InvalidArgumentError: If a locked joint cannot be locked.
+        InvalidArgumentError: If a joint cannot be locked, the mounted link hangs on another one, or
+            a joint that moves has no drive, or two.
         RuntimeError: If the model lacks a link or a joint that the description names.
     """
     for locked in description.locked:
         joint = plant.GetMutableJointByName(locked.joint, hand)
-        _remove(plant, joint)
         ends, X = (joint.frame_on_parent(), joint.frame_on_child()), _moved(joint, locked.position)
-        plant.AddJoint(WeldJoint(joint.name(), *ends, X))
+        _remove(plant, joint)  # Which frees it.
+        plant.AddJoint(WeldJoint(locked.joint, *ends, X))
     for tip in description.fingertips:
         if tip.link:
             link = plant.GetFrameByName(tip.link, hand)
             plant.AddFrame(FixedOffsetFrame(tip.frame, link, RigidTransform(tip.center), hand))
-    drives = {name: drive for drive in description.drives for name in drive.joints or [""]}
+    pairs = [(name, drive) for drive in description.drives for name in drive.joints or [""]]
+    if len(drives := dict(pairs)) < len(pairs):
+        raise InvalidArgumentError("drives: a joint, or all others, must have one drive only")
     if isinstance(description.base, Carrier) and description.base.mount.link:
         axes = description.base.joints
         X_WA = RigidTransform(R_WA or RotationMatrix(), np.zeros(3))
         _add_axes(plant, hand, axes, description.base.mount, X_WA)
-        drives |= dict(zip(axes, _DRIVES, strict=True))
+        drives = dict(zip(axes, _DRIVES, strict=True)) | drives
     joints = list(_in_order(plant, hand, plant.world_body().index())) if drives else []
     if unknown := set(drives) - {"", *(joint.name() for joint in joints)}:
         raise InvalidArgumentError(f"drives: no joint {unknown.pop()} hangs on the world and moves")
@@ -72,10 +76,12 @@ def assemble_hand(
 
 def _moved(joint: Joint, position: float) -> RigidTransform:
     """Returns the pose of a joint's child in its parent."""
+    if not isinstance(joint, PrismaticJoint | RevoluteJoint):
+        raise InvalidArgumentError(f"locked: {joint.name()} must slide or turn")
+    limits = joint.position_lower_limits(), joint.position_upper_limits()
+    check_home("locked", [joint.name()], [position], *limits)
     if isinstance(joint, PrismaticJoint):
         return RigidTransform(position * joint.translation_axis())
-    if not isinstance(joint, RevoluteJoint):
-        raise InvalidArgumentError(f"locked: {joint.name()} must slide or turn")
     return RigidTransform(RotationMatrix(AngleAxis(position, joint.revolute_axis())), np.zeros(3))
 
 
@@ -102,6 +108,10 @@ def _add_axes(
     carrier = plant.AddFrame(FixedOffsetFrame("approach", plant.world_frame(), X_WA, hand))
     for joint in map(plant.get_joint, plant.GetJointIndices(hand)):
         if joint.child_body() is link:  # As of links on the world in an MJCF.
+            if (parent := joint.parent_body()) is not plant.world_body():
+                raise InvalidArgumentError(
+                    f"base.mount.link: {mount.link} hangs on {parent.name()}; mount the first link"
+                )
             _remove(plant, joint)
     for axis, (name, mass, most) in enumerate(zip(names, _MASSES, _RANGES, strict=True)):
         inertia = SpatialInertia.SolidSphereWithMass(mass, _RADIUS)

@@ -39,8 +39,9 @@ def tips_at(description, **positions):
 
 def test_axes_come_first_and_each_joint_has_its_drive(gripper):
     thumb = Drive(["curl_2"], stiffness=1.0, effort=0.5, speed=2.0, acceleration=30.0)
-    hand = HandModel(replace(gripper, drives=[thumb, *gripper.drives])).kinematics
-    np.testing.assert_array_equal(hand.stiffness, [1e5, 1e5, 1e5, 400] + 8 * [4.0] + [1.0])
+    axis = Drive(["x"], stiffness=2e5, damping=2000.0)
+    hand = HandModel(replace(gripper, drives=[thumb, axis, *gripper.drives])).kinematics
+    np.testing.assert_array_equal(hand.stiffness, [2e5, 1e5, 1e5, 400] + 8 * [4.0] + [1.0])
     np.testing.assert_array_equal(hand.efforts[4:], 8 * [1.0] + [0.5])
     np.testing.assert_array_equal(hand.rate_limit[4:], 8 * [5.0] + [2.0])
     assert hand.acceleration_limit[-1] == 30.0
@@ -69,10 +70,13 @@ def test_a_locked_joint_stays_at_its_position(gripper):
     [
         ({"locked": [LockedJoint("wrist")]}, "no Joint named 'wrist'"),
         ({"locked": [LockedJoint("palm_to_wrist")]}, "no Joint named"),
+        ({"locked": [LockedJoint("swing_0", 9.0)]}, "locked: 9 of swing_0 must be from"),
         ({"drives": [Drive(["wrist"])]}, "drives: no joint wrist"),
+        ({"drives": [Drive(), Drive()]}, "must have one drive only"),
         ({"drives": [Drive(["swing_0"])]}, "drives: none for joint"),
         ({"link": "thumb"}, "no Frame named 'thumb'"),
         ({"mount": "wrist"}, "no RigidBody named 'wrist'"),
+        ({"mount": "distal_0"}, "mount.link: distal_0 hangs on proximal_0"),
     ],
 )
 def test_what_the_model_lacks_is_named(gripper, change, problem):
