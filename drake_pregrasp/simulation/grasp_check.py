@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import ABOVE, SIDE
-from drake_pregrasp.config.object_config import PoseStream
+from drake_pregrasp.config.object_config import PoseStream, Toss
 from drake_pregrasp.contacts.assignment import palm_turn
 from drake_pregrasp.diagrams import start_grasp
 from drake_pregrasp.diagrams.approaches import least_side_height
@@ -65,6 +65,9 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     if not scenario.chooses_contacts and grasp.approaches != [ABOVE]:
         problem = f"{grasp.approaches} must be [{ABOVE}], because contacts are given"
         yield "grasp.approaches", problem
+    if isinstance(scenario.motion, Toss) and SIDE in grasp.approaches:
+        problem = f"must be [{ABOVE}] for a !Toss: the object lands at another height"
+        yield "grasp.approaches", f"{grasp.approaches} {problem}"
     with errors_at("grasp.hand"):
         check_count(hand, scenario.num_contacts)
     if plant.discrete_contact_approximation == "tamsi":

@@ -117,7 +117,7 @@ def load_hand_model(
     return _model(own, path, changed, yaw_range, object_top, approach)
 
 
-@functools.lru_cache(maxsize=2)  # Models without and with the range of the wrist.
+@functools.lru_cache(maxsize=8)  # Models of all approaches, and with the range of the wrist.
 def _model(
     file: Path,
     model: Path,
