@@ -90,7 +90,7 @@ class GraspConfig:
     # Direction of the lift in W, of any length, not into the table.
     lift_direction: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0], metadata=POINT)
 
-    # Directions from which the palm may come: the one with the best first contacts is chosen.
+    # Directions from which the palm may come: the one with the best start contacts is chosen.
     approaches: list[str] = field(
         default_factory=lambda: [ABOVE], metadata={"min_length": 1, "one_of": (ABOVE, SIDE)}
     )

@@ -1,4 +1,4 @@
-"""First contacts of a hand: the fingers, their places and the palm's yaw by force closure."""
+"""Start contacts of a hand: the fingers, their places and the palm's yaw by force closure."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -51,7 +51,7 @@ class Lack(StrEnum):
 
 
 class NoGraspError(InvalidArgumentError):
-    """A hand has no first contacts on an object.
+    """A hand has no start contacts on an object.
 
     Args:
         lack: What is missing.
@@ -65,7 +65,7 @@ class NoGraspError(InvalidArgumentError):
 
 @dataclass(frozen=True, eq=False)
 class HandOverObject:
-    """A hand with its palm over an object, as far as its first contacts depend on it.
+    """A hand with its palm over an object, as far as its start contacts depend on it.
 
     Attributes:
         constraints_at: Function from a yaw of the palm, in radians, to the constraints of the
@@ -105,7 +105,7 @@ class HandOverObject:
 
 @dataclass(frozen=True, eq=False)
 class StartContacts:
-    """First contacts of a hand.
+    """Start contacts of a hand.
 
     Attributes:
         p_OC: Contacts in O, in the order of the fingers, shape (n, 3), in metres.
@@ -125,7 +125,7 @@ class StartContacts:
 def choose_start_contacts(
     surface: ObjectSurface, solid: SignedDistance, hand: HandOverObject
 ) -> StartContacts:
-    """Returns the first contacts of a hand on an object.
+    """Returns the start contacts of a hand on an object.
 
     At each yaw of the palm, fingers first take the permitted candidates nearest to their home. Then
     each in turn moves to the place with the best bound of the force-closure margin beside the

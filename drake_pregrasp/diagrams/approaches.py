@@ -49,11 +49,11 @@ def least_side_height(hand: HandModel) -> float:
 def best_approach(
     candidates: Sequence[RigidTransform], score_of: Callable[[RigidTransform], float]
 ) -> RigidTransform:
-    """Returns the approach with the best first contacts; the first one if there are none at all.
+    """Returns the approach with the best start contacts; the first one if there are none at all.
 
     Args:
         candidates: Approaches, from `candidate_approaches`.
-        score_of: Function that returns the score of an approach's first contacts.
+        score_of: Function that returns the score of an approach's start contacts.
     """
     best, most = candidates[0], -np.inf
     for X_LA in candidates:

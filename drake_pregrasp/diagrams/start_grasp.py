@@ -1,4 +1,4 @@
-"""First contacts of a hand over an object, chosen or given, and the planner's limits for it."""
+"""Start contacts of a hand over an object, chosen or given, and the planner's limits for it."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace

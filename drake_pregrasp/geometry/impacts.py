@@ -5,7 +5,7 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.arrays import FloatArray
 
-_TINY = 1e-12  # Impulse in N s that is none.
+_TINY = 1e-12  # Impulse in N s that avoids a division by zero.
 _POINTS, _SWEEPS = 30, 20  # Largest numbers of points that hit, and of sweeps over them for each.
 
 

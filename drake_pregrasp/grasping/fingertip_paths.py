@@ -22,7 +22,7 @@ _GRAZE = 1e-4  # Largest violation of the clearance by a free path, in metres.
 
 @dataclass(frozen=True, eq=False)
 class TipRoom:
-    """Free space for the centres of n fingertips, in a frame G whose z axis is up.
+    """Free space for the centres of n fingertips, in a frame G whose z axis points to the palm.
 
     Attributes:
         object: The object in G; fingers move around it about z.

@@ -171,7 +171,7 @@ class Scenario:
 
     @property
     def chooses_contacts(self) -> bool:
-        """Whether first contacts are chosen, because there is a hand, and no contacts are given."""
+        """Whether start contacts are chosen, because there is a hand, and no contacts are given."""
         given = [tuple(contact) for contact in self.initial_contacts]
         is_given = self.ring_contacts > 0 or given not in ([], list(_PAPER_CONTACTS))
         return self.grasp.has_hand and not is_given
@@ -227,7 +227,7 @@ class Scenario:
 
     @property
     def approach(self) -> RigidTransform:
-        """Approach X_LA of the palm (see `HandModel`), the one with the best first contacts."""
+        """Approach X_LA of the palm (see `HandModel`), the one with the best start contacts."""
         if self.grasp.approaches == [ABOVE] or not self.chooses_contacts:
             return FROM_ABOVE
         key = repr(replace(self, description="", random_seed=0))
@@ -316,7 +316,7 @@ _chosen: WeakKeyDictionary[ObjectSurface, dict[str, StartContacts]] = WeakKeyDic
 
 
 def chosen_contacts(scenario: Scenario, surface: ObjectSurface) -> StartContacts:
-    """Returns the first contacts that are chosen for a scenario's hand, from a cache if possible.
+    """Returns the start contacts that are chosen for a scenario's hand, from a cache if possible.
 
     Args:
         scenario: Scenario whose other values have been checked.

@@ -86,7 +86,7 @@ def _measure(
 
 
 SETTLED = 1.0
-"""Start of tracking errors, in seconds; earlier, tips move to their first contacts."""
+"""Start of tracking errors, in seconds; earlier, tips move to their start contacts."""
 
 
 def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:

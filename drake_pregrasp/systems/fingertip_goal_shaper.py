@@ -132,7 +132,7 @@ class FingertipGoalShaper(LeafSystem):
         target_period: Seconds between updates of the contacts: the planning period, between whose
             ticks contact goals do not change in O.
         lead: Seconds by which `tip_goals` are ahead: the delay of the system that follows them.
-        withdrawn_radii: Distance from z of G at which each finger without an active contact waits,
+        withdrawn_radii: Distance from z of A at which each finger without an active contact waits,
             shape (n,), in metres. 0, also the default, stands for the mean initial distance of the
             fingertips from z of G.
         X_LA: Approach of the palm; see `HandModel`. Fingers go around z of A, and withdraw along

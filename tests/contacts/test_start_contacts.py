@@ -1,4 +1,4 @@
-"""First contacts of a hand: laws of the choice, and what is missing where there is no grasp."""
+"""Start contacts of a hand: laws of the choice, and what is missing where there is no grasp."""
 
 from dataclasses import replace
 from functools import cache
