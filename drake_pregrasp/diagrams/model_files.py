@@ -298,7 +298,8 @@ class _Copier:
             package, _, rest = rest.partition("/")
             folder = self._packages.get(package) or python_package(package)
             if folder is None:
-                raise self._error(f"names {name}: no such package is here")
+                hint = "install it, or add its folder to ROS_PACKAGE_PATH"
+                raise self._error(f"names {name}: no such package is here; {hint}")
             return folder / rest
         path = name.removeprefix("file://")
         if "://" in path or "\0" in path:
