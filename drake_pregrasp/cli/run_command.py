@@ -2,6 +2,7 @@
 
 import argparse
 import contextlib
+import math
 import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -121,6 +122,9 @@ def _measures_in_words(summary: Mapping[str, Any]) -> Iterator[str]:
 
 def _grasp_in_words(grasp: Mapping[str, Any]) -> str:
     words = [f"at the end: {grasp['phase']}"]
+    x, y, up = grasp.get("palm_from", (0, 0, 1))
+    if up < 0.5:
+        words.append(f"palm from the side, at {math.degrees(math.atan2(y, x)):.0f}° about z")
     if grasp["gave_up"] is not None:
         words.append(f"gave up because {grasp['gave_up']}")
     for key, text in (

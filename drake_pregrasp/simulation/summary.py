@@ -99,13 +99,15 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
     - `early_motion_mm`, `closing_motion_mm`, `squeeze_motion_mm`: largest motion of the object's
       origin on the turntable from `SETTLED` until the squeeze, while fingers close until touch, and
       while forces increase; `early_motion_mm` is null if no conveyor carries the object.
-    - `lift_height_mm`: height of the object at the end above its height before the lift.
+    - `lift_height_mm`: distance along `grasp.lift_direction` of the object at the end from its
+      place before the lift.
     - `slip_lift_mm`, `slip_hold_mm`: largest motion over the object of any fingertip that pressed
       at the start of the lift.
     - `tip_forces`: contact force of each finger at the end, in newtons.
     - `link_forces`: largest force with which a link that is no fingertip touched the object, the
       surroundings, and another finger, in newtons.
     - `gave_up`: reason why the hand opened again, or null.
+    - `palm_from`: unit vector in W from the object towards the palm.
     """
     time, phase, reason, detail = log.read("time", "phase", "gave_up", "gave_up_detail")
     if not len(time):
@@ -121,7 +123,9 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
     on_table = 1e3 * _seen_from(table_poses, object_poses[:, None, :3])
     on_object = 1e3 * _seen_from(object_poses, tips)
     lifting = np.flatnonzero(phase == GraspPhase.LIFT)
-    lifted_z = object_poses[lifting[0] if len(lifting) else len(time) :, 2]
+    lifted = (
+        object_poses[lifting[0] if len(lifting) else len(time) :, :3] @ scenario.grasp.lift_axis
+    )
     if len(lifting):
         presses = np.linalg.norm(forces[lifting[0]], axis=1) >= scenario.grasp.touch_force / 2
         on_object = on_object[:, presses]
@@ -133,13 +137,14 @@ def summarize_grasp(scenario: Scenario, log: GraspLog) -> dict[str, Any]:
         "early_motion_mm": _largest_motion(on_table, early),
         "closing_motion_mm": _largest_motion(on_table, phase == GraspPhase.CLOSE),
         "squeeze_motion_mm": _largest_motion(on_table, phase == GraspPhase.SQUEEZE),
-        "lift_height_mm": _reduced(lambda z: 1e3 * (z[-1] - z[0]), lifted_z),
+        "lift_height_mm": _reduced(lambda s: 1e3 * (s[-1] - s[0]), lifted),
         "slip_lift_mm": _largest_motion(on_object, phase == GraspPhase.LIFT),
         "slip_hold_mm": _largest_motion(on_object, phase == GraspPhase.HOLD),
         "tip_forces": np.linalg.norm(forces[-1], axis=1).tolist(),
         "link_forces": {
             touched: float(np.max(log.read(f"link_force_{touched}"))) for touched in TOUCHED
         },
+        "palm_from": scenario.approach.rotation().matrix()[:, 2].tolist(),
     }
 
 

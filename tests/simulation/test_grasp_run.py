@@ -70,6 +70,8 @@ def test_a_hand_from_the_side_lifts_along_a_direction_without_touching_anything_
     moved = places[-1] - places[lifting][0]
     expected = 0.1 * np.array([0.3, -0.2, 1.0]) / np.linalg.norm([0.3, -0.2, 1.0])
     np.testing.assert_allclose(moved, expected, atol=0.01)
+    assert grasp["lift_height_mm"] == pytest.approx(1e3 * moved @ expected / 0.1, abs=0.1)
+    assert abs(grasp["palm_from"][2]) < 1e-9
 
 
 @pytest.mark.slow
