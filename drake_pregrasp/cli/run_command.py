@@ -24,6 +24,8 @@ from drake_pregrasp.simulation.summary import MEASURES
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.loggers import TickRecord
 
+_NOISE = 1e-4  # Share of a measure by which noise may change it.
+
 
 @contextlib.contextmanager
 def stop_on_signals() -> Iterator[Callable[[], bool]]:
@@ -116,7 +118,7 @@ def _measures_in_words(summary: Mapping[str, Any]) -> Iterator[str]:
             shown = "   ".join(f"{m.upper()} {values[m]:.4f}" for m in MEASURES)
             yield f"{title:12}{shown}"
     for name in MEASURES:
-        if None not in (static[name], best[name]) and best[name] < static[name]:
+        if None not in (static[name], best[name]) and best[name] < (1 - _NOISE) * static[name]:
             yield f"worse       best {name.upper()} is {static[name] - best[name]:.2g} below static"
 
 
@@ -130,12 +132,15 @@ def _grasp_in_words(grasp: Mapping[str, Any]) -> str:
     for key, text in (
         ("tracking_error_mean_mm", "fingertips {:.3f} mm off their goals (mean until closing)"),
         ("closing_motion_mm", "object moved {:.3f} mm in closing"),
+        ("squeeze_motion_mm", "{:.3f} mm in the squeeze"),
         ("lift_height_mm", "lifted {:.1f} mm"),
         ("slip_lift_mm", "slip {:.2f} mm in the lift"),
         ("slip_hold_mm", "{:.2f} mm in the hold"),
     ):
         if grasp[key] is not None:
             words.append(text.format(grasp[key]))
+    if (force := max(grasp.get("link_forces", {"": 0.0}).values())) > 0:
+        words.append(f"links pressed with up to {force:.1f} N")
     return ", ".join(words)
 
 

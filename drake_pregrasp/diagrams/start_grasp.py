@@ -255,7 +255,8 @@ def check_count(hand: HandDescription, count: int) -> None:
         InvalidArgumentError: If it has more, or fewer.
     """
     if (fingers := len(hand.fingertips)) != count:
-        raise InvalidArgumentError(f"{fingers} fingertips must be {count}, one for each contact")
+        problem = f"{fingers} fingertips must be {count}, one for each contact"
+        raise InvalidArgumentError(f"{problem}; without initial_contacts the hand chooses them")
 
 
 def check_room(hand: HandDescription, has_room: BoolArray) -> None:

@@ -56,6 +56,11 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     if isinstance(scenario.motion, PoseStream):
         problem = "recorded poses move the object in no plant, so no hand can lift it"
         yield "motion", f"{problem}; choose another motion, or no hand"
+    if isinstance(scenario.motion, Toss) and not scenario.motion.table:
+        yield "motion.table", "must be true with a hand, which does not catch objects in the air"
+    if isinstance(scenario.motion, Toss) and (gravity := scenario.planner.estimator.gravity):
+        problem = f"{gravity} must be 0 with a hand: the estimate would fall on after the landing"
+        yield "planner.estimator.gravity", problem
     with errors_at("grasp.hand"):
         hand = load_hand(grasp.hand)
     if scenario.hand != HandConfig():

@@ -82,6 +82,9 @@ def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         with errors_at(f"obstacles[{index}]"):
             obstacle.make_solid()
     yield from _scenario_problems(scenario, surface)
+    for name in ("tip_radii", "reach", "forbidden_faces"):
+        values = getattr(scenario.planner.limits, name)
+        yield from _length_problems(f"planner.limits.{name}", values, scenario.num_contacts)
     yield from grasp_problems(scenario, surface)
     yield from _obstacle_problems(scenario, surface)
     limits = hand_planner(scenario).limits
@@ -236,8 +239,6 @@ def _profile_problems(profile: list[list[float]]) -> Problems:
 def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSurface) -> Problems:
     key, radii = "planner.limits", limits.tip_radii
     longest, extent = float(np.linalg.norm(surface.mesh.extents)), np.max(surface.mesh.extents)
-    for name in ("tip_radii", "reach", "forbidden_faces"):
-        yield from _length_problems(f"{key}.{name}", getattr(limits, name), num_contacts)
     for index, reach in enumerate(limits.reach):
         with errors_at(f"{key}.reach[{index}]"):
             reach.make_reach()
