@@ -95,7 +95,7 @@ def test_an_object_and_a_hand_are_all_that_a_scenario_needs(tmp_path):
     (tmp_path / "mine.yaml").write_text(
         f"mine: {{object: !Cylinder {{}}, grasp: {{hand: {HAND}}}}}"
     )
-    scenario = load_scenario(file=tmp_path / "mine.yaml", text="{simulation_duration: 7.5}")
+    scenario = load_scenario(file=tmp_path / "mine.yaml", text="{simulation_duration: 9.5}")
     result = run(scenario, name="mine", out=tmp_path, recording=False)
     grasp = result.summary["grasp"]
     assert (grasp["phase"], grasp["lift_height_mm"]) == ("hold", pytest.approx(100, abs=2))
