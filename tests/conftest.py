@@ -100,7 +100,7 @@ def usable_studies() -> list[Any]:
 
 
 def lacking_shadow() -> str:
-    """What the Shadow hand needs and is not there."""
+    """Returns the package that the Shadow hand lacks, in words; empty if it is installed."""
     return "" if python_package("gymnasium_robotics") else "gymnasium-robotics is not installed"
 
 

@@ -109,6 +109,11 @@ PARTS = ("tips", "solids", "points", "horizon", "walls", "reach", "closed", "nor
 PARTS += ("forbidden", "coincident")
 
 
+# Settings of the examples that were found.
+FOUND = {"spread": 0.03, "strategy": "msv", "power": 2.0, "stretch": True}
+FOUND |= {"best_point": False, "in_turns": False}
+
+
 @settings(max_examples=200)
 @given(
     which=st.integers(0, len(SURFACES) - 1),
@@ -130,13 +135,8 @@ PARTS += ("forbidden", "coincident")
     n=8,
     lost=0,
     has={"solids", "horizon", "points", "tips", "normals"},
-    spread=0.03,
-    strategy="msv",
     reading="contact",
-    power=1.0,
-    stretch=False,
-    best_point=False,
-    in_turns=False,
+    **FOUND,
 )
 @example(  # A goal that two obstacle points bar, one of them later.
     which=3,
@@ -144,13 +144,8 @@ PARTS += ("forbidden", "coincident")
     n=5,
     lost=0,
     has=set(PARTS) - {"forbidden", "coincident"},
-    spread=0.03,
-    strategy="msv",
     reading="hand",
-    power=2.0,
-    stretch=True,
-    best_point=False,
-    in_turns=False,
+    **FOUND,
 )
 def test_a_tick_is_that_of_the_reference(
     which, seed, n, lost, has, spread, strategy, reading, power, stretch, best_point, in_turns
