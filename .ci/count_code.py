@@ -20,12 +20,12 @@ SKIPPED = {
     tokenize.ENDMARKER,
 }
 LINES = {  # At most this many lines of code below each folder.
-    "drake_pregrasp": 19_300,
+    "drake_pregrasp": 21_000,
     "drake_pregrasp/studies": 4_950,
-    "drake_pregrasp/fast": 1_300,
-    "tests": 14_960,
+    "drake_pregrasp/fast": 1_340,
+    "tests": 16_000,
 }
-FILES = {"drake_pregrasp": 192}
+FILES = {"drake_pregrasp": 215}
 LONGEST_FILE = 400  # Lines, all counted.
 LARGEST_FOLDER = {"systems": 24, "diagrams": 24}
 OTHER_FOLDERS = 16  # Files in any other folder of the package.
