@@ -13,8 +13,8 @@ from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.wires import check_installed
 
-POSE_TOPIC = "/object/pose"
-"""Topic of the object's true pose, which a `PoseStream` can replay."""
+OBJECT_FRAME = "object"
+"""Name of the object's true frame, which a `PoseStream` can replay."""
 
 _REGION_PERIOD = 0.095  # Least time between drawings of regions, most of a file: 10 Hz, with slack.
 _GOAL_SIZE = 0.012  # Diameter of the ball of a goal, in metres.
@@ -23,22 +23,16 @@ _OBJECT_COLOR = (0.75, 0.75, 0.75, 0.6)
 
 _POINT = np.dtype([("p_OQ", "<f4", 3), ("color", "u1", 4)])
 _UINT8, _FLOAT32 = 1, 7  # Foxglove's numeric types.
-_POINT_FIELDS = [
-    *({"name": name, "offset": 4 * k, "type": _FLOAT32} for k, name in enumerate("xyz")),
-    *(
-        {"name": name, "offset": 12 + k, "type": _UINT8}
-        for k, name in enumerate(("red", "green", "blue", "alpha"))
-    ),
-]
+_FIELDS = {"x": 0, "y": 4, "z": 8, "red": 12, "green": 13, "blue": 14, "alpha": 15}  # And offsets.
 _SCENE_LISTS = "metadata arrows cubes spheres cylinders lines triangles texts models"
 
 
 class McapLog:
     """Writes ticks of a run as JSON messages with Foxglove's schemas.
 
-    Topics are `/tf` (frames `object` and `object_estimated` in `world`), `/object/pose`,
-    `/object/shape`, `/goals`, `/regions`, ten times a second, and `/measures`: the columns of
-    `log.csv`. The file is open inside a `with` block.
+    Topics are `/tf` (frames `object` and `object_estimated` in `world`), `/object` (its shape),
+    `/goals`, `/regions`, ten times a second, and `/measures`: the columns of `log.csv`. The file is
+    open inside a `with` block.
 
     Args:
         path: File to write; an existing one is replaced.
@@ -79,22 +73,21 @@ class McapLog:
             labels: Region that each candidate of the surface lies in, or -1, shape (N,).
         """
         self._time = round(row["time"] * 1e9)
-        pose, estimated = (_logged_pose(row, frames) for frames in ("wo", "wo_estimated"))
         if not self._channels:
             shape = _triangles(self._surface)
-            self._write_scene("/object/shape", "object", triangles=[shape], frame_locked=True)
+            self._write_scene("/object", OBJECT_FRAME, triangles=[shape], frame_locked=True)
+        frames = {OBJECT_FRAME: "wo", "object_estimated": "wo_estimated"}
         transforms = [
             {
                 **self._stamp,
                 "parent_frame_id": "world",
                 "child_frame_id": frame,
-                "translation": X["position"],
-                "rotation": X["orientation"],
+                "translation": _vector([row[f"{axis}_{name}"] for axis in "xyz"]),
+                "rotation": _vector([row[f"q{axis}_{name}"] for axis in "xyzw"]),
             }
-            for frame, X in (("object", pose), ("object_estimated", estimated))
+            for frame, name in frames.items()
         ]
         self._write("/tf", "foxglove.FrameTransforms", transforms=transforms)
-        self._write(POSE_TOPIC, "foxglove.PoseInFrame", **self._stamp, frame_id="world", pose=pose)
         balls = [self._ball(row, contact) for contact in range(len(self._colors))]
         self._write_scene("/goals", "world", spheres=balls)
         if row["time"] - self._drawn > _REGION_PERIOD:
@@ -153,7 +146,10 @@ class McapLog:
             frame_id="object",
             pose=_pose([0.0] * 3),
             point_stride=_POINT.itemsize,
-            fields=_POINT_FIELDS,
+            fields=[
+                {"name": name, "offset": offset, "type": _UINT8 if offset >= 12 else _FLOAT32}
+                for name, offset in _FIELDS.items()
+            ],
             data=base64.b64encode(points.tobytes()).decode(),
         )
 
@@ -166,13 +162,8 @@ def _color(values: Sequence[float]) -> dict[str, float]:
     return dict(zip("rgba", values, strict=True))
 
 
-def _pose(p: Sequence[float], xyzw: Sequence[float] = (0.0, 0.0, 0.0, 1.0)) -> dict[str, Any]:
-    return {"position": _vector(p), "orientation": _vector(xyzw)}
-
-
-def _logged_pose(row: Mapping[str, float], frames: str) -> dict[str, Any]:
-    coordinates = [row[f"{name}_{frames}"] for name in ("x", "y", "z", "qx", "qy", "qz", "qw")]
-    return _pose(coordinates[:3], coordinates[3:])
+def _pose(p: Sequence[float]) -> dict[str, Any]:
+    return {"position": _vector(p), "orientation": _vector([0.0, 0.0, 0.0, 1.0])}
 
 
 def _triangles(surface: ObjectSurface) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """Poses of an object from a CSV file, an MCAP file or a rosbag2 folder."""
 
-import itertools
 import json
 import math
 import sqlite3
@@ -12,7 +11,7 @@ from io import BytesIO
 from operator import attrgetter
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 from drake_pregrasp.errors import InvalidArgumentError, first_line
 from drake_pregrasp.estimation.recorded_poses import (
@@ -30,7 +29,6 @@ MAX_BAG_BYTES = 100_000_000
 MAX_BAG_STEPS = 100_000_000
 """Largest number of instructions of SQLite to read one file."""
 
-_STEPS = 1000  # Instructions of SQLite between two checks.
 _LISTED = 8  # Choices in a message.
 _MAGIC = 8  # Bytes before the first record of an MCAP file.
 _RECORD = struct.Struct("<BQ")  # Opcode and length of a record, before its content.
@@ -53,21 +51,15 @@ _KINDS = {
 _LISTS = ("tf2_msgs/msg/TFMessage", "foxglove.FrameTransforms")
 
 
-class _Message(NamedTuple):
-    topic: str
-    kind: str
-    log_time: int  # In nanoseconds.
-    data: bytes
+_Message: TypeAlias = tuple[str, str, int, bytes]  # Topic, kind, nanoseconds, content.
 
 
-class _Track(NamedTuple):
+class Track(NamedTuple):
+    """Names of the poses of one frame: their topic, the frame and its parent."""
+
     topic: str
     frame: str
     parent: str
-
-    def __str__(self) -> str:
-        frame = f", frame {self.frame!r}" if self.frame else ""
-        return f"topic {self.topic!r}{frame} in {self.parent!r}"
 
 
 def read_poses(path: Path, topic: str = "", frame: str = "") -> RecordedPoses:
@@ -106,13 +98,13 @@ def read_poses(path: Path, topic: str = "", frame: str = "") -> RecordedPoses:
     return RecordedPoses.from_rows(rows)
 
 
-def _only_track(path: Path, topic: str, frame: str) -> tuple[_Track, dict[int, list[float]]]:
+def _only_track(path: Path, topic: str, frame: str) -> tuple[Track, dict[int, list[float]]]:
     """Returns the poses of one frame by their stamps."""
-    tracks: dict[_Track, dict[int, list[float]]] = {}
+    tracks: dict[Track, dict[int, list[float]]] = {}
     for message in _messages(path):
         for track, stamp, values in _poses(message):
             poses = tracks.setdefault(track, {})
-            poses.setdefault(stamp or message.log_time, values)
+            poses.setdefault(stamp, values)
             if len(poses) > MAX_ROWS:
                 raise InvalidArgumentError(f"{track}: has more than {MAX_ROWS} poses; take fewer")
     chosen = [t for t in tracks if topic in ("", t.topic) and frame in ("", t.frame)]
@@ -152,7 +144,7 @@ def _mcap_messages(data: bytes) -> Iterator[_Message]:
         for opcode, body in open_records[-1]:
             if opcode == Opcode.MESSAGE and int.from_bytes(body[:2], "little") in topics:
                 message = Message.read(ReadDataStream(BytesIO(body)), len(body))
-                yield _Message(*topics[message.channel_id], message.log_time, message.data)
+                yield *topics[message.channel_id], message.log_time, message.data
             elif opcode == Opcode.CHUNK:
                 chunk = Chunk.read(ReadDataStream(BytesIO(body)))
                 unpacked += chunk.uncompressed_size
@@ -203,14 +195,14 @@ def _sqlite_messages(file: Path) -> Iterator[_Message]:
         " JOIN topics ON messages.topic_id = topics.id"
         f" WHERE topics.type IN ({','.join('?' * len(_KINDS))})"
     )
-    checks = itertools.count()
+    millions = iter(range(MAX_BAG_STEPS // 10**6))
     uri = f"{file.absolute().as_uri()}?mode=ro&immutable=1"
     with closing(sqlite3.connect(uri, uri=True)) as database:
         database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BAG_BYTES)
-        database.set_progress_handler(lambda: next(checks) * _STEPS > MAX_BAG_STEPS, _STEPS)
+        database.set_progress_handler(lambda: next(millions, None) is None, 10**6)
         database.execute("PRAGMA trusted_schema = OFF")
         for topic, kind, time, data in database.execute(query, tuple(_KINDS)):
-            yield _Message(str(topic), kind, int(time), bytes(data))
+            yield str(topic), kind, int(time), bytes(data)
 
 
 @cache
@@ -220,9 +212,9 @@ def _typestore() -> Any:
     return get_typestore(Stores.ROS2_HUMBLE)  # These messages are the same in all distributions.
 
 
-def _poses(message: _Message) -> Iterator[tuple[_Track, int, list[float]]]:
+def _poses(message: _Message) -> Iterator[tuple[Track, int, list[float]]]:
     """Yields the frames of the poses in a message, their stamps in nanoseconds, and `COLUMNS`."""
-    topic, kind, _, data = message
+    topic, kind, log_time, data = message
     is_json = kind.startswith(_FOXGLOVE)
     if is_json:
         value = json.loads(data, object_hook=lambda entries: SimpleNamespace(**entries))
@@ -235,4 +227,4 @@ def _poses(message: _Message) -> Iterator[tuple[_Track, int, list[float]]]:
         values = [float(x) for x in (p.x, p.y, p.z, q.w, q.x, q.y, q.z)]
         if not all(map(math.isfinite, values)):
             raise InvalidArgumentError(f"topic {topic!r}: has a number that is not finite")
-        yield _Track(topic, str(frame), str(parent)), nanoseconds, values
+        yield Track(topic, str(frame), str(parent)), nanoseconds or log_time, values

@@ -6,7 +6,7 @@ from simulation_runs import contacts, points, run_log
 
 from drake_pregrasp import load_scenario, run
 from drake_pregrasp.config.object_config import PoseStream
-from drake_pregrasp.wires.mcap_log import POSE_TOPIC
+from drake_pregrasp.wires.mcap_log import OBJECT_FRAME
 
 pytest.importorskip("mcap")
 pytest.importorskip("rosbags")
@@ -18,7 +18,7 @@ def test_a_replayed_run_has_the_same_goals(name, tmp_path):
     scenario = load_scenario(name, text=text)
     scenario.simulation_duration = 1.5
     first = run(scenario, name="first", out=tmp_path, recording=False, mcap=True)
-    scenario.motion = PoseStream(file=str(first.folder / "run.mcap"), topic=POSE_TOPIC)
+    scenario.motion = PoseStream(file=str(first.folder / "run.mcap"), frame=OBJECT_FRAME)
     second = run(scenario, name="second", out=tmp_path, recording=False)
     logs = run_log(first), run_log(second)
     assert np.ptp(points(logs[0], "wo"), axis=0).max() > 1e-3

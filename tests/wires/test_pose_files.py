@@ -1,18 +1,12 @@
 """Poses in MCAP files and rosbag2 folders, and files that are broken."""
 
-import json
-import sqlite3
-
 import numpy as np
 import pytest
 
-from drake_pregrasp import InvalidArgumentError
-from drake_pregrasp.wires import pose_files
 from drake_pregrasp.wires.pose_files import read_poses
 
 pytest.importorskip("mcap")
 pytest.importorskip("rosbags")
-from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.rosbag2.enums import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
