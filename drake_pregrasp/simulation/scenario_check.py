@@ -85,6 +85,9 @@ def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     for name in ("tip_radii", "reach", "forbidden_faces"):
         values = getattr(scenario.planner.limits, name)
         yield from _length_problems(f"planner.limits.{name}", values, scenario.num_contacts)
+    for index, coordinate in enumerate(scenario.planner.coordinates):
+        key = f"planner.coordinates[{index}].fingers"
+        yield from _length_problems(key, coordinate.fingers, scenario.num_contacts)
     yield from grasp_problems(scenario, surface)
     yield from _obstacle_problems(scenario, surface)
     limits = hand_planner(scenario).limits
