@@ -50,7 +50,7 @@ from drake_pregrasp.systems.sources import MovingSolid
 
 @dataclass
 class DamageEvent:
-    """Loss of contacts during a run."""
+    """Loss of contacts during a run, for good or for a time."""
 
     # Time of the loss, in seconds.
     at: float = field(default=0.0, metadata={"required": True, "at_least": 0})
@@ -58,6 +58,33 @@ class DamageEvent:
     # Indices of the lost contacts in initial_contacts.
     contacts: list[int] = field(
         default_factory=list, metadata={"required": True, "min_length": 1, "at_least": 0}
+    )
+
+    # Time at which the contacts come back, in seconds; 0 for never.
+    until: float = field(default=0.0, metadata={"at_least": 0})
+
+    def holds_at(self, time: float) -> bool:
+        """Returns whether the contacts are lost at a time in seconds."""
+        return self.at <= time and not 0 < self.until <= time
+
+
+@dataclass
+class CapabilityProfile:
+    """Capability of a contact's finger over time, linear between given times."""
+
+    # Index of the contact in initial_contacts.
+    contact: int = field(default=0, metadata={"required": True, "at_least": 0})
+
+    # Times that increase, in seconds.
+    times: list[float] = field(
+        default_factory=list, metadata={"required": True, "min_length": 1, "at_least": 0}
+    )
+
+    # Capability at each of these times, from 1 for a sound finger to 0 for a lost one: its
+    # strength, the energy that is left, or what heat or wear leave of them.
+    values: list[float] = field(
+        default_factory=list,
+        metadata={"required": True, "min_length": 1, "at_least": 0, "at_most": 1},
     )
 
 
@@ -137,6 +164,15 @@ class Scenario:
     contact_weights: list[float] = field(
         default_factory=list, metadata={"at_least": -1, "at_most": 1}
     )
+
+    # Capability of fingers over time, which adds to their weights; other fingers have 1. A stronger
+    # finger has a larger region.
+    capability: list[CapabilityProfile] = field(default_factory=list)
+
+    # Distance of two contacts, in metres, at which their capabilities divide the surface between
+    # them in proportion. 0: the smallest distance of the tick, so that each contact stays in its
+    # own region.
+    capability_length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
 
     # Losses of fingers, which reach the planner through its port contact_weights.
     damage: list[DamageEvent] = field(default_factory=list)
@@ -240,10 +276,21 @@ class Scenario:
             )
         return _approaches[key]
 
-    def remaining_contacts(self) -> list[int]:
-        """Returns the indices of the contacts that are never lost."""
-        lost = {contact for event in self.damage for contact in event.contacts}
+    def remaining_contacts(self, time: float = math.inf) -> list[int]:
+        """Returns the indices of the contacts that are not lost at a time; by default, at the end.
+
+        Args:
+            time: Time in seconds.
+        """
+        lost = {c for event in self.damage if event.holds_at(time) for c in event.contacts}
         return [i for i in range(self.num_contacts) if i not in lost]
+
+    def capability_at(self, time: float) -> FloatArray:
+        """Returns the capability of each finger at a time in seconds, shape (n,)."""
+        capability = np.ones(self.num_contacts)
+        for profile in self.capability:
+            capability[profile.contact] = np.interp(time, profile.times, profile.values)
+        return capability
 
     def initial_p_OC(self, surface: ObjectSurface) -> FloatArray:
         """Returns the initial contacts in the object frame O, shape (n, 3), in metres.

@@ -189,7 +189,7 @@ class SafeRegionPartitioner(LeafSystem):
         return SafeRegions.unlimited(labels, self._num_contacts)
 
     def _make_candidates(self, values: FloatArray) -> _Candidates:
-        is_known = (np.abs(values) <= FARTHEST).all(axis=0)
+        is_known: BoolArray = np.logical_and.reduce(np.abs(values) <= FARTHEST)
         points = np.hstack([self._points, values[:, is_known]])
         return points, is_known, fast_labels(points, self._surface.nhat_OQ)
 
