@@ -192,10 +192,9 @@ class ContactWeights(LeafSystem):
         declare_output(self, "contact_weights", n, self._calc_weights, self.time_ticket(), port)
 
     def _calc_weights(self, context: Context) -> FloatArray:
-        time = context.get_time() + 1e-9  # A tick's time may be rounded down.
-        losses = np.zeros(len(self._weights))
+        time, losses = context.get_time(), np.zeros(len(self._weights))
         for at, contacts, step in self._changes:
-            losses[contacts] += step * (time >= at)
+            losses[contacts] += step * (time >= at - 1e-9)  # A tick's time may be rounded down.
         weights = np.where(losses > 0, -np.inf, self._weights)
         if self._capability is None:
             return weights
