@@ -25,6 +25,7 @@ from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
 from drake_pregrasp.quality.force_closure import ferrari_canny, min_weight_margin
 from drake_pregrasp.quality.grasp_quality import GraspQuality, grasp_quality
+from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
 from drake_pregrasp.regions.independent_regions import force_closed_share
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation import run_log
@@ -231,6 +232,7 @@ def summarize(
         "contact_model": scenario.measures.contact_model,
         **force_closure_summary(scenario, surface, static=log.last_static, final=log.last),
         **_after_damage(scenario, surface, measured, time),
+        **_coordinates(scenario, surface, log.last),
         "inactive_contacts": inactive_contacts(scenario, log),
         "tracking": tracking_summary(*log.read("tracking_status", "time_since_measurement")),
         "ticks": log.num_rows,
@@ -292,6 +294,23 @@ def remaining_static_quality(scenario: Scenario, surface: ObjectSurface) -> Gras
     regions = compute_safe_regions(surface.p_OQ, p_OC, weights, surface.forbidden)
     held = hold_contacts(SelectionInput(surface, p_OC, regions, np.eye(3)))
     return grasp_quality(p_OC[held.active] - surface.p_OCoM)
+
+
+def _coordinates(
+    scenario: Scenario, surface: ObjectSurface, final: TickRecord | None
+) -> dict[str, Any]:
+    """Returns what fingers offer, and what their last goals demand, for further coordinates."""
+    known = [axis for axis in scenario.planner.coordinates if axis.candidates != GIVEN]
+    if final is None or not known:
+        return {}
+    nearest = surface.nearest_candidates((final.X_WO.inverse() @ final.p_WC.T).T)
+    demands = [QUANTITIES[axis.candidates](surface)[nearest].tolist() for axis in known]
+    return {
+        "coordinates": {
+            axis.name or axis.candidates: {"fingers": axis.fingers, "goals": demand}
+            for axis, demand in zip(known, demands, strict=True)
+        }
+    }
 
 
 def _measures(measured: dict[str, FloatArray], ticks: slice, reduce: Any) -> dict[str, Any]:
