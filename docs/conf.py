@@ -8,6 +8,8 @@ import re
 import shutil
 from pathlib import Path
 
+from docutils import nodes
+from latex2mathml.converter import convert
 from pygments.lexers.special import TextLexer
 
 import drake_pregrasp
@@ -26,6 +28,7 @@ extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ex
 html_theme = "furo"
 html_title = f"drake_pregrasp {version}"
 html_show_sphinx = False
+html_math_renderer = "mathml"  # MathJax would come from the network.
 smartquotes = False
 
 myst_heading_anchors = 4
@@ -82,8 +85,19 @@ def _copy_home(app, error):
         shutil.copyfile(Path(app.outdir, "README.html"), Path(app.outdir, "index.html"))
 
 
+def _visit_inline_math(writer, node):
+    writer.body.append(convert(node.astext()))
+    raise nodes.SkipNode
+
+
+def _visit_math_block(writer, node):
+    writer.body.append(f"<p>{convert(node.astext(), display='block')}</p>")
+    raise nodes.SkipNode
+
+
 def setup(app) -> None:
     """Connects the functions above to the build."""
+    app.add_html_math_renderer("mathml", (_visit_inline_math, None), (_visit_math_block, None))
     app.add_lexer("csv", TextLexer)
     app.connect("source-read", _complete)
     app.connect("autodoc-process-docstring", _without_ports, priority=400)
