@@ -94,9 +94,16 @@ def slip_radii(surface: ObjectSurface, is_closed: BoolArray, places: IntArray) -
 
 
 def slip_radii_within(
-    surface: ObjectSurface, p_OC: FloatArray, nhat_OC: FloatArray, radius: float, friction: float
+    surface: ObjectSurface,
+    p_OC: FloatArray,
+    nhat_OC: FloatArray,
+    radius: float,
+    friction: float,
+    *,
+    model: str = "hard_finger",
+    torsional_friction: float = TORSIONAL_FRICTION,
 ) -> FloatArray:
-    """Returns how far each of n hard fingers may slip until force closure is lost, shape (n,).
+    """Returns how far each of n contacts may slip until force closure is lost, shape (n,).
 
     Args:
         surface: The object's surface.
@@ -104,6 +111,8 @@ def slip_radii_within(
         nhat_OC: Outward unit normals at the contacts, shape (n, 3).
         radius: Radius up to which slips are examined, the largest result, in metres.
         friction: Coulomb's coefficient.
+        model: One of `CONE_MODELS`.
+        torsional_friction: Torsional friction of the soft finger, in metres.
     """
     slips, places, normals = [], [], []
     for i, p_OCi in enumerate(p_OC):
@@ -114,8 +123,14 @@ def slip_radii_within(
         places.append(np.repeat(p_OC[None], len(near) + 1, axis=0))
         normals.append(np.repeat(nhat_OC[None], len(near) + 1, axis=0))
         places[i][1:, i], normals[i][1:, i] = surface.p_OQ[near], surface.nhat_OQ[near]
+    if not slips:
+        return np.empty(0)
     bound = least_norm_margin(
-        np.concatenate(places) - surface.p_OCoM, np.concatenate(normals), friction
+        np.concatenate(places) - surface.p_OCoM,
+        np.concatenate(normals),
+        friction,
+        model=model,
+        torsional_friction=torsional_friction,
     )
     own = np.split(bound > LEAST_MARGIN, np.cumsum([len(slip) for slip in slips])[:-1])
     return np.array(
