@@ -124,6 +124,7 @@ def tracker_settings(config: EstimatorConfig, p_OCoM: FloatArray | None = None) 
 class BlendConfig:
     """Relative weights of the strategies in a blend."""
 
+    # Weight of the strategy of that name.
     position: float = field(default=0.0, metadata=_WEIGHT)
     msv: float = field(default=0.0, metadata=_WEIGHT)
     gii: float = field(default=0.0, metadata=_WEIGHT)
