@@ -119,7 +119,7 @@ class PoseTrack:
         support: Number of measurements that support the alternative hypothesis.
         refused: Number of outliers in excess of measurements that were used, at least 0; again 0
             once enough measurements in a row were used.
-        confirmed: Number of measurements in a row that were used.
+        confirmed: Number of measurements that were used since the last outlier.
         is_locked: Whether the measurements since the belief's start confirm its twist. The first
             measurement of all counts as confirmed until another one contradicts it.
         noise_level: Measurement-noise estimate, as a share of the expected noise, from 0 to 1.

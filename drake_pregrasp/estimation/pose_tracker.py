@@ -159,7 +159,8 @@ def update_track(
             track, prior, new, posterior, measurement, settings
         )
         if is_better or not is_expected:
-            after = replace(track, **statistics)
+            confirmed = track.confirmed if is_expected else 0
+            after = replace(track, **statistics, confirmed=confirmed)
             return _refuse(after, rival, support, measurement, settings)
         alternative = pack(rival)
     step = np.concatenate([track.last_seen, pack(posterior)])
@@ -345,7 +346,6 @@ def _refuse(
         alternative=pack(alternative),
         support=support,
         refused=refused,
-        confirmed=0,
         is_locked=track.is_locked and not is_doubtful,
         verdict=MeasurementVerdict.OUTLIER,
     )
