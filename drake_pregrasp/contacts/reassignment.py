@@ -125,6 +125,7 @@ def reassigned_goals(
     p_HC = (before - p_OH) @ R_OH
     reaches = [constraints.reach[finger] for finger in fingers.tolist()]
     places = [r.place(p) if r is not None else p for r, p in zip(reaches, p_HC, strict=True)]
+    places = np.reshape(places, (n, 3))
     cost = np.sum((p_HC - places) ** 2)
     if cost <= n * rule.beyond**2:
         return goals
