@@ -108,7 +108,8 @@ def reassigned_goals(
     In a change, fingers that are not lost take the contacts in their order around the axis of the
     hand, as they are or after a symmetry of the object. The shorter ways around the axis keep the
     order of the fingers, so that none crosses another. No change lowers the number of contacts that
-    the limits of their fingers permit, or leaves none.
+    the limits of their fingers permit, or leaves none. Lost fingers are not assigned; a symmetry
+    moves their contacts too, so that there is room when they come back.
 
     Args:
         selection: Surface and regions of this tick, with the reach of the fingers.
@@ -121,16 +122,15 @@ def reassigned_goals(
         return goals
     R_OH, p_OH = constraints.reach_pose
     fingers = np.flatnonzero(~selection.regions.lost)
-    n, before = len(fingers), goals.p_OC[fingers]
-    p_HC = (before - p_OH) @ R_OH
+    n, p_HC = len(fingers), (goals.p_OC[fingers] - p_OH) @ R_OH
     reaches = [constraints.reach[finger] for finger in fingers.tolist()]
-    places = [r.place(p) if r is not None else p for r, p in zip(reaches, p_HC, strict=True)]
-    places = np.reshape(places, (n, 3))
+    at_home = [r.place(p) if r is not None else p for r, p in zip(reaches, p_HC, strict=True)]
+    places = np.reshape(at_home, (n, 3))
     cost = np.sum((p_HC - places) ** 2)
     if cost <= n * rule.beyond**2:
         return goals
-    equivalent = p_OCoM + (before - p_OCoM) @ symmetries.swapaxes(1, 2)
-    p_HE, azimuths = (equivalent - p_OH) @ R_OH, _azimuths(p_HC)
+    p_OE = p_OCoM + (goals.p_OC - p_OCoM) @ symmetries.swapaxes(1, 2)
+    p_HE, azimuths = (p_OE[:, fingers] - p_OH) @ R_OH, _azimuths(p_HC)
     # Fingers take the contacts in their order around the axis: from the first on, the second, ...
     around = np.argsort(_azimuths(p_HE), axis=1, kind="stable")
     contact_of = np.empty((len(symmetries), n, n), dtype=np.int64)
@@ -145,16 +145,15 @@ def reassigned_goals(
     worthwhile = np.flatnonzero(in_order & (shares <= 1 - rule.gain))
     if not len(worthwhile):
         return goals
-    fewest = max(1, _num_permitted(selection, fingers, before))
+    fewest = max(1, _num_permitted(selection, fingers, goals.p_OC))
     ranks = np.argsort(shares[worthwhile].round(_DIGITS), kind="stable")
     for change in worthwhile[ranks[:_TRIED]].tolist():
         symmetry, shift = divmod(change, n)
-        p_OD = equivalent[symmetry, contact_of[symmetry, shift]]
+        after = goals.p_OC.copy()
         if symmetry > 0:  # It may be slightly off.
-            p_OD = selection.surface.project(p_OD)[0]
-        if _num_permitted(selection, fingers, p_OD) >= fewest:
-            after = goals.p_OC.copy()
-            after[fingers] = p_OD
+            after = selection.surface.project(p_OE[symmetry])[0]
+        after[fingers] = after[fingers[contact_of[symmetry, shift]]]
+        if _num_permitted(selection, fingers, after) >= fewest:
             unknown = np.zeros(len(after), dtype=bool)
             judged = judged_goals(selection, after, unknown, ContactLimits())
             return replace(judged, reassigned=True)
@@ -168,5 +167,5 @@ def _azimuths(p_H: FloatArray) -> FloatArray:
 
 
 def _num_permitted(selection: SelectionInput, fingers: IntArray, p_OC: FloatArray) -> int:
-    """Returns the number of contacts that the limits of their fingers permit."""
-    return int(np.sum(selection.limits_of(fingers, p_OC)[0] == Limit.NONE))
+    """Returns the number of contacts that the limits of some fingers permit."""
+    return int(np.sum(selection.limits_of(fingers, p_OC[fingers])[0] == Limit.NONE))
