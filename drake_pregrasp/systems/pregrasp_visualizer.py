@@ -69,6 +69,7 @@ class PregraspVisualizer(LeafSystem):
         covariance_magnification: Magnification of the ellipsoid.
         record: Whether the regions' colours are recorded too. `Meshcat.StartRecording` controls
             everything else.
+        continues: An equal visualizer whose drawings in Meshcat this one takes over.
     """
 
     def __init__(
@@ -84,6 +85,7 @@ class PregraspVisualizer(LeafSystem):
         trail_step: float = 0.003,
         covariance_magnification: float = 10.0,
         record: bool = True,
+        continues: "PregraspVisualizer | None" = None,
     ) -> None:
         super().__init__()
         self._meshcat = meshcat
@@ -96,7 +98,11 @@ class PregraspVisualizer(LeafSystem):
         self._record = record
         self._magnification = covariance_magnification
         self._hover = 0.045 + float(np.max(surface.p_OQ[:, 2]))
-        self._forget()
+        if continues is None:
+            self._forget()
+        else:
+            self._shown, self._shown_labels = continues._shown, continues._shown_labels
+            self._trail_heads = continues._trail_heads
         self._colors = {i: tint(contact_color(i), 0.3) for i in range(num_contacts)}
         self._colors[NO_REGION] = NO_REGION_COLOR
 
@@ -106,7 +112,8 @@ class PregraspVisualizer(LeafSystem):
         self._safe_regions = self.DeclareAbstractInputPort("safe_regions", REGIONS)
         self._p_WO_covariance = self.DeclareVectorInputPort("p_WO_covariance", 9)
         self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)
-        self._make_objects(marker_radius)
+        if continues is None:
+            self._make_objects(marker_radius)
         self.DeclareInitializationPublishEvent(self._restart)
         self.DeclarePeriodicPublishEvent(publish_period, 0.0, self._draw)
         self.DeclareForcedPublishEvent(self._draw)
@@ -131,7 +138,8 @@ class PregraspVisualizer(LeafSystem):
         self._trail_heads: list[tuple[int, FloatArray] | None] = [None] * self._num_contacts
 
     def _restart(self, context: Context) -> EventStatus:
-        self._forget()
+        if context.get_time() == 0:
+            self._forget()
         return EventStatus.Succeeded()
 
     def _draw(self, context: Context) -> EventStatus:
