@@ -55,6 +55,12 @@ def _setting(
     return Slider(name, low, high, step, value, apply)
 
 
+def _velocity(scenario: Scenario, column: int) -> float:
+    """Returns the last velocity of the conveyor, in m/s (column 1) or rad/s (column 2)."""
+    assert isinstance(scenario.motion, Conveyor)
+    return scenario.motion.velocities()[-1][column]
+
+
 def _set_rate(run: LiveRun, rate: float) -> None:
     def edit(scenario: Scenario) -> None:
         scenario.planner.period = 1 / rate
@@ -72,7 +78,7 @@ _VELOCITIES = (
         -100,
         100,
         1,
-        lambda scenario: 1e3 * scenario.motion.velocities()[-1][1],
+        lambda scenario: 1e3 * _velocity(scenario, 1),
         lambda run, speed: run.set_velocity(linear=speed / 1e3),
     ),
     Slider(
@@ -80,7 +86,7 @@ _VELOCITIES = (
         -60,
         60,
         1,
-        lambda scenario: float(np.degrees(scenario.motion.velocities()[-1][2])),
+        lambda scenario: float(np.degrees(_velocity(scenario, 2))),
         lambda run, rate: run.set_velocity(angular=float(np.radians(rate))),
     ),
 )

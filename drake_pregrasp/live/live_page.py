@@ -3,6 +3,7 @@
 import contextlib
 import json
 import threading
+import urllib.request
 from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
@@ -17,12 +18,11 @@ from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.run_story import OVERLAY
 
-_PAGE = """<!DOCTYPE html>
-<html><head><meta charset="utf-8"><title>drake-pregrasp</title></head>
-<body style="margin: 0">
-<iframe src="{meshcat}" style="border: 0; width: 100vw; height: 100vh; display: block"></iframe>
-{overlay}<script>followRun();</script></body></html>
-"""
+# Meshcat's page connects to the server that it comes from, which must be Meshcat's own.
+_SOCKET = """<head><script>
+window.WebSocket = class extends WebSocket {{ constructor() {{ super("{}"); }} }};
+</script>"""
+_START = "<script>followRun(); viewer.gui.open();</script></body>"
 
 
 @contextlib.contextmanager
@@ -36,18 +36,28 @@ def served_page(meshcat: Meshcat, story: Callable[[], dict[str, Any]]) -> Iterat
     Raises:
         OutputError: If no port can be opened.
     """
-    overlay = OVERLAY.read_text(encoding="utf-8")
-    page = _PAGE.replace("{meshcat}", meshcat.web_url()).replace("{overlay}", overlay)
+    viewer = meshcat.web_url()
+    with urllib.request.urlopen(viewer) as answer:
+        page = answer.read().decode().replace("<head>", _SOCKET.format(meshcat.ws_url()), 1)
+    page = page.replace("</body>", OVERLAY.read_text(encoding="utf-8") + _START)
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            kind, text = "text/html", page
-            if self.path == "/story":
-                kind, text = "application/json", json.dumps(story())
-            self.send_response(200 if self.path in ("/", "/story") else 404)
+            # The page may be closed while it is sent; HTTP errors are errors of this kind, too.
+            with contextlib.suppress(OSError):
+                if self.path == "/":
+                    self.answer("text/html", page.encode())
+                elif self.path == "/story":
+                    self.answer("application/json", json.dumps(story()).encode())
+                else:
+                    with urllib.request.urlopen(viewer + self.path) as part:
+                        self.answer(part.headers.get_content_type(), part.read())
+
+        def answer(self, kind: str, content: bytes) -> None:
+            self.send_response(200)
             self.send_header("Content-Type", f"{kind}; charset=utf-8")
             self.end_headers()
-            self.wfile.write(text.encode())
+            self.wfile.write(content)
 
         def log_message(self, *_: object) -> None:
             """Prints nothing."""

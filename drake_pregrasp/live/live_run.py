@@ -3,6 +3,7 @@
 import copy
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from pydrake.systems.framework import Context, Diagram, System
 from drake_pregrasp.arrays import tick_index
 from drake_pregrasp.config.object_config import Conveyor, PoseStream
 from drake_pregrasp.contacts.strategies import STRATEGIES
-from drake_pregrasp.estimation.fault_settings import MeasurementFaults
+from drake_pregrasp.estimation.fault_settings import FOREVER
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.simulation.output import make_folder, write_text
 from drake_pregrasp.simulation.recording import make_story, recording_html
@@ -27,9 +28,8 @@ RECORDED = 600.0
 
 _CAMERA = "/Cameras/default"
 _RAMP = 0.2  # Duration of a change of the conveyor's velocity, in seconds.
-_NUDGE = (
-    0.4  # Speed that a nudge gives to the object, in m/s: a cube slides 1 cm and stays upright.
-)
+_TILE = 0.01  # Smallest size of tiles, in metres: a page loads hundreds fast, but not thousands.
+_NUDGE = 0.4  # Speed that a nudge adds to the object, in m/s: a cube slides 1 cm, and does not tip.
 
 
 class LiveRun:
@@ -60,6 +60,7 @@ class LiveRun:
         if isinstance(scenario.motion, Conveyor):
             self.end = math.inf
         self.scenario = copy.deepcopy(scenario)
+        self.scenario.recording.tile_size = max(_TILE, scenario.recording.tile_size)
         self._start()
 
     def _start(self) -> None:
@@ -92,9 +93,8 @@ class LiveRun:
     @property
     def lost(self) -> set[int]:
         """Indices of the fingers that are lost now."""
-        return {
-            k for event in self.scenario.damage if event.at <= self.time for k in event.contacts
-        }
+        past = (event for event in self.scenario.damage if event.at <= self.time)
+        return {contact for event in past for contact in event.contacts}
 
     def advance(self) -> None:
         """Simulates until the next planning tick, and moves the camera with the object."""
@@ -158,9 +158,7 @@ class LiveRun:
         self.is_hidden = not self.is_hidden
         faults = self._first.sensor.faults
         if self.is_hidden:
-            faults = MeasurementFaults(
-                **{**vars(faults), "nan_probability": 1.0, "start": self.time}
-            )
+            faults = replace(faults, nan_probability=1.0, start=self.time, end=FOREVER)
         self.change(lambda scenario: setattr(scenario.sensor, "faults", faults))
 
     def close(self) -> None:

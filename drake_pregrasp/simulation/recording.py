@@ -76,6 +76,7 @@ def add_visualizers(
     num_contacts, period = scenario.num_contacts, scenario.recording.publish_period
     query, params = object_plant.GetOutputPort("query_object"), MeshcatVisualizerParams()
     params.publish_period = period
+    params.prefix = "/drake/bodies"  # A page loads paths in alphabetical order: bodies come first.
     MeshcatVisualizer.AddToBuilder(builder, query, meshcat, params)
     visualizer = PregraspVisualizer(
         meshcat=meshcat,

@@ -98,11 +98,7 @@ class PregraspVisualizer(LeafSystem):
         self._record = record
         self._magnification = covariance_magnification
         self._hover = 0.045 + float(np.max(surface.p_OQ[:, 2]))
-        if continues is None:
-            self._forget()
-        else:
-            self._shown, self._shown_labels = continues._shown, continues._shown_labels
-            self._trail_heads = continues._trail_heads
+        self._forget()
         self._colors = {i: tint(contact_color(i), 0.3) for i in range(num_contacts)}
         self._colors[NO_REGION] = NO_REGION_COLOR
 
@@ -114,6 +110,8 @@ class PregraspVisualizer(LeafSystem):
         self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)
         if continues is None:
             self._make_objects(marker_radius)
+        else:
+            self._take_over(continues)
         self.DeclareInitializationPublishEvent(self._restart)
         self.DeclarePeriodicPublishEvent(publish_period, 0.0, self._draw)
         self.DeclareForcedPublishEvent(self._draw)
@@ -136,6 +134,10 @@ class PregraspVisualizer(LeafSystem):
         self._shown: dict[tuple[str, str], bool | list[float]] = {}
         self._shown_labels = np.full(len(self._tile_candidates), NO_REGION - 1)
         self._trail_heads: list[tuple[int, FloatArray] | None] = [None] * self._num_contacts
+
+    def _take_over(self, other: "PregraspVisualizer") -> None:
+        self._shown, self._shown_labels = other._shown, other._shown_labels
+        self._trail_heads = other._trail_heads
 
     def _restart(self, context: Context) -> EventStatus:
         if context.get_time() == 0:
