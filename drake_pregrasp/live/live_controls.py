@@ -74,7 +74,7 @@ def _set_rate(run: LiveRun, rate: float) -> None:
 
 _VELOCITIES = (
     Slider(
-        "object speed [mm/s]",
+        "speed [mm/s]",
         -100,
         100,
         1,
@@ -127,17 +127,17 @@ class LiveControls:
         self._buttons: dict[str, Callable[[], object]] = {
             "pause / resume": self._switch_pause,
             "step": self._step,
-            "reset: a new start": run.reset,
+            "reset": run.reset,
             "next strategy": run.next_strategy,
-            "hide / show the object": run.switch_sight,
+            "object: hide / show": run.switch_sight,
         }
         for contact in range(scenario.num_contacts):
-            label = f"lose / give back finger {contact}"
+            label = f"finger {contact}: lose / give back"
             self._buttons[label] = lambda k=contact: run.switch_finger(k)  # type: ignore[misc]
         if run.can_nudge:
-            self._buttons["nudge the object"] = run.nudge
+            self._buttons["object: nudge"] = run.nudge
         if scenario.grasp.has_hand:
-            self._buttons["close the hand"] = run.close
+            self._buttons["hand: close"] = run.close
         self._buttons |= {"save the recording": self._save, "stop": self._stop}
         self._add()
 
@@ -161,16 +161,15 @@ class LiveControls:
                 self._values[name] = value
                 slider.apply(self._run, value)
         for name, action in self._buttons.items():
-            clicks = self._meshcat.GetButtonClicks(name)
-            for _ in range(clicks - self._clicks[name]):
+            before, self._clicks[name] = self._clicks[name], self._meshcat.GetButtonClicks(name)
+            for _ in range(self._clicks[name] - before):
                 action()
-            self._clicks[name] = clicks if name in self._meshcat.GetButtonNames() else 0
 
-    def note(self) -> str:
-        """Returns the state of the run in a few words."""
+    def story(self) -> dict[str, Any]:
+        """Returns what the page shows now."""
         run = self._run
         pace = "paused" if self.is_paused else f"{run.rate:.2f} × real time"
-        return f"({pace}, strategy {run.scenario.planner.strategy})"
+        return run.story.now() | {"note": f"{pace}, strategy {run.scenario.planner.strategy}"}
 
     def _add(self) -> None:
         scenario, add = self._run.scenario, self._meshcat.AddSlider

@@ -22,7 +22,9 @@ from drake_pregrasp.systems.run_story import OVERLAY
 _SOCKET = """<head><script>
 window.WebSocket = class extends WebSocket {{ constructor() {{ super("{}"); }} }};
 </script>"""
-_START = "<script>followRun(); viewer.gui.open();</script></body>"
+_START = (
+    "<script>followRun(); viewer.gui.__folders.Scene.close(); viewer.gui.open();</script></body>"
+)
 
 
 @contextlib.contextmanager
@@ -97,7 +99,6 @@ def run_live(
     meshcat = start_meshcat(live=True)
     run = LiveRun(scenario, name=name, meshcat=meshcat)
     controls = LiveControls(run, meshcat, out=Path(out))
-    story = lambda: run.story.now() | {"note": controls.note()}  # noqa: E731
-    with served_page(meshcat, story) as address:
+    with served_page(meshcat, controls.story) as address:
         announce(address)
         controls.serve(should_stop)

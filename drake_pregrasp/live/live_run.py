@@ -22,6 +22,7 @@ from drake_pregrasp.simulation.recording import make_story, recording_html
 from drake_pregrasp.simulation.scenario import DamageEvent, Scenario, keep_start
 from drake_pregrasp.simulation.scenario_file import dump_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.systems.loggers import TickRecord
 
 RECORDED = 600.0
 """Longest recording of a live run, in seconds: it is kept in memory."""
@@ -47,6 +48,7 @@ class LiveRun:
     Attributes:
         scenario: The scenario with all changes so far.
         story: Story of the run since its start.
+        last: Record of the last planning tick.
         end: Time at which the run pauses by itself, in seconds; on a conveyor it does not.
         is_hidden: Whether the sensor does not see the object.
     """
@@ -68,7 +70,7 @@ class LiveRun:
         self.story = make_story(self.scenario, self._name)
         self._meshcat.DeleteRecording()
         self._simulate(None)
-        self._p_WO = self._X_WO().translation()
+        self._p_WO = self.last.X_WO.translation()
 
     def reset(self) -> None:
         """Starts again with the changed settings, all fingers and the next seed."""
@@ -103,7 +105,7 @@ class LiveRun:
         if self._is_recording and self.time > RECORDED:
             self._meshcat.StopRecording()
             self._is_recording = False
-        moved = (self._X_WO().translation() - self._p_WO) * [1.0, 1.0, 0.0]
+        moved = (self.last.X_WO.translation() - self._p_WO) * [1.0, 1.0, 0.0]
         self._meshcat.SetTransform(_CAMERA, RigidTransform(moved), self.time)
 
     def keep_pace(self) -> None:
@@ -172,7 +174,8 @@ class LiveRun:
 
     def nudge(self) -> None:
         """Pushes the object in a random horizontal direction."""
-        plant = self._object_plant().plant
+        assert self._diagram is not None
+        plant = self._diagram.GetSubsystemByName("object_plant").plant
         angle = np.random.default_rng(round(1e3 * self.time)).uniform(0, 2 * np.pi)
         context = plant.GetMyMutableContextFromRoot(self._simulator.get_mutable_context())
         model = plant.GetModelInstanceByName("object")
@@ -199,14 +202,9 @@ class LiveRun:
         write_text(folder / "scenario.yaml", dump_scenario(self._name, scenario))
         return folder / "recording.html"
 
-    def _object_plant(self) -> System:
-        assert self._diagram is not None
-        return self._diagram.GetSubsystemByName("object_plant")
-
-    def _X_WO(self) -> RigidTransform:
-        plant = self._object_plant()
-        context = plant.GetMyContextFromRoot(self._simulator.get_context())
-        return plant.GetOutputPort("X_WO").Eval(context)
+    def _add_tick(self, record: TickRecord) -> None:
+        self.last = record
+        self.story.add_tick(record)
 
     def _simulate(self, before: Context | None) -> None:
         """Builds the diagram, with the state of the one before in this Context, if it is given."""
@@ -214,7 +212,7 @@ class LiveRun:
         self._diagram = make_diagram(
             self.scenario,
             self._surface,
-            sink=story.add_tick,
+            sink=self._add_tick,
             grasp_sink=story.add_grasp if self.scenario.grasp.has_hand else None,
             meshcat=self._meshcat,
             record=self._is_recording,
