@@ -56,8 +56,9 @@ def test_a_tossed_object_stops_within_half_a_millimetre(name, start):
     assert np.min(bottom[settled]) > -2.5e-4
 
 
-@pytest.mark.parametrize("speed", [pytest.param(0.1, marks=pytest.mark.slow), 0.5])
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.slow
+@pytest.mark.parametrize("speed", [0.1, 0.5])
+@pytest.mark.parametrize("name", ["box", "mug", "cylinder"])
 def test_a_pusher_stays_outside_the_object(name, speed):
     motion = Push(speed=speed, start=0.1, offset=0.01)
     plant = ObjectPlant(OBJECTS[name], motion, Scenario(motion=motion).plant_settings)
