@@ -249,7 +249,7 @@ def test_the_page_on_run_folders_explains_every_column_and_key(base_run):
     for shown, columns in ((log, log_columns(2)), (grasp, grasp_columns(2))):
         named = {name.format(i=i) for name in shown for i in range(2)}
         assert named == set(columns)
-    assert set(summary) == {*base_run.summary, "after_damage", "grasp"}
+    assert set(summary) == {*base_run.summary, "after_damage", "coordinates", "grasp"}
 
 
 def test_the_page_on_faults_has_a_row_for_each_verdict_and_status():

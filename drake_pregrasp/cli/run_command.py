@@ -108,7 +108,7 @@ def _measures_in_words(summary: Mapping[str, Any]) -> Iterator[str]:
     if phases["max"]["q_msv"] is None:
         phases = summary
     elif phases is not summary:
-        yield "damage      fingers are lost: static and best are those of the remaining ones"
+        yield "damage      fingers are lost: static and best are those of the ones left at the end"
     static, best = phases["static"], phases["max"]
     for key, words in (("left", "left the table"), ("lost", "was lost for good")):
         if (at := summary[f"object_{key}_at"]) is not None:

@@ -9,7 +9,11 @@ from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
 from drake_pregrasp.estimation.pose_tracker import TrackerSettings
 from drake_pregrasp.quality.force_closure import FRICTION, TORSIONAL_FRICTION
 from drake_pregrasp.quality.grasp_quality import CONTACT_MODELS
+from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
 from drake_pregrasp.regions.walls import WALL_TESTS
+
+LARGEST_SCALE = 1e4
+"""Largest number of metres per unit of a further coordinate."""
 
 MOST_LATE = 1000
 """Largest number of used measurements that may be newer than an out-of-sequence one."""
@@ -129,6 +133,26 @@ class BlendConfig:
 
 
 @dataclass
+class CoordinateConfig:
+    """A further coordinate of Eq. 1, such as a force: what fingers offer and places demand."""
+
+    # Name of the quantity, for the reader.
+    name: str = ""
+
+    # Metres that count as much as one unit of the quantity.
+    scale: float = field(
+        default=1.0, metadata={"required": True, "above": 0, "at_most": LARGEST_SCALE}
+    )
+
+    # Quantity at the candidates: one that follows from the surface, or that of the port
+    # candidate_coordinates.
+    candidates: str = field(default=GIVEN, metadata={"one_of": (GIVEN, *QUANTITIES)})
+
+    # Quantity of each contact's finger. Empty: the one at the contact's place on the surface.
+    fingers: list[float] = field(default_factory=list, metadata={"at_least": -1e6, "at_most": 1e6})
+
+
+@dataclass
 class PlannerConfig:
     """Configuration of the planner of contact goals."""
 
@@ -150,6 +174,12 @@ class PlannerConfig:
 
     # For measures: the grasp matrix of the candidate alone, or of the hand with the candidate.
     reading: str = field(default="hand", metadata={"one_of": READINGS})
+
+    # For measures: contact model of the grasp matrix, and unit of lever arms in metres, where 0 has
+    # the same meaning as in `MeasuresConfig`. With less than the six columns or the rank that the
+    # matrix needs, msv, gii and vew are 0: all candidates then count equally.
+    contact_model: str = field(default="complete", metadata={"one_of": CONTACT_MODELS})
+    length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
 
     # For measures: whether weights are stretched over each region, b_n - min b.
     stretch: bool = True
@@ -179,6 +209,9 @@ class PlannerConfig:
     # If above zero, regions are evaluated in six coordinates: points, and outward normals times
     # this length in metres. Regions then prefer surface that faces the same way as their contact.
     normal_length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
+
+    # Further coordinates of Eq. 1.
+    coordinates: list[CoordinateConfig] = field(default_factory=list, metadata={"max_length": 8})
 
     limits: LimitsConfig = field(default_factory=LimitsConfig)
 

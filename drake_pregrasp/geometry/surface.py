@@ -109,7 +109,7 @@ class ObjectSurface:
             clear &= cKDTree(points).query(self.p_OQ)[0] > radius
         return clear
 
-    @property
+    @cached_property
     def longest_lever_arm(self) -> float:
         """Distance of the mesh's farthest vertex from the centre of mass, in metres."""
         return float(np.max(np.linalg.norm(self.mesh.vertices - self.p_OCoM, axis=1)))
@@ -195,6 +195,11 @@ class ObjectSurface:
         nearest = np.flatnonzero(squares <= (least * (1 + TIE) + NO_DISTANCE**2)[point])
         best = nearest[np.searchsorted(point[nearest], np.arange(len(p_OP)))]
         return closest[best], self._triangles.normals[triangles[best]]
+
+    def nearest_candidates(self, p_OP: FloatArray) -> IntArray:
+        """Returns the candidate nearest to each point of shape (k, 3), in metres, shape (k,)."""
+        nearest: IntArray = self._tree.query(p_OP)[1]
+        return nearest
 
     def candidates_within(self, p_OP: FloatArray, distance: float) -> IntArray:
         """Returns the candidates whose patches come that near to a point p_OP, or nearly, (k,)."""

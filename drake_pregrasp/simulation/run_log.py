@@ -263,7 +263,10 @@ def adapting_phase(scenario: Scenario, times: FloatArray) -> slice:
 
 
 def last_phase(scenario: Scenario, times: FloatArray) -> slice:
-    """Returns the ticks at which contacts adapt after the last damage, as in the paper's tables."""
-    last_loss = max((event.at for event in scenario.damage), default=0.0)
-    start = max(scenario.planner.static_duration, last_loss)
+    """Returns the ticks at which contacts adapt after the last loss or return of a finger.
+
+    With losses only, these are the ticks of the paper's tables.
+    """
+    last_change = max((max(event.at, event.until) for event in scenario.damage), default=0.0)
+    start = max(scenario.planner.static_duration, last_change)
     return slice(ticks_from(scenario, times, start), None)

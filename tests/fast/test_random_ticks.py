@@ -17,6 +17,7 @@ from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.shapes import ball_shape
 from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
+from drake_pregrasp.quality.grasp_quality import CONTACT_MODELS
 from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
 from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
@@ -106,12 +107,12 @@ def random_constraints(rng, which, p_OC, forbidden, has):
 
 
 PARTS = ("tips", "solids", "points", "horizon", "walls", "reach", "closed", "normals", "limits")
-PARTS += ("forbidden", "coincident")
+PARTS += ("forbidden", "coincident", "coordinates")
 
 
 # Settings of the examples that were found.
 FOUND = {"spread": 0.03, "strategy": "msv", "power": 2.0, "stretch": True}
-FOUND |= {"best_point": False, "in_turns": False}
+FOUND |= {"best_point": False, "in_turns": False, "contact_model": "complete", "length": 0.0}
 
 
 @settings(max_examples=200)
@@ -124,6 +125,8 @@ FOUND |= {"best_point": False, "in_turns": False}
     spread=st.sampled_from([3e-4, 0.03, 30.0]),
     strategy=st.sampled_from([*STRATEGIES, "blend"]),
     reading=st.sampled_from(["hand", "contact"]),
+    contact_model=st.sampled_from(CONTACT_MODELS),
+    length=st.sampled_from([0.0, 0.1]),
     power=st.sampled_from([1.0, 2.0, 3.0]),
     stretch=st.booleans(),
     best_point=st.booleans(),
@@ -143,12 +146,25 @@ FOUND |= {"best_point": False, "in_turns": False}
     seed=947390,
     n=5,
     lost=0,
-    has=set(PARTS) - {"forbidden", "coincident"},
+    has=set(PARTS) - {"forbidden", "coincident", "coordinates"},
     reading="hand",
     **FOUND,
 )
 def test_a_tick_is_that_of_the_reference(
-    which, seed, n, lost, has, spread, strategy, reading, power, stretch, best_point, in_turns
+    which,
+    seed,
+    n,
+    lost,
+    has,
+    spread,
+    strategy,
+    reading,
+    contact_model,
+    length,
+    power,
+    stretch,
+    best_point,
+    in_turns,
 ):
     rng, surface = np.random.default_rng(seed), SURFACES[which]
     q = surface.p_OQ[rng.choice(len(surface.p_OQ), n)]
@@ -167,18 +183,26 @@ def test_a_tick_is_that_of_the_reference(
     points, c = surface.p_OQ, p_OC
     if "normals" in has:
         points, c = LIFTED[which], lifted(p_OC, nhat_OC, LENGTH)
+    label = LABELS[which][c.shape[1]]
+    if "coordinates" in has:
+        k = rng.integers(1, 3)
+        points = np.hstack([points, 0.03 * rng.normal(size=(len(points), k))])
+        c = np.hstack([c, 0.03 * rng.normal(size=(n, k))])
+        c[n // 2 :] = c[0] if "coincident" in has else c[n // 2 :]
+        label = fast_labels(points, surface.nhat_OQ)
     expected, found = (
-        compute_safe_regions(points, c, h, forbidden, constraints, label=label)
-        for label in (None, LABELS[which][c.shape[1]])
+        compute_safe_regions(points, c, h, forbidden, constraints, label=own)
+        for own in (None, label)
     )
     for part in ("labels", "lost", "limits", "causes"):
         np.testing.assert_array_equal(getattr(found, part), getattr(expected, part))
 
     weights = {strategy: 1.0}
     if strategy == "blend":
-        weights = dict(zip(STRATEGIES, rng.choice([0.0, 1.0, 3.0], 5), strict=True))
+        weights = dict(zip(STRATEGIES, rng.choice([0.0, 1.0, 3.0], len(STRATEGIES)), strict=True))
         weights["gii"] += 0.5
-    options = {"reading": reading, "power": power, "stretch": stretch}
+    options = {"reading": reading, "contact_model": contact_model, "length": length}
+    options |= {"power": power, "stretch": stretch}
     limits = ContactLimits()
     if "limits" in has:
         pairs = (Pair(0, 1, 0.03),) if n > 1 and rng.random() < 0.5 else ()
