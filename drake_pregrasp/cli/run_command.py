@@ -168,6 +168,7 @@ def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
     add("--out", default="runs", metavar="FOLDER", help="folder of run folders (%(default)s)")
     add("--overwrite", action="store_true", help="replace a run of another scenario")
     add("--no-recording", action="store_true", help="do not make recording.html")
+    add("--mcap", action="store_true", help="also write run.mcap for Foxglove (extra wire)")
     add("--graphviz", metavar="FILE", help="write the diagram to this file, without a simulation")
 
 
@@ -183,6 +184,7 @@ def _run(options: argparse.Namespace) -> int:
             name=name,
             out=options.out,
             recording=not options.no_recording,
+            mcap=options.mcap,
             overwrite=options.overwrite,
             on_tick=on_tick,
             should_stop=should_stop,

@@ -281,6 +281,8 @@ def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSur
             yield f"{pair_key}.distance", f"{pair.distance} {problem}"
     with errors_at(f"{key}.pairs"):
         limits.make_limits(period=1.0, friction=1.0)
+    with errors_at(f"{key}.reassign"):
+        limits.reassign.check(limits.reaches(), bool(limits.pairs))
     yield from _size_problems(f"{key}.deadband", limits.deadband, longest, ": no goal would move")
     # Fingertips need room, if not on the allowed surface itself, then over its convex hull.
     hint = "; radii are in metres"
