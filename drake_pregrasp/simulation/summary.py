@@ -38,6 +38,7 @@ from drake_pregrasp.simulation.run_log import GraspLog, RunLog
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.link_contacts import TOUCHED
 from drake_pregrasp.systems.loggers import TickRecord
+from drake_pregrasp.systems.run_story import MEASURES
 from drake_pregrasp.version import __version__
 
 MARGINS = (
@@ -197,10 +198,6 @@ def tracking_summary(status: FloatArray, time_since_measurement: FloatArray) -> 
     shares = {kind.name.lower(): _reduced(np.mean, status == kind) for kind in TrackingStatus}
     longest = _reduced(np.max, time_since_measurement)
     return {"share": shares, "longest_without_measurement": longest}
-
-
-MEASURES = ("q_msv", "q_gii", "q_vew")
-"""Measures of the paper's Table II, by their columns in `log.csv`."""
 
 
 def summarize(
