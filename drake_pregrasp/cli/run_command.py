@@ -26,6 +26,7 @@ from drake_pregrasp.systems.loggers import TickRecord
 from drake_pregrasp.systems.run_story import MEASURES
 
 _NOISE = 1e-4  # Share of a measure by which noise may change it.
+_DOUBTFUL = 0.5  # Share of tracked ticks below which a run says so.
 
 
 @contextlib.contextmanager
@@ -114,6 +115,11 @@ def _measures_in_words(summary: Mapping[str, Any]) -> Iterator[str]:
     for key, words in (("left", "left the table"), ("lost", "was lost for good")):
         if (at := summary[f"object_{key}_at"]) is not None:
             yield f"object      {words} at {at:g} s: static and best are from before"
+    share = summary["tracking"]["share"]["tracking"]
+    if share is not None and share < _DOUBTFUL:
+        once = share * summary["ticks"] < 2  # A first measurement counts until it is contradicted.
+        words = "was never tracked" if once else f"was tracked at {100 * share:.0f} % of the ticks"
+        yield f"tracking    the object {words}: measures are of goals on an estimate in doubt"
     for title, values in (("static", static), ("best after", best)):
         if values["q_msv"] is not None:
             shown = "   ".join(f"{m.upper()} {values[m]:.4f}" for m in MEASURES)
