@@ -290,7 +290,7 @@ def api_page() -> str:
     lines = [
         "# API",
         "The public names of `drake_pregrasp`, by the folder of their source, and those of "
-        "`wires.live`. [Ports](ports.md) and [scenario keys](scenario_keys.md) have their own pages.",
+        "`wires.live`. [Ports](ports.md) and [keys](scenario_keys.md) have pages of their own.",
         MADE.format("docstrings"),
     ]
     groups: dict[str, list[str]] = {}
