@@ -130,6 +130,7 @@ class BlendConfig:
     gii: float = field(default=0.0, metadata=_WEIGHT)
     vew: float = field(default=0.0, metadata=_WEIGHT)
     margin: float = field(default=0.0, metadata=_WEIGHT)
+    independence: float = field(default=0.0, metadata=_WEIGHT)
 
 
 @dataclass
@@ -166,7 +167,8 @@ class PlannerConfig:
     lost_standoff: float = field(default=0.02, metadata={"at_least": 0, "at_most": 10})
 
     # Weights of a contact's goal in its safe region: position tracking, a measure of the grasp
-    # matrix, the force-closure margin, or a blend of them.
+    # matrix, the force-closure margin, how far the contact may slip without a loss of force
+    # closure, or a blend of them.
     strategy: str = field(default="position", metadata={"one_of": (*STRATEGIES, BLEND)})
 
     # Weights for the strategy blend; at least one must be above 0.
@@ -188,7 +190,7 @@ class PlannerConfig:
     # best point.
     power: float = field(default=1.0, metadata={"above": 0, "at_most": 100})
 
-    # For the margin: Coulomb's coefficient between fingertip and object.
+    # For margin and independence: Coulomb's coefficient between fingertip and object.
     friction: float = field(default=FRICTION, metadata={"at_least": 0, "at_most": 10})
 
     # Whether contacts move one after another, each with the new goals of those before it, and not

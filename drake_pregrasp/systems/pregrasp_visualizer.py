@@ -69,6 +69,7 @@ class PregraspVisualizer(LeafSystem):
         covariance_magnification: Magnification of the ellipsoid.
         record: Whether the regions' colours are recorded too. `Meshcat.StartRecording` controls
             everything else.
+        continues: An equal visualizer whose drawings in Meshcat this one takes over.
     """
 
     def __init__(
@@ -84,6 +85,7 @@ class PregraspVisualizer(LeafSystem):
         trail_step: float = 0.003,
         covariance_magnification: float = 10.0,
         record: bool = True,
+        continues: "PregraspVisualizer | None" = None,
     ) -> None:
         super().__init__()
         self._meshcat = meshcat
@@ -106,7 +108,10 @@ class PregraspVisualizer(LeafSystem):
         self._safe_regions = self.DeclareAbstractInputPort("safe_regions", REGIONS)
         self._p_WO_covariance = self.DeclareVectorInputPort("p_WO_covariance", 9)
         self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)
-        self._make_objects(marker_radius)
+        if continues is None:
+            self._make_objects(marker_radius)
+        else:
+            self._take_over(continues)
         self.DeclareInitializationPublishEvent(self._restart)
         self.DeclarePeriodicPublishEvent(publish_period, 0.0, self._draw)
         self.DeclareForcedPublishEvent(self._draw)
@@ -130,8 +135,13 @@ class PregraspVisualizer(LeafSystem):
         self._shown_labels = np.full(len(self._tile_candidates), NO_REGION - 1)
         self._trail_heads: list[tuple[int, FloatArray] | None] = [None] * self._num_contacts
 
+    def _take_over(self, other: "PregraspVisualizer") -> None:
+        self._shown, self._shown_labels = other._shown, other._shown_labels
+        self._trail_heads = other._trail_heads
+
     def _restart(self, context: Context) -> EventStatus:
-        self._forget()
+        if context.get_time() == 0:
+            self._forget()
         return EventStatus.Succeeded()
 
     def _draw(self, context: Context) -> EventStatus:

@@ -109,7 +109,9 @@ def _only_track(path: Path, topic: str, frame: str) -> tuple[Track, dict[int, li
                 raise InvalidArgumentError(f"{track}: has more than {MAX_ROWS} poses; take fewer")
     chosen = [t for t in tracks if topic in ("", t.topic) and frame in ("", t.frame)]
     if len(chosen) != 1:
-        found = "; ".join(map(str, sorted(chosen or tracks)[:_LISTED])) or "no poses"
+        if not tracks:
+            raise InvalidArgumentError(f"has no messages of {', '.join(_KINDS)}")
+        found = "; ".join(map(str, sorted(chosen or tracks)[:_LISTED]))
         raise InvalidArgumentError(f"has {found}: name one of them by topic and frame")
     return chosen[0], tracks[chosen[0]]
 
