@@ -58,6 +58,7 @@ def _navigation() -> str:
 def _complete(app, name, source):
     """Adds to the Markdown of a page what only the site has: navigation, and docstrings."""
     if name == root_doc:
+        app.env.note_dependency(str(ROOT / "docs" / "index.md"), docname=name)
         source[0] += _navigation()
     if name == "docs/reference/api":
         source[0] = re.sub(r"^- \[`(\w+)`\].*$", _documented, source[0], flags=re.MULTILINE)

@@ -135,7 +135,7 @@ class BlendConfig:
 
 @dataclass
 class CoordinateConfig:
-    """A further coordinate of Eq. 1, such as a force: what fingers offer and places demand."""
+    """A further coordinate of regions, such as a force: what fingers offer and places demand."""
 
     # Name of the quantity, for the reader.
     name: str = ""
@@ -212,7 +212,7 @@ class PlannerConfig:
     # this length in metres. Regions then prefer surface that faces the same way as their contact.
     normal_length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
 
-    # Further coordinates of Eq. 1.
+    # Further coordinates of safe regions.
     coordinates: list[CoordinateConfig] = field(default_factory=list, metadata={"max_length": 8})
 
     limits: LimitsConfig = field(default_factory=LimitsConfig)
