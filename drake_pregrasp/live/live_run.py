@@ -13,13 +13,14 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, System
 
 from drake_pregrasp.arrays import tick_index
+from drake_pregrasp.config.finger_config import DamageEvent
 from drake_pregrasp.config.object_config import Conveyor, PoseStream
 from drake_pregrasp.contacts.strategies import STRATEGIES
 from drake_pregrasp.estimation.fault_settings import FOREVER
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.simulation.output import make_folder, write_text
 from drake_pregrasp.simulation.recording import make_story, recording_html
-from drake_pregrasp.simulation.scenario import DamageEvent, Scenario, keep_start
+from drake_pregrasp.simulation.scenario import Scenario, keep_start
 from drake_pregrasp.simulation.scenario_file import dump_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.systems.loggers import TickRecord
@@ -95,8 +96,8 @@ class LiveRun:
     @property
     def lost(self) -> set[int]:
         """Indices of the fingers that are lost now."""
-        past = (event for event in self.scenario.damage if event.at <= self.time)
-        return {contact for event in past for contact in event.contacts}
+        events = (event for event in self.scenario.damage if event.holds_at(self.time))
+        return {contact for event in events for contact in event.contacts}
 
     def advance(self) -> None:
         """Simulates until the next planning tick, and moves the camera with the object."""

@@ -22,10 +22,11 @@ from drake_pregrasp.systems.run_story import RunStory
 _LIGHTS = {"AmbientLight": 1.7, "PointLightNegativeX": 0.0, "PointLightPositiveX": 8.0}
 
 # Position of the camera relative to its target in W, for an object of unit size.
-_CAMERA = np.array([1.9, 1.65, 1.1])
-_ARM_CAMERA = np.array([0.9, -2.1, 1.1])  # Beside the arm, which stands behind along x.
+_CAMERA = np.array([1.4, 1.2, 0.85])
+_HAND_CAMERA = np.array([1.6, 1.4, 0.92])
+_ARM_CAMERA = np.array([0.75, -1.75, 0.92])  # Beside the arm, which stands behind along x.
 _ARM_RAISED = 0.15  # Visible part of an arm above its palm, in metres.
-_VIEW = 0.5  # Share of a path's length that counts as object size, so that all of it is visible.
+_VIEW = 0.6  # Share of a path's length that counts as object size, so that all of it is visible.
 
 
 _SCENE = "/drake"  # Path under which everything is drawn.
@@ -123,7 +124,7 @@ def shown_path(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
     above = hand.palm_height + max(settings.lift_height, settings.approach_height)
     has_arm = isinstance(hand.base, Arm)
     raised = path[[0, -1]] + model.X_LA @ np.array([0.0, 0.0, above + has_arm * _ARM_RAISED])
-    return np.concatenate([path, raised]), _ARM_CAMERA if has_arm else _CAMERA
+    return np.concatenate([path, raised]), _ARM_CAMERA if has_arm else _HAND_CAMERA
 
 
 def camera_pose(

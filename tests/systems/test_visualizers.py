@@ -122,3 +122,16 @@ def test_an_obstacle_with_a_name_is_called_by_it():
         assert describe_status(float(status), 1.0, names).endswith("obstructed by the table")
         assert describe_status(float(status), 0.0, names).endswith("obstructed by obstacle 0")
     assert describe_status(float(ContactStatus.CROWDED), 1.0, names) == "crowded by contact 1"
+
+
+@pytest.mark.parametrize(("offset", "turn", "is_seen"), [(0, 0, 0), (3e-3, 0, 1), (0, 0.05, 1)])
+def test_an_estimate_beside_the_object_is_drawn_as_a_ghost(
+    meshcat, surface, p_OC, offset, turn, is_seen
+):
+    visualizer = drawn(meshcat, surface, p_OC)
+    visualizer.fix(X_WO=X_WO @ RigidTransform(RollPitchYaw(0, 0, turn), [offset, 0, 0]))
+    visualizer.publish()
+    ghost = f"{PREGRASP}/estimate"
+    assert meshcat._GetPackedProperty(ghost, "visible")[-1] == (0xC3 if is_seen else 0xC2)
+    message = packed_numbers(meshcat._GetPackedTransform(ghost), 16)
+    np.testing.assert_allclose(message.reshape(4, 4).T, X_WO.GetAsMatrix4())
