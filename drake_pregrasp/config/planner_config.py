@@ -177,10 +177,12 @@ class PlannerConfig:
     # For measures: the grasp matrix of the candidate alone, or of the hand with the candidate.
     reading: str = field(default="hand", metadata={"one_of": READINGS})
 
-    # For measures: contact model of the grasp matrix, and unit of lever arms in metres, where 0 has
-    # the same meaning as in `MeasuresConfig`. With less than the six columns or the rank that the
-    # matrix needs, msv, gii and vew are 0: all candidates then count equally.
+    # For measures: contact model of the grasp matrix. If its rank is below six, msv, gii and vew are
+    # 0, and all candidates count equally.
     contact_model: str = field(default="complete", metadata={"one_of": CONTACT_MODELS})
+
+    # For measures: unit of lever arms, in metres. 0: the longest lever arm on the object; for the
+    # complete model one metre, as in the paper.
     length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
 
     # For measures: whether weights are stretched over each region, b_n - min b.

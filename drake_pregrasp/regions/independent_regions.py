@@ -76,20 +76,19 @@ def force_closed_share(
 def slip_radii(surface: ObjectSurface, is_closed: BoolArray, places: IntArray) -> FloatArray:
     """Returns how far a contact may slip from candidates until force closure is lost, shape (k,).
 
-    It is the distance of the nearest candidate without force closure, in metres; for a candidate
-    that has none itself, it is minus the distance of the nearest one that has.
+    It is the distance of the nearest candidate without force closure, in metres; zero for a
+    candidate that has none itself.
 
     Args:
         surface: The object's surface.
         is_closed: Mask of the candidates at which the contact leaves force closure, shape (N,).
         places: Indices of the candidates, shape (k,).
     """
-    radii = np.full(len(places), 2 * surface.longest_lever_arm)  # No slip is longer.
-    for sign, target in ((1, ~is_closed), (-1, is_closed)):
-        own = ~target[places]
-        if target.any() and own.any():
-            radii[own] = cKDTree(surface.p_OQ[target]).query(surface.p_OQ[places[own]])[0]
-        radii[own] *= sign
+    if is_closed.all():
+        return np.full(len(places), 2 * surface.longest_lever_arm)  # No slip is longer.
+    radii, closed = np.zeros(len(places)), is_closed[places]
+    if closed.any():
+        radii[closed] = cKDTree(surface.p_OQ[~is_closed]).query(surface.p_OQ[places[closed]])[0]
     return radii
 
 

@@ -53,12 +53,10 @@ def test_the_end_of_the_static_phase_and_a_lost_object_are_told():
 
 def test_phases_of_a_grasp_are_told_with_the_reason_to_give_up():
     story, zeros, X = RunStory("title", 2), np.zeros((2, 3)), RigidTransform()
-    for time, phase, reason in (
-        (0.0, GraspPhase.TRACK, 0),
-        (1.0, GraspPhase.BACK_OFF, GiveUp.LOST),
-    ):
+    phases = (GraspPhase.TRACK, GiveUp.NONE), (GraspPhase.BACK_OFF, GiveUp.TOLD_TO_OPEN)
+    for time, (phase, reason) in enumerate(phases):
         report = np.array([phase, time, reason, 0.0])
-        story.add_grasp(GraspRecord(time, report, zeros, zeros, zeros, X, X, X))
+        story.add_grasp(GraspRecord(float(time), report, zeros, zeros, zeros, X, X, X))
     (_, first), (at, second) = story.data()["events"]
     assert first == "hand follows the object"
     assert at == 1.0

@@ -1,7 +1,9 @@
 """Poses in MCAP files and rosbag2 folders, and files that are broken."""
 
 import json
+import os
 import sqlite3
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -12,6 +14,10 @@ from drake_pregrasp.wires.pose_files import read_poses
 
 pytest.importorskip("mcap")
 pytest.importorskip("rosbags")
+import lz4.frame
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.records import Chunk
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as BagWriter
@@ -150,6 +156,7 @@ def test_files_of_other_kinds_are_refused(tmp_path, monkeypatch):
     with pytest.raises(InvalidArgumentError, match="cannot be read: not a valid MCAP file"):
         read_poses(tmp_path / "x.mcap")
     (tmp_path / "bag").mkdir()
+    os.mkfifo(tmp_path / "bag" / "x.db3")  # It would be waited for.
     with pytest.raises(InvalidArgumentError, match="has no messages of geometry_msgs"):
         read_poses(tmp_path / "bag")
     (tmp_path / "bag" / "x.mcap").symlink_to(tmp_path / "x.mcap")
@@ -172,6 +179,23 @@ def test_large_files_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(pose_files, "MAX_BAG_BYTES", file.stat().st_size - 1)
     with pytest.raises(InvalidArgumentError, match="keep only poses"):
         read_poses(file)
+
+
+@pytest.mark.parametrize("kind", ["lz4", "zstd"])
+def test_a_chunk_unpacks_to_no_more_than_it_says(tmp_path, kind):
+    plain = write_mcap(tmp_path / "x.mcap", [foxglove_pose()], use_chunking=False).read_bytes()
+    records = plain[8 : plain.index(b"\x0f\x04\0\0\0\0\0\0\0")]  # Until the end of the data.
+    compress = lz4.frame.compress if kind == "lz4" else zstandard.compress
+    data, builder = compress(records + bytes(50_000_000)), RecordBuilder()
+    Chunk(kind, data, 0, 0, 0, uncompressed_size=len(records)).write(builder)
+    (tmp_path / "x.mcap").write_bytes(plain[:8] + builder.end())
+    read_poses(write_mcap(tmp_path / "y.mcap", [foxglove_pose()]))  # Imports what it needs.
+    tracemalloc.start()
+    try:
+        assert len(read_poses(tmp_path / "x.mcap").times) == 1
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    finally:
+        tracemalloc.stop()
 
 
 def test_a_database_that_never_ends_is_refused(tmp_path, monkeypatch):
