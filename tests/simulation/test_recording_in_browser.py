@@ -1,48 +1,36 @@
 """The recording, as someone sees it who opens it in a browser."""
 
-import shutil
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import BROWSER, FLAGS, Browser
 from matplotlib.image import imread
 from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import load_scenario, make_diagram
+from drake_pregrasp.simulation.recording import start_meshcat
 
-BROWSER = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(BROWSER is None, reason="needs Chromium (Debian: chromium)"),
 ]
 
-FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--hide-scrollbars",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--enable-unsafe-swiftshader",
-    "--window-size=900,700",
-    "--virtual-time-budget=5000",
-]
+HIDE = 'document.getElementById("story")?.remove();'
+TIME = "--virtual-time-budget=5000"
 
 
 def picture(recording: Path, time: float, folder: Path) -> np.ndarray:
-    """Returns the recording at a moment, shape (height, width, 3), between 0 and 1."""
-    seek = f"viewer.animator.pause(); viewer.animator.seek({time});"
+    """Returns the scene at a moment, shape (height, width, 3), between 0 and 1."""
+    seek = f"viewer.animator.pause(); viewer.animator.seek({time}); {HIDE}"
     page = folder / f"at_{time}.html"
     script = f"<script>setTimeout(() => {{ {seek} }}, 500);</script></body>"
     page.write_text(recording.read_text(encoding="utf-8").replace("</body>", script))
     png = folder / f"at_{time}.png"
     profile = f"--user-data-dir={folder / f'profile_{time}'}"
-    command = [BROWSER, *FLAGS, profile, f"--screenshot={png}", page.as_uri()]
+    command = [BROWSER, *FLAGS, TIME, profile, f"--screenshot={png}", page.as_uri()]
     subprocess.run(command, check=True, capture_output=True, timeout=120)
     return imread(png)[:, :, :3]
 
@@ -87,3 +75,33 @@ def test_a_live_view_shows_what_a_recording_shows(recorded_run, pictures, tmp_pa
     page.write_text(meshcat.StaticHtml())
     live = picture(page, 1.0, tmp_path)
     assert np.mean(np.any(np.abs(live - pictures[1.0]) > 0.03, axis=2)) < 0.01
+
+
+def test_a_recording_tells_what_happens_when_it_happens(recorded_run, base_log, tmp_path):
+    browser = Browser(tmp_path, (recorded_run.folder / "recording.html").as_uri())
+    try:
+        browser.until("window.viewer && viewer.animator.duration > 7")
+        for time, is_told in ((3.0, False), (4.2, True), (7.5, False)):
+            browser.value(f"viewer.animator.pause(); viewer.animator.seek({time})")
+            browser.until(f'document.getElementById("story-clock").textContent === "{time:.2f} s"')
+            caption = browser.value('document.getElementById("story-caption").textContent')
+            assert caption == ("contacts adapt" if is_told else "")
+            row = np.flatnonzero(np.isclose(base_log["time"], time))[0]
+            rows = browser.value('document.getElementById("story-rows").innerText')
+            assert f"{base_log['q_gii'][row]:.4f}" in rows
+            assert rows.count("finger") == rows.count("active") == 5
+        browser.value('document.querySelector("#story-events button").click()')
+        browser.until("viewer.animator.playing && viewer.animator.mixer.timeScale < 1")
+    finally:
+        browser.close()
+
+
+def test_the_server_of_a_run_shows_nothing(tmp_path):
+    meshcat = start_meshcat()
+    scenario = load_scenario("a_base")
+    diagram = make_diagram(scenario, scenario.make_surface(), meshcat=meshcat, record=True)
+    Simulator(diagram).AdvanceTo(0.1)
+    page = tmp_path / "during.html"
+    page.write_text(meshcat.StaticHtml())
+    scene = picture(page, 0.0, tmp_path)[30:]  # Below Meshcat's own bar.
+    assert scene.min() > 0.8  # The background only.

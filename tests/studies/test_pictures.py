@@ -5,11 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from PIL import Image
 from pydrake.geometry import Rgba, SceneGraph, Sphere
 from pydrake.math import RigidTransform
 
 from drake_pregrasp import ContactStatus, load_scenario
 from drake_pregrasp.studies import gallery, pictures, shape_study
+from drake_pregrasp.studies.film import film_scenario
 from drake_pregrasp.studies.gallery import describe_limits, make_gallery
 from drake_pregrasp.studies.grasp_pictures import FRAME_TIME, film_grasp
 from drake_pregrasp.studies.pictures import WHITE, Light
@@ -90,6 +92,21 @@ def test_a_film_shows_regions_at_the_rate_of_its_frames():
     assert len(frames) == 1 + round(0.3 / FRAME_TIME)
     assert all(frame.shape == frames[0].shape for frame in frames)
     assert colourful(frames[-1]) > 0.01  # Without regions and goals it is 0.003.
+
+
+@pytest.mark.slow
+def test_a_film_of_any_scenario_is_slow_at_its_event(tmp_path):
+    """Contacts adapt after 2 s; the motion before and after it is shown in fewer pictures."""
+    text = "{simulation_duration: 4.0, planner: {static_duration: 2.0}}"
+    path = film_scenario(load_scenario("a_base", text=text), "a_base", tmp_path)
+    with Image.open(path) as film:
+        pictures_near_event = 0.8 / 0.025
+        others = (4.0 - 0.8) / 0.4
+        assert film.n_frames == pytest.approx(pictures_near_event + others, abs=3)
+        film.seek(film.n_frames - 1)
+        last = np.array(film.convert("RGB"))
+    assert colourful(last[:, 250:]) > 0.02
+    assert np.mean(last[:, :250].min(axis=2) < 100) > 0.01  # The story, in dark letters.
 
 
 def ticks(*statuses):

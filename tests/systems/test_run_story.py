@@ -1,0 +1,74 @@
+"""The story of a run: what it tells, and when."""
+
+import json
+
+import numpy as np
+import pytest
+from pydrake.math import RigidTransform
+
+from drake_pregrasp import ContactStatus, GiveUp, GraspPhase, TrackingStatus
+from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
+from drake_pregrasp.systems.run_story import RunStory
+
+
+def tick(time, statuses=(1, 1), causes=(-1, -1), tracking=TrackingStatus.TRACKING):
+    X = RigidTransform()
+    contacts = (np.zeros((2, 3)), np.array(statuses, dtype=float), np.array(causes, dtype=float))
+    return TickRecord(time, *contacts, np.array([2.0, 0.99, 100, 1, 0]), None, X, X, 0.0, tracking)
+
+
+def events_of(*ticks, **options):
+    story = RunStory("title", 2, **options)
+    for record in ticks:
+        story.add_tick(record)
+    return story.data()["events"]
+
+
+@pytest.mark.parametrize(
+    ("status", "told"),
+    [
+        (ContactStatus.LOST, "finger 1 lost"),
+        (ContactStatus.OUT_OF_REACH, "finger 1 out of reach"),
+        (ContactStatus.OBSTRUCTED, "finger 1 obstructed by the lamp"),
+        (ContactStatus.HARDLY_IN_REACH, None),  # It is still active.
+    ],
+)
+def test_a_contact_that_ends_or_returns_is_told_once(status, told):
+    during = [tick(t, (1, status), (-1, 7)) for t in (0.1, 0.2)]
+    events = events_of(tick(0.0), *during, tick(0.3), obstacle_names={7: "the lamp"})
+    assert events == ([(0.1, told), (0.3, "finger 1 has a goal again")] if told else [])
+
+
+def test_the_end_of_the_static_phase_and_a_lost_object_are_told():
+    lost = [tick(0.3, tracking=TrackingStatus.COASTING), tick(0.4, tracking=TrackingStatus.LOST)]
+    events = events_of(tick(0.0), tick(0.1), tick(0.2), *lost, tick(0.5), static_end=0.2)
+    assert [time for time, _ in events] == [0.2, 0.3, 0.4, 0.5]
+    assert [text.split(":")[0] for _, text in events] == [
+        "contacts adapt",
+        "object not seen",
+        "object lost from sight",
+        "object tracked",
+    ]
+
+
+def test_phases_of_a_grasp_are_told_with_the_reason_to_give_up():
+    story, zeros, X = RunStory("title", 2), np.zeros((2, 3)), RigidTransform()
+    phases = (GraspPhase.TRACK, GiveUp.NONE), (GraspPhase.BACK_OFF, GiveUp.TOLD_TO_OPEN)
+    for time, (phase, reason) in enumerate(phases):
+        report = np.array([phase, time, reason, 0.0])
+        story.add_grasp(GraspRecord(float(time), report, zeros, zeros, zeros, X, X, X))
+    (_, first), (at, second) = story.data()["events"]
+    assert first == "hand follows the object"
+    assert at == 1.0
+    assert second.startswith("hand backs off, because ")
+
+
+def test_the_present_is_short_and_a_page_is_safe_from_its_title():
+    story = RunStory("</script><script>alert(1)</script>", 2)
+    for k in range(500):
+        story.add_tick(tick(0.1 * k, (1, 1 if k % 2 else -4)))
+    assert len(json.dumps(story.now())) < 2000
+    assert story.now()["changes"][-1][1:] == ("1", "active")
+    page = story.added_to("<body></body>")
+    assert "alert(1)</script>" not in page
+    assert page.count("</body>") == 1
