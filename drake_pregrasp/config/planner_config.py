@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field, replace
 
+import numpy as np
+
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.strategies import BLEND, READINGS, STRATEGIES
@@ -9,6 +11,7 @@ from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
 from drake_pregrasp.estimation.pose_tracker import TrackerSettings
 from drake_pregrasp.quality.force_closure import FRICTION, TORSIONAL_FRICTION
 from drake_pregrasp.quality.grasp_quality import CONTACT_MODELS
+from drake_pregrasp.regions.finger_capability import CAPABILITIES
 from drake_pregrasp.regions.walls import WALL_TESTS
 
 MOST_LATE = 1000
@@ -186,6 +189,13 @@ class PlannerConfig:
     verify_contacts: bool = False
 
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
+
+    @property
+    def needs_capability(self) -> bool:
+        """Whether a weight or a limit needs to know what the fingers are capable of."""
+        weights = vars(self.blend) if self.strategy == BLEND else {self.strategy: 1.0}
+        weighted = any(weights.get(name, 0) > 0 for name in CAPABILITIES)
+        return weighted or bool(np.any(self.limits.least_capabilities()))
 
 
 @dataclass

@@ -136,7 +136,10 @@ def AddHandController(
         ),
     )
     frames = model.kinematics.tip_frames
-    planning = AddPregraspPlanner(builder, planner, surface, p_OC, fingertip_frames=frames)
+    capability = model.capability(limits, surface) if planner.needs_capability else None
+    planning = AddPregraspPlanner(
+        builder, planner, surface, p_OC, fingertip_frames=frames, capability=capability
+    )
     avoided = ConstantValueSource(AbstractValue.Make(Obstacles(tuple(fixed))))
     away = [(0.0, np.flatnonzero(~has_contact).tolist())]
     weights = ContactWeights(np.zeros(len(p_OC)), away)
@@ -148,6 +151,8 @@ def AddHandController(
     connect(builder, controller, "hold_contacts V_WO_held", planning)
     if limits.reach:
         connect(builder, controller, "X_WH", planning)
+    if capability is not None:
+        connect(builder, controller, "X_WU", planning)
     if scene_graph is not None:
         tips = [plant.GetFrameByName(tip.frame, robot) for tip in hand.fingertips]
         inspector = scene_graph.model_inspector()

@@ -9,7 +9,10 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.fast.blocks import BLOCK, Blocks
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.fast.predicates import (
+    HAND,
+    hand_arrays,
     is_closed,
+    is_limiting,
     limit_of_point,
     near_obstacles,
     no_limits,
@@ -92,7 +95,7 @@ def exclude(normals, bounds, j, c, q, start, stop, over, excluded):  # type: ign
 
 @compiled()
 def limit_of_region(  # type: ignore[no-untyped-def]
-    i, blocks, cells, c, same_side, few, half_spaces, contact, obstacles, scratch, lists
+    i, blocks, cells, c, same_side, few, half_spaces, contact, obstacles, hand, scratch, lists
 ):
     """Returns the limit that leaves a contact a tiny region, and its cause, as the reference does.
 
@@ -150,6 +153,7 @@ def limit_of_region(  # type: ignore[no-untyped-def]
         for k in range(start, stop):
             if cells[k] == i:
                 limit, cause = limit_of_point(
+                    i,
                     contact,
                     (q[0, k], q[1, k], q[2, k]),
                     (nhat[0, k], nhat[1, k], nhat[2, k]),
@@ -157,6 +161,7 @@ def limit_of_region(  # type: ignore[no-untyped-def]
                     near_solids[:num_solids],
                     near_points[:num_points],
                     True,
+                    hand,
                 )
                 if limit != _NONE:
                     by_points[limit * width + cause + 1] += 1
@@ -190,9 +195,9 @@ def box_of(row, d):  # type: ignore[no-untyped-def]
     "Tuple((i8[::1], i8[::1], i8[::1]))"
     "(Tuple((f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1])), f8[:,::1], f8[::1], f8,"
     " Tuple((f8[:,:,::1], f8[:,::1], i8[::1], i8[::1])), b1[:,::1], f8[:,::1],"
-    " Tuple((f8[:,::1], f8[:,::1], f8, f8)))"
+    f" Tuple((f8[:,::1], f8[:,::1], f8, f8)), {HAND})"
 )
-def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, obstacles):  # type: ignore[no-untyped-def]
+def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, obstacles, hand):  # type: ignore[no-untyped-def]
     """Returns labels in the order of the candidates, limits and causes, as `label_candidates`.
 
     Loops run along one array at a time, so that the compiler makes vector instructions of them.
@@ -208,6 +213,7 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, o
         same_side: Candidates that no wall hides from each contact, shape (n, N), or empty for all.
         contacts: Rows of the contacts, as in `Predicates`.
         obstacles: Rows of solids and of points, clearance and standoff, as in `Predicates`.
+        hand: Numbers of the fingers' capability; see `hand_arrays`.
     """
     (q, nhat, order, starts, boxes), (solids, points, _, standoff) = blocks, obstacles
     by_axis, bounds, by_limit, by_cause = half_spaces
@@ -219,7 +225,7 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, o
     over, reach, cutting = np.empty(most), np.empty(most), np.empty(most + 1, dtype=np.int64)
     near_solids, near_points = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
     owns, is_free = np.empty(n, dtype=np.bool_), np.empty(n, dtype=np.bool_)
-    extent, slack = 0.0, np.empty((n, m))
+    extent, slack, limiting = 0.0, np.empty((n, m)), is_limiting(hand)
     for i in range(n):
         for axis in range(d):
             extent = max(extent, abs(c[i, axis]))
@@ -228,7 +234,7 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, o
             extent = max(extent, abs(boxes[block, axis]) + boxes[block, d + axis])
     extent *= 2.0
     for i in range(n):
-        is_free[i] = len(solids) == 0 and len(points) == 0 and no_limits(contacts[i])
+        is_free[i] = not (len(solids) or len(points) or limiting) and no_limits(contacts[i])
         for j in range(m):
             size = 0.0
             for axis in range(d):
@@ -266,12 +272,14 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, o
             num_solids, num_points = near_obstacles(
                 contacts[i], box, obstacles, near_solids, near_points, over
             )
-            if reached == 1 and num_solids + num_points == 0 and not is_closed(contacts[i]):
+            near = num_solids + num_points > 0
+            if reached == 1 and not (near or limiting or is_closed(contacts[i])):
                 continue
             for k in range(size):
                 if owners[k] == i and (
                     reached < 0
                     or limit_of_point(
+                        i,
                         contacts[i],
                         (q[0, start + k], q[1, start + k], q[2, start + k]),
                         (nhat[0, start + k], nhat[1, start + k], nhat[2, start + k]),
@@ -279,6 +287,7 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, o
                         near_solids[:num_solids],
                         near_points[:num_points],
                         reached == 0,
+                        hand,
                     )[0]
                     != _NONE
                 ):
@@ -300,6 +309,7 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, o
                 (by_axis[i], bounds[i], slack[i], by_limit, by_cause),
                 contacts[i],
                 obstacles,
+                hand,
                 (over, reach, power),
                 (cutting, near_solids, near_points),
             )
@@ -333,5 +343,6 @@ class CompactCandidates(Blocks):
             np.array(seen, dtype=bool, order="C"),
             predicates.contacts,
             (predicates.solids, predicates.points, predicates.clearance, predicates.standoff),
+            hand_arrays(predicates),
         )
         return result

@@ -16,6 +16,7 @@ from drake_pregrasp.regions.constraints import (
     Limit,
     Predicates,
 )
+from drake_pregrasp.regions.finger_capability import LEAST_ARM, FingerCapability
 from drake_pregrasp.regions.finger_reach import ANY_ANGLE
 
 _SOLID, _SECTOR, _CLOSED = REACH_SOLID.start, SECTOR.start, CLOSED.start
@@ -23,6 +24,10 @@ _NONE, _FORBIDDEN, _REACH, _OBSTACLE = map(
     int, (Limit.NONE, Limit.FORBIDDEN, Limit.REACH, Limit.OBSTACLE)
 )
 _SHARES = len(ALONG)
+HAND = "Tuple((f8[:,::1], f8[:,::1], f8[:,:,:,:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[::1]))"
+"""Types of the numbers of the fingers' capability; see `hand_arrays`."""
+
+_UNKNOWN = FingerCapability(*(np.zeros(shape) for shape in ((0, 3), (0, 3), 5 * (0,), (0, 0))))
 _ABOVE = 1 + 1e-9  # Decisions about blocks must not be reversed by rounding.
 
 
@@ -51,12 +56,50 @@ def sector_gaps(row, tx, ty, tz, nx, ny, nz):  # type: ignore[no-untyped-def]
 
 
 @compiled()
+def capability_at(finger, hand, tip, nhat):  # type: ignore[no-untyped-def]
+    """Returns the three measures of a finger at one place, as `FingerCapability.at`.
+
+    Args:
+        finger: Index of the finger.
+        hand: Numbers of the capability; see `hand_arrays`.
+        tip: Centre of the fingertip, three numbers in metres.
+        nhat: Outward unit normal there, three numbers.
+    """
+    low, step, table, efforts, _, R, p = hand
+    row, normal, share = np.zeros(table.shape[4]), np.zeros(3), np.empty((2, 3))
+    corner, last = np.empty(3, np.int64), table.shape[1] - 1
+    for axis in range(3):
+        place = 0.0
+        for k in range(3):
+            place += R[k, axis] * (tip[k] - p[k])
+            normal[axis] += R[k, axis] * nhat[k]
+        place = (place - low[finger, axis]) / step[finger, axis]
+        if not 0.0 <= place <= last:
+            return math.nan, math.nan, math.nan
+        corner[axis] = min(int(place), last - 1)
+        share[1, axis] = place - corner[axis]
+        share[0, axis] = 1.0 - share[1, axis]
+    for offset in range(8):
+        a, b, c = offset // 4, offset // 2 % 2, offset % 2
+        weight = share[a, 0] * share[b, 1] * share[c, 2]
+        for k in range(len(row)):
+            row[k] += weight * table[finger, corner[0] + a, corner[1] + b, corner[2] + c, k]
+    force = math.nan if math.isnan(row[-1]) else math.inf
+    for j in range(efforts.shape[1]):
+        arm = row[3 * j] * normal[0] + row[3 * j + 1] * normal[1] + row[3 * j + 2] * normal[2]
+        largest = efforts[finger, j] / max(abs(arm), LEAST_ARM)
+        force = largest if largest < force else force  # It stays NaN.
+    return row[-2], row[-1], force
+
+
+@compiled()
 def limit_of_point(  # type: ignore[no-untyped-def]
-    contact, q, nhat, obstacles, near_solids, near_points, check_reach
+    i, contact, q, nhat, obstacles, near_solids, near_points, check_reach, hand
 ):
     """Returns the limit and cause of one point for one contact, as `Predicates.limits_at`.
 
     Args:
+        i: Index of the contact.
         contact: Row of the contact.
         q: Point, three numbers in metres.
         nhat: Outward unit normal at the point, three numbers.
@@ -64,6 +107,7 @@ def limit_of_point(  # type: ignore[no-untyped-def]
         near_solids: Indices of the solids to be tested, ascending.
         near_points: Indices of the obstacle points to be tested, ascending.
         check_reach: Whether the reach is tested.
+        hand: Numbers of the fingers' capability; see `hand_arrays`.
     """
     (x, y, z), (nx, ny, nz), (solids, points, clearance, standoff) = q, nhat, obstacles
     ax, ay, az = abs(nx), abs(ny), abs(nz)
@@ -85,6 +129,12 @@ def limit_of_point(  # type: ignore[no-untyped-def]
         )
         if not (sideways >= 0.0 and facing >= 0.0):
             return _REACH, NO_CAUSE
+    if is_limiting(hand):
+        tip, least = (x + radius * nx, y + radius * ny, z + radius * nz), hand[4]
+        measures = capability_at(i, hand, tip, nhat)
+        for k in range(3):
+            if least[k] > 0.0 and not measures[k] >= least[k]:
+                return _REACH, NO_CAUSE
     needed = radius + clearance
     shares = _SHARES if standoff > 0.0 else 1
     for j in near_solids:
@@ -176,6 +226,13 @@ def is_closed(contact):  # type: ignore[no-untyped-def]
 
 
 @compiled()
+def is_limiting(hand):  # type: ignore[no-untyped-def]
+    """Returns whether least values of the capability keep any finger from places."""
+    least = hand[4]
+    return least[0] > 0.0 or least[1] > 0.0 or least[2] > 0.0
+
+
+@compiled()
 def no_limits(contact):  # type: ignore[no-untyped-def]
     """Returns whether a contact has neither closed faces nor a limited reach."""
     unlimited = contact[_SECTOR + 12] == ANY_ANGLE and contact[_SECTOR + 13] == ANY_ANGLE
@@ -184,9 +241,9 @@ def no_limits(contact):  # type: ignore[no-untyped-def]
 
 @compiled(
     "Tuple((i8[::1], i8[::1]))"
-    "(f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, i8[::1], f8[:,::1], f8[:,::1])"
+    f"(f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, {HAND}, i8[::1], f8[:,::1], f8[:,::1])"
 )
-def limits_of_points(contacts, solids, points, clearance, standoff, which, q, nhat):  # type: ignore[no-untyped-def]
+def limits_of_points(contacts, solids, points, clearance, standoff, hand, which, q, nhat):  # type: ignore[no-untyped-def]
     """Returns the limit and cause of each point for its contact, as `Predicates.limits_at`."""
     limits, causes = np.empty(len(q), dtype=np.int64), np.empty(len(q), dtype=np.int64)
     near_solids, near_points = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
@@ -199,6 +256,7 @@ def limits_of_points(contacts, solids, points, clearance, standoff, which, q, nh
             contact, box, obstacles, near_solids, near_points, gaps
         )
         limits[k], causes[k] = limit_of_point(
+            which[k],
             contact,
             place,
             normal,
@@ -206,8 +264,15 @@ def limits_of_points(contacts, solids, points, clearance, standoff, which, q, nh
             near_solids[:num_solids],
             near_points[:num_points],
             True,
+            hand,
         )
     return limits, causes
+
+
+def hand_arrays(predicates: Predicates) -> tuple[FloatArray, ...]:
+    """Returns the numbers of the fingers' capability; none of them limits if it is unknown."""
+    parts = vars(predicates.capability or _UNKNOWN).values()
+    return tuple(np.require(part, float, ("C", "W")) for part in parts)
 
 
 def compiled_limits_at(
@@ -220,6 +285,7 @@ def compiled_limits_at(
         predicates.points,
         predicates.clearance,
         predicates.standoff,
+        hand_arrays(predicates),
         np.array(contacts, dtype=np.int64),
         np.array(points, dtype=float, order="C"),
         np.array(normals, dtype=float, order="C"),

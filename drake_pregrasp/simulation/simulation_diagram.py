@@ -50,15 +50,18 @@ def make_diagram(
     builder = DiagramBuilder()
     add = builder.AddNamedSystem
     p_OC, has_room = initial_contacts(scenario, surface)
-    hand = None
+    hand = capability = None
     if scenario.grasp.has_hand:
+        model = scenario.load_hand_model(scenario.grasp.yaw_range)
+        if config.needs_capability:
+            capability = model.capability(config.limits, surface)
         hand = add_driven_hand(
             builder,
             scenario.object,
             scenario.motion,
             scenario.plant_settings,
             scenario.grasp,
-            scenario.load_hand_model(scenario.grasp.yaw_range),
+            model,
             p_OCoM=surface.p_OCoM,
             p_OC=p_OC,
             target_period=period,
@@ -80,7 +83,9 @@ def make_diagram(
     values = np.array(scenario.contact_weights or [0.0] * n)
     weights = add("contact_weights", ContactWeights(values, losses))
     frames = None if hand is None else hand.tip_frames
-    planner = AddPregraspPlanner(builder, config, surface, p_OC, fingertip_frames=frames)
+    planner = AddPregraspPlanner(
+        builder, config, surface, p_OC, fingertip_frames=frames, capability=capability
+    )
     monitor = GraspQualityMonitor(scenario.measures, surface=surface, num_contacts=n)
     add("grasp_quality_monitor", monitor)
     _add_obstacles(builder, scenario, planner, hand, meshcat)
@@ -91,6 +96,8 @@ def make_diagram(
         pose = add("hand_pose", HandPose(X_WH, follow=scenario.hand.follow))
         builder.Connect(planner.GetOutputPort("X_WO_estimated"), pose.get_input_port())
         builder.Connect(pose.get_output_port(), planner.GetInputPort("X_WH"))
+    if hand is not None and capability is not None:
+        connect(builder, hand.controller, "X_WU", planner)
     if hand is not None:
         _connect_hand(builder, scenario, hand, planner, grasp_sink)
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))

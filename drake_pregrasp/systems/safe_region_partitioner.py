@@ -1,11 +1,12 @@
 """First stage of the planner: a safe region for each contact."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, InputPort, LeafSystem
 
 from drake_pregrasp.arrays import FARTHEST, FloatArray, are_valid_points, validated_weights
 from drake_pregrasp.config.deprecated_keywords import config_with
@@ -18,6 +19,7 @@ from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.solids import BallSolid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.constraints import UNCONSTRAINED, Obstacles, RegionConstraints
+from drake_pregrasp.regions.finger_capability import CAPABILITIES, FingerCapability
 from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.obstacles import place_obstacles
 from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
@@ -49,6 +51,7 @@ class SafeRegionPartitioner(LeafSystem):
         - obstacles
         - X_WH
         - V_WO_estimated
+        - X_WU
         output_ports:
         - safe_regions
 
@@ -69,8 +72,12 @@ class SafeRegionPartitioner(LeafSystem):
     the fingers' reach is given. If the port is unconnected, H is W. If the pose is invalid, fingers
     with a limited reach can reach nothing.
 
-    `obstacles` and `X_WH` must be for the same time as `X_WO_estimated`: if the estimate looks
-    ahead, they must look ahead too.
+    Port `X_WU` (optional) accepts a `RigidTransform`: the pose in W of the palm's frame U, in which
+    the fingers' capability is given. If the port is unconnected, U is H. If the pose is invalid,
+    the fingers can reach nothing.
+
+    `obstacles`, `X_WH` and `X_WU` must be for the same time as `X_WO_estimated`: if the estimate
+    looks ahead, they must look ahead too.
 
     Port `V_WO_estimated` (optional) accepts a `SpatialVelocity`: the velocity of O in W, with which
     the object is predicted over the horizon. If the port is unconnected or the velocity is invalid,
@@ -85,10 +92,13 @@ class SafeRegionPartitioner(LeafSystem):
             used; `PlannerConfig()` by default.
         surface: The object's surface.
         num_contacts: Number of contacts n.
+        capability: Capability of the fingers in U, from `HandModel.capability`; None if neither a
+            weight nor a limit needs it.
 
     Raises:
         InvalidArgumentError: If a field of `config` is out of its range, a list in `limits` has
-            neither 0 nor n elements, or a gap or standoff lacks `tip_radii`.
+            neither 0 nor n elements, a gap or standoff lacks `tip_radii`, or a weight or a limit
+            lacks `capability`.
     """
 
     def __init__(
@@ -97,6 +107,7 @@ class SafeRegionPartitioner(LeafSystem):
         *,
         surface: ObjectSurface,
         num_contacts: int,
+        capability: FingerCapability | None = None,
         **deprecated: Any,
     ) -> None:
         super().__init__()
@@ -117,7 +128,10 @@ class SafeRegionPartitioner(LeafSystem):
                 raise InvalidArgumentError(f"{name} must be {num_contacts} or none, not {count}")
         if max(limits.tip_gap, limits.standoff) > 0 and not len(limits.tip_radii):
             raise InvalidArgumentError("a tip gap or a standoff needs tip_radii")
+        if capability is None and config.needs_capability:
+            raise InvalidArgumentError(f"{', '.join(CAPABILITIES)} need the capability of a hand")
         self._limits, self._wall_test = limits, config.wall_test
+        self._capability = capability
         self._tip_radii = np.array(limits.tip_radii, dtype=float)
         self._reach, self._closed = limits.reaches(), limits.closed()
         self._normal_length = config.normal_length
@@ -128,6 +142,7 @@ class SafeRegionPartitioner(LeafSystem):
         self._moments = np.linspace(0.0, limits.horizon, _MOMENTS)[1:] if limits.horizon else ()
         self._is_unlimited = (
             config.wall_test == "none"
+            and capability is None
             and not len(self._tip_radii)
             and not any(self._reach)
             and not any(self._closed)
@@ -140,6 +155,7 @@ class SafeRegionPartitioner(LeafSystem):
         self._obstacles = self.DeclareAbstractInputPort("obstacles", OBSTACLES)
         self._X_WH = self.DeclareAbstractInputPort("X_WH", POSE)
         self._V_WO = self.DeclareAbstractInputPort("V_WO_estimated", VELOCITY)
+        self._X_WU = self.DeclareAbstractInputPort("X_WU", POSE)
         model, inputs = AbstractValue.Make(self._no_regions()), self.all_input_ports_ticket()
         declare_output(self, "safe_regions", model, self._calc_regions, inputs)
 
@@ -186,9 +202,17 @@ class SafeRegionPartitioner(LeafSystem):
         if in_world.solids or len(in_world.points):
             obstacles = place_obstacles(in_world, X_OW.rotation().matrix(), X_OW.translation())
             later = [self._obstacles_after(context, in_world, X_WO, t) for t in self._moments]
-        reach, X_OH = self._reach, self._reach_pose(context, X_OW)
+        reach, capability = self._reach, self._capability
+        X_OH = X_OU = self._hand_pose(self._X_WH, context, X_OW)
+        if self._X_WU.HasValue(context):
+            X_OU = self._hand_pose(self._X_WU, context, X_OW)
         if X_OH is None:
             reach, X_OH = [reach and _NOTHING for reach in self._reach], X_OW
+        if X_OU is None and capability is not None:
+            reach = [_NOTHING] * self._num_contacts
+        elif X_OU is not None and capability is not None:
+            R_OU, p_OU = X_OU.rotation().matrix(), X_OU.translation()
+            capability = replace(capability, R_OU=R_OU, p_OU=p_OU)
         return RegionConstraints(
             obstacles=obstacles,
             later=later,
@@ -200,17 +224,20 @@ class SafeRegionPartitioner(LeafSystem):
             nhat_OC=nhat_OC,
             reach=reach,
             reach_pose=(X_OH.rotation().matrix(), X_OH.translation()),
+            capability=capability,
             closed=self._closed,
             same_side=same_side,
             fencing=fencing,
         )
 
-    def _reach_pose(self, context: Context, X_OW: RigidTransform) -> RigidTransform | None:
-        """Returns the pose of the hand frame in O, or None if it is invalid."""
-        if not self._X_WH.HasValue(context):
+    def _hand_pose(
+        self, port: InputPort, context: Context, X_OW: RigidTransform
+    ) -> RigidTransform | None:
+        """Returns the pose in O at a port, which is that of W if unconnected; None if invalid."""
+        if not port.HasValue(context):
             return X_OW
-        X_WH: RigidTransform = self._X_WH.Eval(context)
-        return X_OW @ X_WH if is_valid(X_WH) else None
+        X_WF: RigidTransform = port.Eval(context)
+        return X_OW @ X_WF if is_valid(X_WF) else None
 
     def _obstacles_after(
         self, context: Context, in_world: Obstacles, X_WO: RigidTransform, seconds: float

@@ -18,6 +18,7 @@ from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.shapes import ball_shape
 from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
 from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
+from drake_pregrasp.regions.finger_capability import FingerCapability
 from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.regions.walls import SurfaceGraph, normals_agree
@@ -65,6 +66,21 @@ def random_reach(rng, center):
     )
 
 
+def random_capability(rng, n, *, k=3, nodes=4):
+    """Random lattices, with places where the finger is nowhere."""
+    table = rng.uniform(0, 1, (n, nodes, nodes, nodes, 3 * k + 2))
+    table[rng.random(table.shape[:4]) < 0.02] = np.nan
+    return FingerCapability(
+        low=rng.uniform(-0.2, -0.05, (n, 3)),
+        step=rng.uniform(0.05, 0.1, (n, 3)),
+        table=table,
+        efforts=rng.uniform(0.5, 1, (n, k)),
+        least=rng.choice([0, 0.4], 3) * (rng.random() < 0.8),
+        R_OU=Rotation.random(rng=rng).as_matrix(),
+        p_OU=rng.normal(0, 0.01, 3),
+    )
+
+
 def random_constraints(rng, which, p_OC, forbidden, has):
     surface, n = SURFACES[which], len(p_OC)
     nhat_OC = surface.project(p_OC)[1]
@@ -94,6 +110,7 @@ def random_constraints(rng, which, p_OC, forbidden, has):
         nhat_OQ=surface.nhat_OQ,
         nhat_OC=nhat_OC,
         reach=[random_reach(rng, p) for p in p_OC] if "reach" in has else (),
+        capability=random_capability(rng, n) if "capability" in has else None,
         closed=[
             [AxisArea(f) for f in rng.choice(faces, rng.integers(3), replace=False)]
             for _ in range(n)
@@ -106,7 +123,7 @@ def random_constraints(rng, which, p_OC, forbidden, has):
 
 
 PARTS = ("tips", "solids", "points", "horizon", "walls", "reach", "closed", "normals", "limits")
-PARTS += ("forbidden", "coincident")
+PARTS += ("forbidden", "coincident", "capability")
 
 
 # Settings of the examples that were found.
@@ -143,7 +160,7 @@ FOUND |= {"best_point": False, "in_turns": False}
     seed=947390,
     n=5,
     lost=0,
-    has=set(PARTS) - {"forbidden", "coincident"},
+    has=set(PARTS) - {"forbidden", "coincident", "capability"},
     reading="hand",
     **FOUND,
 )
