@@ -12,24 +12,28 @@ def gaussian(q, mu, Sigma):
     return np.exp(-d @ np.linalg.inv(Sigma) @ d / 2) / scale
 
 
-def measures(r):
+def measures(r, nhat, model, length):
     """Eq. 5-7 of contacts at lever arms r, by the singular values of the whole G."""
-    sigma = np.linalg.svd(grasp_matrix(r, None, "complete"), compute_uv=False)
+    found = np.linalg.svd(grasp_matrix(r, nhat, model, length=length), compute_uv=False)
+    sigma = np.append(found, np.zeros(6 - len(found)))
+    if sigma[-1] < 1e-3 * sigma[0]:
+        sigma[-1] = 0
     return {"msv": sigma[-1], "gii": sigma[-1] / sigma[0], "vew": np.prod(sigma)}
 
 
-def weights(selection, i, name, reading="hand"):
+def weights(selection, i, name, reading="hand", model="complete", length=1.0):
     """b_n of the candidates in region i."""
     surface, b = selection.surface, []
-    active = selection.regions.sizes() > 0
-    for q in surface.p_OQ[selection.regions.members(i)]:
+    active = selection.regions.sizes() > 0 if reading == "hand" else [i]
+    for n in selection.regions.members(i):
+        q = surface.p_OQ[n]
         if name == "position":
             b.append(gaussian(q, surface.p_OCoM, selection.covariance_O))
             continue
-        contacts = selection.p_OC.copy()
-        contacts[i] = q
-        contacts = contacts[active] if reading == "hand" else q[None]
-        b.append(measures(contacts - surface.p_OCoM)[name])
+        contacts, nhat = selection.p_OC.copy(), surface.project(selection.p_OC)[1]
+        contacts[i], nhat[i] = q, surface.nhat_OQ[n]
+        r = (contacts - surface.p_OCoM)[active]
+        b.append(measures(r, nhat[active], model, length)[name])
     return np.array(b)
 
 

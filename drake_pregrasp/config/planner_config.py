@@ -153,6 +153,12 @@ class PlannerConfig:
     # For measures: the grasp matrix of the candidate alone, or of the hand with the candidate.
     reading: str = field(default="hand", metadata={"one_of": READINGS})
 
+    # For measures: contact model of the grasp matrix, and unit of lever arms in metres, where 0 has
+    # the same meaning as in `MeasuresConfig`. With less than the six columns or the rank that the
+    # matrix needs, msv, gii and vew are 0: all candidates then count equally.
+    contact_model: str = field(default="complete", metadata={"one_of": CONTACT_MODELS})
+    length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
+
     # For measures: whether weights are stretched over each region, b_n - min b.
     stretch: bool = True
 

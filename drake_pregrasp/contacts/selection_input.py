@@ -123,20 +123,6 @@ class SelectionInput:
         """Mask of the contacts that have a region and take part in the grasp, shape (n,)."""
         return self.regions.counts > 0
 
-    def lever_arms(self, i: int) -> tuple[FloatArray, FloatArray]:
-        """Returns lever arms of the other active contacts, and of the candidates in region i.
-
-        Args:
-            i: Index of a contact.
-
-        Returns:
-            Vectors from the centre of mass in O, shapes (n - 1, 3) and (k, 3), in metres.
-        """
-        others = self.active.copy()
-        others[i] = False
-        q = self.surface.p_OQ[self.regions.members(i)]
-        return self.p_OC[others] - self.surface.p_OCoM, q - self.surface.p_OCoM
-
     @cached_property
     def project(self) -> RememberedProjection:
         """Projects points onto the surface, each once a tick."""

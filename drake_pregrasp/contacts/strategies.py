@@ -6,9 +6,9 @@ its region S_i, shape (k,). `STRATEGIES` lists the names.
 The paper weights a candidate by a measure of the partial grasp matrix G_qn, but does not define
 this matrix. There are two readings:
 
-- `contact`: the 6 x 6 matrix of q_n alone. With rho = |q_n - CoM|, sigma_min is
+- `contact`: the matrix of q_n alone. With the complete model and rho = |q_n - CoM|, sigma_min is
   sqrt(1 + rho²/4) - rho/2 and sigma_max = 1/sigma_min: isotropy is sigma_min², and the volume is
-  constant.
+  constant. The matrices of the other contact models have at most four columns: sigma_min is zero.
 - `hand`: the matrix of the whole hand with contact i at q_n, and the other active contacts fixed.
 
 These measures ignore force closure. The strategy `margin`, which the paper does not have, weights a
@@ -29,7 +29,11 @@ from drake_pregrasp.contacts.centroids import position_tracking
 from drake_pregrasp.contacts.selection_input import SelectionInput, WeightFunction
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.quality.force_closure import FRICTION, moved_least_norm_margin
-from drake_pregrasp.quality.grasp_quality import skew
+from drake_pregrasp.quality.grasp_quality import (
+    CONTACT_MODELS,
+    characteristic_length,
+    contact_blocks,
+)
 
 STRATEGIES = ("position", "msv", "gii", "vew", "margin")
 """Position tracking, the three measures of the grasp matrix, and the force-closure margin."""
@@ -40,6 +44,13 @@ READINGS = ("contact", "hand")
 BLEND = "blend"
 """Name of a blend in a configuration, besides the names of single strategies."""
 
+RANK_TOLERANCE = 1e-6
+"""Share of the largest eigenvalue of G Gᵀ up to which another one counts as zero.
+
+Singular values are then exact to 1e-9 where they are not zero, since an eigenvalue has the rounding
+error of the largest one.
+"""
+
 FLAT = 1e-13
 """Share of the mean weight below which stretched weights are only rounding errors."""
 
@@ -47,70 +58,56 @@ Measure = Callable[[SelectionInput, int], FloatArray]
 """Maps a selection's input and the index of a contact to b_n of its region, shape (k,)."""
 
 
-def hand_singular_values(r: FloatArray, q: FloatArray) -> FloatArray:
-    """Returns the singular values of the hand's G_qn, ascending, for each place q_n, shape (k, 6).
+def singular_values(
+    selection: SelectionInput, i: int, *, reading: str, contact_model: str, length: float
+) -> FloatArray:
+    """Returns the singular values of G_qn for each candidate of a region, ascending, shape (k, 6).
 
-    They are the square roots of the eigenvalues of G Gᵀ. With G_i = [[I, 0], [[r_i]x, I]] and the
-    lever arms r_i of n contacts about the centre of mass, the product is
-
-        G Gᵀ = [[n I, -[t]x], [[t]x, n I + B]],  t = sum r_i,  B = sum (|r_i|² I - r_i r_iᵀ),
-
-    since [r]x [r]xᵀ = |r|² I - r rᵀ.
+    They are the square roots of the eigenvalues of G Gᵀ = sum G_j G_jᵀ over the contacts, where the
+    contact model decides G_j. As in `grasp_quality`, they are zero if G has fewer than six columns
+    or a lower rank; here that is below a thousandth of the largest one.
 
     Args:
-        r: Lever arms of the fixed contacts, shape (n - 1, 3), in metres.
-        q: Lever arms of the places q_n of one more contact, shape (k, 3), in metres.
+        selection: Contacts and their regions.
+        i: Index of the contact.
+        reading: One of `READINGS`.
+        contact_model: One of `CONTACT_MODELS`.
+        length: Unit of the lever arms, in metres; 0 for the default of `characteristic_length`.
     """
-    n = len(r) + 1
-    t = r.sum(axis=0) + q
-    second_moment = r.T @ r + q[:, :, None] * q[:, None, :]
-    B = np.trace(second_moment, axis1=1, axis2=2)[:, None, None] * np.eye(3) - second_moment
-    GGT = np.zeros((len(q), 6, 6))
-    GGT[:, :3, :3] = n * np.eye(3)
-    GGT[:, 3:, :3] = skew(t)
-    GGT[:, :3, 3:] = -GGT[:, 3:, :3]
-    GGT[:, 3:, 3:] = n * np.eye(3) + B
-    sigma: FloatArray = np.sqrt(np.maximum(np.linalg.eigvalsh(GGT), 0))
+    surface, members = selection.surface, selection.regions.members(i)
+    unit = characteristic_length(length, contact_model, surface.longest_lever_arm)
+    q = (surface.p_OQ[members] - surface.p_OCoM) / unit
+    A = contact_blocks(q, surface.nhat_OQ[members], contact_model)
+    GGT = A @ A.swapaxes(1, 2)
+    if reading == "hand":
+        others = np.flatnonzero(selection.active)
+        p_OC = selection.p_OC[others[others != i]]
+        r = (p_OC - surface.p_OCoM) / unit
+        A = contact_blocks(r, selection.project(p_OC)[1], contact_model)
+        GGT += np.sum(A @ A.swapaxes(1, 2), axis=0)
+    squares = np.linalg.eigvalsh(GGT)
+    squares[squares <= RANK_TOLERANCE * squares[:, -1:]] = 0
+    sigma: FloatArray = np.sqrt(squares)
     return sigma
 
 
-def hand_msv(selection: SelectionInput, i: int) -> FloatArray:
-    """Returns b_n = sigma_min(G_qn) (Eq. 5)."""
-    sigma_min: FloatArray = hand_singular_values(*selection.lever_arms(i))[:, 0]
-    return sigma_min
+def smallest_singular_value(sigma: FloatArray) -> FloatArray:
+    """Returns b_n = sigma_min(G_qn) (Eq. 5), shape (k,), of ascending values, shape (k, 6)."""
+    return sigma[:, 0]
 
 
-def hand_gii(selection: SelectionInput, i: int) -> FloatArray:
-    """Returns b_n = sigma_min(G_qn) / sigma_max(G_qn) (Eq. 6)."""
-    sigma = hand_singular_values(*selection.lever_arms(i))
-    isotropy: FloatArray = sigma[:, 0] / sigma[:, -1]
-    return isotropy
+def isotropy_index(sigma: FloatArray) -> FloatArray:
+    """Returns b_n = sigma_min(G_qn) / sigma_max(G_qn) (Eq. 6), as `smallest_singular_value`."""
+    return sigma[:, 0] / sigma[:, -1]
 
 
-def hand_vew(selection: SelectionInput, i: int) -> FloatArray:
-    """Returns b_n = k sqrt(det(G_qn G_qnᵀ)) with k = 1 (Eq. 7).
+def ellipsoid_volume(sigma: FloatArray) -> FloatArray:
+    """Returns b_n = k sqrt(det(G_qn G_qnᵀ)) with k = 1 (Eq. 7), as `smallest_singular_value`.
 
     The determinant is the product of the squared singular values.
     """
-    volume: FloatArray = np.prod(hand_singular_values(*selection.lever_arms(i)), axis=1)
+    volume: FloatArray = np.prod(sigma, axis=1)
     return volume
-
-
-def contact_msv(selection: SelectionInput, i: int) -> FloatArray:
-    """Returns the smallest singular value of each candidate's own matrix."""
-    rho = np.linalg.norm(selection.lever_arms(i)[1], axis=1)
-    sigma_min: FloatArray = np.sqrt(1 + rho**2 / 4) - rho / 2
-    return sigma_min
-
-
-def contact_gii(selection: SelectionInput, i: int) -> FloatArray:
-    """Returns the isotropy of each candidate's own matrix."""
-    return contact_msv(selection, i) ** 2
-
-
-def contact_vew(selection: SelectionInput, i: int) -> FloatArray:
-    """Returns the volume of each candidate's own matrix, whose determinant is one everywhere."""
-    return np.ones(len(selection.regions.members(i)))
 
 
 def hand_margin(selection: SelectionInput, i: int, *, friction: float = FRICTION) -> FloatArray:
@@ -138,20 +135,26 @@ def hand_margin(selection: SelectionInput, i: int, *, friction: float = FRICTION
     return np.where(bound < 0, 1 / (1 - np.minimum(bound, 0)) - 1, bound)
 
 
-_MEASURES: Mapping[tuple[str, str], Measure] = {
-    ("msv", "contact"): contact_msv,
-    ("gii", "contact"): contact_gii,
-    ("vew", "contact"): contact_vew,
-    ("msv", "hand"): hand_msv,
-    ("gii", "hand"): hand_gii,
-    ("vew", "hand"): hand_vew,
+MEASURES: Mapping[str, Callable[[FloatArray], FloatArray]] = {
+    "msv": smallest_singular_value,
+    "gii": isotropy_index,
+    "vew": ellipsoid_volume,
 }
+"""The measures of singular values, by the names of their strategies."""
+
+
+def _measure_of_matrix(selection: SelectionInput, i: int, *, name: str, **model: Any) -> FloatArray:
+    if (name, model["reading"], model["contact_model"]) == ("vew", "contact", "complete"):
+        return np.ones(len(selection.regions.members(i)))  # The determinant is one everywhere.
+    return MEASURES[name](singular_values(selection, i, **model))
 
 
 def make_strategy(
     name: str,
     *,
     reading: str = "hand",
+    contact_model: str = "complete",
+    length: float = 0.0,
     stretch: bool = True,
     power: float = 1.0,
     friction: float = FRICTION,
@@ -160,28 +163,39 @@ def make_strategy(
 
     Args:
         name: One of `STRATEGIES`.
-        reading: One of `READINGS`; `position` and `margin` ignore it.
+        reading: One of `READINGS`; only the three measures use it and the next two.
+        contact_model: One of `CONTACT_MODELS`.
+        length: Unit of the lever arms, in metres; 0 for the default of `characteristic_length`.
         stretch: Whether to stretch the weights over each region; `position` ignores it.
         power: Exponent of the weights, after the stretch; `position` ignores it. The larger it is,
             the closer the weighted centroid is to the best point.
         friction: Coulomb's coefficient, for `margin`.
 
     Raises:
-        InvalidArgumentError: If there is no such strategy or reading, or a number is out of range.
+        InvalidArgumentError: If there is no such strategy, reading or contact model, or a number is
+            out of range.
     """
     if name not in STRATEGIES:
         raise InvalidArgumentError(f"no strategy {name!r}; there are: {', '.join(STRATEGIES)}")
     if reading not in READINGS:
         raise InvalidArgumentError(f"no reading {reading!r}; there are: {', '.join(READINGS)}")
+    if contact_model not in CONTACT_MODELS:
+        models = ", ".join(CONTACT_MODELS)
+        raise InvalidArgumentError(f"no contact model {contact_model!r}; there are: {models}")
+    if not length >= 0:
+        raise InvalidArgumentError(f"length must be at least 0 m, not {length}")
     if not power > 0:
         raise InvalidArgumentError(f"power must be greater than 0, not {power}")
     if not friction >= 0:
         raise InvalidArgumentError(f"friction must be at least 0, not {friction}")
     if name == "position":
         return position_tracking
-    measure = (
-        partial(hand_margin, friction=friction) if name == "margin" else _MEASURES[name, reading]
-    )
+    measure: Measure
+    if name == "margin":
+        measure = partial(hand_margin, friction=friction)
+    else:
+        model: dict[str, Any] = {"contact_model": contact_model, "length": length}
+        measure = partial(_measure_of_matrix, name=name, reading=reading, **model)
 
     def log_weights(selection: SelectionInput, i: int) -> FloatArray:
         b = measure(selection, i)

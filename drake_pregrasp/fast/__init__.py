@@ -9,7 +9,7 @@ these return the reference, or None for it.
 | `labels` | `regions.safe_regions.label_candidates` |
 | `predicates` | `regions.constraints.Predicates.limits_at` |
 | `projection` | `geometry.surface.ObjectSurface.project` and `project_into` |
-| `weights`, `margins`, `goals` | `contacts.centroids.region_goals` and `best_points` |
+| `weights`, `spectra`, `margins`, `goals` | `contacts.centroids.region_goals` and `best_points` |
 | `pose_steps` | `estimation.pose_filter.filter_step` |
 
 **One description.** A region is an intersection: the weighted Voronoi cell of its contact,
@@ -34,8 +34,9 @@ many candidates of the cell it excludes. Blocks without candidates of the cell a
 **Projection.** The same blocks bound the distance to the patches, and balls around triangles bound
 the distance to each triangle.
 
-**Weights.** Measures of the grasp matrix have closed forms or converge in a few Newton steps (see
-`weights`); the margin solves one 7 x 7 system for each place (see `margins`). Candidates of a
+**Weights.** Measures of the complete grasp matrix have closed forms or converge in a few Newton
+steps (see `weights`), those of other contact models come from Jacobi rotations (see `spectra`), and
+the margin solves one 7 x 7 system for each place (see `margins`). Candidates of a
 region are copied next to each other, and loops run over many of them without branches, so that the
 compiler makes vector instructions of them. Blends add up the weights of their strategies.
 

@@ -1,15 +1,22 @@
 """Goals of contacts: weighted centroids of safe regions, projected onto the regions' patches."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.contacts.strategies import MEASURES
 from drake_pregrasp.fast.projection import CompiledSurface
 from drake_pregrasp.fast.weights import KINDS, weighted_goals
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import FRICTION, balance_blocks
+from drake_pregrasp.quality.grasp_quality import characteristic_length
+
+GivenWeights = Callable[[SelectionInput, IntArray, IntArray, BoolArray], FloatArray]
+"""Maps a selection's input, the contacts that move, labels and active contacts, in the types of the
+compiled functions, to the weights of a strategy at the candidates, shape (N,)."""
 
 
 class CompiledGoals:
@@ -18,7 +25,9 @@ class CompiledGoals:
     Args:
         surface: The object's surface.
         weights: Share of each strategy in the weights, by name.
-        reading: Reading of the grasp matrix; this and the next three are as for `make_strategy`.
+        reading: Reading of the grasp matrix; the arguments but the last are as for `make_strategy`.
+        contact_model: Contact model of the grasp matrix.
+        length: Unit of the lever arms, in metres; 0 for the default.
         stretch: Whether weights are stretched over each region.
         power: Exponent of the weights.
         friction: Coulomb's coefficient, for the margin.
@@ -31,6 +40,8 @@ class CompiledGoals:
         weights: Mapping[str, float],
         *,
         reading: str = "hand",
+        contact_model: str = "complete",
+        length: float = 0.0,
         stretch: bool = True,
         power: float = 1.0,
         friction: float = FRICTION,
@@ -38,20 +49,31 @@ class CompiledGoals:
     ) -> None:
         self._surface = surface = CompiledSurface.of(surface)
         shares = {name: share for name, share in weights.items() if share > 0}
-        readings = {"position": "hand", "margin": "hand"}
-        kinds = [KINDS.index((name, readings.get(name, reading))) for name in shares]
+        self._unit = characteristic_length(length, contact_model, surface.longest_lever_arm)
+        self._reading, self._contact_model, self._friction = reading, contact_model, float(friction)
+        q = surface.p_OQ - surface.p_OCoM
+        self._given: list[GivenWeights] = []
+        kinds = []
+        for name in shares:
+            if name == "margin":
+                self._arm = surface.longest_lever_arm
+                P_Q = balance_blocks(q, surface.nhat_OQ, "hard_finger", self._arm)
+                self._P_Q = np.ascontiguousarray(P_Q.reshape(21, -1).T)
+                self._given.append(self._margins)
+            elif name in MEASURES and contact_model != "complete":
+                from drake_pregrasp.fast.spectra import grams  # Compiled only if it is needed.
+
+                self._grams_Q = grams(q / self._unit, surface.nhat_OQ, contact_model)
+                self._given.append(partial(self._measures, list(MEASURES).index(name)))
+            else:
+                kinds.append(KINDS.index((name, "hand" if name == "position" else reading)))
+                continue
+            kinds.append(len(KINDS) + len(self._given) - 1)
         strategies = np.array(kinds), np.array(list(shares.values()), dtype=float)
         self._settings = (*strategies, stretch, float(power), best_point)
-        self._friction, self._p_OCoM = float(friction), surface.p_OCoM
-        self._q = np.array(surface.p_OQ - surface.p_OCoM, dtype=float, order="C")
+        self._q = np.array(q, dtype=float, order="C")
         self._areas = np.array(surface.areas, dtype=float)
-        self._best_point, self._P_Q = best_point, None
-        if "margin" in shares:
-            import drake_pregrasp.fast.margins  # noqa: F401  It is compiled now, not in a tick.
-
-            self._arm = surface.longest_lever_arm
-            P_Q = balance_blocks(self._q, surface.nhat_OQ, "hard_finger", self._arm)
-            self._P_Q = np.ascontiguousarray(P_Q.reshape(21, -1).T)
+        self._best_point = best_point
 
     def __call__(self, selection: SelectionInput, contacts: IntArray) -> FloatArray:
         """Returns the goals, shape (k, 3), in O, in metres, as `region_goals` does.
@@ -62,27 +84,53 @@ class CompiledGoals:
         """
         contacts = np.array(contacts, dtype=np.int64)
         labels = np.array(selection.regions.labels, dtype=np.int64)
-        r = np.array(selection.p_OC - self._p_OCoM, dtype=float, order="C")
-        active, margins = np.array(selection.active, dtype=bool), np.empty(len(labels))
-        if self._P_Q is not None:
-            from drake_pregrasp.fast.margins import hand_margins  # Compiled only if it is needed.
-
-            nhat = selection.project(selection.p_OC)[1]
-            P_C = balance_blocks(r, nhat, "hard_finger", self._arm)
-            P_C = np.ascontiguousarray(P_C.transpose(2, 0, 1))[..., None]
-            margins = hand_margins(contacts, labels, active, P_C, self._P_Q, self._friction)
+        active = np.array(selection.active, dtype=bool)
+        given = np.empty((len(self._given), len(labels)))
+        for row, weights in enumerate(self._given):
+            given[row] = weights(selection, contacts, labels, active)
+        r = selection.p_OC - self._surface.p_OCoM
         goals: FloatArray = weighted_goals(
             self._settings,
             contacts,
             labels,
             active,
-            r,
+            np.array(r, dtype=float, order="C"),
             np.array(selection.covariance_O, dtype=float, order="C"),
             self._q,
+            self._unit,
             self._areas,
-            margins,
+            given,
         )
-        goals += self._p_OCoM
+        goals += self._surface.p_OCoM
         if self._best_point:
             return goals
         return self._surface.project_into_regions(goals, contacts, labels)[0]
+
+    def _margins(
+        self, selection: SelectionInput, contacts: IntArray, labels: IntArray, active: BoolArray
+    ) -> FloatArray:
+        from drake_pregrasp.fast.margins import hand_margins  # Compiled only if it is needed.
+
+        r, nhat = selection.p_OC - selection.surface.p_OCoM, selection.project(selection.p_OC)[1]
+        P_C = balance_blocks(r, nhat, "hard_finger", self._arm)
+        P_C = np.ascontiguousarray(P_C.transpose(2, 0, 1))[..., None]
+        margins: FloatArray = hand_margins(contacts, labels, active, P_C, self._P_Q, self._friction)
+        return margins
+
+    def _measures(
+        self,
+        kind: int,
+        selection: SelectionInput,
+        contacts: IntArray,
+        labels: IntArray,
+        active: BoolArray,
+    ) -> FloatArray:
+        from drake_pregrasp.fast.spectra import grams, measures_of_grams
+
+        r, nhat = selection.p_OC - selection.surface.p_OCoM, selection.project(selection.p_OC)[1]
+        grams_C = grams(r / self._unit, nhat, self._contact_model)
+        counts = active & (self._reading == "hand")
+        measures: FloatArray = measures_of_grams(
+            kind, contacts, labels, counts, grams_C, self._grams_Q
+        )
+        return measures

@@ -1,7 +1,9 @@
 """Weighted centroids of safe regions, with closed forms in place of decompositions.
 
 With t = sum r_i and B = sum (|r_i|² I - r_i r_iᵀ) over n contacts, the matrix of
-`contacts.strategies.hand_singular_values` is G Gᵀ = [[n I, -[t]x], [[t]x, n I + B]].
+`contacts.strategies.singular_values` with the complete model is
+G Gᵀ = [[n I, -[t]x], [[t]x, n I + B]], since [r]x [r]xᵀ = |r|² I - r rᵀ. `spectra` computes the
+measures of the other contact models.
 
 **Volume.** By the Schur complement of n I, det(G Gᵀ) = n³ det(n I + B + [t]x²/n).
 
@@ -30,12 +32,15 @@ from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.fast.pose_steps import inverted
 
 KINDS = (
-    *((strategy, "hand") for strategy in ("position", "msv", "gii", "vew", "margin")),
+    *((strategy, "hand") for strategy in ("position", "msv", "gii", "vew")),
     *((strategy, "contact") for strategy in ("msv", "gii", "vew")),
 )
-"""Strategies and their readings, in the order of their indices; two do not depend on a reading."""
+"""Strategies and their readings, in the order of their indices; `position` has no reading.
 
-_POSITION, _MSV, _GII, _VEW, _MARGIN, _OWN_MSV, _OWN_GII, _OWN_VEW = range(8)
+An index from `len(KINDS)` on is that of a strategy whose weights are given to `weighted_goals`.
+"""
+
+_POSITION, _MSV, _GII, _VEW, _OWN_MSV, _OWN_GII, _OWN_VEW, _GIVEN = range(8)
 _GROUP = 64  # Largest number of places that are computed together.
 _STEPS = 12  # Largest number of steps. Three are enough on a cube; long objects need more.
 _SETTLED = 1e-7  # Relative step after which a root has converged: the error is its square.
@@ -191,7 +196,7 @@ def write_singular_values(kind, t, B, n, q, b):  # type: ignore[no-untyped-def]
 
 @compiled()
 def write_measures(kind, t, B, n, precision, q, b):  # type: ignore[no-untyped-def]
-    """Writes b_n of a strategy but `margin`, or log(b_n) of `position`, at places, shape (3, k)."""
+    """Writes b_n of one of `KINDS`, or log(b_n) of `position`, at places, shape (3, k)."""
     x, y, z = q[0], q[1], q[2]
     if kind == _POSITION:
         xx, yy, zz = precision[0, 0], precision[1, 1], precision[2, 2]
@@ -203,7 +208,7 @@ def write_measures(kind, t, B, n, precision, q, b):  # type: ignore[no-untyped-d
             b[k] = -0.5 * (square + mixed)
     elif kind == _VEW:
         write_volumes(t, B, n, q, b)
-    elif kind < _MARGIN:
+    elif kind < _VEW:
         write_singular_values(kind, t, B, n, q, b)
     else:
         for k in range(len(b)):
@@ -245,15 +250,15 @@ def add_weights(kind, share, stretch, power, areas, b, weights):  # type: ignore
 
 @compiled(
     "f8[:,::1](Tuple((i8[::1], f8[::1], b1, f8, b1)), i8[::1], i8[::1], b1[::1], f8[:,::1],"
-    " f8[:,::1], f8[:,::1], f8[::1], f8[::1])"
+    " f8[:,::1], f8[:,::1], f8, f8[::1], f8[:,::1])"
 )
-def weighted_goals(settings, contacts, labels, active, r, covariance, q, areas, margins):  # type: ignore[no-untyped-def]
+def weighted_goals(settings, contacts, labels, active, r, covariance, q, unit, areas, given):  # type: ignore[no-untyped-def]
     """Returns the centroids of contacts' regions or their best points, shape (k, 3).
 
     Both are relative to the centre of mass, in metres.
 
     Args:
-        settings: Indices of the strategies in `KINDS`; share of each of them in the weights;
+        settings: Indices of the strategies (see `KINDS`); share of each of them in the weights;
             whether to subtract a region's smallest weight; exponent of the weights; and whether to
             return the candidates with the largest weights.
         contacts: Indices of the contacts that move, shape (k,).
@@ -262,12 +267,13 @@ def weighted_goals(settings, contacts, labels, active, r, covariance, q, areas, 
         r: Lever arms of the contacts, shape (n, 3), in metres.
         covariance: Covariance of the position, shape (3, 3), in m².
         q: Lever arms of the candidates, shape (N, 3), in metres.
+        unit: Length by which the matrix divides lever arms, in metres.
         areas: Surface area that each candidate represents, shape (N,), in m².
-        margins: Weights of the strategy `margin` at the candidates, shape (N,); see `hand_margins`.
+        given: Weights of the given strategies at the candidates, shape (g, N).
     """
     kinds, shares, stretch, power, best_point = settings
     n, t, B = float(np.count_nonzero(active)), np.empty(3), np.empty((3, 3))
-    precision = inverted(covariance)
+    precision, r = inverted(covariance / (unit * unit)), r / unit
     place, ends = np.full(len(r), -1), np.zeros(len(contacts) + 1, np.int64)
     for k in range(len(contacts)):
         place[contacts[k]] = k
@@ -283,7 +289,8 @@ def weighted_goals(settings, contacts, labels, active, r, covariance, q, areas, 
         if labels[j] >= 0 and place[labels[j]] >= 0:
             to = filled[place[labels[j]]]
             members[to], own_areas[to] = j, areas[j]
-            own_q[0, to], own_q[1, to], own_q[2, to] = q[j, 0], q[j, 1], q[j, 2]
+            own_q[0, to], own_q[1, to] = q[j, 0] / unit, q[j, 1] / unit
+            own_q[2, to] = q[j, 2] / unit
             filled[place[labels[j]]] += 1
     b, weights, goals = np.empty(ends[-1]), np.zeros(ends[-1]), np.empty((len(contacts), 3))
     for k in range(len(contacts)):
@@ -292,9 +299,9 @@ def weighted_goals(settings, contacts, labels, active, r, covariance, q, areas, 
         x, y, z, own = here[0], here[1], here[2], own_areas[start:stop]
         others_sums(r, active, i, t, B)
         for s in range(len(kinds)):
-            if kinds[s] == _MARGIN:
+            if kinds[s] >= _GIVEN:
                 for j in range(stop - start):
-                    own_b[j] = margins[members[start + j]]
+                    own_b[j] = given[kinds[s] - _GIVEN, members[start + j]]
             else:
                 write_measures(kinds[s], t, B, n, precision, here, own_b)
             add_weights(kinds[s], shares[s], stretch, power, own, own_b, own_weights)
@@ -304,7 +311,7 @@ def weighted_goals(settings, contacts, labels, active, r, covariance, q, areas, 
         if best_point:
             for j in range(stop - start):
                 if own_weights[j] >= most * (1.0 - TIE):
-                    goals[k, 0], goals[k, 1], goals[k, 2] = x[j], y[j], z[j]
+                    goals[k] = q[members[start + j]]
                     break
             continue
         gx, gy, gz, whole = 0.0, 0.0, 0.0, 0.0
@@ -312,5 +319,6 @@ def weighted_goals(settings, contacts, labels, active, r, covariance, q, areas, 
             weight = own[j] * (own_weights[j] if most > 0.0 else 1.0)
             gx, gy, gz = gx + weight * x[j], gy + weight * y[j], gz + weight * z[j]
             whole += weight
+        whole /= unit
         goals[k, 0], goals[k, 1], goals[k, 2] = gx / whole, gy / whole, gz / whole
     return goals

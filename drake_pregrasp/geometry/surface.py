@@ -109,7 +109,7 @@ class ObjectSurface:
             clear &= cKDTree(points).query(self.p_OQ)[0] > radius
         return clear
 
-    @property
+    @cached_property
     def longest_lever_arm(self) -> float:
         """Distance of the mesh's farthest vertex from the centre of mass, in metres."""
         return float(np.max(np.linalg.norm(self.mesh.vertices - self.p_OCoM, axis=1)))

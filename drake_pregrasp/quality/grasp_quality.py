@@ -89,6 +89,18 @@ def contact_blocks(p_CoMC: FloatArray, nhat: FloatArray | None, model: str) -> F
     return blocks
 
 
+def characteristic_length(length: float, model: str, longest_arm: float) -> float:
+    """Returns the unit of the lever arms in measures, in metres.
+
+    Args:
+        length: The unit, or 0 for the default: one metre for the complete model, as in the paper's
+            tables, and the longest lever arm for the others.
+        model: One of `CONTACT_MODELS`.
+        longest_arm: Longest lever arm on the object, in metres.
+    """
+    return length or (1.0 if model == "complete" else longest_arm)
+
+
 def contact_axes(nhat: FloatArray) -> FloatArray:
     """Returns the axes of the contact frames as columns of matrices, shape (..., 3, 3).
 

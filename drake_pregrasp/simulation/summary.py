@@ -24,7 +24,11 @@ from drake_pregrasp.fast import numba_is_installed
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
 from drake_pregrasp.quality.force_closure import ferrari_canny, min_weight_margin
-from drake_pregrasp.quality.grasp_quality import GraspQuality, grasp_quality
+from drake_pregrasp.quality.grasp_quality import (
+    GraspQuality,
+    characteristic_length,
+    grasp_quality,
+)
 from drake_pregrasp.regions.independent_regions import force_closed_share
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation import run_log
@@ -76,7 +80,7 @@ def _measure(
     p_WC = record.p_WC[is_active(record.contact_status)]
     p_OC: FloatArray = (record.X_WO_estimated.inverse() @ p_WC.T).T
     r, (_, nhat) = p_OC - surface.p_OCoM, surface.project(p_OC)
-    length = measures.length or surface.longest_lever_arm
+    length = characteristic_length(measures.length, model, surface.longest_lever_arm)
     generator = np.random.default_rng(scenario.random_seed)
     return (
         min_weight_margin(r, nhat, friction, **cone),

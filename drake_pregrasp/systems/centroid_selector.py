@@ -140,10 +140,10 @@ class CentroidSelector(LeafSystem):
         self._fingertip_frames = list(fingertip_frames or [f"fingertip_{i}" for i in range(n)])
         if len(self._fingertip_frames) != n:
             raise InvalidArgumentError(f"{n} contacts need {n} fingertip frames")
-        options = {name: getattr(config, name) for name in ("reading", "stretch", "power")}
+        names = ("reading", "contact_model", "length", "stretch", "power", "friction")
+        options = {name: getattr(config, name) for name in names}
         self._fast_goals = None
         if weight_function is None:
-            options["friction"] = config.friction
             weights = {config.strategy: 1.0}
             if config.strategy == BLEND:
                 weights = asdict(config.blend)

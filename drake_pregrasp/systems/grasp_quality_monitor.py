@@ -11,7 +11,12 @@ from drake_pregrasp.arrays import FloatArray, are_valid_points
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.grasp_quality import NEED_NORMALS, GraspQuality, grasp_quality
+from drake_pregrasp.quality.grasp_quality import (
+    NEED_NORMALS,
+    GraspQuality,
+    characteristic_length,
+    grasp_quality,
+)
 from drake_pregrasp.systems.ports import POSE, declare_output, is_valid
 
 GraspQualityView = namedview("GraspQualityView", GraspQuality.names())
@@ -65,8 +70,9 @@ class GraspQualityMonitor(LeafSystem):
         super().__init__()
         config = config_with(config, MeasuresConfig(), deprecated, self)
         self._surface, self._contact_model = surface, config.contact_model
-        natural = 1.0 if config.contact_model == "complete" else surface.longest_lever_arm
-        self._length = config.length or natural
+        self._length = characteristic_length(
+            config.length, config.contact_model, surface.longest_lever_arm
+        )
         self._p_WC = self.DeclareVectorInputPort("p_WC", 3 * num_contacts)
         self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)
         self._contact_status = self.DeclareVectorInputPort("contact_status", num_contacts)

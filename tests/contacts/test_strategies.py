@@ -1,9 +1,10 @@
 import numpy as np
 import printed_equations
 import pytest
-from selections import selection_of
+from selections import selection_of, spread_contacts
+from thin_cup import CUP
 
-from drake_pregrasp import InvalidArgumentError, box_surface
+from drake_pregrasp import InvalidArgumentError, box_surface, mesh_surface
 from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
 from drake_pregrasp.contacts.strategies import READINGS, hand_margin, make_strategy
 from drake_pregrasp.quality.force_closure import least_norm_margin, min_weight_margin
@@ -12,15 +13,42 @@ from drake_pregrasp.quality.grasp_quality import grasp_quality
 
 @pytest.mark.parametrize("lost", [(), (1,), (0, 3)])
 @pytest.mark.parametrize("reading", READINGS)
+@pytest.mark.parametrize(("model", "length"), [("complete", 0.0), ("complete", 0.1)])
 @pytest.mark.parametrize("name", ["position", "msv", "gii", "vew"])
-def test_weights_are_those_of_the_printed_equations(surface, p_OC, name, reading, lost):
-    h = np.zeros(5)
+def test_weights_are_those_of_the_printed_equations(
+    surface, p_OC, name, model, length, reading, lost
+):
+    h = np.zeros(len(p_OC))
     h[list(lost)] = -np.inf
-    chosen = selection_of(surface, p_OC, h)
-    for i in set(range(5)) - set(lost):
-        printed = printed_equations.weights(chosen, i, name, reading)
+    check_printed_weights(selection_of(surface, p_OC, h), name, reading, model, length)
+
+
+@pytest.mark.parametrize("length", [0.0, 0.03])
+@pytest.mark.parametrize("name", ["msv", "gii", "vew"])
+@pytest.mark.parametrize(
+    ("model", "count"), [("hard_finger", 5), ("hard_finger", 3), ("soft_finger", 2)]
+)
+def test_weights_of_contact_models_are_those_of_the_printed_grasp_matrix(
+    surface, p_OC, name, model, count, length
+):
+    check_printed_weights(selection_of(surface, p_OC[:count]), name, "hand", model, length)
+
+
+@pytest.mark.parametrize("name", ["msv", "gii", "vew"])
+def test_frictionless_weights_are_those_of_the_printed_grasp_matrix(name):
+    cup = mesh_surface(CUP, spacing=0.012)
+    p_OC = spread_contacts(cup, 9, 0.02)
+    check_printed_weights(selection_of(cup, p_OC), name, "hand", "frictionless", 0.0)
+
+
+def check_printed_weights(chosen, name, reading, model, length):
+    unit = length or (1.0 if model == "complete" else chosen.surface.longest_lever_arm)
+    differ = []
+    for i in np.flatnonzero(chosen.regions.sizes()):
+        printed = printed_equations.weights(chosen, i, name, reading, model, unit)
+        options = {"reading": reading, "contact_model": model, "length": length}
         plain, stretched = (
-            np.exp(make_strategy(name, reading=reading, stretch=stretch)(chosen, i))
+            np.exp(make_strategy(name, **options, stretch=stretch)(chosen, i))
             for stretch in (False, True)
         )
         if name == "position":
@@ -29,6 +57,8 @@ def test_weights_are_those_of_the_printed_equations(surface, p_OC, name, reading
         else:
             np.testing.assert_allclose(plain, printed, rtol=1e-9)
             np.testing.assert_allclose(stretched, plain - plain.min(), rtol=1e-9, atol=1e-12)
+        differ.append(np.ptp(plain) > 1e-6 * plain.max())
+    assert all(differ) or (name, reading) == ("vew", "contact")
 
 
 @pytest.mark.parametrize("name", ["position", "msv", "gii", "vew"])
@@ -52,10 +82,23 @@ def test_the_best_point_has_the_largest_measure_of_its_region(chosen, surface, n
         assert values[where] == pytest.approx(np.max(values), rel=1e-9)
 
 
-@pytest.mark.parametrize(("name", "reading", "n"), [("vew", "contact", 5), ("margin", "hand", 2)])
-def test_a_constant_measure_gives_the_plain_centroid(surface, p_OC, name, reading, n):
+@pytest.mark.parametrize(
+    ("name", "reading", "n", "model"),
+    [
+        ("vew", "contact", 5, "complete"),
+        ("margin", "hand", 2, "complete"),
+        ("msv", "contact", 5, "soft_finger"),  # Four columns.
+        ("gii", "hand", 2, "hard_finger"),  # No moment about the line through both contacts.
+        ("vew", "hand", 5, "frictionless"),  # No vertical force on the side faces.
+    ],
+)
+@pytest.mark.parametrize("stretch", [True, False])
+def test_a_constant_measure_gives_the_plain_centroid(
+    surface, p_OC, name, reading, n, model, stretch
+):
     chosen = selection_of(surface, p_OC[:n])
-    goals = select_contacts(chosen, make_strategy(name, reading=reading)).p_OC
+    options = {"reading": reading, "contact_model": model, "stretch": stretch}
+    goals = select_contacts(chosen, make_strategy(name, **options)).p_OC
     plain = select_contacts(chosen, lambda s, i: np.zeros(len(s.regions.members(i)))).p_OC
     np.testing.assert_allclose(goals, plain, atol=1e-12)
 
@@ -161,6 +204,8 @@ def test_the_volume_strategy_spreads_the_contacts_and_singular_values_are_restle
     [
         ("luck", {}, "no strategy 'luck'; there are: position, msv"),
         ("msv", {"reading": "palm"}, "no reading 'palm'; there are: contact, hand"),
+        ("msv", {"contact_model": "glue"}, "no contact model 'glue'; there are: complete"),
+        ("msv", {"length": -1.0}, r"length must be at least 0 m, not -1\.0"),
         ("msv", {"power": 0}, "power must be greater than 0, not 0"),
         ("margin", {"friction": -0.1}, r"friction must be at least 0, not -0\.1"),
     ],

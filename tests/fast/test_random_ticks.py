@@ -17,6 +17,7 @@ from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.shapes import ball_shape
 from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
+from drake_pregrasp.quality.grasp_quality import CONTACT_MODELS
 from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
 from drake_pregrasp.regions.finger_capability import FingerCapability
 from drake_pregrasp.regions.finger_reach import FingerReach
@@ -128,7 +129,7 @@ PARTS += ("forbidden", "coincident", "capability")
 
 # Settings of the examples that were found.
 FOUND = {"spread": 0.03, "strategy": "msv", "power": 2.0, "stretch": True}
-FOUND |= {"best_point": False, "in_turns": False}
+FOUND |= {"best_point": False, "in_turns": False, "contact_model": "complete", "length": 0.0}
 
 
 @settings(max_examples=200)
@@ -141,6 +142,8 @@ FOUND |= {"best_point": False, "in_turns": False}
     spread=st.sampled_from([3e-4, 0.03, 30.0]),
     strategy=st.sampled_from([*STRATEGIES, "blend"]),
     reading=st.sampled_from(["hand", "contact"]),
+    contact_model=st.sampled_from(CONTACT_MODELS),
+    length=st.sampled_from([0.0, 0.1]),
     power=st.sampled_from([1.0, 2.0, 3.0]),
     stretch=st.booleans(),
     best_point=st.booleans(),
@@ -165,7 +168,20 @@ FOUND |= {"best_point": False, "in_turns": False}
     **FOUND,
 )
 def test_a_tick_is_that_of_the_reference(
-    which, seed, n, lost, has, spread, strategy, reading, power, stretch, best_point, in_turns
+    which,
+    seed,
+    n,
+    lost,
+    has,
+    spread,
+    strategy,
+    reading,
+    contact_model,
+    length,
+    power,
+    stretch,
+    best_point,
+    in_turns,
 ):
     rng, surface = np.random.default_rng(seed), SURFACES[which]
     q = surface.p_OQ[rng.choice(len(surface.p_OQ), n)]
@@ -193,9 +209,10 @@ def test_a_tick_is_that_of_the_reference(
 
     weights = {strategy: 1.0}
     if strategy == "blend":
-        weights = dict(zip(STRATEGIES, rng.choice([0.0, 1.0, 3.0], 5), strict=True))
+        weights = dict(zip(STRATEGIES, rng.choice([0.0, 1.0, 3.0], len(STRATEGIES)), strict=True))
         weights["gii"] += 0.5
-    options = {"reading": reading, "power": power, "stretch": stretch}
+    options = {"reading": reading, "contact_model": contact_model, "length": length}
+    options |= {"power": power, "stretch": stretch}
     limits = ContactLimits()
     if "limits" in has:
         pairs = (Pair(0, 1, 0.03),) if n > 1 and rng.random() < 0.5 else ()
