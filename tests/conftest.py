@@ -88,6 +88,10 @@ def allegro_panda() -> Path:
     return robot_model("robots://allegro_panda.urdf")
 
 
+SLOW_TO_LOAD = ("grasp_from_side", "grasp_shadow", "random_boxes", "random_boxes_allegro")
+"""Scenarios and sweeps whose start contacts take seconds to choose."""
+
+
 def usable_scenarios() -> list[Any]:
     """The names of the shipped scenarios; those of hands that are not there are skipped."""
     lacking = {"grasp_allegro_panda": lacking_robots(), "grasp_shadow": lacking_shadow()}
@@ -118,8 +122,7 @@ def usable_hands() -> list[Any]:
 
 
 def _usable(names: Iterable[str], lacking: Mapping[str, str]) -> list[Any]:
-    marks = {
-        name: pytest.mark.skipif(bool(lack), reason=lack or "there")
-        for name, lack in lacking.items()
-    }
+    marks: dict[str, list[Any]] = {name: [pytest.mark.slow] for name in SLOW_TO_LOAD}
+    for name, lack in lacking.items():
+        marks.setdefault(name, []).append(pytest.mark.skipif(bool(lack), reason=lack or "there"))
     return [pytest.param(name, marks=marks.get(name, ())) for name in names]

@@ -93,6 +93,9 @@ def distance_grid(mesh: trimesh.Trimesh, cell: float = CELL) -> DistanceGrid:
     p = low + cell * np.indices(counts).reshape(3, -1).T
     corners, normals = np.array(mesh.triangles), np.array(mesh.face_normals)
     parts = split_triangles(corners, normals, _EDGE)
+    # Long thin faces have many more parts than their size needs: one for each of them and place.
+    places = np.column_stack([parts.faces, np.round(parts.centroids / (_EDGE / 4))])
+    parts = parts.chosen(np.unique(places, axis=0, return_index=True)[1])
     face = parts.faces[cKDTree(parts.centroids).query(p)[1]]
     away = np.empty((len(p), 3))
     for chunk in np.array_split(np.arange(len(p)), 1 + len(p) // _CHUNK):

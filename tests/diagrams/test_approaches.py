@@ -37,6 +37,7 @@ def axis_of(scenario):
     return scenario.approach.rotation().matrix()[:, 2]
 
 
+@pytest.mark.slow
 def test_the_palm_comes_from_the_side_where_it_cannot_from_above():
     scenario = scenario_of(LOWER_HALF, "above, side")
     assert axis_of(scenario)[2] == pytest.approx(0)
@@ -48,10 +49,12 @@ def test_the_palm_comes_from_the_side_where_it_cannot_from_above():
     assert (X_WO @ scenario.approach.translation())[2] > model.side_depth(start.yaw)
 
 
+@pytest.mark.slow
 def test_it_comes_from_above_where_that_is_better():
     assert scenario_of(COARSE, "side, above").approach.IsExactlyIdentity()
 
 
+@pytest.mark.slow
 def test_an_object_that_is_turned_about_the_vertical_is_grasped_from_the_same_side_of_its_own():
     box = f"object: !Box {{size: [0.05, 0.08, 0.24], mass: 0.3}}, {COARSE}"
     still = "linear_velocity: 0, angular_velocity: 0"

@@ -22,6 +22,9 @@ STARTS = {"flat": (0, 0, 0.2), "edge": (0.785, 0, 0.2), "corner": (0.785, 0.6155
 STARTS["over"] = (2.4, 0.3, 0.2)
 
 
+NAMES = [pytest.param(n, marks=pytest.mark.slow if n == "mug" else ()) for n in OBJECTS]
+
+
 def corners_over_time(config, motion, duration, obstacles=()):
     """Returns times and the corners of the object in W, shape (t, k, 3), at each time step."""
     settings = Scenario(motion=motion).plant_settings
@@ -36,7 +39,7 @@ def corners_over_time(config, motion, duration, obstacles=()):
 
 
 @pytest.mark.parametrize("start", STARTS)
-@pytest.mark.parametrize("name", OBJECTS)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_tossed_object_stops_within_half_a_millimetre(name, start):
     config, rpy = OBJECTS[name], STARTS[start]
     shape, R_WO = config.make_shape(), RollPitchYaw(*rpy).ToRotationMatrix()
@@ -53,6 +56,7 @@ def test_a_tossed_object_stops_within_half_a_millimetre(name, start):
     assert np.min(bottom[settled]) > -2.5e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.1, 0.5])
 @pytest.mark.parametrize("name", ["box", "mug", "cylinder"])
 def test_a_pusher_stays_outside_the_object(name, speed):

@@ -108,6 +108,7 @@ def test_faces_are_forbidden_by_the_scenario_and_by_the_hand(tmp_path):
         scenario_with(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["grasp_five_finger", "grasp_allegro_panda"])
 def test_contacts_are_chosen_unless_given(request, name):
     if name == "grasp_allegro_panda":

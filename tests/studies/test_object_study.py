@@ -70,6 +70,7 @@ def test_a_missing_extra_is_named_and_not_taken_for_objects_that_do_not_fit(monk
         drawn_objects("random", HAND, 1, 0, range(997, 1000))
 
 
+@pytest.mark.slow
 def test_a_trial_has_the_objects_own_yaw_of_the_seed():
     jobs = [ObjectJob("primitives", name, HAND, 20.0, "reactive", 3) for name in ("cube_50",) * 2]
     jobs += [jobs[0]._replace(seed=4), jobs[0]._replace(object="tall_box")]
@@ -92,6 +93,7 @@ def test_an_object_without_a_grasp_is_refused_with_what_is_missing(monkeypatch):
         assert why in row["gave_up"]
 
 
+@pytest.mark.slow
 def test_a_study_is_resumed_and_its_tables_count_every_trial(tmp_path, monkeypatch):
     monkeypatch.setattr(objects_command, "pictures_of_grasps", lambda *arguments: [])
     study_objects(tmp_path, JOBS[:20], run=made_up_trial, processes=1)

@@ -159,6 +159,7 @@ def test_links_and_fingertips_stay_clear_of_an_object_wherever_the_goals_are(vel
     assert 0.001 < least < 0.01
 
 
+@pytest.mark.slow
 def test_fingers_reach_into_a_hollow_and_links_stay_clear_of_its_true_surface():
     """All fingertips go into a bowl, which its convex hull would close."""
     bowl = revolved_shape([[0, 0], [0.11, 0], [0.11, 0.06], [0.1, 0.06], [0.1, 0.005], [0, 0.005]])
