@@ -128,6 +128,9 @@ class BlendConfig:
     gii: float = field(default=0.0, metadata=_WEIGHT)
     vew: float = field(default=0.0, metadata=_WEIGHT)
     margin: float = field(default=0.0, metadata=_WEIGHT)
+    manipulability: float = field(default=0.0, metadata=_WEIGHT)
+    joint_range: float = field(default=0.0, metadata=_WEIGHT)
+    finger_force: float = field(default=0.0, metadata=_WEIGHT)
 
 
 @dataclass
@@ -144,7 +147,8 @@ class PlannerConfig:
     lost_standoff: float = field(default=0.02, metadata={"at_least": 0, "at_most": 10})
 
     # Weights of a contact's goal in its safe region: position tracking, a measure of the grasp
-    # matrix, the force-closure margin, or a blend of them.
+    # matrix, the force-closure margin, what the finger of a hand is capable of there (`limits` has
+    # the units), or a blend of them.
     strategy: str = field(default="position", metadata={"one_of": (*STRATEGIES, BLEND)})
 
     # Weights for the strategy blend; at least one must be above 0.

@@ -34,9 +34,11 @@ from drake_pregrasp.quality.grasp_quality import (
     characteristic_length,
     contact_blocks,
 )
+from drake_pregrasp.regions.finger_capability import CAPABILITIES
 
-STRATEGIES = ("position", "msv", "gii", "vew", "margin")
-"""Position tracking, the three measures of the grasp matrix, and the force-closure margin."""
+STRATEGIES = ("position", "msv", "gii", "vew", "margin", *CAPABILITIES)
+"""Position tracking, the three measures of the grasp matrix, the force-closure margin, and what the
+fingers of a hand are capable of."""
 
 READINGS = ("contact", "hand")
 """The two readings of the partial grasp matrix."""
@@ -135,6 +137,22 @@ def hand_margin(selection: SelectionInput, i: int, *, friction: float = FRICTION
     return np.where(bound < 0, 1 / (1 - np.minimum(bound, 0)) - 1, bound)
 
 
+def capability_of_finger(selection: SelectionInput, i: int, *, name: str) -> FloatArray:
+    """Returns one of the `CAPABILITIES` of finger i at each candidate, shape (k,).
+
+    It is zero where the finger cannot bring its tip.
+
+    Args:
+        selection: Contacts and their regions.
+        i: Index of the contact.
+        name: One of `CAPABILITIES`.
+    """
+    n, surface = selection.regions.members(i), selection.surface
+    fingers, nhat = np.full(len(n), i), surface.nhat_OQ[n]
+    capability, p_OT = selection.regions.predicates.at_tips(fingers, surface.p_OQ[n], nhat)
+    return np.nan_to_num(capability.at(fingers, p_OT, nhat)[:, CAPABILITIES.index(name)])
+
+
 MEASURES: Mapping[str, Callable[[FloatArray], FloatArray]] = {
     "msv": smallest_singular_value,
     "gii": isotropy_index,
@@ -163,7 +181,7 @@ def make_strategy(
 
     Args:
         name: One of `STRATEGIES`.
-        reading: One of `READINGS`; only the three measures use it and the next two.
+        reading: One of `READINGS`; only msv, gii and vew use it and the next two.
         contact_model: One of `CONTACT_MODELS`.
         length: Unit of the lever arms, in metres; 0 for the default of `characteristic_length`.
         stretch: Whether to stretch the weights over each region; `position` ignores it.
@@ -193,6 +211,8 @@ def make_strategy(
     measure: Measure
     if name == "margin":
         measure = partial(hand_margin, friction=friction)
+    elif name in CAPABILITIES:
+        measure = partial(capability_of_finger, name=name)
     else:
         model: dict[str, Any] = {"contact_model": contact_model, "length": length}
         measure = partial(_measure_of_matrix, name=name, reading=reading, **model)

@@ -136,7 +136,7 @@ def AddHandController(
         ),
     )
     frames = model.kinematics.tip_frames
-    capability = model.capability(limits, surface) if planner.needs_capability else None
+    capability = model.capability(surface) if planner.needs_capability else None
     planning = AddPregraspPlanner(
         builder, planner, surface, p_OC, fingertip_frames=frames, capability=capability
     )

@@ -1,7 +1,6 @@
 """Kinematic model of a hand, from its model file and its description."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +11,6 @@ from scipy.spatial import cKDTree
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.hand_description import HandDescription
-from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
 from drake_pregrasp.diagrams.palm_base import PalmCarrier, check_home, make_base
@@ -196,21 +194,20 @@ class HandModel:
             for j, tip in zip(own, self.p_HT, strict=True)
         ]
 
-    def capability(self, limits: LimitsConfig, surface: ObjectSurface) -> FingerCapability:
+    def capability(self, surface: ObjectSurface) -> FingerCapability:
         """Returns the capability of the fingers around an object, in the palm's frame U.
 
         U is the frame A turned with the palm. The palm is at home, and only the finger's own joints
         count.
 
         Args:
-            limits: Limits of the planner, with the least values.
             surface: Surface of the object.
         """
         farthest = float(np.max(np.linalg.norm(surface.p_OQ, axis=1)) + np.max(self.tip_radii))
         radius = farthest + float(np.linalg.norm(self.X_LA.translation()))
         if radius not in self._capabilities:
             self._capabilities[radius] = finger_capability(self.finger_chains, radius)
-        return replace(self._capabilities[radius], least=limits.least_capabilities())
+        return self._capabilities[radius]
 
     def side_depth(self, yaw: float) -> float:
         """Returns how far fingers at home reach below the palm's axis, in metres.

@@ -50,7 +50,7 @@ def start_constraints(
         X_LA: Approach of the palm; see `HandModel`.
         capability: Capability of the fingers in the palm's frame; None if nothing limits it.
     """
-    R_OW = X_WO.rotation().matrix().T
+    R_OW, least = X_WO.rotation().matrix().T, limits.least_capabilities()
     shared = RegionConstraints(
         obstacles=Obstacles(tuple(fixed)).moved(R_OW, -R_OW @ X_WO.translation()),
         clearance=limits.clearance,
@@ -66,7 +66,7 @@ def start_constraints(
         p_OA, able = R_OW @ X_LA.translation(), None
         if capability is not None:
             R_OU = R_OW @ X_LA.rotation().matrix() @ _turned(yaw)
-            able = replace(capability, R_OU=R_OU, p_OU=p_OA)
+            able = replace(capability, least=least, R_OU=R_OU, p_OU=p_OA)
         return replace(shared, reach_pose=(R_OH, p_OA), capability=able)
 
     return at
@@ -108,7 +108,7 @@ def choose_contacts(
     R_OA, p_OA = R_OW @ X_LA.rotation().matrix(), R_OW @ X_LA.translation()
 
     is_above = X_LA.rotation().IsExactlyIdentity()
-    capability = hand.capability(limits, surface) if np.any(limits.least_capabilities()) else None
+    capability = hand.capability(surface) if np.any(limits.least_capabilities()) else None
 
     def holds_palm(yaw: float) -> bool:
         try:

@@ -269,6 +269,18 @@ def limits_of_points(contacts, solids, points, clearance, standoff, hand, which,
     return limits, causes
 
 
+@compiled(f"f8[:,::1]({HAND}, i8[::1], f8[:,::1], f8[:,::1])")
+def capabilities_at(hand, which, tips, nhat):  # type: ignore[no-untyped-def]
+    """Returns the measures of fingers at places, as `FingerCapability.at`; zeros for none, -1."""
+    measures = np.zeros((len(which), 3))
+    for k in range(len(which)):
+        if which[k] >= 0:
+            tip, normal = (tips[k, 0], tips[k, 1], tips[k, 2]), (nhat[k, 0], nhat[k, 1], nhat[k, 2])
+            values = capability_at(which[k], hand, tip, normal)
+            measures[k, 0], measures[k, 1], measures[k, 2] = values
+    return measures
+
+
 def hand_arrays(predicates: Predicates) -> tuple[FloatArray, ...]:
     """Returns the numbers of the fingers' capability; none of them limits if it is unknown."""
     parts = vars(predicates.capability or _UNKNOWN).values()

@@ -14,7 +14,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import Solid, rounded_box_distances
 from drake_pregrasp.geometry.surface import ForbiddenPoints
-from drake_pregrasp.regions.finger_capability import FingerCapability
+from drake_pregrasp.regions.finger_capability import CAPABILITIES, FingerCapability
 from drake_pregrasp.regions.finger_reach import UNLIMITED, FingerReach, moved_reaches, reached
 
 NO_CAUSE = -1
@@ -139,6 +139,23 @@ class Predicates:
     standoff: float
     capability: FingerCapability | None = None
 
+    def at_tips(
+        self, contacts: IntArray, points: FloatArray, normals: FloatArray
+    ) -> tuple[FingerCapability, FloatArray]:
+        """Returns the fingers' capability, and the centres of fingertips at points, shape (k, 3).
+
+        Args:
+            contacts: As for `limits_at`, as the other arguments.
+            points: Points in O.
+            normals: Outward unit normals.
+
+        Raises:
+            InvalidArgumentError: If the capability of the fingers is unknown.
+        """
+        if self.capability is None:
+            raise InvalidArgumentError(f"{', '.join(CAPABILITIES)} need the capability of a hand")
+        return self.capability, points + self.contacts[contacts, RADIUS, None] * normals
+
     def limits_at(
         self, contacts: IntArray, points: FloatArray, normals: FloatArray
     ) -> tuple[IntArray, IntArray]:
@@ -166,8 +183,8 @@ class Predicates:
             limits[own[~reached(row, points[own], normals[own], tips[own])]] = Limit.REACH
         free = np.flatnonzero(limits == Limit.NONE)
         if self.capability is not None and self.capability.is_limiting:
-            p_OT = points + self.contacts[contacts, RADIUS, None] * normals
-            is_able = self.capability.permits(contacts[free], p_OT[free], normals[free])
+            capability, p_OT = self.at_tips(contacts[free], points[free], normals[free])
+            is_able = capability.permits(contacts[free], p_OT, normals[free])
             limits[free[~is_able]] = Limit.REACH
             free = free[is_able]
         first = self._first_obstacles(points[free], normals[free], radii[free])

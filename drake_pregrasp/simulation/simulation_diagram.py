@@ -54,7 +54,7 @@ def make_diagram(
     if scenario.grasp.has_hand:
         model = scenario.load_hand_model(scenario.grasp.yaw_range)
         if config.needs_capability:
-            capability = model.capability(config.limits, surface)
+            capability = model.capability(surface)
         hand = add_driven_hand(
             builder,
             scenario.object,

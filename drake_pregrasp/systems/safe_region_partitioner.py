@@ -132,6 +132,8 @@ class SafeRegionPartitioner(LeafSystem):
             raise InvalidArgumentError(f"{', '.join(CAPABILITIES)} need the capability of a hand")
         self._limits, self._wall_test = limits, config.wall_test
         self._capability = capability
+        if capability is not None:
+            self._capability = replace(capability, least=limits.least_capabilities())
         self._tip_radii = np.array(limits.tip_radii, dtype=float)
         self._reach, self._closed = limits.reaches(), limits.closed()
         self._normal_length = config.normal_length

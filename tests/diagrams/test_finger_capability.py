@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 from conftest import usable_hands
 from five_finger_hand import HAND, RING
-from selections import CUBE
+from selections import CUBE, selection_of
 
+from drake_pregrasp import InvalidArgumentError
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.assignment import assign_fingers_round
+from drake_pregrasp.contacts.centroids import best_points
+from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.contacts.strategies import make_strategy
 from drake_pregrasp.quality.grasp_quality import manipulability_volume
 from drake_pregrasp.regions.constraints import Limit, RegionConstraints
 from drake_pregrasp.regions.finger_capability import CAPABILITIES
@@ -17,7 +21,7 @@ from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.hand_file import load_hand_model
 
 R_TIP = HAND.tip_radii[0]
-CAPABILITY = HAND.capability(LimitsConfig(), CUBE)
+CAPABILITY = HAND.capability(CUBE)
 
 
 def drake_finger(hand, finger, q_own):
@@ -75,6 +79,20 @@ def test_lattices_are_drakes_kinematics(finger):
     loads = np.max(np.abs(torques) / chain.efforts, axis=1)
     assert np.all(1.02 * loads > 1)
     assert np.all(0.98 * loads < 1)
+
+
+@pytest.mark.parametrize("name", CAPABILITIES)
+def test_weights_lead_to_the_most_capable_place(name):
+    selection = SelectionInput(CUBE, P_OC, limited_regions(), np.eye(3))
+    goals = best_points(selection, range(5), make_strategy(name))
+    column, tips = CAPABILITIES.index(name), CUBE.p_OQ + R_TIP * CUBE.nhat_OQ
+    for i in range(5):
+        own = selection.regions.members(i)
+        values = CAPABILITY.at(np.full(len(own), i), tips[own], CUBE.nhat_OQ[own])[:, column]
+        np.testing.assert_array_equal(goals[i], CUBE.p_OQ[own[np.nanargmax(values)]])
+    alone = selection_of(CUBE, P_OC)
+    with pytest.raises(InvalidArgumentError, match="need the capability of a hand"):
+        best_points(alone, range(5), make_strategy(name))
 
 
 def limited_regions(**least):

@@ -19,7 +19,7 @@ from drake_pregrasp.geometry.shapes import ball_shape
 from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
 from drake_pregrasp.quality.grasp_quality import CONTACT_MODELS
 from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
-from drake_pregrasp.regions.finger_capability import FingerCapability
+from drake_pregrasp.regions.finger_capability import CAPABILITIES, FingerCapability
 from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.regions.walls import SurfaceGraph, normals_agree
@@ -184,6 +184,8 @@ def test_a_tick_is_that_of_the_reference(
     in_turns,
 ):
     rng, surface = np.random.default_rng(seed), SURFACES[which]
+    if strategy in (*CAPABILITIES, "blend"):
+        has = has | {"capability"}
     q = surface.p_OQ[rng.choice(len(surface.p_OQ), n)]
     p_OC, nhat_OC = surface.project(q + 1e-3 * rng.normal(size=(n, 3)))
     h = 1e-4 * rng.normal(size=n)

@@ -39,6 +39,7 @@ from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.grasping.grasp_state import NOT_HINDERED
+from drake_pregrasp.regions.finger_capability import FingerCapability
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.systems.sources import HandPose
 
@@ -69,9 +70,17 @@ def make_selector(surface, p_OC, limits=None, fingertip_frames=None, **changes):
     return CentroidSelector(config, surface=surface, p_OC=p_OC, fingertip_frames=fingertip_frames)
 
 
-def make_partitioner(surface, num_contacts=N, limits=None, **changes):
-    config = planner_config(limits, **changes)
-    return SafeRegionPartitioner(config, surface=surface, num_contacts=num_contacts)
+def make_partitioner(surface, num_contacts=N, limits=None, capability=None, **changes):
+    config, own = planner_config(limits, **changes), {"capability": capability}
+    return SafeRegionPartitioner(config, surface=surface, num_contacts=num_contacts, **own)
+
+
+def sloping_capability(size=0.2):
+    """Fingers whose joint range grows along x of the palm from 0 to 1/2."""
+    table = np.zeros((N, 2, 2, 2, 3 + 2))
+    table[:, 1, ..., -1] = 0.5
+    low, step = np.full((N, 3), -size), np.full((N, 3), 2 * size)
+    return FingerCapability(low, step, table, efforts=np.ones((N, 1)))
 
 
 def make_estimator(period=PERIOD, p_OCoM=None, **changes):
@@ -157,7 +166,8 @@ def regions_of(surface, p_OC, weights=None):
 
 def partition(surface, p_OC, inputs=None, X=X_WO, **settings):
     """The safe regions of contacts at p_OC on an object at X."""
-    own = {k: settings.pop(k) for k in ("wall_test", "normal_length") if k in settings}
+    names = ("wall_test", "normal_length", "capability")
+    own = {k: settings.pop(k) for k in names if k in settings}
     driven = Driven(make_partitioner(surface, len(p_OC), settings, **own))
     driven.fix(X_WO_estimated=X, p_WC=(X @ p_OC.T).T.ravel())
     driven.fix(**(inputs or {}))
@@ -177,6 +187,7 @@ LIMITS = {
     "reach": [BallReach(center=[0, 0, 0], radius=0.06)] * N,
     "tip_radii": [RADIUS] * N,
     "horizon": 1.0,
+    "joint_range": 0.2,
 }
 FAULTS = MeasurementFaults(dropout_rate=1e-9)
 MEASURES = MeasuresConfig(contact_model="hard_finger")
@@ -184,7 +195,9 @@ MAKERS = {
     "sensor": lambda: NoisyPoseSensor(SensorConfig(0.1, 0.1)),
     "sensor with memory": lambda: NoisyPoseSensor(SensorConfig(0.1, 0.1, FAULTS), period=0.1),
     "estimator": make_estimator,
-    "partitioner": lambda: make_partitioner(SURFACE, limits=LIMITS),
+    "partitioner": lambda: make_partitioner(
+        SURFACE, limits=LIMITS, capability=sloping_capability()
+    ),
     "selector": lambda: make_selector(SURFACE, P_OC),
     "hand pose": lambda: HandPose(X_G),
     "fingertip sensor": lambda: FingertipSensor(HAND.kinematics),
