@@ -12,7 +12,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.box_surface import BOX_FACES
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import BallSolid, Solid
-from drake_pregrasp.regions.finger_capability import CAPABILITIES
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.regions.finger_reach import FingerReach
 
 _HALF_TURN = 3.1416  # Largest angle between two directions, in radians.
@@ -126,7 +126,7 @@ class LimitsConfig:
     # Reach of each finger in the hand frame H. Empty: unlimited.
     reach: list[ReachConfig] = field(default_factory=list)
 
-    # Least values of what a hand's finger is capable of at its contact, with the palm at home over
+    # Least measures of a hand's finger at its contact, with the palm at home over
     # the object; 0 for no limit. Manipulability sqrt(det(J J')), in m^3; distance of each joint to
     # its limits over their distance; force along the inward normal that the joints' torques allow,
     # in newtons.
@@ -161,9 +161,9 @@ class LimitsConfig:
         """Returns the areas that are forbidden to single contacts; empty for none."""
         return [[AxisArea(face) for face in faces] for faces in self.forbidden_faces]
 
-    def least_capabilities(self) -> FloatArray:
-        """Returns the least value of each of the `CAPABILITIES`, shape (3,); 0 for no limit."""
-        return np.array([getattr(self, name) for name in CAPABILITIES])
+    def least_measures(self) -> FloatArray:
+        """Returns the least value of each of the `FINGER_MEASURES`, shape (3,); 0 for no limit."""
+        return np.array([getattr(self, name) for name in FINGER_MEASURES])
 
     def make_limits(self, period: float, friction: float) -> ContactLimits:
         """Returns the limits on goals that are planned at a constant rate.

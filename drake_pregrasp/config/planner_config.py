@@ -11,7 +11,7 @@ from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
 from drake_pregrasp.estimation.pose_tracker import TrackerSettings
 from drake_pregrasp.quality.force_closure import FRICTION, TORSIONAL_FRICTION
 from drake_pregrasp.quality.grasp_quality import CONTACT_MODELS
-from drake_pregrasp.regions.finger_capability import CAPABILITIES
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.regions.walls import WALL_TESTS
 
 MOST_LATE = 1000
@@ -147,7 +147,7 @@ class PlannerConfig:
     lost_standoff: float = field(default=0.02, metadata={"at_least": 0, "at_most": 10})
 
     # Weights of a contact's goal in its safe region: position tracking, a measure of the grasp
-    # matrix, the force-closure margin, what the finger of a hand is capable of there (`limits` has
+    # matrix, the force-closure margin, what the hand's finger can do there (`limits` has
     # the units), or a blend of them.
     strategy: str = field(default="position", metadata={"one_of": (*STRATEGIES, BLEND)})
 
@@ -201,11 +201,11 @@ class PlannerConfig:
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
 
     @property
-    def needs_capability(self) -> bool:
-        """Whether a weight or a limit needs to know what the fingers are capable of."""
+    def needs_finger_measures(self) -> bool:
+        """Whether a weight or a limit needs to know what the fingers can do."""
         weights = vars(self.blend) if self.strategy == BLEND else {self.strategy: 1.0}
-        weighted = any(weights.get(name, 0) > 0 for name in CAPABILITIES)
-        return weighted or bool(np.any(self.limits.least_capabilities()))
+        weighted = any(weights.get(name, 0) > 0 for name in FINGER_MEASURES)
+        return weighted or bool(np.any(self.limits.least_measures()))
 
 
 @dataclass

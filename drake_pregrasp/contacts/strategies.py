@@ -34,11 +34,11 @@ from drake_pregrasp.quality.grasp_quality import (
     characteristic_length,
     contact_blocks,
 )
-from drake_pregrasp.regions.finger_capability import CAPABILITIES
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 
-STRATEGIES = ("position", "msv", "gii", "vew", "margin", *CAPABILITIES)
+STRATEGIES = ("position", "msv", "gii", "vew", "margin", *FINGER_MEASURES)
 """Position tracking, the three measures of the grasp matrix, the force-closure margin, and what the
-fingers of a hand are capable of."""
+fingers of a hand can do."""
 
 READINGS = ("contact", "hand")
 """The two readings of the partial grasp matrix."""
@@ -137,20 +137,20 @@ def hand_margin(selection: SelectionInput, i: int, *, friction: float = FRICTION
     return np.where(bound < 0, 1 / (1 - np.minimum(bound, 0)) - 1, bound)
 
 
-def capability_of_finger(selection: SelectionInput, i: int, *, name: str) -> FloatArray:
-    """Returns one of the `CAPABILITIES` of finger i at each candidate, shape (k,).
+def finger_measure(selection: SelectionInput, i: int, *, name: str) -> FloatArray:
+    """Returns one of the `FINGER_MEASURES` of finger i at each candidate, shape (k,).
 
     It is zero where the finger cannot bring its tip.
 
     Args:
         selection: Contacts and their regions.
         i: Index of the contact.
-        name: One of `CAPABILITIES`.
+        name: One of `FINGER_MEASURES`.
     """
     n, surface = selection.regions.members(i), selection.surface
     fingers, nhat = np.full(len(n), i), surface.nhat_OQ[n]
-    capability, p_OT = selection.regions.predicates.at_tips(fingers, surface.p_OQ[n], nhat)
-    return np.nan_to_num(capability.at(fingers, p_OT, nhat)[:, CAPABILITIES.index(name)])
+    finger_measures, p_OT = selection.regions.predicates.at_tips(fingers, surface.p_OQ[n], nhat)
+    return np.nan_to_num(finger_measures.at(fingers, p_OT, nhat)[:, FINGER_MEASURES.index(name)])
 
 
 MEASURES: Mapping[str, Callable[[FloatArray], FloatArray]] = {
@@ -211,8 +211,8 @@ def make_strategy(
     measure: Measure
     if name == "margin":
         measure = partial(hand_margin, friction=friction)
-    elif name in CAPABILITIES:
-        measure = partial(capability_of_finger, name=name)
+    elif name in FINGER_MEASURES:
+        measure = partial(finger_measure, name=name)
     else:
         model: dict[str, Any] = {"contact_model": contact_model, "length": length}
         measure = partial(_measure_of_matrix, name=name, reading=reading, **model)

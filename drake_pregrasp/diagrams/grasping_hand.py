@@ -136,9 +136,9 @@ def AddHandController(
         ),
     )
     frames = model.kinematics.tip_frames
-    capability = model.capability(surface) if planner.needs_capability else None
+    finger_measures = model.finger_measures(surface) if planner.needs_finger_measures else None
     planning = AddPregraspPlanner(
-        builder, planner, surface, p_OC, fingertip_frames=frames, capability=capability
+        builder, planner, surface, p_OC, fingertip_frames=frames, finger_measures=finger_measures
     )
     avoided = ConstantValueSource(AbstractValue.Make(Obstacles(tuple(fixed))))
     away = [(0.0, np.flatnonzero(~has_contact).tolist())]
@@ -151,7 +151,7 @@ def AddHandController(
     connect(builder, controller, "hold_contacts V_WO_held", planning)
     if limits.reach:
         connect(builder, controller, "X_WH", planning)
-    if capability is not None:
+    if finger_measures is not None:
         connect(builder, controller, "X_WU", planning)
     if scene_graph is not None:
         tips = [plant.GetFrameByName(tip.frame, robot) for tip in hand.fingertips]

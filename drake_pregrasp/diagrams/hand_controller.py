@@ -61,7 +61,7 @@ class HandController(Diagram):
     connected to `hand_state` and `net_actuation`, and to `desired_state` (`JointReference`).
     Observers may use `p_GT` (`FingertipGoalShaper`), `p_WT` and `f_T_W` (`FingertipSensor`), `X_WG`
     and `grasp_report` (`GraspSequencer`). The planner may use `X_WH` and `X_WU` (`CarrierPosture`
-    or `ArmPosture`) for the reach and the capability of the fingers, `hold_contacts`
+    or `ArmPosture`) for the reach and the measures of the fingers, `hold_contacts`
     (`GraspSequencer`), which holds its goals while the hand grasps, and `V_WO_held`
     (`GraspSequencer`), so that its estimate follows the object that the hand moves.
 

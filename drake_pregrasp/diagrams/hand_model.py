@@ -19,10 +19,10 @@ from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import BASE
-from drake_pregrasp.regions.finger_capability import (
-    FingerCapability,
+from drake_pregrasp.regions.finger_measures import (
     FingerChain,
-    finger_capability,
+    FingerMeasures,
+    make_finger_measures,
 )
 from drake_pregrasp.systems.fingertip_sensor import HandKinematics, hand_links
 from drake_pregrasp.systems.hand_scene import HandScene, link_balls
@@ -64,7 +64,7 @@ class HandModel:
         X_LA: RigidTransform = FROM_ABOVE,
     ) -> None:
         self.description, self._yaw_range, self.X_LA = description, yaw_range, X_LA
-        self._capabilities: dict[float, FingerCapability] = {}
+        self._finger_measures: dict[float, FingerMeasures] = {}
         self._diagram = self._parse()  # Keeps the plant alive.
         plant = self._diagram.plant()
         self.base = make_base(description.base, plant, plant.GetModelInstanceByName(HAND), X_LA)
@@ -194,8 +194,8 @@ class HandModel:
             for j, tip in zip(own, self.p_HT, strict=True)
         ]
 
-    def capability(self, surface: ObjectSurface) -> FingerCapability:
-        """Returns the capability of the fingers around an object, in the palm's frame U.
+    def finger_measures(self, surface: ObjectSurface) -> FingerMeasures:
+        """Returns the measures of the fingers around an object, in the palm's frame U.
 
         U is the frame A turned with the palm. The palm is at home, and only the finger's own joints
         count.
@@ -205,9 +205,9 @@ class HandModel:
         """
         farthest = float(np.max(np.linalg.norm(surface.p_OQ, axis=1)) + np.max(self.tip_radii))
         radius = farthest + float(np.linalg.norm(self.X_LA.translation()))
-        if radius not in self._capabilities:
-            self._capabilities[radius] = finger_capability(self.finger_chains, radius)
-        return self._capabilities[radius]
+        if radius not in self._finger_measures:
+            self._finger_measures[radius] = make_finger_measures(self.finger_chains, radius)
+        return self._finger_measures[radius]
 
     def side_depth(self, yaw: float) -> float:
         """Returns how far fingers at home reach below the palm's axis, in metres.

@@ -9,7 +9,7 @@ from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.selection_input import WeightFunction
 from drake_pregrasp.diagrams.wiring import connect, export_inputs, export_outputs
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.regions.finger_capability import FingerCapability
+from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
@@ -64,7 +64,7 @@ class PregraspPlanner(Diagram):
         p_OC: Initial contact points on the surface, in O, shape (n, 3), in metres.
         fingertip_frames: Names for `fingertip_targets`; see `CentroidSelector`.
         weight_function: A strategy of your own; see `CentroidSelector`.
-        capability: Capability of a hand's fingers; see `SafeRegionPartitioner`.
+        finger_measures: Measures of a hand's fingers; see `SafeRegionPartitioner`.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class PregraspPlanner(Diagram):
         *,
         fingertip_frames: Sequence[str] | None = None,
         weight_function: WeightFunction | None = None,
-        capability: FingerCapability | None = None,
+        finger_measures: FingerMeasures | None = None,
     ) -> None:
         super().__init__()
         builder = DiagramBuilder()
@@ -86,7 +86,7 @@ class PregraspPlanner(Diagram):
         partitioner = builder.AddNamedSystem(
             "safe_region_partitioner",
             SafeRegionPartitioner(
-                config, surface=surface, num_contacts=len(p_OC), capability=capability
+                config, surface=surface, num_contacts=len(p_OC), finger_measures=finger_measures
             ),
         )
         selector = builder.AddNamedSystem(
@@ -125,7 +125,7 @@ def AddPregraspPlanner(
     *,
     fingertip_frames: Sequence[str] | None = None,
     weight_function: WeightFunction | None = None,
-    capability: FingerCapability | None = None,
+    finger_measures: FingerMeasures | None = None,
     name: str = "pregrasp_planner",
 ) -> PregraspPlanner:
     """Adds a `PregraspPlanner` to a diagram, and returns it.
@@ -140,7 +140,7 @@ def AddPregraspPlanner(
         fingertip_frames: Names for `fingertip_targets`, one for each contact.
         weight_function: A strategy of your own, in place of `config.strategy`; see
             `CentroidSelector`.
-        capability: Capability of a hand's fingers; see `SafeRegionPartitioner`.
+        finger_measures: Measures of a hand's fingers; see `SafeRegionPartitioner`.
         name: Name of the system.
     """
     planner = PregraspPlanner(
@@ -149,7 +149,7 @@ def AddPregraspPlanner(
         p_OC,
         fingertip_frames=fingertip_frames,
         weight_function=weight_function,
-        capability=capability,
+        finger_measures=finger_measures,
     )
     builder.AddNamedSystem(name, planner)
     return planner

@@ -8,13 +8,13 @@ import numpy as np
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import MEASURES
-from drake_pregrasp.fast.predicates import capabilities_at, hand_arrays
+from drake_pregrasp.fast.predicates import finger_measures_at, hand_arrays
 from drake_pregrasp.fast.projection import CompiledSurface
 from drake_pregrasp.fast.weights import KINDS, weighted_goals
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import FRICTION, balance_blocks
 from drake_pregrasp.quality.grasp_quality import characteristic_length
-from drake_pregrasp.regions.finger_capability import CAPABILITIES
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 
 GivenWeights = Callable[[SelectionInput, IntArray, IntArray, BoolArray], FloatArray]
 """Maps a selection's input, the contacts that move, labels and active contacts, in the types of the
@@ -62,8 +62,8 @@ class CompiledGoals:
                 P_Q = balance_blocks(q, surface.nhat_OQ, "hard_finger", self._arm)
                 self._P_Q = np.ascontiguousarray(P_Q.reshape(21, -1).T)
                 self._given.append(self._margins)
-            elif name in CAPABILITIES:
-                self._given.append(partial(self._capabilities, CAPABILITIES.index(name)))
+            elif name in FINGER_MEASURES:
+                self._given.append(partial(self._finger_measures, FINGER_MEASURES.index(name)))
             elif name in MEASURES and contact_model != "complete":
                 from drake_pregrasp.fast.spectra import grams  # Compiled only if it is needed.
 
@@ -121,7 +121,7 @@ class CompiledGoals:
         margins: FloatArray = hand_margins(contacts, labels, active, P_C, self._P_Q, self._friction)
         return margins
 
-    def _capabilities(
+    def _finger_measures(
         self,
         column: int,
         selection: SelectionInput,
@@ -131,7 +131,7 @@ class CompiledGoals:
     ) -> FloatArray:
         predicates, nhat = selection.regions.predicates, selection.surface.nhat_OQ
         _, p_OT = predicates.at_tips(labels, selection.surface.p_OQ, nhat)
-        measures: FloatArray = capabilities_at(hand_arrays(predicates), labels, p_OT, nhat)
+        measures: FloatArray = finger_measures_at(hand_arrays(predicates), labels, p_OT, nhat)
         return np.nan_to_num(measures[:, column])
 
     def _measures(

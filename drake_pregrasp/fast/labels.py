@@ -213,7 +213,7 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, o
         same_side: Candidates that no wall hides from each contact, shape (n, N), or empty for all.
         contacts: Rows of the contacts, as in `Predicates`.
         obstacles: Rows of solids and of points, clearance and standoff, as in `Predicates`.
-        hand: Numbers of the fingers' capability; see `hand_arrays`.
+        hand: Numbers of the fingers' measures; see `hand_arrays`.
     """
     (q, nhat, order, starts, boxes), (solids, points, _, standoff) = blocks, obstacles
     by_axis, bounds, by_limit, by_cause = half_spaces

@@ -16,7 +16,7 @@ from drake_pregrasp.regions.constraints import (
     Limit,
     Predicates,
 )
-from drake_pregrasp.regions.finger_capability import LEAST_ARM, FingerCapability
+from drake_pregrasp.regions.finger_measures import LEAST_ARM, FingerMeasures
 from drake_pregrasp.regions.finger_reach import ANY_ANGLE
 
 _SOLID, _SECTOR, _CLOSED = REACH_SOLID.start, SECTOR.start, CLOSED.start
@@ -25,9 +25,9 @@ _NONE, _FORBIDDEN, _REACH, _OBSTACLE = map(
 )
 _SHARES = len(ALONG)
 HAND = "Tuple((f8[:,::1], f8[:,::1], f8[:,:,:,:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[::1]))"
-"""Types of the numbers of the fingers' capability; see `hand_arrays`."""
+"""Types of the numbers of the fingers' measures; see `hand_arrays`."""
 
-_UNKNOWN = FingerCapability(*(np.zeros(shape) for shape in ((0, 3), (0, 3), 5 * (0,), (0, 0))))
+_UNKNOWN = FingerMeasures(*(np.zeros(shape) for shape in ((0, 3), (0, 3), 5 * (0,), (0, 0))))
 _ABOVE = 1 + 1e-9  # Decisions about blocks must not be reversed by rounding.
 
 
@@ -56,12 +56,12 @@ def sector_gaps(row, tx, ty, tz, nx, ny, nz):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def capability_at(finger, hand, tip, nhat):  # type: ignore[no-untyped-def]
-    """Returns the three measures of a finger at one place, as `FingerCapability.at`.
+def finger_measures_of(finger, hand, tip, nhat):  # type: ignore[no-untyped-def]
+    """Returns the three measures of a finger at one place, as `FingerMeasures.at`.
 
     Args:
         finger: Index of the finger.
-        hand: Numbers of the capability; see `hand_arrays`.
+        hand: Numbers of the measures; see `hand_arrays`.
         tip: Centre of the fingertip, three numbers in metres.
         nhat: Outward unit normal there, three numbers.
     """
@@ -107,7 +107,7 @@ def limit_of_point(  # type: ignore[no-untyped-def]
         near_solids: Indices of the solids to be tested, ascending.
         near_points: Indices of the obstacle points to be tested, ascending.
         check_reach: Whether the reach is tested.
-        hand: Numbers of the fingers' capability; see `hand_arrays`.
+        hand: Numbers of the fingers' measures; see `hand_arrays`.
     """
     (x, y, z), (nx, ny, nz), (solids, points, clearance, standoff) = q, nhat, obstacles
     ax, ay, az = abs(nx), abs(ny), abs(nz)
@@ -131,7 +131,7 @@ def limit_of_point(  # type: ignore[no-untyped-def]
             return _REACH, NO_CAUSE
     if is_limiting(hand):
         tip, least = (x + radius * nx, y + radius * ny, z + radius * nz), hand[4]
-        measures = capability_at(i, hand, tip, nhat)
+        measures = finger_measures_of(i, hand, tip, nhat)
         for k in range(3):
             if least[k] > 0.0 and not measures[k] >= least[k]:
                 return _REACH, NO_CAUSE
@@ -227,7 +227,7 @@ def is_closed(contact):  # type: ignore[no-untyped-def]
 
 @compiled()
 def is_limiting(hand):  # type: ignore[no-untyped-def]
-    """Returns whether least values of the capability keep any finger from places."""
+    """Returns whether least measures keep any finger from places."""
     least = hand[4]
     return least[0] > 0.0 or least[1] > 0.0 or least[2] > 0.0
 
@@ -270,20 +270,20 @@ def limits_of_points(contacts, solids, points, clearance, standoff, hand, which,
 
 
 @compiled(f"f8[:,::1]({HAND}, i8[::1], f8[:,::1], f8[:,::1])")
-def capabilities_at(hand, which, tips, nhat):  # type: ignore[no-untyped-def]
-    """Returns the measures of fingers at places, as `FingerCapability.at`; zeros for none, -1."""
+def finger_measures_at(hand, which, tips, nhat):  # type: ignore[no-untyped-def]
+    """Returns the measures of fingers at places, as `FingerMeasures.at`; zeros for none, -1."""
     measures = np.zeros((len(which), 3))
     for k in range(len(which)):
         if which[k] >= 0:
             tip, normal = (tips[k, 0], tips[k, 1], tips[k, 2]), (nhat[k, 0], nhat[k, 1], nhat[k, 2])
-            values = capability_at(which[k], hand, tip, normal)
+            values = finger_measures_of(which[k], hand, tip, normal)
             measures[k, 0], measures[k, 1], measures[k, 2] = values
     return measures
 
 
 def hand_arrays(predicates: Predicates) -> tuple[FloatArray, ...]:
-    """Returns the numbers of the fingers' capability; none of them limits if it is unknown."""
-    parts = vars(predicates.capability or _UNKNOWN).values()
+    """Returns the numbers of the fingers' measures; none of them limits if they are unknown."""
+    parts = vars(predicates.finger_measures or _UNKNOWN).values()
     return tuple(np.require(part, float, ("C", "W")) for part in parts)
 
 

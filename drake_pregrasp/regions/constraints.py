@@ -14,7 +14,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import Solid, rounded_box_distances
 from drake_pregrasp.geometry.surface import ForbiddenPoints
-from drake_pregrasp.regions.finger_capability import CAPABILITIES, FingerCapability
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES, FingerMeasures
 from drake_pregrasp.regions.finger_reach import UNLIMITED, FingerReach, moved_reaches, reached
 
 NO_CAUSE = -1
@@ -39,7 +39,7 @@ class Limit(IntEnum):
     CROWDED = 2
     """Another contact, whose index is the cause."""
     REACH = 3
-    """The finger's reach, or its capability."""
+    """The finger's reach, or its measures."""
     OBSTACLE = 4
     """An obstacle, whose index is the cause."""
     WALL = 5
@@ -117,7 +117,7 @@ class Predicates:
     """Tests that a point on the surface must pass by itself, for n contacts, as plain arrays in O.
 
     A contact may have a point unless its normal is on a closed face, its finger does not reach it
-    or is not capable enough there, or the fingertip there is too near to an obstacle, at the
+    or has too small measures there, or the fingertip there is too near to an obstacle, at the
     contact, half-way to its standoff, or at its standoff. Both the reference and the compiled
     implementation use these arrays.
 
@@ -129,7 +129,7 @@ class Predicates:
             of the index.
         clearance: Least distance between fingertips and obstacles, in metres.
         standoff: Distance from the surface at which fingertips wait, in metres.
-        capability: Capability of the fingers, or None if it is unknown and not limited.
+        finger_measures: Measures of the fingers, or None if they are unknown and not limited.
     """
 
     contacts: FloatArray
@@ -137,12 +137,12 @@ class Predicates:
     points: FloatArray
     clearance: float
     standoff: float
-    capability: FingerCapability | None = None
+    finger_measures: FingerMeasures | None = None
 
     def at_tips(
         self, contacts: IntArray, points: FloatArray, normals: FloatArray
-    ) -> tuple[FingerCapability, FloatArray]:
-        """Returns the fingers' capability, and the centres of fingertips at points, shape (k, 3).
+    ) -> tuple[FingerMeasures, FloatArray]:
+        """Returns the fingers' measures, and the centres of fingertips at points, shape (k, 3).
 
         Args:
             contacts: As for `limits_at`, as the other arguments.
@@ -150,18 +150,18 @@ class Predicates:
             normals: Outward unit normals.
 
         Raises:
-            InvalidArgumentError: If the capability of the fingers is unknown.
+            InvalidArgumentError: If the measures of the fingers are unknown.
         """
-        if self.capability is None:
-            raise InvalidArgumentError(f"{', '.join(CAPABILITIES)} need the capability of a hand")
-        return self.capability, points + self.contacts[contacts, RADIUS, None] * normals
+        if self.finger_measures is None:
+            raise InvalidArgumentError(f"{', '.join(FINGER_MEASURES)} need the fingers of a hand")
+        return self.finger_measures, points + self.contacts[contacts, RADIUS, None] * normals
 
     def limits_at(
         self, contacts: IntArray, points: FloatArray, normals: FloatArray
     ) -> tuple[IntArray, IntArray]:
         """Returns the `Limit` that keeps a contact from its point, and its cause, shape (k,) each.
 
-        First come closed faces, then reach and capability, then obstacles in their order.
+        First come closed faces, then reach and measures, then obstacles in their order.
 
         Args:
             contacts: Index of each point's contact, shape (k,).
@@ -182,9 +182,9 @@ class Predicates:
             row = self.contacts[i, REACH_SOLID.start : SECTOR.stop]
             limits[own[~reached(row, points[own], normals[own], tips[own])]] = Limit.REACH
         free = np.flatnonzero(limits == Limit.NONE)
-        if self.capability is not None and self.capability.is_limiting:
-            capability, p_OT = self.at_tips(contacts[free], points[free], normals[free])
-            is_able = capability.permits(contacts[free], p_OT, normals[free])
+        if self.finger_measures is not None and self.finger_measures.is_limiting:
+            finger_measures, p_OT = self.at_tips(contacts[free], points[free], normals[free])
+            is_able = finger_measures.permits(contacts[free], p_OT, normals[free])
             limits[free[~is_able]] = Limit.REACH
             free = free[is_able]
         first = self._first_obstacles(points[free], normals[free], radii[free])
@@ -243,7 +243,7 @@ class RegionConstraints:
         reach: Reach of each contact's finger, or None; empty for no limit.
         reach_pose: Orientation and position in O of the frame in which `reach` is expressed; None
             for O itself.
-        capability: Capability of the fingers in O, with its least values; None if it is unknown.
+        finger_measures: Measures of the fingers in O, and least ones; None if they are unknown.
         closed: For each contact the areas, in O, that are forbidden to it but not to others; empty
             for none.
         same_side: Candidates that no wall hides from each contact, shape (n, N). Those behind a
@@ -261,7 +261,7 @@ class RegionConstraints:
     nhat_OC: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     reach: Sequence[FingerReach | None] = ()
     reach_pose: tuple[FloatArray, FloatArray] | None = None
-    capability: FingerCapability | None = None
+    finger_measures: FingerMeasures | None = None
     closed: Sequence[Sequence[AxisArea]] = ()
     same_side: BoolArray | None = None
     fencing: BoolArray | None = None
@@ -270,7 +270,7 @@ class RegionConstraints:
     def leaves_every_point(self) -> bool:
         """Whether `limits_at` permits every point to every contact."""
         blocked = self.obstacles.solids or len(self.obstacles.points) or any(self.closed)
-        blocked = blocked or (self.capability is not None and self.capability.is_limiting)
+        blocked = blocked or (self.finger_measures is not None and self.finger_measures.is_limiting)
         return not blocked and all(reach is None for reach in self.reach)
 
     def tip_radius(self, contact: int) -> float:
@@ -317,7 +317,7 @@ class RegionConstraints:
             points[np.argsort(points[:, 4], kind="stable")],
             self.clearance,
             self.standoff,
-            self.capability,
+            self.finger_measures,
         )
 
     def limits_at(

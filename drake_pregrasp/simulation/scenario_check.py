@@ -20,7 +20,7 @@ from drake_pregrasp.diagrams.expected_path import expected_poses
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors
 from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError, first_line
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
-from drake_pregrasp.regions.finger_capability import CAPABILITIES
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.simulation.grasp_check import (
     Problems,
     check_fingers_have_room,
@@ -86,8 +86,8 @@ def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     for name in ("tip_radii", "reach", "forbidden_faces"):
         values = getattr(scenario.planner.limits, name)
         yield from _length_problems(f"planner.limits.{name}", values, scenario.num_contacts)
-    if scenario.planner.needs_capability and not scenario.grasp.has_hand:
-        names = ", ".join(CAPABILITIES)
+    if scenario.planner.needs_finger_measures and not scenario.grasp.has_hand:
+        names = ", ".join(FINGER_MEASURES)
         yield "grasp.hand", f"none is given, but weights or limits of {names} need one"
     yield from grasp_problems(scenario, surface)
     yield from _obstacle_problems(scenario, surface)

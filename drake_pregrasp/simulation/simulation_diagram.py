@@ -50,11 +50,11 @@ def make_diagram(
     builder = DiagramBuilder()
     add = builder.AddNamedSystem
     p_OC, has_room = initial_contacts(scenario, surface)
-    hand = capability = None
+    hand = finger_measures = None
     if scenario.grasp.has_hand:
         model = scenario.load_hand_model(scenario.grasp.yaw_range)
-        if config.needs_capability:
-            capability = model.capability(surface)
+        if config.needs_finger_measures:
+            finger_measures = model.finger_measures(surface)
         hand = add_driven_hand(
             builder,
             scenario.object,
@@ -84,7 +84,7 @@ def make_diagram(
     weights = add("contact_weights", ContactWeights(values, losses))
     frames = None if hand is None else hand.tip_frames
     planner = AddPregraspPlanner(
-        builder, config, surface, p_OC, fingertip_frames=frames, capability=capability
+        builder, config, surface, p_OC, fingertip_frames=frames, finger_measures=finger_measures
     )
     monitor = GraspQualityMonitor(scenario.measures, surface=surface, num_contacts=n)
     add("grasp_quality_monitor", monitor)
@@ -96,7 +96,7 @@ def make_diagram(
         pose = add("hand_pose", HandPose(X_WH, follow=scenario.hand.follow))
         builder.Connect(planner.GetOutputPort("X_WO_estimated"), pose.get_input_port())
         builder.Connect(pose.get_output_port(), planner.GetInputPort("X_WH"))
-    if hand is not None and capability is not None:
+    if hand is not None and finger_measures is not None:
         connect(builder, hand.controller, "X_WU", planner)
     if hand is not None:
         _connect_hand(builder, scenario, hand, planner, grasp_sink)

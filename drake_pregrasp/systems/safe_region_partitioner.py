@@ -19,7 +19,7 @@ from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.solids import BallSolid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.constraints import UNCONSTRAINED, Obstacles, RegionConstraints
-from drake_pregrasp.regions.finger_capability import CAPABILITIES, FingerCapability
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES, FingerMeasures
 from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.obstacles import place_obstacles
 from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
@@ -73,7 +73,7 @@ class SafeRegionPartitioner(LeafSystem):
     with a limited reach can reach nothing.
 
     Port `X_WU` (optional) accepts a `RigidTransform`: the pose in W of the palm's frame U, in which
-    the fingers' capability is given. If the port is unconnected, U is H. If the pose is invalid,
+    the fingers' measures are given. If the port is unconnected, U is H. If the pose is invalid,
     the fingers can reach nothing.
 
     `obstacles`, `X_WH` and `X_WU` must be for the same time as `X_WO_estimated`: if the estimate
@@ -92,13 +92,13 @@ class SafeRegionPartitioner(LeafSystem):
             used; `PlannerConfig()` by default.
         surface: The object's surface.
         num_contacts: Number of contacts n.
-        capability: Capability of the fingers in U, from `HandModel.capability`; None if neither a
+        finger_measures: Measures of the fingers in U, from that method of `HandModel`; None if neither a
             weight nor a limit needs it.
 
     Raises:
         InvalidArgumentError: If a field of `config` is out of its range, a list in `limits` has
             neither 0 nor n elements, a gap or standoff lacks `tip_radii`, or a weight or a limit
-            lacks `capability`.
+            lacks `finger_measures`.
     """
 
     def __init__(
@@ -107,7 +107,7 @@ class SafeRegionPartitioner(LeafSystem):
         *,
         surface: ObjectSurface,
         num_contacts: int,
-        capability: FingerCapability | None = None,
+        finger_measures: FingerMeasures | None = None,
         **deprecated: Any,
     ) -> None:
         super().__init__()
@@ -128,12 +128,12 @@ class SafeRegionPartitioner(LeafSystem):
                 raise InvalidArgumentError(f"{name} must be {num_contacts} or none, not {count}")
         if max(limits.tip_gap, limits.standoff) > 0 and not len(limits.tip_radii):
             raise InvalidArgumentError("a tip gap or a standoff needs tip_radii")
-        if capability is None and config.needs_capability:
-            raise InvalidArgumentError(f"{', '.join(CAPABILITIES)} need the capability of a hand")
+        if finger_measures is None and config.needs_finger_measures:
+            raise InvalidArgumentError(f"{', '.join(FINGER_MEASURES)} need the fingers of a hand")
         self._limits, self._wall_test = limits, config.wall_test
-        self._capability = capability
-        if capability is not None:
-            self._capability = replace(capability, least=limits.least_capabilities())
+        self._finger_measures = finger_measures
+        if finger_measures is not None:
+            self._finger_measures = replace(finger_measures, least=limits.least_measures())
         self._tip_radii = np.array(limits.tip_radii, dtype=float)
         self._reach, self._closed = limits.reaches(), limits.closed()
         self._normal_length = config.normal_length
@@ -144,7 +144,7 @@ class SafeRegionPartitioner(LeafSystem):
         self._moments = np.linspace(0.0, limits.horizon, _MOMENTS)[1:] if limits.horizon else ()
         self._is_unlimited = (
             config.wall_test == "none"
-            and capability is None
+            and finger_measures is None
             and not len(self._tip_radii)
             and not any(self._reach)
             and not any(self._closed)
@@ -204,17 +204,17 @@ class SafeRegionPartitioner(LeafSystem):
         if in_world.solids or len(in_world.points):
             obstacles = place_obstacles(in_world, X_OW.rotation().matrix(), X_OW.translation())
             later = [self._obstacles_after(context, in_world, X_WO, t) for t in self._moments]
-        reach, capability = self._reach, self._capability
+        reach, finger_measures = self._reach, self._finger_measures
         X_OH = X_OU = self._hand_pose(self._X_WH, context, X_OW)
         if self._X_WU.HasValue(context):
             X_OU = self._hand_pose(self._X_WU, context, X_OW)
         if X_OH is None:
             reach, X_OH = [reach and _NOTHING for reach in self._reach], X_OW
-        if X_OU is None and capability is not None:
+        if X_OU is None and finger_measures is not None:
             reach = [_NOTHING] * self._num_contacts
-        elif X_OU is not None and capability is not None:
+        elif X_OU is not None and finger_measures is not None:
             R_OU, p_OU = X_OU.rotation().matrix(), X_OU.translation()
-            capability = replace(capability, R_OU=R_OU, p_OU=p_OU)
+            finger_measures = replace(finger_measures, R_OU=R_OU, p_OU=p_OU)
         return RegionConstraints(
             obstacles=obstacles,
             later=later,
@@ -226,7 +226,7 @@ class SafeRegionPartitioner(LeafSystem):
             nhat_OC=nhat_OC,
             reach=reach,
             reach_pose=(X_OH.rotation().matrix(), X_OH.translation()),
-            capability=capability,
+            finger_measures=finger_measures,
             closed=self._closed,
             same_side=same_side,
             fencing=fencing,

@@ -19,7 +19,7 @@ from drake_pregrasp.geometry.shapes import ball_shape
 from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
 from drake_pregrasp.quality.grasp_quality import CONTACT_MODELS
 from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
-from drake_pregrasp.regions.finger_capability import CAPABILITIES, FingerCapability
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES, FingerMeasures
 from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.regions.walls import SurfaceGraph, normals_agree
@@ -67,11 +67,11 @@ def random_reach(rng, center):
     )
 
 
-def random_capability(rng, n, *, k=3, nodes=4):
+def random_measures(rng, n, *, k=3, nodes=4):
     """Random lattices, with places where the finger is nowhere."""
     table = rng.uniform(0, 1, (n, nodes, nodes, nodes, 3 * k + 2))
     table[rng.random(table.shape[:4]) < 0.02] = np.nan
-    return FingerCapability(
+    return FingerMeasures(
         low=rng.uniform(-0.2, -0.05, (n, 3)),
         step=rng.uniform(0.05, 0.1, (n, 3)),
         table=table,
@@ -111,7 +111,7 @@ def random_constraints(rng, which, p_OC, forbidden, has):
         nhat_OQ=surface.nhat_OQ,
         nhat_OC=nhat_OC,
         reach=[random_reach(rng, p) for p in p_OC] if "reach" in has else (),
-        capability=random_capability(rng, n) if "capability" in has else None,
+        finger_measures=random_measures(rng, n) if "finger_measures" in has else None,
         closed=[
             [AxisArea(f) for f in rng.choice(faces, rng.integers(3), replace=False)]
             for _ in range(n)
@@ -124,7 +124,7 @@ def random_constraints(rng, which, p_OC, forbidden, has):
 
 
 PARTS = ("tips", "solids", "points", "horizon", "walls", "reach", "closed", "normals", "limits")
-PARTS += ("forbidden", "coincident", "capability")
+PARTS += ("forbidden", "coincident", "finger_measures")
 
 
 # Settings of the examples that were found.
@@ -163,7 +163,7 @@ FOUND |= {"best_point": False, "in_turns": False, "contact_model": "complete", "
     seed=947390,
     n=5,
     lost=0,
-    has=set(PARTS) - {"forbidden", "coincident", "capability"},
+    has=set(PARTS) - {"forbidden", "coincident", "finger_measures"},
     reading="hand",
     **FOUND,
 )
@@ -184,8 +184,8 @@ def test_a_tick_is_that_of_the_reference(
     in_turns,
 ):
     rng, surface = np.random.default_rng(seed), SURFACES[which]
-    if strategy in (*CAPABILITIES, "blend"):
-        has = has | {"capability"}
+    if strategy in (*FINGER_MEASURES, "blend"):
+        has = has | {"finger_measures"}
     q = surface.p_OQ[rng.choice(len(surface.p_OQ), n)]
     p_OC, nhat_OC = surface.project(q + 1e-3 * rng.normal(size=(n, 3)))
     h = 1e-4 * rng.normal(size=n)

@@ -39,7 +39,7 @@ from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.grasping.grasp_state import NOT_HINDERED
-from drake_pregrasp.regions.finger_capability import FingerCapability
+from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.systems.sources import HandPose
 
@@ -70,17 +70,17 @@ def make_selector(surface, p_OC, limits=None, fingertip_frames=None, **changes):
     return CentroidSelector(config, surface=surface, p_OC=p_OC, fingertip_frames=fingertip_frames)
 
 
-def make_partitioner(surface, num_contacts=N, limits=None, capability=None, **changes):
-    config, own = planner_config(limits, **changes), {"capability": capability}
+def make_partitioner(surface, num_contacts=N, limits=None, finger_measures=None, **changes):
+    config, own = planner_config(limits, **changes), {"finger_measures": finger_measures}
     return SafeRegionPartitioner(config, surface=surface, num_contacts=num_contacts, **own)
 
 
-def sloping_capability(size=0.2):
+def sloping_measures(size=0.2):
     """Fingers whose joint range grows along x of the palm from 0 to 1/2."""
     table = np.zeros((N, 2, 2, 2, 3 + 2))
     table[:, 1, ..., -1] = 0.5
     low, step = np.full((N, 3), -size), np.full((N, 3), 2 * size)
-    return FingerCapability(low, step, table, efforts=np.ones((N, 1)))
+    return FingerMeasures(low, step, table, efforts=np.ones((N, 1)))
 
 
 def make_estimator(period=PERIOD, p_OCoM=None, **changes):
@@ -166,7 +166,7 @@ def regions_of(surface, p_OC, weights=None):
 
 def partition(surface, p_OC, inputs=None, X=X_WO, **settings):
     """The safe regions of contacts at p_OC on an object at X."""
-    names = ("wall_test", "normal_length", "capability")
+    names = ("wall_test", "normal_length", "finger_measures")
     own = {k: settings.pop(k) for k in names if k in settings}
     driven = Driven(make_partitioner(surface, len(p_OC), settings, **own))
     driven.fix(X_WO_estimated=X, p_WC=(X @ p_OC.T).T.ravel())
@@ -196,7 +196,7 @@ MAKERS = {
     "sensor with memory": lambda: NoisyPoseSensor(SensorConfig(0.1, 0.1, FAULTS), period=0.1),
     "estimator": make_estimator,
     "partitioner": lambda: make_partitioner(
-        SURFACE, limits=LIMITS, capability=sloping_capability()
+        SURFACE, limits=LIMITS, finger_measures=sloping_measures()
     ),
     "selector": lambda: make_selector(SURFACE, P_OC),
     "hand pose": lambda: HandPose(X_G),

@@ -16,12 +16,12 @@ from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_strategy
 from drake_pregrasp.quality.grasp_quality import manipulability_volume
 from drake_pregrasp.regions.constraints import Limit, RegionConstraints
-from drake_pregrasp.regions.finger_capability import CAPABILITIES
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.hand_file import load_hand_model
 
 R_TIP = HAND.tip_radii[0]
-CAPABILITY = HAND.capability(CUBE)
+MEASURES = HAND.finger_measures(CUBE)
 
 
 def drake_finger(hand, finger, q_own):
@@ -65,7 +65,7 @@ def test_lattices_are_drakes_kinematics(finger):
     own, q = reached_candidates(finger)
     chain, nhat = HAND.finger_chains[finger], CUBE.nhat_OQ[own]
     tips = CUBE.p_OQ[own] + R_TIP * nhat
-    volume, joint_range, force = CAPABILITY.at(np.full(len(own), finger), tips, nhat).T
+    volume, joint_range, force = MEASURES.at(np.full(len(own), finger), tips, nhat).T
     J = np.array([drake_finger(HAND, finger, q_own)[1] for q_own in q])
     exact = manipulability_volume(J)
     errors = np.abs(volume - exact) / np.max(exact)
@@ -81,24 +81,26 @@ def test_lattices_are_drakes_kinematics(finger):
     assert np.all(0.98 * loads < 1)
 
 
-@pytest.mark.parametrize("name", CAPABILITIES)
-def test_weights_lead_to_the_most_capable_place(name):
+@pytest.mark.parametrize("name", FINGER_MEASURES)
+def test_weights_lead_to_the_best_place_for_the_finger(name):
     selection = SelectionInput(CUBE, P_OC, limited_regions(), np.eye(3))
     goals = best_points(selection, range(5), make_strategy(name))
-    column, tips = CAPABILITIES.index(name), CUBE.p_OQ + R_TIP * CUBE.nhat_OQ
+    column, tips = FINGER_MEASURES.index(name), CUBE.p_OQ + R_TIP * CUBE.nhat_OQ
     for i in range(5):
         own = selection.regions.members(i)
-        values = CAPABILITY.at(np.full(len(own), i), tips[own], CUBE.nhat_OQ[own])[:, column]
+        values = MEASURES.at(np.full(len(own), i), tips[own], CUBE.nhat_OQ[own])[:, column]
         np.testing.assert_array_equal(goals[i], CUBE.p_OQ[own[np.nanargmax(values)]])
     alone = selection_of(CUBE, P_OC)
-    with pytest.raises(InvalidArgumentError, match="need the capability of a hand"):
+    with pytest.raises(InvalidArgumentError, match="need the fingers of a hand"):
         best_points(alone, range(5), make_strategy(name))
 
 
 def limited_regions(**least):
-    capability = replace(CAPABILITY, least=LimitsConfig(**least).least_capabilities())
+    finger_measures = replace(MEASURES, least=LimitsConfig(**least).least_measures())
     tips = np.full(5, R_TIP)
-    constraints = RegionConstraints(tip_radii=tips, nhat_OQ=CUBE.nhat_OQ, capability=capability)
+    constraints = RegionConstraints(
+        tip_radii=tips, nhat_OQ=CUBE.nhat_OQ, finger_measures=finger_measures
+    )
     constraints = replace(constraints, nhat_OC=CUBE.project(P_OC)[1])
     return compute_safe_regions(CUBE.p_OQ, P_OC, np.zeros(5), CUBE.forbidden, constraints)
 
@@ -114,7 +116,7 @@ P_OC = RING[assign_fingers_round(HAND.azimuths, _azimuths, largest_offset=np.ful
 def test_a_larger_least_value_only_takes_candidates_away(name, levels):
     free = limited_regions().labels
     tips = CUBE.p_OQ + R_TIP * CUBE.nhat_OQ
-    values = CAPABILITY.at(free, tips, CUBE.nhat_OQ)[:, CAPABILITIES.index(name)]
+    values = MEASURES.at(free, tips, CUBE.nhat_OQ)[:, FINGER_MEASURES.index(name)]
     sizes = []
     for level in levels:
         regions = limited_regions(**{name: level})

@@ -1,4 +1,4 @@
-"""Capability of fingers at their contacts: manipulability, joint range and force."""
+"""Hand-centric measures of contacts: manipulability, joint range and force of their fingers."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,8 +12,8 @@ from scipy.stats.qmc import Halton
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.quality.grasp_quality import manipulability_volume
 
-CAPABILITIES = ("manipulability", "joint_range", "finger_force")
-"""Names of the measures, in the order of `FingerCapability.at`."""
+FINGER_MEASURES = ("manipulability", "joint_range", "finger_force")
+"""Names of the measures, in the order of `FingerMeasures.at`."""
 
 LEAST_ARM = 1e-3
 """Least lever arm of a force about a joint, in metres, so that all forces are finite."""
@@ -102,8 +102,8 @@ class FingerChain:
 
 
 @dataclass(frozen=True, eq=False)
-class FingerCapability:
-    """Capability of n fingers at places of their tips, as lattices in the palm's frame U.
+class FingerMeasures:
+    """Measures of n fingers at places of their tips, as lattices in the palm's frame U.
 
     Attributes:
         low: Corner of each finger's lattice in U, shape (n, 3), in metres.
@@ -112,7 +112,7 @@ class FingerCapability:
             range, shape (n, N, N, N, 3k + 2); NaN where the finger cannot bring its tip near the
             node. Fingers with fewer than k joints have columns of zeros.
         efforts: Largest torques or forces of the joints, shape (n, k), in N m or N.
-        least: Least value of each of the `CAPABILITIES` at a contact, shape (3,); 0 for no limit.
+        least: Least value of each of the `FINGER_MEASURES` at a contact, shape (3,); 0 for no limit.
         R_OU: Orientation of U in the frame O of the places, shape (3, 3).
         p_OU: Position of U in O, shape (3,), in metres.
     """
@@ -131,7 +131,7 @@ class FingerCapability:
         return bool(np.any(self.least > 0))
 
     def at(self, fingers: IntArray, p_OT: FloatArray, normals: FloatArray) -> FloatArray:
-        """Returns the `CAPABILITIES` of fingers at places, shape (m, 3); NaN out of their lattice.
+        """Returns the `FINGER_MEASURES` of fingers at places, shape (m, 3); NaN out of their lattice.
 
         - Manipulability sqrt(det(J Jᵀ)) of the fingertip's Jacobian J (Yoshikawa, 1985), in m³.
         - Joint range: least distance of a joint to its limits over their distance, from 0 to 1/2.
@@ -171,8 +171,8 @@ class FingerCapability:
         return permitted
 
 
-def finger_capability(fingers: Sequence[FingerChain], radius: float) -> FingerCapability:
-    """Returns the capability of a hand's fingers around the origin of U, without limits.
+def make_finger_measures(fingers: Sequence[FingerChain], radius: float) -> FingerMeasures:
+    """Returns the measures of a hand's fingers around the origin of U, without limits.
 
     The posture at a node is the one closest to home, as that of a hand whose joints are drawn home
     while its tips follow their goals.
@@ -183,11 +183,11 @@ def finger_capability(fingers: Sequence[FingerChain], radius: float) -> FingerCa
     """
     most = max(len(finger.home) for finger in fingers)
     parts = [_lattice(finger, radius, most) for finger in fingers]
-    return FingerCapability(*map(np.array, zip(*parts, strict=True)))
+    return FingerMeasures(*map(np.array, zip(*parts, strict=True)))
 
 
 def _lattice(finger: FingerChain, radius: float, most: int) -> tuple[FloatArray, ...]:
-    """Returns the rows of a finger in the first four attributes of `FingerCapability`."""
+    """Returns the rows of a finger in the first four attributes of `FingerMeasures`."""
     tips, absent = finger.tips(finger.samples())[0], (0, most - len(finger.home))
     low = np.maximum(np.min(tips, axis=0), -radius)
     high = np.maximum(np.minimum(np.max(tips, axis=0), radius), low + _LEAST_SIZE)
