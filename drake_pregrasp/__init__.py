@@ -4,7 +4,12 @@ from drake_pregrasp.config.grasp_config import GraspConfig, hand_limits
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.limits_config import BallReach, BoxReach, LimitsConfig, SectorReach
 from drake_pregrasp.config.object_config import Box, Conveyor
-from drake_pregrasp.config.planner_config import BlendConfig, EstimatorConfig, PlannerConfig
+from drake_pregrasp.config.planner_config import (
+    BlendConfig,
+    CoordinateConfig,
+    EstimatorConfig,
+    PlannerConfig,
+)
 from drake_pregrasp.contacts.assignment import ring_contacts
 from drake_pregrasp.contacts.goal_limits import Pair
 from drake_pregrasp.contacts.selection_input import ContactStatus, SelectionInput, WeightFunction
@@ -26,6 +31,7 @@ from drake_pregrasp.geometry.shapes import load_shape
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace
 from drake_pregrasp.geometry.surface import ForbiddenPoints, ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GiveUp, GraspPhase
+from drake_pregrasp.regions.capability_weights import capability_weights
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.hand_file import load_hand
@@ -64,6 +70,7 @@ __all__ = [
     "CentroidSelector",
     "ContactStatus",
     "Conveyor",
+    "CoordinateConfig",
     "EstimatorConfig",
     "FingertipGoalShaper",
     "FingertipSensor",
@@ -111,6 +118,7 @@ __all__ = [
     "__version__",
     "add_hand_model",
     "box_surface",
+    "capability_weights",
     "compute_safe_regions",
     "hand_limits",
     "load_hand",

@@ -1,5 +1,6 @@
 import dataclasses
 import re
+import runpy
 import shutil
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from drake_pregrasp import (
     AddPregraspPlanner,
     MeasurementVerdict,
     PlannerConfig,
+    ScenarioError,
     TrackingStatus,
     load_scenario,
     run,
@@ -39,6 +41,25 @@ def thing(tmp_path, monkeypatch):
     """A mesh file in millimetres, in the working directory."""
     monkeypatch.chdir(tmp_path)
     trimesh.creation.cone(radius=40, height=110).export("thing.stl")
+
+
+def test_the_first_run_changes_what_the_page_says():
+    text = (DOCS / "first_run.md").read_text(encoding="utf-8")
+    faster, misspelt = re.findall(r"--scenario_text '(.*?)'", text)
+    assert load_scenario("a_base", text=faster).planner.strategy == "vew"
+    with pytest.raises(ScenarioError, match="planner"):
+        load_scenario("a_base", text=misspelt)
+
+
+def test_a_scenario_in_the_way_of_hardware_sim_runs(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    Path("mine.yaml").write_text(block("hardware_sim.md", "yaml"))
+    code = block("hardware_sim.md", "python").replace(
+        "ApplySimulatorConfig(scenario.simulator_config, simulator)", ""
+    )
+    names = executed("hardware_sim.md", code)
+    assert names["scenario"].simulator_config.target_realtime_rate == 1.0
+    assert names["simulator"].get_context().get_time() == 1.0
 
 
 @pytest.mark.slow
@@ -120,12 +141,26 @@ def test_the_guide_to_a_hand_of_your_own_grasps_with_it(example, monkeypatch, tm
     assert grasp["lift_height_mm"] > 98
 
 
-@pytest.mark.parametrize(
-    "page", sorted([*DOCS.glob("*.md"), *ROOT.glob("*.md")]), ids=lambda page: page.name
-)
+PAGES = sorted([*DOCS.rglob("*.md"), *DOCS.rglob("*.ipynb"), *ROOT.glob("*.md")])
+
+
+def links(page):
+    text = page.read_text(encoding="utf-8")
+    return re.findall(r"\]\((?!https)([^)#]+)[^)]*\)", text)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_links_lead_somewhere(page):
-    for target in re.findall(r"\]\((?!https)([^)#]+)[^)]*\)", page.read_text(encoding="utf-8")):
+    for target in links(page):
         assert (page.parent / target).exists(), target
+
+
+def test_the_index_names_each_page_once():
+    named = [(DOCS / target).resolve() for target in links(DOCS / "index.md")]
+    others = {DOCS / "index.md", ROOT / "README.md"}
+    assert set(named) == set(PAGES) - others
+    twice = {page.name for page in named if named.count(page) > 1}
+    assert twice <= {"first_run.md", "tour.ipynb"}  # Where to begin.
 
 
 def test_the_page_on_the_study_says_what_the_code_does():
@@ -214,7 +249,7 @@ def test_the_page_on_run_folders_explains_every_column_and_key(base_run):
     for shown, columns in ((log, log_columns(2)), (grasp, grasp_columns(2))):
         named = {name.format(i=i) for name in shown for i in range(2)}
         assert named == set(columns)
-    assert set(summary) == {*base_run.summary, "after_damage", "grasp"}
+    assert set(summary) == {*base_run.summary, "after_damage", "coordinates", "grasp"}
 
 
 def test_the_page_on_faults_has_a_row_for_each_verdict_and_status():
@@ -242,3 +277,22 @@ def test_the_goals_of_a_pose_stream_follow(capsys):
     ahead = names["measure"](names["time"] + names["estimator"].lookahead)
     p_OC = (ahead.inverse() @ names["p_WC"].T).T
     assert np.max(names["surface"].distance(p_OC)) < 2e-3
+
+
+def test_the_loop_at_100_hz_keeps_its_time(capsys):
+    diagram = block("pose_stream.md", "python").partition("for tick in")[0]
+    assert diagram.count("period=0.02") == 1
+    loop = block("control_loop.md", "python").replace("range(200)", "range(20)")
+    names = executed("control_loop.md", diagram.replace("period=0.02", "period=0.01") + loop)
+    assert names["monotonic"]() - names["start"] >= 0.19
+    assert names["context"].get_time() == pytest.approx(0.2)
+    assert re.fullmatch(r"tick [\d.]+ ms .*\n", capsys.readouterr().out)
+
+
+@pytest.mark.slow
+def test_the_pictures_of_the_method_are_made(tmp_path):
+    runpy.run_path(str(DOCS / "method" / "make_pictures.py"))["main"](tmp_path)
+    made = {path.name for path in tmp_path.iterdir()}
+    assert made == {path.name for path in (DOCS / "method").glob("*.png")}
+    text = (DOCS / "equations.md").read_text(encoding="utf-8")
+    assert all(f"(method/{name})" in text for name in made)

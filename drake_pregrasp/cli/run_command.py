@@ -108,7 +108,7 @@ def _measures_in_words(summary: Mapping[str, Any]) -> Iterator[str]:
     if phases["max"]["q_msv"] is None:
         phases = summary
     elif phases is not summary:
-        yield "damage      fingers are lost: static and best are those of the remaining ones"
+        yield "damage      fingers are lost: static and best are those of the ones left at the end"
     static, best = phases["static"], phases["max"]
     for key, words in (("left", "left the table"), ("lost", "was lost for good")):
         if (at := summary[f"object_{key}_at"]) is not None:
@@ -168,6 +168,7 @@ def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
     add("--out", default="runs", metavar="FOLDER", help="folder of run folders (%(default)s)")
     add("--overwrite", action="store_true", help="replace a run of another scenario")
     add("--no-recording", action="store_true", help="do not make recording.html")
+    add("--mcap", action="store_true", help="also write run.mcap for Foxglove (extra wire)")
     add("--graphviz", metavar="FILE", help="write the diagram to this file, without a simulation")
 
 
@@ -183,6 +184,7 @@ def _run(options: argparse.Namespace) -> int:
             name=name,
             out=options.out,
             recording=not options.no_recording,
+            mcap=options.mcap,
             overwrite=options.overwrite,
             on_tick=on_tick,
             should_stop=should_stop,

@@ -8,6 +8,7 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.object_config import POINT, BoxFields, zeros
 from drake_pregrasp.contacts.goal_limits import ContactLimits, Pair
 from drake_pregrasp.contacts.quality_guard import GUARDS, guard_measure
+from drake_pregrasp.contacts.reassignment import ReassignmentRule
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.box_surface import BOX_FACES
 from drake_pregrasp.geometry.mesh_surface import AxisArea
@@ -149,6 +150,9 @@ class LimitsConfig:
 
     # Whether a contact with an empty region moves to the closest point that it may touch.
     recover: bool = False
+
+    # When fingers exchange contacts, or take those of an equivalent grasp; needs `reach`.
+    reassign: ReassignmentRule = field(default_factory=ReassignmentRule)
 
     def reaches(self) -> list[FingerReach | None]:
         """Returns the reach of each finger in H, or None if it is unlimited; empty for all."""

@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.math import RollPitchYaw
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.estimation.recorded_poses import RecordedPoses, read_recorded_poses
+from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.geometry.random_objects import OBJECTS_URL, random_object
 from drake_pregrasp.geometry.shapes import (
     Shape,
@@ -19,6 +19,7 @@ from drake_pregrasp.geometry.shapes import (
 )
 from drake_pregrasp.geometry.solids import BoxSolid
 from drake_pregrasp.resources import resolve_path
+from drake_pregrasp.wires.pose_files import read_poses
 
 
 def zeros() -> list[float]:
@@ -249,9 +250,16 @@ class PoseStream:
     """Recorded poses of the object, from a camera or another program."""
 
     # CSV file with the header time,x,y,z,qw,qx,qy,qz: seconds, metres and a unit quaternion, the
-    # pose of the object O in W. A path is relative to the folder of the scenario's file; a path
-    # after package://drake_pregrasp/ is relative to the folder of the package's models.
+    # pose of the object O in W; or an MCAP file, or the folder of a rosbag2 (extra `wire`). A path
+    # is relative to the folder of the scenario's file; a path after package://drake_pregrasp/ is
+    # relative to the folder of the package's models.
     file: str = field(default="", metadata={"required": True, "path": True})
+
+    # Topic of the poses in an MCAP file or a rosbag2; empty for the only one.
+    topic: str = ""
+
+    # Name of the object's frame O, if messages have transforms; empty for the only one.
+    frame: str = ""
 
     def read(self) -> RecordedPoses:
         """Returns the poses in the file.
@@ -259,7 +267,7 @@ class PoseStream:
         Raises:
             InvalidArgumentError: If the file cannot be read, or holds no valid poses.
         """
-        return read_recorded_poses(resolve_path(self.file, Path.cwd()))
+        return read_poses(resolve_path(self.file, Path.cwd()), self.topic, self.frame)
 
 
 MotionConfig = Conveyor | Toss | Push | PoseStream

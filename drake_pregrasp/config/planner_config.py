@@ -11,8 +11,12 @@ from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
 from drake_pregrasp.estimation.pose_tracker import TrackerSettings
 from drake_pregrasp.quality.force_closure import FRICTION, TORSIONAL_FRICTION
 from drake_pregrasp.quality.grasp_quality import CONTACT_MODELS
+from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.regions.walls import WALL_TESTS
+
+LARGEST_SCALE = 1e4
+"""Largest number of metres per unit of a further coordinate."""
 
 MOST_LATE = 1000
 """Largest number of used measurements that may be newer than an out-of-sequence one."""
@@ -123,6 +127,7 @@ def tracker_settings(config: EstimatorConfig, p_OCoM: FloatArray | None = None) 
 class BlendConfig:
     """Relative weights of the strategies in a blend."""
 
+    # Weight of the strategy of that name.
     position: float = field(default=0.0, metadata=_WEIGHT)
     msv: float = field(default=0.0, metadata=_WEIGHT)
     gii: float = field(default=0.0, metadata=_WEIGHT)
@@ -131,6 +136,26 @@ class BlendConfig:
     manipulability: float = field(default=0.0, metadata=_WEIGHT)
     joint_range: float = field(default=0.0, metadata=_WEIGHT)
     finger_force: float = field(default=0.0, metadata=_WEIGHT)
+
+
+@dataclass
+class CoordinateConfig:
+    """A further coordinate of Eq. 1, such as a force: what fingers offer and places demand."""
+
+    # Name of the quantity, for the reader.
+    name: str = ""
+
+    # Metres that count as much as one unit of the quantity.
+    scale: float = field(
+        default=1.0, metadata={"required": True, "above": 0, "at_most": LARGEST_SCALE}
+    )
+
+    # Quantity at the candidates: one that follows from the surface, or that of the port
+    # candidate_coordinates.
+    candidates: str = field(default=GIVEN, metadata={"one_of": (GIVEN, *QUANTITIES)})
+
+    # Quantity of each contact's finger. Empty: the one at the contact's place on the surface.
+    fingers: list[float] = field(default_factory=list, metadata={"at_least": -1e6, "at_most": 1e6})
 
 
 @dataclass
@@ -191,6 +216,9 @@ class PlannerConfig:
     # If above zero, regions are evaluated in six coordinates: points, and outward normals times
     # this length in metres. Regions then prefer surface that faces the same way as their contact.
     normal_length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
+
+    # Further coordinates of Eq. 1.
+    coordinates: list[CoordinateConfig] = field(default_factory=list, metadata={"max_length": 8})
 
     limits: LimitsConfig = field(default_factory=LimitsConfig)
 

@@ -155,11 +155,13 @@ class ContactGoals:
         p_OC: Contact points, shape (n, 3), in metres.
         status: `ContactStatus` of each contact, shape (n,).
         causes: Index of the contact or obstacle that causes each status, or `NO_CAUSE`, shape (n,).
+        reassigned: Whether fingers have changed contacts, so that goals jump.
     """
 
     p_OC: FloatArray
     status: FloatArray
     causes: FloatArray
+    reassigned: bool = False
 
     @property
     def active(self) -> BoolArray:

@@ -29,6 +29,8 @@ class PregraspPlanner(Diagram):
         - X_WH
         - hold_contacts
         - V_WO_held
+        - finger_coordinates
+        - candidate_coordinates
         - X_WU
         output_ports:
         - p_WC
@@ -48,8 +50,9 @@ class PregraspPlanner(Diagram):
     The ports are those of the systems inside, which document them: `X_WO_measured`,
     `measurement_time` and `V_WO_held` (both optional), `X_WO_estimated`, `V_WO_estimated`,
     `p_WO_covariance`, `tracking_status`, `time_since_measurement`, `measurement_verdict` and
-    `innovation_squared` of `PoseEstimator`; `contact_weights`, `obstacles`, `X_WH`, `X_WU` (all
-    optional) and `safe_regions` of `SafeRegionPartitioner`; `hold_contacts` (optional), `p_WC`,
+    `innovation_squared` of `PoseEstimator`; `contact_weights`, `obstacles`, `X_WH`,
+    `finger_coordinates`, `candidate_coordinates`, `X_WU` (all optional) and `safe_regions` of
+    `SafeRegionPartitioner`; `hold_contacts` (optional), `p_WC`,
     `contact_status`, `contact_causes`, `fingertip_targets` and `p_WC_previous` of
     `CentroidSelector`.
 
@@ -107,7 +110,7 @@ class PregraspPlanner(Diagram):
         export_inputs(builder, "contact_weights obstacles X_WH", partitioner)
         export_inputs(builder, "hold_contacts", selector)
         export_inputs(builder, "V_WO_held", estimator)
-        export_inputs(builder, "X_WU", partitioner)
+        export_inputs(builder, "finger_coordinates candidate_coordinates X_WU", partitioner)
         export_outputs(builder, selector, "p_WC contact_status fingertip_targets")
         export_outputs(builder, estimator, "X_WO_estimated V_WO_estimated p_WO_covariance")
         export_outputs(builder, partitioner, "safe_regions")

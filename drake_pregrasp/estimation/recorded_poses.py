@@ -2,7 +2,7 @@
 
 import csv
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from io import StringIO
 from pathlib import Path
@@ -50,6 +50,13 @@ class RecordedPoses:
     p_WO: FloatArray
     R_WO: Rotation
 
+    @staticmethod
+    def from_rows(rows: Sequence[Sequence[float]]) -> "RecordedPoses":
+        """Returns the poses of checked rows (`check_pose`), at least one."""
+        table = np.array(rows)
+        quaternions = np.roll(table[:, _QUATERNION], -1, axis=1)
+        return RecordedPoses(table[:, 0], table[:, _POSITION], Rotation.from_quat(quaternions))
+
     def at(self, time: float) -> tuple[FloatArray, Rotation]:
         """Returns position and orientation at a time, in seconds.
 
@@ -78,17 +85,14 @@ def read_recorded_poses(path: Path) -> RecordedPoses:
     """
     text = read_bounded_text(path, MAX_BYTES)
     try:
-        table = np.array(list(_rows(text)))
+        rows = list(_rows(text))
     except csv.Error as error:
         raise InvalidArgumentError(f"{path}: cannot be read: {error}") from error
     except InvalidArgumentError as error:
         raise InvalidArgumentError(f"{path}: {error}") from error
-    if not len(table):
+    if not rows:
         raise InvalidArgumentError(f"{path}: has no poses; at least one row must follow the header")
-    quaternions = table[:, _QUATERNION]
-    return RecordedPoses(
-        table[:, 0], table[:, _POSITION], Rotation.from_quat(np.roll(quaternions, -1, axis=1))
-    )
+    return RecordedPoses.from_rows(rows)
 
 
 def _lines(text: str) -> Iterator[str]:
@@ -125,7 +129,7 @@ def _rows(text: str) -> Iterator[list[float]]:
             _number(f"{row}, column {name}", cells[place])
             for name, place in zip(COLUMNS, places, strict=True)
         ]
-        _check_row(row, values, previous)
+        check_pose(row, values, previous)
         previous = values[0]
         yield values
 
@@ -140,7 +144,18 @@ def _number(place: str, cell: str) -> float:
     return value
 
 
-def _check_row(row: str, values: list[float], previous: float) -> None:
+def check_pose(row: str, values: Sequence[float], previous: float) -> None:
+    """Raises an error unless a row is a pose.
+
+    Args:
+        row: Name of the row, for the message.
+        values: Finite values of `COLUMNS`.
+        previous: Time of the row before, in seconds.
+
+    Raises:
+        InvalidArgumentError: If the time does not increase, the position is too far away, or the
+            quaternion has not length 1.
+    """
     if not values[0] > previous:
         raise InvalidArgumentError(
             f"{row}, column time: {values[0]:g} must be more than {previous:g} before it"

@@ -44,9 +44,9 @@ class Triangles:
         away = np.linalg.norm(self.corners - self.centroids[:, None], axis=2)
         return np.asarray(np.max(away, axis=1))
 
-    def chosen(self, mask: BoolArray) -> "Triangles":
-        """Returns the triangles that a mask, shape (T,), selects."""
-        return Triangles(self.corners[mask], self.normals[mask], self.faces[mask])
+    def chosen(self, which: BoolArray | IntArray) -> "Triangles":
+        """Returns the triangles that a mask, shape (T,), or their indices select."""
+        return Triangles(self.corners[which], self.normals[which], self.faces[which])
 
 
 def split_triangles(corners: FloatArray, normals: FloatArray, longest_edge: float) -> Triangles:

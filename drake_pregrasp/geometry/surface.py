@@ -196,6 +196,11 @@ class ObjectSurface:
         best = nearest[np.searchsorted(point[nearest], np.arange(len(p_OP)))]
         return closest[best], self._triangles.normals[triangles[best]]
 
+    def nearest_candidates(self, p_OP: FloatArray) -> IntArray:
+        """Returns the candidate nearest to each point of shape (k, 3), in metres, shape (k,)."""
+        nearest: IntArray = self._tree.query(p_OP)[1]
+        return nearest
+
     def candidates_within(self, p_OP: FloatArray, distance: float) -> IntArray:
         """Returns the candidates whose patches come that near to a point p_OP, or nearly, (k,)."""
         reach = (distance + self._triangle_radius) * _ROUNDING

@@ -112,7 +112,7 @@ class FingerMeasures:
             range, shape (n, N, N, N, 3k + 2); NaN where the finger cannot bring its tip near the
             node. Fingers with fewer than k joints have columns of zeros.
         efforts: Largest torques or forces of the joints, shape (n, k), in N m or N.
-        least: Least value of each of the `FINGER_MEASURES` at a contact, shape (3,); 0 for no limit.
+        least: Least value of each of the `FINGER_MEASURES`, shape (3,); 0 for no limit.
         R_OU: Orientation of U in the frame O of the places, shape (3, 3).
         p_OU: Position of U in O, shape (3,), in metres.
     """
@@ -131,7 +131,7 @@ class FingerMeasures:
         return bool(np.any(self.least > 0))
 
     def at(self, fingers: IntArray, p_OT: FloatArray, normals: FloatArray) -> FloatArray:
-        """Returns the `FINGER_MEASURES` of fingers at places, shape (m, 3); NaN out of their lattice.
+        """Returns the `FINGER_MEASURES` at places, shape (m, 3); NaN outside the lattice.
 
         - Manipulability sqrt(det(J Jᵀ)) of the fingertip's Jacobian J (Yoshikawa, 1985), in m³.
         - Joint range: least distance of a joint to its limits over their distance, from 0 to 1/2.

@@ -66,6 +66,23 @@ class FingerReach:
         """
         return reached(self.row, contacts, normals, tips)
 
+    def place(self, contact: FloatArray) -> FloatArray:
+        """Returns the place at which the finger reaches most easily, shape (3,), in metres.
+
+        It is the centre of the solid, if there is one. Without, it is as high and as far from the
+        axis as the contact, in the direction of the finger; without that, the contact itself.
+
+        Args:
+            contact: Contact of the finger in F, shape (3,), in metres.
+        """
+        if self.solid is not None:
+            return self.solid.rounded_box()[:3]
+        if self.direction is None:
+            return contact
+        level = self._level(contact - self.origin)
+        place: FloatArray = contact - level + np.linalg.norm(level) * self.row[25:28]
+        return place
+
     @cached_property
     def row(self) -> FloatArray:
         """The reach as plain numbers, shape (33,); see `reached`."""

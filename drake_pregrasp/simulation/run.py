@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Context, Diagram, EventStatus
@@ -24,10 +25,15 @@ from drake_pregrasp.simulation.scenario_check import check_recording
 from drake_pregrasp.simulation.scenario_file import check_scenario, dump_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.summary import plot_metrics, summarize, summarize_grasp
+from drake_pregrasp.systems.drawing import contact_color
 from drake_pregrasp.systems.loggers import TickRecord
+from drake_pregrasp.wires.mcap_log import McapLog
+
+MCAP_FILE = "run.mcap"
+"""Name of the log for Foxglove, which is made on demand."""
 
 _INPUT_FILES = ("scenario.yaml", "diagram.dot", "diagram.svg")
-_RESULTS = ("log.csv", "grasp.csv", "summary.json", "metrics.png", "recording.html")
+_RESULTS = ("log.csv", "grasp.csv", "summary.json", "metrics.png", "recording.html", MCAP_FILE)
 
 RUN_FILES = (*_INPUT_FILES, *_RESULTS)
 """Names of the files of a run folder. A new run replaces these and no other files."""
@@ -59,6 +65,7 @@ def run(
     name: str,
     out: str | Path = "runs",
     recording: bool = True,
+    mcap: bool = False,
     overwrite: bool = False,
     on_tick: Callable[[TickRecord], None] | None = None,
     should_stop: Callable[[], bool] | None = None,
@@ -72,6 +79,7 @@ def run(
         name: Name of the run folder, made of letters, digits, `_`, `-` and `.`.
         out: Parent of the run folders, made if it does not exist.
         recording: Whether to write `recording.html`.
+        mcap: Whether to write `run.mcap`, which Foxglove shows; it needs the extra `wire`.
         overwrite: Whether to replace even a run of another scenario.
         on_tick: Function that is called with each planning tick.
         should_stop: Function that is called after each step; if it returns true, the run ends
@@ -79,6 +87,7 @@ def run(
 
     Raises:
         ScenarioError: If the scenario or the name is invalid.
+        InvalidArgumentError: If a package of the extra `wire` is needed and not installed.
         OutputError: If the run folder cannot be written, has a run of another scenario, or is in
             use by another run.
     """
@@ -97,7 +106,7 @@ def run(
                 " folder with --out, or replace it with --overwrite (in Python: out, overwrite)"
             )
         meshcat = start_meshcat() if recording else None
-        logged = LoggedRun(scenario, folder, meshcat=meshcat, on_tick=on_tick)
+        logged = LoggedRun(scenario, folder, meshcat=meshcat, mcap=mcap, on_tick=on_tick)
         with output.writing(folder):  # Last, when everything is known to be valid.
             for file in earlier:
                 file.unlink()
@@ -135,6 +144,7 @@ class LoggedRun:
         scenario: Checked scenario to simulate.
         folder: Folder for `log.csv` and, with a hand, `grasp.csv`.
         meshcat: Viewer that records the simulation; None for no recording.
+        mcap: Whether to write `run.mcap`.
         on_tick: Function that is called with each planning tick.
 
     Attributes:
@@ -152,14 +162,19 @@ class LoggedRun:
         folder: Path,
         *,
         meshcat: Meshcat | None = None,
+        mcap: bool = False,
         on_tick: Callable[[TickRecord], None] | None = None,
     ) -> None:
         n, lookahead = scenario.num_contacts, scenario.planner.estimator.lookahead
         end, has_hand = static_end(scenario), scenario.grasp.has_hand
-        self.log = log = RunLog(folder / "log.csv", n, static_end=end, lookahead=lookahead)
+        self.surface = scenario.make_surface()
+        colors = np.array([contact_color(i).rgba[:3] for i in range(n)])
+        self._mcap = McapLog(folder / MCAP_FILE, self.surface, colors) if mcap else None
+        self.log = log = RunLog(
+            folder / "log.csv", n, static_end=end, lookahead=lookahead, mirror=self._mcap
+        )
         self.grasp_log = GraspLog(folder / "grasp.csv", n) if has_hand else None
         self._scenario = scenario
-        self.surface = scenario.make_surface()
         self.completed, self.wall_seconds = False, 0.0
 
         def add_tick(record: TickRecord) -> None:
@@ -201,6 +216,9 @@ class LoggedRun:
         simulator.set_monitor(monitor)
         with contextlib.ExitStack() as logs:
             logs.enter_context(self.log)
+            if self._mcap is not None:
+                logs.enter_context(output.writing(self._mcap.path))
+                logs.enter_context(self._mcap)
             if self.grasp_log is not None:
                 logs.enter_context(self.grasp_log)
             start = time.perf_counter()

@@ -24,6 +24,7 @@ from drake_pregrasp.simulation.output import reading_back, writing
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.link_contacts import TOUCHED
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
+from drake_pregrasp.wires.mcap_log import McapLog
 
 _FLUSH_PERIOD = 1.0  # Seconds of data that a killed run can lose.
 _LONGEST_ROW = 100_000  # Largest length of a row, in characters.
@@ -99,6 +100,7 @@ class RunLog(CsvLog):
         num_contacts: Number of contacts n.
         static_end: End of the static phase, in seconds.
         lookahead: Prediction horizon of the logged estimates, in seconds.
+        mirror: Another log of the same ticks, which is written and closed by others; or None.
 
     Attributes:
         last_static: Record of the last tick in the static phase, or None.
@@ -107,9 +109,16 @@ class RunLog(CsvLog):
     """
 
     def __init__(
-        self, path: Path, num_contacts: int, *, static_end: float = 0.0, lookahead: float = 0.0
+        self,
+        path: Path,
+        num_contacts: int,
+        *,
+        static_end: float = 0.0,
+        lookahead: float = 0.0,
+        mirror: McapLog | None = None,
     ) -> None:
         super().__init__(path, log_columns(num_contacts))
+        self._mirror = mirror
         self.last_static: TickRecord | None = None
         self.last: TickRecord | None = None
         self.tick_seconds = array("d")
@@ -126,6 +135,9 @@ class RunLog(CsvLog):
             self.last_static = record
         self.tick_seconds.append(record.wall_seconds)
         self.write(row)
+        if self._mirror is not None:
+            named = dict(zip(self.columns, row.tolist(), strict=True))
+            self._mirror.append(named, record.regions.labels)
 
     def _estimate_for(self, record: TickRecord) -> FloatArray:
         """Returns the position of O in W that was estimated for the time of a tick.
@@ -263,7 +275,10 @@ def adapting_phase(scenario: Scenario, times: FloatArray) -> slice:
 
 
 def last_phase(scenario: Scenario, times: FloatArray) -> slice:
-    """Returns the ticks at which contacts adapt after the last damage, as in the paper's tables."""
-    last_loss = max((event.at for event in scenario.damage), default=0.0)
-    start = max(scenario.planner.static_duration, last_loss)
+    """Returns the ticks at which contacts adapt after the last loss or return of a finger.
+
+    With losses only, these are the ticks of the paper's tables.
+    """
+    last_change = max((max(event.at, event.until) for event in scenario.damage), default=0.0)
+    start = max(scenario.planner.static_duration, last_change)
     return slice(ticks_from(scenario, times, start), None)

@@ -11,6 +11,7 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.config.finger_config import CapabilityProfile, DamageEvent
 from drake_pregrasp.config.grasp_config import ABOVE, GraspConfig
 from drake_pregrasp.config.object_config import (
     Box,
@@ -46,19 +47,6 @@ from drake_pregrasp.simulation.obstacle_config import ObstacleConfig, moving_sol
 from drake_pregrasp.systems.palm_posture import FROM_ABOVE
 from drake_pregrasp.systems.pose_sensor import MAX_SEED
 from drake_pregrasp.systems.sources import MovingSolid
-
-
-@dataclass
-class DamageEvent:
-    """Loss of contacts during a run."""
-
-    # Time of the loss, in seconds.
-    at: float = field(default=0.0, metadata={"required": True, "at_least": 0})
-
-    # Indices of the lost contacts in initial_contacts.
-    contacts: list[int] = field(
-        default_factory=list, metadata={"required": True, "min_length": 1, "at_least": 0}
-    )
 
 
 @dataclass
@@ -137,6 +125,15 @@ class Scenario:
     contact_weights: list[float] = field(
         default_factory=list, metadata={"at_least": -1, "at_most": 1}
     )
+
+    # Capability of fingers over time, which adds to their weights; other fingers have 1. A stronger
+    # finger has a larger region.
+    capability: list[CapabilityProfile] = field(default_factory=list)
+
+    # Distance of two contacts, in metres, at which their capabilities divide the surface between
+    # them in proportion. 0: the smallest distance of the tick, so that each contact stays in its
+    # own region.
+    capability_length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
 
     # Losses of fingers, which reach the planner through its port contact_weights.
     damage: list[DamageEvent] = field(default_factory=list)
@@ -240,10 +237,21 @@ class Scenario:
             )
         return _approaches[key]
 
-    def remaining_contacts(self) -> list[int]:
-        """Returns the indices of the contacts that are never lost."""
-        lost = {contact for event in self.damage for contact in event.contacts}
+    def remaining_contacts(self, time: float = math.inf) -> list[int]:
+        """Returns the indices of the contacts that are not lost at a time; by default, at the end.
+
+        Args:
+            time: Time in seconds.
+        """
+        lost = {c for event in self.damage if event.holds_at(time) for c in event.contacts}
         return [i for i in range(self.num_contacts) if i not in lost]
+
+    def capability_at(self, time: float) -> FloatArray:
+        """Returns the capability of each finger at a time in seconds, shape (n,)."""
+        capability = np.ones(self.num_contacts)
+        for profile in self.capability:
+            capability[profile.contact] = np.interp(time, profile.times, profile.values)
+        return capability
 
     def initial_p_OC(self, surface: ObjectSurface) -> FloatArray:
         """Returns the initial contacts in the object frame O, shape (n, 3), in metres.

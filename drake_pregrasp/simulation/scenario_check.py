@@ -89,6 +89,9 @@ def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     if scenario.planner.needs_finger_measures and not scenario.grasp.has_hand:
         names = ", ".join(FINGER_MEASURES)
         yield "grasp.hand", f"none is given, but weights or limits of {names} need one"
+    for index, coordinate in enumerate(scenario.planner.coordinates):
+        key = f"planner.coordinates[{index}].fingers"
+        yield from _length_problems(key, coordinate.fingers, scenario.num_contacts)
     yield from grasp_problems(scenario, surface)
     yield from _obstacle_problems(scenario, surface)
     limits = hand_planner(scenario).limits
@@ -175,6 +178,7 @@ def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
                 yield f"initial_contacts[{index}]", f"{problem} surface; {rule} and none beyond"
     yield from _length_problems("contact_weights", scenario.contact_weights, count)
     yield from _damage_problems(scenario)
+    yield from _capability_problems(scenario)
     if plant.contact_model == "point":
         problem = "objects hop and sink with point contact"
         yield "plant_config.contact_model", f"{problem}; choose hydroelastic_with_fallback"
@@ -188,22 +192,42 @@ def _scenario_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
 
 
 def _damage_problems(scenario: Scenario) -> Problems:
-    left = set(range(scenario.num_contacts))
+    n, damage = scenario.num_contacts, scenario.damage
     period, duration = scenario.planner.period, scenario.simulation_duration
     last_tick = period * tick_index(duration, period)
-    for index, event in enumerate(scenario.damage):
+    for index, event in enumerate(damage):
         key = f"damage[{index}]"
-        if event.at > last_tick + SLACK * period:
-            problem = f"{event.at} is after the end, the last tick is at {last_tick:g} s"
-            yield f"{key}.at", f"{problem}; simulation_duration is {duration}"
+        for name, time in (("at", event.at), ("until", event.until)):
+            if time > last_tick + SLACK * period:
+                problem = f"{time} is after the end, the last tick is at {last_tick:g} s"
+                yield f"{key}.{name}", f"{problem}; simulation_duration is {duration}"
+        if 0 < event.until <= event.at:
+            yield f"{key}.until", f"{event.until} must be after {event.at}, the time of the loss"
+        # Two losses overlap if one of them holds when the other begins.
+        before = [e for e in damage[:index] if e.holds_at(event.at) or event.holds_at(e.at)]
+        left = set(range(n)) - {contact for other in before for contact in other.contacts}
         for contact in event.contacts:
             if contact not in left:
                 names = ", ".join(map(str, sorted(left)))
                 problem = f"there is no contact {contact} left to lose; there are: {names}"
                 yield f"{key}.contacts", problem
             left.discard(contact)
-        if not left:
+        if not scenario.remaining_contacts(event.at):
             yield f"{key}.contacts", f"{event.contacts} leaves no contact; one must stay"
+
+
+def _capability_problems(scenario: Scenario) -> Problems:
+    left = set(range(scenario.num_contacts))
+    for index, profile in enumerate(scenario.capability):
+        key, contact, times = f"capability[{index}]", profile.contact, profile.times
+        if contact not in left:
+            names = ", ".join(map(str, sorted(left)))
+            yield f"{key}.contact", f"{contact} must be a contact without a profile: {names}"
+        left.discard(contact)
+        if len(profile.values) != len(times):
+            yield f"{key}.values", f"has {len(profile.values)}; give one for each of the times"
+        if not np.all(np.diff(times) > 0):
+            yield f"{key}.times", f"{times} must increase"
 
 
 def _motion_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
@@ -261,6 +285,8 @@ def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSur
             yield f"{pair_key}.distance", f"{pair.distance} {problem}"
     with errors_at(f"{key}.pairs"):
         limits.make_limits(period=1.0, friction=1.0)
+    with errors_at(f"{key}.reassign"):
+        limits.reassign.check(limits.reaches(), bool(limits.pairs))
     yield from _size_problems(f"{key}.deadband", limits.deadband, longest, ": no goal would move")
     # Fingertips need room, if not on the allowed surface itself, then over its convex hull.
     hint = "; radii are in metres"

@@ -81,7 +81,11 @@ def make_diagram(
     losses = [(event.at, event.contacts) for event in scenario.damage]
     losses.append((0.0, np.flatnonzero(~has_room).tolist()))
     values = np.array(scenario.contact_weights or [0.0] * n)
-    weights = add("contact_weights", ContactWeights(values, losses))
+    returns = [(event.until, event.contacts) for event in scenario.damage if event.until]
+    capability = scenario.capability_at if scenario.capability else None
+    length = scenario.capability_length
+    weights = ContactWeights(values, losses, returns, capability=capability, length=length)
+    add("contact_weights", weights)
     frames = None if hand is None else hand.tip_frames
     planner = AddPregraspPlanner(
         builder, config, surface, p_OC, fingertip_frames=frames, finger_measures=finger_measures
@@ -101,7 +105,9 @@ def make_diagram(
     if hand is not None:
         _connect_hand(builder, scenario, hand, planner, grasp_sink)
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
-    builder.Connect(weights.get_output_port(), planner.GetInputPort("contact_weights"))
+    connect(builder, weights, "contact_weights", planner)
+    if scenario.capability:
+        connect(builder, planner, "p_WC_previous:p_WC", weights)
     connect(builder, object_plant, "X_WO", sensor)
     connect(builder, sensor, "X_WO_measured measurement_time", planner)
     connect(builder, object_plant, "X_WO", monitor)

@@ -29,6 +29,7 @@ from drake_pregrasp.quality.grasp_quality import (
     characteristic_length,
     grasp_quality,
 )
+from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
 from drake_pregrasp.regions.independent_regions import force_closed_share
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation import run_log
@@ -208,7 +209,8 @@ def summarize(
     over the phase in which they adapt, and `final` is the last tick; null if there is no tick.
     `inactive_contacts` has the reasons why contacts have no goal at the last tick. `tracking` is
     over all ticks, and `deadline_overruns` counts ticks that took longer than the planning period.
-    With damage, `max` and `mean` end before the first loss, and `after_damage` follows the last.
+    With damage, `max` and `mean` end before the first loss, and `after_damage` follows the last
+    loss or return of a finger.
     Ticks after the object has left the table or is lost for good (`object_fate`) count only for
     `final`.
     """
@@ -234,6 +236,7 @@ def summarize(
         "contact_model": scenario.measures.contact_model,
         **force_closure_summary(scenario, surface, static=log.last_static, final=log.last),
         **_after_damage(scenario, surface, measured, time),
+        **_coordinates(scenario, surface, log.last),
         "inactive_contacts": inactive_contacts(scenario, log),
         "tracking": tracking_summary(*log.read("tracking_status", "time_since_measurement")),
         "ticks": log.num_rows,
@@ -275,7 +278,10 @@ def inactive_contacts(scenario: Scenario, log: RunLog) -> dict[str, str]:
 def _after_damage(
     scenario: Scenario, surface: ObjectSurface, measured: dict[str, FloatArray], time: FloatArray
 ) -> dict[str, Any]:
-    """Returns the best measures after the last loss, and those of the remaining static contacts."""
+    """Returns the best measures after the last loss or return of a finger, and static ones.
+
+    The static measures are those of the initial contacts that are not lost then.
+    """
     if not scenario.damage:
         return {}
     quality = remaining_static_quality(scenario, surface)
@@ -285,13 +291,30 @@ def _after_damage(
 
 
 def remaining_static_quality(scenario: Scenario, surface: ObjectSurface) -> GraspQuality:
-    """Returns the measures of the active initial contacts that no damage removes."""
+    """Returns the measures of the active initial contacts that are not lost at the end."""
     p_OC = scenario.initial_p_OC(surface)
     weights = np.full(len(p_OC), -np.inf)
     weights[scenario.remaining_contacts()] = 0.0
     regions = compute_safe_regions(surface.p_OQ, p_OC, weights, surface.forbidden)
     held = hold_contacts(SelectionInput(surface, p_OC, regions, np.eye(3)))
     return grasp_quality(p_OC[held.active] - surface.p_OCoM)
+
+
+def _coordinates(
+    scenario: Scenario, surface: ObjectSurface, final: TickRecord | None
+) -> dict[str, Any]:
+    """Returns what fingers offer, and what their last goals demand, for further coordinates."""
+    known = [axis for axis in scenario.planner.coordinates if axis.candidates != GIVEN]
+    if final is None or not known:
+        return {}
+    nearest = surface.nearest_candidates((final.X_WO.inverse() @ final.p_WC.T).T)
+    demands = [QUANTITIES[axis.candidates](surface)[nearest].tolist() for axis in known]
+    return {
+        "coordinates": {
+            axis.name or axis.candidates: {"fingers": axis.fingers, "goals": demand}
+            for axis, demand in zip(known, demands, strict=True)
+        }
+    }
 
 
 def _measures(measured: dict[str, FloatArray], ticks: slice, reduce: Any) -> dict[str, Any]:
@@ -323,6 +346,8 @@ def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary
     FigureCanvasAgg(figure)
     axes = figure.subplots(4, 1, sharex=True)
     time, displacement, *measured = log.read("time", "displacement", *MEASURES)
+    losses = [event.at for event in scenario.damage]
+    returns = [event.until for event in scenario.damage if event.until]
     for axis, measure, color, values in zip(axes, MEASURES, _COLORS, measured, strict=False):
         axis.plot(time, values, color=color, linewidth=1.2)
         if (static := summary["static"][measure]) is not None:
@@ -334,9 +359,10 @@ def plot_metrics(path: Path, name: str, scenario: Scenario, log: RunLog, summary
     for axis in axes:
         if scenario.planner.static_duration > 0:
             axis.axvspan(0, scenario.planner.static_duration, color="0.92", label="static phase")
-        for index, event in enumerate(scenario.damage):
-            name_once = None if index else "fingers lost"
-            axis.axvline(event.at, color="#CC79A7", linestyle=":", linewidth=1.5, label=name_once)
+        for style, label, times in ((":", "fingers lost", losses), ("-.", "fingers back", returns)):
+            for index, at in enumerate(times):
+                once = None if index else label
+                axis.axvline(at, color="#CC79A7", linestyle=style, linewidth=1.5, label=once)
         axis.set(xlim=(0, max(time[-1], scenario.planner.period)), axisbelow=True)
         axis.grid(True, color="0.9", linewidth=0.6)
         axis.spines[["top", "right"]].set_visible(False)

@@ -13,6 +13,7 @@ from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.planner_config import BlendConfig, PlannerConfig
 from drake_pregrasp.contacts.centroids import select_contacts, verify_contacts
 from drake_pregrasp.contacts.goal_limits import hold_contacts
+from drake_pregrasp.contacts.reassignment import reassigned_goals, surface_symmetries
 from drake_pregrasp.contacts.selection_input import (
     ContactGoals,
     ContactStatus,
@@ -157,6 +158,12 @@ class CentroidSelector(LeafSystem):
         self._limits_at = fast_limits()
         self._limits = limits or config.limits.make_limits(config.period, config.friction)
 
+        self._rule = config.limits.reassign
+        self._rule.check(config.limits.reaches(), bool(config.limits.pairs))
+        self._symmetries = np.eye(3)[None]
+        if self._rule.beyond > 0 and self._rule.symmetric:
+            self._symmetries = surface_symmetries(surface)
+
         self._time_index = self.DeclareDiscreteState(np.array([-np.inf]))
         self._p_OC_index = self.DeclareDiscreteState(p_OC.ravel())
         self._status_index = self.DeclareDiscreteState(np.full(n, float(ContactStatus.INACTIVE)))
@@ -167,6 +174,7 @@ class CentroidSelector(LeafSystem):
         self._hold = self.DeclareVectorInputPort("hold_contacts", 1)
         tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
         self._pose = LastPose(self, self._X_WO_estimated, tracking_status)
+        self._reassigned_index = self.DeclareDiscreteState(np.array([-np.inf]))
         self._goals = goals = declare_cache(
             self,
             "contact goals at the Context's time",
@@ -234,6 +242,9 @@ class CentroidSelector(LeafSystem):
                 limits=self._limits,
                 choose=self._fast_goals,
             )
+        since = time - context.get_discrete_state(self._reassigned_index)[0]
+        if self._rule.beyond > 0 and since >= self._rule.every - SLACK * config.period:
+            goals = reassigned_goals(selection, goals, self._rule, self._symmetries)
         if config.verify_contacts:
             verify_contacts(self._surface, goals)
         return goals
@@ -244,6 +255,8 @@ class CentroidSelector(LeafSystem):
         discrete_state.set_value(self._p_OC_index, goals.p_OC.ravel())
         discrete_state.set_value(self._status_index, goals.status)
         discrete_state.set_value(self._causes_index, goals.causes)
+        if goals.reassigned:
+            discrete_state.set_value(self._reassigned_index, [context.get_time()])
         self._pose.store(context, discrete_state)
 
     def _calc_p_WC(self, context: Context) -> FloatArray:

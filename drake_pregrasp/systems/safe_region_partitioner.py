@@ -8,7 +8,13 @@ from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, InputPort, LeafSystem
 
-from drake_pregrasp.arrays import FARTHEST, FloatArray, are_valid_points, validated_weights
+from drake_pregrasp.arrays import (
+    FARTHEST,
+    BoolArray,
+    FloatArray,
+    are_valid_points,
+    validated_weights,
+)
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.planner_config import PlannerConfig
@@ -19,20 +25,30 @@ from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.solids import BallSolid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.constraints import UNCONSTRAINED, Obstacles, RegionConstraints
+from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES, FingerMeasures
 from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.obstacles import place_obstacles
-from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions, compute_safe_regions
+from drake_pregrasp.regions.safe_regions import (
+    NO_REGION,
+    LabelCandidates,
+    SafeRegions,
+    compute_safe_regions,
+)
 from drake_pregrasp.regions.walls import SurfaceGraph, normals_agree
 from drake_pregrasp.systems.ports import (
     OBSTACLES,
     POSE,
     VELOCITY,
+    declare_cache,
     declare_output,
     eval_obstacles,
     is_valid,
     validated_velocity,
 )
+
+_Candidates = tuple[FloatArray, BoolArray, LabelCandidates | None]
+"""Candidates with all their coordinates, mask of the further ones that are known, and labels."""
 
 _NOTHING = FingerReach(BallSolid(np.array([FARTHEST, 0.0, 0.0]), 0.0))
 _MOMENTS = 4  # Number of times over the horizon, the present included, for which obstacles count.
@@ -51,6 +67,8 @@ class SafeRegionPartitioner(LeafSystem):
         - obstacles
         - X_WH
         - V_WO_estimated
+        - finger_coordinates
+        - candidate_coordinates
         - X_WU
         output_ports:
         - safe_regions
@@ -72,10 +90,6 @@ class SafeRegionPartitioner(LeafSystem):
     the fingers' reach is given. If the port is unconnected, H is W. If the pose is invalid, fingers
     with a limited reach can reach nothing.
 
-    Port `X_WU` (optional) accepts a `RigidTransform`: the pose in W of the palm's frame U, in which
-    the fingers' measures are given. If the port is unconnected, U is H. If the pose is invalid,
-    the fingers can reach nothing.
-
     `obstacles`, `X_WH` and `X_WU` must be for the same time as `X_WO_estimated`: if the estimate
     looks ahead, they must look ahead too.
 
@@ -83,22 +97,34 @@ class SafeRegionPartitioner(LeafSystem):
     the object is predicted over the horizon. If the port is unconnected or the velocity is invalid,
     the object is assumed to stay.
 
+    Port `finger_coordinates` (optional) accepts a vector of n k: the k further coordinates of each
+    finger, one finger after another, in metres. One that is not finite is that of the candidate
+    nearest to the contact. If the port is unconnected, they are those of `config.coordinates`.
+
+    Port `candidate_coordinates` (optional) accepts a vector of N k: the k further coordinates of
+    each candidate, one candidate after another, in metres. A coordinate that is not finite at every
+    candidate is left out. If the port is unconnected, they are those of `config.coordinates`.
+
+    Port `X_WU` (optional) accepts a `RigidTransform`: the pose in W of the palm's frame U, in which
+    the fingers' measures are given. If the port is unconnected, U is H. If the pose is invalid,
+    the fingers can reach nothing.
+
     Port `safe_regions` emits `SafeRegions` over the surface's candidate points. With `p_WC`
     connected to `p_WC_previous` of `CentroidSelector`, the regions at a tick change with the
     discrete update of that tick, because the stored contacts do.
 
     Args:
-        config: Configuration of the planner, of which `limits`, `wall_test` and `normal_length` are
-            used; `PlannerConfig()` by default.
+        config: Configuration of the planner, of which `limits`, `wall_test`, `normal_length` and
+            `coordinates` (their number is k) are used; `PlannerConfig()` by default.
         surface: The object's surface.
         num_contacts: Number of contacts n.
-        finger_measures: Measures of the fingers in U, from that method of `HandModel`; None if neither a
-            weight nor a limit needs it.
+        finger_measures: Measures of the fingers in U, from `HandModel.finger_measures`; None if
+            neither a weight nor a limit needs them.
 
     Raises:
-        InvalidArgumentError: If a field of `config` is out of its range, a list in `limits` has
-            neither 0 nor n elements, a gap or standoff lacks `tip_radii`, or a weight or a limit
-            lacks `finger_measures`.
+        InvalidArgumentError: If a field of `config` is out of its range, a list in `limits` or of
+            `fingers` has neither 0 nor n elements, a gap or standoff lacks `tip_radii`, or a weight
+            or a limit lacks `finger_measures`.
     """
 
     def __init__(
@@ -122,9 +148,10 @@ class SafeRegionPartitioner(LeafSystem):
             | {name: f"limits.{name}" for name in vars(LimitsConfig())},
         )
         limits = config.limits
-        for name in ("tip_radii", "reach", "forbidden_faces"):
-            count = len(getattr(limits, name))
-            if count not in (0, num_contacts):
+        lists = {name: getattr(limits, name) for name in ("tip_radii", "reach", "forbidden_faces")}
+        lists |= {f"coordinates[{j}].fingers": c.fingers for j, c in enumerate(config.coordinates)}
+        for name, values in lists.items():
+            if (count := len(values)) not in (0, num_contacts):
                 raise InvalidArgumentError(f"{name} must be {num_contacts} or none, not {count}")
         if max(limits.tip_gap, limits.standoff) > 0 and not len(limits.tip_radii):
             raise InvalidArgumentError("a tip gap or a standoff needs tip_radii")
@@ -140,7 +167,13 @@ class SafeRegionPartitioner(LeafSystem):
         self._points = surface.p_OQ
         if config.normal_length > 0:
             self._points = lifted(surface.p_OQ, surface.nhat_OQ, config.normal_length)
-        self._label = fast_labels(self._points, surface.nhat_OQ)
+        N, k = len(surface.p_OQ), len(config.coordinates)
+        self._fingers, own = np.full((num_contacts, k), np.nan), np.full((N, k), np.nan)
+        for j, axis in enumerate(config.coordinates):
+            if axis.fingers:
+                self._fingers[:, j] = axis.scale * np.array(axis.fingers)
+            if axis.candidates != GIVEN:
+                own[:, j] = axis.scale * QUANTITIES[axis.candidates](surface)
         self._moments = np.linspace(0.0, limits.horizon, _MOMENTS)[1:] if limits.horizon else ()
         self._is_unlimited = (
             config.wall_test == "none"
@@ -157,6 +190,14 @@ class SafeRegionPartitioner(LeafSystem):
         self._obstacles = self.DeclareAbstractInputPort("obstacles", OBSTACLES)
         self._X_WH = self.DeclareAbstractInputPort("X_WH", POSE)
         self._V_WO = self.DeclareAbstractInputPort("V_WO_estimated", VELOCITY)
+        self._finger_values = self.DeclareVectorInputPort("finger_coordinates", num_contacts * k)
+        values = self._candidate_values = self.DeclareVectorInputPort(
+            "candidate_coordinates", N * k
+        )
+        self._own = self._make_candidates(own)
+        self._candidates = declare_cache(
+            self, "candidates of Eq. 1", self._own, self._calc_candidates, values
+        )
         self._X_WU = self.DeclareAbstractInputPort("X_WU", POSE)
         model, inputs = AbstractValue.Make(self._no_regions()), self.all_input_ports_ticket()
         declare_output(self, "safe_regions", model, self._calc_regions, inputs)
@@ -164,6 +205,28 @@ class SafeRegionPartitioner(LeafSystem):
     def _no_regions(self) -> SafeRegions:
         labels = np.full(len(self._surface.p_OQ), NO_REGION)
         return SafeRegions.unlimited(labels, self._num_contacts)
+
+    def _make_candidates(self, values: FloatArray) -> _Candidates:
+        is_known: BoolArray = np.logical_and.reduce(np.abs(values) <= FARTHEST)
+        points = np.hstack([self._points, values[:, is_known]])
+        return points, is_known, fast_labels(points, self._surface.nhat_OQ)
+
+    def _calc_candidates(self, context: Context) -> _Candidates:
+        if not self._candidate_values.HasValue(context):
+            return self._own
+        values = self._candidate_values.Eval(context)
+        return self._make_candidates(values.reshape(len(self._points), -1))
+
+    def _coordinates(
+        self, context: Context, p_OC: FloatArray, points: FloatArray, is_known: BoolArray
+    ) -> FloatArray:
+        """Returns the further coordinates of the contacts that the candidates have, (n, k)."""
+        fingers = self._fingers
+        if self._finger_values.HasValue(context):
+            fingers = self._finger_values.Eval(context).reshape(fingers.shape)
+        fingers = fingers[:, is_known]
+        at_contacts = points[self._surface.nearest_candidates(p_OC), -fingers.shape[1] :]
+        return np.where(np.abs(fingers) <= FARTHEST, fingers, at_contacts)
 
     def _calc_regions(self, context: Context) -> SafeRegions:
         X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
@@ -179,13 +242,15 @@ class SafeRegionPartitioner(LeafSystem):
         constraints = UNCONSTRAINED
         if not self._is_unlimited or self._obstacles.HasValue(context):
             constraints = self._constraints(context, X_WO, p_OC)
+        c = p_OC
         if self._normal_length > 0:
             _, nhat_OC = self._surface.project(p_OC)
-            p_OC = lifted(p_OC, nhat_OC, self._normal_length)
-        forbidden, label = self._surface.forbidden, self._label
-        return compute_safe_regions(
-            self._points, p_OC, weights, forbidden, constraints, label=label
-        )
+            c = lifted(p_OC, nhat_OC, self._normal_length)
+        points, is_known, label = self._candidates.Eval(context)
+        if is_known.any():
+            c = np.hstack([c, self._coordinates(context, p_OC, points, is_known)])
+        forbidden = self._surface.forbidden
+        return compute_safe_regions(points, c, weights, forbidden, constraints, label=label)
 
     def _constraints(
         self, context: Context, X_WO: RigidTransform, p_OC: FloatArray

@@ -1,6 +1,6 @@
 """Sources of a scenario: motion of the object, contact weights, hand pose and obstacles."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,12 +13,14 @@ from pydrake.polynomial import Polynomial
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
+from scipy.spatial.distance import pdist
 
 from drake_pregrasp.arrays import FloatArray, tick_index
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.solids import Solid
+from drake_pregrasp.regions.capability_weights import capability_weights
 from drake_pregrasp.regions.constraints import Obstacles
 from drake_pregrasp.systems.ports import OBSTACLES, POSE, declare_output
 
@@ -141,44 +143,67 @@ class PoseReplay(LeafSystem):
 
 
 class ContactWeights(LeafSystem):
-    """Emits the contacts' weights h_i, and -inf for each finger from the time of its loss on.
+    """Emits the contacts' weights h_i over time, and -inf for each finger while it is lost.
 
     .. pydrake_system::
 
         name: ContactWeights
+        input_ports:
+        - p_WC
         output_ports:
         - contact_weights
+
+    Port `p_WC` (optional) accepts a vector of 3n: the contacts in W, such as `p_WC_previous` of the
+    planner, in metres. Only `capability` without `length` needs it.
 
     Port `contact_weights` emits a vector of n, in m²; -inf means that the finger is lost.
 
     Args:
-        weights: Weights h_i, shape (n,), in m².
+        weights: Weights h_i of equally capable fingers, shape (n,), in m².
         losses: Pairs of a time in seconds and the indices of the contacts that are lost then.
+        returns: Pairs of a time in seconds and the indices of the contacts that come back then.
+        capability: Function that maps a time in seconds to the capability of each finger, shape
+            (n,); its `capability_weights` are added. By default fingers are equally capable.
+        length: Length L of `capability_weights`, in metres; 0 for the smallest distance between two
+            contacts of `p_WC`, of those that are not lost.
 
     Raises:
         InvalidArgumentError: If the index of a contact is out of its range.
     """
 
     def __init__(
-        self, weights: FloatArray, losses: Sequence[tuple[float, Sequence[int]]] = ()
+        self,
+        weights: FloatArray,
+        losses: Sequence[tuple[float, Sequence[int]]] = (),
+        returns: Sequence[tuple[float, Sequence[int]]] = (),
+        *,
+        capability: Callable[[float], FloatArray] | None = None,
+        length: float = 0.0,
     ) -> None:
         super().__init__()
-        self._weights = np.array(weights, dtype=float)
-        self._losses = [(time, list(contacts)) for time, contacts in losses]
-        for contact in (contact for _, contacts in self._losses for contact in contacts):
-            if not 0 <= contact < len(self._weights):
-                raise InvalidArgumentError(
-                    f"there is no contact {contact}; there are 0 to {len(self._weights) - 1}"
-                )
-        n, time = len(self._weights), self.time_ticket()
-        declare_output(self, "contact_weights", n, self._calc_weights, time)
+        self._weights, n = np.array(weights, dtype=float), len(weights)
+        self._capability, self._length = capability, length
+        changes = [(e, 1) for e in losses] + [(e, -1) for e in returns]
+        self._changes = [(time, list(contacts), step) for (time, contacts), step in changes]
+        for contact in (contact for _, contacts, _ in self._changes for contact in contacts):
+            if not 0 <= contact < n:
+                raise InvalidArgumentError(f"there is no contact {contact}; there are 0 to {n - 1}")
+        port = self._p_WC = self.DeclareVectorInputPort("p_WC", 3 * n)
+        declare_output(self, "contact_weights", n, self._calc_weights, self.time_ticket(), port)
 
     def _calc_weights(self, context: Context) -> FloatArray:
-        weights = self._weights.copy()
-        for time, contacts in self._losses:
-            if context.get_time() >= time - 1e-9:  # A tick's time may be rounded down.
-                weights[contacts] = -np.inf
-        return weights
+        time, losses = context.get_time(), np.zeros(len(self._weights))
+        for at, contacts, step in self._changes:
+            losses[contacts] += step * (time >= at - 1e-9)  # A tick's time may be rounded down.
+        weights = np.where(losses > 0, -np.inf, self._weights)
+        if self._capability is None:
+            return weights
+        capability, length = self._capability(time), self._length
+        if length == 0 and self._p_WC.HasValue(context):
+            p_WC = self._p_WC.Eval(context).reshape(-1, 3)
+            distances = pdist(p_WC[np.isfinite(weights) & (capability > 0)])
+            length = float(distances.min()) if len(distances) else 0.0
+        return weights + capability_weights(capability, length)
 
 
 class HandPose(LeafSystem):

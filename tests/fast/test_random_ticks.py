@@ -124,7 +124,7 @@ def random_constraints(rng, which, p_OC, forbidden, has):
 
 
 PARTS = ("tips", "solids", "points", "horizon", "walls", "reach", "closed", "normals", "limits")
-PARTS += ("forbidden", "coincident", "finger_measures")
+PARTS += ("forbidden", "coincident", "coordinates", "finger_measures")
 
 
 # Settings of the examples that were found.
@@ -163,7 +163,7 @@ FOUND |= {"best_point": False, "in_turns": False, "contact_model": "complete", "
     seed=947390,
     n=5,
     lost=0,
-    has=set(PARTS) - {"forbidden", "coincident", "finger_measures"},
+    has=set(PARTS) - {"forbidden", "coincident", "coordinates", "finger_measures"},
     reading="hand",
     **FOUND,
 )
@@ -202,9 +202,16 @@ def test_a_tick_is_that_of_the_reference(
     points, c = surface.p_OQ, p_OC
     if "normals" in has:
         points, c = LIFTED[which], lifted(p_OC, nhat_OC, LENGTH)
+    label = LABELS[which][c.shape[1]]
+    if "coordinates" in has:
+        k = rng.integers(1, 3)
+        points = np.hstack([points, 0.03 * rng.normal(size=(len(points), k))])
+        c = np.hstack([c, 0.03 * rng.normal(size=(n, k))])
+        c[n // 2 :] = c[0] if "coincident" in has else c[n // 2 :]
+        label = fast_labels(points, surface.nhat_OQ)
     expected, found = (
-        compute_safe_regions(points, c, h, forbidden, constraints, label=label)
-        for label in (None, LABELS[which][c.shape[1]])
+        compute_safe_regions(points, c, h, forbidden, constraints, label=own)
+        for own in (None, label)
     )
     for part in ("labels", "lost", "limits", "causes"):
         np.testing.assert_array_equal(getattr(found, part), getattr(expected, part))

@@ -92,6 +92,11 @@ def _value(rng: random.Random, port: str, *, wild_poses: bool) -> Value:
         return ("vector", *(_number(rng, 1e-3, wild=True) for _ in range(9)))
     if port == "contact_weights":
         return ("vector", *(_number(rng, 1e-3, wild=wild) for _ in range(3)))
+    if port == "finger_coordinates":
+        return ("vector", *(_number(rng, 0.05, wild=wild) for _ in range(6)))
+    if port == "candidate_coordinates":
+        count = 2 * len(make_variant("coordinates").surface.p_OQ)
+        return ("repeated", count, *(_number(rng, 0.05, wild=wild) for _ in range(7)))
     if port == "obstacles":
         return ("obstacles", *(_solid(rng) for _ in range(rng.randint(0, 3))))
     if port == "tracking_status":
@@ -123,6 +128,8 @@ def make_value(value: Value) -> Any:
         return RigidTransform(RotationMatrix.MakeUnchecked(matrix), np.zeros(3))
     if kind == "velocity":
         return SpatialVelocity(w=numbers[:3], v=numbers[3:])
+    if kind == "repeated":
+        return np.resize(numbers[1:], numbers[0])
     if kind == "obstacles":
         return AbstractValue.Make(_obstacles(numbers))
     return np.array(numbers)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_pregrasp import PlannerConfig, PregraspPlanner, box_surface
+from drake_pregrasp import CoordinateConfig, PlannerConfig, PregraspPlanner, box_surface
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.limits_config import BallReach, LimitsConfig, Pair, SectorReach
 from drake_pregrasp.contacts.goal_limits import ContactLimits
@@ -47,6 +47,7 @@ class _Stages(Diagram):
         builder.AddNamedSystem("safe_region_partitioner", partitioner)
         builder.AddNamedSystem("centroid_selector", selector)
         inputs = "X_WO_estimated V_WO_estimated contact_weights obstacles X_WH"
+        inputs += " finger_coordinates candidate_coordinates"
         export_inputs(builder, inputs, partitioner)
         export_inputs(builder, "p_WO_covariance hold_contacts tracking_status", selector)
         builder.ConnectInput("X_WO_estimated", selector.GetInputPort("X_WO_estimated"))
@@ -93,6 +94,13 @@ _STAGES: dict[str, dict[str, Any]] = {
     },
     "mesh": {"limits": dataclasses.replace(_HAND_LIMITS, recover=True), "strategy": "gii"},
     "coupled": {"limits": _COUPLED, "strategy": "margin", "in_turns": True},
+    "coordinates": {
+        "limits": _HAND_LIMITS,
+        "coordinates": [
+            CoordinateConfig(scale=1.0, candidates="height", fingers=[0.01, 0.02, -0.03]),
+            CoordinateConfig(scale=0.1),
+        ],
+    },
     "walls": {"wall_test": "surface", "strategy": "vew", "best_point": True},
 }
 """Fields of the planner's configuration, by the names of the variants."""
@@ -111,9 +119,8 @@ def make_variant(name: str) -> Variant:
         surface = _mesh()
         p_OC = surface.p_OQ[[0, len(surface.p_OQ) // 3, 2 * len(surface.p_OQ) // 3]]
     diagram = (PregraspPlanner if name == "planner" else _Stages)(config, surface, p_OC)
-    ports = tuple(
-        diagram.get_input_port(index).get_name() for index in range(diagram.num_input_ports())
-    )
+    names = [diagram.get_input_port(k).get_name() for k in range(diagram.num_input_ports())]
+    ports = tuple(n for n in names if config.coordinates or not n.endswith("_coordinates"))
     return Variant(
         diagram=diagram,
         selector=diagram.GetSubsystemByName("centroid_selector"),

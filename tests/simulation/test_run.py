@@ -233,6 +233,27 @@ def test_damage_ends_the_static_phase_and_leaves_no_contact_on_forbidden_surface
     assert summary["after_damage"]["static"]["q_vew"] == pytest.approx(27, abs=0.2)
 
 
+def test_a_finger_comes_back_in_its_time_and_counts_again(tmp_path):
+    text = "simulation_duration: 0.6, damage: [{at: 0.1, contacts: [1], until: 0.3}]"
+    text += ", planner: {static_duration: 0.2}"
+    result = run_text("a_base", text, tmp_path)
+    log, after = run_log(result), result.summary["after_damage"]
+    away = (log["time"] > 0.099) & (log["time"] < 0.299)
+    np.testing.assert_array_equal(log["c1_active"] == 0, away)
+    assert after["static"]["q_vew"] == pytest.approx(125.4157, abs=0.01)
+    assert after["max"]["q_msv"] == log["q_msv"][log["time"] > 0.299].max()
+
+
+def test_a_finger_that_tires_leaves_its_surface_to_the_others(tmp_path):
+    text = "simulation_duration: 0.6, planner: {static_duration: 10}"
+    text += ", capability: [{contact: 1, times: [0.1, 0.5], values: [1, 0]}]"
+    log = run_log(run_text("a_base", text, tmp_path))
+    sizes = log["region1_size"]
+    assert np.all(np.diff(sizes) <= 0)
+    assert sizes[2] == sizes[0] > 2 * sizes[8] > 0
+    np.testing.assert_array_equal(log["c1_active"] == 0, log["time"] > 0.499)
+
+
 def test_a_run_that_is_stopped_keeps_its_log_and_any_description_is_plotted(tmp_path):
     ticks = []
     stop = {"on_tick": ticks.append, "should_stop": lambda: len(ticks) >= 5}

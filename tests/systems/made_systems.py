@@ -14,6 +14,7 @@ from drake_pregrasp import (
     BoxSolid,
     CarrierPosture,
     CentroidSelector,
+    CoordinateConfig,
     EstimatorConfig,
     FingertipGoalShaper,
     FingertipSensor,
@@ -166,8 +167,8 @@ def regions_of(surface, p_OC, weights=None):
 
 def partition(surface, p_OC, inputs=None, X=X_WO, **settings):
     """The safe regions of contacts at p_OC on an object at X."""
-    names = ("wall_test", "normal_length", "finger_measures")
-    own = {k: settings.pop(k) for k in names if k in settings}
+    planner = ("wall_test", "normal_length", "coordinates", "finger_measures")
+    own = {name: settings.pop(name) for name in planner if name in settings}
     driven = Driven(make_partitioner(surface, len(p_OC), settings, **own))
     driven.fix(X_WO_estimated=X, p_WC=(X @ p_OC.T).T.ravel())
     driven.fix(**(inputs or {}))
@@ -187,7 +188,7 @@ LIMITS = {
     "reach": [BallReach(center=[0, 0, 0], radius=0.06)] * N,
     "tip_radii": [RADIUS] * N,
     "horizon": 1.0,
-    "joint_range": 0.2,
+    "joint_range": 0.22,
 }
 FAULTS = MeasurementFaults(dropout_rate=1e-9)
 MEASURES = MeasuresConfig(contact_model="hard_finger")
@@ -196,7 +197,10 @@ MAKERS = {
     "sensor with memory": lambda: NoisyPoseSensor(SensorConfig(0.1, 0.1, FAULTS), period=0.1),
     "estimator": make_estimator,
     "partitioner": lambda: make_partitioner(
-        SURFACE, limits=LIMITS, finger_measures=sloping_measures()
+        SURFACE,
+        limits=LIMITS,
+        coordinates=[CoordinateConfig(scale=1.0)],
+        finger_measures=sloping_measures(),
     ),
     "selector": lambda: make_selector(SURFACE, P_OC),
     "hand pose": lambda: HandPose(X_G),
@@ -237,6 +241,8 @@ VALUES = {
     "tracking_status": ([TrackingStatus.TRACKING], [TrackingStatus.LOST]),
     "hindered_finger": ([NOT_HINDERED], [1.0]),
     "contact_weights": (np.zeros(N), np.array([0, 0, 0, 0, 1e-2])),
+    "finger_coordinates": (0.05 * np.arange(N), np.zeros(N)),
+    "candidate_coordinates": (SURFACE.p_OQ[:, 2], SURFACE.p_OQ[:, 0]),
     "obstacles": (wall(0.12), wall(0.06)),
     "safe_regions": (regions_of(SURFACE, P_OC), regions_of(SURFACE, OTHER)),
     "p_WC": (in_world(P_OC).ravel(), in_world(OTHER).ravel()),

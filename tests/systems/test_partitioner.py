@@ -10,13 +10,20 @@ from drake_pregrasp import (
     BallReach,
     BallSolid,
     BoxSolid,
+    CoordinateConfig,
     ForbiddenPoints,
     HalfSpace,
     InvalidArgumentError,
     Obstacles,
+    box_surface,
 )
 from drake_pregrasp.regions.constraints import Limit
-from drake_pregrasp.regions.safe_regions import NO_REGION, compute_safe_regions
+from drake_pregrasp.regions.coordinates import weight_share
+from drake_pregrasp.regions.safe_regions import (
+    NO_REGION,
+    compute_safe_regions,
+    safe_region_labels,
+)
 from drake_pregrasp.regions.walls import WALL_TESTS
 
 TILT = RollPitchYaw(0.1, 0.2, 0.3).ToRotationMatrix().matrix()
@@ -146,9 +153,52 @@ def test_normals_as_coordinates_keep_regions_to_one_face(surface):
     assert not np.any(partition(surface, p_OC, normal_length=0.2).labels[on_x] == 1)
 
 
+def coordinates(*fingers):
+    return [CoordinateConfig(scale=1.0, fingers=list(fingers))]
+
+
+def test_a_strong_finger_has_the_places_that_ask_for_force():
+    """Eq. 1 as printed over positions and forces, by the ports and by the configuration."""
+    bar = box_surface([0.3, 0.06, 0.06], spacing=0.01, forbidden_faces=())
+    p_OC = np.array([[0.02, 0.03, 0.0], [-0.03, 0.03, 0.01], [0.09, -0.03, 0.0]])
+    share = 30 * weight_share(bar)
+    forces = np.array([10.0, 24.0, 11.0])
+    config = CoordinateConfig(scale=0.3, candidates="weight_share", fingers=(forces / 30).tolist())
+    configured = partition(bar, p_OC, coordinates=[config])
+    inputs = {"candidate_coordinates": 0.01 * share, "finger_coordinates": 0.01 * forces}
+    by_ports = partition(bar, p_OC, inputs, coordinates=coordinates())
+    q, c = np.column_stack([bar.p_OQ, 0.01 * share]), np.column_stack([p_OC, 0.01 * forces])
+    empty = np.empty((0, 4)), np.empty(0)
+    expected = safe_region_labels(q, c, np.zeros(3), *empty)
+    np.testing.assert_array_equal(by_ports.labels, expected)
+    np.testing.assert_array_equal(configured.labels, expected)
+    strong, weak = (share[expected == i].mean() for i in (1, 0))
+    before = partition(bar, p_OC).labels
+    assert strong - weak > share[before == 1].mean() - share[before == 0].mean() + 3
+
+
+@pytest.mark.parametrize("number", [np.nan, np.inf, 1e300])
+def test_a_coordinate_without_a_number_is_that_of_the_place_or_left_out(surface, p_OC, number):
+    heights, places = surface.p_OQ[:, 2], surface.nearest_candidates(p_OC)
+    fingers = 0.03 * np.arange(N)
+    fingers[1] = number
+    inputs = {"finger_coordinates": fingers, "candidate_coordinates": heights}
+    labels = partition(surface, p_OC, inputs, coordinates=coordinates()).labels
+    fingers[1] = heights[places[1]]
+    inputs["finger_coordinates"] = fingers
+    again = partition(surface, p_OC, inputs, coordinates=coordinates()).labels
+    np.testing.assert_array_equal(labels, again)
+    plain = partition(surface, p_OC).labels
+    assert np.any(labels != plain)
+    inputs["candidate_coordinates"] = np.append(heights[:-1], number)
+    without = partition(surface, p_OC, inputs, coordinates=coordinates()).labels
+    np.testing.assert_array_equal(without, plain)
+
+
 @pytest.mark.parametrize(
     ("arguments", "problem"),
     [
+        ({"coordinates": coordinates(1.0)}, r"coordinates\[0\].fingers must be 5 or none, not 1"),
         ({"tip_radii": [0.0] * 3}, "tip_radii must be 5 or none, not 3"),
         ({"tip_radii": [-1.0] * 5}, r"limits.tip_radii\[0\] must be a number at least 0"),
         ({"reach": [None]}, "reach must be 5 or none, not 1"),

@@ -12,7 +12,14 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import AddRandomInputs
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp import BallSolid, BoxSolid, HalfSpace, InvalidArgumentError, Obstacles
+from drake_pregrasp import (
+    BallSolid,
+    BoxSolid,
+    HalfSpace,
+    InvalidArgumentError,
+    Obstacles,
+    capability_weights,
+)
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
@@ -100,6 +107,30 @@ def test_fingers_are_lost_from_their_time_on():
         (9.0, [-np.inf, -np.inf, 3]),
     ):
         np.testing.assert_array_equal(emitted(weights, time), expected)
+
+
+def test_lost_fingers_come_back_unless_another_loss_goes_on():
+    lost, back = [(2.0, [0, 1]), (0.0, [2])], [(5.0, [0]), (6.0, [2])]
+    lost.append((1.0, [2]))
+    weights = ContactWeights(np.array([1.0, 2.0, 3.0]), lost, back)
+    for time, away in ((1.9, [2]), (2.0, [0, 1, 2]), (5.0 - 4e-16, [1, 2]), (6.0, [1, 2])):
+        expected = np.where(np.isin(np.arange(3), away), -np.inf, [1.0, 2, 3])
+        np.testing.assert_array_equal(emitted(weights, time), expected)
+
+
+def test_capability_counts_at_the_smallest_distance_of_fingers_that_are_left():
+    p_WC = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.05, 0, 0], [0, 0.4, 0]])
+    source = ContactWeights(
+        np.array([0.01, 0, 0, 0]), [(1.0, [2])], capability=lambda t: np.array([1, 0.5, 1, 1 - t])
+    )
+    driven = Driven(source, p_WC=p_WC.ravel())
+    for time, length in ((0.0, 0.05), (1.0, 0.3)):
+        driven.at(time)
+        expected = capability_weights(np.array([1, 0.5, 1 - time, 1 - time]), length)
+        expected += [0.01, 0, 0, 0]
+        np.testing.assert_allclose(driven.eval("contact_weights"), expected)
+    driven.fix(p_WC=0.5 * p_WC.ravel())
+    np.testing.assert_allclose(driven.eval("contact_weights")[1], -(0.15**2) / 3)
 
 
 def test_a_finger_that_is_not_there_cannot_be_lost():

@@ -1,0 +1,248 @@
+"""Poses in and commands out as LCM messages, in Drake's own types."""
+
+import math
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from drake import lcmt_allegro_command, lcmt_panda_command, lcmt_panda_status, lcmt_scope
+from pydrake.common.eigen_geometry import Quaternion
+from pydrake.common.value import AbstractValue
+from pydrake.lcm import DrakeLcmInterface
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem
+from pydrake.systems.lcm import LcmPublisherSystem, LcmSubscriberSystem
+
+from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.estimation.recorded_poses import QUATERNION_TOLERANCE
+
+POSE_CHANNEL = "OBJECT_POSE"
+ALLEGRO_CHANNEL = "ALLEGRO_COMMAND"
+"""Channel on which drivers of Drake's examples listen to `lcmt_allegro_command`."""
+
+PANDA_CHANNEL = "PANDA_COMMAND"
+"""Channel on which drake-franka-driver listens to `lcmt_panda_command`."""
+
+_PHASE_GAIN = 0.05  # Share of a message's phase that the clock of `run_live` is shifted by.
+
+
+class PoseReceiver(LeafSystem):
+    """Emits the pose of the object O in the newest message.
+
+    .. pydrake_system::
+
+        name: PoseReceiver
+        input_ports:
+        - message
+        output_ports:
+        - X_WO_measured
+        - measurement_time
+
+    Port `message` accepts an `lcmt_scope` with the values x, y, z, qw, qx, qy, qz: a position in
+    metres and a unit quaternion. Each message has another `utime`.
+
+    Port `X_WO_measured` emits a `RigidTransform`, which is not finite if the message has not seven
+    finite values with a quaternion of length 1. `PoseEstimator` refuses such a pose.
+
+    Port `measurement_time` emits a vector of 1: the time at which the message was received, or
+    -inf before the first one. The delay until then belongs to the estimator's `lookahead`.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._message = self.DeclareAbstractInputPort("message", AbstractValue.Make(lcmt_scope()))
+        self._received = self.DeclareDiscreteState([0.0, -math.inf])  # utime, and when it came.
+        model = AbstractValue.Make(RigidTransform())
+        self.DeclareAbstractOutputPort("X_WO_measured", model.Clone, self._calc_pose)
+        self.DeclareVectorOutputPort("measurement_time", 1, self._calc_time)
+        self.DeclarePerStepDiscreteUpdateEvent(self._store)
+
+    def _calc_pose(self, context: Context, output: AbstractValue) -> None:
+        values = np.array(self._message.Eval(context).value)
+        is_pose = (
+            values.shape == (7,) and abs(np.linalg.norm(values[3:]) - 1) < QUATERNION_TOLERANCE
+        )
+        X_WO = RigidTransform([math.nan] * 3)
+        if is_pose:
+            wxyz = values[3:] / np.linalg.norm(values[3:])
+            X_WO = RigidTransform(RotationMatrix(Quaternion(wxyz)), values[:3])
+        output.set_value(X_WO)
+
+    def _newest(self, context: Context) -> FloatArray:
+        stored: FloatArray = context.get_discrete_state(self._received).value()
+        utime = self._message.Eval(context).utime
+        return stored if utime == stored[0] else np.array([utime, context.get_time()])
+
+    def _calc_time(self, context: Context, output: Any) -> None:
+        output.SetAtIndex(0, self._newest(context)[1])
+
+    def _store(self, context: Context, discrete_state: DiscreteValues) -> None:
+        discrete_state.set_value(self._received, self._newest(context))
+
+
+class CommandSender(LeafSystem):
+    """Emits commands for the joints of a driver, and stops on silence.
+
+    .. pydrake_system::
+
+        name: CommandSender
+        input_ports:
+        - desired_state
+        - time_since_measurement
+        output_ports:
+        - command
+        - is_stopped
+
+    Port `desired_state` accepts a vector of 2 nq, as `HandController` emits it.
+
+    Port `time_since_measurement` accepts a vector of 1, as `PregraspPlanner` emits it.
+
+    Port `command` emits an `lcmt_allegro_command` or `lcmt_panda_command`. Positions move from
+    `initial` to the desired ones, no faster than `max_speed`. If the newest measurement is older
+    than `timeout`, if there is none yet, or if an input is not finite, positions stay and
+    velocities are zero. The stamp is this machine's clock, because drivers refuse old commands.
+
+    Port `is_stopped` emits a vector of 1: 1 on silence, else 0.
+
+    Args:
+        lcm_type: Type of the command.
+        joints: Places of the driver's joints in `desired_state`.
+        initial: Initial positions of all joints, shape (nq,).
+        period: Seconds between commands.
+        timeout: Age of the newest measurement at which the joints stop, in seconds.
+        max_speed: Largest speed of a joint, in rad/s.
+        velocity: Whether to command velocities instead of positions, to a Panda.
+    """
+
+    def __init__(
+        self,
+        lcm_type: type[lcmt_allegro_command] | type[lcmt_panda_command],
+        joints: Sequence[int],
+        initial: FloatArray,
+        *,
+        period: float,
+        timeout: float = 0.2,
+        max_speed: float = 2.0,
+        velocity: bool = False,
+    ) -> None:
+        super().__init__()
+        self._type, self._joints, self._velocity = lcm_type, list(joints), velocity
+        self._period, self._timeout, self._step = period, timeout, max_speed * period
+        self._desired = self.DeclareVectorInputPort("desired_state", 2 * len(initial))
+        self._age = self.DeclareVectorInputPort("time_since_measurement", 1)
+        self._q = self.DeclareDiscreteState(np.asarray(initial)[self._joints])
+        model = AbstractValue.Make(lcm_type())
+        self.DeclareAbstractOutputPort("command", model.Clone, self._calc_command)
+        self.DeclareVectorOutputPort("is_stopped", 1, self._calc_stopped)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store)
+
+    def _next(self, context: Context) -> tuple[FloatArray, bool]:
+        """Returns the commanded positions, and whether the joints stop."""
+        q: FloatArray = context.get_discrete_state(self._q).value()
+        desired = self._desired.Eval(context)[self._joints]
+        age = self._age.Eval(context)[0]
+        is_alive = age <= self._timeout and age < context.get_time()
+        if not (is_alive and np.all(np.isfinite(desired))):
+            return q, True
+        return q + np.clip(desired - q, -self._step, self._step), False
+
+    def _calc_stopped(self, context: Context, output: Any) -> None:
+        output.SetAtIndex(0, self._next(context)[1])
+
+    def _store(self, context: Context, discrete_state: DiscreteValues) -> None:
+        discrete_state.set_value(self._q, self._next(context)[0])
+
+    def _calc_command(self, context: Context, output: AbstractValue) -> None:
+        q, n, command = self._next(context)[0], len(self._joints), self._type()
+        command.utime = time.time_ns() // 1000
+        if self._type is lcmt_allegro_command:
+            command.num_joints, command.joint_position = n, q.tolist()
+        elif self._velocity:
+            step = q - context.get_discrete_state(self._q).value()
+            command.control_mode_expected = lcmt_panda_status.CONTROL_MODE_VELOCITY
+            command.num_joint_velocity, command.joint_velocity = n, (step / self._period).tolist()
+        else:
+            command.control_mode_expected = lcmt_panda_status.CONTROL_MODE_POSITION
+            command.num_joint_position, command.joint_position = n, q.tolist()
+        output.set_value(command)
+
+
+def AddPoseSubscriber(
+    builder: DiagramBuilder, lcm: DrakeLcmInterface, channel: str = POSE_CHANNEL
+) -> PoseReceiver:
+    """Adds a subscriber to a channel and a `PoseReceiver`, and returns the latter.
+
+    Args:
+        builder: Builder of the diagram.
+        lcm: Bus, from `DrakeLcm` or `ApplyLcmBusConfig`.
+        channel: Channel with `lcmt_scope` messages.
+    """
+    subscriber = LcmSubscriberSystem.Make(channel, lcmt_scope, lcm)
+    builder.AddNamedSystem(f"subscriber({channel})", subscriber)
+    receiver: PoseReceiver = builder.AddNamedSystem("pose_receiver", PoseReceiver())
+    builder.Connect(subscriber.get_output_port(), receiver.GetInputPort("message"))
+    return receiver
+
+
+def AddCommandPublisher(
+    builder: DiagramBuilder,
+    lcm: DrakeLcmInterface,
+    channel: str,
+    joints: Sequence[int],
+    initial: FloatArray,
+    *,
+    period: float,
+    **options: Any,
+) -> CommandSender:
+    """Adds a `CommandSender` and a publisher on a channel, and returns the former.
+
+    Args:
+        builder: Builder of the diagram.
+        lcm: Bus, from `DrakeLcm` or `ApplyLcmBusConfig`.
+        channel: `ALLEGRO_CHANNEL` or `PANDA_CHANNEL`, or one that starts so; it tells the type.
+        joints: As for `CommandSender`.
+        initial: As for `CommandSender`.
+        period: As for `CommandSender`.
+        options: Further arguments of `CommandSender`.
+
+    Raises:
+        InvalidArgumentError: If the channel starts with none of these names.
+    """
+    types = {ALLEGRO_CHANNEL: lcmt_allegro_command, PANDA_CHANNEL: lcmt_panda_command}
+    lcm_type = next((types[name] for name in types if channel.startswith(name)), None)
+    if lcm_type is None:
+        raise InvalidArgumentError(f"channel must start with {' or '.join(types)}, not {channel}")
+    sender = CommandSender(lcm_type, joints, initial, period=period, **options)
+    publisher = LcmPublisherSystem.Make(channel, lcm_type, lcm, publish_period=period)
+    builder.AddNamedSystem(f"sender({channel})", sender)
+    builder.AddNamedSystem(f"publisher({channel})", publisher)
+    builder.Connect(sender.GetOutputPort("command"), publisher.get_input_port())
+    return sender
+
+
+def run_live(
+    simulator: Simulator, lcm: DrakeLcmInterface, *, period: float, duration: float = math.inf
+) -> None:
+    """Advances a diagram in real time, and runs a tick as soon as a message arrives.
+
+    A tick that has no message within half a period runs without one. The clock follows the phase of
+    the messages, so that they do not wait for the next tick.
+
+    Args:
+        simulator: Simulator of the diagram.
+        lcm: Bus of the diagram's subscribers.
+        period: Seconds between ticks.
+        duration: Time at which to stop, in seconds; the simulator's time starts anywhere.
+    """
+    start = time.monotonic() - simulator.get_context().get_time()
+    while (last := simulator.get_context().get_time()) < duration:
+        wait = last + 1.5 * period - (time.monotonic() - start)
+        is_fresh = lcm.HandleSubscriptions(max(0, math.ceil(1000 * wait))) > 0
+        now = time.monotonic() - start
+        tick = round(now / period) if is_fresh else math.floor(now / period - 0.5)
+        if is_fresh:
+            start += _PHASE_GAIN * (now - tick * period)
+        simulator.AdvanceTo(max(last, tick * period))

@@ -1,0 +1,230 @@
+"""Poses of an object from a CSV file, an MCAP file or a rosbag2 folder."""
+
+import json
+import math
+import sqlite3
+import struct
+from collections.abc import Iterator
+from contextlib import closing
+from functools import cache
+from io import BytesIO
+from operator import attrgetter
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple, TypeAlias
+
+from drake_pregrasp.errors import InvalidArgumentError, first_line
+from drake_pregrasp.estimation.recorded_poses import (
+    MAX_ROWS,
+    RecordedPoses,
+    check_pose,
+    read_recorded_poses,
+)
+from drake_pregrasp.resources import check_inside, read_bounded
+from drake_pregrasp.wires import check_installed
+
+MAX_BAG_BYTES = 100_000_000
+"""Largest size of an MCAP file or of a rosbag2, packed and unpacked, in bytes."""
+
+MAX_BAG_STEPS = 100_000_000
+"""Largest number of instructions of SQLite to read one file."""
+
+_LISTED = 8  # Choices in a message.
+_MAGIC = 8  # Bytes before the first record of an MCAP file.
+_RECORD = struct.Struct("<BQ")  # Opcode and length of a record, before its content.
+_FOXGLOVE = "foxglove."
+
+# Fields of the messages that hold poses, of ROS 2 as CDR and of Foxglove as JSON: stamp, names of
+# parent frame and frame, position, and orientation.
+_STAMPED = ("header.stamp", "header.frame_id")
+_POSE = ("", "pose.position", "pose.orientation")
+_ROS_TRANSFORM = (*_STAMPED, "child_frame_id", "transform.translation", "transform.rotation")
+_TRANSFORM = ("timestamp", "parent_frame_id", "child_frame_id", "translation", "rotation")
+_KINDS = {
+    "geometry_msgs/msg/PoseStamped": (*_STAMPED, *_POSE),
+    "geometry_msgs/msg/TransformStamped": _ROS_TRANSFORM,
+    "tf2_msgs/msg/TFMessage": _ROS_TRANSFORM,
+    "foxglove.PoseInFrame": ("timestamp", "frame_id", *_POSE),
+    "foxglove.FrameTransform": _TRANSFORM,
+    "foxglove.FrameTransforms": _TRANSFORM,
+}
+_LISTS = ("tf2_msgs/msg/TFMessage", "foxglove.FrameTransforms")
+
+
+_Message: TypeAlias = tuple[str, str, int, bytes]  # Topic, kind, nanoseconds, content.
+
+
+class Track(NamedTuple):
+    """Names of the poses of one frame: their topic, the frame and its parent."""
+
+    topic: str
+    frame: str
+    parent: str
+
+
+def read_poses(path: Path, topic: str = "", frame: str = "") -> RecordedPoses:
+    """Reads the poses of an object from a file of any known format.
+
+    Times of an MCAP file or a rosbag2 count from the first pose. They are the stamps of messages,
+    or the times at which messages were recorded where stamps are zero. The first pose of a time
+    counts, because transforms are often sent again.
+
+    Args:
+        path: CSV file (`read_recorded_poses`), MCAP file, or folder with the files of a rosbag2.
+        topic: Topic of the poses in an MCAP file or a rosbag2; empty for the only one.
+        frame: Name of the object's frame in messages with transforms; empty for the only one.
+
+    Raises:
+        InvalidArgumentError: If the file is invalid or too large, has no such poses or several, or
+            if a package that reads it is not installed.
+    """
+    if not path.is_dir() and path.suffix != ".mcap":
+        if topic or frame:
+            raise InvalidArgumentError(f"{path}: a CSV file has neither topics nor frames")
+        return read_recorded_poses(path)
+    check_installed(str(path))
+    try:
+        track, poses = _only_track(path, topic, frame)
+        start, rows, previous = min(poses), list[list[float]](), -math.inf
+        for number, stamp in enumerate(sorted(poses)):
+            row = [(stamp - start) / 1e9, *poses[stamp]]
+            check_pose(f"{track}, pose {number}", row, previous)
+            previous = row[0]
+            rows.append(row)
+    except InvalidArgumentError as error:
+        raise InvalidArgumentError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from error
+    except Exception as error:  # The libraries raise errors of many kinds.
+        raise InvalidArgumentError(f"{path}: cannot be read: {first_line(error)}") from error
+    return RecordedPoses.from_rows(rows)
+
+
+def _only_track(path: Path, topic: str, frame: str) -> tuple[Track, dict[int, list[float]]]:
+    """Returns the poses of one frame by their stamps."""
+    tracks: dict[Track, dict[int, list[float]]] = {}
+    for message in _messages(path):
+        for track, stamp, values in _poses(message):
+            poses = tracks.setdefault(track, {})
+            poses.setdefault(stamp, values)
+            if len(poses) > MAX_ROWS:
+                raise InvalidArgumentError(f"{track}: has more than {MAX_ROWS} poses; take fewer")
+    chosen = [t for t in tracks if topic in ("", t.topic) and frame in ("", t.frame)]
+    if len(chosen) != 1:
+        found = "; ".join(map(str, sorted(chosen or tracks)[:_LISTED])) or "no poses"
+        raise InvalidArgumentError(f"has {found}: name one of them by topic and frame")
+    return chosen[0], tracks[chosen[0]]
+
+
+def _messages(path: Path) -> Iterator[_Message]:
+    """Yields the messages with poses of an MCAP file, or of all files in a folder."""
+    is_bag = path.is_dir()
+    files = sorted(f for f in path.iterdir() if f.suffix in (".mcap", ".db3")) if is_bag else [path]
+    if sum(file.stat().st_size for file in files) > MAX_BAG_BYTES:
+        raise InvalidArgumentError(f"has more than {MAX_BAG_BYTES / 1e6:g} MB; keep only poses")
+    for file in files:
+        if is_bag:
+            check_inside(file, [path])
+        if file.suffix == ".db3":
+            yield from _sqlite_messages(file)
+        else:
+            yield from _mcap_messages(read_bounded(file, MAX_BAG_BYTES))
+
+
+def _mcap_messages(data: bytes) -> Iterator[_Message]:
+    """Yields messages of an MCAP file; the library's own loops do not limit memory and time."""
+    from mcap.data_stream import ReadDataStream
+    from mcap.opcode import Opcode
+    from mcap.records import Channel, Chunk, Message, Schema
+    from mcap.stream_reader import read_magic
+
+    read_magic(ReadDataStream(BytesIO(data)))
+    kinds: dict[int, str] = {}
+    topics: dict[int, tuple[str, str]] = {}
+    unpacked, open_records = 0, [_records(data[_MAGIC:])]
+    while open_records:
+        for opcode, body in open_records[-1]:
+            if opcode == Opcode.MESSAGE and int.from_bytes(body[:2], "little") in topics:
+                message = Message.read(ReadDataStream(BytesIO(body)), len(body))
+                yield *topics[message.channel_id], message.log_time, message.data
+            elif opcode == Opcode.CHUNK:
+                chunk = Chunk.read(ReadDataStream(BytesIO(body)))
+                unpacked += chunk.uncompressed_size
+                if unpacked > MAX_BAG_BYTES:
+                    raise InvalidArgumentError(f"unpacks to more than {MAX_BAG_BYTES / 1e6:g} MB")
+                open_records.append(_records(_unpacked(chunk)))
+                break
+            elif opcode == Opcode.SCHEMA:
+                schema = Schema.read(ReadDataStream(BytesIO(body)))
+                kinds[schema.id] = schema.name
+            elif opcode == Opcode.CHANNEL:
+                channel = Channel.read(ReadDataStream(BytesIO(body)))
+                kind = kinds.get(channel.schema_id, "")
+                encoding = "json" if kind.startswith(_FOXGLOVE) else "cdr"
+                if kind in _KINDS and channel.message_encoding == encoding:
+                    topics[channel.id] = (channel.topic, kind)
+        else:
+            open_records.pop()
+
+
+def _records(data: bytes) -> Iterator[tuple[int, memoryview]]:
+    """Yields opcode and content of the records of an MCAP file or of a chunk."""
+    view, start = memoryview(data), 0
+    while start + _RECORD.size <= len(view):  # The last magic bytes are no record.
+        opcode, length = _RECORD.unpack_from(view, start)
+        start += _RECORD.size + length
+        yield opcode, view[start - length : start]
+
+
+def _unpacked(chunk: Any) -> bytes:
+    """Returns the content of a chunk of an MCAP file, which is at most as large as it says."""
+    import lz4.frame
+    import zstandard
+
+    data, size = chunk.data, chunk.uncompressed_size
+    if chunk.compression == "lz4":
+        data = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size)
+    elif chunk.compression == "zstd":
+        data = zstandard.ZstdDecompressor().stream_reader(data).read(size)
+    elif chunk.compression:
+        raise InvalidArgumentError(f"has chunks of an unknown compression {chunk.compression!r}")
+    return bytes(data)
+
+
+def _sqlite_messages(file: Path) -> Iterator[_Message]:
+    query = (
+        "SELECT topics.name, topics.type, messages.timestamp, messages.data FROM messages"
+        " JOIN topics ON messages.topic_id = topics.id"
+        f" WHERE topics.type IN ({','.join('?' * len(_KINDS))})"
+    )
+    millions = iter(range(MAX_BAG_STEPS // 10**6))
+    uri = f"{file.absolute().as_uri()}?mode=ro&immutable=1"
+    with closing(sqlite3.connect(uri, uri=True)) as database:
+        database.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_BAG_BYTES)
+        database.set_progress_handler(lambda: next(millions, None) is None, 10**6)
+        database.execute("PRAGMA trusted_schema = OFF")
+        for topic, kind, time, data in database.execute(query, tuple(_KINDS)):
+            yield str(topic), kind, int(time), bytes(data)
+
+
+@cache
+def _typestore() -> Any:
+    from rosbags.typesys import Stores, get_typestore
+
+    return get_typestore(Stores.ROS2_HUMBLE)  # These messages are the same in all distributions.
+
+
+def _poses(message: _Message) -> Iterator[tuple[Track, int, list[float]]]:
+    """Yields the frames of the poses in a message, their stamps in nanoseconds, and `COLUMNS`."""
+    topic, kind, log_time, data = message
+    is_json = kind.startswith(_FOXGLOVE)
+    if is_json:
+        value = json.loads(data, object_hook=lambda entries: SimpleNamespace(**entries))
+    else:
+        value = _typestore().deserialize_cdr(data, kind)
+    for part in value.transforms if kind in _LISTS else [value]:
+        fields: list[Any] = [attrgetter(field)(part) if field else "" for field in _KINDS[kind]]
+        stamp, parent, frame, p, q = fields
+        nanoseconds = int(stamp.sec) * 10**9 + int(stamp.nsec if is_json else stamp.nanosec)
+        values = [float(x) for x in (p.x, p.y, p.z, q.w, q.x, q.y, q.z)]
+        if not all(map(math.isfinite, values)):
+            raise InvalidArgumentError(f"topic {topic!r}: has a number that is not finite")
+        yield Track(topic, str(frame), str(parent)), nanoseconds or log_time, values

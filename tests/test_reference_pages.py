@@ -1,0 +1,35 @@
+"""The pages of docs/reference are those that the code makes, and leave nothing unsaid."""
+
+import importlib.util
+import re
+
+import pytest
+from pages import DOCS, ROOT
+
+_SPEC = importlib.util.spec_from_file_location("made", ROOT / ".ci" / "reference_pages.py")
+made = importlib.util.module_from_spec(_SPEC)
+_SPEC.loader.exec_module(made)
+
+
+@pytest.fixture(scope="module")
+def pages():
+    return made.pages()
+
+
+def test_pages_are_up_to_date(pages):
+    for name, text in pages.items():
+        there = (DOCS / "reference" / name).read_text(encoding="utf-8")
+        assert there == text, f"{name}: run .ci/reference_pages.py"
+    assert set(pages) == {path.name for path in (DOCS / "reference").iterdir()}
+
+
+def test_every_key_has_a_meaning_or_a_section(pages):
+    for page in ("scenario_keys.md", "hand_keys.md"):
+        rows = re.findall(r"^\| `(\w+)` \| (.*?) \| (.*?) \| .*\|$", pages[page], flags=re.M)
+        assert len(rows) > 30
+        assert [key for key, meaning, values in rows if not meaning and "](" not in values] == []
+
+
+def test_every_public_name_is_there(pages):
+    names = re.findall(r"^- \[`(\w+)`\]\(.*?\): \w", pages["api.md"], flags=re.M)
+    assert {*names, "__version__"} == set(made.drake_pregrasp.__all__)
