@@ -127,10 +127,9 @@ class LimitsConfig:
     # Reach of each finger in the hand frame H. Empty: unlimited.
     reach: list[ReachConfig] = field(default_factory=list)
 
-    # Least measures of a hand's finger at its contact, with the palm at home over
-    # the object; 0 for no limit. Manipulability sqrt(det(J J')), in m^3; distance of each joint to
-    # its limits over their distance; force along the inward normal that the joints' torques allow,
-    # in newtons.
+    # Least measures of a hand's finger at its contact, with the palm at home over the object; 0 for
+    # no limit. Manipulability sqrt(det(J J')), in m^3; distance of each joint to its limits over
+    # their distance; force along the inward normal that the joints' torques allow, in newtons.
     manipulability: float = field(default=0.0, metadata=_LENGTH)
     joint_range: float = field(default=0.0, metadata={"at_least": 0, "at_most": 0.5})
     finger_force: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e4})

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.strategies import BLEND, READINGS, STRATEGIES
@@ -172,8 +170,8 @@ class PlannerConfig:
     lost_standoff: float = field(default=0.02, metadata={"at_least": 0, "at_most": 10})
 
     # Weights of a contact's goal in its safe region: position tracking, a measure of the grasp
-    # matrix, the force-closure margin, what the hand's finger can do there (`limits` has
-    # the units), or a blend of them.
+    # matrix, the force-closure margin, a measure of the hand's finger there (see `limits`), or a
+    # blend of them.
     strategy: str = field(default="position", metadata={"one_of": (*STRATEGIES, BLEND)})
 
     # Weights for the strategy blend; at least one must be above 0.
@@ -233,7 +231,7 @@ class PlannerConfig:
         """Whether a weight or a limit needs to know what the fingers can do."""
         weights = vars(self.blend) if self.strategy == BLEND else {self.strategy: 1.0}
         weighted = any(weights.get(name, 0) > 0 for name in FINGER_MEASURES)
-        return weighted or bool(np.any(self.limits.least_measures()))
+        return weighted or any(self.limits.least_measures())
 
 
 @dataclass

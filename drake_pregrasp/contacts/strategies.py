@@ -148,9 +148,10 @@ def finger_measure(selection: SelectionInput, i: int, *, name: str) -> FloatArra
         name: One of `FINGER_MEASURES`.
     """
     n, surface = selection.regions.members(i), selection.surface
-    fingers, nhat = np.full(len(n), i), surface.nhat_OQ[n]
-    finger_measures, p_OT = selection.regions.predicates.at_tips(fingers, surface.p_OQ[n], nhat)
-    return np.nan_to_num(finger_measures.at(fingers, p_OT, nhat)[:, FINGER_MEASURES.index(name)])
+    measures = selection.regions.predicates.finger_measures_at(
+        np.full(len(n), i), surface.p_OQ[n], surface.nhat_OQ[n]
+    )
+    return np.nan_to_num(measures[:, FINGER_MEASURES.index(name)])
 
 
 MEASURES: Mapping[str, Callable[[FloatArray], FloatArray]] = {

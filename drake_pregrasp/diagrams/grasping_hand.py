@@ -148,11 +148,9 @@ def AddHandController(
         builder.Connect(system.get_output_port(), planning.GetInputPort(name))
     connect(builder, planning, "fingertip_targets contact_status tracking_status", controller)
     connect(builder, planning, "X_WO_estimated V_WO_estimated", controller)
-    connect(builder, controller, "hold_contacts V_WO_held", planning)
+    connect(builder, controller, "hold_contacts V_WO_held X_WU", planning)
     if limits.reach:
         connect(builder, controller, "X_WH", planning)
-    if finger_measures is not None:
-        connect(builder, controller, "X_WU", planning)
     if scene_graph is not None:
         tips = [plant.GetFrameByName(tip.frame, robot) for tip in hand.fingertips]
         inspector = scene_graph.model_inspector()

@@ -19,11 +19,7 @@ from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import BASE
-from drake_pregrasp.regions.finger_measures import (
-    FingerChain,
-    FingerMeasures,
-    make_finger_measures,
-)
+from drake_pregrasp.regions.finger_measures import FingerChain, FingerMeasures
 from drake_pregrasp.systems.fingertip_sensor import HandKinematics, hand_links
 from drake_pregrasp.systems.hand_scene import HandScene, link_balls
 from drake_pregrasp.systems.palm_posture import FROM_ABOVE
@@ -203,10 +199,10 @@ class HandModel:
         Args:
             surface: Surface of the object.
         """
-        farthest = float(np.max(np.linalg.norm(surface.p_OQ, axis=1)) + np.max(self.tip_radii))
-        radius = farthest + float(np.linalg.norm(self.X_LA.translation()))
+        farthest = np.max(np.linalg.norm(surface.p_OQ, axis=1)) + np.max(self.tip_radii)
+        radius = float(farthest + np.linalg.norm(self.X_LA.translation()))
         if radius not in self._finger_measures:
-            self._finger_measures[radius] = make_finger_measures(self.finger_chains, radius)
+            self._finger_measures[radius] = FingerMeasures.around(radius, self.finger_chains)
         return self._finger_measures[radius]
 
     def side_depth(self, yaw: float) -> float:

@@ -38,7 +38,7 @@ def start_constraints(
     fixed: Sequence[Solid],
     yaw_range: tuple[float, float],
     X_LA: RigidTransform = FROM_ABOVE,
-    finger_measures: FingerMeasures | None = None,
+    measures: FingerMeasures | None = None,
 ) -> ConstraintsAt:
     """Returns the constraints of a hand's contacts as a function of the palm's yaw.
 
@@ -48,7 +48,7 @@ def start_constraints(
         fixed: Solids in W that fingertips avoid, such as the table.
         yaw_range: Smallest and largest angle of the palm, in radians.
         X_LA: Approach of the palm; see `HandModel`.
-        finger_measures: Measures of the fingers in the palm's frame; None if no limit needs them.
+        measures: Measures of the fingers in the palm's frame; None if no limit needs them.
     """
     R_OW, least = X_WO.rotation().matrix().T, limits.least_measures()
     shared = RegionConstraints(
@@ -63,11 +63,9 @@ def start_constraints(
 
     def at(yaw: float) -> RegionConstraints:
         R_OH = R_OW @ reach_frame(X_WO, yaw, yaw_range, X_LA).rotation().matrix()
-        p_OA, able = R_OW @ X_LA.translation(), None
-        if finger_measures is not None:
-            R_OU = R_OW @ X_LA.rotation().matrix() @ _turned(yaw)
-            able = replace(finger_measures, least=least, R_OU=R_OU, p_OU=p_OA)
-        return replace(shared, reach_pose=(R_OH, p_OA), finger_measures=able)
+        R_OU, p_OA = R_OW @ X_LA.rotation().matrix() @ _turned(yaw), R_OW @ X_LA.translation()
+        fingers = measures and replace(measures, least=least, R_OU=R_OU, p_OU=p_OA)
+        return replace(shared, reach_pose=(R_OH, p_OA), finger_measures=fingers)
 
     return at
 
@@ -108,7 +106,7 @@ def choose_contacts(
     R_OA, p_OA = R_OW @ X_LA.rotation().matrix(), R_OW @ X_LA.translation()
 
     is_above = X_LA.rotation().IsExactlyIdentity()
-    finger_measures = hand.finger_measures(surface) if np.any(limits.least_measures()) else None
+    measures = hand.finger_measures(surface) if np.any(limits.least_measures()) else None
 
     def holds_palm(yaw: float) -> bool:
         try:
@@ -122,7 +120,7 @@ def choose_contacts(
         surface,
         solid,
         HandOverObject(
-            constraints_at=start_constraints(limits, X_WO, fixed, yaw_range, X_LA, finger_measures),
+            constraints_at=start_constraints(limits, X_WO, fixed, yaw_range, X_LA, measures),
             p_OT_at=lambda yaw: hand.p_HT @ (R_OA @ _turned(yaw)).T + p_OA,
             azimuths=hand.azimuths,
             R_AO=R_OA.T,

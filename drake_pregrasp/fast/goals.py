@@ -7,8 +7,7 @@ import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.contacts.selection_input import SelectionInput
-from drake_pregrasp.contacts.strategies import MEASURES
-from drake_pregrasp.fast.predicates import finger_measures_at, hand_arrays
+from drake_pregrasp.contacts.strategies import MEASURES, finger_measure
 from drake_pregrasp.fast.projection import CompiledSurface
 from drake_pregrasp.fast.weights import KINDS, weighted_goals
 from drake_pregrasp.geometry.surface import ObjectSurface
@@ -63,7 +62,7 @@ class CompiledGoals:
                 self._P_Q = np.ascontiguousarray(P_Q.reshape(21, -1).T)
                 self._given.append(self._margins)
             elif name in FINGER_MEASURES:
-                self._given.append(partial(self._finger_measures, FINGER_MEASURES.index(name)))
+                self._given.append(partial(_finger_measures, name))
             elif name in MEASURES and contact_model != "complete":
                 from drake_pregrasp.fast.spectra import grams  # Compiled only if it is needed.
 
@@ -121,19 +120,6 @@ class CompiledGoals:
         margins: FloatArray = hand_margins(contacts, labels, active, P_C, self._P_Q, self._friction)
         return margins
 
-    def _finger_measures(
-        self,
-        column: int,
-        selection: SelectionInput,
-        contacts: IntArray,
-        labels: IntArray,
-        active: BoolArray,
-    ) -> FloatArray:
-        predicates, nhat = selection.regions.predicates, selection.surface.nhat_OQ
-        _, p_OT = predicates.at_tips(labels, selection.surface.p_OQ, nhat)
-        measures: FloatArray = finger_measures_at(hand_arrays(predicates), labels, p_OT, nhat)
-        return np.nan_to_num(measures[:, column])
-
     def _measures(
         self,
         kind: int,
@@ -151,3 +137,12 @@ class CompiledGoals:
             kind, contacts, labels, counts, grams_C, self._grams_Q
         )
         return measures
+
+
+def _finger_measures(
+    name: str, selection: SelectionInput, contacts: IntArray, labels: IntArray, _: BoolArray
+) -> FloatArray:
+    measures = np.zeros(len(labels))
+    for i in contacts.tolist():
+        measures[selection.regions.members(i)] = finger_measure(selection, i, name=name)
+    return measures

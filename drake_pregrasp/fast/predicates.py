@@ -1,6 +1,7 @@
 """Tests of single points, and of whole blocks of them, by the arrays of `Predicates`."""
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -24,8 +25,9 @@ _NONE, _FORBIDDEN, _REACH, _OBSTACLE = map(
     int, (Limit.NONE, Limit.FORBIDDEN, Limit.REACH, Limit.OBSTACLE)
 )
 _SHARES = len(ALONG)
-HAND = "Tuple((f8[:,::1], f8[:,::1], f8[:,:,:,:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[::1]))"
-"""Types of the numbers of the fingers' measures; see `hand_arrays`."""
+_HAND = "Tuple((f8[:,::1], f8[:,::1], f8[:,:,:,:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[::1]))"
+SHARED = f"Tuple((f8[:,::1], f8[:,::1], f8, f8, {_HAND}))"
+"""Types of what the contacts share; see `shared_arrays`."""
 
 _UNKNOWN = FingerMeasures(*(np.zeros(shape) for shape in ((0, 3), (0, 3), 5 * (0,), (0, 0))))
 _ABOVE = 1 + 1e-9  # Decisions about blocks must not be reversed by rounding.
@@ -61,7 +63,7 @@ def finger_measures_of(finger, hand, tip, nhat):  # type: ignore[no-untyped-def]
 
     Args:
         finger: Index of the finger.
-        hand: Numbers of the measures; see `hand_arrays`.
+        hand: Attributes of the hand's `FingerMeasures`.
         tip: Centre of the fingertip, three numbers in metres.
         nhat: Outward unit normal there, three numbers.
     """
@@ -94,7 +96,7 @@ def finger_measures_of(finger, hand, tip, nhat):  # type: ignore[no-untyped-def]
 
 @compiled()
 def limit_of_point(  # type: ignore[no-untyped-def]
-    i, contact, q, nhat, obstacles, near_solids, near_points, check_reach, hand
+    i, contact, q, nhat, shared, near_solids, near_points, check_reach
 ):
     """Returns the limit and cause of one point for one contact, as `Predicates.limits_at`.
 
@@ -103,13 +105,12 @@ def limit_of_point(  # type: ignore[no-untyped-def]
         contact: Row of the contact.
         q: Point, three numbers in metres.
         nhat: Outward unit normal at the point, three numbers.
-        obstacles: Rows of solids and of points, clearance and standoff, as in `Predicates`.
+        shared: What the contacts share; see `shared_arrays`.
         near_solids: Indices of the solids to be tested, ascending.
         near_points: Indices of the obstacle points to be tested, ascending.
         check_reach: Whether the reach is tested.
-        hand: Numbers of the fingers' measures; see `hand_arrays`.
     """
-    (x, y, z), (nx, ny, nz), (solids, points, clearance, standoff) = q, nhat, obstacles
+    (x, y, z), (nx, ny, nz), (solids, points, clearance, standoff, hand) = q, nhat, shared
     ax, ay, az = abs(nx), abs(ny), abs(nz)
     if ax >= ay and ax >= az:
         face, along = 0, nx
@@ -129,7 +130,7 @@ def limit_of_point(  # type: ignore[no-untyped-def]
         )
         if not (sideways >= 0.0 and facing >= 0.0):
             return _REACH, NO_CAUSE
-    if is_limiting(hand):
+    if np.max(hand[4]) > 0.0:
         tip, least = (x + radius * nx, y + radius * ny, z + radius * nz), hand[4]
         measures = finger_measures_of(i, hand, tip, nhat)
         for k in range(3):
@@ -156,7 +157,7 @@ def limit_of_point(  # type: ignore[no-untyped-def]
 
 @compiled()
 def near_obstacles(  # type: ignore[no-untyped-def]
-    contact, box, obstacles, near_solids, near_points, gaps
+    contact, box, shared, near_solids, near_points, gaps
 ):
     """Writes which obstacles a fingertip may touch from a box of points; returns their numbers.
 
@@ -166,12 +167,12 @@ def near_obstacles(  # type: ignore[no-untyped-def]
     Args:
         contact: Row of the contact.
         box: Midpoint of the points (3), of their normals (3), and the radii of both.
-        obstacles: Rows of solids and of points, clearance and standoff, as in `Predicates`.
+        shared: What the contacts share; see `shared_arrays`.
         near_solids: Indices of the solids, which are written.
         near_points: Indices of the obstacle points, which are written.
         gaps: Memory for a number of each point.
     """
-    (x, y, z, nx, ny, nz, size, turn), (solids, points, clearance, standoff) = box, obstacles
+    (x, y, z, nx, ny, nz, size, turn), (solids, points, clearance, standoff, _) = box, shared
     radius = contact[RADIUS]
     room = (radius + clearance + size + (radius + standoff) * turn) * _ABOVE
     shares = _SHARES if standoff > 0.0 else 1
@@ -226,65 +227,48 @@ def is_closed(contact):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def is_limiting(hand):  # type: ignore[no-untyped-def]
-    """Returns whether least measures keep any finger from places."""
-    least = hand[4]
-    return least[0] > 0.0 or least[1] > 0.0 or least[2] > 0.0
-
-
-@compiled()
 def no_limits(contact):  # type: ignore[no-untyped-def]
     """Returns whether a contact has neither closed faces nor a limited reach."""
     unlimited = contact[_SECTOR + 12] == ANY_ANGLE and contact[_SECTOR + 13] == ANY_ANGLE
     return unlimited and contact[_SOLID + 17] == np.inf and not is_closed(contact)
 
 
-@compiled(
-    "Tuple((i8[::1], i8[::1]))"
-    f"(f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, {HAND}, i8[::1], f8[:,::1], f8[:,::1])"
-)
-def limits_of_points(contacts, solids, points, clearance, standoff, hand, which, q, nhat):  # type: ignore[no-untyped-def]
+@compiled(f"Tuple((i8[::1], i8[::1]))(f8[:,::1], {SHARED}, i8[::1], f8[:,::1], f8[:,::1])")
+def limits_of_points(contacts, shared, which, q, nhat):  # type: ignore[no-untyped-def]
     """Returns the limit and cause of each point for its contact, as `Predicates.limits_at`."""
+    solids, points, _, _, _ = shared
     limits, causes = np.empty(len(q), dtype=np.int64), np.empty(len(q), dtype=np.int64)
     near_solids, near_points = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
-    gaps, obstacles = np.empty(len(points)), (solids, points, clearance, standoff)
+    gaps = np.empty(len(points))
     for k in range(len(q)):
         contact = contacts[which[k]]
         place, normal = (q[k, 0], q[k, 1], q[k, 2]), (nhat[k, 0], nhat[k, 1], nhat[k, 2])
         box = (q[k, 0], q[k, 1], q[k, 2], nhat[k, 0], nhat[k, 1], nhat[k, 2], 0.0, 0.0)
         num_solids, num_points = near_obstacles(
-            contact, box, obstacles, near_solids, near_points, gaps
+            contact, box, shared, near_solids, near_points, gaps
         )
         limits[k], causes[k] = limit_of_point(
             which[k],
             contact,
             place,
             normal,
-            obstacles,
+            shared,
             near_solids[:num_solids],
             near_points[:num_points],
             True,
-            hand,
         )
     return limits, causes
 
 
-@compiled(f"f8[:,::1]({HAND}, i8[::1], f8[:,::1], f8[:,::1])")
-def finger_measures_at(hand, which, tips, nhat):  # type: ignore[no-untyped-def]
-    """Returns the measures of fingers at places, as `FingerMeasures.at`; zeros for none, -1."""
-    measures = np.zeros((len(which), 3))
-    for k in range(len(which)):
-        if which[k] >= 0:
-            tip, normal = (tips[k, 0], tips[k, 1], tips[k, 2]), (nhat[k, 0], nhat[k, 1], nhat[k, 2])
-            values = finger_measures_of(which[k], hand, tip, normal)
-            measures[k, 0], measures[k, 1], measures[k, 2] = values
-    return measures
+def shared_arrays(predicates: Predicates) -> tuple[Any, ...]:
+    """Returns solids, points, clearance and standoff of `Predicates`, and a hand's measures.
 
-
-def hand_arrays(predicates: Predicates) -> tuple[FloatArray, ...]:
-    """Returns the numbers of the fingers' measures; none of them limits if they are unknown."""
-    parts = vars(predicates.finger_measures or _UNKNOWN).values()
-    return tuple(np.require(part, float, ("C", "W")) for part in parts)
+    If these are unknown, none of them limits.
+    """
+    hand = vars(predicates.finger_measures or _UNKNOWN).values()
+    numbers = tuple(np.require(part, float, ("C", "W")) for part in hand)
+    around = predicates.solids, predicates.points, predicates.clearance, predicates.standoff
+    return *around, numbers
 
 
 def compiled_limits_at(
@@ -293,11 +277,7 @@ def compiled_limits_at(
     """Returns the limit that keeps a contact from its point, and its cause; see `Predicates`."""
     result: tuple[IntArray, IntArray] = limits_of_points(
         predicates.contacts,
-        predicates.solids,
-        predicates.points,
-        predicates.clearance,
-        predicates.standoff,
-        hand_arrays(predicates),
+        shared_arrays(predicates),
         np.array(contacts, dtype=np.int64),
         np.array(points, dtype=float, order="C"),
         np.array(normals, dtype=float, order="C"),

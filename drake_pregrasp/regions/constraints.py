@@ -139,10 +139,10 @@ class Predicates:
     standoff: float
     finger_measures: FingerMeasures | None = None
 
-    def at_tips(
+    def finger_measures_at(
         self, contacts: IntArray, points: FloatArray, normals: FloatArray
-    ) -> tuple[FingerMeasures, FloatArray]:
-        """Returns the fingers' measures, and the centres of fingertips at points, shape (k, 3).
+    ) -> FloatArray:
+        """Returns the `FINGER_MEASURES` at points, shape (k, 3); see `FingerMeasures.at`.
 
         Args:
             contacts: As for `limits_at`, as the other arguments.
@@ -154,7 +154,8 @@ class Predicates:
         """
         if self.finger_measures is None:
             raise InvalidArgumentError(f"{', '.join(FINGER_MEASURES)} need the fingers of a hand")
-        return self.finger_measures, points + self.contacts[contacts, RADIUS, None] * normals
+        p_OT = points + self.contacts[contacts, RADIUS, None] * normals
+        return self.finger_measures.at(contacts, p_OT, normals)
 
     def limits_at(
         self, contacts: IntArray, points: FloatArray, normals: FloatArray
@@ -183,8 +184,8 @@ class Predicates:
             limits[own[~reached(row, points[own], normals[own], tips[own])]] = Limit.REACH
         free = np.flatnonzero(limits == Limit.NONE)
         if self.finger_measures is not None and self.finger_measures.is_limiting:
-            finger_measures, p_OT = self.at_tips(contacts[free], points[free], normals[free])
-            is_able = finger_measures.permits(contacts[free], p_OT, normals[free])
+            measures = self.finger_measures_at(contacts[free], points[free], normals[free])
+            is_able = self.finger_measures.permits(measures)
             limits[free[~is_able]] = Limit.REACH
             free = free[is_able]
         first = self._first_obstacles(points[free], normals[free], radii[free])

@@ -125,6 +125,21 @@ class FingerMeasures:
     R_OU: FloatArray = field(default_factory=lambda: np.eye(3))
     p_OU: FloatArray = field(default_factory=lambda: np.zeros(3))
 
+    @staticmethod
+    def around(radius: float, fingers: Sequence[FingerChain]) -> "FingerMeasures":
+        """Returns the measures of a hand's fingers around the origin of U, without limits.
+
+        The posture at a node is the one closest to home, as that of a hand whose joints are drawn
+        home while its tips follow their goals.
+
+        Args:
+            radius: Largest distance of fingertips from the origin of U, in metres.
+            fingers: The fingers.
+        """
+        most = max(len(finger.home) for finger in fingers)
+        parts = [_lattice(finger, radius, most) for finger in fingers]
+        return FingerMeasures(*map(np.array, zip(*parts, strict=True)))
+
     @property
     def is_limiting(self) -> bool:
         """Whether any finger is kept from places by a least value."""
@@ -158,32 +173,14 @@ class FingerMeasures:
         forces = np.min(self.efforts[fingers] / np.maximum(arms, LEAST_ARM), axis=1)
         return np.column_stack([row[:, -2:], forces])
 
-    def permits(self, fingers: IntArray, p_OT: FloatArray, normals: FloatArray) -> BoolArray:
-        """Returns the mask of places at which no measure is below its least value, shape (m,).
+    def permits(self, measures: FloatArray) -> BoolArray:
+        """Returns the mask of places where no measure is below its least value, shape (m,).
 
         Args:
-            fingers: As for `at`, as the other arguments.
-            p_OT: Centres of the fingertips.
-            normals: Normals of the surface.
+            measures: Measures from `at`, shape (m, 3).
         """
-        is_met = (self.at(fingers, p_OT, normals) >= self.least) | (self.least <= 0)
-        permitted: BoolArray = np.all(is_met, axis=1)
-        return permitted
-
-
-def make_finger_measures(fingers: Sequence[FingerChain], radius: float) -> FingerMeasures:
-    """Returns the measures of a hand's fingers around the origin of U, without limits.
-
-    The posture at a node is the one closest to home, as that of a hand whose joints are drawn home
-    while its tips follow their goals.
-
-    Args:
-        fingers: The fingers.
-        radius: Largest distance of fingertips from the origin of U, in metres.
-    """
-    most = max(len(finger.home) for finger in fingers)
-    parts = [_lattice(finger, radius, most) for finger in fingers]
-    return FingerMeasures(*map(np.array, zip(*parts, strict=True)))
+        is_permitted: BoolArray = np.all((measures >= self.least) | (self.least <= 0), axis=1)
+        return is_permitted
 
 
 def _lattice(finger: FingerChain, radius: float, most: int) -> tuple[FloatArray, ...]:

@@ -100,8 +100,6 @@ def make_diagram(
         pose = add("hand_pose", HandPose(X_WH, follow=scenario.hand.follow))
         builder.Connect(planner.GetOutputPort("X_WO_estimated"), pose.get_input_port())
         builder.Connect(pose.get_output_port(), planner.GetInputPort("X_WH"))
-    if hand is not None and finger_measures is not None:
-        connect(builder, hand.controller, "X_WU", planner)
     if hand is not None:
         _connect_hand(builder, scenario, hand, planner, grasp_sink)
     builder.Connect(noise.get_output_port(), sensor.GetInputPort("noise"))
@@ -164,7 +162,7 @@ def _connect_hand(
     controller = hand.controller
     connect(builder, planner, "fingertip_targets contact_status", controller)
     connect(builder, planner, "X_WO_estimated V_WO_estimated tracking_status", controller)
-    connect(builder, controller, "hold_contacts V_WO_held", planner)
+    connect(builder, controller, "hold_contacts V_WO_held X_WU", planner)
     command = builder.AddNamedSystem("close_command", _step_at(scenario.grasp.close_at))
     builder.Connect(command.get_output_port(), controller.GetInputPort("close"))
     if sink is None:

@@ -158,9 +158,8 @@ class SafeRegionPartitioner(LeafSystem):
         if finger_measures is None and config.needs_finger_measures:
             raise InvalidArgumentError(f"{', '.join(FINGER_MEASURES)} need the fingers of a hand")
         self._limits, self._wall_test = limits, config.wall_test
-        self._finger_measures = finger_measures
-        if finger_measures is not None:
-            self._finger_measures = replace(finger_measures, least=limits.least_measures())
+        least = limits.least_measures()
+        self._finger_measures = finger_measures and replace(finger_measures, least=least)
         self._tip_radii = np.array(limits.tip_radii, dtype=float)
         self._reach, self._closed = limits.reaches(), limits.closed()
         self._normal_length = config.normal_length
@@ -270,14 +269,12 @@ class SafeRegionPartitioner(LeafSystem):
             obstacles = place_obstacles(in_world, X_OW.rotation().matrix(), X_OW.translation())
             later = [self._obstacles_after(context, in_world, X_WO, t) for t in self._moments]
         reach, finger_measures = self._reach, self._finger_measures
-        X_OH = X_OU = self._hand_pose(self._X_WH, context, X_OW)
-        if self._X_WU.HasValue(context):
-            X_OU = self._hand_pose(self._X_WU, context, X_OW)
-        if X_OH is None:
+        if (X_OH := self._hand_pose(self._X_WH, context, X_OW)) is None:
             reach, X_OH = [reach and _NOTHING for reach in self._reach], X_OW
-        if X_OU is None and finger_measures is not None:
-            reach = [_NOTHING] * self._num_contacts
-        elif X_OU is not None and finger_measures is not None:
+        if finger_measures is not None:
+            port = self._X_WU if self._X_WU.HasValue(context) else self._X_WH
+            if (X_OU := self._hand_pose(port, context, X_OW)) is None:
+                reach, X_OU = [_NOTHING] * self._num_contacts, X_OW
             R_OU, p_OU = X_OU.rotation().matrix(), X_OU.translation()
             finger_measures = replace(finger_measures, R_OU=R_OU, p_OU=p_OU)
         return RegionConstraints(
