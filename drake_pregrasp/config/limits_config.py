@@ -128,9 +128,12 @@ class LimitsConfig:
     reach: list[ReachConfig] = field(default_factory=list)
 
     # Least measures of a hand's finger at its contact, with the palm at home over the object; 0 for
-    # no limit. Manipulability sqrt(det(J J')), in m^3; distance of each joint to its limits over
+    # no limit. Of the fingertip's Jacobian: smallest singular value, in metres; product of the
+    # singular values, in m^3; smallest over largest one. Distance of each joint to its limits over
     # their distance; force along the inward normal that the joints' torques allow, in newtons.
+    singularity_distance: float = field(default=0.0, metadata=_LENGTH)
     manipulability: float = field(default=0.0, metadata=_LENGTH)
+    uniformity: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1})
     joint_range: float = field(default=0.0, metadata={"at_least": 0, "at_most": 0.5})
     finger_force: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e4})
 
@@ -165,7 +168,7 @@ class LimitsConfig:
         return [[AxisArea(face) for face in faces] for faces in self.forbidden_faces]
 
     def least_measures(self) -> FloatArray:
-        """Returns the least value of each of the `FINGER_MEASURES`, shape (3,); 0 for no limit."""
+        """Returns the least value of each of the `FINGER_MEASURES`, shape (5,); 0 for no limit."""
         return np.array([getattr(self, name) for name in FINGER_MEASURES])
 
     def make_limits(self, period: float, friction: float) -> ContactLimits:

@@ -131,7 +131,9 @@ class BlendConfig:
     gii: float = field(default=0.0, metadata=_WEIGHT)
     vew: float = field(default=0.0, metadata=_WEIGHT)
     margin: float = field(default=0.0, metadata=_WEIGHT)
+    singularity_distance: float = field(default=0.0, metadata=_WEIGHT)
     manipulability: float = field(default=0.0, metadata=_WEIGHT)
+    uniformity: float = field(default=0.0, metadata=_WEIGHT)
     joint_range: float = field(default=0.0, metadata=_WEIGHT)
     finger_force: float = field(default=0.0, metadata=_WEIGHT)
 

@@ -59,7 +59,7 @@ def sector_gaps(row, tx, ty, tz, nx, ny, nz):  # type: ignore[no-untyped-def]
 
 @compiled()
 def finger_measures_of(finger, hand, tip, nhat):  # type: ignore[no-untyped-def]
-    """Returns the three measures of a finger at one place, as `FingerMeasures.at`.
+    """Returns the five measures of a finger at one place, as `FingerMeasures.at`.
 
     Args:
         finger: Index of the finger.
@@ -77,7 +77,7 @@ def finger_measures_of(finger, hand, tip, nhat):  # type: ignore[no-untyped-def]
             normal[axis] += R[k, axis] * nhat[k]
         place = (place - low[finger, axis]) / step[finger, axis]
         if not 0.0 <= place <= last:
-            return math.nan, math.nan, math.nan
+            return math.nan, math.nan, math.nan, math.nan, math.nan
         corner[axis] = min(int(place), last - 1)
         share[1, axis] = place - corner[axis]
         share[0, axis] = 1.0 - share[1, axis]
@@ -91,7 +91,7 @@ def finger_measures_of(finger, hand, tip, nhat):  # type: ignore[no-untyped-def]
         arm = row[3 * j] * normal[0] + row[3 * j + 1] * normal[1] + row[3 * j + 2] * normal[2]
         largest = efforts[finger, j] / max(abs(arm), LEAST_ARM)
         force = largest if largest < force else force  # It stays NaN.
-    return row[-2], row[-1], force
+    return row[-4], row[-3], row[-2], row[-1], force
 
 
 @compiled()
@@ -133,7 +133,7 @@ def limit_of_point(  # type: ignore[no-untyped-def]
     if np.max(hand[4]) > 0.0:
         tip, least = (x + radius * nx, y + radius * ny, z + radius * nz), hand[4]
         measures = finger_measures_of(i, hand, tip, nhat)
-        for k in range(3):
+        for k in range(len(least)):
             if least[k] > 0.0 and not measures[k] >= least[k]:
                 return _REACH, NO_CAUSE
     needed = radius + clearance

@@ -197,11 +197,18 @@ def grasp_quality(
     )
 
 
-def manipulability_volume(J: FloatArray) -> FloatArray:
-    """Returns sqrt(det(J Jᵀ)), the product of the singular values, of matrices (..., r, k).
+def posture_measures(J: FloatArray) -> FloatArray:
+    """Returns the hand-centric measures of Jacobians, shape (..., 3), that Roa & Suárez collect.
 
-    It is the volume of the manipulability ellipsoid up to a constant (Yoshikawa, 1985). With fewer
-    joints than rows, k < r, it is zero, because some velocities are impossible.
+    - Distance to a singularity: the smallest singular value.
+    - Manipulability: the product of the singular values, sqrt(det(J Jᵀ)), which is the volume of
+      the manipulability ellipsoid up to a constant (Yoshikawa, 1985).
+    - Uniformity of transformation: the smallest over the largest singular value, the inverse of the
+      condition number (Salisbury & Craig, 1982), so that larger is better.
+
+    Args:
+        J: Jacobians with at least as many columns as rows, shape (..., r, k), not zero.
     """
-    volume: FloatArray = np.sqrt(np.maximum(np.linalg.det(J @ J.swapaxes(-1, -2)), 0))
-    return volume
+    sigma = np.linalg.svd(J, compute_uv=False)
+    smallest, largest = sigma[..., -1], sigma[..., 0]
+    return np.stack([smallest, np.prod(sigma, axis=-1), smallest / largest], axis=-1)

@@ -142,7 +142,7 @@ class Predicates:
     def finger_measures_at(
         self, contacts: IntArray, points: FloatArray, normals: FloatArray
     ) -> FloatArray:
-        """Returns the `FINGER_MEASURES` at points, shape (k, 3); see `FingerMeasures.at`.
+        """Returns the `FINGER_MEASURES` at points, shape (k, 5); see `FingerMeasures.at`.
 
         Args:
             contacts: As for `limits_at`, as the other arguments.

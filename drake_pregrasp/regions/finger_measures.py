@@ -10,10 +10,18 @@ from scipy.spatial.transform import Rotation
 from scipy.stats.qmc import Halton
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
-from drake_pregrasp.quality.grasp_quality import manipulability_volume
+from drake_pregrasp.quality.grasp_quality import posture_measures
 
-FINGER_MEASURES = ("manipulability", "joint_range", "finger_force")
+FINGER_MEASURES = (
+    "singularity_distance",
+    "manipulability",
+    "uniformity",
+    "joint_range",
+    "finger_force",
+)
 """Names of the measures, in the order of `FingerMeasures.at`."""
+
+_FORCELESS = 1 - len(FINGER_MEASURES)  # First column of the table after those of the Jacobian.
 
 LEAST_ARM = 1e-3
 """Least lever arm of a force about a joint, in metres, so that all forces are finite."""
@@ -108,11 +116,11 @@ class FingerMeasures:
     Attributes:
         low: Corner of each finger's lattice in U, shape (n, 3), in metres.
         step: Distances between its nodes, shape (n, 3), in metres.
-        table: At each node, the columns of the Jacobian in U, the manipulability and the joint
-            range, shape (n, N, N, N, 3k + 2); NaN where the finger cannot bring its tip near the
+        table: At each node, the columns of the Jacobian in U and all measures but the force, shape
+            (n, N, N, N, 3k + 4); NaN where the finger cannot bring its tip near the
             node. Fingers with fewer than k joints have columns of zeros.
         efforts: Largest torques or forces of the joints, shape (n, k), in N m or N.
-        least: Least value of each of the `FINGER_MEASURES`, shape (3,); 0 for no limit.
+        least: Least value of each of the `FINGER_MEASURES`, shape (5,); 0 for no limit.
         R_OU: Orientation of U in the frame O of the places, shape (3, 3).
         p_OU: Position of U in O, shape (3,), in metres.
     """
@@ -121,7 +129,7 @@ class FingerMeasures:
     step: FloatArray
     table: FloatArray
     efforts: FloatArray
-    least: FloatArray = field(default_factory=lambda: np.zeros(3))
+    least: FloatArray = field(default_factory=lambda: np.zeros(len(FINGER_MEASURES)))
     R_OU: FloatArray = field(default_factory=lambda: np.eye(3))
     p_OU: FloatArray = field(default_factory=lambda: np.zeros(3))
 
@@ -146,9 +154,10 @@ class FingerMeasures:
         return bool(np.any(self.least > 0))
 
     def at(self, fingers: IntArray, p_OT: FloatArray, normals: FloatArray) -> FloatArray:
-        """Returns the `FINGER_MEASURES` at places, shape (m, 3); NaN outside the lattice.
+        """Returns the `FINGER_MEASURES` at places, shape (m, 5); NaN outside the lattice.
 
-        - Manipulability sqrt(det(J Jᵀ)) of the fingertip's Jacobian J (Yoshikawa, 1985), in m³.
+        - Distance to a singularity, in metres, manipulability, in m³, and uniformity, from 0 to 1,
+          of the fingertip's Jacobian J; see `posture_measures`.
         - Joint range: least distance of a joint to its limits over their distance, from 0 to 1/2.
         - Force: the largest force f along the inward normal n that every joint's torque permits,
           min_j tau_j / |J_jᵀ n|, because the torques of f n are Jᵀ n f.
@@ -168,16 +177,16 @@ class FingerMeasures:
         for offset in product((0, 1), repeat=3):
             weight = np.prod(np.where(offset, share, 1 - share), axis=1)
             row += weight[:, None] * self.table[fingers, *(corner + offset).T]
-        columns = row[:, :-2].reshape(len(row), self.efforts.shape[1], 3)
+        columns = row[:, :_FORCELESS].reshape(len(row), self.efforts.shape[1], 3)
         arms = np.abs(np.einsum("mji,mi->mj", columns, normals @ self.R_OU))
         forces = np.min(self.efforts[fingers] / np.maximum(arms, LEAST_ARM), axis=1)
-        return np.column_stack([row[:, -2:], forces])
+        return np.column_stack([row[:, _FORCELESS:], forces])
 
     def permits(self, measures: FloatArray) -> BoolArray:
         """Returns the mask of places where no measure is below its least value, shape (m,).
 
         Args:
-            measures: Measures from `at`, shape (m, 3).
+            measures: Measures from `at`, shape (m, 5).
         """
         is_permitted: BoolArray = np.all((measures >= self.least) | (self.least <= 0), axis=1)
         return is_permitted
@@ -194,7 +203,7 @@ def _lattice(finger: FingerChain, radius: float, most: int) -> tuple[FloatArray,
     p_UT, J = finger.tips(q)
     columns = np.pad(J.swapaxes(1, 2), ((0, 0), absent, (0, 0))).reshape(len(q), -1)
     ranges = np.minimum(q - finger.lower, finger.upper - q) / (finger.upper - finger.lower)
-    rows = np.column_stack([columns, manipulability_volume(J), np.min(ranges, axis=1)])
+    rows = np.column_stack([columns, posture_measures(J), np.min(ranges, axis=1)])
     rows[np.linalg.norm(p_UT - nodes, axis=1) > np.linalg.norm(step)] = np.nan
     efforts = np.pad(finger.efforts, absent, constant_values=np.inf)
     return low, step, rows.reshape(*3 * [_NODES], -1), efforts

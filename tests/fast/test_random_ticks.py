@@ -69,14 +69,14 @@ def random_reach(rng, center):
 
 def random_measures(rng, n, *, k=3, nodes=4):
     """Random lattices, with places where the finger is nowhere."""
-    table = rng.uniform(0, 1, (n, nodes, nodes, nodes, 3 * k + 2))
+    table = rng.uniform(0, 1, (n, nodes, nodes, nodes, 3 * k + 4))
     table[rng.random(table.shape[:4]) < 0.02] = np.nan
     return FingerMeasures(
         low=rng.uniform(-0.2, -0.05, (n, 3)),
         step=rng.uniform(0.05, 0.1, (n, 3)),
         table=table,
         efforts=rng.uniform(0.5, 1, (n, k)),
-        least=rng.choice([0, 0.4], 3) * (rng.random() < 0.8),
+        least=rng.choice([0, 0.25], 5) * (rng.random() < 0.8),
         R_OU=Rotation.random(rng=rng).as_matrix(),
         p_OU=rng.normal(0, 0.01, 3),
     )

@@ -78,7 +78,7 @@ def make_partitioner(surface, num_contacts=N, limits=None, finger_measures=None,
 
 def sloping_measures(size=0.2):
     """Fingers whose joint range grows along x of the palm from 0 to 1/2."""
-    table = np.zeros((N, 2, 2, 2, 3 + 2))
+    table = np.zeros((N, 2, 2, 2, 3 + 4))
     table[:, 1, ..., -1] = 0.5
     low, step = np.full((N, 3), -size), np.full((N, 3), 2 * size)
     return FingerMeasures(low, step, table, efforts=np.ones((N, 1)))
