@@ -3,6 +3,7 @@
 .venv/bin/sphinx-build -W -c docs . build/site
 """
 
+import importlib
 import inspect
 import re
 import shutil
@@ -58,17 +59,21 @@ def _navigation() -> str:
 def _complete(app, name, source):
     """Adds to the Markdown of a page what only the site has: navigation, and docstrings."""
     if name == root_doc:
+        app.env.note_dependency(str(ROOT / "docs" / "index.md"), docname=name)
         source[0] += _navigation()
     if name == "docs/reference/api":
-        source[0] = re.sub(r"^- \[`(\w+)`\].*$", _documented, source[0], flags=re.MULTILINE)
+        entry = re.compile(r"^- \[`(\w+)`\]\(../../(.*)\.py\).*$", flags=re.MULTILINE)
+        source[0] = entry.sub(_documented, source[0])
 
 
 def _documented(entry: re.Match[str]) -> str:
-    name = entry[1]
-    item = getattr(drake_pregrasp, name)
+    name, module = entry[1], drake_pregrasp
+    if not hasattr(module, name):
+        module = importlib.import_module(entry[2].replace("/", "."))
+    item = getattr(module, name)
     kind = "function" if inspect.isfunction(item) else "class" if inspect.isclass(item) else "data"
     members = "\n   :members:" if kind == "class" and name != "GraspQualityView" else ""
-    return f"\n```{{eval-rst}}\n.. auto{kind}:: drake_pregrasp.{name}{members}\n```\n"
+    return f"\n```{{eval-rst}}\n.. auto{kind}:: {module.__name__}.{name}{members}\n```\n"
 
 
 def _without_ports(app, what, name, item, options, lines):

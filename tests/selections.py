@@ -92,7 +92,7 @@ def lengths(vectors):
 def always_worse():
     """A measure of which each value is below those before it, so that no step is accepted."""
     values = iter(range(0, -1000, -1))
-    return lambda p_CoMC, nhat: np.array([next(values)])
+    return lambda surface, p_OC, nhat: np.array([next(values)])
 
 
 def tracking_goals(surface, p_OC, limits=None, **constraints):

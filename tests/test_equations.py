@@ -44,6 +44,12 @@ def called():
     return found
 
 
+def test_the_text_names_functions_that_exist():
+    named = re.findall(r"`([a-z]+\.[a-z_]+\.[a-z_]+)`", PAGE.read_text(encoding="utf-8"))
+    assert {row[2] for row in EQUATIONS} < set(named)
+    assert all(callable(function_named(name)) for name in named)
+
+
 def test_every_equation_is_there():
     assert {row[0] for row in EQUATIONS} == {f"Eq. {number}" for number in range(1, 10)}
 

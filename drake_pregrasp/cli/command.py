@@ -113,7 +113,9 @@ def _parser() -> argparse.ArgumentParser:
 
     smoother = commands.add_parser("smooth", help="smooth recorded poses and add velocities")
     smoother.set_defaults(command=_smooth)
-    smoother.add_argument("input", metavar="IN.csv", help="columns time,x,y,z,qw,qx,qy,qz")
+    smoother.add_argument(
+        "input", metavar="IN", help="CSV (time,x,y,z,qw,qx,qy,qz), MCAP or rosbag2"
+    )
     smoother.add_argument("output", metavar="OUT.csv", help="the same, and vx,vy,vz,wx,wy,wz")
     smoother.add_argument(
         "--estimator",

@@ -13,6 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
 from drake_pregrasp.errors import ScenarioError
+from drake_pregrasp.live.live_page import run_live
 from drake_pregrasp.simulation.output import INTERRUPTED_STATUS
 from drake_pregrasp.simulation.run import RunResult, run, write_graphviz
 from drake_pregrasp.simulation.scenario import Scenario
@@ -20,11 +21,12 @@ from drake_pregrasp.simulation.scenario_check import validate
 from drake_pregrasp.simulation.scenario_file import load_scenario, only_name
 from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
-from drake_pregrasp.simulation.summary import MEASURES
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
 from drake_pregrasp.systems.loggers import TickRecord
+from drake_pregrasp.systems.run_story import MEASURES
 
 _NOISE = 1e-4  # Share of a measure by which noise may change it.
+_DOUBTFUL = 0.5  # Share of tracked ticks below which a run says so.
 
 
 @contextlib.contextmanager
@@ -113,6 +115,11 @@ def _measures_in_words(summary: Mapping[str, Any]) -> Iterator[str]:
     for key, words in (("left", "left the table"), ("lost", "was lost for good")):
         if (at := summary[f"object_{key}_at"]) is not None:
             yield f"object      {words} at {at:g} s: static and best are from before"
+    share = summary["tracking"]["share"]["tracking"]
+    if share is not None and share < _DOUBTFUL:
+        once = share * summary["ticks"] < 2  # A first measurement counts until it is contradicted.
+        words = "was never tracked" if once else f"was tracked at {100 * share:.0f} % of the ticks"
+        yield f"tracking    the object {words}: measures are of goals on an estimate in doubt"
     for title, values in (("static", static), ("best after", best)):
         if values["q_msv"] is not None:
             shown = "   ".join(f"{m.upper()} {values[m]:.4f}" for m in MEASURES)
@@ -148,6 +155,23 @@ def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
     """Adds the command to those of `drake-pregrasp`."""
     parser = commands.add_parser("run", help="simulate a scenario and write its run folder")
     parser.set_defaults(command=_run)
+    add_scenario_options(parser)
+    add = parser.add_argument
+    add("--overwrite", action="store_true", help="replace a run of another scenario")
+    add("--no-recording", action="store_true", help="do not make recording.html")
+    add("--mcap", action="store_true", help="also write run.mcap for Foxglove (extra wire)")
+    add("--graphviz", metavar="FILE", help="write the diagram to this file, without a simulation")
+    add("--live", action="store_true", help="watch and change the run in a browser; no run folder")
+    live = commands.add_parser("live", help="the same as run --live, by default of a_base")
+    live.set_defaults(command=_live)
+    add_scenario_options(live)
+    film = commands.add_parser("film", help="make an animated picture of a scenario")
+    film.set_defaults(command=_film)
+    add_scenario_options(film)
+
+
+def add_scenario_options(parser: argparse.ArgumentParser) -> None:
+    """Adds the options that `load_chosen` reads, and --out."""
     add = parser.add_argument
     add("scenario", nargs="?", help="name of a shipped scenario, or of an entry of --scenario_file")
     add("--scenario_file", metavar="FILE", help="YAML file with scenarios")
@@ -166,14 +190,34 @@ def add_command(commands: "argparse._SubParsersAction[Any]") -> None:
     )
     add("--simulation_duration", metavar="SECONDS", type=float, help="overrides that key")
     add("--out", default="runs", metavar="FOLDER", help="folder of run folders (%(default)s)")
-    add("--overwrite", action="store_true", help="replace a run of another scenario")
-    add("--no-recording", action="store_true", help="do not make recording.html")
-    add("--mcap", action="store_true", help="also write run.mcap for Foxglove (extra wire)")
-    add("--graphviz", metavar="FILE", help="write the diagram to this file, without a simulation")
+
+
+def _live(options: argparse.Namespace) -> int:
+    if not (options.scenario or options.scenario_name or options.scenario_file):
+        options.scenario = "a_base"
+    name, scenario = load_chosen(options)
+
+    def announce(address: str) -> None:
+        print(f"open {address} in a browser; stop with Ctrl+C or in the page", flush=True)
+
+    with stop_on_signals() as should_stop:
+        run_live(scenario, name=name, out=options.out, announce=announce, should_stop=should_stop)
+    return 0
+
+
+def _film(options: argparse.Namespace) -> int:
+    # Imported here because the renderer takes a fifth of a second.
+    from drake_pregrasp.studies.film import film_scenario
+
+    name, scenario = load_chosen(options)
+    print(f"film in {film_scenario(scenario, name, Path(options.out))}")
+    return 0
 
 
 def _run(options: argparse.Namespace) -> int:
-    name, scenario = _load(options)
+    if options.live:
+        return _live(options)
+    name, scenario = load_chosen(options)
     if options.graphviz is not None:
         diagram = make_diagram(scenario, scenario.make_surface())
         write_graphviz(diagram, Path(options.graphviz))
@@ -193,7 +237,8 @@ def _run(options: argparse.Namespace) -> int:
     return 0 if result.completed else INTERRUPTED_STATUS
 
 
-def _load(options: argparse.Namespace) -> tuple[str, Scenario]:
+def load_chosen(options: argparse.Namespace) -> tuple[str, Scenario]:
+    """Returns the name and the scenario that the options choose."""
     file: str | None = options.scenario_file
     name: str | None = options.scenario or options.scenario_name
     if options.scenario_name not in (None, name):

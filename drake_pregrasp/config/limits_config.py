@@ -150,6 +150,10 @@ class LimitsConfig:
     # force-closure margin.
     guard: list[str] = field(default_factory=list, metadata={"one_of": GUARDS})
 
+    # Radius in metres within which each contact can slip, while the others stay, without a loss of
+    # force closure. No step may reduce it; larger radii count as this one. 0: no limit.
+    independent_radius: float = field(default=0.0, metadata=_LENGTH)
+
     # Whether a contact with an empty region moves to the closest point that it may touch.
     recover: bool = False
 
@@ -176,7 +180,7 @@ class LimitsConfig:
 
         Args:
             period: Seconds between planning ticks.
-            friction: Coulomb's coefficient, for the guard of the margin.
+            friction: Coulomb's coefficient, for the guards of force closure.
         """
         steps = [self.max_step, self.max_speed * period]
         return ContactLimits(
@@ -184,5 +188,5 @@ class LimitsConfig:
             deadband=self.deadband,
             pairs=tuple(self.pairs),
             recover=self.recover,
-            guard=guard_measure(self.guard, friction),
+            guard=guard_measure(self.guard, friction, self.independent_radius),
         )

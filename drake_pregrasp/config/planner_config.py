@@ -131,6 +131,7 @@ class BlendConfig:
     gii: float = field(default=0.0, metadata=_WEIGHT)
     vew: float = field(default=0.0, metadata=_WEIGHT)
     margin: float = field(default=0.0, metadata=_WEIGHT)
+    independence: float = field(default=0.0, metadata=_WEIGHT)
     singularity_distance: float = field(default=0.0, metadata=_WEIGHT)
     manipulability: float = field(default=0.0, metadata=_WEIGHT)
     uniformity: float = field(default=0.0, metadata=_WEIGHT)
@@ -140,7 +141,7 @@ class BlendConfig:
 
 @dataclass
 class CoordinateConfig:
-    """A further coordinate of Eq. 1, such as a force: what fingers offer and places demand."""
+    """A further coordinate of regions, such as a force: what fingers offer and places demand."""
 
     # Name of the quantity, for the reader.
     name: str = ""
@@ -172,8 +173,8 @@ class PlannerConfig:
     lost_standoff: float = field(default=0.02, metadata={"at_least": 0, "at_most": 10})
 
     # Weights of a contact's goal in its safe region: position tracking, a measure of the grasp
-    # matrix, the force-closure margin, a measure of the hand's finger there (see `limits`), or a
-    # blend of them.
+    # matrix, the force-closure margin, how far the contact may slip without a loss of force
+    # closure, a measure of the hand's finger there (see `limits`), or a blend of them.
     strategy: str = field(default="position", metadata={"one_of": (*STRATEGIES, BLEND)})
 
     # Weights for the strategy blend; at least one must be above 0.
@@ -182,10 +183,12 @@ class PlannerConfig:
     # For measures: the grasp matrix of the candidate alone, or of the hand with the candidate.
     reading: str = field(default="hand", metadata={"one_of": READINGS})
 
-    # For measures: contact model of the grasp matrix, and unit of lever arms in metres, where 0 has
-    # the same meaning as in `MeasuresConfig`. With less than the six columns or the rank that the
-    # matrix needs, msv, gii and vew are 0: all candidates then count equally.
+    # For measures: contact model of the grasp matrix. If its rank is below six, msv, gii and vew
+    # are 0, and all candidates count equally.
     contact_model: str = field(default="complete", metadata={"one_of": CONTACT_MODELS})
+
+    # For measures: unit of lever arms, in metres. 0: the longest lever arm on the object; for the
+    # complete model one metre, as in the paper.
     length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1000})
 
     # For measures: whether weights are stretched over each region, b_n - min b.
@@ -195,7 +198,7 @@ class PlannerConfig:
     # best point.
     power: float = field(default=1.0, metadata={"above": 0, "at_most": 100})
 
-    # For the margin: Coulomb's coefficient between fingertip and object.
+    # For margin and independence: Coulomb's coefficient between fingertip and object.
     friction: float = field(default=FRICTION, metadata={"at_least": 0, "at_most": 10})
 
     # Whether contacts move one after another, each with the new goals of those before it, and not
@@ -217,7 +220,7 @@ class PlannerConfig:
     # this length in metres. Regions then prefer surface that faces the same way as their contact.
     normal_length: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
 
-    # Further coordinates of Eq. 1.
+    # Further coordinates of safe regions.
     coordinates: list[CoordinateConfig] = field(default_factory=list, metadata={"max_length": 8})
 
     limits: LimitsConfig = field(default_factory=LimitsConfig)

@@ -10,25 +10,30 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import min_weight_margin
 from drake_pregrasp.quality.grasp_quality import grasp_quality
+from drake_pregrasp.regions.independent_regions import slip_radii_within
 
 GUARDS = ("q_msv", "q_gii", "q_vew", "margin")
 """Measures that can be guarded: those of the complete grasp matrix, and the margin."""
 
-Measure = Callable[[FloatArray, FloatArray], Iterable[float]]
-"""Maps lever arms and normals of active contacts, shapes (n, 3), to measures. They are computed one
-by one, so that a caller can stop at the first one that is too low."""
+Measure = Callable[[ObjectSurface, FloatArray, FloatArray], Iterable[float]]
+"""Maps a surface, and active contacts on it and their normals in O, shapes (n, 3), to measures.
+They are computed one by one, so that a caller can stop at the first one that is too low."""
 
 _REMEMBERED = 8  # Margins in the cache. Contacts that stay have that of the previous tick.
 
 
-def guard_measure(names: Sequence[str], friction: float) -> Measure | None:
-    """Returns the named measures as one function, or None if there are no names.
+def guard_measure(
+    names: Sequence[str], friction: float, independent_radius: float = 0.0
+) -> Measure | None:
+    """Returns the named measures as one function, or None if there are none.
 
     The margin comes last, because it is slow: it solves a linear program.
 
     Args:
         names: Names from `GUARDS`.
         friction: Coulomb's coefficient, for the margin.
+        independent_radius: If above 0, how far each contact may slip is a measure, too, up to this
+            radius, in metres.
 
     Raises:
         InvalidArgumentError: If a name is not in `GUARDS`.
@@ -36,7 +41,7 @@ def guard_measure(names: Sequence[str], friction: float) -> Measure | None:
     for name in names:
         if name not in GUARDS:
             raise InvalidArgumentError(f"no guard {name!r}; there are: {', '.join(GUARDS)}")
-    if not names:
+    if not names and not independent_radius > 0:
         return None
 
     @lru_cache(maxsize=_REMEMBERED)
@@ -44,11 +49,14 @@ def guard_measure(names: Sequence[str], friction: float) -> Measure | None:
         p, n = (np.frombuffer(buffer).reshape(-1, 3) for buffer in (p_CoMC, nhat))
         return min_weight_margin(p, n, friction)
 
-    def measure(p_CoMC: FloatArray, nhat: FloatArray) -> Iterator[float]:
+    def measure(surface: ObjectSurface, p_OC: FloatArray, nhat: FloatArray) -> Iterator[float]:
+        p_CoMC = p_OC - surface.p_OCoM
         of_the_matrix = [name for name in names if name != "margin"]
         if of_the_matrix:
             quality = grasp_quality(p_CoMC)
             yield from (getattr(quality, name) for name in of_the_matrix)
+        if independent_radius > 0:
+            yield from slip_radii_within(surface, p_OC, nhat, independent_radius, friction)
         if "margin" in names:
             yield margin(p_CoMC.tobytes(), nhat.tobytes())
 
@@ -85,7 +93,7 @@ def keep_quality(
             return [0.0]
         p_OC = np.where(steps[:, None], goals, p_OC_before)[active]
         normals = np.where(steps[:, None], normals_there, normals_before)[active]
-        return measure(p_OC - surface.p_OCoM, normals)
+        return measure(surface, p_OC, normals)
 
     quality = list(quality_after(steps))
     for group in groups:

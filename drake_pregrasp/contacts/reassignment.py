@@ -41,7 +41,7 @@ class ReassignmentRule:
     beyond: float = field(default=0.0, metadata={"at_least": 0, "at_most": 10})
 
     # Least share of the cost by which a change lowers it.
-    gain: float = field(default=0.5, metadata={"at_least": 0, "at_most": 1})
+    gain: float = field(default=0.5, metadata={"above": 0, "at_most": 1})
 
     # Least time between two changes, in seconds.
     every: float = field(default=1.0, metadata={"at_least": 0, "at_most": 1e6})
@@ -105,10 +105,11 @@ def reassigned_goals(
 ) -> ContactGoals:
     """Returns the goals of the fingers after the change of least cost, or the same goals.
 
-    In a change, all fingers that are not lost go on by the same number of contacts around the axis
-    of the hand, after a symmetry of the object. The shorter ways around the axis keep the order of
-    the fingers, so that none crosses another. No change lowers the number of contacts that the
-    limits of their fingers permit, or leaves none.
+    In a change, fingers that are not lost take the contacts in their order around the axis of the
+    hand, as they are or after a symmetry of the object. The shorter ways around the axis keep the
+    order of the fingers, so that none crosses another. No change lowers the number of contacts that
+    the limits of their fingers permit, or leaves none. Lost fingers are not assigned; a symmetry
+    moves their contacts too, so that there is room when they come back.
 
     Args:
         selection: Surface and regions of this tick, with the reach of the fingers.
@@ -121,43 +122,50 @@ def reassigned_goals(
         return goals
     R_OH, p_OH = constraints.reach_pose
     fingers = np.flatnonzero(~selection.regions.lost)
-    n, before = len(fingers), goals.p_OC[fingers]
-    p_HC = (before - p_OH) @ R_OH
+    n, p_HC = len(fingers), (goals.p_OC[fingers] - p_OH) @ R_OH
     reaches = [constraints.reach[finger] for finger in fingers.tolist()]
-    places = [r.place(p) if r is not None else p for r, p in zip(reaches, p_HC, strict=True)]
+    at_home = [r.place(p) if r is not None else p for r, p in zip(reaches, p_HC, strict=True)]
+    places = np.reshape(at_home, (n, 3))
     cost = np.sum((p_HC - places) ** 2)
     if cost <= n * rule.beyond**2:
         return goals
-    azimuths = np.arctan2(p_HC[:, 1], p_HC[:, 0])
+    p_OE = p_OCoM + (goals.p_OC - p_OCoM) @ symmetries.swapaxes(1, 2)
+    p_HE, azimuths = (p_OE[:, fingers] - p_OH) @ R_OH, _azimuths(p_HC)
+    # Fingers take the contacts in their order around the axis: from the first on, the second, ...
+    around = np.argsort(_azimuths(p_HE), axis=1, kind="stable")
+    contact_of = np.empty((len(symmetries), n, n), dtype=np.int64)
     order = np.argsort(azimuths, kind="stable")
-    contact_of = np.empty((n, n), dtype=np.int64)  # Of each finger, after each shift.
     for shift in range(n):
-        contact_of[shift, order] = np.roll(order, -shift)
-    equivalent = p_OCoM + (before - p_OCoM) @ symmetries.swapaxes(1, 2)
-    changes = equivalent[:, contact_of].reshape(-1, n, 3)
-    p_HD = (changes - p_OH) @ R_OH
-    shares = np.sum((p_HD - places) ** 2, axis=(1, 2)) / cost
-    turns = wrapped(np.arctan2(p_HD[..., 1], p_HD[..., 0]) - azimuths)
-    ends = (azimuths + turns)[:, order]
+        contact_of[:, shift, order] = np.roll(around, -shift, axis=1)
+    p_HD = np.take_along_axis(p_HE[:, None], contact_of[..., None], axis=2)
+    shares = np.sum((p_HD - places) ** 2, axis=(2, 3)).ravel() / cost
+    ends = (azimuths + wrapped(_azimuths(p_HD) - azimuths))[..., order].reshape(-1, n)
     in_order = np.all(np.diff(ends, axis=1) > -SLACK, axis=1)
     in_order &= np.ptp(ends, axis=1) < 2 * np.pi
     worthwhile = np.flatnonzero(in_order & (shares <= 1 - rule.gain))
     if not len(worthwhile):
         return goals
-    fewest = max(1, _num_permitted(selection, fingers, before))
+    fewest = max(1, _num_permitted(selection, fingers, goals.p_OC))
     ranks = np.argsort(shares[worthwhile].round(_DIGITS), kind="stable")
-    for change in worthwhile[ranks[:_TRIED]]:
+    for change in worthwhile[ranks[:_TRIED]].tolist():
+        symmetry, shift = divmod(change, n)
         after = goals.p_OC.copy()
-        after[fingers] = changes[change]
-        if change >= n:  # Not the identity: a symmetry may be slightly off.
-            after[fingers] = selection.surface.project(changes[change])[0]
-        if _num_permitted(selection, fingers, after[fingers]) >= fewest:
+        if symmetry > 0:  # It may be slightly off.
+            after = selection.surface.project(p_OE[symmetry])[0]
+        after[fingers] = after[fingers[contact_of[symmetry, shift]]]
+        if _num_permitted(selection, fingers, after) >= fewest:
             unknown = np.zeros(len(after), dtype=bool)
             judged = judged_goals(selection, after, unknown, ContactLimits())
             return replace(judged, reassigned=True)
     return goals
 
 
+def _azimuths(p_H: FloatArray) -> FloatArray:
+    """Returns the azimuths of points about z of H, shape (...,), in radians."""
+    azimuths: FloatArray = np.arctan2(p_H[..., 1], p_H[..., 0])
+    return azimuths
+
+
 def _num_permitted(selection: SelectionInput, fingers: IntArray, p_OC: FloatArray) -> int:
-    """Returns the number of contacts that the limits of their fingers permit."""
-    return int(np.sum(selection.limits_of(fingers, p_OC)[0] == Limit.NONE))
+    """Returns the number of contacts that the limits of some fingers permit."""
+    return int(np.sum(selection.limits_of(fingers, p_OC[fingers])[0] == Limit.NONE))

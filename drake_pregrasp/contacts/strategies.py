@@ -12,7 +12,9 @@ this matrix. There are two readings:
 - `hand`: the matrix of the whole hand with contact i at q_n, and the other active contacts fixed.
 
 These measures ignore force closure. The strategy `margin`, which the paper does not have, weights a
-candidate by a lower bound of the hand's min-weight margin, in the reading `hand` only.
+candidate by a lower bound of the hand's min-weight margin, and `independence`, after the
+independent contact regions that the paper names, by how far the contact may slip from there. Both
+are for hard fingers, in the reading `hand` only.
 
 All these weights are nearly constant over a region. Stretched weights, b_n - min b over the region,
 depend only on the differences within the region.
@@ -24,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.contacts.centroids import position_tracking
 from drake_pregrasp.contacts.selection_input import SelectionInput, WeightFunction
 from drake_pregrasp.errors import InvalidArgumentError
@@ -35,10 +37,11 @@ from drake_pregrasp.quality.grasp_quality import (
     contact_blocks,
 )
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
+from drake_pregrasp.regions.independent_regions import LEAST_MARGIN, slip_radii
 
-STRATEGIES = ("position", "msv", "gii", "vew", "margin", *FINGER_MEASURES)
-"""Position tracking, the three measures of the grasp matrix, the force-closure margin, and what the
-fingers of a hand can do."""
+STRATEGIES = ("position", "msv", "gii", "vew", "margin", "independence", *FINGER_MEASURES)
+"""Position tracking, the three measures of the grasp matrix, the force-closure margin, how far a
+contact may slip without losing force closure, and the measures of a hand's fingers."""
 
 READINGS = ("contact", "hand")
 """The two readings of the partial grasp matrix."""
@@ -112,27 +115,35 @@ def ellipsoid_volume(sigma: FloatArray) -> FloatArray:
     return volume
 
 
-def hand_margin(selection: SelectionInput, i: int, *, friction: float = FRICTION) -> FloatArray:
-    """Returns the lower bound b of the hand's margin with contact i at each candidate, shape (k,).
-
-    The contacts are hard fingers. A negative b is replaced by b / (1 - b), which keeps the order
-    and is never below -1, so that places far from force closure hardly affect the stretch.
+def margin_bounds(
+    selection: SelectionInput, i: int, candidates: IntArray, friction: float
+) -> FloatArray:
+    """Returns the lower bound of the hand's margin with contact i at each candidate, shape (k,).
 
     Args:
         selection: Contacts and their regions.
         i: Index of the contact.
+        candidates: Indices of the candidates, shape (k,).
         friction: Coulomb's coefficient.
     """
-    surface = selection.surface
-    active, members = np.flatnonzero(selection.active), selection.regions.members(i)
-    bound = moved_least_norm_margin(
+    surface, active = selection.surface, np.flatnonzero(selection.active)
+    return moved_least_norm_margin(
         selection.p_OC[active] - surface.p_OCoM,
         selection.project(selection.p_OC[active])[1],
         friction,
         moved=int(np.searchsorted(active, i)),
-        p_CoMQ=surface.p_OQ[members] - surface.p_OCoM,
-        nhat_Q=surface.nhat_OQ[members],
+        p_CoMQ=surface.p_OQ[candidates] - surface.p_OCoM,
+        nhat_Q=surface.nhat_OQ[candidates],
     )
+
+
+def hand_margin(selection: SelectionInput, i: int, *, friction: float = FRICTION) -> FloatArray:
+    """Returns `margin_bounds` b of a region's candidates, shape (k,).
+
+    A negative b is replaced by b / (1 - b), which keeps the order and is never below -1, so that
+    places far from force closure hardly affect the stretch.
+    """
+    bound = margin_bounds(selection, i, selection.regions.members(i), friction)
     # 1/(1 - b) - 1 is b/(1 - b), and -1 for b = -inf, where the bound does not exist.
     return np.where(bound < 0, 1 / (1 - np.minimum(bound, 0)) - 1, bound)
 
@@ -154,12 +165,24 @@ def finger_measure(selection: SelectionInput, i: int, *, name: str) -> FloatArra
     return np.nan_to_num(measures[:, FINGER_MEASURES.index(name)])
 
 
+def hand_independence(
+    selection: SelectionInput, i: int, *, friction: float = FRICTION
+) -> FloatArray:
+    """Returns `slip_radii` of a region's candidates, with the other contacts fixed, shape (k,)."""
+    everywhere = np.arange(len(selection.surface.p_OQ))
+    is_closed = margin_bounds(selection, i, everywhere, friction) > LEAST_MARGIN
+    return slip_radii(selection.surface, is_closed, selection.regions.members(i))
+
+
 MEASURES: Mapping[str, Callable[[FloatArray], FloatArray]] = {
     "msv": smallest_singular_value,
     "gii": isotropy_index,
     "vew": ellipsoid_volume,
 }
 """The measures of singular values, by the names of their strategies."""
+
+
+_HAND_MEASURES = {"margin": hand_margin, "independence": hand_independence}
 
 
 def _measure_of_matrix(selection: SelectionInput, i: int, *, name: str, **model: Any) -> FloatArray:
@@ -188,7 +211,7 @@ def make_strategy(
         stretch: Whether to stretch the weights over each region; `position` ignores it.
         power: Exponent of the weights, after the stretch; `position` ignores it. The larger it is,
             the closer the weighted centroid is to the best point.
-        friction: Coulomb's coefficient, for `margin`.
+        friction: Coulomb's coefficient, for `margin` and `independence`.
 
     Raises:
         InvalidArgumentError: If there is no such strategy, reading or contact model, or a number is
@@ -210,8 +233,8 @@ def make_strategy(
     if name == "position":
         return position_tracking
     measure: Measure
-    if name == "margin":
-        measure = partial(hand_margin, friction=friction)
+    if name in _HAND_MEASURES:
+        measure = partial(_HAND_MEASURES[name], friction=friction)
     elif name in FINGER_MEASURES:
         measure = partial(finger_measure, name=name)
     else:

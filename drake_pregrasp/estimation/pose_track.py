@@ -117,7 +117,9 @@ class PoseTrack:
         alternative: Alternative hypothesis, shape (91,): the belief that follows from refused
             measurements that agree with each other; its time is -inf if there are none.
         support: Number of measurements that support the alternative hypothesis.
-        refused: Number of outliers in excess of measurements that were used, at least 0.
+        refused: Number of outliers in excess of measurements that were used, at least 0; again 0
+            once enough measurements in a row were used.
+        confirmed: Number of measurements that were used since the last outlier.
         is_locked: Whether the measurements since the belief's start confirm its twist. The first
             measurement of all counts as confirmed until another one contradicts it.
         noise_level: Measurement-noise estimate, as a share of the expected noise, from 0 to 1.
@@ -138,6 +140,7 @@ class PoseTrack:
     alternative: FloatArray
     support: int
     refused: int
+    confirmed: int
     is_locked: bool
     noise_level: float
     excess: float
@@ -185,6 +188,7 @@ class PoseTrack:
             alternative=NO_ALTERNATIVE,
             support=0,
             refused=0,
+            confirmed=0,
             is_locked=True,
             noise_level=0.0,
             excess=1.0,

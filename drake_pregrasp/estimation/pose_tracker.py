@@ -49,6 +49,7 @@ _DOUBT = 2  # Times `reacquire_after`: with so many outliers in excess the track
 _PATIENCE = 5  # Times `reacquire_after`: with so many outliers in excess the belief is dropped.
 _LONGEST_SURPRISE = 0.2  # Seconds for which a sudden acceleration is assumed at most.
 _TELLING = 3.0  # Standard deviations: two measurements tell of a manoeuvre, or agree with it.
+_FIRST_GATE = 4.0  # Standard deviations of the prior of a velocity that was never measured.
 _AT_REST = 3.0  # Standard deviations up to which a velocity may be zero.
 
 
@@ -82,6 +83,16 @@ class TrackerSettings:
     def gate_squared(self) -> float:
         """Largest νᵀ S⁻¹ ν of a measurement that is used."""
         return self.gate * self.gate if self.gate > 0 else math.inf  # A power may overflow.
+
+    def gates_squared(self, belief: PoseBelief) -> FloatArray:
+        """Returns the largest νᵀ S⁻¹ ν of a position and an orientation that a belief expects.
+
+        A velocity of exactly zero was never measured. What its prior hardly explains is then left
+        to the difference of two poses, which tells a velocity of any size.
+        """
+        unknown = [not belief.v_WCoM.any(), not belief.w_WO.any()]
+        first = self.gate_squared if self.gate == 0 else min(self.gate_squared, _FIRST_GATE**2)
+        return np.where(unknown, first, self.gate_squared)
 
 
 def update_track(
@@ -124,7 +135,7 @@ def update_track(
     variance = prior.P_orientation.diagonal()[:3].max()
     if variance > _VAGUE**2 + noise.orientation**2 and not is_late:
         return _start(track, measurement, settings, prior)
-    is_expected = new.squared.max() <= settings.gate_squared
+    is_expected = bool((new.squared <= settings.gates_squared(earlier)).all())
     if not (is_expected or is_late):
         previous = _unpack_measurement(last_seen)
         if manoeuvre := _manoeuvre(track, previous, measurement, settings):
@@ -148,7 +159,8 @@ def update_track(
             track, prior, new, posterior, measurement, settings
         )
         if is_better or not is_expected:
-            after = replace(track, **statistics)
+            confirmed = track.confirmed if is_expected else 0
+            after = replace(track, **statistics, confirmed=confirmed)
             return _refuse(after, rival, support, measurement, settings)
         alternative = pack(rival)
     step = np.concatenate([track.last_seen, pack(posterior)])
@@ -157,14 +169,17 @@ def update_track(
     change = new.nu - track.last_innovation
     shares = (change * change).sum(axis=1) / new.S.trace(axis1=1, axis2=2)
     level = min(1.0, float(shares.sum()) / 4)
+    confirmed = track.confirmed + 1
+    refused = 0 if confirmed >= settings.reacquire_after else max(0, track.refused - 1)
     return replace(
         track,
         **statistics,
         steps=np.concatenate([track.steps[1:], step[None]]),
         alternative=alternative,
         support=support,
-        refused=max(0, track.refused - 1),
-        is_locked=track.is_locked or track.refused == 0,
+        refused=refused,
+        confirmed=confirmed,
+        is_locked=track.is_locked or refused == 0,
         last_innovation=new.nu,
         noise_level=(1 - _FORGETTING) * track.noise_level + _FORGETTING * level,
         verdict=MeasurementVerdict.USED,
@@ -222,6 +237,7 @@ def _begin(
         alternative=NO_ALTERNATIVE,
         support=0,
         refused=0,
+        confirmed=0,
         is_locked=is_locked,
         verdict=verdict,
     )
@@ -293,10 +309,10 @@ def _next_alternative(
     earlier = unpack_belief(track.alternative)
     if not -math.inf < earlier.time < measurement.time:
         jumped = _jumped(prior, first_belief(measurement, noise, p_OCoM))
-        is_expected = new.squared <= settings.gate_squared
+        is_expected = new.squared <= settings.gates_squared(prior)
         return _combined(posterior, jumped, is_expected), 1, False
     _, other, posterior = settings.step(earlier, measurement, noise, p_OCoM, track.noise_factor)
-    is_expected = other.squared <= settings.gate_squared
+    is_expected = other.squared <= settings.gates_squared(earlier)
     if not np.all(is_expected):
         fresh = two_point_belief(earlier, measurement, noise, p_OCoM)
         return _combined(posterior, fresh, is_expected), 1, False

@@ -11,7 +11,7 @@ from drake_pregrasp.contacts.strategies import MEASURES, finger_measure
 from drake_pregrasp.fast.projection import CompiledSurface
 from drake_pregrasp.fast.weights import KINDS, weighted_goals
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import FRICTION, balance_blocks
+from drake_pregrasp.quality.force_closure import FRICTION
 from drake_pregrasp.quality.grasp_quality import characteristic_length
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 
@@ -31,7 +31,7 @@ class CompiledGoals:
         length: Unit of the lever arms, in metres; 0 for the default.
         stretch: Whether weights are stretched over each region.
         power: Exponent of the weights.
-        friction: Coulomb's coefficient, for the margin.
+        friction: Coulomb's coefficient, for `margin` and `independence`.
         best_point: Whether goals are the candidates with the largest weights.
     """
 
@@ -51,30 +51,28 @@ class CompiledGoals:
         self._surface = surface = CompiledSurface.of(surface)
         shares = {name: share for name, share in weights.items() if share > 0}
         self._unit = characteristic_length(length, contact_model, surface.longest_lever_arm)
-        self._reading, self._contact_model, self._friction = reading, contact_model, float(friction)
-        q = surface.p_OQ - surface.p_OCoM
         self._given: list[GivenWeights] = []
         kinds = []
         for name in shares:
-            if name == "margin":
-                self._arm = surface.longest_lever_arm
-                P_Q = balance_blocks(q, surface.nhat_OQ, "hard_finger", self._arm)
-                self._P_Q = np.ascontiguousarray(P_Q.reshape(21, -1).T)
-                self._given.append(self._margins)
-            elif name in FINGER_MEASURES:
-                self._given.append(partial(_finger_measures, name))
-            elif name in MEASURES and contact_model != "complete":
-                from drake_pregrasp.fast.spectra import grams  # Compiled only if it is needed.
+            given: GivenWeights
+            if name in FINGER_MEASURES:
+                given = partial(_finger_measures, name)
+            elif name in MEASURES and contact_model != "complete":  # Compiled only if needed.
+                from drake_pregrasp.fast.spectra import MeasureWeights
 
-                self._grams_Q = grams(q / self._unit, surface.nhat_OQ, contact_model)
-                self._given.append(partial(self._measures, list(MEASURES).index(name)))
+                given = MeasureWeights(surface, name, reading, contact_model, self._unit)
+            elif name in ("margin", "independence"):
+                from drake_pregrasp.fast.margins import MarginWeights
+
+                given = MarginWeights(surface, float(friction), slips=name == "independence")
             else:
                 kinds.append(KINDS.index((name, "hand" if name == "position" else reading)))
                 continue
-            kinds.append(len(KINDS) + len(self._given) - 1)
+            kinds.append(len(KINDS) + len(self._given))
+            self._given.append(given)
         strategies = np.array(kinds), np.array(list(shares.values()), dtype=float)
         self._settings = (*strategies, stretch, float(power), best_point)
-        self._q = np.array(q, dtype=float, order="C")
+        self._q = np.array(surface.p_OQ - surface.p_OCoM, dtype=float, order="C")
         self._areas = np.array(surface.areas, dtype=float)
         self._best_point = best_point
 
@@ -108,35 +106,6 @@ class CompiledGoals:
         if self._best_point:
             return goals
         return self._surface.project_into_regions(goals, contacts, labels)[0]
-
-    def _margins(
-        self, selection: SelectionInput, contacts: IntArray, labels: IntArray, active: BoolArray
-    ) -> FloatArray:
-        from drake_pregrasp.fast.margins import hand_margins  # Compiled only if it is needed.
-
-        r, nhat = selection.p_OC - selection.surface.p_OCoM, selection.project(selection.p_OC)[1]
-        P_C = balance_blocks(r, nhat, "hard_finger", self._arm)
-        P_C = np.ascontiguousarray(P_C.transpose(2, 0, 1))[..., None]
-        margins: FloatArray = hand_margins(contacts, labels, active, P_C, self._P_Q, self._friction)
-        return margins
-
-    def _measures(
-        self,
-        kind: int,
-        selection: SelectionInput,
-        contacts: IntArray,
-        labels: IntArray,
-        active: BoolArray,
-    ) -> FloatArray:
-        from drake_pregrasp.fast.spectra import grams, measures_of_grams
-
-        r, nhat = selection.p_OC - selection.surface.p_OCoM, selection.project(selection.p_OC)[1]
-        grams_C = grams(r / self._unit, nhat, self._contact_model)
-        counts = active & (self._reading == "hand")
-        measures: FloatArray = measures_of_grams(
-            kind, contacts, labels, counts, grams_C, self._grams_Q
-        )
-        return measures
 
 
 def _finger_measures(

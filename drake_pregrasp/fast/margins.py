@@ -9,8 +9,12 @@ import math
 
 import numpy as np
 
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.fast.compiling import compiled
-from drake_pregrasp.quality.force_closure import CONE_EDGES, GRAM_RANK_TOLERANCE
+from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.quality.force_closure import CONE_EDGES, GRAM_RANK_TOLERANCE, balance_blocks
+from drake_pregrasp.regions.independent_regions import LEAST_MARGIN, slip_radii
 
 GROUP = 64
 """Largest number of places in a group."""
@@ -149,3 +153,37 @@ def hand_margins(contacts, labels, active, P_C, P_Q, friction):  # type: ignore[
                     margins[members[k]] = b[k]
                 size = 0
     return margins
+
+
+class MarginWeights:
+    """Weights of the strategies `margin` and `independence`: a `GivenWeights` of `goals`.
+
+    Args:
+        surface: The object's surface.
+        friction: Coulomb's coefficient.
+        slips: Whether the weights are `slip_radii`, and not the margin's bounds.
+    """
+
+    def __init__(self, surface: ObjectSurface, friction: float, *, slips: bool) -> None:
+        self._surface, self._friction, self._slips = surface, friction, slips
+        self._arm, q = surface.longest_lever_arm, surface.p_OQ - surface.p_OCoM
+        P_Q = balance_blocks(q, surface.nhat_OQ, "hard_finger", self._arm)
+        self._P_Q = np.ascontiguousarray(P_Q.reshape(21, -1).T)
+
+    def __call__(
+        self, selection: SelectionInput, contacts: IntArray, labels: IntArray, active: BoolArray
+    ) -> FloatArray:
+        """Returns the weights, shape (N,); see `GivenWeights`."""
+        r, nhat = selection.p_OC - self._surface.p_OCoM, selection.project(selection.p_OC)[1]
+        P_C = balance_blocks(r, nhat, "hard_finger", self._arm)
+        P_C = np.ascontiguousarray(P_C.transpose(2, 0, 1))[..., None]
+        common = active, P_C, self._P_Q, self._friction
+        if not self._slips:
+            bounds: FloatArray = hand_margins(contacts, labels, *common)
+            return bounds
+        radii = np.zeros(len(labels))
+        for i in contacts:
+            is_closed = hand_margins(i[None], np.full_like(labels, i), *common) > LEAST_MARGIN
+            members = selection.regions.members(i)
+            radii[members] = slip_radii(self._surface, is_closed, members)
+        return radii

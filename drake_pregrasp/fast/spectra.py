@@ -9,9 +9,11 @@ import math
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
+from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import MEASURES, RANK_TOLERANCE
 from drake_pregrasp.fast.compiling import compiled
+from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import contact_blocks
 
 GROUP = 64
@@ -20,12 +22,6 @@ GROUP = 64
 _SWEEPS = 12  # Largest number of sweeps; six are usual, and each of the last squares the error.
 _SETTLED = 1e-30  # Share of the squared trace up to which squares off the diagonal are rounding.
 _MSV, _GII, _VEW = range(len(MEASURES))
-
-
-def grams(p_CoMC: FloatArray, nhat: FloatArray, contact_model: str) -> FloatArray:
-    """Returns the lower triangles of G_i G_iᵀ of n contacts, shape (n, 21)."""
-    A = contact_blocks(p_CoMC, nhat, contact_model)
-    return np.ascontiguousarray((A @ A.swapaxes(1, 2))[:, *np.tril_indices(6)])
 
 
 @compiled()
@@ -118,3 +114,38 @@ def measures_of_grams(kind, contacts, labels, counts, grams_C, grams_Q):  # type
                     result[members[k]] = b[k]
                 size = 0
     return result
+
+
+class MeasureWeights:
+    """Weights of a measure of the grasp matrix: a `GivenWeights` of `goals`.
+
+    Args:
+        surface: The object's surface.
+        name: Name of the measure in `MEASURES`.
+        reading: Reading of the grasp matrix.
+        contact_model: Contact model of the grasp matrix.
+        unit: Length by which the matrix divides lever arms, in metres.
+    """
+
+    def __init__(
+        self, surface: ObjectSurface, name: str, reading: str, contact_model: str, unit: float
+    ) -> None:
+        self._surface, self._model, self._unit = surface, contact_model, unit
+        self._kind, self._counts_others = list(MEASURES).index(name), reading == "hand"
+        self._grams_Q = self._grams(surface.p_OQ, surface.nhat_OQ)
+
+    def __call__(
+        self, selection: SelectionInput, contacts: IntArray, labels: IntArray, active: BoolArray
+    ) -> FloatArray:
+        """Returns the weights, shape (N,); see `GivenWeights`."""
+        grams_C = self._grams(selection.p_OC, selection.project(selection.p_OC)[1])
+        counts = active & self._counts_others
+        b: FloatArray = measures_of_grams(
+            self._kind, contacts, labels, counts, grams_C, self._grams_Q
+        )
+        return b
+
+    def _grams(self, p_OC: FloatArray, nhat: FloatArray) -> FloatArray:
+        """Returns the lower triangles of G_i G_iᵀ of n contacts, shape (n, 21)."""
+        A = contact_blocks((p_OC - self._surface.p_OCoM) / self._unit, nhat, self._model)
+        return np.ascontiguousarray((A @ A.swapaxes(1, 2))[:, *np.tril_indices(6)])

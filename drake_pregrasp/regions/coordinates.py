@@ -1,4 +1,4 @@
-"""Further coordinates of Eq. 1: what fingers offer and what candidates demand (Sec. III.A)."""
+"""Further coordinates of safe regions: what fingers offer and places demand (Sec. III.A)."""
 
 from collections.abc import Callable, Mapping
 

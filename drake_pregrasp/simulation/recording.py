@@ -15,31 +15,38 @@ from drake_pregrasp.errors import OutputError
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
-from drake_pregrasp.systems.status_labels import StatusLabels
+from drake_pregrasp.systems.run_story import RunStory
 
 # Bright from all sides, so that the regions' colours are distinct on every face, and a little
 # brighter from above, so that hollows and edges are visible.
 _LIGHTS = {"AmbientLight": 1.7, "PointLightNegativeX": 0.0, "PointLightPositiveX": 8.0}
 
 # Position of the camera relative to its target in W, for an object of unit size.
-_CAMERA = np.array([1.9, 1.65, 1.1])
-_ARM_CAMERA = np.array([0.9, -2.1, 1.1])  # Beside the arm, which stands behind along x.
+_CAMERA = np.array([1.4, 1.2, 0.85])
+_HAND_CAMERA = np.array([1.6, 1.4, 0.92])
+_ARM_CAMERA = np.array([0.75, -1.75, 0.92])  # Beside the arm, which stands behind along x.
 _ARM_RAISED = 0.15  # Visible part of an arm above its palm, in metres.
-_VIEW = 0.5  # Share of a path's length that counts as object size, so that all of it is visible.
-
-_LABEL_HOVER = 0.065  # Height of the labels above the object, in metres.
+_VIEW = 0.6  # Share of a path's length that counts as object size, so that all of it is visible.
 
 
-def start_meshcat() -> Meshcat:
+_SCENE = "/drake"  # Path under which everything is drawn.
+
+
+def start_meshcat(*, live: bool = False) -> Meshcat:
     """Starts a viewer at any free port, for connections from this machine only.
+
+    Args:
+        live: Whether the viewer is for watching; otherwise it is empty until `recording_html`.
 
     Raises:
         OutputError: If Drake may not open a port.
     """
     try:
-        return Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
+        meshcat = Meshcat(MeshcatParams(host="localhost", show_stats_plot=False))
     except RuntimeError as error:
         raise OutputError(f"Meshcat cannot start ({error}); run without a recording") from error
+    meshcat.SetProperty(_SCENE, "visible", live)
+    return meshcat
 
 
 def add_visualizers(
@@ -51,6 +58,8 @@ def add_visualizers(
     planner: PregraspPlanner,
     *,
     record: bool,
+    live: bool,
+    continues: PregraspVisualizer | None = None,
 ) -> None:
     """Adds visualizers of plant and planner, sets lights and camera, and starts a recording.
 
@@ -61,13 +70,14 @@ def add_visualizers(
         surface: Surface of the object.
         object_plant: Plant in the builder, with the object and perhaps a hand.
         planner: Planner in the builder.
-        record: Whether to start a recording. The viewer then shows the simulation live only if it
-            runs at a real-time rate, because that doubles the time for drawing.
+        record: Whether to start a recording.
+        live: Whether the viewer shows the simulation while it records.
+        continues: Visualizer of an equal diagram whose drawings and camera are kept.
     """
     num_contacts, period = scenario.num_contacts, scenario.recording.publish_period
-    path, direction = shown_path(scenario)
     query, params = object_plant.GetOutputPort("query_object"), MeshcatVisualizerParams()
     params.publish_period = period
+    params.prefix = "/drake/bodies"  # A page loads paths in alphabetical order: bodies come first.
     MeshcatVisualizer.AddToBuilder(builder, query, meshcat, params)
     visualizer = PregraspVisualizer(
         meshcat=meshcat,
@@ -76,22 +86,17 @@ def add_visualizers(
         num_contacts=num_contacts,
         publish_period=period,
         record=record,
+        continues=continues,
     )
     builder.AddNamedSystem("pregrasp_visualizer", visualizer)
     drawn = "X_WO_estimated p_WC contact_status safe_regions p_WO_covariance"
     connect(builder, planner, drawn, visualizer)
     connect(builder, object_plant, "X_WO", visualizer)
-    labels = StatusLabels(
-        meshcat=meshcat,
-        num_contacts=num_contacts,
-        publish_period=period,
-        hover=_LABEL_HOVER + float(np.max(surface.mesh.vertices[:, 2])),
-        yaw=float(np.arctan2(direction[1], direction[0]) + np.pi / 2),
-        obstacle_names=scenario.obstacle_names,
-    )
-    builder.AddNamedSystem("status_labels", labels)
-    labelled = "X_WO_estimated contact_status contact_causes tracking_status"
-    connect(builder, planner, labelled, labels)
+    if record:
+        meshcat.StartRecording(1 / period, set_visualizations_while_recording=live)
+    if continues is not None:
+        return
+    path, direction = shown_path(scenario)
     extent = max(0.1, float(surface.mesh.extents.max()))
     for name in ("/Grid", "/Axes"):
         meshcat.SetProperty(name, "visible", False)
@@ -100,9 +105,6 @@ def add_visualizers(
     for light, intensity in _LIGHTS.items():
         meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
     meshcat.SetCameraPose(*camera_pose(path, extent, direction))
-    if record:
-        live = scenario.simulator_config.target_realtime_rate > 0
-        meshcat.StartRecording(1 / period, set_visualizations_while_recording=live)
 
 
 def shown_path(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
@@ -122,7 +124,7 @@ def shown_path(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
     above = hand.palm_height + max(settings.lift_height, settings.approach_height)
     has_arm = isinstance(hand.base, Arm)
     raised = path[[0, -1]] + model.X_LA @ np.array([0.0, 0.0, above + has_arm * _ARM_RAISED])
-    return np.concatenate([path, raised]), _ARM_CAMERA if has_arm else _CAMERA
+    return np.concatenate([path, raised]), _ARM_CAMERA if has_arm else _HAND_CAMERA
 
 
 def camera_pose(
@@ -142,8 +144,21 @@ def camera_pose(
     return target + scale * direction, target
 
 
-def recording_html(meshcat: Meshcat) -> str:
-    """Ends the recording and returns it as one self-contained page."""
+def recording_html(meshcat: Meshcat, story: RunStory) -> str:
+    """Ends the recording and returns it as one self-contained page.
+
+    Args:
+        meshcat: Viewer with the recording.
+        story: Story of the recorded run, which the page shows over the scene.
+    """
     meshcat.StopRecording()
     meshcat.PublishRecording()
-    return str(meshcat.StaticHtml())
+    meshcat.SetProperty(_SCENE, "visible", True)
+    return story.added_to(meshcat.StaticHtml())
+
+
+def make_story(scenario: Scenario, name: str) -> RunStory:
+    """Returns the story of a run that begins."""
+    title = f"{name}: {scenario.description}" if scenario.description else name
+    names, end = scenario.obstacle_names, scenario.planner.static_duration
+    return RunStory(title, scenario.num_contacts, static_end=end, obstacle_names=names)

@@ -18,7 +18,7 @@ from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from drake_pregrasp.errors import OutputError, ScenarioError
 from drake_pregrasp.simulation import output
-from drake_pregrasp.simulation.recording import recording_html, start_meshcat
+from drake_pregrasp.simulation.recording import make_story, recording_html, start_meshcat
 from drake_pregrasp.simulation.run_log import GraspLog, RunLog, static_end
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import check_recording
@@ -26,7 +26,7 @@ from drake_pregrasp.simulation.scenario_file import check_scenario, dump_scenari
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.summary import plot_metrics, summarize, summarize_grasp
 from drake_pregrasp.systems.drawing import contact_color
-from drake_pregrasp.systems.loggers import TickRecord
+from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
 from drake_pregrasp.wires.mcap_log import McapLog
 
 MCAP_FILE = "run.mcap"
@@ -106,7 +106,7 @@ def run(
                 " folder with --out, or replace it with --overwrite (in Python: out, overwrite)"
             )
         meshcat = start_meshcat() if recording else None
-        logged = LoggedRun(scenario, folder, meshcat=meshcat, mcap=mcap, on_tick=on_tick)
+        logged = LoggedRun(scenario, folder, name=name, meshcat=meshcat, mcap=mcap, on_tick=on_tick)
         with output.writing(folder):  # Last, when everything is known to be valid.
             for file in earlier:
                 file.unlink()
@@ -115,7 +115,7 @@ def run(
         _draw_graphviz(folder / "diagram.dot")
         logged.simulate(should_stop)
         if meshcat is not None:
-            output.write_text(folder / "recording.html", recording_html(meshcat))
+            output.write_text(folder / "recording.html", recording_html(meshcat, logged.story))
         summary = summarize(
             name,
             scenario,
@@ -143,11 +143,13 @@ class LoggedRun:
     Args:
         scenario: Checked scenario to simulate.
         folder: Folder for `log.csv` and, with a hand, `grasp.csv`.
+        name: Name of the run, for the title of its story.
         meshcat: Viewer that records the simulation; None for no recording.
         mcap: Whether to write `run.mcap`.
         on_tick: Function that is called with each planning tick.
 
     Attributes:
+        story: Story of the run.
         log: Log of the planning ticks.
         grasp_log: Log of the control ticks; None without a hand.
         surface: Surface of the object.
@@ -161,6 +163,7 @@ class LoggedRun:
         scenario: Scenario,
         folder: Path,
         *,
+        name: str = "",
         meshcat: Meshcat | None = None,
         mcap: bool = False,
         on_tick: Callable[[TickRecord], None] | None = None,
@@ -173,21 +176,27 @@ class LoggedRun:
         self.log = log = RunLog(
             folder / "log.csv", n, static_end=end, lookahead=lookahead, mirror=self._mcap
         )
-        self.grasp_log = GraspLog(folder / "grasp.csv", n) if has_hand else None
-        self._scenario = scenario
+        self.grasp_log = grasp_log = GraspLog(folder / "grasp.csv", n) if has_hand else None
+        self._scenario, self.story = scenario, (story := make_story(scenario, name))
         self.completed, self.wall_seconds = False, 0.0
 
         def add_tick(record: TickRecord) -> None:
             # A reference to the diagram from here would be a cycle that keeps it alive.
             log.append(record)
+            story.add_tick(record)
             if on_tick is not None:
                 on_tick(record)
+
+        def add_grasp(record: GraspRecord) -> None:
+            assert grasp_log is not None
+            grasp_log.append(record)
+            story.add_grasp(record)
 
         self.diagram = make_diagram(
             scenario,
             self.surface,
             sink=add_tick,
-            grasp_sink=self.grasp_log.append if self.grasp_log else None,
+            grasp_sink=None if grasp_log is None else add_grasp,
             meshcat=meshcat,
             record=True,
         )

@@ -227,7 +227,7 @@ class Scenario:
         """Approach X_LA of the palm (see `HandModel`), the one with the best start contacts."""
         if self.grasp.approaches == [ABOVE] or not self.chooses_contacts:
             return FROM_ABOVE
-        key = repr(replace(self, description="", random_seed=0))
+        key = _approach_key(self)
         if key not in _approaches:
             surface, X_WO = self.make_surface(), initial_pose(self.motion, self.object)
             hand = self._hand_from(FROM_ABOVE)
@@ -319,6 +319,25 @@ def initial_contacts(scenario: Scenario, surface: ObjectSurface) -> tuple[FloatA
     )
 
 
+def _approach_key(scenario: Scenario) -> str:
+    return repr(replace(scenario, description="", random_seed=0))
+
+
+def keep_start(before: Scenario, after: Scenario, surface: ObjectSurface) -> None:
+    """Lets a changed scenario have the approach and the start contacts of the one before.
+
+    Args:
+        before: Scenario whose start contacts have been chosen.
+        after: The same object and hand, with other settings.
+        surface: Surface of the object, from `before.make_surface()`.
+    """
+    if not before.chooses_contacts:
+        return
+    _approaches[_approach_key(after)] = before.approach
+    start = chosen_contacts(before, surface)
+    _chosen[surface][_contacts_key(after, after.load_hand_model())] = start
+
+
 _approaches: dict[str, RigidTransform] = {}
 _chosen: WeakKeyDictionary[ObjectSurface, dict[str, StartContacts]] = WeakKeyDictionary()
 
@@ -337,25 +356,30 @@ def chosen_contacts(scenario: Scenario, surface: ObjectSurface) -> StartContacts
 
 
 def _contacts_from(scenario: Scenario, surface: ObjectSurface, hand: HandModel) -> StartContacts:
-    grasp, X_WO = scenario.grasp, initial_pose(scenario.motion, scenario.object)
-    limits = start_grasp.hand_planner(scenario.planner, grasp, hand.description).limits
-    mass, path = scenario.object.mass, [X for _, X in followed_path(scenario, hand)]
-    poses = [X.GetAsMatrix4().tolist() for X in (X_WO, *path)]
-    key = repr((hand.description, hand.X_LA, grasp, limits, mass, poses))
+    grasp, key = scenario.grasp, _contacts_key(scenario, hand)
     known = _chosen.setdefault(surface, {})
     if key not in known:
         known[key] = choose_contacts(
             hand,
             grasp,
-            limits,
+            start_grasp.hand_planner(scenario.planner, grasp, hand.description).limits,
             surface,
             solid=scenario.object.make_shape().solid,
-            mass=mass,
-            X_WO=X_WO,
+            mass=scenario.object.mass,
+            X_WO=initial_pose(scenario.motion, scenario.object),
             fixed=[TABLE.solid],
-            path=path,
+            path=[X for _, X in followed_path(scenario, hand)],
         )
     return known[key]
+
+
+def _contacts_key(scenario: Scenario, hand: HandModel) -> str:
+    """Returns all that the choice of start contacts depends on, besides the surface."""
+    grasp, X_WO = scenario.grasp, initial_pose(scenario.motion, scenario.object)
+    limits = start_grasp.hand_planner(scenario.planner, grasp, hand.description).limits
+    path = [X for _, X in followed_path(scenario, hand)]
+    poses = [X.GetAsMatrix4().tolist() for X in (X_WO, *path)]
+    return repr((hand.description, hand.X_LA, grasp, limits, scenario.object.mass, poses))
 
 
 def followed_path(scenario: Scenario, hand: HandModel) -> list[tuple[float, RigidTransform]]:

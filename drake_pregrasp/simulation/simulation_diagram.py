@@ -33,6 +33,8 @@ def make_diagram(
     grasp_sink: Callable[[GraspRecord], None] | None = None,
     meshcat: Meshcat | None = None,
     record: bool = False,
+    live: bool = False,
+    continues: Diagram | None = None,
 ) -> Diagram:
     """Returns the diagram of a scenario.
 
@@ -42,8 +44,11 @@ def make_diagram(
         sink: Function that is called with a record of each planning tick.
         grasp_sink: Function that is called with a record of each control tick of a hand.
         meshcat: Viewer for all drawings; None for no drawings.
-        record: Whether the viewer records the simulation instead of showing it live. A run at a
-            real-time rate is also shown live.
+        record: Whether the viewer records the simulation.
+        live: Whether a viewer that records also shows the simulation, which doubles the time for
+            drawing; a viewer that does not record always shows it.
+        continues: Diagram of a scenario with the same object and contacts, whose drawings and
+            camera in the viewer this one keeps.
     """
     config, n = hand_planner(scenario), scenario.num_contacts
     period, seed = config.period, scenario.random_seed
@@ -119,7 +124,18 @@ def make_diagram(
         connect(builder, planner, "p_WC contact_status contact_causes safe_regions", logger)
         connect(builder, planner, "X_WO_estimated tracking_status time_since_measurement", logger)
     if meshcat is not None:
-        add_visualizers(builder, meshcat, scenario, surface, object_plant, planner, record=record)
+        drawn = continues and continues.GetSubsystemByName("pregrasp_visualizer")
+        add_visualizers(
+            builder,
+            meshcat,
+            scenario,
+            surface,
+            object_plant,
+            planner,
+            record=record,
+            live=live,
+            continues=drawn,
+        )
     diagram = builder.Build()
     diagram.set_name("pregrasp_simulation")
     return diagram

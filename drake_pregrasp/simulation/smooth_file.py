@@ -7,10 +7,11 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
 from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
-from drake_pregrasp.estimation.recorded_poses import COLUMNS, read_recorded_poses
+from drake_pregrasp.estimation.recorded_poses import COLUMNS
 from drake_pregrasp.simulation.output import write_text
 from drake_pregrasp.simulation.schema_check import check_mapping
 from drake_pregrasp.simulation.yaml_text import load_typed, parse_entries
+from drake_pregrasp.wires.pose_files import read_poses
 
 VELOCITY_COLUMNS = ("vx", "vy", "vz", "wx", "wy", "wz")
 """Further columns of the smoothed file: velocities of O in W, in m/s and rad/s."""
@@ -43,7 +44,7 @@ def smooth_file(source: Path, target: Path, config: EstimatorConfig) -> int:
     The written file is also a pose stream, with velocities in further columns.
 
     Args:
-        source: CSV file with the columns `COLUMNS`.
+        source: CSV file with the columns `COLUMNS`, or an MCAP file or a rosbag2 with one pose.
         target: CSV file to write.
         config: Settings of the filter.
 
@@ -51,7 +52,7 @@ def smooth_file(source: Path, target: Path, config: EstimatorConfig) -> int:
         InvalidArgumentError: If the source cannot be read or is invalid.
         OutputError: If the target cannot be written.
     """
-    track = read_recorded_poses(source)
+    track = read_poses(source)
     noise = filter_noise(config)
     beliefs = smooth(filter_poses(track.times, track.p_WO, track.R_WO.as_matrix(), noise), noise)
     lines = [",".join((*COLUMNS, *VELOCITY_COLUMNS))]

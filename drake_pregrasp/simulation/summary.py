@@ -30,7 +30,7 @@ from drake_pregrasp.quality.grasp_quality import (
     grasp_quality,
 )
 from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
-from drake_pregrasp.regions.independent_regions import force_closed_share
+from drake_pregrasp.regions.independent_regions import force_closed_share, slip_radii_within
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation import run_log
 from drake_pregrasp.simulation.output import replacing, writing
@@ -38,9 +38,16 @@ from drake_pregrasp.simulation.run_log import GraspLog, RunLog
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.link_contacts import TOUCHED
 from drake_pregrasp.systems.loggers import TickRecord
+from drake_pregrasp.systems.run_story import MEASURES
 from drake_pregrasp.version import __version__
 
-_MEASURES = ("force_closure_margin", "ferrari_canny", "independent_region_share")
+MARGINS = (
+    "force_closure_margin",
+    "ferrari_canny",
+    "independent_region_share",
+    "independent_radius",
+)
+"""Measures of force closure in the summary."""
 
 
 def force_closure_summary(
@@ -50,10 +57,11 @@ def force_closure_summary(
     static: TickRecord | None,
     final: TickRecord | None,
 ) -> dict[str, dict[str, Any]]:
-    """Returns three measures of the active contacts, with their assumptions, by their names.
+    """Returns four measures of the active contacts, with their assumptions, by their names.
 
     `force_closure_margin` is the min-weight margin, and `ferrari_canny` the radius in newtons.
-    `independent_region_share` is the share of force-closed choices of one point in each region.
+    `independent_region_share` is the share of force-closed choices of one point in each region, and
+    `independent_radius` the smallest of `slip_radii_within` the longest lever arm, in metres.
 
     Args:
         scenario: Simulated scenario, whose key `measures` configures the measures.
@@ -67,7 +75,7 @@ def force_closure_summary(
     common = {"friction": measures.friction, "contact_model": model}
     return {
         name: {**common, "static": first, "final": last}
-        for name, first, last in zip(_MEASURES, *columns, strict=True)
+        for name, first, last in zip(MARGINS, *columns, strict=True)
     }
 
 
@@ -75,18 +83,20 @@ def _measure(
     scenario: Scenario, surface: ObjectSurface, model: str, record: TickRecord | None
 ) -> tuple[float | None, ...]:
     if record is None:
-        return (None,) * len(_MEASURES)
+        return (None,) * len(MARGINS)
     measures, friction = scenario.measures, scenario.measures.friction
     cone: dict[str, Any] = {"model": model, "torsional_friction": measures.torsional_friction}
     p_WC = record.p_WC[is_active(record.contact_status)]
     p_OC: FloatArray = (record.X_WO_estimated.inverse() @ p_WC.T).T
     r, (_, nhat) = p_OC - surface.p_OCoM, surface.project(p_OC)
-    length = characteristic_length(measures.length, model, surface.longest_lever_arm)
+    far = surface.longest_lever_arm
+    length = characteristic_length(measures.length, model, far)
     generator = np.random.default_rng(scenario.random_seed)
     return (
         min_weight_margin(r, nhat, friction, **cone),
         ferrari_canny(r, nhat, friction, length=length, **cone),
         force_closed_share(surface, record.regions, friction, generator=generator, **cone),
+        float(min(slip_radii_within(surface, p_OC, nhat, far, friction, **cone), default=0.0)),
     )
 
 
@@ -188,10 +198,6 @@ def tracking_summary(status: FloatArray, time_since_measurement: FloatArray) -> 
     shares = {kind.name.lower(): _reduced(np.mean, status == kind) for kind in TrackingStatus}
     longest = _reduced(np.max, time_since_measurement)
     return {"share": shares, "longest_without_measurement": longest}
-
-
-MEASURES = ("q_msv", "q_gii", "q_vew")
-"""Measures of the paper's Table II, by their columns in `log.csv`."""
 
 
 def summarize(

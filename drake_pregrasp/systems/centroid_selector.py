@@ -92,6 +92,11 @@ class CentroidSelector(LeafSystem):
     Port `contact_causes` emits a vector of n: the index of the contact or obstacle that causes the
     status, or -1.
 
+    With `limits.reassign`, fingers change contacts at the end of a tick, also while the initial
+    contacts are held: goals of the same contacts then jump to other fingers, and limits on the
+    speed of goals do not apply to the jump. Until the update, `safe_regions` are those before it. A
+    contact that comes into reach by the change is active from the next tick on.
+
     The state holds the goals in O. At a tick, all outputs except `p_WC_previous` are those of the
     tick's new goals, both before and after the discrete update that stores them. Before the update,
     `p_WC_previous` emits the goals of the tick before.

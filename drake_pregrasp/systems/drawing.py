@@ -1,10 +1,7 @@
-"""Colours, solids and text boards for pictures and Meshcat."""
+"""Colours and solids for pictures and Meshcat."""
 
 import numpy as np
-import trimesh
-from PIL import Image, ImageDraw, ImageFont
-from pydrake.common import MemoryFile
-from pydrake.geometry import Box, InMemoryMesh, Mesh, Rgba, Shape, Sphere
+from pydrake.geometry import Box, Rgba, Shape, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace, Solid
@@ -47,6 +44,11 @@ def contact_color(contact: int) -> Rgba:
     return Rgba(*(int(hex_color[k : k + 2], 16) / 255 for k in (1, 3, 5)))
 
 
+def hex_color(color: Rgba) -> str:
+    """Returns a colour as HTML writes it."""
+    return "#" + bytes(round(255 * c) for c in (color.r(), color.g(), color.b())).hex()
+
+
 def tint(color: Rgba, share_of_white: float) -> Rgba:
     """Returns a colour mixed with white."""
     return Rgba(
@@ -60,52 +62,3 @@ def linear_rgb(color: Rgba) -> list[float]:
         c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4
         for c in (color.r(), color.g(), color.b())
     ]
-
-
-_FONT_PIXELS = 40
-_MARGIN = 16
-_FRAME = 9
-
-
-def text_board(text: str, *, height: float, frame_color: Rgba) -> Mesh:
-    """Returns a board with a line of text, visible from both sides.
-
-    The board is upright in the x-z plane of its frame, with the middle of its lower edge at the
-    origin, and is read from the side of -y.
-
-    Args:
-        text: Text of one line.
-        height: Height of the board, in metres.
-        frame_color: Colour of the board's frame.
-    """
-    image = _picture(text, frame_color)
-    width = height * image.width / image.height
-    corners = np.array([[-1, 0, 0], [1, 0, 0], [1, 0, 1], [-1, 0, 1]]) * [width / 2, 1, height]
-    uv = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
-    material = trimesh.visual.material.PBRMaterial(
-        baseColorTexture=image, metallicFactor=0.0, roughnessFactor=1.0, doubleSided=True
-    )
-    board = trimesh.Trimesh(
-        corners,
-        [[0, 1, 2], [0, 2, 3]],
-        visual=trimesh.visual.TextureVisuals(uv=uv, material=material),
-        process=False,
-    )
-    # Drake rotates glTF files so that their y axis becomes z; the file therefore swaps the axes.
-    board.apply_transform([[1, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
-    files = trimesh.exchange.gltf.export_gltf(trimesh.Scene(board), embed_buffers=True)
-    memory = MemoryFile(files["model.gltf"], ".gltf", "text.gltf")
-    return Mesh(mesh_data=InMemoryMesh(mesh_file=memory), scale=1.0)
-
-
-def _picture(text: str, frame_color: Rgba) -> Image.Image:
-    font = ImageFont.load_default(_FONT_PIXELS)
-    left, top, right, bottom = font.getbbox(text)
-    size = int(right - left) + 2 * _MARGIN, _FONT_PIXELS + 2 * _MARGIN
-    image = Image.new("RGB", size, "white")
-    draw = ImageDraw.Draw(image)
-    rgb = (frame_color.r(), frame_color.g(), frame_color.b())
-    outline = tuple(round(255 * channel) for channel in rgb)
-    draw.rectangle((0, 0, size[0] - 1, size[1] - 1), outline=outline, width=_FRAME)
-    draw.text((_MARGIN - left, (size[1] - bottom - top) / 2), text, fill="black", font=font)
-    return image

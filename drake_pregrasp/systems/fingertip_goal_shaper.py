@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BusValue, Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import FloatArray, validated_numbers
+from drake_pregrasp.arrays import SLACK, FloatArray, tick_index, validated_numbers
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import is_active
@@ -183,7 +183,7 @@ class FingertipGoalShaper(LeafSystem):
         self._fixed, self._lead, self._X_AL = tuple(fixed), lead, X_LA.inverse()
         acceleration = GOAL_SHARE * config.tip_acceleration
         self._pace = Pace(config.goal_speed, acceleration, config.period)
-        self._standoff = config.standoff
+        self._standoff, self._target_period = config.standoff, target_period
 
         self._tips = self.DeclareDiscreteState(np.array(p_GT, dtype=float).ravel())
         self._rates = self.DeclareDiscreteState(3 * n)
@@ -222,8 +222,10 @@ class FingertipGoalShaper(LeafSystem):
         if self._standoffs.HasValue(context):
             asked = validated_numbers(self._standoffs.Eval(context))
             standoffs = np.where(np.isnan(asked), standoffs, asked)
-        kept = self._contacts if held else self._targeted
-        p_OC, nhat = context.get_discrete_state(kept).value().reshape(2, -1, 3)
+        frames = self._sampled(context)
+        if held:
+            frames = context.get_discrete_state(self._contacts).value()
+        p_OC, nhat = frames.reshape(2, -1, 3)
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
         self._pose.store(context, discrete_state)
         # Paths are planned in the frame A of the approach, in which the palm's axis is z.
@@ -271,11 +273,18 @@ class FingertipGoalShaper(LeafSystem):
         return bool(self._hold.HasValue(context) and not self._hold.Eval(context)[0] <= 0)
 
     def _sample_targets(self, context: Context, discrete_state: DiscreteValues) -> None:
+        discrete_state.set_value(self._targeted, self._sampled(context))
+
+    def _sampled(self, context: Context) -> FloatArray:
+        """Returns contacts and normals in O, shape (6n,), at the planner's ticks its new ones."""
+        targeted: FloatArray = context.get_discrete_state(self._targeted).value().copy()
         X_WO: RigidTransform = self._X_WO.Eval(context)
         followed = is_followed(self._tracking_status, context)
-        if self._is_held(context) or not followed or not is_valid(X_WO):
-            return
-        targeted: FloatArray = context.get_discrete_state(self._targeted).value().copy()
+        period, time = self._target_period, context.get_time()
+        # A hand that closes at a tick of the planner must close on the goals of that tick.
+        is_due = time - period * tick_index(time, period) < SLACK * period
+        if not is_due or self._is_held(context) or not followed or not is_valid(X_WO):
+            return targeted
         p_OC, nhat = targeted.reshape(2, -1, 3)
         port = f"fingertip_targets of {self.get_name()}"
         X_OW = X_WO.inverse()
@@ -285,7 +294,7 @@ class FingertipGoalShaper(LeafSystem):
                 X_OC: RigidTransform = X_OW @ X_WC
                 p_OC[finger] = X_OC.translation()
                 nhat[finger] = -X_OC.rotation().matrix()[:, 2]
-        discrete_state.set_value(self._targeted, targeted)
+        return targeted
 
     def _palm_turn(self, context: Context) -> FloatArray | None:
         """Returns the orientation of the palm in A, or None without a valid pose."""

@@ -17,11 +17,16 @@ from drake_pregrasp.systems.ports import POSE, REGIONS
 ROOT = "/drake/pregrasp"
 """Meshcat path under which everything is drawn."""
 
+_GHOST = f"{ROOT}/estimate"
+
 _REGION_LIFT = 8e-4
 """Distance of tiles from the surface, in metres; the object hides tiles with a larger error."""
 
 
 _ELLIPSOID_COLOR = Rgba(0.35, 0.37, 0.40, 0.6)
+_GHOST_COLOR = Rgba(0.15, 0.2, 0.35, 0.15)
+_GHOST_GAP = 0.002  # Distance of the estimate from the object at which it is drawn, in metres.
+_GHOST_TURN = 0.03  # Angle between the two from which it is drawn, in radians.
 
 
 class PregraspVisualizer(LeafSystem):
@@ -52,6 +57,7 @@ class PregraspVisualizer(LeafSystem):
 
     Port `X_WO` accepts a `RigidTransform`: the true pose of the object, at which regions and trails
     are drawn. It is optional. At the estimated pose, which replaces it, the object hides regions.
+    If both differ visibly, a translucent object at the estimated pose shows where goals belong.
 
     A recording keeps only transforms and properties. All objects are therefore created once, by the
     constructor, and each publish event sets only what has changed.
@@ -69,6 +75,7 @@ class PregraspVisualizer(LeafSystem):
         covariance_magnification: Magnification of the ellipsoid.
         record: Whether the regions' colours are recorded too. `Meshcat.StartRecording` controls
             everything else.
+        continues: An equal visualizer whose drawings in Meshcat this one takes over.
     """
 
     def __init__(
@@ -84,6 +91,7 @@ class PregraspVisualizer(LeafSystem):
         trail_step: float = 0.003,
         covariance_magnification: float = 10.0,
         record: bool = True,
+        continues: "PregraspVisualizer | None" = None,
     ) -> None:
         super().__init__()
         self._meshcat = meshcat
@@ -106,7 +114,10 @@ class PregraspVisualizer(LeafSystem):
         self._safe_regions = self.DeclareAbstractInputPort("safe_regions", REGIONS)
         self._p_WO_covariance = self.DeclareVectorInputPort("p_WO_covariance", 9)
         self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)
-        self._make_objects(marker_radius)
+        if continues is None:
+            self._make_objects(marker_radius)
+        else:
+            self._take_over(continues)
         self.DeclareInitializationPublishEvent(self._restart)
         self.DeclarePeriodicPublishEvent(publish_period, 0.0, self._draw)
         self.DeclareForcedPublishEvent(self._draw)
@@ -122,6 +133,8 @@ class PregraspVisualizer(LeafSystem):
             for slot in range(self._trail_length):
                 path = _trail_path(i, slot)
                 self._meshcat.SetObject(path, Sphere(0.25 * marker_radius), color)
+        mesh = self._surface.mesh
+        self._meshcat.SetTriangleMesh(_GHOST, mesh.vertices.T, mesh.faces.T, _GHOST_COLOR)
         self._meshcat.SetObject(f"{ROOT}/covariance/axes", Sphere(1.0), _ELLIPSOID_COLOR)
 
     def _forget(self) -> None:
@@ -130,8 +143,13 @@ class PregraspVisualizer(LeafSystem):
         self._shown_labels = np.full(len(self._tile_candidates), NO_REGION - 1)
         self._trail_heads: list[tuple[int, FloatArray] | None] = [None] * self._num_contacts
 
+    def _take_over(self, other: "PregraspVisualizer") -> None:
+        self._shown, self._shown_labels = other._shown, other._shown_labels
+        self._trail_heads = other._trail_heads
+
     def _restart(self, context: Context) -> EventStatus:
-        self._forget()
+        if context.get_time() == 0:
+            self._forget()
         return EventStatus.Succeeded()
 
     def _draw(self, context: Context) -> EventStatus:
@@ -143,6 +161,8 @@ class PregraspVisualizer(LeafSystem):
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
         active = is_active(self._contact_status.Eval(context))
         self._meshcat.SetTransform(f"{ROOT}/object", X_WO_drawn, time)
+        self._meshcat.SetTransform(_GHOST, X_WO, time)
+        self._set(_GHOST, "visible", _are_apart(X_WO, X_WO_drawn), time)
         self._color_tiles(regions.labels[self._tile_candidates], time)
         self._draw_goals(p_WC, active, time)
         self._draw_trails((X_WO.inverse() @ p_WC.T).T, active, time)
@@ -199,6 +219,13 @@ class PregraspVisualizer(LeafSystem):
         if self._shown.get((path, name)) != value:
             self._meshcat.SetProperty(path, name, value, time)
             self._shown[path, name] = value
+
+
+def _are_apart(X_WA: RigidTransform, X_WB: RigidTransform) -> bool:
+    """Returns whether two poses of an object differ visibly."""
+    X_AB = X_WA.InvertAndCompose(X_WB)
+    turn = X_AB.rotation().ToAngleAxis().angle()
+    return bool(np.linalg.norm(X_AB.translation()) > _GHOST_GAP or turn > _GHOST_TURN)
 
 
 def _tile_path(tile: int) -> str:

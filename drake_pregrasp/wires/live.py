@@ -245,4 +245,4 @@ def run_live(
         tick = round(now / period) if is_fresh else math.floor(now / period - 0.5)
         if is_fresh:
             start += _PHASE_GAIN * (now - tick * period)
-        simulator.AdvanceTo(max(last, tick * period))
+        simulator.AdvanceTo(min(duration, max(last, tick * period)))

@@ -109,7 +109,9 @@ def _only_track(path: Path, topic: str, frame: str) -> tuple[Track, dict[int, li
                 raise InvalidArgumentError(f"{track}: has more than {MAX_ROWS} poses; take fewer")
     chosen = [t for t in tracks if topic in ("", t.topic) and frame in ("", t.frame)]
     if len(chosen) != 1:
-        found = "; ".join(map(str, sorted(chosen or tracks)[:_LISTED])) or "no poses"
+        if not tracks:
+            raise InvalidArgumentError(f"has no messages of {', '.join(_KINDS)}")
+        found = "; ".join(map(str, sorted(chosen or tracks)[:_LISTED]))
         raise InvalidArgumentError(f"has {found}: name one of them by topic and frame")
     return chosen[0], tracks[chosen[0]]
 
@@ -117,16 +119,20 @@ def _only_track(path: Path, topic: str, frame: str) -> tuple[Track, dict[int, li
 def _messages(path: Path) -> Iterator[_Message]:
     """Yields the messages with poses of an MCAP file, or of all files in a folder."""
     is_bag = path.is_dir()
-    files = sorted(f for f in path.iterdir() if f.suffix in (".mcap", ".db3")) if is_bag else [path]
-    if sum(file.stat().st_size for file in files) > MAX_BAG_BYTES:
+    files = [path]
+    if is_bag:
+        regular = sorted(file for file in path.iterdir() if file.is_file())
+        files = [file for file in regular if file.suffix in (".mcap", ".db3")]
+    sizes = [file.stat().st_size for file in files]
+    if sum(sizes) > MAX_BAG_BYTES:
         raise InvalidArgumentError(f"has more than {MAX_BAG_BYTES / 1e6:g} MB; keep only poses")
-    for file in files:
+    for file, size in zip(files, sizes, strict=True):
         if is_bag:
             check_inside(file, [path])
         if file.suffix == ".db3":
             yield from _sqlite_messages(file)
         else:
-            yield from _mcap_messages(read_bounded(file, MAX_BAG_BYTES))
+            yield from _mcap_messages(read_bounded(file, size))
 
 
 def _mcap_messages(data: bytes) -> Iterator[_Message]:

@@ -5,6 +5,8 @@ import pytest
 
 from drake_pregrasp.config.limits_config import BallReach, BoxReach, LimitsConfig
 from drake_pregrasp.contacts.goal_limits import Pair
+from drake_pregrasp.geometry.mesh_surface import mesh_surface
+from drake_pregrasp.geometry.shapes import ball_shape
 
 
 def test_reaches_are_solids_of_the_hand():
@@ -34,13 +36,24 @@ def test_the_shorter_of_speed_and_step_limits_steps(keys, max_step):
 
 def test_all_keys_reach_the_limits():
     pair = Pair(first=1, second=0, distance=0.03, tolerance=0.002)
-    config = LimitsConfig(deadband=0.001, pairs=[pair], guard=["margin", "q_vew"], recover=True)
+    config = LimitsConfig(
+        deadband=0.001,
+        pairs=[pair],
+        guard=["margin", "q_vew"],
+        independent_radius=0.01,
+        recover=True,
+    )
     limits = config.make_limits(period=0.1, friction=0.7)
     assert (limits.deadband, limits.recover) == (0.001, True)
     assert limits.pairs == (pair,)
-    p_CoMC = 0.03 * np.array([[1.0, 0, 0], [-0.5, 0.87, 0], [-0.5, -0.87, 0], [0, 0, 1]])
-    nhat = p_CoMC / np.linalg.norm(p_CoMC, axis=1, keepdims=True)
+    surface = mesh_surface(ball_shape(0.03), spacing=0.008)
+    p_OC = 0.03 * np.array([[1.0, 0, 0], [-0.5, 0.87, 0], [-0.5, -0.87, 0], [0, 0, 1]])
+    p_OC, nhat = surface.project(p_OC)
     slippery = config.make_limits(period=0.1, friction=0.0)
-    margins = [list(each.guard(p_CoMC, nhat))[-1] for each in (limits, slippery)]
-    assert margins[0] > margins[1]
+    measures = [list(each.guard(surface, p_OC, nhat)) for each in (limits, slippery)]
+    assert (
+        measures[0][0] == measures[1][0]
+    )  # Q_VEW, the radii of the four contacts, and the margin.
+    assert np.all(np.array(measures[0][1:]) > measures[1][1:])
+    np.testing.assert_array_equal(measures[0][1:-1], 0.01)
     assert LimitsConfig().make_limits(period=0.1, friction=0.7).guard is None

@@ -9,6 +9,7 @@ from drake_pregrasp.contacts.goal_limits import ContactLimits
 from drake_pregrasp.contacts.quality_guard import GUARDS, guard_measure
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.shapes import cylinder_shape
+from drake_pregrasp.regions.independent_regions import slip_radii_within
 
 CAN = mesh_surface(
     cylinder_shape(0.035, 0.12), spacing=0.008, no_touch=[AxisArea("+z"), AxisArea("-z")]
@@ -16,7 +17,7 @@ CAN = mesh_surface(
 
 
 def qualities(surface, p_OC):
-    measured = guard_measure(GUARDS, 0.7)(p_OC - surface.p_OCoM, surface.project(p_OC)[1])
+    measured = guard_measure(GUARDS, 0.7)(surface, p_OC, surface.project(p_OC)[1])
     return np.array(list(measured))
 
 
@@ -37,13 +38,33 @@ def test_guarded_measures_never_fall(names, tips):
     assert np.min(np.diff(values, axis=0)) < -1e-4
 
 
+def test_no_step_shortens_the_slip_that_the_grasp_survives_below_the_limit():
+    radius, surface = 0.02, CUBE
+
+    def slips(p_OC):
+        return slip_radii_within(surface, p_OC, surface.project(p_OC)[1], radius, 0.7)
+
+    p_OC = 0.05 * np.array([[1, 0.2, 0], [-1, 0.4, 0.2], [-1, -0.4, -0.2], [1, -0.4, 0.2]])
+    moved, fell = {}, {}
+    for limit in (0.0, radius):
+        limits = ContactLimits(guard=guard_measure((), 0.7, limit), max_step=0.01)
+        gains, lengths_ = [], 0.0
+        for _, before, goals in wander(surface, p_OC, limits, 15, seed=4):
+            gains.append(np.min(slips(goals.p_OC) - slips(before)))
+            lengths_ += np.sum(lengths(goals.p_OC - before))
+        moved[limit], fell[limit] = lengths_, min(gains)
+    assert fell[radius] >= -1e-12
+    assert fell[0.0] < -0.002
+    assert moved[radius] > 0.02
+
+
 def test_a_reverted_step_also_reverts_steps_that_depend_on_it():
     """The measure is the product of two heights; the first contact meets a fingertip."""
     before = np.array([[0.05, -0.015, 0.005], [0.05, 0.005, -0.035], [0.05, 0.035, 0.005]])
     after = before + np.array([[0, 0.04, 0], [0, 0.04, 0], [0, 0, 0]])
     for radius, expected in ((1e-3, after), (0.01, before)):
         goals = goals_towards(
-            after, before, radius, guard=lambda p_CoMC, nhat: p_CoMC[:1, 1] * p_CoMC[1, 1]
+            after, before, radius, guard=lambda surface, p_OC, nhat: p_OC[:1, 1] * p_OC[1, 1]
         )
         np.testing.assert_allclose(goals, expected, atol=1e-12)
 
@@ -51,7 +72,7 @@ def test_a_reverted_step_also_reverts_steps_that_depend_on_it():
 def test_a_step_that_leaves_the_grasp_as_good_is_taken():
     before = spread_contacts(CUBE, 4, 0.03)
     after = np.roll(before, 1, axis=0)
-    for guard, expected in ((lambda p_CoMC, nhat: [1.0], after), (always_worse(), before)):
+    for guard, expected in ((lambda surface, p_OC, nhat: [1.0], after), (always_worse(), before)):
         np.testing.assert_allclose(goals_towards(after, before, guard=guard), expected, atol=1e-12)
 
 

@@ -10,6 +10,11 @@ from thin_cup import CUP
 from drake_pregrasp import BoxSolid, ForbiddenPoints, box_surface, mesh_surface
 from drake_pregrasp.contacts.centroids import select_contacts
 from drake_pregrasp.contacts.goal_limits import ContactLimits, Pair
+from drake_pregrasp.contacts.reassignment import (
+    ReassignmentRule,
+    reassigned_goals,
+    surface_symmetries,
+)
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import STRATEGIES, make_blend
 from drake_pregrasp.fast import fast_goals, fast_labels, fast_limits, fast_surface
@@ -36,6 +41,7 @@ SURFACES = [
 ]
 GRAPHS = [SurfaceGraph(surface) for surface in SURFACES]
 COMPILED = [fast_surface(surface) for surface in SURFACES]
+SYMMETRIES = [surface_symmetries(surface)[:12] for surface in SURFACES]
 LIFTED = [lifted(surface.p_OQ, surface.nhat_OQ, LENGTH) for surface in SURFACES]
 LABELS = [
     {3: fast_labels(surface.p_OQ, surface.nhat_OQ), 6: fast_labels(points, surface.nhat_OQ)}
@@ -112,6 +118,7 @@ def random_constraints(rng, which, p_OC, forbidden, has):
         nhat_OC=nhat_OC,
         reach=[random_reach(rng, p) for p in p_OC] if "reach" in has else (),
         finger_measures=random_measures(rng, n) if "finger_measures" in has else None,
+        reach_pose=(np.eye(3), np.zeros(3)) if "reassign" in has else None,
         closed=[
             [AxisArea(f) for f in rng.choice(faces, rng.integers(3), replace=False)]
             for _ in range(n)
@@ -124,7 +131,7 @@ def random_constraints(rng, which, p_OC, forbidden, has):
 
 
 PARTS = ("tips", "solids", "points", "horizon", "walls", "reach", "closed", "normals", "limits")
-PARTS += ("forbidden", "coincident", "coordinates", "finger_measures")
+PARTS += ("forbidden", "coincident", "coordinates", "reassign", "finger_measures")
 
 
 # Settings of the examples that were found.
@@ -242,6 +249,10 @@ def test_a_tick_is_that_of_the_reference(
         )
         for selection, own in ((reference, None), (compiled, choose))
     )
+    if {"reassign", "reach"} <= has:
+        rule = ReassignmentRule(beyond=1e-3, gain=0.05)
+        goals = reassigned_goals(reference, goals, rule, SYMMETRIES[which])
+        others = reassigned_goals(compiled, others, rule, SYMMETRIES[which])
     np.testing.assert_allclose(
         others.p_OC, goals.p_OC, rtol=0, atol=1e-9 * np.ptp(surface.p_OQ, axis=0).max()
     )

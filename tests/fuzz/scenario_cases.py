@@ -1,10 +1,13 @@
 """Scenario files, good and bad, each a function of a seed and a number."""
 
 import copy
+import functools
+import io
 import json
 import math
 import random
 import re
+import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -160,8 +163,53 @@ def _altered(tree: Any, rng: random.Random) -> Any:
 
 
 def _stream(kind: str, rng: random.Random) -> Case:
-    files = {"x.csv": _changed(_DATA["carried_by_hand.csv"], rng)}
-    return Case(kind, b"case: {motion: !PoseStream {file: x.csv}}\n", None, files)
+    name = rng.choice(("x.csv", *_bags()))
+    data = _changed(_DATA["carried_by_hand.csv"], rng)
+    if name != "x.csv":
+        data = mutated(_bags()[name], rng)
+    file = name.partition("/")[0]
+    return Case(
+        kind, f"case: {{motion: !PoseStream {{file: {file}}}}}\n".encode(), None, {name: data}
+    )
+
+
+@functools.cache
+def _bags() -> Mapping[str, bytes]:
+    """Returns recorded poses as files of MCAP, of Foxglove and of ROS 2, and of rosbag2."""
+    try:
+        import rosbags.rosbag2 as bags
+        from mcap.writer import CompressionType, Writer
+        from rosbags.typesys import Stores, get_typestore
+    except ModuleNotFoundError:
+        return {}
+    store, files = get_typestore(Stores.ROS2_HUMBLE), {}
+    pose = {"position": dict.fromkeys("xyz", 0.1), "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
+    for compression in CompressionType:
+        stream = io.BytesIO()
+        writer = Writer(stream, compression=compression)
+        writer.start()
+        schema = writer.register_schema("foxglove.PoseInFrame", "jsonschema", b"{}")
+        channel = writer.register_channel("/cup", "json", schema)
+        for sec in range(5):
+            message = {"timestamp": {"sec": sec, "nsec": 0}, "frame_id": "world", "pose": pose}
+            writer.add_message(channel, sec, json.dumps(message).encode(), sec)
+        writer.finish()
+        files[f"{compression.name}.mcap"] = stream.getvalue()
+    kind, types = "tf2_msgs/msg/TFMessage", store.types
+    turn = types["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
+    move = types["geometry_msgs/msg/Transform"](types["geometry_msgs/msg/Vector3"](0, 0, 0), turn)
+    with tempfile.TemporaryDirectory() as folder:
+        for storage in bags.StoragePlugin:
+            with bags.Writer(Path(folder, storage.name), version=9, storage_plugin=storage) as bag:
+                connection = bag.add_connection("/tf", kind, typestore=store)
+                for sec in range(5):
+                    time = types["builtin_interfaces/msg/Time"](sec, 0)
+                    header = types["std_msgs/msg/Header"](time, "world")
+                    one = types["geometry_msgs/msg/TransformStamped"](header, "cup", move)
+                    bag.write(connection, sec, store.serialize_cdr(types[kind]([one]), kind))
+            for file in Path(folder, storage.name).glob("*.[dm]*[3p]"):
+                files[f"{storage.name}/{file.name}"] = file.read_bytes()
+    return files
 
 
 def _hand(kind: str, rng: random.Random) -> Case:

@@ -56,6 +56,7 @@ def load(case: Case, folder: Path, *, build: bool = False) -> tuple[str, str]:
     file = folder / "case.yaml"
     file.write_bytes(case.text)
     for name, data in case.files.items():
+        (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_bytes(data)
     try:
         with _timer():

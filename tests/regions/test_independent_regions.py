@@ -8,8 +8,14 @@ import pytest
 from selections import given_regions, nearest_candidate, regions_of
 
 from drake_pregrasp import box_surface
+from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.contacts.strategies import hand_independence
 from drake_pregrasp.quality.force_closure import least_norm_margin, min_weight_margin
-from drake_pregrasp.regions.independent_regions import force_closed_share
+from drake_pregrasp.regions.independent_regions import (
+    force_closed_share,
+    slip_radii,
+    slip_radii_within,
+)
 
 SURFACE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
 regions_at, nearest = partial(given_regions, SURFACE), partial(nearest_candidate, SURFACE)
@@ -78,3 +84,51 @@ def test_candidates_count_by_their_areas():
     regions = regions_at(*pair, [closing, spoiling])
     found = force_closed_share(weighed, regions, 0.7, generator=generator, samples=400)
     assert found == pytest.approx(0.25, abs=0.08)
+
+
+GRASPS = {
+    "two a side": [
+        [0.05, 0.01, 0],
+        [-0.05, 0.02, 0.01],
+        [-0.05, -0.02, -0.01],
+        [0.05, -0.02, 0.01],
+    ],
+    "three": [[0.05, 0, 0], [-0.05, 0.025, 0], [-0.05, -0.025, 0]],
+    "hardly closed": [[0.05, 0.02, 0.03], [-0.05, 0.02, 0], [0, -0.05, 0], [0, 0.05, 0.01]],
+    "open": [[0.05, 0, 0], [-0.05, 0.02, 0], [0, -0.05, 0]],
+}
+
+
+@pytest.mark.parametrize("name", GRASPS)
+def test_no_slip_within_the_radius_loses_force_closure(name):
+    """All contacts but one stay; the weights of a strategy are the same radii."""
+    p_OC, nhat = SURFACE.project(np.array(GRASPS[name]))
+    radii = slip_radii_within(SURFACE, p_OC, nhat, 0.03, 0.7)
+    expected = {"two a side": 0.03, "three": 0.026, "hardly closed": 0.007, "open": 0.0}[name]
+    assert radii.min() == pytest.approx(expected, abs=1e-3)
+    chosen = SelectionInput(SURFACE, p_OC, regions_of(SURFACE, p_OC), np.eye(3))
+    for i, radius in enumerate(radii):
+        slips = np.linalg.norm(SURFACE.p_OQ - p_OC[i], axis=1)
+        for q in np.flatnonzero(slips < radius):
+            p, n = p_OC.copy(), nhat.copy()
+            p[i], n[i] = SURFACE.p_OQ[q], SURFACE.nhat_OQ[q]
+            assert min_weight_margin(p - SURFACE.p_OCoM, n, 0.7) > 1e-7
+        b = hand_independence(chosen, i, friction=0.7)
+        for q, radius_there in list(zip(chosen.regions.members(i), b, strict=True))[::15]:
+            p, n = p_OC.copy(), nhat.copy()
+            p[i], n[i] = SURFACE.p_OQ[q], SURFACE.nhat_OQ[q]
+            there = slip_radii_within(SURFACE, p, n, 0.03, 0.7)[i]
+            assert there == pytest.approx(min(radius_there, 0.03))
+
+
+def test_the_radius_of_a_candidate_is_to_the_nearest_one_without_force_closure():
+    closed = np.linalg.norm(SURFACE.p_OQ - [0.05, 0, 0], axis=1) < 0.035
+    places = np.arange(0, len(closed), 7)
+    radii = slip_radii(SURFACE, closed, places)
+    for q, radius in zip(places, radii, strict=True):
+        away = np.linalg.norm(SURFACE.p_OQ - SURFACE.p_OQ[q], axis=1)
+        assert radius == pytest.approx(away[~closed].min())
+    longest = 2 * SURFACE.longest_lever_arm
+    for mask, expected in ((True, longest), (False, 0)):  # All places count equally.
+        radii = slip_radii(SURFACE, np.full(len(closed), mask), places)
+        np.testing.assert_array_equal(radii, expected)

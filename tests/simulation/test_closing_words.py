@@ -40,6 +40,22 @@ def test_an_object_that_is_lost_for_good_is_noticed(tmp_path, capsys):
     assert closing_words(result, capsys)["object"].startswith(f"was lost for good at {lost:g} s")
 
 
+@pytest.mark.parametrize(
+    ("fault", "words"),
+    [
+        ("nan_probability: 1.0", "was never tracked"),
+        ("outlier_probability: 1.0, outlier_position: 1.0", "was never tracked"),
+        ("nan_probability: 1.0, start: 0.2", "was tracked at 37 % of the ticks"),
+        ("outlier_probability: 0.1", None),
+    ],
+)
+def test_an_object_that_is_not_tracked_is_noticed(fault, words, tmp_path, capsys):
+    text = f"simulation_duration: 0.95, sensor: {{faults: {{{fault}}}}}"
+    said = closing_words(run_text("a_base", text, tmp_path), capsys)
+    assert words is None or said["tracking"].startswith(f"the object {words}")
+    assert words is not None or "tracking" not in said
+
+
 @pytest.mark.slow
 def test_a_sound_run_lost_nothing_and_a_best_value_below_static_is_said(base_run, capsys):
     assert base_run.summary["object_left_at"] is base_run.summary["object_lost_at"] is None

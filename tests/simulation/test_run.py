@@ -10,9 +10,10 @@ from drake_pregrasp.config.planner_config import filter_noise
 from drake_pregrasp.estimation.pose_filter import PoseMeasurement, first_belief, predict, update
 from drake_pregrasp.quality.force_closure import ferrari_canny, min_weight_margin
 from drake_pregrasp.quality.grasp_quality import grasp_quality
-from drake_pregrasp.regions.independent_regions import force_closed_share
+from drake_pregrasp.regions.independent_regions import force_closed_share, slip_radii_within
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.run import RUN_FILES
+from drake_pregrasp.simulation.summary import MARGINS
 from drake_pregrasp.systems.pose_sensor import NoiseSource
 
 STATIC_PUBLISHED = {"q_msv": (2.2089, 0.001), "q_gii": (0.9749, 0.001), "q_vew": (125.4176, 0.005)}
@@ -186,6 +187,9 @@ def test_the_margins_are_those_of_the_active_contacts(scenario, tmp_path):
         "force_closure_margin": min_weight_margin(p_OC[:3], normals, 0.5, **cone),
         "ferrari_canny": ferrari_canny(p_OC[:3], normals, 0.5, length=0.06, **cone),
         "independent_region_share": share,
+        "independent_radius": slip_radii_within(
+            surface, p_OC[:3], normals, surface.longest_lever_arm, 0.5, **cone
+        ).min(),
     }
     quality = grasp_quality(p_OC[:3], normals, model="soft_finger", length=0.06)
     assert log["q_vew"][-1] == pytest.approx(quality.q_vew, rel=0.1)  # About the true centre.
@@ -199,7 +203,7 @@ def test_the_margins_are_those_of_the_active_contacts(scenario, tmp_path):
 
 def test_measures_that_need_a_cone_take_the_hard_finger_for_the_complete_model(base_run):
     assert base_run.summary["contact_model"] == "complete"
-    for name in ("force_closure_margin", "ferrari_canny", "independent_region_share"):
+    for name in MARGINS:
         measured = base_run.summary[name]
         assert measured["contact_model"] == "hard_finger"
         assert measured["final"] > measured["static"] > 0

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from drake_pregrasp import ScenarioError, load_scenario, run
 from drake_pregrasp.cli import main
 from drake_pregrasp.simulation.run_log import adapting_phase
+from drake_pregrasp.simulation.summary import MARGINS
 from drake_pregrasp.studies.runner import FAILED, JOURNAL, ROWS, SETTINGS, StudyRows
 from drake_pregrasp.studies.sweep import sweep_report
 from drake_pregrasp.studies.sweep.measures import MEASURES
@@ -39,7 +40,7 @@ def test_measures_are_those_of_a_run_folder(tmp_path):
     summary = result.summary
     for quality, kind in itertools.product(("q_msv", "q_gii", "q_vew"), ("mean", "max", "final")):
         assert values[f"{quality}_{kind}"] == summary[kind][quality]
-    for name in ("force_closure_margin", "ferrari_canny", "independent_region_share"):
+    for name in MARGINS:
         assert values[name] == summary[name]["final"]
     assert values["ticks"] == summary["ticks"] == 9
     assert np.isnan(values["grasp_lift_height"])

@@ -98,6 +98,19 @@ def test_held_contacts_stay_when_goals_move_on():
     np.testing.assert_allclose(pressed[0] - before[0], [-0.021, 0, 0], atol=1e-9)
 
 
+@pytest.mark.parametrize("tick", [5, 6])  # One of the hand and the planner, and one of the hand.
+def test_a_hand_closes_on_the_goals_of_the_planners_last_tick(tick):
+    shaper = Shaper(target_period=2.5 * PERIOD)
+    shaper.goals((tick - 0.1) * PERIOD)
+    moved = with_first([0.05, 0.04, 0.03], POINTS)
+    if tick == 5:
+        shaper.fix(fingertip_targets=bus(moved, NORMALS))
+    shaper.goals(0.2 * PERIOD)
+    shaper.fix(hold_contacts=[1.0], fingertip_targets=bus(with_first(POINTS[0], moved), NORMALS))
+    shaper.goals(5 * PERIOD)
+    np.testing.assert_allclose(shaper.contacts[0], moved if tick == 5 else POINTS, atol=1e-12)
+
+
 def test_fingers_without_a_contact_wait_above():
     shaper = Shaper(POINTS[:4], NORMALS[:4])
     shaper.set_status(ContactStatus.LOST, 4)

@@ -5,7 +5,17 @@ import dataclasses
 import numpy as np
 import pytest
 from driven import Driven
-from made_systems import NO_POSES, PERIOD, X_WO, N, make_selector, partition, points_of, regions_of
+from made_systems import (
+    AROUND,
+    NO_POSES,
+    PERIOD,
+    X_WO,
+    N,
+    make_selector,
+    partition,
+    points_of,
+    regions_of,
+)
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from drake_pregrasp import (
@@ -17,9 +27,12 @@ from drake_pregrasp import (
     InvalidArgumentError,
     Obstacles,
     PlannerConfig,
+    SectorReach,
     TrackingStatus,
 )
+from drake_pregrasp.contacts.assignment import ring_contacts
 from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
+from drake_pregrasp.contacts.reassignment import ReassignmentRule
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.contacts.strategies import make_blend, make_strategy
 from drake_pregrasp.errors import ContactError
@@ -289,3 +302,68 @@ def test_any_covariance_leaves_goals_on_the_surface(selector, surface, value):
     nearest, _ = surface.project(p_OC)
     assert np.max(np.abs(nearest - p_OC)) < 1e-9
     assert np.all(selector.array("contact_status") > 0)
+
+
+def turned_hand(turn):
+    return X_WO @ RigidTransform(RollPitchYaw(0, 0, turn), np.zeros(3))
+
+
+class Reassigned(Selector):
+    """A selector of fixed contacts on a ring, under a hand that turns."""
+
+    def __init__(self, surface, **rule):
+        limits = {
+            "reach": [SectorReach(azimuth=azimuth) for azimuth in AROUND],
+            "reassign": ReassignmentRule(**{"beyond": 0.03, "every": 3 * PERIOD, **rule}),
+        }
+        p_OC = ring_contacts(surface, N)
+        super().__init__(surface, p_OC, static_duration=100.0, limits=limits)
+        self.reach = {"reach": limits["reach"]}
+        self.turn(0.0)
+
+    def turn(self, turn):
+        inputs = {"X_WH": turned_hand(turn)}
+        self.fix(safe_regions=partition(self.surface, self.stored, inputs, **self.reach))
+
+    def next_goals(self, turn):
+        self.advance(self.period)
+        self.turn(turn)
+        return self.goals
+
+
+def test_fingers_take_the_contacts_that_turn_towards_them(surface):
+    selector = Reassigned(surface, symmetric=False)
+    start = selector.goals
+    np.testing.assert_array_equal(selector.next_goals(0.4), start)
+    np.testing.assert_array_equal(selector.next_goals(1.2), np.roll(start, -1, axis=0))
+    after = selector.goals
+    selector.update()
+    np.testing.assert_array_equal(selector.goals, after)
+    np.testing.assert_array_equal(selector.array("p_WC_previous"), after.ravel())
+    for _ in range(2):  # Too soon after the last change.
+        np.testing.assert_array_equal(selector.next_goals(2.4), after)
+    np.testing.assert_array_equal(selector.next_goals(2.4), np.roll(start, -2, axis=0))
+
+
+@pytest.mark.parametrize(
+    "inputs", [{"hold_contacts": [1.0]}, {"tracking_status": [float(TrackingStatus.LOST)]}]
+)
+def test_fingers_that_hold_their_contacts_keep_them(surface, inputs):
+    selector = Reassigned(surface)
+    start = selector.goals
+    selector.advance(selector.period)
+    selector.fix(**inputs)
+    selector.turn(1.2)
+    np.testing.assert_array_equal(selector.goals, start)
+
+
+def test_a_turning_hand_never_runs_out_of_reach_of_an_equivalent_grasp(surface):
+    least = {}
+    for beyond in (0.0, 0.03):
+        selector = Reassigned(surface, beyond=beyond, every=0.0)
+        counts = []
+        for turn in np.arange(0, 7, 0.1):
+            selector.next_goals(turn)
+            counts.append(np.sum(selector.array("contact_status") > 0))
+        least[beyond] = min(counts)
+    assert least == {0.0: 0, 0.03: N}

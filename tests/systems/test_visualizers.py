@@ -1,24 +1,21 @@
-"""Drawings of the planner in Meshcat: regions, goals, obstacles, and labels of contacts."""
+"""Drawings of the planner in Meshcat: regions, goals and obstacles; and words for statuses."""
 
 import struct
 
 import numpy as np
 import pytest
-import trimesh
 from driven import Driven
 from made_systems import X_WO, regions_of
-from pydrake.geometry import Meshcat, MeshcatParams, Rgba
+from pydrake.geometry import Meshcat, MeshcatParams
 from pydrake.math import RigidTransform, RollPitchYaw
 
 from drake_pregrasp import BallSolid, BoxSolid, ContactStatus, HalfSpace, Obstacles, box_surface
 from drake_pregrasp.contacts.selection_input import describe_status
-from drake_pregrasp.systems import obstacle_visualizer, pregrasp_visualizer, status_labels
-from drake_pregrasp.systems.drawing import text_board
+from drake_pregrasp.systems import obstacle_visualizer, pregrasp_visualizer
 from drake_pregrasp.systems.obstacle_visualizer import ObstacleVisualizer
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
-from drake_pregrasp.systems.status_labels import StatusLabels
 
-PREGRASP, LABELS = pregrasp_visualizer.ROOT, status_labels.ROOT
+PREGRASP = pregrasp_visualizer.ROOT
 TILT = RollPitchYaw(0.1, 0.2, 0.3).ToRotationMatrix().matrix()
 
 
@@ -111,109 +108,6 @@ def test_no_touch_volumes_are_drawn_where_they_are(meshcat):
     assert plate[2, 3] == pytest.approx(-0.2 + 0.05 - 0.004)
 
 
-class Spy:
-    """Stands for Meshcat, and remembers what was asked of it."""
-
-    def __init__(self):
-        self.objects, self.places, self.visible = {}, {}, {}
-
-    def Delete(self, path):
-        pass
-
-    def SetObject(self, path, board):
-        assert path not in self.objects
-        self.objects[path] = board
-
-    def SetTransform(self, path, X, time=None):
-        self.places[path] = X
-
-    def SetProperty(self, path, name, value, time):
-        assert name == "visible"
-        self.visible.setdefault(path, []).append((time, value))
-
-    def seen_at(self, time):
-        """The paths that a recording shows at a time; what is never hidden is always seen."""
-        seen = set()
-        for path in self.objects:
-            frames = [value for at, value in self.visible.get(path, []) if at <= time]
-            if not frames or frames[-1]:
-                seen.add(path.removeprefix(f"{LABELS}/"))
-        return seen
-
-
-ACTIVE, OBSTRUCTED, CROWDED = 1.0, float(ContactStatus.OBSTRUCTED), float(ContactStatus.CROWDED)
-
-
-class Labels(Driven):
-    """Labels of three contacts in a viewer."""
-
-    def __init__(self, viewer, **arguments):
-        arguments = {"num_contacts": 3, "publish_period": 0.1, "hover": 0.15, **arguments}
-        super().__init__(StatusLabels(meshcat=viewer, **arguments), X_WO_estimated=X_WO)
-
-    def show(self, time, status, causes, **inputs):
-        self.at(time, contact_status=status, contact_causes=causes, **inputs)
-        self.publish()
-
-
-def test_boards_appear_when_they_are_needed_and_only_then():
-    spy = Spy()
-    labels = Labels(spy)
-    labels.show(0.0, [ACTIVE, ACTIVE, ACTIVE], [-1, -1, -1])
-    assert spy.objects == {}
-    labels.show(1.0, [ACTIVE, OBSTRUCTED, ACTIVE], [-1, 2, -1])
-    labels.show(2.0, [ACTIVE, OBSTRUCTED, CROWDED], [-1, 2, 0])
-    labels.show(3.0, [ACTIVE, ACTIVE, CROWDED], [-1, -1, 1])
-    labels.show(4.0, [ACTIVE, OBSTRUCTED, CROWDED], [-1, 2, 0])
-    seen = [spy.seen_at(time) for time in (0.9, 1.5, 2.5, 3.5, 4.5)]
-    both = {"1/-5_2", "2/3_0"}
-    assert seen == [set(), {"1/-5_2"}, both, {"2/3_1"}, both]
-
-
-def test_a_board_says_when_the_object_is_not_tracked():
-    spy = Spy()
-    labels = Labels(spy)
-    for time, tracking in enumerate([0.0, 1.0, 2.0, 3.0, 1.0]):
-        status = [ACTIVE, OBSTRUCTED, ACTIVE]
-        labels.show(float(time), status, [-1, 2, -1], tracking_status=[tracking])
-    names = [spy.seen_at(time + 0.5) - {"1/-5_2"} for time in range(5)]
-    assert names == [{"object/waiting"}, set(), {"object/coasting"}, {"object/lost"}, set()]
-    heights = {path: X.translation()[2] for path, X in spy.places.items()}
-    assert heights[f"{LABELS}/object/lost"] > heights[f"{LABELS}/1/-5_2"]
-
-
-def test_boards_hover_over_the_object_in_a_row_for_each_contact():
-    spy = Spy()
-    Labels(spy, yaw=0.7).show(0.0, [OBSTRUCTED] * 3, [0, 0, 0])
-    X_WB = spy.places[LABELS]
-    np.testing.assert_allclose(X_WB.translation(), [0.5, -0.3, 0.2 + 0.15])
-    assert RollPitchYaw(X_WB.rotation()).yaw_angle() == pytest.approx(0.7)
-    rows = [spy.places[f"{LABELS}/{k}/-5_0"].translation()[2] for k in range(3)]
-    assert rows[0] == 0
-    assert np.min(np.diff(rows)) > 0.016
-
-
-def test_a_new_simulation_starts_with_the_boards_that_it_needs_only():
-    spy = Spy()
-    labels = Labels(spy)
-    labels.show(5.0, [OBSTRUCTED, ACTIVE, ACTIVE], [0, -1, -1])
-    for status, seen in ((OBSTRUCTED, {"0/-5_0"}), (ACTIVE, set())):
-        spy.visible.clear()
-        labels.at(0.0, contact_status=[status, ACTIVE, ACTIVE])
-        labels.simulator.Initialize()
-        assert spy.seen_at(0.0) == seen
-
-
-def test_boards_are_objects_of_meshcat(meshcat):
-    labels = Labels(meshcat)
-    labels.show(0.0, [ACTIVE, OBSTRUCTED, ACTIVE], [-1, 2, -1])
-    assert meshcat.HasPath(f"{LABELS}/1/-5_2")
-    assert not meshcat.HasPath(f"{LABELS}/0")
-    assert meshcat._GetPackedProperty(f"{LABELS}/1/-5_2", "visible")[-1] == 0xC3  # True.
-    labels.show(1.0, [ACTIVE, ACTIVE, ACTIVE], [-1, -1, -1])
-    assert meshcat._GetPackedProperty(f"{LABELS}/1/-5_2", "visible")[-1] == 0xC2
-
-
 @pytest.mark.parametrize("status", ContactStatus)
 def test_every_status_has_words(status):
     words = describe_status(float(status), 7.0)
@@ -230,16 +124,14 @@ def test_an_obstacle_with_a_name_is_called_by_it():
     assert describe_status(float(ContactStatus.CROWDED), 1.0, names) == "crowded by contact 1"
 
 
-def test_longer_words_make_wider_boards_of_the_same_height():
-    sizes = []
-    for text in ("no", "out of reach of everybody"):
-        board = text_board(text, height=0.02, frame_color=Rgba(1, 0, 0))
-        file = board.source().in_memory().mesh_file
-        scene = trimesh.load_scene(trimesh.util.wrap_as_stream(file.contents()), file_type="gltf")
-        sizes.append(scene.extents)
-        width, height = scene.extents[:2]  # Its lower edge has its middle at the origin.
-        bounds = [[-width / 2, 0, 0], [width / 2, height, 0]]
-        np.testing.assert_allclose(scene.bounds, bounds, atol=1e-9)
-        np.testing.assert_allclose(scene.area, np.prod(scene.extents[:2]))  # Nothing is cut off.
-    np.testing.assert_allclose(np.array(sizes)[:, 1], 0.02)
-    assert sizes[1][0] > 3 * sizes[0][0]
+@pytest.mark.parametrize(("offset", "turn", "is_seen"), [(0, 0, 0), (3e-3, 0, 1), (0, 0.05, 1)])
+def test_an_estimate_beside_the_object_is_drawn_as_a_ghost(
+    meshcat, surface, p_OC, offset, turn, is_seen
+):
+    visualizer = drawn(meshcat, surface, p_OC)
+    visualizer.fix(X_WO=X_WO @ RigidTransform(RollPitchYaw(0, 0, turn), [offset, 0, 0]))
+    visualizer.publish()
+    ghost = f"{PREGRASP}/estimate"
+    assert meshcat._GetPackedProperty(ghost, "visible")[-1] == (0xC3 if is_seen else 0xC2)
+    message = packed_numbers(meshcat._GetPackedTransform(ghost), 16)
+    np.testing.assert_allclose(message.reshape(4, 4).T, X_WO.GetAsMatrix4())

@@ -1,14 +1,26 @@
 """Poses in MCAP files and rosbag2 folders, and files that are broken."""
 
+import json
+import os
+import sqlite3
+import tracemalloc
+
 import numpy as np
 import pytest
 
+from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp.wires import pose_files
 from drake_pregrasp.wires.pose_files import read_poses
 
 pytest.importorskip("mcap")
 pytest.importorskip("rosbags")
+import lz4.frame
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.records import Chunk
+from mcap.writer import CompressionType, Writer
+from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as BagWriter
-from rosbags.rosbag2.enums import StoragePlugin
 from rosbags.typesys import Stores, get_typestore
 
 STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -73,3 +85,129 @@ def test_bags_of_ros_2_hold_poses(tmp_path, kind, storage):
 def foxglove_pose(sec=0, x=0.0, w=1.0):
     pose = {"position": {"x": x, "y": 0, "z": 0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": w}}
     return {"timestamp": {"sec": sec, "nsec": 0}, "frame_id": "world", "pose": pose}
+
+
+def write_mcap(file, messages, schema="foxglove.PoseInFrame", **options):
+    with file.open("wb") as stream:
+        writer = Writer(stream, **options)
+        writer.start()
+        number = writer.register_schema(schema, "jsonschema", b"{}")
+        channel = writer.register_channel("/cup", "json", number)
+        for k, message in enumerate(messages):
+            data = message if isinstance(message, bytes) else json.dumps(message).encode()
+            writer.add_message(channel, k * 10**9, data, 0)
+        writer.finish()
+    return file
+
+
+@pytest.mark.parametrize("compression", CompressionType)
+@pytest.mark.parametrize("use_chunking", [False, True])
+def test_poses_of_foxglove_are_read(tmp_path, compression, use_chunking):
+    messages = [foxglove_pose(sec, x=0.1 * sec) for sec in (3, 4, 6)]
+    options = {"compression": compression, "use_chunking": use_chunking, "chunk_size": 300}
+    track = read_poses(write_mcap(tmp_path / "x.mcap", messages, **options), "/cup")
+    np.testing.assert_array_equal(track.times, [0.0, 1.0, 3.0])
+    np.testing.assert_array_equal(track.p_WO[:, 0], [0.1 * 3, 0.4, 0.1 * 6])
+
+
+def test_messages_without_stamps_have_the_time_of_their_recording(tmp_path):
+    track = read_poses(write_mcap(tmp_path / "x.mcap", [foxglove_pose()] * 3))
+    np.testing.assert_array_equal(track.times, [0.0, 1.0, 2.0])
+
+
+def test_one_of_several_poses_is_named(tmp_path):
+    folder = write_bag(tmp_path / "bag", "tf2_msgs/msg/TFMessage", StoragePlugin.MCAP, ("/a", "/b"))
+    with pytest.raises(InvalidArgumentError, match="topic='/a', frame='camera', parent='base'"):
+        read_poses(folder)
+    with pytest.raises(InvalidArgumentError, match="name one of them by topic and frame"):
+        read_poses(folder, frame="cup")
+    with pytest.raises(InvalidArgumentError, match="frame='cup', parent='base'"):
+        read_poses(folder, "/c", "cup")
+    assert len(read_poses(folder, "/b", "cup").times) == 3
+
+
+@pytest.mark.parametrize(
+    ("messages", "problem"),
+    [
+        ([], "has no messages of geometry_msgs"),
+        ([b"\xff{"], "cannot be read"),
+        ([b"[" * 100_000], "cannot be read"),
+        ([{"timestamp": {"sec": 0, "nsec": 0}}], "cannot be read"),
+        ([foxglove_pose(sec="a")], "cannot be read: invalid literal"),
+        ([foxglove_pose(x=float("nan"))], "has a number that is not finite"),
+        ([foxglove_pose(x=350.0)], "350 m is more than 100 m away"),
+        ([foxglove_pose(1), foxglove_pose(2, w=0.5)], "pose 1, columns qw to qz: a quaternion of"),
+    ],
+)
+def test_broken_messages_are_refused_in_one_line(tmp_path, messages, problem):
+    file = write_mcap(tmp_path / "x.mcap", messages)
+    with pytest.raises(InvalidArgumentError) as caught:
+        read_poses(file)
+    assert str(caught.value).startswith(f"{file}: ")
+    assert problem in str(caught.value)
+    assert str(caught.value).isprintable()
+
+
+def test_files_of_other_kinds_are_refused(tmp_path, monkeypatch):
+    (tmp_path / "x.csv").write_text("time,x\n")
+    with pytest.raises(InvalidArgumentError, match="a CSV file has neither topics nor frames"):
+        read_poses(tmp_path / "x.csv", "/cup")
+    (tmp_path / "x.mcap").write_bytes(b"\x89MCAP1\r\n")
+    with pytest.raises(InvalidArgumentError, match="cannot be read: not a valid MCAP file"):
+        read_poses(tmp_path / "x.mcap")
+    (tmp_path / "bag").mkdir()
+    os.mkfifo(tmp_path / "bag" / "x.db3")  # It would be waited for.
+    with pytest.raises(InvalidArgumentError, match="has no messages of geometry_msgs"):
+        read_poses(tmp_path / "bag")
+    (tmp_path / "bag" / "x.mcap").symlink_to(tmp_path / "x.mcap")
+    with pytest.raises(InvalidArgumentError, match=r"is outside of .*bag"):
+        read_poses(tmp_path / "bag")
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(InvalidArgumentError, match=r"pip install 'drake_pregrasp\[wire\]'"):
+        read_poses(tmp_path / "x.mcap")
+
+
+def test_large_files_are_refused(tmp_path, monkeypatch):
+    messages = [foxglove_pose(sec) for sec in range(200)]
+    file = write_mcap(tmp_path / "x.mcap", messages)
+    monkeypatch.setattr(pose_files, "MAX_ROWS", 199)
+    with pytest.raises(InvalidArgumentError, match="has more than 199 poses"):
+        read_poses(file)
+    monkeypatch.setattr(pose_files, "MAX_BAG_BYTES", 2 * file.stat().st_size)
+    with pytest.raises(InvalidArgumentError, match="unpacks to more than"):
+        read_poses(file)
+    monkeypatch.setattr(pose_files, "MAX_BAG_BYTES", file.stat().st_size - 1)
+    with pytest.raises(InvalidArgumentError, match="keep only poses"):
+        read_poses(file)
+
+
+@pytest.mark.parametrize("kind", ["lz4", "zstd"])
+def test_a_chunk_unpacks_to_no_more_than_it_says(tmp_path, kind):
+    plain = write_mcap(tmp_path / "x.mcap", [foxglove_pose()], use_chunking=False).read_bytes()
+    records = plain[8 : plain.index(b"\x0f\x04\0\0\0\0\0\0\0")]  # Until the end of the data.
+    compress = lz4.frame.compress if kind == "lz4" else zstandard.compress
+    data, builder = compress(records + bytes(50_000_000)), RecordBuilder()
+    Chunk(kind, data, 0, 0, 0, uncompressed_size=len(records)).write(builder)
+    (tmp_path / "x.mcap").write_bytes(plain[:8] + builder.end())
+    read_poses(write_mcap(tmp_path / "y.mcap", [foxglove_pose()]))  # Imports what it needs.
+    tracemalloc.start()
+    try:
+        assert len(read_poses(tmp_path / "x.mcap").times) == 1
+        assert tracemalloc.get_traced_memory()[1] < 10_000_000
+    finally:
+        tracemalloc.stop()
+
+
+def test_a_database_that_never_ends_is_refused(tmp_path, monkeypatch):
+    monkeypatch.setattr(pose_files, "MAX_BAG_STEPS", 10**7)
+    (tmp_path / "bag").mkdir()
+    database = sqlite3.connect(tmp_path / "bag" / "x.db3")
+    database.execute("CREATE TABLE topics(id, name, type)")
+    database.execute("INSERT INTO topics VALUES(-1, '/a', 'geometry_msgs/msg/PoseStamped')")
+    endless = "WITH RECURSIVE c(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM c) SELECT x FROM c"
+    select = f"SELECT x AS topic_id, 0 AS timestamp, '' AS data FROM ({endless})"
+    database.execute(f"CREATE VIEW messages AS {select}")
+    database.commit()
+    database.close()
+    with pytest.raises(InvalidArgumentError, match="cannot be read: interrupted"):
+        read_poses(tmp_path / "bag")

@@ -1,0 +1,1 @@
+"""A run that is watched and changed while it goes on."""

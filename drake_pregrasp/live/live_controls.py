@@ -1,0 +1,201 @@
+"""Sliders and buttons of a live run in Meshcat."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydrake.geometry import Meshcat
+
+from drake_pregrasp.config.object_config import Conveyor
+from drake_pregrasp.live.live_run import LiveRun
+from drake_pregrasp.simulation.scenario import Scenario
+
+_SMALLEST_STD = 1e-5  # Noise that the estimator assumes at least, in metres and radians.
+_IDLE = 0.02  # Seconds between looks at the controls while the run is paused.
+
+
+@dataclass(frozen=True)
+class Slider:
+    """A slider: its name and range, and functions that read and apply its value."""
+
+    name: str
+    low: float
+    high: float
+    step: float
+    value: Callable[[Scenario], float]
+    apply: Callable[[LiveRun, float], None]
+
+
+def _setting(
+    name: str, low: float, high: float, step: float, *fields: str, unit: float, least: float = 0.0
+) -> Slider:
+    """Returns a slider for one field or more of a scenario, in a unit of its own."""
+
+    def target(scenario: Scenario, field: str) -> tuple[Any, str]:
+        *path, last = field.split(".")
+        found: Any = scenario
+        for key in path:
+            found = getattr(found, key)
+        return found, last
+
+    def value(scenario: Scenario) -> float:
+        return float(getattr(*target(scenario, fields[0]))) / unit
+
+    def apply(run: LiveRun, new: float) -> None:
+        def edit(scenario: Scenario) -> None:
+            for field in fields:
+                lowest = _SMALLEST_STD if "estimator" in field else least
+                setattr(*target(scenario, field), max(new * unit, lowest))
+
+        run.change(edit)
+
+    return Slider(name, low, high, step, value, apply)
+
+
+def _velocity(scenario: Scenario, column: int) -> float:
+    """Returns the last velocity of the conveyor, in m/s (column 1) or rad/s (column 2)."""
+    assert isinstance(scenario.motion, Conveyor)
+    return scenario.motion.velocities()[-1][column]
+
+
+def _set_rate(run: LiveRun, rate: float) -> None:
+    def edit(scenario: Scenario) -> None:
+        scenario.planner.period = 1 / rate
+        if isinstance(scenario.motion, Conveyor) and not scenario.grasp.has_hand:
+            # Ticks are at time steps of the plant, which are not longer than by default.
+            steps = np.ceil(scenario.planner.period / Scenario().plant_config.time_step)
+            scenario.plant_config.time_step = float(scenario.planner.period / steps)
+
+    run.change(edit)
+
+
+_VELOCITIES = (
+    Slider(
+        "speed [mm/s]",
+        -100,
+        100,
+        1,
+        lambda scenario: 1e3 * _velocity(scenario, 1),
+        lambda run, speed: run.set_velocity(linear=speed / 1e3),
+    ),
+    Slider(
+        "turn rate [deg/s]",
+        -60,
+        60,
+        1,
+        lambda scenario: float(np.degrees(_velocity(scenario, 2))),
+        lambda run, rate: run.set_velocity(angular=float(np.radians(rate))),
+    ),
+)
+_SETTINGS = (
+    _setting(
+        "noise [mm]", 0, 10, 0.1, "sensor.position_std", "planner.estimator.position_std", unit=1e-3
+    ),
+    _setting(
+        "noise [deg]",
+        0,
+        5,
+        0.1,
+        "sensor.orientation_std",
+        "planner.estimator.orientation_std",
+        unit=float(np.pi / 180),
+    ),
+    Slider("planning rate [Hz]", 5, 50, 5, lambda s: 1 / s.planner.period, _set_rate),
+    _setting("spread [mm]", 1, 100, 1, "planner.position_spread", unit=1e-3),
+    _setting("look-ahead [ms]", 0, 500, 10, "planner.estimator.lookahead", unit=1e-3),
+)
+
+
+class LiveControls:
+    """Connects sliders and buttons in Meshcat with a live run.
+
+    Args:
+        run: The live run.
+        meshcat: Its viewer.
+        out: Folder for saved recordings.
+    """
+
+    def __init__(self, run: LiveRun, meshcat: Meshcat, *, out: Path) -> None:
+        self._run, self._meshcat, self._out = run, meshcat, out
+        self.is_paused, self.is_stopped = False, False
+        scenario = run.scenario
+        has_conveyor = isinstance(scenario.motion, Conveyor)
+        self._sliders = {s.name: s for s in (*(_VELOCITIES if has_conveyor else ()), *_SETTINGS)}
+        self._buttons: dict[str, Callable[[], object]] = {
+            "pause / resume": self._switch_pause,
+            "step": self._step,
+            "reset": run.reset,
+            "next strategy": run.next_strategy,
+            "object: hide / show": run.switch_sight,
+        }
+        for contact in range(scenario.num_contacts):
+            label = f"finger {contact}: lose / give back"
+            self._buttons[label] = lambda k=contact: run.switch_finger(k)  # type: ignore[misc]
+        if run.can_nudge:
+            self._buttons["object: nudge"] = run.nudge
+        if scenario.grasp.has_hand:
+            self._buttons["hand: close"] = run.close
+        self._buttons |= {"save the recording": self._save, "stop": self._stop}
+        self._add()
+
+    def serve(self, should_stop: Callable[[], bool] = lambda: False) -> None:
+        """Runs until somebody stops it, in the page or with `should_stop`."""
+        while not (self.is_stopped or should_stop()):
+            self.apply()
+            if not self.is_paused and self._run.time >= self._run.end:
+                self._run.story.tell("end of the scenario: reset, or resume")
+                self.is_paused, self._run.end = True, float("inf")
+            if self.is_paused:
+                time.sleep(_IDLE)
+            else:
+                self._run.advance()
+
+    def apply(self) -> None:
+        """Applies what was moved and pressed since the last time."""
+        for name, slider in self._sliders.items():
+            value = self._meshcat.GetSliderValue(name)
+            if value != self._values[name]:
+                self._values[name] = value
+                slider.apply(self._run, value)
+        for name, action in self._buttons.items():
+            before, self._clicks[name] = self._clicks[name], self._meshcat.GetButtonClicks(name)
+            for _ in range(self._clicks[name] - before):
+                action()
+
+    def story(self) -> dict[str, Any]:
+        """Returns what the page shows now."""
+        run = self._run
+        pace = "paused" if self.is_paused else f"{run.rate:.2f} × real time"
+        return run.story.now() | {"note": f"{pace}, strategy {run.scenario.planner.strategy}"}
+
+    def _add(self) -> None:
+        scenario, add = self._run.scenario, self._meshcat.AddSlider
+        self._values = {
+            s.name: add(s.name, s.low, s.high, s.step, s.value(scenario))
+            for s in self._sliders.values()
+        }
+        for name in self._buttons:
+            self._meshcat.AddButton(name)
+        self._clicks = dict.fromkeys(self._buttons, 0)
+
+    def _switch_pause(self) -> None:
+        self.is_paused = not self.is_paused
+        self._run.keep_pace()
+
+    def _step(self) -> None:
+        self.is_paused = True
+        self._run.advance()
+
+    def _stop(self) -> None:
+        self.is_stopped = True
+
+    def _save(self) -> None:
+        self._meshcat.DeleteAddedControls()  # The recording has no use for them.
+        try:
+            path = self._run.save(self._out)
+        finally:
+            self._add()
+        self._run.story.tell(f"saved in {path}")

@@ -1,0 +1,104 @@
+"""Page of a live run: Meshcat with the run's story over the scene."""
+
+import contextlib
+import json
+import threading
+import urllib.request
+from collections.abc import Callable, Iterator
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from typing import Any
+
+from pydrake.geometry import Meshcat
+
+from drake_pregrasp.errors import OutputError
+from drake_pregrasp.live.live_controls import LiveControls
+from drake_pregrasp.live.live_run import LiveRun
+from drake_pregrasp.simulation.recording import start_meshcat
+from drake_pregrasp.simulation.scenario import Scenario
+from drake_pregrasp.systems.run_story import OVERLAY
+
+# Meshcat's page connects to the server that it comes from, which must be Meshcat's own.
+_SOCKET = """<head><script>
+window.WebSocket = class extends WebSocket {{ constructor() {{ super("{}"); }} }};
+</script>"""
+_START = (
+    "<script>followRun(); viewer.gui.__folders.Scene.close(); viewer.gui.open();</script></body>"
+)
+
+
+@contextlib.contextmanager
+def served_page(meshcat: Meshcat, story: Callable[[], dict[str, Any]]) -> Iterator[str]:
+    """Serves the page to this machine until the end of the block, and yields its address.
+
+    Args:
+        meshcat: Viewer of the run.
+        story: Function that returns the story as the page reads it.
+
+    Raises:
+        OutputError: If no port can be opened.
+    """
+    viewer = meshcat.web_url()
+    with urllib.request.urlopen(viewer) as answer:
+        page = answer.read().decode().replace("<head>", _SOCKET.format(meshcat.ws_url()), 1)
+    page = page.replace("</body>", OVERLAY.read_text(encoding="utf-8") + _START)
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            # The page may be closed while it is sent; HTTP errors are errors of this kind, too.
+            with contextlib.suppress(OSError):
+                if self.path == "/":
+                    self.answer("text/html", page.encode())
+                elif self.path == "/story":
+                    self.answer("application/json", json.dumps(story()).encode())
+                else:
+                    with urllib.request.urlopen(viewer + self.path) as part:
+                        self.answer(part.headers.get_content_type(), part.read())
+
+        def answer(self, kind: str, content: bytes) -> None:
+            self.send_response(200)
+            self.send_header("Content-Type", f"{kind}; charset=utf-8")
+            self.end_headers()
+            self.wfile.write(content)
+
+        def log_message(self, *_: object) -> None:
+            """Prints nothing."""
+
+    try:
+        server = ThreadingHTTPServer(("localhost", 0), Handler)
+    except OSError as error:
+        raise OutputError(f"the live page cannot be served: {error.strerror}") from error
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    try:
+        yield f"http://localhost:{server.server_port}"
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
+def run_live(
+    scenario: Scenario,
+    *,
+    name: str,
+    out: str | Path = "runs",
+    announce: Callable[[str], object] = print,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> None:
+    """Runs a scenario in real time in a page with controls, until somebody stops it.
+
+    Args:
+        scenario: Checked scenario to simulate.
+        name: Name of the run, for the title and for saved recordings.
+        out: Folder for saved recordings.
+        announce: Function that is called with the page's address, once it can be opened.
+        should_stop: Function that is called after each tick; if it returns true, the run ends.
+
+    Raises:
+        OutputError: If no port can be opened, or a recording cannot be written.
+    """
+    meshcat = start_meshcat(live=True)
+    run = LiveRun(scenario, name=name, meshcat=meshcat)
+    controls = LiveControls(run, meshcat, out=Path(out))
+    with served_page(meshcat, controls.story) as address:
+        announce(address)
+        controls.serve(should_stop)

@@ -1,0 +1,255 @@
+"""Simulation of a scenario whose settings change while it runs."""
+
+import copy
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from pydrake.geometry import Meshcat, MeshcatAnimation
+from pydrake.math import RigidTransform
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
+from pydrake.systems.framework import Context, Diagram, System
+
+from drake_pregrasp.arrays import tick_index
+from drake_pregrasp.config.finger_config import DamageEvent
+from drake_pregrasp.config.object_config import Conveyor, PoseStream
+from drake_pregrasp.contacts.strategies import STRATEGIES
+from drake_pregrasp.estimation.fault_settings import FOREVER
+from drake_pregrasp.geometry.motion_profiles import VelocityProfile
+from drake_pregrasp.simulation.output import make_folder, write_text
+from drake_pregrasp.simulation.recording import make_story, recording_html
+from drake_pregrasp.simulation.scenario import Scenario, keep_start
+from drake_pregrasp.simulation.scenario_file import dump_scenario
+from drake_pregrasp.simulation.simulation_diagram import make_diagram
+from drake_pregrasp.systems.loggers import TickRecord
+
+RECORDED = 600.0
+"""Longest recording of a live run, in seconds: it is kept in memory."""
+
+_CAMERA = "/Cameras/default"
+_RAMP = 0.2  # Duration of a change of the conveyor's velocity, in seconds.
+_TILE = 0.01  # Smallest size of tiles, in metres: a page loads hundreds fast, but not thousands.
+_NUDGE = 0.4  # Speed that a nudge adds to the object, in m/s: a cube slides 1 cm, and does not tip.
+
+
+class LiveRun:
+    """Runs a scenario in real time, and continues from its present state after each change.
+
+    A change builds the diagram of the changed scenario, which takes a tenth to half of a second,
+    and copies the state of the diagram before. So there is one way to simulate: a live run without
+    changes has the states of `run`.
+
+    Args:
+        scenario: Checked scenario to simulate.
+        name: Name of the run, for the title and for its folder.
+        meshcat: Viewer that shows the run.
+
+    Attributes:
+        scenario: The scenario with all changes so far.
+        story: Story of the run since its start.
+        last: Record of the last planning tick.
+        end: Time at which the run pauses by itself, in seconds; on a conveyor it does not.
+        is_hidden: Whether the sensor does not see the object.
+    """
+
+    def __init__(self, scenario: Scenario, *, name: str, meshcat: Meshcat) -> None:
+        self._name, self._meshcat, self._first = name, meshcat, scenario
+        self._surface = scenario.make_surface()
+        self._diagram: Diagram | None = None
+        self._velocity: list[float] | None = None  # Of the conveyor, if it was changed.
+        self.end = scenario.simulation_duration
+        if isinstance(scenario.motion, Conveyor):
+            self.end = math.inf
+        self.scenario = copy.deepcopy(scenario)
+        self.scenario.recording.tile_size = max(_TILE, scenario.recording.tile_size)
+        self._start()
+
+    def _start(self) -> None:
+        self.is_hidden, self._is_recording = False, True
+        self.story = make_story(self.scenario, self._name)
+        self._meshcat.DeleteRecording()
+        self._simulate(None)
+        self._p_WO = self.last.X_WO.translation()
+
+    def reset(self) -> None:
+        """Starts again with the changed settings, all fingers and the next seed."""
+        scenario, first = self.scenario, copy.deepcopy(self._first)
+        scenario.random_seed += 1
+        scenario.damage, scenario.grasp.close_at = first.damage, first.grasp.close_at
+        scenario.sensor.faults = first.sensor.faults
+        if self._velocity is not None and isinstance(scenario.motion, Conveyor):
+            scenario.motion.profile = [[0.0, *self._velocity]]
+        self._start()
+
+    @property
+    def time(self) -> float:
+        """Simulated time, in seconds."""
+        return float(self._simulator.get_context().get_time())
+
+    @property
+    def rate(self) -> float:
+        """Achieved real-time rate since the last pause or change."""
+        return float(self._simulator.get_actual_realtime_rate())
+
+    @property
+    def lost(self) -> set[int]:
+        """Indices of the fingers that are lost now."""
+        events = (event for event in self.scenario.damage if event.holds_at(self.time))
+        return {contact for event in events for contact in event.contacts}
+
+    def advance(self) -> None:
+        """Simulates until the next planning tick, and moves the camera with the object."""
+        period = self.scenario.planner.period
+        self._simulator.AdvanceTo(period * (tick_index(self.time, period) + 1))
+        if self._is_recording and self.time > RECORDED:
+            self._meshcat.StopRecording()
+            self._is_recording = False
+        moved = (self.last.X_WO.translation() - self._p_WO) * [1.0, 1.0, 0.0]
+        self._meshcat.SetTransform(_CAMERA, RigidTransform(moved), self.time)
+
+    def keep_pace(self) -> None:
+        """Measures real time from now on, after a pause."""
+        self._simulator.ResetStatistics()
+
+    def change(self, edit: Callable[[Scenario], object]) -> None:
+        """Changes the scenario, and continues from the present state.
+
+        Args:
+            edit: Function that changes the scenario that it gets.
+        """
+        before, self.scenario = self.scenario, copy.deepcopy(self.scenario)
+        edit(self.scenario)
+        keep_start(before, self.scenario, self._surface)
+        self._simulate(self._simulator.get_context())
+
+    def set_velocity(self, *, linear: float | None = None, angular: float | None = None) -> None:
+        """Changes the velocities of the conveyor, in m/s and rad/s; None keeps one."""
+        motion, now = self.scenario.motion, self.time
+        assert isinstance(motion, Conveyor)
+        rows = motion.velocities()
+        last = self._velocity or rows[-1][1:]
+        given = (linear, angular)
+        self._velocity = [old if new is None else new for old, new in zip(last, given, strict=True)]
+        present = VelocityProfile(rows).at(now)[1].tolist()
+        past = [row for row in rows if row[0] < now]
+        profile = [*past, [now, *present], [now + _RAMP, *self._velocity]]
+        self.change(lambda scenario: setattr(scenario.motion, "profile", profile))
+
+    def next_strategy(self) -> None:
+        """Changes to the next strategy, in the order of `STRATEGIES`."""
+        names = list(STRATEGIES)
+        planner = self.scenario.planner
+        index = names.index(planner.strategy) if planner.strategy in names else -1
+        name = names[(index + 1) % len(names)]
+        self.change(lambda scenario: setattr(scenario.planner, "strategy", name))
+
+    def switch_finger(self, contact: int) -> None:
+        """Takes a finger away, or gives it back."""
+        damage = copy.deepcopy(self.scenario.damage)
+        if contact in self.lost:
+            for event in damage:
+                event.contacts = [k for k in event.contacts if k != contact]
+            damage = [event for event in damage if event.contacts]
+        else:
+            damage.append(DamageEvent(at=self.time, contacts=[contact]))
+        self.change(lambda scenario: setattr(scenario, "damage", damage))
+
+    def switch_sight(self) -> None:
+        """Hides the object from the sensor, or shows it again."""
+        self.is_hidden = not self.is_hidden
+        faults = self._first.sensor.faults
+        if self.is_hidden:
+            faults = replace(faults, nan_probability=1.0, start=self.time, end=FOREVER)
+        self.change(lambda scenario: setattr(scenario.sensor, "faults", faults))
+
+    def close(self) -> None:
+        """Lets the hand close now."""
+        self.change(lambda scenario: setattr(scenario.grasp, "close_at", self.time))
+
+    @property
+    def can_nudge(self) -> bool:
+        """Whether the object is simulated, and not replayed."""
+        return not isinstance(self.scenario.motion, PoseStream)
+
+    def nudge(self) -> None:
+        """Pushes the object in a random horizontal direction."""
+        assert self._diagram is not None
+        plant = self._diagram.GetSubsystemByName("object_plant").plant
+        angle = np.random.default_rng(round(1e3 * self.time)).uniform(0, 2 * np.pi)
+        context = plant.GetMyMutableContextFromRoot(self._simulator.get_mutable_context())
+        model = plant.GetModelInstanceByName("object")
+        push = [0.0, 0.0, 0.0, _NUDGE * np.cos(angle), _NUDGE * np.sin(angle), 0.0]
+        plant.SetVelocities(context, model, plant.GetVelocities(context, model) + push)
+        self.story.tell("object is nudged")
+
+    def save(self, out: Path) -> Path:
+        """Writes the recording and the scenario to `out/NAME-live`, and returns the recording.
+
+        Raises:
+            OutputError: If the folder cannot be written.
+        """
+        folder = out / f"{self._name}-live"
+        make_folder(folder)
+        page = recording_html(self._meshcat, self.story)
+        frames = 1 / self.scenario.recording.publish_period
+        self._meshcat.SetAnimation(MeshcatAnimation(frames))  # Browsers show the present again.
+        if self._is_recording:
+            self._meshcat.StartRecording(frames, set_visualizations_while_recording=True)
+        write_text(folder / "recording.html", page)
+        scenario = copy.deepcopy(self.scenario)
+        scenario.simulation_duration = max(self.time, scenario.planner.period)
+        write_text(folder / "scenario.yaml", dump_scenario(self._name, scenario))
+        return folder / "recording.html"
+
+    def _add_tick(self, record: TickRecord) -> None:
+        self.last = record
+        self.story.add_tick(record)
+
+    def _simulate(self, before: Context | None) -> None:
+        """Builds the diagram, with the state of the one before in this Context, if it is given."""
+        old, story = self._diagram, self.story
+        self._diagram = make_diagram(
+            self.scenario,
+            self._surface,
+            sink=self._add_tick,
+            grasp_sink=story.add_grasp if self.scenario.grasp.has_hand else None,
+            meshcat=self._meshcat,
+            record=self._is_recording,
+            live=True,
+            continues=old,
+        )
+        simulator = Simulator(self._diagram)
+        ApplySimulatorConfig(self.scenario.simulator_config, simulator)
+        simulator.set_target_realtime_rate(1.0)
+        if before is not None and old is not None:
+            simulator.get_mutable_context().SetTime(before.get_time())
+            _copy_state(old, before, self._diagram, simulator.get_mutable_context())
+        simulator.Initialize()
+        self._simulator = simulator
+
+
+def _copy_state(old: Diagram, before: Context, new: Diagram, context: Context) -> None:
+    """Gives the systems of a diagram the state of those with the same names in another one.
+
+    All memory of this package and of its plants is discrete. State of another size is not copied.
+    """
+    known = {system.GetSystemPathname(): system for system in _leaves(old)}
+    for system in _leaves(new):
+        if (source := known.get(system.GetSystemPathname())) is None:
+            continue
+        given = source.GetMyContextFromRoot(before)
+        own = system.GetMyMutableContextFromRoot(context)
+        for index in range(min(given.num_discrete_state_groups(), own.num_discrete_state_groups())):
+            values = given.get_discrete_state(index).value()
+            if len(values) == own.get_discrete_state(index).size():
+                own.SetDiscreteState(index, values)
+
+
+def _leaves(diagram: Diagram) -> Iterator[System]:
+    for system in diagram.GetSystems():
+        if isinstance(system, Diagram):
+            yield from _leaves(system)
+        else:
+            yield system

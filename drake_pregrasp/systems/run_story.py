@@ -1,0 +1,131 @@
+"""Story of a run in words: states over time and captions of events, for pages beside the scene."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drake_pregrasp.contacts.selection_input import ContactStatus, describe_status
+from drake_pregrasp.estimation.pose_track import TrackingStatus
+from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
+from drake_pregrasp.systems.drawing import contact_color, hex_color
+from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityView
+from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
+
+MEASURES = ("q_msv", "q_gii", "q_vew")
+"""Measures of the paper's Table II, by their columns in `log.csv`."""
+
+OVERLAY = Path(__file__).with_name("run_story.html")
+"""Part of a page that shows a story."""
+
+_TRACKING = {
+    TrackingStatus.WAITING: "waiting for the first measurement",
+    TrackingStatus.TRACKING: "tracked",
+    TrackingStatus.COASTING: "not seen: goals follow the prediction",
+    TrackingStatus.LOST: "lost from sight: goals are held",
+}
+_PHASES = {
+    GraspPhase.APPROACH: "approaches",
+    GraspPhase.TRACK: "follows the object",
+    GraspPhase.CLOSE: "closes",
+    GraspPhase.SQUEEZE: "squeezes",
+    GraspPhase.LIFT: "lifts",
+    GraspPhase.HOLD: "holds",
+    GraspPhase.BACK_OFF: "backs off",
+}
+
+
+class RunStory:
+    """Collects what a run has to tell, from the records of its loggers.
+
+    Args:
+        title: Title of the run.
+        num_contacts: Number of contacts n.
+        static_end: End of the phase in which initial contacts are held, in seconds; 0 for none.
+        obstacle_names: Names of obstacles by their indices; other obstacles have none.
+
+    Attributes:
+        states: Present texts by the names of their rows: `0` to `n - 1` for contacts, `object`,
+            `hand`, and the names of measures.
+    """
+
+    def __init__(
+        self,
+        title: str,
+        num_contacts: int,
+        *,
+        static_end: float = 0.0,
+        obstacle_names: Mapping[int, str] | None = None,
+    ) -> None:
+        self._title, self._obstacle_names = title, dict(obstacle_names or {})
+        self._colors = [hex_color(contact_color(i)) for i in range(num_contacts)]
+        self._static_end, self._time = static_end, 0.0
+        self._kinds: list[float] = [ContactStatus.INACTIVE] * num_contacts
+        self.states: dict[str, str] = {}
+        self._changes: list[tuple[float, str, str]] = []
+        self._events: list[tuple[float, str]] = []
+
+    def add_tick(self, record: TickRecord) -> None:
+        """Adds a planning tick."""
+        time, before = record.time, self._time
+        self._time = time
+        if before < self._static_end <= time:
+            self.tell("contacts adapt")
+        self._set("object", _TRACKING[TrackingStatus(record.tracking_status)], is_event=time > 0)
+        view = GraspQualityView(record.grasp_quality)
+        for name in MEASURES:
+            value = getattr(view, name)
+            self._set(name, f"{value:.4f}" if np.isfinite(value) else "none")
+        for contact, (kind, cause) in enumerate(
+            zip(record.contact_status, record.contact_causes, strict=True)
+        ):
+            words = describe_status(kind, cause, self._obstacle_names)
+            was_active, is_active = self._kinds[contact] > 0, kind > 0
+            self._kinds[contact] = kind
+            self._set(str(contact), words)
+            if was_active != is_active and time > 0:
+                news = "has a goal again" if is_active else words
+                self.tell(f"finger {contact} {news}" if kind != 0 else f"finger {contact}: {news}")
+
+    def add_grasp(self, record: GraspRecord) -> None:
+        """Adds a control tick of a hand."""
+        phase, _, reason, detail = record.report
+        words = _PHASES[GraspPhase(int(phase))]
+        if why := describe_give_up(int(reason), detail):
+            words += f", because {why}"
+        self._time = max(self._time, record.time)
+        self._set("hand", words, is_event=True)
+
+    def tell(self, text: str) -> None:
+        """Adds a caption at the present time."""
+        self._events.append((self._time, text))
+
+    def _set(self, row: str, text: str, *, is_event: bool = False) -> None:
+        """Sets a row's text; a change may have a caption too."""
+        if self.states.get(row) == text:
+            return
+        self.states[row] = text
+        self._changes.append((self._time, row, text))
+        if is_event:
+            self.tell(f"{row} {text}")
+
+    def data(self) -> dict[str, Any]:
+        """Returns the whole story as the overlay reads it."""
+        return self._page() | {"changes": self._changes, "events": self._events}
+
+    def now(self) -> dict[str, Any]:
+        """Returns the present states and the last events only."""
+        changes = [(0.0, row, text) for row, text in list(self.states.items())]
+        return self._page() | {"changes": changes, "events": self._events[-8:]}
+
+    def _page(self) -> dict[str, Any]:
+        return {"title": self._title, "colors": self._colors, "time": self._time}
+
+    def added_to(self, page: str) -> str:
+        """Returns a page of Meshcat with the story over its scene."""
+        text = json.dumps(self.data()).replace("<", "\\u003c")
+        script = f"<script>playRecording({text});</script>"
+        start, end, rest = page.rpartition("</body>")
+        return f"{start}{OVERLAY.read_text(encoding='utf-8')}{script}{end}{rest}"

@@ -1,0 +1,201 @@
+"""The live view, as someone uses it who opens its page in a browser."""
+
+import io
+import queue
+import threading
+import time
+from operator import attrgetter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from browser import BROWSER, PATIENCE, Browser
+from PIL import Image
+from pydrake.math import RollPitchYaw
+
+from drake_pregrasp import load_scenario
+from drake_pregrasp.live.live_controls import LiveControls
+from drake_pregrasp.live.live_page import served_page
+from drake_pregrasp.live.live_run import LiveRun
+from drake_pregrasp.simulation.recording import start_meshcat
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(BROWSER is None, reason="needs Chromium (Debian: chromium)"),
+]
+
+
+class Page:
+    """A live run in a browser, with a mouse that presses its controls."""
+
+    def __init__(self, name: str, text: str, folder: Path) -> None:
+        opened: queue.Queue[str] = queue.Queue()
+
+        def serve() -> None:  # Meshcat must be used by the thread that has made it.
+            meshcat = start_meshcat(live=True)
+            self.run = LiveRun(load_scenario(name, text=text), name=name, meshcat=meshcat)
+            self.controls = LiveControls(self.run, meshcat, out=folder)
+            with served_page(meshcat, self.controls.story) as address:
+                opened.put(address)
+                self.controls.serve()
+
+        self.thread = threading.Thread(target=serve)
+        self.thread.start()
+        self.browser = Browser(folder / "profile", opened.get(timeout=PATIENCE))
+        self.browser.until("window.viewer && 'stop' in viewer.gui_controllers")
+
+    def close(self) -> None:
+        self.controls.is_stopped = True
+        self.thread.join()
+        self.browser.close()
+
+    def click(self, name: str, share: float = 0.5) -> None:
+        """Clicks on a button, or at a share of a slider's width."""
+        self.browser.until(f'"{name}" in viewer.gui_controllers')  # Not while it is being saved.
+        place = f"""(() => {{
+            const row = viewer.gui_controllers["{name}"].domElement.closest("li");
+            row.scrollIntoView();
+            const box = (row.querySelector(".slider") ?? row).getBoundingClientRect();
+            return [box.x + {share} * box.width, box.y + box.height / 2];
+        }})()"""
+        x, y = self.browser.value(place)
+        for kind in ("mousePressed", "mouseReleased"):
+            self.browser.ask(
+                "Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1
+            )
+
+    def slide(self, name: str, share: float) -> float:
+        """Moves a slider, and returns the value that it then shows."""
+        self.click(name, share)
+        return float(self.browser.value(f'viewer.gui_controllers["{name}"].getValue()'))
+
+    def told(self, text: str) -> None:
+        """Waits until the page shows a text."""
+        shown = 'document.getElementById("story").innerText.replace(/\\s+/g, " ")'
+        self.browser.until(f'{shown}.includes("{text}")')
+
+    def pass_time(self, duration: float) -> None:
+        """Waits until the run has simulated for a time."""
+        end = self.run.time + duration
+        self.reaches(lambda: self.run.time >= end)
+
+    def place(self) -> np.ndarray:
+        """Returns the true position of the object."""
+        return self.run.last.X_WO.translation()
+
+    def moment(self) -> tuple[float, float, float]:
+        """Returns a time, and the object's x and yaw at that time."""
+        last = self.run.last
+        yaw = RollPitchYaw(last.X_WO.rotation()).yaw_angle()
+        return last.time, last.X_WO.translation()[0], yaw
+
+    def reaches(self, condition) -> None:
+        end = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < end
+            time.sleep(0.05)
+
+
+@pytest.fixture
+def opened(tmp_path):
+    pages = []
+
+    def open_page(name, text="{}"):
+        pages.append(Page(name, text, tmp_path))
+        return pages[-1]
+
+    yield open_page
+    for page in pages:
+        page.close()
+
+
+@pytest.fixture
+def page(opened):
+    return opened("a_base", "{planner: {static_duration: 0.2}}")
+
+
+def test_sliders_change_what_they_name(page):
+    """The object moves as the sliders say; the other settings reach the planner and the sensor."""
+    run, degree = page.run, np.pi / 180
+    speed = 1e-3 * page.slide("speed [mm/s]", 0.7)
+    rate = degree * page.slide("turn rate [deg/s]", 0.8)
+    assert speed > 0.02
+    assert rate > 0.3
+    page.reaches(lambda: run.scenario.motion.velocities()[-1][1:] == pytest.approx([speed, rate]))
+    page.pass_time(0.4)
+    (t0, x0, yaw0), _, (t1, x1, yaw1) = page.moment(), page.pass_time(0.5), page.moment()
+    assert (x1 - x0) / (t1 - t0) == pytest.approx(speed, rel=0.02)
+    assert (yaw1 - yaw0) / (t1 - t0) == pytest.approx(rate, rel=0.02)
+    for name, share, fields, unit in (
+        ("noise [mm]", 0.2, "sensor.position_std planner.estimator.position_std", 1e-3),
+        ("noise [deg]", 0.1, "sensor.orientation_std planner.estimator.orientation_std", degree),
+        ("spread [mm]", 0.2, "planner.position_spread", 1e-3),
+        ("look-ahead [ms]", 0.3, "planner.estimator.lookahead", 1e-3),
+    ):
+        value = unit * page.slide(name, share)
+        for field in fields.split():
+            read = attrgetter(field)
+            assert read(load_scenario("a_base")) != pytest.approx(value)
+            page.reaches(lambda read=read, value=value: read(run.scenario) == pytest.approx(value))
+    period = 1 / page.slide("planning rate [Hz]", 0.9)
+    assert period < 0.03
+    page.reaches(lambda: run.scenario.planner.period == pytest.approx(period))
+    page.click("pause / resume")
+    page.told("paused")
+    before = run.time
+    page.click("step")
+    page.reaches(lambda: run.time > before)
+    assert run.time - before == pytest.approx(period)
+
+
+def test_buttons_do_what_they_say(page, tmp_path):
+    run = page.run
+    page.click("next strategy")
+    page.told("strategy msv")
+    assert run.scenario.planner.strategy == "msv"
+    page.click("finger 2: lose / give back")
+    page.told("finger 2 lost")
+    assert run.story.states["2"] == "lost"
+    page.click("finger 2: lose / give back")
+    page.told("finger 2 active")
+    page.click("object: hide / show")
+    page.told("lost from sight")
+    page.click("object: hide / show")
+    page.told("tracked")
+    x = page.place()
+    page.click("object: nudge")
+    page.reaches(lambda: np.linalg.norm(page.place() - x) > 0.005)  # The conveyor takes 5 s.
+    page.click("pause / resume")
+    page.told("paused")
+    time = run.time
+    page.click("save the recording")
+    recording = tmp_path / "a_base-live" / "recording.html"
+    page.reaches((recording.parent / "scenario.yaml").exists)
+    assert run.time == time
+    assert "finger 2 has a goal again" in recording.read_text(encoding="utf-8")
+    again = load_scenario(file=tmp_path / "a_base-live" / "scenario.yaml")
+    assert again.planner.strategy == "msv"
+    assert again.simulation_duration == time
+    page.click("pause / resume")
+    page.click("reset")
+    page.reaches(lambda: run.time < time)
+    page.click("stop")
+    page.thread.join(timeout=PATIENCE)
+    assert not page.thread.is_alive()
+
+
+def test_a_hand_closes_when_it_is_told_to(opened):
+    page = opened("grasp_five_finger", "{grasp: {close_at: 1000}, simulation_duration: 2000}")
+    page.told("follows the object")
+    page.click("hand: close")
+    page.told("squeezes")
+
+
+def test_the_page_shows_the_whole_scene(page, tmp_path):
+    """The table, the object, and regions on it, soon after the page is opened."""
+    page.pass_time(4.0)
+    image = np.array(Image.open(io.BytesIO(page.browser.picture())).convert("RGB"), dtype=float)
+    spread = image.max(axis=2) - image.min(axis=2)
+    scene = np.s_[150:, 360:650]  # Between the story and the controls.
+    assert np.mean(spread[scene] > 40) > 0.05  # Regions.
+    assert np.mean(image[scene].mean(axis=2) < 215) > 0.3  # Object and table.

@@ -1,0 +1,66 @@
+"""A live run continues from its present state, and ends when it is told to."""
+
+import json
+import signal
+import subprocess
+import sys
+import urllib.request
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from drake_pregrasp import load_scenario, make_diagram
+from drake_pregrasp.live.live_run import LiveRun
+from drake_pregrasp.simulation.recording import start_meshcat
+
+
+@pytest.mark.parametrize("name", ["a_base", "grasp_five_finger"])
+def test_a_change_of_nothing_changes_nothing(name):
+    """Goals and the object are those of a simulation without a change, to the last bit."""
+    scenario = load_scenario(name, text="{planner: {static_duration: 0.1}}")
+    run = LiveRun(scenario, name=name, meshcat=start_meshcat(live=True))
+    for tick in range(16):
+        if tick in (4, 9):
+            run.change(lambda scenario: None)
+        run.advance()
+    records = []
+    diagram = make_diagram(scenario, scenario.make_surface(), sink=records.append)
+    Simulator(diagram).AdvanceTo(run.time)
+    plain = records[-1]
+    assert run.last.time == plain.time > 0.5
+    np.testing.assert_array_equal(run.last.p_WC, plain.p_WC)
+    np.testing.assert_array_equal(run.last.X_WO.GetAsMatrix4(), plain.X_WO.GetAsMatrix4())
+
+
+def test_a_new_start_has_the_changed_settings_another_seed_and_all_fingers():
+    run = LiveRun(load_scenario("a_base"), name="a_base", meshcat=start_meshcat(live=True))
+    run.advance()
+    run.set_velocity(linear=0.03)
+    run.switch_finger(1)
+    run.next_strategy()
+    run.advance()
+    run.reset()
+    scenario = run.scenario
+    assert (run.time, scenario.random_seed, run.lost) == (0.0, 1, set())
+    assert scenario.planner.strategy == "msv"
+    assert scenario.motion.velocities()[-1][1] == 0.03
+    run.switch_sight()
+    run.reset()
+    assert not run.is_hidden
+    assert scenario.sensor.faults.nan_probability == 0
+
+
+def test_the_command_prints_a_local_address_and_serves_until_it_is_interrupted(tmp_path):
+    command = [sys.executable, "-m", "drake_pregrasp", "run", "a_base", "--live"]
+    with subprocess.Popen([*command, "--out", str(tmp_path)], stdout=subprocess.PIPE) as process:
+        words = process.stdout.readline().decode().split()
+        address = next(word for word in words if word.startswith("http://localhost:"))
+        with urllib.request.urlopen(f"{address}/story") as answer:
+            story = json.load(answer)
+        assert story["title"].startswith("a_base")
+        with urllib.request.urlopen(address) as answer:
+            assert b"followRun()" in answer.read()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=60) == 0
+    assert list(tmp_path.iterdir()) == []
