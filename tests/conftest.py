@@ -13,7 +13,7 @@ from drake_pregrasp import RunResult, Scenario, box_surface, load_scenario, run,
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.resources import python_package
+from drake_pregrasp.resources import python_package, resource_folder
 from drake_pregrasp.robots.allegro_panda import find_robot_data
 from drake_pregrasp.robots.robot_models import robot_model
 from drake_pregrasp.studies.sweep.study_file import shipped_studies
@@ -106,6 +106,19 @@ def usable_studies() -> list[Any]:
 def lacking_shadow() -> str:
     """Returns the package that the Shadow hand lacks, in words; empty if it is installed."""
     return "" if python_package("gymnasium_robotics") else "gymnasium-robotics is not installed"
+
+
+LACKING_HANDS = {
+    "allegro_hand": lacking_robots(),
+    "allegro_panda": lacking_robots(),
+    "shadow_hand": lacking_shadow(),
+}
+"""What shipped hands lack, in words, by their names."""
+
+
+def usable_hands() -> list[Any]:
+    """The names of the shipped hands; those that are not there are skipped."""
+    return _usable(sorted(f.stem for f in resource_folder("models").glob("*.yaml")), LACKING_HANDS)
 
 
 def _usable(names: Iterable[str], lacking: Mapping[str, str]) -> list[Any]:

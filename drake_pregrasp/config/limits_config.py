@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.object_config import POINT, BoxFields, zeros
 from drake_pregrasp.contacts.goal_limits import ContactLimits, Pair
 from drake_pregrasp.contacts.quality_guard import GUARDS, guard_measure
@@ -12,6 +13,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.box_surface import BOX_FACES
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import BallSolid, Solid
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.regions.finger_reach import FingerReach
 
 _HALF_TURN = 3.1416  # Largest angle between two directions, in radians.
@@ -125,6 +127,16 @@ class LimitsConfig:
     # Reach of each finger in the hand frame H. Empty: unlimited.
     reach: list[ReachConfig] = field(default_factory=list)
 
+    # Least measures of a hand's finger at its contact, with the palm at home over the object; 0 for
+    # no limit. Of the fingertip's Jacobian: smallest singular value, in metres; product of the
+    # singular values, in m^3; smallest over largest one. Distance of each joint to its limits over
+    # their distance; force along the inward normal that the joints' torques allow, in newtons.
+    singularity_distance: float = field(default=0.0, metadata=_LENGTH)
+    manipulability: float = field(default=0.0, metadata=_LENGTH)
+    uniformity: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1})
+    joint_range: float = field(default=0.0, metadata={"at_least": 0, "at_most": 0.5})
+    finger_force: float = field(default=0.0, metadata={"at_least": 0, "at_most": 1e4})
+
     # For each contact the names of faces, such as +z, that it must not touch although others may. A
     # face of a mesh is all surface whose normal is closest to that axis of O. Empty: none.
     forbidden_faces: list[list[str]] = field(
@@ -158,6 +170,10 @@ class LimitsConfig:
     def closed(self) -> list[list[AxisArea]]:
         """Returns the areas that are forbidden to single contacts; empty for none."""
         return [[AxisArea(face) for face in faces] for faces in self.forbidden_faces]
+
+    def least_measures(self) -> FloatArray:
+        """Returns the least value of each of the `FINGER_MEASURES`, shape (5,); 0 for no limit."""
+        return np.array([getattr(self, name) for name in FINGER_MEASURES])
 
     def make_limits(self, period: float, friction: float) -> ContactLimits:
         """Returns the limits on goals that are planned at a constant rate.

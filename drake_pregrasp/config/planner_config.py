@@ -10,6 +10,7 @@ from drake_pregrasp.estimation.pose_tracker import TrackerSettings
 from drake_pregrasp.quality.force_closure import FRICTION, TORSIONAL_FRICTION
 from drake_pregrasp.quality.grasp_quality import CONTACT_MODELS
 from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.regions.walls import WALL_TESTS
 
 LARGEST_SCALE = 1e4
@@ -131,6 +132,11 @@ class BlendConfig:
     vew: float = field(default=0.0, metadata=_WEIGHT)
     margin: float = field(default=0.0, metadata=_WEIGHT)
     independence: float = field(default=0.0, metadata=_WEIGHT)
+    singularity_distance: float = field(default=0.0, metadata=_WEIGHT)
+    manipulability: float = field(default=0.0, metadata=_WEIGHT)
+    uniformity: float = field(default=0.0, metadata=_WEIGHT)
+    joint_range: float = field(default=0.0, metadata=_WEIGHT)
+    finger_force: float = field(default=0.0, metadata=_WEIGHT)
 
 
 @dataclass
@@ -168,7 +174,7 @@ class PlannerConfig:
 
     # Weights of a contact's goal in its safe region: position tracking, a measure of the grasp
     # matrix, the force-closure margin, how far the contact may slip without a loss of force
-    # closure, or a blend of them.
+    # closure, a measure of the hand's finger there (see `limits`), or a blend of them.
     strategy: str = field(default="position", metadata={"one_of": (*STRATEGIES, BLEND)})
 
     # Weights for the strategy blend; at least one must be above 0.
@@ -224,6 +230,13 @@ class PlannerConfig:
     verify_contacts: bool = False
 
     estimator: EstimatorConfig = field(default_factory=EstimatorConfig)
+
+    @property
+    def needs_finger_measures(self) -> bool:
+        """Whether a weight or a limit needs to know what the fingers can do."""
+        weights = vars(self.blend) if self.strategy == BLEND else {self.strategy: 1.0}
+        weighted = any(weights.get(name, 0) > 0 for name in FINGER_MEASURES)
+        return weighted or any(self.limits.least_measures())
 
 
 @dataclass

@@ -36,11 +36,12 @@ from drake_pregrasp.quality.grasp_quality import (
     characteristic_length,
     contact_blocks,
 )
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.regions.independent_regions import LEAST_MARGIN, slip_radii
 
-STRATEGIES = ("position", "msv", "gii", "vew", "margin", "independence")
-"""Position tracking, the three measures of the grasp matrix, the force-closure margin, and how far
-a contact may slip without losing force closure."""
+STRATEGIES = ("position", "msv", "gii", "vew", "margin", "independence", *FINGER_MEASURES)
+"""Position tracking, the three measures of the grasp matrix, the force-closure margin, how far a
+contact may slip without losing force closure, and the measures of a hand's fingers."""
 
 READINGS = ("contact", "hand")
 """The two readings of the partial grasp matrix."""
@@ -147,6 +148,23 @@ def hand_margin(selection: SelectionInput, i: int, *, friction: float = FRICTION
     return np.where(bound < 0, 1 / (1 - np.minimum(bound, 0)) - 1, bound)
 
 
+def finger_measure(selection: SelectionInput, i: int, *, name: str) -> FloatArray:
+    """Returns one of the `FINGER_MEASURES` of finger i at each candidate, shape (k,).
+
+    It is zero where the finger cannot bring its tip.
+
+    Args:
+        selection: Contacts and their regions.
+        i: Index of the contact.
+        name: One of `FINGER_MEASURES`.
+    """
+    n, surface = selection.regions.members(i), selection.surface
+    measures = selection.regions.predicates.finger_measures_at(
+        np.full(len(n), i), surface.p_OQ[n], surface.nhat_OQ[n]
+    )
+    return np.nan_to_num(measures[:, FINGER_MEASURES.index(name)])
+
+
 def hand_independence(
     selection: SelectionInput, i: int, *, friction: float = FRICTION
 ) -> FloatArray:
@@ -187,7 +205,7 @@ def make_strategy(
 
     Args:
         name: One of `STRATEGIES`.
-        reading: One of `READINGS`; only the three measures use it and the next two.
+        reading: One of `READINGS`; only msv, gii and vew use it and the next two.
         contact_model: One of `CONTACT_MODELS`.
         length: Unit of the lever arms, in metres; 0 for the default of `characteristic_length`.
         stretch: Whether to stretch the weights over each region; `position` ignores it.
@@ -217,6 +235,8 @@ def make_strategy(
     measure: Measure
     if name in _HAND_MEASURES:
         measure = partial(_HAND_MEASURES[name], friction=friction)
+    elif name in FINGER_MEASURES:
+        measure = partial(finger_measure, name=name)
     else:
         model: dict[str, Any] = {"contact_model": contact_model, "length": length}
         measure = partial(_measure_of_matrix, name=name, reading=reading, **model)

@@ -136,7 +136,10 @@ def AddHandController(
         ),
     )
     frames = model.kinematics.tip_frames
-    planning = AddPregraspPlanner(builder, planner, surface, p_OC, fingertip_frames=frames)
+    finger_measures = model.finger_measures(surface) if planner.needs_finger_measures else None
+    planning = AddPregraspPlanner(
+        builder, planner, surface, p_OC, fingertip_frames=frames, finger_measures=finger_measures
+    )
     avoided = ConstantValueSource(AbstractValue.Make(Obstacles(tuple(fixed))))
     away = [(0.0, np.flatnonzero(~has_contact).tolist())]
     weights = ContactWeights(np.zeros(len(p_OC)), away)
@@ -145,7 +148,7 @@ def AddHandController(
         builder.Connect(system.get_output_port(), planning.GetInputPort(name))
     connect(builder, planning, "fingertip_targets contact_status tracking_status", controller)
     connect(builder, planning, "X_WO_estimated V_WO_estimated", controller)
-    connect(builder, controller, "hold_contacts V_WO_held", planning)
+    connect(builder, controller, "hold_contacts V_WO_held X_WU", planning)
     if limits.reach:
         connect(builder, controller, "X_WH", planning)
     if scene_graph is not None:

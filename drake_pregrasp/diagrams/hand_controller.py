@@ -53,16 +53,17 @@ class HandController(Diagram):
         - hold_contacts
         - grasp_report
         - V_WO_held
+        - X_WU
 
     The ports are those of the systems inside, which document them. The planner is connected to
     `fingertip_targets`, `contact_status`, `X_WO_estimated`, `V_WO_estimated` and, optionally,
     `tracking_status`; `obstacles` is optional too, and `close` is the command. The hand's plant is
     connected to `hand_state` and `net_actuation`, and to `desired_state` (`JointReference`).
     Observers may use `p_GT` (`FingertipGoalShaper`), `p_WT` and `f_T_W` (`FingertipSensor`), `X_WG`
-    and `grasp_report` (`GraspSequencer`). The planner may use `X_WH` (`CarrierPosture` or
-    `ArmPosture`) for the reach of the fingers, `hold_contacts` (`GraspSequencer`), which holds its
-    goals while the hand grasps, and `V_WO_held` (`GraspSequencer`), so that its estimate follows
-    the object that the hand moves.
+    and `grasp_report` (`GraspSequencer`). The planner may use `X_WH` and `X_WU` (`CarrierPosture`
+    or `ArmPosture`) for the reach and the measures of the fingers, `hold_contacts`
+    (`GraspSequencer`), which holds its goals while the hand grasps, and `V_WO_held`
+    (`GraspSequencer`), so that its estimate follows the object that the hand moves.
 
     Goals are predicted ahead by the control period, in which the reference moves to its new value,
     and by the plant's time step, because the plant samples desired states at its start.
@@ -246,6 +247,7 @@ class HandController(Diagram):
             (sequencer, "X_WG"),
             (posture, "X_WH"),
             (sequencer, "hold_contacts grasp_report V_WO_held"),
+            (posture, "X_WU"),
         ):
             export_outputs(builder, system, outputs)
         builder.BuildInto(self)

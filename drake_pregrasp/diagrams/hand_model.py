@@ -1,29 +1,30 @@
 """Kinematic model of a hand, from its model file and its description."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 
 import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.planning import RobotDiagram, RobotDiagramBuilder
+from pydrake.systems.framework import Context
 from scipy.spatial import cKDTree
-from scipy.stats.qmc import Halton
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.contacts.assignment import FREE_TURN
 from drake_pregrasp.diagrams.hand_parsing import HAND, add_hand_model
-from drake_pregrasp.diagrams.palm_base import PalmCarrier, check_home, make_base, tip_positions
+from drake_pregrasp.diagrams.palm_base import PalmCarrier, check_home, make_base
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
+from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import BASE
+from drake_pregrasp.regions.finger_measures import FingerChain, FingerMeasures
 from drake_pregrasp.systems.fingertip_sensor import HandKinematics, hand_links
 from drake_pregrasp.systems.hand_scene import HandScene, link_balls
 from drake_pregrasp.systems.palm_posture import FROM_ABOVE
 
 _TWO_TURNS = 4 * np.pi
-_WORKSPACE_SAMPLES = 3000  # Places of a fingertip; 90 % are nearer to the next than half a step.
 _LARGEST_STEP = 0.012  # Largest distance to another place that a finger reaches, in metres.
 
 
@@ -59,13 +60,15 @@ class HandModel:
         X_LA: RigidTransform = FROM_ABOVE,
     ) -> None:
         self.description, self._yaw_range, self.X_LA = description, yaw_range, X_LA
+        self._finger_measures: dict[float, FingerMeasures] = {}
         self._diagram = self._parse()  # Keeps the plant alive.
         plant = self._diagram.plant()
         self.base = make_base(description.base, plant, plant.GetModelInstanceByName(HAND), X_LA)
         self.kinematics = self._kinematics(self._diagram)
         self.tip_radii: FloatArray = np.array([tip.radius for tip in description.fingertips])
         self.fingers_home = self._place_fingers()
-        self.p_HT = self._tips_in_A([self.fingers_home])[0]
+        p_WT = self.tips_at(self.base.placed(self.fingers_home))
+        self.p_HT: FloatArray = (self.base.X_AW @ p_WT.T).T
         self.azimuths: FloatArray = np.arctan2(self.p_HT[:, 1], self.p_HT[:, 0])
         given = np.array([tip.withdrawn_radius for tip in description.fingertips])
         mean = np.mean(np.linalg.norm(self.p_HT[:, :2], axis=1))
@@ -172,22 +175,35 @@ class HandModel:
     @cached_property
     def workspaces(self) -> list[cKDTree]:
         """Places of each fingertip over the object, at evenly drawn positions of its joints."""
-        kinematics, fingers = self.kinematics, range(len(self.azimuths))
-        own = [kinematics.own_joints(finger) for finger in fingers]
-        shares = Halton(max(map(len, own)), seed=0).random(_WORKSPACE_SAMPLES)
-        q = np.tile(self.fingers_home, (_WORKSPACE_SAMPLES, 1))
-        for joints in own:
-            lower, upper = kinematics.lower[joints], kinematics.upper[joints]
-            q[:, joints] = lower + shares[:, : len(joints)] * (upper - lower)
-        p_HT = self._tips_in_A(q)
-        return [cKDTree(p_HT[:, finger]) for finger in fingers]
+        return [cKDTree(finger.tips(finger.samples())[0]) for finger in self.finger_chains]
 
-    def _tips_in_A(self, q: Iterable[FloatArray]) -> FloatArray:
-        """Returns the fingertips in A with the palm at home and fingers as in q, (k, n, 3)."""
-        p_WT = tip_positions(self.kinematics, map(self.base.placed, q))
-        X_AW = self.base.X_AW
-        tips: FloatArray = p_WT @ X_AW.rotation().matrix().T + X_AW.translation()
-        return tips
+    @cached_property
+    def finger_chains(self) -> list[FingerChain]:
+        """Kinematics of each finger in A, on the palm at home at yaw 0."""
+        hand, q, X_AW = self.kinematics, self.base.placed(self.fingers_home), self.base.X_AW
+        R_AW, p_AW = X_AW.rotation().matrix(), X_AW.translation()
+        w, v = np.split(R_AW @ hand.screws(self._posed(q)).reshape(2, 3, -1), 2)
+        screws = np.concatenate([w[0], v[0] + np.cross(p_AW, w[0], axisb=0, axisc=0)]).T
+        own = [hand.own_joints(finger) for finger in range(len(self.azimuths))]
+        return [
+            FingerChain(screws[j], tip, q[j], hand.lower[j], hand.upper[j], hand.efforts[j])
+            for j, tip in zip(own, self.p_HT, strict=True)
+        ]
+
+    def finger_measures(self, surface: ObjectSurface) -> FingerMeasures:
+        """Returns the measures of the fingers around an object, in the palm's frame U.
+
+        U is the frame A turned with the palm. The palm is at home, and only the finger's own joints
+        count.
+
+        Args:
+            surface: Surface of the object.
+        """
+        farthest = np.max(np.linalg.norm(surface.p_OQ, axis=1)) + np.max(self.tip_radii)
+        radius = float(farthest + np.linalg.norm(self.X_LA.translation()))
+        if radius not in self._finger_measures:
+            self._finger_measures[radius] = FingerMeasures.around(radius, self.finger_chains)
+        return self._finger_measures[radius]
 
     def side_depth(self, yaw: float) -> float:
         """Returns how far fingers at home reach below the palm's axis, in metres.
@@ -203,8 +219,7 @@ class HandModel:
     def _finger_balls(self) -> tuple[FloatArray, FloatArray]:
         """Balls inside the links of fingers at home: centres in A at yaw 0, and radii."""
         plant, inspector = self.kinematics.plant, self._diagram.scene_graph().model_inspector()
-        context = plant.CreateDefaultContext()
-        plant.SetPositions(context, self.base.placed(self.fingers_home))
+        context = self._posed(self.base.placed(self.fingers_home))
         links = hand_links(plant, self.kinematics.frames, self.tip_radii, inspector)
         X_AW, found = self.base.X_AW, []
         for geometry, link in links.items():
@@ -217,7 +232,13 @@ class HandModel:
 
     def tips_at(self, q: FloatArray) -> FloatArray:
         """Returns the fingertips' centres in W at positions q, shape (n, 3), in metres."""
-        return np.array(tip_positions(self.kinematics, [q])[0])
+        return self.kinematics.tip_positions(self._posed(q))
+
+    def _posed(self, q: FloatArray) -> Context:
+        """Returns a context of the plant at positions q."""
+        context = self.kinematics.plant.CreateDefaultContext()
+        self.kinematics.plant.SetPositions(context, q)
+        return context
 
     @property
     def largest_offsets(self) -> FloatArray:

@@ -1,6 +1,6 @@
 """Carriers and arms that hold the palm of a hand."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
@@ -10,7 +10,7 @@ from pydrake.multibody.tree import ModelInstanceIndex
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Arm, BaseConfig, Carrier
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.systems.fingertip_sensor import HandKinematics, frame_names
+from drake_pregrasp.systems.fingertip_sensor import frame_names
 from drake_pregrasp.systems.palm_posture import ArmKinematics, pose_error, turned_frame
 
 _STEPS = 300  # Largest number of steps of an arm to its initial pose.
@@ -149,15 +149,6 @@ def make_base(
     if isinstance(config, Carrier):
         return PalmCarrier(config, plant, hand, X_LA)
     return PalmArm(config, plant, hand, X_LA)
-
-
-def tip_positions(hand: HandKinematics, q: Iterable[FloatArray]) -> FloatArray:
-    """Returns the fingertips' centres in W at positions of all joints, shape (k, n, 3)."""
-    context, p_WT = hand.plant.CreateDefaultContext(), []
-    for positions in q:
-        hand.plant.SetPositions(context, positions)
-        p_WT.append(hand.tip_positions(context))
-    return np.array(p_WT)
 
 
 def _positions(plant: MultibodyPlant, hand: ModelInstanceIndex, names: list[str]) -> list[int]:

@@ -9,6 +9,7 @@ from drake_pregrasp.config.planner_config import PlannerConfig
 from drake_pregrasp.contacts.selection_input import WeightFunction
 from drake_pregrasp.diagrams.wiring import connect, export_inputs, export_outputs
 from drake_pregrasp.geometry.surface import ObjectSurface
+from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.centroid_selector import CentroidSelector
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
 from drake_pregrasp.systems.safe_region_partitioner import SafeRegionPartitioner
@@ -30,6 +31,7 @@ class PregraspPlanner(Diagram):
         - V_WO_held
         - finger_coordinates
         - candidate_coordinates
+        - X_WU
         output_ports:
         - p_WC
         - contact_status
@@ -49,15 +51,15 @@ class PregraspPlanner(Diagram):
     `measurement_time` and `V_WO_held` (both optional), `X_WO_estimated`, `V_WO_estimated`,
     `p_WO_covariance`, `tracking_status`, `time_since_measurement`, `measurement_verdict` and
     `innovation_squared` of `PoseEstimator`; `contact_weights`, `obstacles`, `X_WH`,
-    `finger_coordinates`, `candidate_coordinates` (all optional) and `safe_regions` of
+    `finger_coordinates`, `candidate_coordinates`, `X_WU` (all optional) and `safe_regions` of
     `SafeRegionPartitioner`; `hold_contacts` (optional), `p_WC`,
     `contact_status`, `contact_causes`, `fingertip_targets` and `p_WC_previous` of
     `CentroidSelector`.
 
     At a tick, all outputs are the same before and after the discrete update, except `safe_regions`
-    and `p_WC_previous`, which change when the update stores the tick's new goals. If the pose at
-    `X_WH` depends on the goals, it must use those of `p_WC_previous`, because the goals of `p_WC`
-    depend on `X_WH`.
+    and `p_WC_previous`, which change when the update stores the tick's new goals. If the poses at
+    `X_WH` and `X_WU` depend on the goals, they must use those of `p_WC_previous`, because the goals
+    of `p_WC` depend on these poses.
 
     Args:
         config: Configuration of the planner.
@@ -65,6 +67,7 @@ class PregraspPlanner(Diagram):
         p_OC: Initial contact points on the surface, in O, shape (n, 3), in metres.
         fingertip_frames: Names for `fingertip_targets`; see `CentroidSelector`.
         weight_function: A strategy of your own; see `CentroidSelector`.
+        finger_measures: Measures of a hand's fingers; see `SafeRegionPartitioner`.
     """
 
     def __init__(
@@ -75,6 +78,7 @@ class PregraspPlanner(Diagram):
         *,
         fingertip_frames: Sequence[str] | None = None,
         weight_function: WeightFunction | None = None,
+        finger_measures: FingerMeasures | None = None,
     ) -> None:
         super().__init__()
         builder = DiagramBuilder()
@@ -84,7 +88,9 @@ class PregraspPlanner(Diagram):
         )
         partitioner = builder.AddNamedSystem(
             "safe_region_partitioner",
-            SafeRegionPartitioner(config, surface=surface, num_contacts=len(p_OC)),
+            SafeRegionPartitioner(
+                config, surface=surface, num_contacts=len(p_OC), finger_measures=finger_measures
+            ),
         )
         selector = builder.AddNamedSystem(
             "centroid_selector",
@@ -104,7 +110,7 @@ class PregraspPlanner(Diagram):
         export_inputs(builder, "contact_weights obstacles X_WH", partitioner)
         export_inputs(builder, "hold_contacts", selector)
         export_inputs(builder, "V_WO_held", estimator)
-        export_inputs(builder, "finger_coordinates candidate_coordinates", partitioner)
+        export_inputs(builder, "finger_coordinates candidate_coordinates X_WU", partitioner)
         export_outputs(builder, selector, "p_WC contact_status fingertip_targets")
         export_outputs(builder, estimator, "X_WO_estimated V_WO_estimated p_WO_covariance")
         export_outputs(builder, partitioner, "safe_regions")
@@ -122,6 +128,7 @@ def AddPregraspPlanner(
     *,
     fingertip_frames: Sequence[str] | None = None,
     weight_function: WeightFunction | None = None,
+    finger_measures: FingerMeasures | None = None,
     name: str = "pregrasp_planner",
 ) -> PregraspPlanner:
     """Adds a `PregraspPlanner` to a diagram, and returns it.
@@ -136,10 +143,16 @@ def AddPregraspPlanner(
         fingertip_frames: Names for `fingertip_targets`, one for each contact.
         weight_function: A strategy of your own, in place of `config.strategy`; see
             `CentroidSelector`.
+        finger_measures: Measures of a hand's fingers; see `SafeRegionPartitioner`.
         name: Name of the system.
     """
     planner = PregraspPlanner(
-        config, surface, p_OC, fingertip_frames=fingertip_frames, weight_function=weight_function
+        config,
+        surface,
+        p_OC,
+        fingertip_frames=fingertip_frames,
+        weight_function=weight_function,
+        finger_measures=finger_measures,
     )
     builder.AddNamedSystem(name, planner)
     return planner

@@ -23,6 +23,7 @@ from drake_pregrasp.geometry.solids import SignedDistance, Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspSettings
 from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
+from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE
 from drake_pregrasp.systems.palm_posture import FROM_ABOVE, reach_frame
@@ -37,6 +38,7 @@ def start_constraints(
     fixed: Sequence[Solid],
     yaw_range: tuple[float, float],
     X_LA: RigidTransform = FROM_ABOVE,
+    measures: FingerMeasures | None = None,
 ) -> ConstraintsAt:
     """Returns the constraints of a hand's contacts as a function of the palm's yaw.
 
@@ -46,8 +48,9 @@ def start_constraints(
         fixed: Solids in W that fingertips avoid, such as the table.
         yaw_range: Smallest and largest angle of the palm, in radians.
         X_LA: Approach of the palm; see `HandModel`.
+        measures: Measures of the fingers in the palm's frame; None if no limit needs them.
     """
-    R_OW = X_WO.rotation().matrix().T
+    R_OW, least = X_WO.rotation().matrix().T, limits.least_measures()
     shared = RegionConstraints(
         obstacles=Obstacles(tuple(fixed)).moved(R_OW, -R_OW @ X_WO.translation()),
         clearance=limits.clearance,
@@ -60,7 +63,9 @@ def start_constraints(
 
     def at(yaw: float) -> RegionConstraints:
         R_OH = R_OW @ reach_frame(X_WO, yaw, yaw_range, X_LA).rotation().matrix()
-        return replace(shared, reach_pose=(R_OH, R_OW @ X_LA.translation()))
+        R_OU, p_OA = R_OW @ X_LA.rotation().matrix() @ _turned(yaw), R_OW @ X_LA.translation()
+        fingers = measures and replace(measures, least=least, R_OU=R_OU, p_OU=p_OA)
+        return replace(shared, reach_pose=(R_OH, p_OA), finger_measures=fingers)
 
     return at
 
@@ -101,6 +106,7 @@ def choose_contacts(
     R_OA, p_OA = R_OW @ X_LA.rotation().matrix(), R_OW @ X_LA.translation()
 
     is_above = X_LA.rotation().IsExactlyIdentity()
+    measures = hand.finger_measures(surface) if np.any(limits.least_measures()) else None
 
     def holds_palm(yaw: float) -> bool:
         try:
@@ -114,7 +120,7 @@ def choose_contacts(
         surface,
         solid,
         HandOverObject(
-            constraints_at=start_constraints(limits, X_WO, fixed, yaw_range, X_LA),
+            constraints_at=start_constraints(limits, X_WO, fixed, yaw_range, X_LA, measures),
             p_OT_at=lambda yaw: hand.p_HT @ (R_OA @ _turned(yaw)).T + p_OA,
             azimuths=hand.azimuths,
             R_AO=R_OA.T,

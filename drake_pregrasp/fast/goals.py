@@ -1,17 +1,19 @@
 """Goals of contacts: weighted centroids of safe regions, projected onto the regions' patches."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.contacts.selection_input import SelectionInput
-from drake_pregrasp.contacts.strategies import MEASURES
+from drake_pregrasp.contacts.strategies import MEASURES, finger_measure
 from drake_pregrasp.fast.projection import CompiledSurface
 from drake_pregrasp.fast.weights import KINDS, weighted_goals
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import FRICTION
 from drake_pregrasp.quality.grasp_quality import characteristic_length
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 
 GivenWeights = Callable[[SelectionInput, IntArray, IntArray, BoolArray], FloatArray]
 """Maps a selection's input, the contacts that move, labels and active contacts, in the types of the
@@ -53,7 +55,9 @@ class CompiledGoals:
         kinds = []
         for name in shares:
             given: GivenWeights
-            if name in MEASURES and contact_model != "complete":  # Imports compile only if needed.
+            if name in FINGER_MEASURES:
+                given = partial(_finger_measures, name)
+            elif name in MEASURES and contact_model != "complete":  # Compiled only if needed.
                 from drake_pregrasp.fast.spectra import MeasureWeights
 
                 given = MeasureWeights(surface, name, reading, contact_model, self._unit)
@@ -102,3 +106,12 @@ class CompiledGoals:
         if self._best_point:
             return goals
         return self._surface.project_into_regions(goals, contacts, labels)[0]
+
+
+def _finger_measures(
+    name: str, selection: SelectionInput, contacts: IntArray, labels: IntArray, _: BoolArray
+) -> FloatArray:
+    measures = np.zeros(len(labels))
+    for i in contacts.tolist():
+        measures[selection.regions.members(i)] = finger_measure(selection, i, name=name)
+    return measures

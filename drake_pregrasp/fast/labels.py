@@ -9,11 +9,13 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.fast.blocks import BLOCK, Blocks
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.fast.predicates import (
+    SHARED,
     is_closed,
     limit_of_point,
     near_obstacles,
     no_limits,
     reach_of_box,
+    shared_arrays,
 )
 from drake_pregrasp.regions.constraints import NO_CAUSE, UNCONSTRAINED, Limit
 from drake_pregrasp.regions.safe_regions import NO_REGION, RegionBounds
@@ -92,7 +94,7 @@ def exclude(normals, bounds, j, c, q, start, stop, over, excluded):  # type: ign
 
 @compiled()
 def limit_of_region(  # type: ignore[no-untyped-def]
-    i, blocks, cells, c, same_side, few, half_spaces, contact, obstacles, scratch, lists
+    i, blocks, cells, c, same_side, few, half_spaces, contact, shared, scratch, lists
 ):
     """Returns the limit that leaves a contact a tiny region, and its cause, as the reference does.
 
@@ -102,7 +104,7 @@ def limit_of_region(  # type: ignore[no-untyped-def]
     """
     q, nhat, places, starts, boxes = blocks
     normals, bounds, slack, limits, causes = half_spaces
-    solids, points, _, _ = obstacles
+    solids, points, _, _, _ = shared
     width = 2 + max(largest(causes), largest(solids[:, 19]), largest(points[:, 4]))
     counts = np.zeros(_NUM_LIMITS * width, np.int64)  # By limit, then by cause, from -1 on.
     by_points, excluded = counts.copy(), np.empty(BLOCK, dtype=np.bool_)
@@ -145,15 +147,16 @@ def limit_of_region(  # type: ignore[no-untyped-def]
                 exclude(normals, bounds, j, c[i], q, start, stop, power, excluded)
         box = box_of(boxes[block], d)
         num_solids, num_points = near_obstacles(
-            contact, box, obstacles, near_solids, near_points, over
+            contact, box, shared, near_solids, near_points, over
         )
         for k in range(start, stop):
             if cells[k] == i:
                 limit, cause = limit_of_point(
+                    i,
                     contact,
                     (q[0, k], q[1, k], q[2, k]),
                     (nhat[0, k], nhat[1, k], nhat[2, k]),
-                    obstacles,
+                    shared,
                     near_solids[:num_solids],
                     near_points[:num_points],
                     True,
@@ -190,9 +193,9 @@ def box_of(row, d):  # type: ignore[no-untyped-def]
     "Tuple((i8[::1], i8[::1], i8[::1]))"
     "(Tuple((f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1])), f8[:,::1], f8[::1], f8,"
     " Tuple((f8[:,:,::1], f8[:,::1], i8[::1], i8[::1])), b1[:,::1], f8[:,::1],"
-    " Tuple((f8[:,::1], f8[:,::1], f8, f8)))"
+    f" {SHARED})"
 )
-def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, obstacles):  # type: ignore[no-untyped-def]
+def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, shared):  # type: ignore[no-untyped-def]
     """Returns labels in the order of the candidates, limits and causes, as `label_candidates`.
 
     Loops run along one array at a time, so that the compiler makes vector instructions of them.
@@ -207,9 +210,9 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, o
             Those of one limit and cause are adjacent.
         same_side: Candidates that no wall hides from each contact, shape (n, N), or empty for all.
         contacts: Rows of the contacts, as in `Predicates`.
-        obstacles: Rows of solids and of points, clearance and standoff, as in `Predicates`.
+        shared: What the contacts share; see `shared_arrays`.
     """
-    (q, nhat, order, starts, boxes), (solids, points, _, standoff) = blocks, obstacles
+    (q, nhat, order, starts, boxes), (solids, points, _, standoff, hand) = blocks, shared
     by_axis, bounds, by_limit, by_cause = half_spaces
     n, d, m = by_axis.shape
     labels, cells = np.empty(q.shape[1], dtype=np.int64), np.empty(q.shape[1], dtype=np.int64)
@@ -219,7 +222,7 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, o
     over, reach, cutting = np.empty(most), np.empty(most), np.empty(most + 1, dtype=np.int64)
     near_solids, near_points = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
     owns, is_free = np.empty(n, dtype=np.bool_), np.empty(n, dtype=np.bool_)
-    extent, slack = 0.0, np.empty((n, m))
+    extent, slack, limiting = 0.0, np.empty((n, m)), np.max(hand[4]) > 0.0
     for i in range(n):
         for axis in range(d):
             extent = max(extent, abs(c[i, axis]))
@@ -228,7 +231,7 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, o
             extent = max(extent, abs(boxes[block, axis]) + boxes[block, d + axis])
     extent *= 2.0
     for i in range(n):
-        is_free[i] = len(solids) == 0 and len(points) == 0 and no_limits(contacts[i])
+        is_free[i] = not (len(solids) or len(points) or limiting) and no_limits(contacts[i])
         for j in range(m):
             size = 0.0
             for axis in range(d):
@@ -264,18 +267,20 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, o
             box = box_of(boxes[block], d)
             reached = reach_of_box(contacts[i], box, standoff)
             num_solids, num_points = near_obstacles(
-                contacts[i], box, obstacles, near_solids, near_points, over
+                contacts[i], box, shared, near_solids, near_points, over
             )
-            if reached == 1 and num_solids + num_points == 0 and not is_closed(contacts[i]):
+            near = num_solids + num_points > 0
+            if reached == 1 and not (near or limiting or is_closed(contacts[i])):
                 continue
             for k in range(size):
                 if owners[k] == i and (
                     reached < 0
                     or limit_of_point(
+                        i,
                         contacts[i],
                         (q[0, start + k], q[1, start + k], q[2, start + k]),
                         (nhat[0, start + k], nhat[1, start + k], nhat[2, start + k]),
-                        obstacles,
+                        shared,
                         near_solids[:num_solids],
                         near_points[:num_points],
                         reached == 0,
@@ -299,7 +304,7 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, o
                 few,
                 (by_axis[i], bounds[i], slack[i], by_limit, by_cause),
                 contacts[i],
-                obstacles,
+                shared,
                 (over, reach, power),
                 (cutting, near_solids, near_points),
             )
@@ -332,6 +337,6 @@ class CompactCandidates(Blocks):
             (by_axis, np.ascontiguousarray(planes.bounds), planes.limits, planes.causes),
             np.array(seen, dtype=bool, order="C"),
             predicates.contacts,
-            (predicates.solids, predicates.points, predicates.clearance, predicates.standoff),
+            shared_arrays(predicates),
         )
         return result

@@ -1,6 +1,7 @@
 """Tests of single points, and of whole blocks of them, by the arrays of `Predicates`."""
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from drake_pregrasp.regions.constraints import (
     Limit,
     Predicates,
 )
+from drake_pregrasp.regions.finger_measures import LEAST_ARM, FingerMeasures
 from drake_pregrasp.regions.finger_reach import ANY_ANGLE
 
 _SOLID, _SECTOR, _CLOSED = REACH_SOLID.start, SECTOR.start, CLOSED.start
@@ -23,6 +25,11 @@ _NONE, _FORBIDDEN, _REACH, _OBSTACLE = map(
     int, (Limit.NONE, Limit.FORBIDDEN, Limit.REACH, Limit.OBSTACLE)
 )
 _SHARES = len(ALONG)
+_HAND = "Tuple((f8[:,::1], f8[:,::1], f8[:,:,:,:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[::1]))"
+SHARED = f"Tuple((f8[:,::1], f8[:,::1], f8, f8, {_HAND}))"
+"""Types of what the contacts share; see `shared_arrays`."""
+
+_UNKNOWN = FingerMeasures(*(np.zeros(shape) for shape in ((0, 3), (0, 3), 5 * (0,), (0, 0))))
 _ABOVE = 1 + 1e-9  # Decisions about blocks must not be reversed by rounding.
 
 
@@ -51,21 +58,59 @@ def sector_gaps(row, tx, ty, tz, nx, ny, nz):  # type: ignore[no-untyped-def]
 
 
 @compiled()
+def finger_measures_of(finger, hand, tip, nhat):  # type: ignore[no-untyped-def]
+    """Returns the five measures of a finger at one place, as `FingerMeasures.at`.
+
+    Args:
+        finger: Index of the finger.
+        hand: Attributes of the hand's `FingerMeasures`.
+        tip: Centre of the fingertip, three numbers in metres.
+        nhat: Outward unit normal there, three numbers.
+    """
+    low, step, table, efforts, _, R, p = hand
+    row, normal, share = np.zeros(table.shape[4]), np.zeros(3), np.empty((2, 3))
+    corner, last = np.empty(3, np.int64), table.shape[1] - 1
+    for axis in range(3):
+        place = 0.0
+        for k in range(3):
+            place += R[k, axis] * (tip[k] - p[k])
+            normal[axis] += R[k, axis] * nhat[k]
+        place = (place - low[finger, axis]) / step[finger, axis]
+        if not 0.0 <= place <= last:
+            return math.nan, math.nan, math.nan, math.nan, math.nan
+        corner[axis] = min(int(place), last - 1)
+        share[1, axis] = place - corner[axis]
+        share[0, axis] = 1.0 - share[1, axis]
+    for offset in range(8):
+        a, b, c = offset // 4, offset // 2 % 2, offset % 2
+        weight = share[a, 0] * share[b, 1] * share[c, 2]
+        for k in range(len(row)):
+            row[k] += weight * table[finger, corner[0] + a, corner[1] + b, corner[2] + c, k]
+    force = math.nan if math.isnan(row[-1]) else math.inf
+    for j in range(efforts.shape[1]):
+        arm = row[3 * j] * normal[0] + row[3 * j + 1] * normal[1] + row[3 * j + 2] * normal[2]
+        largest = efforts[finger, j] / max(abs(arm), LEAST_ARM)
+        force = largest if largest < force else force  # It stays NaN.
+    return row[-4], row[-3], row[-2], row[-1], force
+
+
+@compiled()
 def limit_of_point(  # type: ignore[no-untyped-def]
-    contact, q, nhat, obstacles, near_solids, near_points, check_reach
+    i, contact, q, nhat, shared, near_solids, near_points, check_reach
 ):
     """Returns the limit and cause of one point for one contact, as `Predicates.limits_at`.
 
     Args:
+        i: Index of the contact.
         contact: Row of the contact.
         q: Point, three numbers in metres.
         nhat: Outward unit normal at the point, three numbers.
-        obstacles: Rows of solids and of points, clearance and standoff, as in `Predicates`.
+        shared: What the contacts share; see `shared_arrays`.
         near_solids: Indices of the solids to be tested, ascending.
         near_points: Indices of the obstacle points to be tested, ascending.
         check_reach: Whether the reach is tested.
     """
-    (x, y, z), (nx, ny, nz), (solids, points, clearance, standoff) = q, nhat, obstacles
+    (x, y, z), (nx, ny, nz), (solids, points, clearance, standoff, hand) = q, nhat, shared
     ax, ay, az = abs(nx), abs(ny), abs(nz)
     if ax >= ay and ax >= az:
         face, along = 0, nx
@@ -85,6 +130,12 @@ def limit_of_point(  # type: ignore[no-untyped-def]
         )
         if not (sideways >= 0.0 and facing >= 0.0):
             return _REACH, NO_CAUSE
+    if np.max(hand[4]) > 0.0:
+        tip, least = (x + radius * nx, y + radius * ny, z + radius * nz), hand[4]
+        measures = finger_measures_of(i, hand, tip, nhat)
+        for k in range(len(least)):
+            if least[k] > 0.0 and not measures[k] >= least[k]:
+                return _REACH, NO_CAUSE
     needed = radius + clearance
     shares = _SHARES if standoff > 0.0 else 1
     for j in near_solids:
@@ -106,7 +157,7 @@ def limit_of_point(  # type: ignore[no-untyped-def]
 
 @compiled()
 def near_obstacles(  # type: ignore[no-untyped-def]
-    contact, box, obstacles, near_solids, near_points, gaps
+    contact, box, shared, near_solids, near_points, gaps
 ):
     """Writes which obstacles a fingertip may touch from a box of points; returns their numbers.
 
@@ -116,12 +167,12 @@ def near_obstacles(  # type: ignore[no-untyped-def]
     Args:
         contact: Row of the contact.
         box: Midpoint of the points (3), of their normals (3), and the radii of both.
-        obstacles: Rows of solids and of points, clearance and standoff, as in `Predicates`.
+        shared: What the contacts share; see `shared_arrays`.
         near_solids: Indices of the solids, which are written.
         near_points: Indices of the obstacle points, which are written.
         gaps: Memory for a number of each point.
     """
-    (x, y, z, nx, ny, nz, size, turn), (solids, points, clearance, standoff) = box, obstacles
+    (x, y, z, nx, ny, nz, size, turn), (solids, points, clearance, standoff, _) = box, shared
     radius = contact[RADIUS]
     room = (radius + clearance + size + (radius + standoff) * turn) * _ABOVE
     shares = _SHARES if standoff > 0.0 else 1
@@ -182,32 +233,42 @@ def no_limits(contact):  # type: ignore[no-untyped-def]
     return unlimited and contact[_SOLID + 17] == np.inf and not is_closed(contact)
 
 
-@compiled(
-    "Tuple((i8[::1], i8[::1]))"
-    "(f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, i8[::1], f8[:,::1], f8[:,::1])"
-)
-def limits_of_points(contacts, solids, points, clearance, standoff, which, q, nhat):  # type: ignore[no-untyped-def]
+@compiled(f"Tuple((i8[::1], i8[::1]))(f8[:,::1], {SHARED}, i8[::1], f8[:,::1], f8[:,::1])")
+def limits_of_points(contacts, shared, which, q, nhat):  # type: ignore[no-untyped-def]
     """Returns the limit and cause of each point for its contact, as `Predicates.limits_at`."""
+    solids, points, _, _, _ = shared
     limits, causes = np.empty(len(q), dtype=np.int64), np.empty(len(q), dtype=np.int64)
     near_solids, near_points = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
-    gaps, obstacles = np.empty(len(points)), (solids, points, clearance, standoff)
+    gaps = np.empty(len(points))
     for k in range(len(q)):
         contact = contacts[which[k]]
         place, normal = (q[k, 0], q[k, 1], q[k, 2]), (nhat[k, 0], nhat[k, 1], nhat[k, 2])
         box = (q[k, 0], q[k, 1], q[k, 2], nhat[k, 0], nhat[k, 1], nhat[k, 2], 0.0, 0.0)
         num_solids, num_points = near_obstacles(
-            contact, box, obstacles, near_solids, near_points, gaps
+            contact, box, shared, near_solids, near_points, gaps
         )
         limits[k], causes[k] = limit_of_point(
+            which[k],
             contact,
             place,
             normal,
-            obstacles,
+            shared,
             near_solids[:num_solids],
             near_points[:num_points],
             True,
         )
     return limits, causes
+
+
+def shared_arrays(predicates: Predicates) -> tuple[Any, ...]:
+    """Returns solids, points, clearance and standoff of `Predicates`, and a hand's measures.
+
+    If these are unknown, none of them limits.
+    """
+    hand = vars(predicates.finger_measures or _UNKNOWN).values()
+    numbers = tuple(np.require(part, float, ("C", "W")) for part in hand)
+    around = predicates.solids, predicates.points, predicates.clearance, predicates.standoff
+    return *around, numbers
 
 
 def compiled_limits_at(
@@ -216,10 +277,7 @@ def compiled_limits_at(
     """Returns the limit that keeps a contact from its point, and its cause; see `Predicates`."""
     result: tuple[IntArray, IntArray] = limits_of_points(
         predicates.contacts,
-        predicates.solids,
-        predicates.points,
-        predicates.clearance,
-        predicates.standoff,
+        shared_arrays(predicates),
         np.array(contacts, dtype=np.int64),
         np.array(points, dtype=float, order="C"),
         np.array(normals, dtype=float, order="C"),

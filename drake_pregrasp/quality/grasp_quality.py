@@ -197,60 +197,18 @@ def grasp_quality(
     )
 
 
-def distance_to_singularity(J: FloatArray) -> FloatArray:
-    """Returns the smallest singular value of J: zero at a singular configuration.
+def posture_measures(J: FloatArray) -> FloatArray:
+    """Returns the hand-centric measures of Jacobians, shape (..., 3), that Roa & Suárez collect.
 
-    With fewer joints than rows, k < r, it is always zero, because some velocities are impossible.
-
-    Args:
-        J: Shape (..., r, k).
-
-    Raises:
-        InvalidArgumentError: If J has another shape.
-    """
-    return _singular_values(J)[..., -1]
-
-
-def manipulability_volume(J: FloatArray) -> FloatArray:
-    """Returns the product of the singular values, sqrt(det(J Jᵀ)).
-
-    It is the volume of the manipulability ellipsoid up to a constant (Yoshikawa, 1985).
+    - Distance to a singularity: the smallest singular value.
+    - Manipulability: the product of the singular values, sqrt(det(J Jᵀ)), which is the volume of
+      the manipulability ellipsoid up to a constant (Yoshikawa, 1985).
+    - Uniformity of transformation: the smallest over the largest singular value, the inverse of the
+      condition number (Salisbury & Craig, 1982), so that larger is better.
 
     Args:
-        J: Shape (..., r, k).
-
-    Raises:
-        InvalidArgumentError: If J has another shape.
+        J: Jacobians with at least as many columns as rows, shape (..., r, k), not zero.
     """
-    volume: FloatArray = np.prod(_singular_values(J), axis=-1)
-    return volume
-
-
-def uniformity_of_transformation(J: FloatArray) -> FloatArray:
-    """Returns the smallest over the largest singular value, in [0, 1]; zero for J = 0.
-
-    It is 1 if all directions are equally easy. It is the inverse of the condition number, which Roa
-    & Suárez use (after Salisbury & Craig, 1982), so that larger is better.
-
-    Args:
-        J: Shape (..., r, k).
-
-    Raises:
-        InvalidArgumentError: If J has another shape.
-    """
-    sigma = _singular_values(J)
-    largest = np.where(sigma[..., 0] > 0, sigma[..., 0], 1)
-    uniformity: FloatArray = sigma[..., -1] / largest
-    return uniformity
-
-
-def _singular_values(J: FloatArray) -> FloatArray:
-    """Returns r singular values in descending order, padded with zeros for fewer columns."""
-    if J.ndim < 2 or J.shape[-2] not in (3, 6) or J.shape[-1] == 0:
-        raise InvalidArgumentError(
-            f"a Jacobian must have shape (..., 3, k) or (..., 6, k), k >= 1, not {J.shape}"
-        )
     sigma = np.linalg.svd(J, compute_uv=False)
-    padded = np.zeros((*J.shape[:-2], J.shape[-2]))
-    padded[..., : sigma.shape[-1]] = sigma
-    return padded
+    smallest, largest = sigma[..., -1], sigma[..., 0]
+    return np.stack([smallest, np.prod(sigma, axis=-1), smallest / largest], axis=-1)

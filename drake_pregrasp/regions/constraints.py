@@ -14,6 +14,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import Solid, rounded_box_distances
 from drake_pregrasp.geometry.surface import ForbiddenPoints
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES, FingerMeasures
 from drake_pregrasp.regions.finger_reach import UNLIMITED, FingerReach, moved_reaches, reached
 
 NO_CAUSE = -1
@@ -38,7 +39,7 @@ class Limit(IntEnum):
     CROWDED = 2
     """Another contact, whose index is the cause."""
     REACH = 3
-    """The finger's reach."""
+    """The finger's reach, or its measures."""
     OBSTACLE = 4
     """An obstacle, whose index is the cause."""
     WALL = 5
@@ -115,9 +116,10 @@ _FACES = ("-x", "+x", "-y", "+y", "-z", "+z")
 class Predicates:
     """Tests that a point on the surface must pass by itself, for n contacts, as plain arrays in O.
 
-    A contact may have a point unless its normal is on a closed face, its finger does not reach it,
-    or the fingertip there is too near to an obstacle, at the contact, half-way to its standoff, or
-    at its standoff. Both the reference and the compiled implementation use these arrays.
+    A contact may have a point unless its normal is on a closed face, its finger does not reach it
+    or has too small measures there, or the fingertip there is too near to an obstacle, at the
+    contact, half-way to its standoff, or at its standoff. Both the reference and the compiled
+    implementation use these arrays.
 
     Attributes:
         contacts: Row of each contact, shape (n, 40): `RADIUS`, `REACH_SOLID`, `SECTOR`, `CLOSED`.
@@ -127,6 +129,7 @@ class Predicates:
             of the index.
         clearance: Least distance between fingertips and obstacles, in metres.
         standoff: Distance from the surface at which fingertips wait, in metres.
+        finger_measures: Measures of the fingers, or None if they are unknown and not limited.
     """
 
     contacts: FloatArray
@@ -134,13 +137,32 @@ class Predicates:
     points: FloatArray
     clearance: float
     standoff: float
+    finger_measures: FingerMeasures | None = None
+
+    def finger_measures_at(
+        self, contacts: IntArray, points: FloatArray, normals: FloatArray
+    ) -> FloatArray:
+        """Returns the `FINGER_MEASURES` at points, shape (k, 5); see `FingerMeasures.at`.
+
+        Args:
+            contacts: As for `limits_at`, as the other arguments.
+            points: Points in O.
+            normals: Outward unit normals.
+
+        Raises:
+            InvalidArgumentError: If the measures of the fingers are unknown.
+        """
+        if self.finger_measures is None:
+            raise InvalidArgumentError(f"{', '.join(FINGER_MEASURES)} need the fingers of a hand")
+        p_OT = points + self.contacts[contacts, RADIUS, None] * normals
+        return self.finger_measures.at(contacts, p_OT, normals)
 
     def limits_at(
         self, contacts: IntArray, points: FloatArray, normals: FloatArray
     ) -> tuple[IntArray, IntArray]:
         """Returns the `Limit` that keeps a contact from its point, and its cause, shape (k,) each.
 
-        First come closed faces, then reach, then obstacles in their order.
+        First come closed faces, then reach and measures, then obstacles in their order.
 
         Args:
             contacts: Index of each point's contact, shape (k,).
@@ -161,6 +183,11 @@ class Predicates:
             row = self.contacts[i, REACH_SOLID.start : SECTOR.stop]
             limits[own[~reached(row, points[own], normals[own], tips[own])]] = Limit.REACH
         free = np.flatnonzero(limits == Limit.NONE)
+        if self.finger_measures is not None and self.finger_measures.is_limiting:
+            measures = self.finger_measures_at(contacts[free], points[free], normals[free])
+            is_able = self.finger_measures.permits(measures)
+            limits[free[~is_able]] = Limit.REACH
+            free = free[is_able]
         first = self._first_obstacles(points[free], normals[free], radii[free])
         touched = np.isfinite(first)
         limits[free[touched]] = Limit.OBSTACLE
@@ -217,6 +244,7 @@ class RegionConstraints:
         reach: Reach of each contact's finger, or None; empty for no limit.
         reach_pose: Orientation and position in O of the frame in which `reach` is expressed; None
             for O itself.
+        finger_measures: Measures of the fingers in O, and least ones; None if they are unknown.
         closed: For each contact the areas, in O, that are forbidden to it but not to others; empty
             for none.
         same_side: Candidates that no wall hides from each contact, shape (n, N). Those behind a
@@ -234,6 +262,7 @@ class RegionConstraints:
     nhat_OC: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     reach: Sequence[FingerReach | None] = ()
     reach_pose: tuple[FloatArray, FloatArray] | None = None
+    finger_measures: FingerMeasures | None = None
     closed: Sequence[Sequence[AxisArea]] = ()
     same_side: BoolArray | None = None
     fencing: BoolArray | None = None
@@ -242,6 +271,7 @@ class RegionConstraints:
     def leaves_every_point(self) -> bool:
         """Whether `limits_at` permits every point to every contact."""
         blocked = self.obstacles.solids or len(self.obstacles.points) or any(self.closed)
+        blocked = blocked or (self.finger_measures is not None and self.finger_measures.is_limiting)
         return not blocked and all(reach is None for reach in self.reach)
 
     def tip_radius(self, contact: int) -> float:
@@ -288,6 +318,7 @@ class RegionConstraints:
             points[np.argsort(points[:, 4], kind="stable")],
             self.clearance,
             self.standoff,
+            self.finger_measures,
         )
 
     def limits_at(

@@ -20,6 +20,7 @@ from drake_pregrasp.diagrams.expected_path import expected_poses
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors
 from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError, first_line
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.simulation.grasp_check import (
     Problems,
     check_fingers_have_room,
@@ -85,6 +86,9 @@ def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     for name in ("tip_radii", "reach", "forbidden_faces"):
         values = getattr(scenario.planner.limits, name)
         yield from _length_problems(f"planner.limits.{name}", values, scenario.num_contacts)
+    if scenario.planner.needs_finger_measures and not scenario.grasp.has_hand:
+        names = ", ".join(FINGER_MEASURES)
+        yield "grasp.hand", f"none is given, but weights or limits of {names} need one"
     for index, coordinate in enumerate(scenario.planner.coordinates):
         key = f"planner.coordinates[{index}].fingers"
         yield from _length_problems(key, coordinate.fingers, scenario.num_contacts)

@@ -55,15 +55,18 @@ def make_diagram(
     builder = DiagramBuilder()
     add = builder.AddNamedSystem
     p_OC, has_room = initial_contacts(scenario, surface)
-    hand = None
+    hand = finger_measures = None
     if scenario.grasp.has_hand:
+        model = scenario.load_hand_model(scenario.grasp.yaw_range)
+        if config.needs_finger_measures:
+            finger_measures = model.finger_measures(surface)
         hand = add_driven_hand(
             builder,
             scenario.object,
             scenario.motion,
             scenario.plant_settings,
             scenario.grasp,
-            scenario.load_hand_model(scenario.grasp.yaw_range),
+            model,
             p_OCoM=surface.p_OCoM,
             p_OC=p_OC,
             target_period=period,
@@ -89,7 +92,9 @@ def make_diagram(
     weights = ContactWeights(values, losses, returns, capability=capability, length=length)
     add("contact_weights", weights)
     frames = None if hand is None else hand.tip_frames
-    planner = AddPregraspPlanner(builder, config, surface, p_OC, fingertip_frames=frames)
+    planner = AddPregraspPlanner(
+        builder, config, surface, p_OC, fingertip_frames=frames, finger_measures=finger_measures
+    )
     monitor = GraspQualityMonitor(scenario.measures, surface=surface, num_contacts=n)
     add("grasp_quality_monitor", monitor)
     _add_obstacles(builder, scenario, planner, hand, meshcat)
@@ -173,7 +178,7 @@ def _connect_hand(
     controller = hand.controller
     connect(builder, planner, "fingertip_targets contact_status", controller)
     connect(builder, planner, "X_WO_estimated V_WO_estimated tracking_status", controller)
-    connect(builder, controller, "hold_contacts V_WO_held", planner)
+    connect(builder, controller, "hold_contacts V_WO_held X_WU", planner)
     command = builder.AddNamedSystem("close_command", _step_at(scenario.grasp.close_at))
     builder.Connect(command.get_output_port(), controller.GetInputPort("close"))
     if sink is None:

@@ -1,11 +1,12 @@
 """First stage of the planner: a safe region for each contact."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import Context, LeafSystem
+from pydrake.systems.framework import Context, InputPort, LeafSystem
 
 from drake_pregrasp.arrays import (
     FARTHEST,
@@ -25,6 +26,7 @@ from drake_pregrasp.geometry.solids import BallSolid
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.constraints import UNCONSTRAINED, Obstacles, RegionConstraints
 from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES, FingerMeasures
 from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.obstacles import place_obstacles
 from drake_pregrasp.regions.safe_regions import (
@@ -67,6 +69,7 @@ class SafeRegionPartitioner(LeafSystem):
         - V_WO_estimated
         - finger_coordinates
         - candidate_coordinates
+        - X_WU
         output_ports:
         - safe_regions
 
@@ -87,8 +90,8 @@ class SafeRegionPartitioner(LeafSystem):
     the fingers' reach is given. If the port is unconnected, H is W. If the pose is invalid, fingers
     with a limited reach can reach nothing.
 
-    `obstacles` and `X_WH` must be for the same time as `X_WO_estimated`: if the estimate looks
-    ahead, they must look ahead too.
+    `obstacles`, `X_WH` and `X_WU` must be for the same time as `X_WO_estimated`: if the estimate
+    looks ahead, they must look ahead too.
 
     Port `V_WO_estimated` (optional) accepts a `SpatialVelocity`: the velocity of O in W, with which
     the object is predicted over the horizon. If the port is unconnected or the velocity is invalid,
@@ -102,6 +105,10 @@ class SafeRegionPartitioner(LeafSystem):
     each candidate, one candidate after another, in metres. A coordinate that is not finite at every
     candidate is left out. If the port is unconnected, they are those of `config.coordinates`.
 
+    Port `X_WU` (optional) accepts a `RigidTransform`: the pose in W of the palm's frame U, in which
+    the fingers' measures are given. If the port is unconnected, U is H. If the pose is invalid,
+    the fingers can reach nothing.
+
     Port `safe_regions` emits `SafeRegions` over the surface's candidate points. With `p_WC`
     connected to `p_WC_previous` of `CentroidSelector`, the regions at a tick change with the
     discrete update of that tick, because the stored contacts do.
@@ -111,10 +118,13 @@ class SafeRegionPartitioner(LeafSystem):
             `coordinates` (their number is k) are used; `PlannerConfig()` by default.
         surface: The object's surface.
         num_contacts: Number of contacts n.
+        finger_measures: Measures of the fingers in U, from `HandModel.finger_measures`; None if
+            neither a weight nor a limit needs them.
 
     Raises:
         InvalidArgumentError: If a field of `config` is out of its range, a list in `limits` or of
-            `fingers` has neither 0 nor n elements, or a gap or standoff lacks `tip_radii`.
+            `fingers` has neither 0 nor n elements, a gap or standoff lacks `tip_radii`, or a weight
+            or a limit lacks `finger_measures`.
     """
 
     def __init__(
@@ -123,6 +133,7 @@ class SafeRegionPartitioner(LeafSystem):
         *,
         surface: ObjectSurface,
         num_contacts: int,
+        finger_measures: FingerMeasures | None = None,
         **deprecated: Any,
     ) -> None:
         super().__init__()
@@ -144,7 +155,11 @@ class SafeRegionPartitioner(LeafSystem):
                 raise InvalidArgumentError(f"{name} must be {num_contacts} or none, not {count}")
         if max(limits.tip_gap, limits.standoff) > 0 and not len(limits.tip_radii):
             raise InvalidArgumentError("a tip gap or a standoff needs tip_radii")
+        if finger_measures is None and config.needs_finger_measures:
+            raise InvalidArgumentError(f"{', '.join(FINGER_MEASURES)} need the fingers of a hand")
         self._limits, self._wall_test = limits, config.wall_test
+        least = limits.least_measures()
+        self._finger_measures = finger_measures and replace(finger_measures, least=least)
         self._tip_radii = np.array(limits.tip_radii, dtype=float)
         self._reach, self._closed = limits.reaches(), limits.closed()
         self._normal_length = config.normal_length
@@ -161,6 +176,7 @@ class SafeRegionPartitioner(LeafSystem):
         self._moments = np.linspace(0.0, limits.horizon, _MOMENTS)[1:] if limits.horizon else ()
         self._is_unlimited = (
             config.wall_test == "none"
+            and finger_measures is None
             and not len(self._tip_radii)
             and not any(self._reach)
             and not any(self._closed)
@@ -181,6 +197,7 @@ class SafeRegionPartitioner(LeafSystem):
         self._candidates = declare_cache(
             self, "candidates of Eq. 1", self._own, self._calc_candidates, values
         )
+        self._X_WU = self.DeclareAbstractInputPort("X_WU", POSE)
         model, inputs = AbstractValue.Make(self._no_regions()), self.all_input_ports_ticket()
         declare_output(self, "safe_regions", model, self._calc_regions, inputs)
 
@@ -251,9 +268,15 @@ class SafeRegionPartitioner(LeafSystem):
         if in_world.solids or len(in_world.points):
             obstacles = place_obstacles(in_world, X_OW.rotation().matrix(), X_OW.translation())
             later = [self._obstacles_after(context, in_world, X_WO, t) for t in self._moments]
-        reach, X_OH = self._reach, self._reach_pose(context, X_OW)
-        if X_OH is None:
+        reach, finger_measures = self._reach, self._finger_measures
+        if (X_OH := self._hand_pose(self._X_WH, context, X_OW)) is None:
             reach, X_OH = [reach and _NOTHING for reach in self._reach], X_OW
+        if finger_measures is not None:
+            port = self._X_WU if self._X_WU.HasValue(context) else self._X_WH
+            if (X_OU := self._hand_pose(port, context, X_OW)) is None:
+                reach, X_OU = [_NOTHING] * self._num_contacts, X_OW
+            R_OU, p_OU = X_OU.rotation().matrix(), X_OU.translation()
+            finger_measures = replace(finger_measures, R_OU=R_OU, p_OU=p_OU)
         return RegionConstraints(
             obstacles=obstacles,
             later=later,
@@ -265,17 +288,20 @@ class SafeRegionPartitioner(LeafSystem):
             nhat_OC=nhat_OC,
             reach=reach,
             reach_pose=(X_OH.rotation().matrix(), X_OH.translation()),
+            finger_measures=finger_measures,
             closed=self._closed,
             same_side=same_side,
             fencing=fencing,
         )
 
-    def _reach_pose(self, context: Context, X_OW: RigidTransform) -> RigidTransform | None:
-        """Returns the pose of the hand frame in O, or None if it is invalid."""
-        if not self._X_WH.HasValue(context):
+    def _hand_pose(
+        self, port: InputPort, context: Context, X_OW: RigidTransform
+    ) -> RigidTransform | None:
+        """Returns the pose in O at a port, which is that of W if unconnected; None if invalid."""
+        if not port.HasValue(context):
             return X_OW
-        X_WH: RigidTransform = self._X_WH.Eval(context)
-        return X_OW @ X_WH if is_valid(X_WH) else None
+        X_WF: RigidTransform = port.Eval(context)
+        return X_OW @ X_WF if is_valid(X_WF) else None
 
     def _obstacles_after(
         self, context: Context, in_world: Obstacles, X_WO: RigidTransform, seconds: float

@@ -24,6 +24,7 @@ from drake_pregrasp.geometry.shapes import ball_shape
 from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
 from drake_pregrasp.quality.grasp_quality import CONTACT_MODELS
 from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES, FingerMeasures
 from drake_pregrasp.regions.finger_reach import FingerReach
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.regions.walls import SurfaceGraph, normals_agree
@@ -72,6 +73,21 @@ def random_reach(rng, center):
     )
 
 
+def random_measures(rng, n, *, k=3, nodes=4):
+    """Random lattices, with places where the finger is nowhere."""
+    table = rng.uniform(0, 1, (n, nodes, nodes, nodes, 3 * k + 4))
+    table[rng.random(table.shape[:4]) < 0.02] = np.nan
+    return FingerMeasures(
+        low=rng.uniform(-0.2, -0.05, (n, 3)),
+        step=rng.uniform(0.05, 0.1, (n, 3)),
+        table=table,
+        efforts=rng.uniform(0.5, 1, (n, k)),
+        least=rng.choice([0, 0.25], 5) * (rng.random() < 0.8),
+        R_OU=Rotation.random(rng=rng).as_matrix(),
+        p_OU=rng.normal(0, 0.01, 3),
+    )
+
+
 def random_constraints(rng, which, p_OC, forbidden, has):
     surface, n = SURFACES[which], len(p_OC)
     nhat_OC = surface.project(p_OC)[1]
@@ -101,6 +117,7 @@ def random_constraints(rng, which, p_OC, forbidden, has):
         nhat_OQ=surface.nhat_OQ,
         nhat_OC=nhat_OC,
         reach=[random_reach(rng, p) for p in p_OC] if "reach" in has else (),
+        finger_measures=random_measures(rng, n) if "finger_measures" in has else None,
         reach_pose=(np.eye(3), np.zeros(3)) if "reassign" in has else None,
         closed=[
             [AxisArea(f) for f in rng.choice(faces, rng.integers(3), replace=False)]
@@ -114,7 +131,7 @@ def random_constraints(rng, which, p_OC, forbidden, has):
 
 
 PARTS = ("tips", "solids", "points", "horizon", "walls", "reach", "closed", "normals", "limits")
-PARTS += ("forbidden", "coincident", "coordinates", "reassign")
+PARTS += ("forbidden", "coincident", "coordinates", "reassign", "finger_measures")
 
 
 # Settings of the examples that were found.
@@ -153,7 +170,7 @@ FOUND |= {"best_point": False, "in_turns": False, "contact_model": "complete", "
     seed=947390,
     n=5,
     lost=0,
-    has=set(PARTS) - {"forbidden", "coincident", "coordinates"},
+    has=set(PARTS) - {"forbidden", "coincident", "coordinates", "finger_measures"},
     reading="hand",
     **FOUND,
 )
@@ -174,6 +191,8 @@ def test_a_tick_is_that_of_the_reference(
     in_turns,
 ):
     rng, surface = np.random.default_rng(seed), SURFACES[which]
+    if strategy in (*FINGER_MEASURES, "blend"):
+        has = has | {"finger_measures"}
     q = surface.p_OQ[rng.choice(len(surface.p_OQ), n)]
     p_OC, nhat_OC = surface.project(q + 1e-3 * rng.normal(size=(n, 3)))
     h = 1e-4 * rng.normal(size=n)

@@ -74,7 +74,7 @@ def _number(rng: random.Random, scale: float, *, wild: bool) -> float:
 
 def _value(rng: random.Random, port: str, *, wild_poses: bool) -> Value:
     wild = rng.random() < WILD
-    if port in ("X_WO_estimated", "X_WO_measured", "X_WH"):
+    if port in ("X_WO_estimated", "X_WO_measured", "X_WH", "X_WU"):
         if port == "X_WO_measured" and not wild_poses:
             far = rng.choice((0.0, 0.0, 1.0, 1e6))
             return ("pose", *(rng.uniform(-3, 3) for _ in range(3)), *_place(rng, far))

@@ -1,12 +1,11 @@
 """One line of a scenario puts another hand or object in."""
 
 import pytest
-from conftest import lacking_robots, lacking_shadow
+from conftest import LACKING_HANDS, usable_hands
 from simulation_runs import run_text
 
 from drake_pregrasp import ScenarioError, load_scenario
 from drake_pregrasp.contacts.start_contacts import Lack
-from drake_pregrasp.resources import resource_folder
 from drake_pregrasp.simulation.hand_file import load_hand_model
 
 OBJECTS = {
@@ -15,20 +14,10 @@ OBJECTS = {
     "ball": "!Ball {radius: 0.03, mass: 0.1}",
     "torus": '!Mesh {file: "package://drake_pregrasp/torus.obj", mass: 0.15}',
 }
-LACKING = {
-    "allegro_hand": lacking_robots(),
-    "allegro_panda": lacking_robots(),
-    "shadow_hand": lacking_shadow(),
-}
-HANDS = [
-    pytest.param(name, marks=pytest.mark.skipif(bool(lack), reason=lack or "there"))
-    for name in sorted(file.stem for file in resource_folder("models").glob("*.yaml"))
-    for lack in [LACKING.get(name, "")]
-]
 TEXT = "initial_contacts: [], grasp: {hand: package://drake_pregrasp/%s.yaml}, object: %s"
 
 
-@pytest.mark.parametrize("hand", HANDS)
+@pytest.mark.parametrize("hand", usable_hands())
 def test_every_shipped_hand_is_driven_and_reaches_its_home(hand, capfd):
     model = load_hand_model(f"package://drake_pregrasp/{hand}.yaml")
     assert (model.kinematics.stiffness > 0).all()
@@ -36,7 +25,7 @@ def test_every_shipped_hand_is_driven_and_reaches_its_home(hand, capfd):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hand", HANDS)
+@pytest.mark.parametrize("hand", usable_hands())
 @pytest.mark.parametrize("name", OBJECTS)
 def test_each_hand_takes_each_object_or_says_what_is_missing(hand, name):
     try:
@@ -64,7 +53,7 @@ def test_each_hand_takes_each_object_or_says_what_is_missing(hand, name):
     ],
 )
 def test_hands_hold_what_they_lift(hand, name, tmp_path):
-    if lack := LACKING.get(hand, ""):
+    if lack := LACKING_HANDS.get(hand, ""):
         pytest.skip(lack)
     base = "grasp_shadow" if hand == "shadow_hand" else "grasp_five_finger"
     grasp = run_text(base, TEXT % (hand, OBJECTS[name]), tmp_path).summary["grasp"]

@@ -40,6 +40,7 @@ from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.grasping.grasp_state import NOT_HINDERED
+from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.systems.sources import HandPose
 
@@ -70,9 +71,17 @@ def make_selector(surface, p_OC, limits=None, fingertip_frames=None, **changes):
     return CentroidSelector(config, surface=surface, p_OC=p_OC, fingertip_frames=fingertip_frames)
 
 
-def make_partitioner(surface, num_contacts=N, limits=None, **changes):
-    config = planner_config(limits, **changes)
-    return SafeRegionPartitioner(config, surface=surface, num_contacts=num_contacts)
+def make_partitioner(surface, num_contacts=N, limits=None, finger_measures=None, **changes):
+    config, own = planner_config(limits, **changes), {"finger_measures": finger_measures}
+    return SafeRegionPartitioner(config, surface=surface, num_contacts=num_contacts, **own)
+
+
+def sloping_measures(size=0.2):
+    """Fingers whose joint range grows along x of the palm from 0 to 1/2."""
+    table = np.zeros((N, 2, 2, 2, 3 + 4))
+    table[:, 1, ..., -1] = 0.5
+    low, step = np.full((N, 3), -size), np.full((N, 3), 2 * size)
+    return FingerMeasures(low, step, table, efforts=np.ones((N, 1)))
 
 
 def make_estimator(period=PERIOD, p_OCoM=None, **changes):
@@ -158,7 +167,7 @@ def regions_of(surface, p_OC, weights=None):
 
 def partition(surface, p_OC, inputs=None, X=X_WO, **settings):
     """The safe regions of contacts at p_OC on an object at X."""
-    planner = ("wall_test", "normal_length", "coordinates")
+    planner = ("wall_test", "normal_length", "coordinates", "finger_measures")
     own = {name: settings.pop(name) for name in planner if name in settings}
     driven = Driven(make_partitioner(surface, len(p_OC), settings, **own))
     driven.fix(X_WO_estimated=X, p_WC=(X @ p_OC.T).T.ravel())
@@ -179,6 +188,7 @@ LIMITS = {
     "reach": [BallReach(center=[0, 0, 0], radius=0.06)] * N,
     "tip_radii": [RADIUS] * N,
     "horizon": 1.0,
+    "joint_range": 0.22,
 }
 FAULTS = MeasurementFaults(dropout_rate=1e-9)
 MEASURES = MeasuresConfig(contact_model="hard_finger")
@@ -187,7 +197,10 @@ MAKERS = {
     "sensor with memory": lambda: NoisyPoseSensor(SensorConfig(0.1, 0.1, FAULTS), period=0.1),
     "estimator": make_estimator,
     "partitioner": lambda: make_partitioner(
-        SURFACE, limits=LIMITS, coordinates=[CoordinateConfig(scale=1.0)]
+        SURFACE,
+        limits=LIMITS,
+        coordinates=[CoordinateConfig(scale=1.0)],
+        finger_measures=sloping_measures(),
     ),
     "selector": lambda: make_selector(SURFACE, P_OC),
     "hand pose": lambda: HandPose(X_G),

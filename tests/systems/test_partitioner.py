@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from made_systems import NO_POSES, X_WO, N, partition
+from made_systems import NO_POSES, X_WO, N, partition, sloping_measures
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
@@ -64,6 +64,7 @@ HUGE_WEIGHT = {"contact_weights": [1.0, 0, 0, 0, 0]}
     [
         ({"obstacles": Obstacles((BALL, BOX))}, {"tip_radii": [0.004] * N}),
         ({"X_WH": X_OH}, {"reach": [ball_reach([0.02, 0.0, 0.0], 0.05)] * N}),
+        ({"X_WU": X_OH}, {"joint_range": 0.25, "finger_measures": sloping_measures()}),
         *[(HUGE_WEIGHT, {"wall_test": wall_test}) for wall_test in WALL_TESTS[1:]],
     ],
 )
@@ -83,6 +84,17 @@ def test_without_a_hand_reach_is_in_the_world(surface, p_OC):
     assert in_world.sizes()[0] > 0
     as_hand = partition(surface, p_OC, {"X_WH": RigidTransform()}, reach=reach)
     np.testing.assert_array_equal(in_world.labels, as_hand.labels)
+
+
+def test_finger_measures_are_those_of_the_palm(surface, p_OC):
+    limited = {"joint_range": 0.25, "finger_measures": sloping_measures()}
+    hand = {"X_WH": RigidTransform([9.0, 0.0, 0.0]), "X_WU": X_WO @ X_OH}
+    regions, free = partition(surface, p_OC, hand, **limited), partition(surface, p_OC)
+    ahead = (X_OH.inverse() @ surface.p_OQ.T)[0] >= 0
+    np.testing.assert_array_equal(regions.labels, np.where(ahead, free.labels, NO_REGION))
+    hand = {"X_WH": X_WO @ X_OH}  # Without a frame of its own, it is given in that of reach.
+    same = partition(surface, p_OC, hand, **limited)
+    np.testing.assert_array_equal(same.labels, regions.labels)
 
 
 def test_reach_limits_the_regions_of_its_finger(surface, p_OC):
@@ -191,6 +203,7 @@ def test_a_coordinate_without_a_number_is_that_of_the_place_or_left_out(surface,
         ({"tip_radii": [-1.0] * 5}, r"limits.tip_radii\[0\] must be a number at least 0"),
         ({"reach": [None]}, "reach must be 5 or none, not 1"),
         ({"clearance": -1.0}, "limits.clearance must be a number at least 0 .*, not -1"),
+        ({"finger_force": 1.0}, "finger_force need the fingers of a hand"),
         ({"tip_gap": 0.1}, "a tip gap or a standoff needs tip_radii"),
         ({"wall_test": "glance"}, "wall_test must be one of: none, normals, surface"),
         ({"normal_length": np.nan}, "normal_length must be a number at least 0"),
@@ -208,6 +221,8 @@ def test_without_a_pose_all_regions_are_empty_and_no_contact_is_in_reach(surface
     assert np.all(partition(surface, p_OC, reach=reach).sizes() > 0)
     regions = partition(surface, p_OC, {"X_WH": X}, reach=reach)
     np.testing.assert_array_equal(regions.sizes() > 0, [0, 0, 0, 1, 1])
+    regions = partition(surface, p_OC, {"X_WU": X}, finger_measures=sloping_measures())
+    np.testing.assert_array_equal(regions.limits, Limit.REACH)
 
 
 @pytest.mark.parametrize("number", [np.nan, np.inf, 1e300])

@@ -1,0 +1,135 @@
+"""What fingers can do at contacts: by Drake's kinematics, by lattices, and as limits of regions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from conftest import usable_hands
+from five_finger_hand import HAND, RING
+from selections import CUBE, selection_of
+
+from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp.config.limits_config import LimitsConfig
+from drake_pregrasp.contacts.assignment import assign_fingers_round
+from drake_pregrasp.contacts.centroids import best_points
+from drake_pregrasp.contacts.selection_input import SelectionInput
+from drake_pregrasp.contacts.strategies import make_strategy
+from drake_pregrasp.quality.grasp_quality import posture_measures
+from drake_pregrasp.regions.constraints import Limit, RegionConstraints
+from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
+from drake_pregrasp.regions.safe_regions import compute_safe_regions
+from drake_pregrasp.simulation.hand_file import load_hand_model
+
+R_TIP = HAND.tip_radii[0]
+MEASURES = HAND.finger_measures(CUBE)
+
+
+def drake_finger(hand, finger, q_own):
+    """The fingertip's centre and the Jacobian of its own joints in A, by Drake."""
+    kinematics, own = hand.kinematics, hand.kinematics.own_joints(finger)
+    q = hand.base.placed(hand.fingers_home)
+    q[own] = q_own
+    context = kinematics.plant.CreateDefaultContext()
+    kinematics.plant.SetPositions(context, q)
+    J = hand.base.X_AW.rotation() @ kinematics.tip_jacobians(context)[finger]
+    return hand.base.X_AW @ kinematics.tip_positions(context)[finger], J[:, own]
+
+
+@pytest.mark.parametrize("name", usable_hands())
+def test_chains_of_every_hand_move_as_in_drake(name):
+    hand = load_hand_model(f"package://drake_pregrasp/{name}.yaml")
+    for finger, chain in enumerate(hand.finger_chains):
+        q = np.random.default_rng(finger).uniform(chain.lower, chain.upper, (5, len(chain.home)))
+        tips, jacobians = chain.tips(q)
+        for q_own, tip, J in zip(q, tips, jacobians, strict=True):
+            p, J_drake = drake_finger(hand, finger, q_own)
+            np.testing.assert_allclose(tip, p, atol=1e-12)
+            np.testing.assert_allclose(J, J_drake, atol=1e-12)
+        reached = chain.tips(chain.postures(tips))[0]
+        assert np.max(np.linalg.norm(reached - tips, axis=1)) < 2e-3
+
+
+def reached_candidates(finger):
+    """Candidates that a finger reaches, and its exact postures there."""
+    chain, p_UT = HAND.finger_chains[finger], CUBE.p_OQ + R_TIP * CUBE.nhat_OQ
+    q = chain.postures(p_UT)
+    gaps = np.linalg.norm(chain.tips(q)[0] - p_UT, axis=1)
+    inner = np.all((q > chain.lower + 0.2) & (q < chain.upper - 0.2), axis=1)
+    own = np.flatnonzero((gaps < 1e-5) & inner)
+    assert len(own) > 100
+    return own, q[own]
+
+
+@pytest.mark.parametrize("finger", [0, 2])
+def test_lattices_are_drakes_kinematics(finger):
+    own, q = reached_candidates(finger)
+    chain, nhat = HAND.finger_chains[finger], CUBE.nhat_OQ[own]
+    tips = CUBE.p_OQ[own] + R_TIP * nhat
+    *of_jacobian, joint_range, force = MEASURES.at(np.full(len(own), finger), tips, nhat).T
+    J = np.array([drake_finger(HAND, finger, q_own)[1] for q_own in q])
+    for values, exact in zip(of_jacobian, posture_measures(J).T, strict=True):
+        errors = np.abs(values - exact) / np.max(exact)
+        assert np.quantile(errors, 0.9) < 0.03
+        assert np.max(errors) < 0.2  # Near stretched postures, where they are curved.
+    ranges = np.minimum(q - chain.lower, chain.upper - q) / (chain.upper - chain.lower)
+    np.testing.assert_allclose(joint_range, ranges.min(axis=1), atol=0.03)
+
+    # A little more than this force along the inward normal needs more than a joint's torque.
+    torques = np.einsum("mij,mi->mj", J, -nhat) * force[:, None]
+    loads = np.max(np.abs(torques) / chain.efforts, axis=1)
+    assert np.all(1.02 * loads > 1)
+    assert np.all(0.98 * loads < 1)
+
+
+@pytest.mark.parametrize("name", FINGER_MEASURES)
+def test_weights_lead_to_the_best_place_for_the_finger(name):
+    selection = SelectionInput(CUBE, P_OC, limited_regions(), np.eye(3))
+    goals = best_points(selection, range(5), make_strategy(name))
+    column, tips = FINGER_MEASURES.index(name), CUBE.p_OQ + R_TIP * CUBE.nhat_OQ
+    for i in range(5):
+        own = selection.regions.members(i)
+        values = MEASURES.at(np.full(len(own), i), tips[own], CUBE.nhat_OQ[own])[:, column]
+        there = values[np.all(CUBE.p_OQ[own] == goals[i], axis=1)]
+        np.testing.assert_allclose(there, [np.nanmax(values)], rtol=1e-9)
+    alone = selection_of(CUBE, P_OC)
+    with pytest.raises(InvalidArgumentError, match="need the fingers of a hand"):
+        best_points(alone, range(5), make_strategy(name))
+
+
+def limited_regions(**least):
+    constraints = RegionConstraints(
+        tip_radii=np.full(5, R_TIP),
+        nhat_OQ=CUBE.nhat_OQ,
+        nhat_OC=CUBE.project(P_OC)[1],
+        finger_measures=replace(MEASURES, least=LimitsConfig(**least).least_measures()),
+    )
+    return compute_safe_regions(CUBE.p_OQ, P_OC, np.zeros(5), CUBE.forbidden, constraints)
+
+
+_azimuths = np.arctan2(RING[:, 1], RING[:, 0])
+P_OC = RING[assign_fingers_round(HAND.azimuths, _azimuths, largest_offset=np.full(5, np.pi))[0]]
+
+
+@pytest.mark.parametrize(
+    ("name", "levels"),
+    [
+        ("singularity_distance", [0.03, 0.06]),
+        ("manipulability", [1e-4, 1.2e-3]),
+        ("uniformity", [0.2, 0.4]),
+        ("joint_range", [0.1, 0.3]),
+        ("finger_force", [5.5, 8]),
+    ],
+)
+def test_a_larger_least_value_only_takes_candidates_away(name, levels):
+    free = limited_regions().labels
+    tips = CUBE.p_OQ + R_TIP * CUBE.nhat_OQ
+    values = MEASURES.at(free, tips, CUBE.nhat_OQ)[:, FINGER_MEASURES.index(name)]
+    sizes = []
+    for level in levels:
+        regions = limited_regions(**{name: level})
+        # What is taken from a region belongs to no other one.
+        np.testing.assert_array_equal(regions.labels, np.where(values >= level, free, -1))
+        sizes.append(np.sum(regions.labels >= 0))
+    assert np.sum(free >= 0) > sizes[0] > sizes[1] > 0
+    nothing = limited_regions(manipulability=1.0)
+    np.testing.assert_array_equal(nothing.limits, Limit.REACH)
