@@ -96,8 +96,8 @@ class LiveRun:
     @property
     def lost(self) -> set[int]:
         """Indices of the fingers that are lost now."""
-        past = (event for event in self.scenario.damage if event.at <= self.time)
-        return {contact for event in past for contact in event.contacts}
+        events = (event for event in self.scenario.damage if event.holds_at(self.time))
+        return {contact for event in events for contact in event.contacts}
 
     def advance(self) -> None:
         """Simulates until the next planning tick, and moves the camera with the object."""

@@ -26,6 +26,9 @@ ALLEGRO_CHANNEL = "ALLEGRO_COMMAND"
 PANDA_CHANNEL = "PANDA_COMMAND"
 """Channel on which drake-franka-driver listens to `lcmt_panda_command`."""
 
+_POLL = 1  # Longest wait for a message, in milliseconds.
+_SLACK = 1e-3  # Time before a tick at which it has not begun, and after it, in periods.
+_OFFSET = _SLACK / 2  # Time after a tick, in periods, at which commands are sent that contain it.
 _PHASE_GAIN = 0.05  # Share of a message's phase that the clock of `run_live` is shifted by.
 
 
@@ -104,6 +107,7 @@ class CommandSender(LeafSystem):
     `initial` to the desired ones, no faster than `max_speed`. If the newest measurement is older
     than `timeout`, if there is none yet, or if an input is not finite, positions stay and
     velocities are zero. The stamp is this machine's clock, because drivers refuse old commands.
+    Commands belong to the moment right after a tick, when the controller has stored its results.
 
     Port `is_stopped` emits a vector of 1: 1 on silence, else 0.
 
@@ -137,7 +141,7 @@ class CommandSender(LeafSystem):
         model = AbstractValue.Make(lcm_type())
         self.DeclareAbstractOutputPort("command", model.Clone, self._calc_command)
         self.DeclareVectorOutputPort("is_stopped", 1, self._calc_stopped)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._store)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, _OFFSET * period, self._store)
 
     def _next(self, context: Context) -> tuple[FloatArray, bool]:
         """Returns the commanded positions, and whether the joints stop."""
@@ -216,7 +220,9 @@ def AddCommandPublisher(
     if lcm_type is None:
         raise InvalidArgumentError(f"channel must start with {' or '.join(types)}, not {channel}")
     sender = CommandSender(lcm_type, joints, initial, period=period, **options)
-    publisher = LcmPublisherSystem.Make(channel, lcm_type, lcm, publish_period=period)
+    publisher = LcmPublisherSystem.Make(
+        channel, lcm_type, lcm, publish_period=period, publish_offset=_OFFSET * period
+    )
     builder.AddNamedSystem(f"sender({channel})", sender)
     builder.AddNamedSystem(f"publisher({channel})", publisher)
     builder.Connect(sender.GetOutputPort("command"), publisher.get_input_port())
@@ -237,12 +243,19 @@ def run_live(
         period: Seconds between ticks.
         duration: Time at which to stop, in seconds; the simulator's time starts anywhere.
     """
-    start = time.monotonic() - simulator.get_context().get_time()
-    while (last := simulator.get_context().get_time()) < duration:
-        wait = last + 1.5 * period - (time.monotonic() - start)
-        is_fresh = lcm.HandleSubscriptions(max(0, math.ceil(1000 * wait))) > 0
+    context = simulator.get_context()
+    start = time.monotonic() - context.get_time()
+    tick, slack = math.floor(context.get_time() / period) + 1, _SLACK * period
+    while context.get_time() < duration:
+        now, due = time.monotonic() - start, tick * period
+        is_fresh = lcm.HandleSubscriptions(_POLL if now < due + period / 2 else 0) > 0
         now = time.monotonic() - start
-        tick = round(now / period) if is_fresh else math.floor(now / period - 0.5)
         if is_fresh:
-            start += _PHASE_GAIN * (now - tick * period)
-        simulator.AdvanceTo(min(duration, max(last, tick * period)))
+            start += _PHASE_GAIN * (now - round(now / period) * period)
+        if now < due + (-0.5 if is_fresh else 0.5) * period:
+            # A message counts as received at the time of the context, which follows the clock.
+            simulator.AdvanceTo(min(duration, max(context.get_time(), min(now, due - slack))))
+            continue
+        simulator.AdvanceTo(min(duration, due))
+        simulator.AdvanceTo(min(duration, due + slack))  # Stores the tick, and sends commands.
+        tick += 1

@@ -3,6 +3,7 @@
 import os
 import threading
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,13 @@ from pydrake.manipulation import PandaCommandReceiver, PandaControlMode
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.lcm import LcmSubscriberSystem
-from pydrake.systems.primitives import ConstantVectorSource
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    LogVectorOutput,
+    TrajectorySource,
+    ZeroOrderHold,
+)
+from pydrake.trajectories import PiecewisePolynomial
 
 from drake_pregrasp import AddPregraspPlanner, InvalidArgumentError, PlannerConfig, box_surface
 from drake_pregrasp.wires.live import (
@@ -55,6 +62,7 @@ class Loop:
         builder.Connect(wanted.get_output_port(), self.sender.GetInputPort("desired_state"))
         age = planner.GetOutputPort("time_since_measurement")
         builder.Connect(age, self.sender.GetInputPort("time_since_measurement"))
+        self.ages = LogVectorOutput(age, builder, PERIOD)
         self.driver = None
         if channel == PANDA_CHANNEL:
             modes = PandaControlMode
@@ -148,6 +156,27 @@ def test_a_panda_stops_on_silence_and_goes_on_with_the_next_pose(lcm, velocity):
             assert held[1] > DESIRED[2]
 
 
+def test_a_command_contains_what_its_tick_has_stored(lcm):
+    received, builder = [], DiagramBuilder()
+    lcm.Subscribe(ALLEGRO_CHANNEL, lambda data: received.append(lcmt_allegro_command.decode(data)))
+    ramp = builder.AddSystem(
+        TrajectorySource(PiecewisePolynomial.FirstOrderHold([0, 1], np.eye(2)))
+    )
+    hold = builder.AddSystem(ZeroOrderHold(PERIOD, 2))
+    age = builder.AddSystem(ConstantVectorSource([1e-6]))
+    sender = AddCommandPublisher(
+        builder, lcm, ALLEGRO_CHANNEL, [0], [1.0], period=PERIOD, max_speed=9.0
+    )
+    builder.Connect(ramp.get_output_port(), hold.get_input_port())
+    builder.Connect(hold.get_output_port(), sender.GetInputPort("desired_state"))
+    builder.Connect(age.get_output_port(), sender.GetInputPort("time_since_measurement"))
+    simulator = Simulator(builder.Build())
+    for tick in range(20):
+        simulator.AdvanceTo(tick * PERIOD + 1e-4)
+        lcm.HandleSubscriptions(0)
+    assert received[-1].joint_position[0] == pytest.approx(1 - 19 * PERIOD)
+
+
 def test_another_channel_needs_a_driver(lcm):
     with pytest.raises(InvalidArgumentError, match="start with ALLEGRO_COMMAND or PANDA_COMMAND"):
         AddCommandPublisher(DiagramBuilder(), lcm, "IIWA_COMMAND", [0], INITIAL, period=PERIOD)
@@ -162,7 +191,7 @@ def test_a_loop_on_this_machine_answers_each_pose():
     def film():
         for k in range(50):
             send_pose(camera, k + 1, 0.001 * k)
-            camera.HandleSubscriptions(10)
+            camera.HandleSubscriptions(0)
             time.sleep(PERIOD)
 
     thread = threading.Thread(target=film)
@@ -170,5 +199,34 @@ def test_a_loop_on_this_machine_answers_each_pose():
     run_live(loop.simulator, loop.lcm, period=PERIOD, duration=1.0)
     thread.join()
     assert loop.simulator.get_context().get_time() == pytest.approx(1.0, abs=2 * PERIOD)
-    assert len(answers) > 25  # Of a busy machine; LCM keeps the newest ones only.
+    assert answers
     assert loop.value(loop.poses, "X_WO_measured").translation()[0] == pytest.approx(0.049)
+
+
+class TimedCamera:
+    """A bus that sends poses at the rate of ticks but at another phase, on a clock of its own."""
+
+    def __init__(self, lcm, phase):
+        self.lcm, self.phase, self.now, self.sent = lcm, phase, 0.0, 0
+
+    def HandleSubscriptions(self, timeout_millis):
+        due, latest = self.phase + self.sent * PERIOD, self.now + timeout_millis / 1000
+        if due > latest:
+            self.now = latest
+            return 0
+        self.now = max(self.now, due)
+        self.sent += 1
+        send_pose(self.lcm, self.sent, 0.0)
+        return self.lcm.HandleSubscriptions(0)
+
+
+@pytest.mark.parametrize("phase", [0.0001, 0.003, 0.0051, 0.0099])
+def test_ticks_run_when_poses_come(lcm, phase, monkeypatch):
+    loop, camera = Loop(lcm, ALLEGRO_CHANNEL), TimedCamera(lcm, phase)
+    clock = SimpleNamespace(monotonic=lambda: camera.now, time_ns=time.time_ns)
+    monkeypatch.setattr("drake_pregrasp.wires.live.time", clock)
+    run_live(loop.simulator, camera, period=PERIOD, duration=2.0)
+    ages = loop.ages.FindLog(loop.simulator.get_context()).data()[0]
+    assert len(ages) == pytest.approx(2.0 / PERIOD, abs=2)
+    assert ages[100:].max() < 1.1e-3  # One wait for messages; then the pose is used at once.
+    assert camera.sent == pytest.approx(len(ages), abs=2)
