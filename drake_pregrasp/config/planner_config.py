@@ -177,8 +177,8 @@ class PlannerConfig:
     # For measures: the grasp matrix of the candidate alone, or of the hand with the candidate.
     reading: str = field(default="hand", metadata={"one_of": READINGS})
 
-    # For measures: contact model of the grasp matrix. If its rank is below six, msv, gii and vew are
-    # 0, and all candidates count equally.
+    # For measures: contact model of the grasp matrix. If its rank is below six, msv, gii and vew
+    # are 0, and all candidates count equally.
     contact_model: str = field(default="complete", metadata={"one_of": CONTACT_MODELS})
 
     # For measures: unit of lever arms, in metres. 0: the longest lever arm on the object; for the
