@@ -1,4 +1,4 @@
-"""Report of the study of look-ahead: goal errors on fast objects, and errors of past poses."""
+"""Report of the study of look-ahead: goal errors on fast objects."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,7 +13,6 @@ from drake_pregrasp.studies.lookahead.lookahead_runs import (
     PERIOD,
     SETTLED,
     LookaheadErrors,
-    lookback_errors,
 )
 from drake_pregrasp.studies.report_page import Heading, Part, Picture, Table, write_report
 from drake_pregrasp.studies.runner import OnProgress, run_jobs
@@ -77,11 +76,6 @@ def study_lookahead(
         settings={"seeds": list(seeds), "cases": list(cases), "delays": list(delays)},
         on_progress=on_progress,
     ).rows.sort_values(["case", "delay", "lookahead"])
-    past = run_jobs(
-        lookback_errors,
-        [{"case": case, "seed": seed} for case in cases for seed in seeds],
-        folder=out / "lookback",
-    ).rows
     with writing(out):
         plot_lookahead(rows).savefig(out / "lookahead.png", dpi=140)
     parts: list[Part] = [
@@ -92,10 +86,8 @@ def study_lookahead(
         Table(goal_table(rows)),
         Heading("Is at most a third of the error left?"),
         Table(remaining_table(rows)),
-        Heading("Look-back: errors of past poses, root mean square"),
-        Table(lookback_table(past)),
     ]
-    return write_report(out, "Look-ahead and look-back", parts, name="lookahead", formats=("md",))
+    return write_report(out, "Look-ahead", parts, name="lookahead", formats=("md",))
 
 
 def goal_table(rows: pd.DataFrame) -> pd.DataFrame:
@@ -140,22 +132,6 @@ def remaining_table(rows: pd.DataFrame) -> pd.DataFrame:
             "at most a third": np.where(shares.max(axis=1) <= WANTED_SHARE, "yes", "no"),
         }
     )
-
-
-def lookback_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """Returns a table of the root mean square errors of past poses over the seeds."""
-    groups = rows.groupby(["case", "poses"])
-    errors = groups[["position", "orientation", "velocity"]].agg(
-        lambda e: 1e3 * np.sqrt(np.mean(np.square(e)))
-    )
-    return pd.DataFrame(
-        {
-            "position [mm]": errors["position"].map("{:.2f}".format),
-            "orientation [mrad]": errors["orientation"].map("{:.2f}".format),
-            "velocity [mm/s]": errors["velocity"].map("{:.1f}".format),
-            "newest equal": np.where(groups["newest_equal"].all(), "yes", "no"),
-        }
-    ).reset_index(names=["object", "poses"])
 
 
 def plot_lookahead(rows: pd.DataFrame) -> Figure:

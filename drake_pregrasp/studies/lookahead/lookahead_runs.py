@@ -1,4 +1,4 @@
-"""Runs of fast objects: errors of goals that a delayed hand reaches, and of past poses."""
+"""Runs of fast objects: errors of goals that a delayed hand reaches."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,14 +8,10 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 from pydrake.systems.analysis import Simulator
-from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from drake_pregrasp.arrays import FloatArray, pack
-from drake_pregrasp.config.planner_config import filter_noise
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.selection_input import is_active
-from drake_pregrasp.estimation.pose_filter import PoseBelief
-from drake_pregrasp.estimation.pose_smoother import filter_poses, smooth
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, read_mapping
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
@@ -129,47 +125,4 @@ def _goal_row(runs: Sequence[LookaheadRun], delay: int) -> dict[str, float]:
         "p95": float(np.percentile(errors, 95)),
         "normalised": float(np.mean(squares)) / 3,
         "inside": float(np.mean(squares < chi2.ppf(0.95, 3))),
-    }
-
-
-def lookback_errors(job: dict[str, Any]) -> list[dict[str, Any]]:
-    """Returns root mean square errors of past poses for a `case` and a `seed`, in SI units.
-
-    Noise is added to the true poses of the run. The first row is that of the filter, and the second
-    that of the smoother.
-    """
-    scenario = lookahead_scenario(job["case"], 0.0, job["seed"])
-    run = run_lookahead(scenario)
-    noise = filter_noise(scenario.planner.estimator)
-    poses = [record.X_WO for record in run.records]
-    n_p, n_R = np.random.default_rng(job["seed"]).standard_normal((2, len(poses), 3))
-    p_WO = np.array([X_WO.translation() for X_WO in poses])
-    R_WO = Rotation.from_matrix([X_WO.rotation().matrix() for X_WO in poses])
-    beliefs = filter_poses(
-        PERIOD * np.arange(len(poses), dtype=float),
-        p_WO + scenario.sensor.position_std * n_p,
-        (Rotation.from_rotvec(scenario.sensor.orientation_std * n_R) * R_WO).as_matrix(),
-        noise,
-    )
-    smoothed = smooth(beliefs, noise)
-    same = bool(np.array_equal(pack(beliefs[-1]), pack(smoothed[-1])))
-    return [
-        {"poses": name, **_past_errors(found, p_WO, R_WO), "newest_equal": same}
-        for name, found in (("filtered", beliefs), ("smoothed", smoothed))
-    ]
-
-
-def _past_errors(
-    beliefs: Sequence[PoseBelief], p_WO: FloatArray, R_WO: Rotation
-) -> dict[str, float]:
-    v_WO = np.gradient(p_WO, PERIOD, axis=0)
-    R = Rotation.from_matrix([belief.R_WO for belief in beliefs])
-    errors = {
-        "position": np.array([belief.p_WCoM for belief in beliefs]) - p_WO,
-        "orientation": (R * R_WO.inv()).as_rotvec(),
-        "velocity": np.array([belief.v_WCoM for belief in beliefs]) - v_WO,
-    }
-    past = slice(1, -1)  # Ticks whose true velocity is a central difference.
-    return {
-        name: float(np.sqrt(np.mean(np.sum(e[past] ** 2, axis=1)))) for name, e in errors.items()
     }
