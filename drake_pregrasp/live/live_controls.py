@@ -3,6 +3,8 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +15,7 @@ from drake_pregrasp.config.object_config import Conveyor
 from drake_pregrasp.live.live_run import LiveRun
 from drake_pregrasp.simulation.scenario import Scenario
 
-_SMALLEST_STD = 1e-5  # Noise that the estimator assumes at least, in metres and radians.
+_SMALLEST = 1e-5  # Least noise that the estimator assumes, in metres and radians.
 _IDLE = 0.02  # Seconds between looks at the controls while the run is paused.
 
 
@@ -29,26 +31,18 @@ class Slider:
     apply: Callable[[LiveRun, float], None]
 
 
-def _setting(
-    name: str, low: float, high: float, step: float, *fields: str, unit: float, least: float = 0.0
-) -> Slider:
+def _setting(name: str, low: float, high: float, step: float, *fields: str, unit: float) -> Slider:
     """Returns a slider for one field or more of a scenario, in a unit of its own."""
 
-    def target(scenario: Scenario, field: str) -> tuple[Any, str]:
-        *path, last = field.split(".")
-        found: Any = scenario
-        for key in path:
-            found = getattr(found, key)
-        return found, last
-
     def value(scenario: Scenario) -> float:
-        return float(getattr(*target(scenario, fields[0]))) / unit
+        return float(attrgetter(fields[0])(scenario)) / unit
 
     def apply(run: LiveRun, new: float) -> None:
         def edit(scenario: Scenario) -> None:
             for field in fields:
-                lowest = _SMALLEST_STD if "estimator" in field else least
-                setattr(*target(scenario, field), max(new * unit, lowest))
+                owner, _, key = field.rpartition(".")
+                lowest = _SMALLEST if "estimator" in owner else 0.0
+                setattr(attrgetter(owner)(scenario), key, max(new * unit, lowest))
 
         run.change(edit)
 
@@ -133,7 +127,7 @@ class LiveControls:
         }
         for contact in range(scenario.num_contacts):
             label = f"finger {contact}: lose / give back"
-            self._buttons[label] = lambda k=contact: run.switch_finger(k)  # type: ignore[misc]
+            self._buttons[label] = partial(run.switch_finger, contact)
         if run.can_nudge:
             self._buttons["object: nudge"] = run.nudge
         if scenario.grasp.has_hand:

@@ -10,7 +10,7 @@ import numpy as np
 from pydrake.geometry import Meshcat, MeshcatAnimation
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
-from pydrake.systems.framework import Context, Diagram, System
+from pydrake.systems.framework import Diagram, System
 
 from drake_pregrasp.arrays import tick_index
 from drake_pregrasp.config.finger_config import DamageEvent
@@ -70,7 +70,8 @@ class LiveRun:
         self.is_hidden, self._is_recording = False, True
         self.story = make_story(self.scenario, self._name)
         self._meshcat.DeleteRecording()
-        self._simulate(None)
+        self._build()
+        self._simulator.Initialize()
         self._p_WO = self.last.X_WO.translation()
 
     def reset(self) -> None:
@@ -122,7 +123,10 @@ class LiveRun:
         before, self.scenario = self.scenario, copy.deepcopy(self.scenario)
         edit(self.scenario)
         keep_start(before, self.scenario, self._surface)
-        self._simulate(self._simulator.get_context())
+        old = self._simulator
+        self._build()
+        _copy_state(old, self._simulator)
+        self._simulator.Initialize()
 
     def set_velocity(self, *, linear: float | None = None, angular: float | None = None) -> None:
         """Changes the velocities of the conveyor, in m/s and rad/s; None keeps one."""
@@ -207,36 +211,32 @@ class LiveRun:
         self.last = record
         self.story.add_tick(record)
 
-    def _simulate(self, before: Context | None) -> None:
-        """Builds the diagram, with the state of the one before in this Context, if it is given."""
-        old, story = self._diagram, self.story
+    def _build(self) -> None:
+        """Builds the diagram of the scenario, which keeps the drawings of the one before."""
         self._diagram = make_diagram(
             self.scenario,
             self._surface,
             sink=self._add_tick,
-            grasp_sink=story.add_grasp if self.scenario.grasp.has_hand else None,
+            grasp_sink=self.story.add_grasp if self.scenario.grasp.has_hand else None,
             meshcat=self._meshcat,
             record=self._is_recording,
             live=True,
-            continues=old,
+            continues=self._diagram,
         )
-        simulator = Simulator(self._diagram)
-        ApplySimulatorConfig(self.scenario.simulator_config, simulator)
-        simulator.set_target_realtime_rate(1.0)
-        if before is not None and old is not None:
-            simulator.get_mutable_context().SetTime(before.get_time())
-            _copy_state(old, before, self._diagram, simulator.get_mutable_context())
-        simulator.Initialize()
-        self._simulator = simulator
+        self._simulator = Simulator(self._diagram)
+        ApplySimulatorConfig(self.scenario.simulator_config, self._simulator)
+        self._simulator.set_target_realtime_rate(1.0)
 
 
-def _copy_state(old: Diagram, before: Context, new: Diagram, context: Context) -> None:
-    """Gives the systems of a diagram the state of those with the same names in another one.
+def _copy_state(old: Simulator, new: Simulator) -> None:
+    """Copies the time, and the state of the systems with the same names in both diagrams.
 
     All memory of this package and of its plants is discrete. State of another size is not copied.
     """
-    known = {system.GetSystemPathname(): system for system in _leaves(old)}
-    for system in _leaves(new):
+    before, context = old.get_context(), new.get_mutable_context()
+    context.SetTime(before.get_time())
+    known = {system.GetSystemPathname(): system for system in _leaves(old.get_system())}
+    for system in _leaves(new.get_system()):
         if (source := known.get(system.GetSystemPathname())) is None:
             continue
         given = source.GetMyContextFromRoot(before)
@@ -247,9 +247,9 @@ def _copy_state(old: Diagram, before: Context, new: Diagram, context: Context) -
                 own.SetDiscreteState(index, values)
 
 
-def _leaves(diagram: Diagram) -> Iterator[System]:
-    for system in diagram.GetSystems():
-        if isinstance(system, Diagram):
-            yield from _leaves(system)
-        else:
-            yield system
+def _leaves(system: System) -> Iterator[System]:
+    if isinstance(system, Diagram):
+        for part in system.GetSystems():
+            yield from _leaves(part)
+    else:
+        yield system
