@@ -48,8 +48,6 @@ _KINDS = {
     "foxglove.FrameTransform": _TRANSFORM,
     "foxglove.FrameTransforms": _TRANSFORM,
 }
-_LISTS = ("tf2_msgs/msg/TFMessage", "foxglove.FrameTransforms")
-
 
 _Message: TypeAlias = tuple[str, str, int, bytes]  # Topic, kind, nanoseconds, content.
 
@@ -118,17 +116,15 @@ def _only_track(path: Path, topic: str, frame: str) -> tuple[Track, dict[int, li
 
 def _messages(path: Path) -> Iterator[_Message]:
     """Yields the messages with poses of an MCAP file, or of all files in a folder."""
-    is_bag = path.is_dir()
     files = [path]
-    if is_bag:
+    if path.is_dir():
         regular = sorted(file for file in path.iterdir() if file.is_file())
         files = [file for file in regular if file.suffix in (".mcap", ".db3")]
     sizes = [file.stat().st_size for file in files]
     if sum(sizes) > MAX_BAG_BYTES:
         raise InvalidArgumentError(f"has more than {MAX_BAG_BYTES / 1e6:g} MB; keep only poses")
     for file, size in zip(files, sizes, strict=True):
-        if is_bag:
-            check_inside(file, [path])
+        check_inside(file, [path])
         if file.suffix == ".db3":
             yield from _sqlite_messages(file)
         else:
@@ -226,7 +222,7 @@ def _poses(message: _Message) -> Iterator[tuple[Track, int, list[float]]]:
         value = json.loads(data, object_hook=lambda entries: SimpleNamespace(**entries))
     else:
         value = _typestore().deserialize_cdr(data, kind)
-    for part in value.transforms if kind in _LISTS else [value]:
+    for part in getattr(value, "transforms", [value]):
         fields: list[Any] = [attrgetter(field)(part) if field else "" for field in _KINDS[kind]]
         stamp, parent, frame, p, q = fields
         nanoseconds = int(stamp.sec) * 10**9 + int(stamp.nsec if is_json else stamp.nanosec)
