@@ -31,14 +31,12 @@ from pydrake.systems.sensors import CameraInfo
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.regions.safe_regions import NO_REGION
 from drake_pregrasp.systems.drawing import (
     BODY_COLOR,
-    NO_REGION_COLOR,
     VOLUME_COLOR,
     contact_color,
     drawn_solid,
-    tint,
+    region_color,
 )
 
 ByteArray = NDArray[np.uint8]
@@ -169,9 +167,8 @@ def goal_geometry(
     owners = np.repeat(labels, np.diff(surface.patch_starts))
     drawn = []
     for label in np.unique(labels).tolist():
-        color = NO_REGION_COLOR if label == NO_REGION else tint(contact_color(label), 0.3)
         region = drawn_mesh(surface.patches[owners == label], lift=_LIFT)
-        drawn.append(coloured(RigidTransform(), region, color, f"region_{label}"))
+        drawn.append(coloured(RigidTransform(), region, region_color(label), f"region_{label}"))
     radius = _MARKER_SHARE * float(np.cbrt(np.prod(surface.mesh.extents)))
     # Balls touch the surface from outside: centred on a thin wall, they would show on both sides.
     centers = p_OC + radius * surface.project(p_OC)[1]

@@ -5,11 +5,13 @@ from pydrake.geometry import Box, Rgba, Shape, Sphere
 from pydrake.math import RigidTransform, RotationMatrix
 
 from drake_pregrasp.geometry.solids import BallSolid, BoxSolid, HalfSpace, Solid
+from drake_pregrasp.regions.safe_regions import NO_REGION
 
 # Colours of Okabe and Ito (2008) without black, ordered so that neighbours differ strongly.
 _CONTACT_COLORS = ("#0072B2", "#E69F00", "#009E73", "#CC79A7", "#56B4E9", "#D55E00", "#F0E442")
 
-NO_REGION_COLOR = Rgba(0.72, 0.73, 0.75)
+_NO_REGION_COLOR = Rgba(0.72, 0.73, 0.75)
+_PALER = 0.3  # Share of white in the colour of a region.
 
 BODY_COLOR = np.array([0.45, 0.42, 0.38, 1.0])
 """Colour of obstacles that are bodies, which are opaque."""
@@ -49,11 +51,12 @@ def hex_color(color: Rgba) -> str:
     return "#" + bytes(round(255 * c) for c in (color.r(), color.g(), color.b())).hex()
 
 
-def tint(color: Rgba, share_of_white: float) -> Rgba:
-    """Returns a colour mixed with white."""
-    return Rgba(
-        *(share_of_white + (1 - share_of_white) * c for c in (color.r(), color.g(), color.b()))
-    )
+def region_color(contact: int) -> Rgba:
+    """Returns the colour of a contact's region, which is pale, or of `NO_REGION`, which is grey."""
+    if contact == NO_REGION:
+        return _NO_REGION_COLOR
+    color = contact_color(contact)
+    return Rgba(*(_PALER + (1 - _PALER) * c for c in (color.r(), color.g(), color.b())))
 
 
 def linear_rgb(color: Rgba) -> list[float]:

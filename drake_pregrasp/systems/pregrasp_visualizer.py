@@ -11,7 +11,7 @@ from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.geometry.sampling import lifted, unit_normals
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.safe_regions import NO_REGION, SafeRegions
-from drake_pregrasp.systems.drawing import NO_REGION_COLOR, contact_color, linear_rgb, tint
+from drake_pregrasp.systems.drawing import contact_color, linear_rgb, region_color
 from drake_pregrasp.systems.ports import POSE, REGIONS
 
 ROOT = "/drake/pregrasp"
@@ -105,8 +105,7 @@ class PregraspVisualizer(LeafSystem):
         self._magnification = covariance_magnification
         self._hover = 0.045 + float(np.max(surface.p_OQ[:, 2]))
         self._forget()
-        self._colors = {i: tint(contact_color(i), 0.3) for i in range(num_contacts)}
-        self._colors[NO_REGION] = NO_REGION_COLOR
+        self._colors = {i: region_color(i) for i in (NO_REGION, *range(num_contacts))}
 
         self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
         self._p_WC = self.DeclareVectorInputPort("p_WC", 3 * num_contacts)
@@ -126,7 +125,8 @@ class PregraspVisualizer(LeafSystem):
         self._meshcat.Delete(ROOT)
         for tile in range(len(self._tile_surface.p_OQ)):
             vertices, triangles = _tile_mesh(self._tile_surface, tile)
-            self._meshcat.SetTriangleMesh(_tile_path(tile), vertices, triangles, NO_REGION_COLOR)
+            color = self._colors[NO_REGION]
+            self._meshcat.SetTriangleMesh(_tile_path(tile), vertices, triangles, color)
         for i in range(self._num_contacts):
             color = contact_color(i)
             self._meshcat.SetObject(_goal_path(i), Sphere(marker_radius), color)
