@@ -1,6 +1,6 @@
 """Animated pictures of any scenario, made without a browser."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -144,14 +144,23 @@ def film_scenario(scenario: Scenario, name: str, out: Path) -> Path:
     story = make_story(scenario, name)
     camera = SceneCamera(scenario, story)
     events = [time for time, _ in rehearsal.data()["events"] if time > 0]
-    first, *others = [
+    frames = [
         _with_story(camera.picture_at(time), story)
         for time in _picture_times(scenario.simulation_duration, events)
     ]
     make_folder(out)
-    path = out / f"{name}.webp"
+    return write_film(out / f"{name}.webp", frames)
+
+
+def write_film(path: Path, frames: Sequence[Image.Image]) -> Path:
+    """Writes an animated picture that repeats for ever, ten frames a second, and returns its path.
+
+    Raises:
+        OutputError: If the picture cannot be written.
+    """
+    options = {"duration": _SHOWN, "loop": 0, "quality": 60}
     with writing(path):
-        first.save(path, save_all=True, append_images=others, duration=_SHOWN, loop=0, quality=60)
+        frames[0].save(path, save_all=True, append_images=frames[1:], **options)
     return path
 
 

@@ -10,7 +10,7 @@ from drake_pregrasp.grasping.grasp_state import GraspPhase
 from drake_pregrasp.simulation.output import make_folder, writing
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_file import load_scenario, shipped_scenarios
-from drake_pregrasp.studies.film import SceneCamera
+from drake_pregrasp.studies.film import SceneCamera, write_film
 from drake_pregrasp.studies.pictures import ByteArray
 from drake_pregrasp.studies.report_page import Heading, Part, write_report
 from drake_pregrasp.studies.runner import OnProgress
@@ -19,7 +19,7 @@ PHASES = (GraspPhase.TRACK, GraspPhase.SQUEEZE, GraspPhase.HOLD)
 """Phases whose ends are pictured, besides the start."""
 
 FRAME_TIME = 0.1
-"""Time between the pictures of a film, in seconds."""
+"""Time between the pictures of a film, in seconds; `write_film` shows them in real time."""
 
 _GAP = 8  # White pixels between pictures.
 
@@ -45,17 +45,9 @@ def picture_grasps(out: str | Path, *, on_progress: OnProgress = lambda done, to
     for done, (name, scenario) in enumerate(scenarios.items()):
         on_progress(done, len(hands))
         film = film_grasp(scenario)
-        first, *others = map(Image.fromarray, film.frames)
         with writing(folder):
             Image.fromarray(film.at_phases()).save(folder / f"{name}.png", optimize=True)
-            first.save(
-                folder / f"{name}.webp",
-                save_all=True,
-                append_images=others,
-                duration=round(1000 * FRAME_TIME),
-                loop=0,
-                quality=60,
-            )
+        write_film(folder / f"{name}.webp", [*map(Image.fromarray, film.frames)])
         pictures_of = [f"![{hands[name]}]({name}.{kind})" for kind in ("webp", "png")]
         parts += [Heading(f"`{name}`: {hands[name]}"), *pictures_of]
     on_progress(len(hands), len(hands))
