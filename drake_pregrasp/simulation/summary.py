@@ -86,8 +86,7 @@ def _measure(
         return (None,) * len(MARGINS)
     measures, friction = scenario.measures, scenario.measures.friction
     cone: dict[str, Any] = {"model": model, "torsional_friction": measures.torsional_friction}
-    p_WC = record.p_WC[is_active(record.contact_status)]
-    p_OC: FloatArray = (record.X_WO_estimated.inverse() @ p_WC.T).T
+    _, p_OC = record.active_contacts()
     r, (_, nhat) = p_OC - surface.p_OCoM, surface.project(p_OC)
     far = surface.longest_lever_arm
     length = characteristic_length(measures.length, model, far)

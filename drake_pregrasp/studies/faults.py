@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 
-from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
@@ -208,10 +207,9 @@ def _errors(record: TickRecord) -> tuple[float, float]:
 
 
 def _is_valid(record: TickRecord, surface: ObjectSurface) -> bool:
-    active = is_active(record.contact_status)
-    if not (np.all(np.isfinite(record.p_WC)) and np.any(active)):
+    _, p_OC = record.active_contacts()
+    if not (np.all(np.isfinite(record.p_WC)) and len(p_OC)):
         return False
-    p_OC = (record.X_WO_estimated.inverse() @ record.p_WC[active].T).T
     nearest, _ = surface.project(p_OC)
     return bool(np.all(np.linalg.norm(nearest - p_OC, axis=1) <= CONTACT_TOLERANCE))
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from drake_pregrasp.contacts.selection_input import ContactStatus, describe_status, is_active
+from drake_pregrasp.contacts.selection_input import ContactStatus, describe_status
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.output import make_folder, writing
 from drake_pregrasp.simulation.run import run
@@ -88,17 +88,17 @@ def _frame(scenario: Scenario, surface: ObjectSurface, record: TickRecord) -> By
     """Returns the picture of a tick."""
     X_OW = record.X_WO_estimated.inverse()
     R_OW, p_OW = X_OW.rotation().matrix(), X_OW.translation()
-    active = np.flatnonzero(is_active(record.contact_status))
+    contacts, p_OC = record.active_contacts()
     bodies, volumes = (
-        [m.solid.moved(np.eye(3), record.time * m.velocity).moved(R_OW, p_OW) for m in moving]
-        for moving in (scenario.obstacle_bodies, scenario.no_touch_volumes)
+        [moving.at(record.time).moved(R_OW, p_OW) for moving in obstacles]
+        for obstacles in (scenario.obstacle_bodies, scenario.no_touch_volumes)
     )
     along = R_OW @ [np.cos(VIEW_YAW), np.sin(VIEW_YAW), 0.0]
     return render_goals(
         surface,
         record.regions.labels,
-        (X_OW @ record.p_WC[active].T).T,
-        active.tolist(),
+        p_OC,
+        contacts.tolist(),
         yaw=float(np.arctan2(along[1], along[0])),
         bodies=bodies,
         volumes=volumes,

@@ -11,7 +11,6 @@ import trimesh
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.goal_limits import ROUNDING, tip_gaps
-from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
 from drake_pregrasp.quality.force_closure import min_weight_margin
 from drake_pregrasp.quality.grasp_quality import grasp_quality
@@ -124,10 +123,10 @@ def _row(
     off_mesh, counts = 0.0, np.zeros(3, dtype=int)
     last_normals: dict[int, FloatArray] = {}
     for record in records:
-        contacts, p_OC = _active(record)
+        contacts, p_OC = record.active_contacts()
         nearest, normals = surface.project(p_OC)
         off_mesh = max(off_mesh, float(np.max(np.abs(surface.distance(p_OC)), initial=0.0)))
-        now = dict(zip(contacts, normals, strict=True))
+        now = dict(zip(contacts.tolist(), normals, strict=True))
         counts += (
             np.any(np.linalg.norm(nearest - p_OC, axis=1) > CONTACT_TOLERANCE),
             np.any(tip_gaps(p_OC, normals, tip_radii[contacts]) < -2 * ROUNDING),
@@ -144,14 +143,8 @@ def _row(
     return dict(zip(_WORST, values, strict=True))
 
 
-def _active(record: TickRecord) -> tuple[list[int], FloatArray]:
-    active = np.flatnonzero(is_active(record.contact_status))
-    p_OC: FloatArray = (record.X_WO_estimated.inverse() @ record.p_WC[active].T).T
-    return active.tolist(), p_OC
-
-
 def _quality(surface: ObjectSurface, record: TickRecord) -> tuple[float, float]:
     """Returns Q_MSV and the force-closure margin of the active contacts in the estimated O."""
-    _, p_OC = _active(record)
+    _, p_OC = record.active_contacts()
     r = p_OC - surface.p_OCoM
     return grasp_quality(r).q_msv, min_weight_margin(r, surface.project(p_OC)[1], FRICTION)

@@ -8,7 +8,8 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context, EventStatus, LeafSystem
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 from drake_pregrasp.regions.safe_regions import SafeRegions
 from drake_pregrasp.systems.link_contacts import TOUCHED
@@ -44,6 +45,11 @@ class TickRecord:
     wall_seconds: float
     tracking_status: int = TrackingStatus.TRACKING
     time_since_measurement: float = 0.0
+
+    def active_contacts(self) -> tuple[IntArray, FloatArray]:
+        """Returns the indices of the active contacts, and their goals in the estimated O."""
+        active = np.flatnonzero(is_active(self.contact_status))
+        return active, (self.X_WO_estimated.inverse() @ self.p_WC[active].T).T
 
 
 class TickLogger(LeafSystem):

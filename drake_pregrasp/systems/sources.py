@@ -253,6 +253,10 @@ class MovingSolid:
     solid: Solid
     velocity: FloatArray
 
+    def at(self, time: float) -> Solid:
+        """Returns the solid at a time in seconds, in W."""
+        return self.solid.moved(np.eye(3), time * self.velocity)
+
 
 class MovingObstacles(LeafSystem):
     """Emits obstacles with constant velocities.
@@ -279,6 +283,6 @@ class MovingObstacles(LeafSystem):
 
     def _calc_obstacles(self, context: Context) -> Obstacles:
         time = context.get_time() + self._lookahead
-        solids = tuple(m.solid.moved(np.eye(3), time * m.velocity) for m in self._moving)
+        solids = tuple(moving.at(time) for moving in self._moving)
         velocities = np.array([m.velocity for m in self._moving]).reshape(-1, 3)
         return Obstacles(solids, velocities=velocities)

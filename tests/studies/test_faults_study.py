@@ -15,6 +15,7 @@ from drake_pregrasp.contacts.selection_input import ContactStatus
 from drake_pregrasp.studies import faults, filter_consistency
 from drake_pregrasp.studies.faults import FaultJob, percent
 from drake_pregrasp.studies.filter_consistency import FILTERS, TICKS, band
+from drake_pregrasp.systems.loggers import TickRecord
 
 SCENARIO = load_scenario("fault_outliers")
 SURFACE = SCENARIO.make_surface()
@@ -31,16 +32,8 @@ def records(offset=lambda time: 0.0, turn=lambda time: 0.0, off_surface=lambda t
         X_WE = RigidTransform(RotationMatrix.MakeZRotation(turn(time)), p_WE)
         p_WC = np.array((X_WE @ P_OC.T).T) + np.array([0, off_surface(time), 0])
         status = TrackingStatus.LOST if 8 < time < 9.01 else TrackingStatus.TRACKING
-        made.append(
-            SimpleNamespace(
-                time=time,
-                X_WO=X_WO,
-                X_WO_estimated=X_WE,
-                p_WC=p_WC,
-                contact_status=np.full(5, float(ContactStatus.ACTIVE)),
-                tracking_status=status,
-            )
-        )
+        active = np.full(5, float(ContactStatus.ACTIVE))
+        made.append(TickRecord(time, p_WC, active, None, None, None, X_WO, X_WE, 0.0, status))
     return made
 
 

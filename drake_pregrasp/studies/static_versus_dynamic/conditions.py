@@ -51,7 +51,7 @@ def area(scenario: Scenario) -> list[MovingSolid]:
 
 def area_at(scenario: Scenario, time: float) -> list[Solid]:
     """Returns the solids of the obstacles at a time in seconds, in W."""
-    return [m.solid.moved(np.eye(3), time * m.velocity) for m in area(scenario)]
+    return [moving.at(time) for moving in area(scenario)]
 
 
 # The conditions by their keys, in the order of tables and figures.

@@ -247,8 +247,7 @@ def _shapes(
 ) -> Iterator[tuple[RigidTransform, Shape, Rgba]]:
     """Yields the drawn shapes besides the simulated geometry: X_WS, the shape S, its colour."""
     for volume in trial.scenario.no_touch_volumes:
-        solid = volume.solid.moved(np.eye(3), context.get_time() * volume.velocity)
-        shape, X_WS = drawn_solid(solid)
+        shape, X_WS = drawn_solid(volume.at(context.get_time()))
         yield X_WS, shape, VOLUME_COLOR
     if not annotate:
         return
