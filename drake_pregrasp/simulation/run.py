@@ -172,17 +172,19 @@ class LoggedRun:
         end, has_hand = static_end(scenario), scenario.grasp.has_hand
         self.surface = scenario.make_surface()
         colors = np.array([contact_color(i).rgba[:3] for i in range(n)])
-        self._mcap = McapLog(folder / MCAP_FILE, self.surface, colors) if mcap else None
-        self.log = log = RunLog(
-            folder / "log.csv", n, static_end=end, lookahead=lookahead, mirror=self._mcap
-        )
+        mcap_log = McapLog(folder / MCAP_FILE, self.surface, colors) if mcap else None
+        self.log = log = RunLog(folder / "log.csv", n, static_end=end, lookahead=lookahead)
+        self._mcap = mcap_log
         self.grasp_log = grasp_log = GraspLog(folder / "grasp.csv", n) if has_hand else None
         self._scenario, self.story = scenario, (story := make_story(scenario, name))
         self.completed, self.wall_seconds = False, 0.0
 
         def add_tick(record: TickRecord) -> None:
             # A reference to the diagram from here would be a cycle that keeps it alive.
-            log.append(record)
+            row = log.append(record)
+            if mcap_log is not None:
+                named = dict(zip(log.columns, row.tolist(), strict=True))
+                mcap_log.append(named, record.regions.labels)
             story.add_tick(record)
             if on_tick is not None:
                 on_tick(record)

@@ -24,7 +24,6 @@ from drake_pregrasp.simulation.output import reading_back, writing
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.link_contacts import TOUCHED
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
-from drake_pregrasp.wires.mcap_log import McapLog
 
 _FLUSH_PERIOD = 1.0  # Seconds of data that a killed run can lose.
 _LONGEST_ROW = 100_000  # Largest length of a row, in characters.
@@ -100,7 +99,6 @@ class RunLog(CsvLog):
         num_contacts: Number of contacts n.
         static_end: End of the static phase, in seconds.
         lookahead: Prediction horizon of the logged estimates, in seconds.
-        mirror: Another log of the same ticks, which is written and closed by others; or None.
 
     Attributes:
         last_static: Record of the last tick in the static phase, or None.
@@ -115,10 +113,8 @@ class RunLog(CsvLog):
         *,
         static_end: float = 0.0,
         lookahead: float = 0.0,
-        mirror: McapLog | None = None,
     ) -> None:
         super().__init__(path, log_columns(num_contacts))
-        self._mirror = mirror
         self.last_static: TickRecord | None = None
         self.last: TickRecord | None = None
         self.tick_seconds = array("d")
@@ -126,8 +122,8 @@ class RunLog(CsvLog):
         self._lookahead = lookahead
         self._predictions: deque[tuple[float, FloatArray]] = deque()
 
-    def append(self, record: TickRecord) -> None:
-        """Adds a tick."""
+    def append(self, record: TickRecord) -> FloatArray:
+        """Adds a tick, and returns its row."""
         p_WO = self._estimate_for(record)
         row = _row(record, self.last or record, p_WO - record.X_WO.translation())
         self.last = record
@@ -135,9 +131,7 @@ class RunLog(CsvLog):
             self.last_static = record
         self.tick_seconds.append(record.wall_seconds)
         self.write(row)
-        if self._mirror is not None:
-            named = dict(zip(self.columns, row.tolist(), strict=True))
-            self._mirror.append(named, record.regions.labels)
+        return row
 
     def _estimate_for(self, record: TickRecord) -> FloatArray:
         """Returns the position of O in W that was estimated for the time of a tick.

@@ -28,6 +28,7 @@ from drake_pregrasp.simulation.grasp_check import (
     grasp_problems,
     raise_first,
 )
+from drake_pregrasp.simulation.obstacle_config import moving_solid
 from drake_pregrasp.simulation.scenario import Scenario, hand_planner
 
 MAX_TICKS = 5_000_000
@@ -111,10 +112,9 @@ def _obstacle_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     for index, obstacle in enumerate(scenario.obstacles):
         if not obstacle.body or isinstance(scenario.motion, PoseStream):
             continue
-        start, velocity = obstacle.make_solid(), np.array(obstacle.velocity)
+        moving = moving_solid(obstacle)
         for time, X_WO in expected_poses(scenario.motion, duration, scenario.object):
-            solid = start.moved(np.eye(3), time * velocity)
-            depth = -float(np.min(solid.distance((X_WO @ p_OV.T).T)))
+            depth = -float(np.min(moving.at(time).distance((X_WO @ p_OV.T).T)))
             if depth >= 0:
                 problem = f"at {time:.3g} s the object is {1e3 * depth:.3g} mm inside this body"
                 yield f"obstacles[{index}]", f"{problem}; move it, or set body: false"
