@@ -8,8 +8,8 @@ import pytest
 from pydrake.math import RigidTransform, RotationMatrix
 
 from drake_pregrasp.contacts.selection_input import ContactStatus
-from drake_pregrasp.studies.lookahead import lookahead
-from drake_pregrasp.studies.lookahead.lookahead_runs import (
+from drake_pregrasp.studies import lookahead
+from drake_pregrasp.studies.lookahead import (
     CASES,
     PERIOD,
     LookaheadRun,

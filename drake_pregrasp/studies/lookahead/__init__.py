@@ -1,1 +1,0 @@
-"""Study of look-ahead on fast objects."""
