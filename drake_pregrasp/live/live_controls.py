@@ -49,10 +49,18 @@ def _setting(name: str, low: float, high: float, step: float, *fields: str, unit
     return Slider(name, low, high, step, value, apply)
 
 
-def _velocity(scenario: Scenario, column: int) -> float:
-    """Returns the last velocity of the conveyor, in m/s (column 1) or rad/s (column 2)."""
-    assert isinstance(scenario.motion, Conveyor)
-    return scenario.motion.velocities()[-1][column]
+def _velocity(name: str, limit: float, which: str, *, unit: float) -> Slider:
+    """Returns a slider for the `linear` or the `angular` velocity of the conveyor."""
+
+    def value(scenario: Scenario) -> float:
+        assert isinstance(scenario.motion, Conveyor)
+        _, linear, angular = scenario.motion.velocities()[-1]
+        return {"linear": linear, "angular": angular}[which] / unit
+
+    def apply(run: LiveRun, new: float) -> None:
+        run.set_velocity(**{which: new * unit})
+
+    return Slider(name, -limit, limit, 1, value, apply)
 
 
 def _set_rate(run: LiveRun, rate: float) -> None:
@@ -66,37 +74,16 @@ def _set_rate(run: LiveRun, rate: float) -> None:
     run.change(edit)
 
 
+_DEGREE = float(np.pi / 180)
 _VELOCITIES = (
-    Slider(
-        "speed [mm/s]",
-        -100,
-        100,
-        1,
-        lambda scenario: 1e3 * _velocity(scenario, 1),
-        lambda run, speed: run.set_velocity(linear=speed / 1e3),
-    ),
-    Slider(
-        "turn rate [deg/s]",
-        -60,
-        60,
-        1,
-        lambda scenario: float(np.degrees(_velocity(scenario, 2))),
-        lambda run, rate: run.set_velocity(angular=float(np.radians(rate))),
-    ),
+    _velocity("speed [mm/s]", 100, "linear", unit=1e-3),
+    _velocity("turn rate [deg/s]", 60, "angular", unit=_DEGREE),
 )
+_POSITION_STD = ("sensor.position_std", "planner.estimator.position_std")
+_ORIENTATION_STD = ("sensor.orientation_std", "planner.estimator.orientation_std")
 _SETTINGS = (
-    _setting(
-        "noise [mm]", 0, 10, 0.1, "sensor.position_std", "planner.estimator.position_std", unit=1e-3
-    ),
-    _setting(
-        "noise [deg]",
-        0,
-        5,
-        0.1,
-        "sensor.orientation_std",
-        "planner.estimator.orientation_std",
-        unit=float(np.pi / 180),
-    ),
+    _setting("noise [mm]", 0, 10, 0.1, *_POSITION_STD, unit=1e-3),
+    _setting("noise [deg]", 0, 5, 0.1, *_ORIENTATION_STD, unit=_DEGREE),
     Slider("planning rate [Hz]", 5, 50, 5, lambda s: 1 / s.planner.period, _set_rate),
     _setting("spread [mm]", 1, 100, 1, "planner.position_spread", unit=1e-3),
     _setting("look-ahead [ms]", 0, 500, 10, "planner.estimator.lookahead", unit=1e-3),
