@@ -158,9 +158,9 @@ def write_film(path: Path, frames: Sequence[Image.Image]) -> Path:
     Raises:
         OutputError: If the picture cannot be written.
     """
-    options = {"duration": _SHOWN, "loop": 0, "quality": 60}
+    first, *others = frames
     with writing(path):
-        frames[0].save(path, save_all=True, append_images=frames[1:], **options)
+        first.save(path, save_all=True, append_images=others, duration=_SHOWN, loop=0, quality=60)
     return path
 
 
