@@ -20,10 +20,10 @@ SKIPPED = {
     tokenize.ENDMARKER,
 }
 LINES = {  # At most this many lines of code below each folder.
-    "drake_pregrasp": 21_000,
-    "drake_pregrasp/studies": 4_950,
-    "drake_pregrasp/fast": 1_340,
-    "tests": 16_000,
+    "drake_pregrasp": 21_200,
+    "drake_pregrasp/studies": 5_030,
+    "drake_pregrasp/fast": 1_490,
+    "tests": 16_750,
 }
 FILES = {"drake_pregrasp": 215}
 LONGEST_FILE = 400  # Lines, all counted.

@@ -84,15 +84,22 @@ class TrackerSettings:
         """Largest νᵀ S⁻¹ ν of a measurement that is used."""
         return self.gate * self.gate if self.gate > 0 else math.inf  # A power may overflow.
 
+    @cached_property
+    def first_gate_squared(self) -> float:
+        """The same as long as the velocity was never measured.
+
+        What its prior hardly explains is left to the difference of two poses, which tells a
+        velocity of any size.
+        """
+        return min(self.gate_squared, _FIRST_GATE**2) if self.gate > 0 else math.inf
+
     def gates_squared(self, belief: PoseBelief) -> FloatArray:
         """Returns the largest νᵀ S⁻¹ ν of a position and an orientation that a belief expects.
 
-        A velocity of exactly zero was never measured. What its prior hardly explains is then left
-        to the difference of two poses, which tells a velocity of any size.
+        A velocity of exactly zero was never measured.
         """
         unknown = [not belief.v_WCoM.any(), not belief.w_WO.any()]
-        first = self.gate_squared if self.gate == 0 else min(self.gate_squared, _FIRST_GATE**2)
-        return np.where(unknown, first, self.gate_squared)
+        return np.where(unknown, self.first_gate_squared, self.gate_squared)
 
 
 def update_track(
@@ -135,7 +142,8 @@ def update_track(
     variance = prior.P_orientation.diagonal()[:3].max()
     if variance > _VAGUE**2 + noise.orientation**2 and not is_late:
         return _start(track, measurement, settings, prior)
-    is_expected = bool((new.squared <= settings.gates_squared(earlier)).all())
+    is_expected = bool(new.squared.max() <= settings.first_gate_squared)
+    is_expected = is_expected or bool((new.squared <= settings.gates_squared(earlier)).all())
     if not (is_expected or is_late):
         previous = _unpack_measurement(last_seen)
         if manoeuvre := _manoeuvre(track, previous, measurement, settings):
