@@ -10,6 +10,7 @@ import numpy as np
 from pydrake.geometry import Meshcat
 
 from drake_pregrasp.config.object_config import Conveyor
+from drake_pregrasp.errors import OutputError
 from drake_pregrasp.live.live_run import LiveRun
 from drake_pregrasp.simulation.scenario import Scenario
 
@@ -29,9 +30,7 @@ class Slider:
     apply: Callable[[LiveRun, float], None]
 
 
-def _setting(
-    name: str, low: float, high: float, step: float, *fields: str, unit: float, least: float = 0.0
-) -> Slider:
+def _setting(name: str, low: float, high: float, step: float, *fields: str, unit: float) -> Slider:
     """Returns a slider for one field or more of a scenario, in a unit of its own."""
 
     def target(scenario: Scenario, field: str) -> tuple[Any, str]:
@@ -47,8 +46,9 @@ def _setting(
     def apply(run: LiveRun, new: float) -> None:
         def edit(scenario: Scenario) -> None:
             for field in fields:
-                lowest = _SMALLEST_STD if "estimator" in field else least
-                setattr(*target(scenario, field), max(new * unit, lowest))
+                is_std_of_estimator = "estimator" in field and field.endswith("_std")
+                least = _SMALLEST_STD if is_std_of_estimator else 0.0
+                setattr(*target(scenario, field), max(new * unit, least))
 
         run.change(edit)
 
@@ -105,8 +105,8 @@ _SETTINGS = (
     ),
     Slider("planning rate [Hz]", 5, 50, 5, lambda s: 1 / s.planner.period, _set_rate),
     _setting("spread [mm]", 1, 100, 1, "planner.position_spread", unit=1e-3),
-    _setting("look-ahead [ms]", 0, 500, 10, "planner.estimator.lookahead", unit=1e-3),
 )
+_LOOKAHEAD = _setting("look-ahead [ms]", 0, 500, 10, "planner.estimator.lookahead", unit=1e-3)
 
 
 class LiveControls:
@@ -122,12 +122,14 @@ class LiveControls:
         self._run, self._meshcat, self._out = run, meshcat, out
         self.is_paused, self.is_stopped = False, False
         scenario = run.scenario
-        has_conveyor = isinstance(scenario.motion, Conveyor)
-        self._sliders = {s.name: s for s in (*(_VELOCITIES if has_conveyor else ()), *_SETTINGS)}
+        sliders = [*(_VELOCITIES if isinstance(scenario.motion, Conveyor) else ()), *_SETTINGS]
+        if not scenario.grasp.has_hand:  # A hand looks ahead itself.
+            sliders.append(_LOOKAHEAD)
+        self._sliders = {slider.name: slider for slider in sliders}
         self._buttons: dict[str, Callable[[], object]] = {
             "pause / resume": self._switch_pause,
             "step": self._step,
-            "reset": run.reset,
+            "reset": self._reset,
             "next strategy": run.next_strategy,
             "object: hide / show": run.switch_sight,
         }
@@ -189,13 +191,18 @@ class LiveControls:
         self.is_paused = True
         self._run.advance()
 
+    def _reset(self) -> None:
+        self.is_paused = False
+        self._run.reset()
+
     def _stop(self) -> None:
         self.is_stopped = True
 
     def _save(self) -> None:
         self._meshcat.DeleteAddedControls()  # The recording has no use for them.
         try:
-            path = self._run.save(self._out)
-        finally:
-            self._add()
-        self._run.story.tell(f"saved in {path}")
+            told = f"saved in {self._run.save(self._out)}"
+        except OutputError as error:
+            told = str(error)
+        self._add()
+        self._run.story.tell(told)
