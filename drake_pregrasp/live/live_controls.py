@@ -12,10 +12,11 @@ import numpy as np
 from pydrake.geometry import Meshcat
 
 from drake_pregrasp.config.object_config import Conveyor
+from drake_pregrasp.errors import OutputError
 from drake_pregrasp.live.live_run import LiveRun
 from drake_pregrasp.simulation.scenario import Scenario
 
-_SMALLEST = 1e-5  # Least noise that the estimator assumes, in metres and radians.
+_SMALLEST_STD = 1e-5  # Noise that the estimator assumes at least, in metres and radians.
 _IDLE = 0.02  # Seconds between looks at the controls while the run is paused.
 
 
@@ -41,8 +42,9 @@ def _setting(name: str, low: float, high: float, step: float, *fields: str, unit
         def edit(scenario: Scenario) -> None:
             for field in fields:
                 owner, _, key = field.rpartition(".")
-                lowest = _SMALLEST if "estimator" in owner else 0.0
-                setattr(attrgetter(owner)(scenario), key, max(new * unit, lowest))
+                is_std_of_estimator = "estimator" in owner and key.endswith("_std")
+                least = _SMALLEST_STD if is_std_of_estimator else 0.0
+                setattr(attrgetter(owner)(scenario), key, max(new * unit, least))
 
         run.change(edit)
 
@@ -86,8 +88,8 @@ _SETTINGS = (
     _setting("noise [deg]", 0, 5, 0.1, *_ORIENTATION_STD, unit=_DEGREE),
     Slider("planning rate [Hz]", 5, 50, 5, lambda s: 1 / s.planner.period, _set_rate),
     _setting("spread [mm]", 1, 100, 1, "planner.position_spread", unit=1e-3),
-    _setting("look-ahead [ms]", 0, 500, 10, "planner.estimator.lookahead", unit=1e-3),
 )
+_LOOKAHEAD = _setting("look-ahead [ms]", 0, 500, 10, "planner.estimator.lookahead", unit=1e-3)
 
 
 class LiveControls:
@@ -103,12 +105,14 @@ class LiveControls:
         self._run, self._meshcat, self._out = run, meshcat, out
         self.is_paused, self.is_stopped = False, False
         scenario = run.scenario
-        has_conveyor = isinstance(scenario.motion, Conveyor)
-        self._sliders = {s.name: s for s in (*(_VELOCITIES if has_conveyor else ()), *_SETTINGS)}
+        sliders = [*(_VELOCITIES if isinstance(scenario.motion, Conveyor) else ()), *_SETTINGS]
+        if not scenario.grasp.has_hand:  # A hand looks ahead itself.
+            sliders.append(_LOOKAHEAD)
+        self._sliders = {slider.name: slider for slider in sliders}
         self._buttons: dict[str, Callable[[], object]] = {
             "pause / resume": self._switch_pause,
             "step": self._step,
-            "reset": run.reset,
+            "reset": self._reset,
             "next strategy": run.next_strategy,
             "object: hide / show": run.switch_sight,
         }
@@ -170,13 +174,18 @@ class LiveControls:
         self.is_paused = True
         self._run.advance()
 
+    def _reset(self) -> None:
+        self.is_paused = False
+        self._run.reset()
+
     def _stop(self) -> None:
         self.is_stopped = True
 
     def _save(self) -> None:
         self._meshcat.DeleteAddedControls()  # The recording has no use for them.
         try:
-            path = self._run.save(self._out)
-        finally:
-            self._add()
-        self._run.story.tell(f"saved in {path}")
+            told = f"saved in {self._run.save(self._out)}"
+        except OutputError as error:
+            told = str(error)
+        self._add()
+        self._run.story.tell(told)

@@ -94,7 +94,7 @@ def run_live(
         should_stop: Function that is called after each tick; if it returns true, the run ends.
 
     Raises:
-        OutputError: If no port can be opened, or a recording cannot be written.
+        OutputError: If no port can be opened.
     """
     meshcat = start_meshcat(live=True)
     run = LiveRun(scenario, name=name, meshcat=meshcat)

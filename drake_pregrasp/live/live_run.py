@@ -16,6 +16,7 @@ from drake_pregrasp.arrays import tick_index
 from drake_pregrasp.config.finger_config import DamageEvent
 from drake_pregrasp.config.object_config import Conveyor, PoseStream
 from drake_pregrasp.contacts.strategies import STRATEGIES
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.fault_settings import FOREVER
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.simulation.output import make_folder, write_text
@@ -59,15 +60,14 @@ class LiveRun:
         self._surface = scenario.make_surface()
         self._diagram: Diagram | None = None
         self._velocity: list[float] | None = None  # Of the conveyor, if it was changed.
-        self.end = scenario.simulation_duration
-        if isinstance(scenario.motion, Conveyor):
-            self.end = math.inf
         self.scenario = copy.deepcopy(scenario)
         self.scenario.recording.tile_size = max(_TILE, scenario.recording.tile_size)
         self._start()
 
     def _start(self) -> None:
         self.is_hidden, self._is_recording = False, True
+        has_end = not isinstance(self._first.motion, Conveyor)
+        self.end = self._first.simulation_duration if has_end else math.inf
         self.story = make_story(self.scenario, self._name)
         self._meshcat.DeleteRecording()
         self._build()
@@ -117,16 +117,22 @@ class LiveRun:
     def change(self, edit: Callable[[Scenario], object]) -> None:
         """Changes the scenario, and continues from the present state.
 
+        The story tells why a change is refused, such as a planning rate below that of the sensor.
+
         Args:
             edit: Function that changes the scenario that it gets.
         """
-        before, self.scenario = self.scenario, copy.deepcopy(self.scenario)
+        before, diagram, simulator = self.scenario, self._diagram, self._simulator
+        self.scenario = copy.deepcopy(before)
         edit(self.scenario)
         keep_start(before, self.scenario, self._surface)
-        old = self._simulator
-        self._build()
-        _copy_state(old, self._simulator)
-        self._simulator.Initialize()
+        try:
+            self._build()
+            _copy_state(simulator, self._simulator)
+            self._simulator.Initialize()
+        except InvalidArgumentError as error:
+            self.scenario, self._diagram, self._simulator = before, diagram, simulator
+            self.story.tell(f"refused: {error}")
 
     def set_velocity(self, *, linear: float | None = None, angular: float | None = None) -> None:
         """Changes the velocities of the conveyor, in m/s and rad/s; None keeps one."""

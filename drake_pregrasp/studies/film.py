@@ -139,6 +139,7 @@ def film_scenario(scenario: Scenario, name: str, out: Path) -> Path:
     Raises:
         OutputError: If the picture cannot be written.
     """
+    make_folder(out)
     rehearsal = make_story(scenario, name)
     SceneCamera(scenario, rehearsal).advance(scenario.simulation_duration)
     story = make_story(scenario, name)
@@ -148,7 +149,6 @@ def film_scenario(scenario: Scenario, name: str, out: Path) -> Path:
         _with_story(camera.picture_at(time), story)
         for time in _picture_times(scenario.simulation_duration, events)
     ]
-    make_folder(out)
     return write_film(out / f"{name}.webp", frames)
 
 

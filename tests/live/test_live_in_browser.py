@@ -168,6 +168,10 @@ def test_buttons_do_what_they_say(page, tmp_path):
     page.click("pause / resume")
     page.told("paused")
     time = run.time
+    (tmp_path / "a_base-live").touch()
+    page.click("save the recording")
+    page.told("cannot be written")
+    (tmp_path / "a_base-live").unlink()
     page.click("save the recording")
     recording = tmp_path / "a_base-live" / "recording.html"
     page.reaches((recording.parent / "scenario.yaml").exists)

@@ -11,8 +11,10 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from drake_pregrasp import load_scenario, make_diagram
+from drake_pregrasp.live.live_controls import LiveControls
 from drake_pregrasp.live.live_run import LiveRun
 from drake_pregrasp.simulation.recording import start_meshcat
+from drake_pregrasp.simulation.scenario_file import check_scenario
 
 
 @pytest.mark.parametrize("name", ["a_base", "grasp_five_finger"])
@@ -49,6 +51,30 @@ def test_a_new_start_has_the_changed_settings_another_seed_and_all_fingers():
     run.reset()
     assert not run.is_hidden
     assert scenario.sensor.faults.nan_probability == 0
+
+
+@pytest.mark.parametrize("name", ["a_base", "grasp_five_finger"])
+def test_sliders_at_their_ends_make_valid_scenarios(name, tmp_path):
+    meshcat = start_meshcat(live=True)
+    run = LiveRun(load_scenario(name), name=name, meshcat=meshcat)
+    controls = LiveControls(run, meshcat, out=tmp_path)
+    for value in (-1e6, 1e6):
+        for slider in meshcat.GetSliderNames():
+            meshcat.SetSliderValue(slider, value)  # As near to it as its range permits.
+        controls.apply()
+        check_scenario(run.scenario)
+    assert run.scenario.planner.period == pytest.approx(1 / 50)
+
+
+def test_a_run_goes_on_after_a_refused_change():
+    scenario = load_scenario("fault_low_rate")
+    run = LiveRun(scenario, name="low", meshcat=start_meshcat(live=True))
+    period = run.scenario.planner.period
+    run.change(lambda scenario: setattr(scenario.planner, "period", 10.0))
+    assert "sample_period" in run.story.now()["events"][-1][1]
+    assert run.scenario.planner.period == period
+    run.advance()
+    assert run.time == period
 
 
 def test_the_command_prints_a_local_address_and_serves_until_it_is_interrupted(tmp_path):
