@@ -70,7 +70,7 @@ class LiveRun:
         self.end = self._first.simulation_duration if has_end else math.inf
         self.story = make_story(self.scenario, self._name)
         self._meshcat.DeleteRecording()
-        self._build()
+        self._simulator = self._simulate()
         self._simulator.Initialize()
         self._p_WO = self.last.X_WO.translation()
 
@@ -127,7 +127,7 @@ class LiveRun:
         edit(self.scenario)
         keep_start(before, self.scenario, self._surface)
         try:
-            self._build()
+            self._simulator = self._simulate()
             _copy_state(simulator, self._simulator)
             self._simulator.Initialize()
         except InvalidArgumentError as error:
@@ -217,8 +217,8 @@ class LiveRun:
         self.last = record
         self.story.add_tick(record)
 
-    def _build(self) -> None:
-        """Builds the diagram of the scenario, which keeps the drawings of the one before."""
+    def _simulate(self) -> Simulator:
+        """Returns a simulator of the scenario, whose diagram keeps the drawings of the last one."""
         self._diagram = make_diagram(
             self.scenario,
             self._surface,
@@ -229,9 +229,10 @@ class LiveRun:
             live=True,
             continues=self._diagram,
         )
-        self._simulator = Simulator(self._diagram)
-        ApplySimulatorConfig(self.scenario.simulator_config, self._simulator)
-        self._simulator.set_target_realtime_rate(1.0)
+        simulator = Simulator(self._diagram)
+        ApplySimulatorConfig(self.scenario.simulator_config, simulator)
+        simulator.set_target_realtime_rate(1.0)
+        return simulator
 
 
 def _copy_state(old: Simulator, new: Simulator) -> None:
