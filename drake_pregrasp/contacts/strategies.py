@@ -70,7 +70,8 @@ def singular_values(
 
     They are the square roots of the eigenvalues of G Gᵀ = sum G_j G_jᵀ over the contacts, where the
     contact model decides G_j. As in `grasp_quality`, they are zero if G has fewer than six columns
-    or a lower rank; here that is below a thousandth of the largest one.
+    or a lower rank; here that is below a thousandth of the largest one. One complete contact has
+    the rank six.
 
     Args:
         selection: Contacts and their regions.
@@ -91,7 +92,8 @@ def singular_values(
         A = contact_blocks(r, selection.project(p_OC)[1], contact_model)
         GGT += np.sum(A @ A.swapaxes(1, 2), axis=0)
     squares = np.linalg.eigvalsh(GGT)
-    squares[squares <= RANK_TOLERANCE * squares[:, -1:]] = 0
+    least = 0.0 if contact_model == "complete" else RANK_TOLERANCE
+    squares[squares <= least * squares[:, -1:]] = 0
     sigma: FloatArray = np.sqrt(squares)
     return sigma
 

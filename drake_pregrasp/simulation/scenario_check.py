@@ -20,6 +20,7 @@ from drake_pregrasp.diagrams.expected_path import expected_poses
 from drake_pregrasp.diagrams.hand_parsing import failures_as_errors
 from drake_pregrasp.errors import InvalidArgumentError, NoSurfaceError, first_line
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.simulation.grasp_check import (
     Problems,
@@ -90,8 +91,11 @@ def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         names = ", ".join(FINGER_MEASURES)
         yield "grasp.hand", f"none is given, but weights or limits of {names} need one"
     for index, coordinate in enumerate(scenario.planner.coordinates):
-        key = f"planner.coordinates[{index}].fingers"
-        yield from _length_problems(key, coordinate.fingers, scenario.num_contacts)
+        key = f"planner.coordinates[{index}]"
+        yield from _length_problems(f"{key}.fingers", coordinate.fingers, scenario.num_contacts)
+        if coordinate.candidates == GIVEN:
+            names = ", ".join(QUANTITIES)
+            yield f"{key}.candidates", f"nothing is connected to the port; choose one of: {names}"
     yield from grasp_problems(scenario, surface)
     yield from _obstacle_problems(scenario, surface)
     limits = hand_planner(scenario).limits

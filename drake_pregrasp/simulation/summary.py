@@ -29,7 +29,7 @@ from drake_pregrasp.quality.grasp_quality import (
     characteristic_length,
     grasp_quality,
 )
-from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
+from drake_pregrasp.regions.coordinates import QUANTITIES
 from drake_pregrasp.regions.independent_regions import force_closed_share, slip_radii_within
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation import run_log
@@ -310,15 +310,15 @@ def _coordinates(
     scenario: Scenario, surface: ObjectSurface, final: TickRecord | None
 ) -> dict[str, Any]:
     """Returns what fingers offer, and what their last goals demand, for further coordinates."""
-    known = [axis for axis in scenario.planner.coordinates if axis.candidates != GIVEN]
-    if final is None or not known:
+    axes = scenario.planner.coordinates
+    if final is None or not axes:
         return {}
-    nearest = surface.nearest_candidates((final.X_WO.inverse() @ final.p_WC.T).T)
-    demands = [QUANTITIES[axis.candidates](surface)[nearest].tolist() for axis in known]
+    nearest = surface.nearest_candidates((final.X_WO_estimated.inverse() @ final.p_WC.T).T)
+    demands = [QUANTITIES[axis.candidates](surface)[nearest].tolist() for axis in axes]
     return {
         "coordinates": {
             axis.name or axis.candidates: {"fingers": axis.fingers, "goals": demand}
-            for axis, demand in zip(known, demands, strict=True)
+            for axis, demand in zip(axes, demands, strict=True)
         }
     }
 

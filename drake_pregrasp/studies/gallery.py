@@ -33,6 +33,7 @@ _TITLES = {
     "limits": "Limits and coupling",
     "motions": "Motions",
     "measures": "Contact models and measures",
+    "extensions": "Extensions that the paper names",
 }
 
 
@@ -76,10 +77,10 @@ def _draw(job: Mapping[str, str], folder: Path) -> dict[str, Any]:
     with writing(folder):
         picture = Image.fromarray(np.concatenate(frames, axis=1))
         picture.save(folder / f"{name}.png", optimize=True)
-    text = (
-        f"Q_MSV {summary['static']['q_msv']:.4f} static, {summary['final']['q_msv']:.4f} at the"
-        f" end; force-closure margin {summary['force_closure_margin']['final']:.2f} at the end."
-    )
+    static = summary["static"]["q_msv"]  # None if contacts adapt from the start, or never.
+    text = "Q_MSV " if static is None else f"Q_MSV {static:.4f} static, "
+    text += f"{summary['final']['q_msv']:.4f} at the end;"
+    text += f" force-closure margin {summary['force_closure_margin']['final']:.2f} at the end."
     limits = "; ".join(describe_limits(records, scenario.obstacle_names))
     return {"text": f"{text} Limited: {limits}." if limits else text}
 

@@ -198,10 +198,10 @@ class ContactWeights(LeafSystem):
         weights = np.where(losses > 0, -np.inf, self._weights)
         if self._capability is None:
             return weights
-        capability, length = self._capability(time), self._length
+        capability = np.where(losses > 0, 0.0, self._capability(time))
+        length = self._length
         if length == 0 and self._p_WC.HasValue(context):
-            p_WC = self._p_WC.Eval(context).reshape(-1, 3)
-            distances = pdist(p_WC[np.isfinite(weights) & (capability > 0)])
+            distances = pdist(self._p_WC.Eval(context).reshape(-1, 3)[capability > 0])
             length = float(distances.min()) if len(distances) else 0.0
         return weights + capability_weights(capability, length)
 

@@ -5,7 +5,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from selections import BALL, regions_of
@@ -133,6 +133,8 @@ names = st.sampled_from(list(SURFACES))
 
 
 @given(seeds, names, st.integers(1, 6), st.integers(0, 2), st.floats(0.01, 1), st.floats(0, 0.06))
+@example(3, "prism", 5, 0, 0.01, 1e-6)  # The cheapest change leaves fewer contacts in reach.
+@example(1, "prism", 3, 0, 0.01, 1e-6)  # Two fingers go half around the hand, the one each way.
 def test_changes_are_worthwhile_equivalent_and_in_order(seed, name, n, lost, gain, beyond):
     rule = ReassignmentRule(beyond=beyond, gain=gain)
     selection, goals, after = made_change(seed, name, rule, n, min(lost, n - 1), half_angle=1.5)

@@ -8,7 +8,7 @@ from conftest import usable_hands
 from five_finger_hand import HAND, RING
 from selections import CUBE, selection_of
 
-from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp import InvalidArgumentError, load_scenario
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.assignment import assign_fingers_round
 from drake_pregrasp.contacts.centroids import best_points
@@ -19,6 +19,8 @@ from drake_pregrasp.regions.constraints import Limit, RegionConstraints
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.hand_file import load_hand_model
+from drake_pregrasp.simulation.scenario import chosen_contacts
+from drake_pregrasp.simulation.simulation_diagram import make_diagram
 
 R_TIP = HAND.tip_radii[0]
 MEASURES = HAND.finger_measures(CUBE)
@@ -39,14 +41,19 @@ def drake_finger(hand, finger, q_own):
 def test_chains_of_every_hand_move_as_in_drake(name):
     hand = load_hand_model(f"package://drake_pregrasp/{name}.yaml")
     for finger, chain in enumerate(hand.finger_chains):
-        q = np.random.default_rng(finger).uniform(chain.lower, chain.upper, (5, len(chain.home)))
+        q = np.random.default_rng(finger).uniform(chain.lower, chain.upper, (20, len(chain.home)))
         tips, jacobians = chain.tips(q)
         for q_own, tip, J in zip(q, tips, jacobians, strict=True):
             p, J_drake = drake_finger(hand, finger, q_own)
             np.testing.assert_allclose(tip, p, atol=1e-12)
             np.testing.assert_allclose(J, J_drake, atol=1e-12)
-        reached = chain.tips(chain.postures(tips))[0]
+        near = chain.postures(tips)
+        reached, J = chain.tips(near)
         assert np.max(np.linalg.norm(reached - tips, axis=1)) < 2e-3
+        # No motion of the joints that leaves the fingertip where it is leads closer to home.
+        closer = (np.eye(len(chain.home)) - np.linalg.pinv(J) @ J) @ (chain.home - near)[:, :, None]
+        inner = np.all((near > chain.lower) & (near < chain.upper), axis=1)
+        assert np.median(np.linalg.norm(closer[inner], axis=1)) < 0.05
 
 
 def reached_candidates(finger):
@@ -133,3 +140,35 @@ def test_a_larger_least_value_only_takes_candidates_away(name, levels):
     assert np.sum(free >= 0) > sizes[0] > sizes[1] > 0
     nothing = limited_regions(manipulability=1.0)
     np.testing.assert_array_equal(nothing.limits, Limit.REACH)
+
+
+@pytest.mark.parametrize(
+    ("approach", "name", "least"),
+    [
+        ("above", "joint_range", 0.36),
+        pytest.param("side", "finger_force", 6.5, marks=pytest.mark.slow),
+    ],
+)
+def test_a_limit_moves_start_contacts_to_where_fingers_are_able(approach, name, least):
+    """By the palm's pose at the planner's port, which is where the run begins."""
+    smallest = []
+    for limit in (0.0, least):
+        text = f"""{{surface: {{spacing: 0.015}}, motion: {{angular_velocity: 0, yaw: 0.4}},
+            initial_contacts: [], grasp: {{approaches: [{approach}]}},
+            planner: {{strategy: {name}, limits: {{{name}: {limit}}}}}}}"""
+        scenario = load_scenario("grasp_five_finger", text=text)
+        surface, hand = scenario.make_surface(), scenario.load_hand_model()
+        start, diagram = chosen_contacts(scenario, surface), make_diagram(scenario, surface)
+        planner = diagram.GetSubsystemByName("pregrasp_planner")
+        context = planner.GetMyContextFromRoot(diagram.CreateDefaultContext())
+        X_WO, X_WU = (
+            port.Eval(context)
+            for port in (planner.GetOutputPort("X_WO_estimated"), planner.GetInputPort("X_WU"))
+        )
+        own, X_UO = np.flatnonzero(start.has_contact), X_WU.inverse() @ X_WO
+        nhat = surface.project(start.p_OC)[1][own]
+        p_OT = start.p_OC[own] + hand.tip_radii[own, None] * nhat
+        normals = nhat @ X_UO.rotation().matrix().T
+        values = hand.finger_measures(surface).at(own, (X_UO @ p_OT.T).T, normals)
+        smallest.append(values[:, FINGER_MEASURES.index(name)].min())
+    assert smallest[0] < least <= smallest[1]

@@ -259,6 +259,18 @@ def test_a_finger_that_tires_leaves_its_surface_to_the_others(tmp_path):
     np.testing.assert_array_equal(log["c1_active"] == 0, log["time"] > 0.499)
 
 
+def test_the_summary_compares_what_fingers_offer_with_what_their_goals_demand(tmp_path):
+    """Goals and the pose in which they are given are both predicted ahead."""
+    text = """simulation_duration: 0.6, motion: {linear_velocity: 0.3},
+        planner: {static_duration: 10, estimator: {lookahead: 0.2}, coordinates: [
+        {name: arm, scale: 1, candidates: lever_arm, fingers: [0, 1, 2, 3, 4]}]}"""
+    scenario = load_scenario("a_base", text=f"{{{text}}}")
+    p_OC = scenario.initial_p_OC(scenario.make_surface())
+    arm = run_text("a_base", text, tmp_path).summary["coordinates"]["arm"]
+    assert arm["fingers"] == [0, 1, 2, 3, 4]
+    np.testing.assert_allclose(arm["goals"], np.hypot(p_OC[:, 0], p_OC[:, 1]), atol=0.005)
+
+
 def test_a_run_that_is_stopped_keeps_its_log_and_any_description_is_plotted(tmp_path):
     ticks = []
     stop = {"on_tick": ticks.append, "should_stop": lambda: len(ticks) >= 5}

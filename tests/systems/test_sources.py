@@ -121,16 +121,16 @@ def test_lost_fingers_come_back_unless_another_loss_goes_on():
 def test_capability_counts_at_the_smallest_distance_of_fingers_that_are_left():
     p_WC = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.05, 0, 0], [0, 0.4, 0]])
     source = ContactWeights(
-        np.array([0.01, 0, 0, 0]), [(1.0, [2])], capability=lambda t: np.array([1, 0.5, 1, 1 - t])
+        np.array([0.01, 0, 0, 0]), [(1.0, [2])], capability=lambda t: np.array([0.8, 0.5, 1, 1 - t])
     )
     driven = Driven(source, p_WC=p_WC.ravel())
     for time, length in ((0.0, 0.05), (1.0, 0.3)):
         driven.at(time)
-        expected = capability_weights(np.array([1, 0.5, 1 - time, 1 - time]), length)
+        expected = capability_weights(np.array([0.8, 0.5, 1 - time, 1 - time]), length)
         expected += [0.01, 0, 0, 0]
         np.testing.assert_allclose(driven.eval("contact_weights"), expected)
     driven.fix(p_WC=0.5 * p_WC.ravel())
-    np.testing.assert_allclose(driven.eval("contact_weights")[1], -(0.15**2) / 3)
+    np.testing.assert_allclose(driven.eval("contact_weights")[1], -(0.15**2) * 0.3 / 1.3)
 
 
 def test_a_finger_that_is_not_there_cannot_be_lost():
