@@ -5,6 +5,7 @@ import json
 import threading
 import urllib.request
 from collections.abc import Callable, Iterator
+from http.client import HTTPException
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
@@ -45,8 +46,8 @@ def served_page(meshcat: Meshcat, story: Callable[[], dict[str, Any]]) -> Iterat
 
     class Handler(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            # The page may be closed while it is sent; HTTP errors are errors of this kind, too.
-            with contextlib.suppress(OSError):
+            # The page may be closed while it is sent, and others may ask for what is no address.
+            with contextlib.suppress(OSError, ValueError, HTTPException):
                 if self.path == "/":
                     self.answer("text/html", page.encode())
                 elif self.path == "/story":

@@ -27,6 +27,7 @@ from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.simulation.summary import plot_metrics, summarize, summarize_grasp
 from drake_pregrasp.systems.drawing import contact_color
 from drake_pregrasp.systems.loggers import GraspRecord, TickRecord
+from drake_pregrasp.wires import check_installed
 from drake_pregrasp.wires.mcap_log import McapLog
 
 MCAP_FILE = "run.mcap"
@@ -96,6 +97,8 @@ def run(
     check_scenario(scenario)
     if recording:
         check_recording("scenario", scenario, scenario.make_surface())
+    if mcap:
+        check_installed(MCAP_FILE)
     folder, text = Path(out) / name, dump_scenario(name, scenario)
     output.make_folder(folder)
     with output.claimed(folder):

@@ -11,7 +11,6 @@ import numpy as np
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.wires import check_installed
 
 OBJECT_FRAME = "object"
 """Name of the object's true frame, which a `PoseStream` can replay."""
@@ -41,13 +40,9 @@ class McapLog:
 
     Attributes:
         path: File that is written.
-
-    Raises:
-        InvalidArgumentError: If a package of the extra `wire` is not installed.
     """
 
     def __init__(self, path: Path, surface: ObjectSurface, colors: FloatArray) -> None:
-        check_installed(path.name)
         self.path, self._surface = path, surface
         self._colors = np.column_stack([colors, np.ones(len(colors))])
         self._channels: dict[str, int] = {}
@@ -143,7 +138,7 @@ class McapLog:
             "/regions",
             "foxglove.PointCloud",
             **self._stamp,
-            frame_id="object",
+            frame_id=OBJECT_FRAME,
             pose=_pose([0.0] * 3),
             point_stride=_POINT.itemsize,
             fields=[

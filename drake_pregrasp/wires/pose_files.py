@@ -59,6 +59,10 @@ class Track(NamedTuple):
     frame: str
     parent: str
 
+    def __str__(self) -> str:
+        """Returns the names as messages state them."""
+        return f"topic={self.topic!r}, frame={self.frame!r}, parent={self.parent!r}"
+
 
 def read_poses(path: Path, topic: str = "", frame: str = "") -> RecordedPoses:
     """Reads the poses of an object from a file of any known format.
