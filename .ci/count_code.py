@@ -20,12 +20,12 @@ SKIPPED = {
     tokenize.ENDMARKER,
 }
 LINES = {  # At most this many lines of code below each folder.
-    "drake_pregrasp": 21_200,
-    "drake_pregrasp/studies": 5_030,
+    "drake_pregrasp": 21_060,
+    "drake_pregrasp/studies": 4_940,
     "drake_pregrasp/fast": 1_490,
-    "tests": 16_750,
+    "tests": 16_720,
 }
-FILES = {"drake_pregrasp": 215}
+FILES = {"drake_pregrasp": 200}
 LONGEST_FILE = 400  # Lines, all counted.
 LARGEST_FOLDER = {"systems": 24, "diagrams": 24}
 OTHER_FOLDERS = 16  # Files in any other folder of the package.
