@@ -57,7 +57,7 @@ def test_a_shipped_scenario_keeps_its_limits(name, tmp_path):
             assert np.max(steps[active], initial=0) <= contact_limits.max_step + 1e-9
         if contact_limits.guard is not None:
             # The first one only: on an edge, rounding chooses the normal that a margin goes by.
-            value, *_ = contact_limits.guard(p_OC[active] - surface.p_OCoM, normals[active])
+            value, *_ = contact_limits.guard(surface, p_OC[active], normals[active])
             if set(active) == set(active_before):
                 assert value >= quality - 1e-9
             quality = value
