@@ -86,10 +86,9 @@ class TrackerSettings:
 
     @cached_property
     def first_gate_squared(self) -> float:
-        """The same as long as the velocity was never measured.
+        """Largest νᵀ S⁻¹ ν that is used while the velocity has not been measured.
 
-        What its prior hardly explains is left to the difference of two poses, which tells a
-        velocity of any size.
+        The difference of two poses, which tells a velocity of any size, explains larger ones.
         """
         return min(self.gate_squared, _FIRST_GATE**2) if self.gate > 0 else math.inf
 

@@ -19,6 +19,9 @@ from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.systems.run_story import OVERLAY
 
+# Meshcat's server is on this machine: a proxy of the environment does not reach it.
+_open = urllib.request.build_opener(urllib.request.ProxyHandler({})).open
+
 # Meshcat's page connects to the server that it comes from, which must be Meshcat's own.
 _SOCKET = """<head><script>
 window.WebSocket = class extends WebSocket {{ constructor() {{ super("{}"); }} }};
@@ -40,7 +43,7 @@ def served_page(meshcat: Meshcat, story: Callable[[], dict[str, Any]]) -> Iterat
         OutputError: If no port can be opened.
     """
     viewer = meshcat.web_url()
-    with urllib.request.urlopen(viewer) as answer:
+    with _open(viewer) as answer:
         page = answer.read().decode().replace("<head>", _SOCKET.format(meshcat.ws_url()), 1)
     page = page.replace("</body>", OVERLAY.read_text(encoding="utf-8") + _START)
 
@@ -52,8 +55,8 @@ def served_page(meshcat: Meshcat, story: Callable[[], dict[str, Any]]) -> Iterat
                     self.answer("text/html", page.encode())
                 elif self.path == "/story":
                     self.answer("application/json", json.dumps(story()).encode())
-                else:
-                    with urllib.request.urlopen(viewer + self.path) as part:
+                elif self.path.startswith("/"):
+                    with _open(viewer + self.path) as part:
                         self.answer(part.headers.get_content_type(), part.read())
 
         def answer(self, kind: str, content: bytes) -> None:
