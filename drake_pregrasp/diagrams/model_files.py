@@ -7,6 +7,8 @@ a copy only: an XML tree of elements and attributes on a list, and meshes that a
 import atexit
 import functools
 import logging
+import os
+import shutil
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -359,7 +361,12 @@ def _numbers(element: Element) -> Iterator[float]:
 
 @functools.cache
 def _folder() -> str:
-    """Returns a folder for meshes that is removed when this process ends."""
-    folder = tempfile.TemporaryDirectory(prefix="drake_pregrasp-")
-    atexit.register(folder.cleanup)
-    return folder.name
+    """Returns a folder for meshes that is removed when this process ends, not when a fork does."""
+    folder = tempfile.mkdtemp(prefix="drake_pregrasp-")
+    atexit.register(_remove, folder, os.getpid())
+    return folder
+
+
+def _remove(folder: str, owner: int) -> None:
+    if os.getpid() == owner:
+        shutil.rmtree(folder, ignore_errors=True)

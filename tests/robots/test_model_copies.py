@@ -1,5 +1,7 @@
 """Copies of models: kept and omitted content, and early rejection of large files."""
 
+import subprocess
+import sys
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -25,6 +27,23 @@ MJCF = """<mujoco model="hand"><compiler angle="radian" autolimits="true" meshdi
 <body name="finger"><joint name="j" axis="0 1 0"/><geom type="mesh" mesh="tip"/></body></body>
 </worldbody><actuator><position name="x" joint="x" kp="9" kv="1"/>
 <position name="j" joint="j" kp="5" kv="2" forcerange="-3 3"/></actuator></mujoco>"""
+
+FORK = """
+import multiprocessing, os, re, sys
+from pathlib import Path
+from drake_pregrasp.diagrams.model_files import checked_model
+
+model = Path(sys.argv[1])
+meshes = re.findall("[^\\"]*mesh.obj", checked_model(model, [model.parent]).text)
+child = multiprocessing.get_context("fork").Process(target=len, args=("",))
+child.start()
+child.join()
+process = os.fork()
+if not process:
+    sys.exit()
+os.waitpid(process, 0)
+print([Path(mesh.removeprefix("file://")).is_file() for mesh in meshes], *meshes)
+"""
 
 
 def write(folder: Path, text: str, name: str = "own.sdf") -> Path:
@@ -132,3 +151,11 @@ def test_too_large_files_are_refused(tmp_path, monkeypatch, name, most):
     monkeypatch.setattr(model_files, name, most)
     with pytest.raises(InvalidArgumentError, match=r"own.xml.* more than"):
         checked_model(write(tmp_path, MJCF, "own.xml"))
+
+
+def test_copies_of_meshes_outlive_a_fork_and_end_with_their_process(tmp_path):
+    command = [sys.executable, "-c", FORK, str(write(tmp_path, MJCF, "own.xml"))]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    found, mesh = done.stdout.rsplit(maxsplit=1)
+    assert found == "[True]"
+    assert not Path(mesh.removeprefix("file://")).parent.parent.exists()
