@@ -20,7 +20,12 @@ from drake_pregrasp.studies.sweep.study_file import shipped_studies
 
 # The same examples every time; machines differ too much for deadlines.
 settings.register_profile("repeatable", derandomize=True, deadline=None)
-settings.load_profile("repeatable")
+settings.register_profile("quick", settings.get_profile("repeatable"), max_examples=40)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    is_quick = config.getoption("markexpr") == "not slow"
+    settings.load_profile("quick" if is_quick else "repeatable")
 
 
 @pytest.fixture(scope="session")
@@ -88,7 +93,13 @@ def allegro_panda() -> Path:
     return robot_model("robots://allegro_panda.urdf")
 
 
-SLOW_TO_LOAD = ("grasp_from_side", "grasp_shadow", "random_boxes", "random_boxes_allegro")
+SLOW_TO_LOAD = (
+    "finger_measures",
+    "grasp_from_side",
+    "grasp_shadow",
+    "random_boxes",
+    "random_boxes_allegro",
+)
 """Scenarios and sweeps whose start contacts take seconds to choose."""
 
 

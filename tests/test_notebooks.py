@@ -28,7 +28,7 @@ def test_the_notebook_runs_from_a_cube_to_ones_own_controller(monkeypatch):
     notebook, folder = read_notebook(), str(NOTEBOOK.parent)
     client.NotebookClient(notebook, resources={"metadata": {"path": folder}}).execute()
     outputs = "".join(str(cell.get("outputs", "")) for cell in notebook.cells)
-    assert outputs.count("<iframe srcdoc=") == 2
+    assert outputs.count("<iframe srcdoc=") == 3
     assert "'image/png'" in outputs
     late, ahead = map(float, re.findall(r"are up to ([\d.]+) mm off", outputs))
     assert late > 3 > 1 > ahead
