@@ -114,6 +114,12 @@ def are_valid_points(points: FloatArray) -> BoolArray:
     return valid
 
 
+def norms(vectors: FloatArray) -> FloatArray:
+    """Returns the lengths of vectors along the last axis, for a few faster than numpy's norm."""
+    squares: FloatArray = np.add.reduce(vectors * vectors, axis=-1)
+    return np.sqrt(squares)
+
+
 def validated_rates(rates: FloatArray) -> FloatArray:
     """Returns rates unchanged if all are finite and within `FARTHEST`, or else zeros.
 

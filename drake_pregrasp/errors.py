@@ -3,6 +3,7 @@
 import difflib
 import traceback
 from collections.abc import Iterable
+from enum import StrEnum
 from pathlib import Path
 
 LONGEST_MESSAGE = 4000
@@ -24,6 +25,35 @@ class InvalidArgumentError(PregraspError, ValueError):
 
 class NoSurfaceError(InvalidArgumentError):
     """No part of an object's surface is allowed for contacts."""
+
+
+class Lack(StrEnum):
+    """Property that a grasp needs and that is missing.
+
+    Attributes:
+        REACH: Too few fingers reach the allowed surface.
+        OPENING: Fingers reach the object, but not two opposite sides of it at once.
+        ROOM: Fingertips in reach have no room beside each other, obstacles and the object.
+        FRICTION: Contacts have no force closure, or do not hold the weight.
+    """
+
+    REACH = "reach"
+    OPENING = "opening"
+    ROOM = "room"
+    FRICTION = "friction"
+
+
+class NoGraspError(InvalidArgumentError):
+    """A hand has no start contacts on an object.
+
+    Args:
+        lack: What is missing.
+        detail: What there is instead.
+    """
+
+    def __init__(self, lack: Lack, detail: str) -> None:
+        super().__init__(f"no grasp for lack of {lack}: {detail}")
+        self.lack = lack
 
 
 class ScenarioError(PregraspError):

@@ -1,4 +1,4 @@
-"""State of the tracker: measurements, the beliefs after them, and an alternative hypothesis."""
+"""State of the tracker: measurements, beliefs, and an alternative hypothesis; and its settings."""
 
 import math
 from dataclasses import dataclass, replace
@@ -8,7 +8,15 @@ from functools import cached_property
 import numpy as np
 
 from drake_pregrasp.arrays import SLACK, FloatArray, pack, unpacker
-from drake_pregrasp.estimation.pose_filter import NO_BELIEF, NO_MEASUREMENT, PoseBelief, boosted
+from drake_pregrasp.estimation.pose_filter import (
+    NO_BELIEF,
+    NO_MEASUREMENT,
+    FilterStep,
+    PoseBelief,
+    PoseFilterNoise,
+    boosted,
+    filter_step,
+)
 
 
 @unique
@@ -105,6 +113,9 @@ NO_ALTERNATIVE = pack(NO_BELIEF)
 MEASUREMENT_SIZE = len(pack(NO_MEASUREMENT))
 """Number of columns of `PoseTrack.steps` that hold the measurement; the belief comes after it."""
 
+RECENT = 16
+"""Number of newest measurements in which a manoeuvre is searched for."""
+
 
 @dataclass(frozen=True, eq=False)
 class PoseTrack:
@@ -113,7 +124,9 @@ class PoseTrack:
     Attributes:
         steps: Newest measurements that were used, each with the belief after it, oldest first,
             shape (memory, 104); empty rows come first and have the time -inf.
-        last_seen: Last valid measurement, whether used or not, shape (13,).
+        recent: Newest valid measurements, whether used or not, oldest first, each with νᵀ S⁻¹ ν of
+            position and orientation, shape (`RECENT`, 15); empty rows come first and have the time
+            -inf.
         alternative: Alternative hypothesis, shape (91,): the belief that follows from refused
             measurements that agree with each other; its time is -inf if there are none.
         support: Number of measurements that support the alternative hypothesis.
@@ -136,7 +149,7 @@ class PoseTrack:
     """
 
     steps: FloatArray
-    last_seen: FloatArray
+    recent: FloatArray
     alternative: FloatArray
     support: int
     refused: int
@@ -149,6 +162,11 @@ class PoseTrack:
     last_innovation: FloatArray
     innovation_squared: FloatArray
     V_held: FloatArray
+
+    @property
+    def last_seen(self) -> FloatArray:
+        """Last valid measurement, whether used or not, shape (13,)."""
+        return self.recent[-1, :MEASUREMENT_SIZE]
 
     @cached_property
     def newest(self) -> PoseBelief:
@@ -184,7 +202,7 @@ class PoseTrack:
         """
         return PoseTrack(
             steps=np.tile(np.concatenate([pack(NO_MEASUREMENT), NO_ALTERNATIVE]), (memory, 1)),
-            last_seen=pack(NO_MEASUREMENT),
+            recent=np.tile(np.append(pack(NO_MEASUREMENT), np.zeros(2)), (RECENT, 1)),
             alternative=NO_ALTERNATIVE,
             support=0,
             refused=0,
@@ -198,3 +216,54 @@ class PoseTrack:
             innovation_squared=np.zeros(2),
             V_held=np.full((2, 3), np.nan),
         )
+
+
+FIRST_GATE = 4.0
+"""Gate of a velocity that was never measured, in standard deviations of its prior."""
+
+
+@dataclass(frozen=True)
+class TrackerSettings:
+    """Settings of the checks of measurements.
+
+    Attributes:
+        noise: Noise and motion that the filter assumes.
+        sudden: The same with the accelerations of a sudden manoeuvre; see `find_manoeuvre`.
+        gate: Mahalanobis distance from the prediction, of the position and of the orientation,
+            beyond which a measurement is an outlier; 0 to use all measurements.
+        reacquire_after: Number of refused measurements in a row, which agree with each other, that
+            refute the belief.
+        refuse_repeats: Whether to refuse measurements that repeat the one before to the last bit,
+            while the object moves and the sensor has noise.
+        p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
+        step: Implementation of `filter_step`.
+    """
+
+    noise: PoseFilterNoise
+    sudden: PoseFilterNoise
+    gate: float
+    reacquire_after: int
+    refuse_repeats: bool
+    p_OCoM: FloatArray | None = None
+    step: FilterStep = filter_step
+
+    @cached_property
+    def gate_squared(self) -> float:
+        """Largest νᵀ S⁻¹ ν of a measurement that is used."""
+        return self.gate * self.gate if self.gate > 0 else math.inf  # A power may overflow.
+
+    @cached_property
+    def first_gate_squared(self) -> float:
+        """Largest νᵀ S⁻¹ ν that is used while the velocity has not been measured.
+
+        The difference of two poses, which tells a velocity of any size, explains larger ones.
+        """
+        return min(self.gate_squared, FIRST_GATE**2) if self.gate > 0 else math.inf
+
+    def gates_squared(self, belief: PoseBelief) -> FloatArray:
+        """Returns the largest νᵀ S⁻¹ ν of a position and an orientation that a belief expects.
+
+        A velocity of exactly zero was never measured.
+        """
+        unknown = [not belief.v_WCoM.any(), not belief.w_WO.any()]
+        return np.where(unknown, self.first_gate_squared, self.gate_squared)

@@ -5,23 +5,19 @@ state of the tracker is a `PoseTrack`, which `update_track` updates at each tick
 """
 
 import math
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, is_valid_pose, pack, unpacker
+from drake_pregrasp.arrays import BoolArray, is_valid_pose, pack
+from drake_pregrasp.estimation.manoeuvres import TELLING, find_manoeuvre, unpack_measurement
 from drake_pregrasp.estimation.pose_filter import (
     NO_BELIEF,
-    NO_MEASUREMENT,
-    FilterStep,
     Innovation,
     PoseBelief,
-    PoseFilterNoise,
     PoseMeasurement,
     corrected,
-    filter_step,
     first_belief,
     innovation,
     two_point_belief,
@@ -31,13 +27,12 @@ from drake_pregrasp.estimation.pose_track import (
     NO_ALTERNATIVE,
     MeasurementVerdict,
     PoseTrack,
+    TrackerSettings,
     unpack_belief,
 )
 
 OLDEST = 1e6
 """Largest age of a valid measurement, and longest prediction, in seconds."""
-
-_unpack_measurement = unpacker(NO_MEASUREMENT)
 
 _SLACK = 1e-6  # Seconds by which rounding may put a time ahead of the clock.
 _FORGETTING = 0.05  # Share of the newest innovation in the running means.
@@ -47,58 +42,7 @@ _VAGUE = 1.0  # Radians; a larger deviation is beyond the linearisation of the c
 _NOISY = 0.25  # Noise level of a sensor without noise is below this.
 _DOUBT = 2  # Times `reacquire_after`: with so many outliers in excess the track is not locked.
 _PATIENCE = 5  # Times `reacquire_after`: with so many outliers in excess the belief is dropped.
-_LONGEST_SURPRISE = 0.2  # Seconds for which a sudden acceleration is assumed at most.
-_TELLING = 3.0  # Standard deviations: two measurements tell of a manoeuvre, or agree with it.
-_FIRST_GATE = 4.0  # Standard deviations of the prior of a velocity that was never measured.
 _AT_REST = 3.0  # Standard deviations up to which a velocity may be zero.
-
-
-@dataclass(frozen=True)
-class TrackerSettings:
-    """Settings of the checks of measurements.
-
-    Attributes:
-        noise: Noise and motion that the filter assumes.
-        sudden: The same with the accelerations of a sudden manoeuvre, which are assumed if two
-            measurements in a row tell of it, of which the later would otherwise be an outlier.
-        gate: Mahalanobis distance from the prediction, of the position and of the orientation,
-            beyond which a measurement is an outlier; 0 to use all measurements.
-        reacquire_after: Number of refused measurements in a row, which agree with each other, that
-            refute the belief.
-        refuse_repeats: Whether to refuse measurements that repeat the one before to the last bit,
-            while the object moves and the sensor has noise.
-        p_OCoM: Centre of mass in O, shape (3,), in metres; the origin of O by default.
-        step: Implementation of `filter_step`.
-    """
-
-    noise: PoseFilterNoise
-    sudden: PoseFilterNoise
-    gate: float
-    reacquire_after: int
-    refuse_repeats: bool
-    p_OCoM: FloatArray | None = None
-    step: FilterStep = filter_step
-
-    @cached_property
-    def gate_squared(self) -> float:
-        """Largest νᵀ S⁻¹ ν of a measurement that is used."""
-        return self.gate * self.gate if self.gate > 0 else math.inf  # A power may overflow.
-
-    @cached_property
-    def first_gate_squared(self) -> float:
-        """Largest νᵀ S⁻¹ ν that is used while the velocity has not been measured.
-
-        The difference of two poses, which tells a velocity of any size, explains larger ones.
-        """
-        return min(self.gate_squared, _FIRST_GATE**2) if self.gate > 0 else math.inf
-
-    def gates_squared(self, belief: PoseBelief) -> FloatArray:
-        """Returns the largest νᵀ S⁻¹ ν of a position and an orientation that a belief expects.
-
-        A velocity of exactly zero was never measured.
-        """
-        unknown = [not belief.v_WCoM.any(), not belief.w_WO.any()]
-        return np.where(unknown, self.first_gate_squared, self.gate_squared)
 
 
 def update_track(
@@ -116,7 +60,7 @@ def update_track(
         now: Time of the tick, in seconds.
         settings: Settings of the checks.
     """
-    time, last_seen, noise = measurement.time, track.last_seen, settings.noise
+    time, noise, last_seen = measurement.time, settings.noise, track.recent[-1, :MEASUREMENT_SIZE]
     is_late = time <= track.steps[-1, 0]
     is_known = time == last_seen[0] or (is_late and np.any(track.steps[:, 0] == time))
     if time == -math.inf or is_known:
@@ -124,11 +68,14 @@ def update_track(
     is_recent = now - OLDEST <= time <= now + _SLACK
     if not (is_recent and is_valid_pose(measurement.R_WO, measurement.p_WCoM)):
         return replace(track, verdict=MeasurementVerdict.UNUSABLE)
-    track, newest = replace(track, last_seen=pack(measurement)), track.newest
+    recent = np.concatenate([track.recent[1:], track.recent[:1]])
+    seen = recent[-1, :MEASUREMENT_SIZE]
+    seen[:], recent[-1, MEASUREMENT_SIZE:] = pack(measurement), 0.0
+    track, newest = replace(track, recent=recent), track.newest
     if time - newest.time > OLDEST:  # Also without a belief, whose time is -inf.
         return _start(track, measurement, settings)
     is_suspect = settings.refuse_repeats and track.noise_level > _NOISY
-    if is_suspect and (track.last_seen[1:] == last_seen[1:]).all() and _moves(newest):
+    if is_suspect and (seen[1:] == last_seen[1:]).all() and _moves(newest):
         return replace(track, verdict=MeasurementVerdict.REPEATED)
     earlier = newest
     if is_late:
@@ -141,13 +88,16 @@ def update_track(
     variance = prior.P_orientation.diagonal()[:3].max()
     if variance > _VAGUE**2 + noise.orientation**2 and not is_late:
         return _start(track, measurement, settings, prior)
-    is_expected = bool(new.squared.max() <= settings.first_gate_squared)
+    largest = new.squared.max()
+    is_expected = bool(largest <= settings.first_gate_squared)
     is_expected = is_expected or bool((new.squared <= settings.gates_squared(earlier)).all())
-    if not (is_expected or is_late):
-        previous = _unpack_measurement(last_seen)
-        if manoeuvre := _manoeuvre(track, previous, measurement, settings):
-            prior, new, posterior = manoeuvre
-            is_expected = new.squared.max() <= settings.gate_squared
+    steps = np.concatenate([seen, pack(posterior)])[None]
+    recent[-1, MEASUREMENT_SIZE:] = new.squared
+    is_telling = settings.gate > 0 and track.is_locked and not is_late and largest > TELLING**2
+    if is_telling and (manoeuvre := find_manoeuvre(track, new, not is_expected, settings)):
+        steps, new, is_expected = manoeuvre.steps, manoeuvre.last, True
+        recent[-len(steps) :, MEASUREMENT_SIZE:] = manoeuvre.squared
+        track = replace(track, support=0)
     excess = min(sum((factor * new.squared).tolist()) / 6, _LARGEST_EXCESS)
     excess = (1 - _FORGETTING) * track.excess + _FORGETTING * excess
     statistics: dict[str, Any] = {
@@ -162,15 +112,13 @@ def update_track(
         return _insert(track, after, posterior, settings)
     alternative, support = NO_ALTERNATIVE, 0
     if not is_expected or (track.support and not track.is_locked):
-        rival, support, is_better = _next_alternative(
-            track, prior, new, posterior, measurement, settings
-        )
+        rival, support, is_better = _next_alternative(track, prior, new, measurement, settings)
         if is_better or not is_expected:
             confirmed = track.confirmed if is_expected else 0
             after = replace(track, **statistics, confirmed=confirmed)
             return _refuse(after, rival, support, measurement, settings)
         alternative = pack(rival)
-    step = np.concatenate([track.last_seen, pack(posterior)])
+    before = track.steps[: np.searchsorted(track.steps[:, 0], steps[0, 0])]
     # With noise, successive innovations differ, with the covariance 2 S. With a motion that the
     # filter does not expect, they are similar.
     change = new.nu - track.last_innovation
@@ -181,7 +129,7 @@ def update_track(
     return replace(
         track,
         **statistics,
-        steps=np.concatenate([track.steps[1:], step[None]]),
+        steps=np.concatenate([before, steps])[-len(track.steps) :],
         alternative=alternative,
         support=support,
         refused=refused,
@@ -191,40 +139,6 @@ def update_track(
         noise_level=(1 - _FORGETTING) * track.noise_level + _FORGETTING * level,
         verdict=MeasurementVerdict.USED,
     )
-
-
-def _manoeuvre(
-    track: PoseTrack,
-    previous: PoseMeasurement,
-    measurement: PoseMeasurement,
-    settings: TrackerSettings,
-) -> tuple[PoseBelief, Innovation, PoseBelief] | None:
-    """Returns the last step of a sudden acceleration that two measurements in a row tell of.
-
-    The earlier one was off its prediction too, and predicts the later one once its velocity counts.
-    A single outlier is no evidence, and two outliers seldom agree.
-
-    Args:
-        track: Track before the later measurement.
-        previous: The earlier measurement, whether it was used or refused.
-        measurement: The later measurement, which would be an outlier.
-        settings: Settings of the checks.
-    """
-    before = track.steps[track.steps[:, 0] < previous.time]
-    if track.innovation_squared.max() < _TELLING**2 or len(before) == 0:
-        return None
-    belief = unpack_belief(before[-1, MEASUREMENT_SIZE:])
-    is_between = belief.time < previous.time < measurement.time
-    if not is_between or measurement.time - belief.time > _LONGEST_SURPRISE:
-        return None
-    _, first, belief = settings.step(
-        belief, previous, settings.sudden, settings.p_OCoM, track.noise_factor
-    )
-    second = settings.step(
-        belief, measurement, settings.sudden, settings.p_OCoM, track.noise_factor
-    )
-    agree = first.squared.max() <= settings.gate_squared and second[1].squared.max() <= _TELLING**2
-    return second if agree else None
 
 
 def _moves(belief: PoseBelief) -> bool:
@@ -285,7 +199,7 @@ def _insert(
     is_later = track.steps[:, 0] > belief.time
     rows = [np.concatenate([track.last_seen, pack(belief)])]
     for seen in track.steps[is_later, :MEASUREMENT_SIZE]:
-        later = _unpack_measurement(seen)
+        later = unpack_measurement(seen)
         _, _, belief = settings.step(
             belief, later, settings.noise, settings.p_OCoM, track.noise_factor
         )
@@ -298,16 +212,15 @@ def _next_alternative(
     track: PoseTrack,
     prior: PoseBelief,
     new: Innovation,
-    posterior: PoseBelief,
     measurement: PoseMeasurement,
     settings: TrackerSettings,
 ) -> tuple[PoseBelief, int, bool]:
     """Returns the alternative hypothesis after a measurement, and its support.
 
-    Position and orientation are checked separately: the part that the belief expects continues. In
-    the first alternative, the other part has jumped and keeps its velocity. If the next measurement
-    contradicts this, its velocity starts from the difference of the last two poses. Any two poses
-    agree with some twist, so later measurements must confirm it.
+    In the first alternative, the object has jumped and keeps its twist. If the next measurement
+    contradicts this, the twist starts from the difference of the last two poses: if one part has
+    changed its velocity, the other one may have, too. Any two poses agree with some twist, so later
+    measurements must confirm it.
 
     The last value is whether the alternative explains the measurement better than the belief does:
     by chance, a fast rotation repeatedly comes close to the belief's orientation.
@@ -315,14 +228,11 @@ def _next_alternative(
     noise, p_OCoM = settings.noise, settings.p_OCoM
     earlier = unpack_belief(track.alternative)
     if not -math.inf < earlier.time < measurement.time:
-        jumped = _jumped(prior, first_belief(measurement, noise, p_OCoM))
-        is_expected = new.squared <= settings.gates_squared(prior)
-        return _combined(posterior, jumped, is_expected), 1, False
+        return _jumped(prior, first_belief(measurement, noise, p_OCoM)), 1, False
     _, other, posterior = settings.step(earlier, measurement, noise, p_OCoM, track.noise_factor)
     is_expected = other.squared <= settings.gates_squared(earlier)
     if not np.all(is_expected):
-        fresh = two_point_belief(earlier, measurement, noise, p_OCoM)
-        return _combined(posterior, fresh, is_expected), 1, False
+        return two_point_belief(earlier, measurement, noise, p_OCoM), 1, False
     # Minus twice the logarithm of the likelihood, but for a constant.
     cost, cost_of_other = (
         np.sum(i.squared) + np.sum(np.linalg.slogdet(i.S)[1]) for i in (new, other)

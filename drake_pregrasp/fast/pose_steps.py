@@ -5,12 +5,7 @@ import math
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.estimation.pose_filter import (
-    Innovation,
-    PoseBelief,
-    PoseFilterNoise,
-    PoseMeasurement,
-)
+from drake_pregrasp.estimation import pose_filter
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.geometry.rotations import SMALL
 
@@ -201,12 +196,12 @@ def step(  # type: ignore[no-untyped-def]
 
 
 def compiled_filter_step(
-    earlier: PoseBelief,
-    measurement: PoseMeasurement,
-    noise: PoseFilterNoise,
+    earlier: pose_filter.PoseBelief,
+    measurement: pose_filter.PoseMeasurement,
+    noise: pose_filter.PoseFilterNoise,
     p_OCoM: FloatArray | None = None,
     noise_factor: float = 1.0,
-) -> tuple[PoseBelief, Innovation, PoseBelief]:
+) -> tuple[pose_filter.PoseBelief, pose_filter.Innovation, pose_filter.PoseBelief]:
     """Returns the prior, the innovation and the posterior, as `filter_step` does."""
     time = measurement.time
     prior, prior_R, P, nu, R, S, K_T, squared, after, after_R, after_P = step(
@@ -222,7 +217,7 @@ def compiled_filter_step(
         np.zeros(3) if p_OCoM is None else p_OCoM,
     )
     return (
-        PoseBelief(time, prior[0], prior[1], prior_R, prior[2], P[0], P[1]),
-        Innovation(nu, P, R, S, K_T, squared),
-        PoseBelief(time, after[0], after[1], after_R, after[2], after_P[0], after_P[1]),
+        pose_filter.PoseBelief(time, prior[0], prior[1], prior_R, prior[2], P[0], P[1]),
+        pose_filter.Innovation(nu, P, R, S, K_T, squared),
+        pose_filter.PoseBelief(time, after[0], after[1], after_R, after[2], after_P[0], after_P[1]),
     )

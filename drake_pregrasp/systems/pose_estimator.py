@@ -21,13 +21,7 @@ from drake_pregrasp.arrays import (
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.planner_config import EstimatorConfig, tracker_settings
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.pose_filter import (
-    NO_BELIEF,
-    PoseBelief,
-    PoseMeasurement,
-    boosted,
-    predict,
-)
+from drake_pregrasp.estimation import pose_filter
 from drake_pregrasp.estimation.pose_track import (
     FOLLOWED,
     PoseTrack,
@@ -167,7 +161,7 @@ class PoseEstimator(LeafSystem):
         self._estimate = estimate = declare_cache(
             self,
             "status and belief at the Context's time",
-            (TrackingStatus.WAITING, NO_BELIEF),
+            (TrackingStatus.WAITING, pose_filter.NO_BELIEF),
             self._calc_estimate,
             time,
             track,
@@ -199,7 +193,7 @@ class PoseEstimator(LeafSystem):
             measured_at = float(self._measurement_time.Eval(context)[0])
         p_OCoM = self._settings.p_OCoM
         p_WCoM = X_WO.translation().copy() if p_OCoM is None else X_WO @ p_OCoM
-        measurement = PoseMeasurement(measured_at, p_WCoM, X_WO.rotation().matrix())
+        measurement = pose_filter.PoseMeasurement(measured_at, p_WCoM, X_WO.rotation().matrix())
         if stored_time > time:  # The clock was set back.
             track = self._no_track
         if self._V_WO_held.HasValue(context):
@@ -218,7 +212,7 @@ class PoseEstimator(LeafSystem):
         discrete_state.set_value(self._time_index, [context.get_time()])
         discrete_state.set_value(self._track_index, pack(self._track.Eval(context)))
 
-    def _calc_estimate(self, context: Context) -> tuple[TrackingStatus, PoseBelief]:
+    def _calc_estimate(self, context: Context) -> tuple[TrackingStatus, pose_filter.PoseBelief]:
         track: PoseTrack = self._track.Eval(context)
         time, config = context.get_time(), self._config
         newest, since = track.newest, time - track.newest.time
@@ -231,7 +225,7 @@ class PoseEstimator(LeafSystem):
             dV = self._twist(context, track) - track.V_held
             if not np.any(np.isnan(dV)):
                 last_tick = self._period * tick_index(time, self._period)
-                newest = boosted(newest, dV, (last_tick + time) / 2)
+                newest = pose_filter.boosted(newest, dV, (last_tick + time) / 2)
         if status == TrackingStatus.LOST:  # The pose stays where it was lost.
             since = self._period + config.lost_after
         belief = self._predicted(newest, since)
@@ -240,10 +234,10 @@ class PoseEstimator(LeafSystem):
             return TrackingStatus.LOST, newest
         return status, belief
 
-    def _predicted(self, belief: PoseBelief, since: float) -> PoseBelief:
-        now = predict(belief, min(max(0.0, since), OLDEST), self._noise)
+    def _predicted(self, belief: pose_filter.PoseBelief, since: float) -> pose_filter.PoseBelief:
+        now = pose_filter.predict(belief, min(max(0.0, since), OLDEST), self._noise)
         lookahead = self._config.lookahead
-        return predict(now, lookahead, self._noise) if lookahead else now
+        return pose_filter.predict(now, lookahead, self._noise) if lookahead else now
 
     def _calc_pose(self, context: Context) -> RigidTransform:
         status, belief = self._estimate.Eval(context)

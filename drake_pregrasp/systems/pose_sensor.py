@@ -20,11 +20,7 @@ from drake_pregrasp.arrays import FloatArray, pack, tick_index, unpacker
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.sensor_config import SensorConfig, check_faults
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.estimation.measurement_faults import (
-    SensorMemory,
-    faulty_disturbance,
-    next_memory,
-)
+from drake_pregrasp.estimation import measurement_faults
 from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.systems.ports import POSE, Source, declare_cache, declare_output
 
@@ -156,7 +152,7 @@ class NoisyPoseSensor(LeafSystem):
             declare_output(self, "X_WO_measured", POSE, self._measure, *sources)
             declare_output(self, "measurement_time", 1, Context.get_time, time)
             return
-        empty = SensorMemory.empty(self._faults, self._period)
+        empty = measurement_faults.SensorMemory.empty(self._faults, self._period)
         self._unpack = unpacker(empty)
         self._state = self.DeclareDiscreteState(pack(empty))
         stored = self.discrete_state_ticket(self._state)
@@ -185,19 +181,19 @@ class NoisyPoseSensor(LeafSystem):
             tick = tick_index(context.get_time(), self._period)
             if self._faults.act_at(tick, self._period):
                 seed = int(context.get_numeric_parameter(self._seed)[0])
-                offset, turn = faulty_disturbance(
+                offset, turn = measurement_faults.faulty_disturbance(
                     noise, *self._stds, self._faults, tick=tick, seed=seed
                 )
         R_WM = RotationMatrix.MakeUnchecked(turn @ X_WO.rotation().matrix())
         return RigidTransform(R_WM, X_WO.translation() + offset)
 
-    def _calc_memory(self, context: Context) -> SensorMemory:
+    def _calc_memory(self, context: Context) -> measurement_faults.SensorMemory:
         assert self._faults is not None
         memory = self._unpack(context.get_discrete_state(self._state).value())
         time = context.get_time()
         tick = tick_index(time, self._period)
         if tick != memory.tick:
-            memory = next_memory(
+            memory = measurement_faults.next_memory(
                 memory,
                 self._measure(context).GetAsMatrix34().ravel(),
                 time=time,
