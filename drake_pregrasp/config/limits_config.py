@@ -10,6 +10,7 @@ from drake_pregrasp.contacts.goal_limits import ContactLimits, Pair
 from drake_pregrasp.contacts.quality_guard import GUARDS, guard_measure
 from drake_pregrasp.contacts.reassignment import ReassignmentRule
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.fast import fast_slip_radii
 from drake_pregrasp.geometry.box_surface import BOX_FACES
 from drake_pregrasp.geometry.mesh_surface import AxisArea
 from drake_pregrasp.geometry.solids import BallSolid, Solid
@@ -188,5 +189,5 @@ class LimitsConfig:
             deadband=self.deadband,
             pairs=tuple(self.pairs),
             recover=self.recover,
-            guard=guard_measure(self.guard, friction, self.independent_radius),
+            guard=guard_measure(self.guard, friction, self.independent_radius, fast_slip_radii()),
         )

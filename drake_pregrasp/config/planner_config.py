@@ -6,7 +6,7 @@ from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.contacts.strategies import BLEND, READINGS, STRATEGIES
 from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
-from drake_pregrasp.estimation.pose_tracker import TrackerSettings
+from drake_pregrasp.estimation.pose_track import TrackerSettings
 from drake_pregrasp.quality.force_closure import FRICTION, TORSIONAL_FRICTION
 from drake_pregrasp.quality.grasp_quality import CONTACT_MODELS
 from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
@@ -143,7 +143,7 @@ class BlendConfig:
 class CoordinateConfig:
     """A further coordinate of regions, such as a force: what fingers offer and places demand."""
 
-    # Name of the quantity, for the reader.
+    # Name of the quantity in the summary, unique. Empty: that of `candidates`.
     name: str = ""
 
     # Metres that count as much as one unit of the quantity.
@@ -157,6 +157,11 @@ class CoordinateConfig:
 
     # Quantity of each contact's finger. Empty: the one at the contact's place on the surface.
     fingers: list[float] = field(default_factory=list, metadata={"at_least": -1e6, "at_most": 1e6})
+
+    @property
+    def label(self) -> str:
+        """Name of the coordinate in the summary."""
+        return self.name or self.candidates
 
 
 @dataclass

@@ -104,7 +104,12 @@ def palm_turn(
     before: float,
     yaw_range: tuple[float, float] = FREE_TURN,
 ) -> float:
-    """Returns the palm's yaw with the smallest mean angle of fingertips to their azimuths.
+    """Returns the palm's yaw that brings its fingers nearest to the goals of their fingertips.
+
+    It minimises the sum of squared distances between goals and fingertips at their own azimuths, at
+    any common radius: a goal counts in proportion to its distance from the palm's axis, near which
+    its azimuth means nothing. Otherwise a goal near the axis, such as one inside a bowl, would turn
+    the palm, the reach with it, and the goals with the reach, on and on.
 
     Args:
         p_GT: Goals of the fingertips relative to the palm's axis z, shape (n, 3), in metres.
@@ -112,7 +117,8 @@ def palm_turn(
         before: Last yaw, in radians; the result is continuous with it.
         yaw_range: Smallest and largest angle of the palm, in radians.
     """
-    yaw = mean_angle(np.arctan2(p_GT[:, 1], p_GT[:, 0]) - finger_azimuths)
+    goals = (p_GT[:, 0] + 1j * p_GT[:, 1]) * np.exp(-1j * finger_azimuths)
+    yaw = float(np.angle(np.sum(goals)))
     low, high = yaw_range
     return max(low, min(before + math.remainder(yaw - before, 2 * math.pi), high))
 

@@ -7,12 +7,7 @@ from functools import partial
 import numpy as np
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.contacts.goal_limits import (
-    ContactLimits,
-    judged_goals,
-    limited_goals,
-    with_returning_contacts,
-)
+from drake_pregrasp.contacts import goal_limits
 from drake_pregrasp.contacts.selection_input import (
     ContactGoals,
     GoalFunction,
@@ -119,7 +114,7 @@ def select_contacts(
     *,
     best_point: bool = False,
     in_turns: bool = False,
-    limits: ContactLimits | None = None,
+    limits: goal_limits.ContactLimits | None = None,
     choose: GoalFunction | None = None,
 ) -> ContactGoals:
     """Moves each contact to the weighted centroid of its safe region, projected onto the surface.
@@ -135,7 +130,7 @@ def select_contacts(
         limits: Limits on the goals.
         choose: A faster implementation of `region_goals`, or of `best_points`, with that strategy.
     """
-    limits = limits or ContactLimits()
+    limits = limits or goal_limits.ContactLimits()
     regions = selection.regions
     if choose is None:
         choose = partial(best_points if best_point else region_goals, strategy=strategy)
@@ -152,13 +147,13 @@ def select_contacts(
         for i in movers[barred].tolist():  # The nearest candidate replaces a forbidden goal.
             points = selection.surface.p_OQ[regions.members(i)]
             goals[i] = points[np.argmin(np.linalg.norm(points - goals[i], axis=1))]
-    limited = limited_goals(selection, goals, limits)
+    limited = goal_limits.limited_goals(selection, goals, limits)
     if limits.recover:
-        limited = with_returning_contacts(selection, limited, limits.max_step)
+        limited = goal_limits.with_returning_contacts(selection, limited, limits.max_step)
     on_patches = selection.active
     if limited is not goals:
         on_patches = on_patches & (limited == goals).all(axis=1)
-    return judged_goals(selection, limited, on_patches, limits)
+    return goal_limits.judged_goals(selection, limited, on_patches, limits)
 
 
 def verify_contacts(surface: ObjectSurface, goals: ContactGoals) -> None:

@@ -10,7 +10,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import min_weight_margin
 from drake_pregrasp.quality.grasp_quality import grasp_quality
-from drake_pregrasp.regions.independent_regions import slip_radii_within
+from drake_pregrasp.regions.independent_regions import SlipRadii, slip_radii_within
 
 GUARDS = ("q_msv", "q_gii", "q_vew", "margin")
 """Measures that can be guarded: those of the complete grasp matrix, and the margin."""
@@ -23,7 +23,10 @@ _REMEMBERED = 8  # Margins in the cache. Contacts that stay have that of the pre
 
 
 def guard_measure(
-    names: Sequence[str], friction: float, independent_radius: float = 0.0
+    names: Sequence[str],
+    friction: float,
+    independent_radius: float = 0.0,
+    slip_radii: SlipRadii = slip_radii_within,
 ) -> Measure | None:
     """Returns the named measures as one function, or None if there are none.
 
@@ -34,6 +37,7 @@ def guard_measure(
         friction: Coulomb's coefficient, for the margin.
         independent_radius: If above 0, how far each contact may slip is a measure, too, up to this
             radius, in metres.
+        slip_radii: Implementation of `slip_radii_within`.
 
     Raises:
         InvalidArgumentError: If a name is not in `GUARDS`.
@@ -56,7 +60,7 @@ def guard_measure(
             quality = grasp_quality(p_CoMC)
             yield from (getattr(quality, name) for name in of_the_matrix)
         if independent_radius > 0:
-            yield from slip_radii_within(surface, p_OC, nhat, independent_radius, friction)
+            yield from slip_radii(surface, p_OC, nhat, independent_radius, friction)
         if "margin" in names:
             yield margin(p_CoMC.tobytes(), nhat.tobytes())
 

@@ -2,13 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
 
 import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn
-from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.errors import Lack, NoGraspError
 from drake_pregrasp.geometry.mesh_surface import INTRUSION, mean_slopes
 from drake_pregrasp.geometry.solids import SignedDistance
 from drake_pregrasp.geometry.surface import ObjectSurface
@@ -31,36 +30,9 @@ _FINGER = 0.25  # Gain of one more finger, which shares the load.
 _LOAD = 0.5  # Gain of strength for the object's weight once more, up to `_STRONG` times.
 _TURN = 0.05  # Cost of a palm that turns by a radian.
 _STRONG = 2.0
+_NEIGHBOURS = 8  # Number of places near each contact that may hold more of the weight.
+_ENOUGH = 1.1  # Strength for the object's weight at which fingers that hold too little stop.
 _AWAY = -1  # Seat of a finger that stays away.
-
-
-class Lack(StrEnum):
-    """Property that a grasp needs and that is missing.
-
-    Attributes:
-        REACH: Too few fingers reach the allowed surface.
-        OPENING: Fingers reach the object, but not two opposite sides of it at once.
-        ROOM: Fingertips in reach have no room beside each other, obstacles and the object.
-        FRICTION: Contacts have no force closure, or do not hold the weight.
-    """
-
-    REACH = "reach"
-    OPENING = "opening"
-    ROOM = "room"
-    FRICTION = "friction"
-
-
-class NoGraspError(InvalidArgumentError):
-    """A hand has no start contacts on an object.
-
-    Args:
-        lack: What is missing.
-        detail: What there is instead.
-    """
-
-    def __init__(self, lack: Lack, detail: str) -> None:
-        super().__init__(f"no grasp for lack of {lack}: {detail}")
-        self.lack = lack
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,6 +121,8 @@ def choose_start_contacts(
         raise coarse.lack()
     best = max(grasps, key=lambda grasp: (grasp.load >= 1, grasp.score))
     if best.load < 1:
+        best = fine.strengthened(max(grasps, key=lambda grasp: grasp.load))
+    if best.load < 1:
         held = f"hold {best.load:.2g} of its weight with friction {hand.friction:g}"
         raise NoGraspError(Lack.FRICTION, f"the best contacts {held}")
     return fine.contacts_of(best)
@@ -200,8 +174,9 @@ class _Search:
         limits = hand.constraints_at(hand.yaw)
         self._hand, self._n, self._sweeps = hand, len(hand.azimuths), sweeps
         self._p, self._normals = surface.p_OQ[index], surface.nhat_OQ[index]
-        self._arms, self._up = self._p - surface.p_OCoM, hand.R_AO[2]
-        self._height = float(surface.p_OCoM @ self._up)
+        self._p_OCoM, self._up = surface.p_OCoM, hand.R_AO[2]
+        self._arms = self._p - self._p_OCoM
+        self._height = float(self._p_OCoM @ self._up)
         # Centres of fingertips at the contact, half-way to the standoff, and there.
         self._ways = [
             self._p + (limits.tip_radii[:, None, None] + share * limits.standoff) * self._normals
@@ -246,7 +221,8 @@ class _Search:
         home. Contacts on edges and on thin parts cost more.
         """
         home = self._across(self._hand.p_OT_at(yaw))
-        radius = float(np.mean(np.linalg.norm(home, axis=1)))
+        from_axis = home - self._across(self._p_OCoM)
+        radius = float(np.mean(np.linalg.norm(from_axis, axis=1)))
         away = self._ways[0] - home[:, None] - self._height * self._up
         costs: FloatArray = _COMFORT * np.linalg.norm(away, axis=2) / radius
         return costs + _FLAT * self._slopes
@@ -340,17 +316,40 @@ class _Search:
         if trial.margin <= 0:
             return None
         seated, seats = trial.seated, trial.seats[trial.seated]
-        load = largest_load(
-            self._arms[seats],
-            self._normals[seats],
-            hand.friction,
-            wrench=hand.wrench,
-            normal_forces=hand.normal_forces[:, seated],
-        )
+        load = self._load(trial.seats)
         discomfort = float(np.sum(self.discomforts_at(trial.yaw)[seated, seats]))
         score = trial.margin + _LOAD * min(load, _STRONG) + _FINGER * len(seated)
         score -= discomfort / self._n + _TURN * abs(trial.yaw - hand.yaw)
         return replace(trial, load=load, score=score)
+
+    def strengthened(self, trial: _Trial) -> _Trial:
+        """Returns a grasp whose fingers moved to nearby places that hold more of the weight.
+
+        The margin does not know the weight, which can leave the strongest places just beside those
+        with the best margin. If force closure is lost on the way, the grasp stays as it is.
+        """
+        free = self.limits_at(trial.yaw) == Limit.NONE
+        before, strong = 0.0, trial
+        while before < strong.load < _ENOUGH:
+            before = strong.load
+            for finger in strong.seated.tolist():
+                room = np.flatnonzero(free[finger] & self._has_room(finger, strong.seats))
+                gaps = np.linalg.norm(self._p[room] - self._p[strong.seats[finger]], axis=1)
+                for seat in room[np.argsort(gaps)[:_NEIGHBOURS]].tolist():
+                    seats = np.where(np.arange(self._n) == finger, seat, strong.seats)
+                    if (load := self._load(seats)) > strong.load:
+                        strong = replace(strong, seats=seats, load=load)
+        return self._judged(strong) or trial
+
+    def _load(self, seats: IntArray) -> float:
+        fingers = np.flatnonzero(seats != _AWAY)
+        return largest_load(
+            self._arms[seats[fingers]],
+            self._normals[seats[fingers]],
+            self._hand.friction,
+            wrench=self._hand.wrench,
+            normal_forces=self._hand.normal_forces[:, fingers],
+        )
 
     def _margin(self, seats: IntArray) -> float:
         taken = seats[seats != _AWAY]

@@ -30,12 +30,8 @@ from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.contacts.centroids import position_tracking
 from drake_pregrasp.contacts.selection_input import SelectionInput, WeightFunction
 from drake_pregrasp.errors import InvalidArgumentError
+from drake_pregrasp.quality import grasp_quality
 from drake_pregrasp.quality.force_closure import FRICTION, moved_least_norm_margin
-from drake_pregrasp.quality.grasp_quality import (
-    CONTACT_MODELS,
-    characteristic_length,
-    contact_blocks,
-)
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.regions.independent_regions import LEAST_MARGIN, slip_radii
 
@@ -81,15 +77,15 @@ def singular_values(
         length: Unit of the lever arms, in metres; 0 for the default of `characteristic_length`.
     """
     surface, members = selection.surface, selection.regions.members(i)
-    unit = characteristic_length(length, contact_model, surface.longest_lever_arm)
+    unit = grasp_quality.characteristic_length(length, contact_model, surface.longest_lever_arm)
     q = (surface.p_OQ[members] - surface.p_OCoM) / unit
-    A = contact_blocks(q, surface.nhat_OQ[members], contact_model)
+    A = grasp_quality.contact_blocks(q, surface.nhat_OQ[members], contact_model)
     GGT = A @ A.swapaxes(1, 2)
     if reading == "hand":
         others = np.flatnonzero(selection.active)
         p_OC = selection.p_OC[others[others != i]]
         r = (p_OC - surface.p_OCoM) / unit
-        A = contact_blocks(r, selection.project(p_OC)[1], contact_model)
+        A = grasp_quality.contact_blocks(r, selection.project(p_OC)[1], contact_model)
         GGT += np.sum(A @ A.swapaxes(1, 2), axis=0)
     squares = np.linalg.eigvalsh(GGT)
     least = 0.0 if contact_model == "complete" else RANK_TOLERANCE
@@ -223,8 +219,8 @@ def make_strategy(
         raise InvalidArgumentError(f"no strategy {name!r}; there are: {', '.join(STRATEGIES)}")
     if reading not in READINGS:
         raise InvalidArgumentError(f"no reading {reading!r}; there are: {', '.join(READINGS)}")
-    if contact_model not in CONTACT_MODELS:
-        models = ", ".join(CONTACT_MODELS)
+    if contact_model not in grasp_quality.CONTACT_MODELS:
+        models = ", ".join(grasp_quality.CONTACT_MODELS)
         raise InvalidArgumentError(f"no contact model {contact_model!r}; there are: {models}")
     if not length >= 0:
         raise InvalidArgumentError(f"length must be at least 0 m, not {length}")

@@ -10,6 +10,7 @@ these return the reference, or None for it.
 | `predicates` | `regions.constraints.Predicates.limits_at` |
 | `projection` | `geometry.surface.ObjectSurface.project` and `project_into` |
 | `weights`, `spectra`, `margins`, `goals` | `contacts.centroids.region_goals` and `best_points` |
+| `margins` | `regions.independent_regions.slip_radii_within` |
 | `pose_steps` | `estimation.pose_filter.filter_step` |
 
 **One description.** A region is an intersection: the weighted Voronoi cell of its contact,
@@ -46,6 +47,7 @@ many times as long to compile.
 """
 
 import functools
+import importlib
 import importlib.util
 import os
 from collections.abc import Mapping
@@ -56,6 +58,7 @@ from drake_pregrasp.contacts.selection_input import GoalFunction
 from drake_pregrasp.estimation.pose_filter import FilterStep
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.regions.constraints import LimitFunction, Predicates
+from drake_pregrasp.regions.independent_regions import SlipRadii, slip_radii_within
 from drake_pregrasp.regions.safe_regions import LabelCandidates
 
 SWITCH = "DRAKE_PREGRASP_FAST"
@@ -68,8 +71,12 @@ def numba_is_installed() -> bool:
     return importlib.util.find_spec("numba") is not None
 
 
-def _is_chosen() -> bool:
-    return numba_is_installed() and os.environ.get(SWITCH) != "0"
+def _compiled(module: str, name: str) -> Any:
+    """Returns what a module of this folder compiles, or None if the reference is chosen."""
+    if not numba_is_installed() or os.environ.get(SWITCH) == "0":
+        return None
+    # Imported only here, because numba takes a third of a second.
+    return getattr(importlib.import_module(f"{__name__}.{module}"), name)
 
 
 def fast_labels(q: FloatArray, nhat: FloatArray) -> LabelCandidates | None:
@@ -79,29 +86,19 @@ def fast_labels(q: FloatArray, nhat: FloatArray) -> LabelCandidates | None:
         q: Candidate points, shape (N, d), in metres.
         nhat: Outward unit normals at the candidates, shape (N, 3).
     """
-    if not _is_chosen():
-        return None
-    from drake_pregrasp.fast.labels import CompactCandidates  # numba takes a third of a second.
-
-    return CompactCandidates(q, nhat).label
+    candidates = _compiled("labels", "CompactCandidates")
+    return candidates(q, nhat).label if candidates else None
 
 
 def fast_surface(surface: ObjectSurface) -> ObjectSurface:
     """Returns a surface whose projection is compiled, or the same surface without numba."""
-    if not _is_chosen():
-        return surface
-    from drake_pregrasp.fast.projection import CompiledSurface
-
-    return CompiledSurface.of(surface)
+    compiled = _compiled("projection", "CompiledSurface")
+    return compiled.of(surface) if compiled else surface
 
 
 def fast_limits() -> LimitFunction:
     """Returns `Predicates.limits_at` compiled, or the reference without numba."""
-    if not _is_chosen():
-        return Predicates.limits_at
-    from drake_pregrasp.fast.predicates import compiled_limits_at
-
-    return compiled_limits_at
+    return _compiled("predicates", "compiled_limits_at") or Predicates.limits_at
 
 
 def fast_goals(
@@ -114,17 +111,16 @@ def fast_goals(
         weights: Weights of the strategies in a blend, by name; one for a single strategy.
         options: Arguments of `make_blend`, and `best_point`.
     """
-    if not _is_chosen():
-        return None
-    from drake_pregrasp.fast.goals import CompiledGoals
+    goals = _compiled("goals", "CompiledGoals")
+    return goals(surface, weights, **options) if goals else None
 
-    return CompiledGoals(surface, weights, **options)
+
+def fast_slip_radii() -> SlipRadii:
+    """Returns `slip_radii_within` of hard fingers compiled, or the reference without numba."""
+    return _compiled("margins", "compiled_slip_radii") or slip_radii_within
 
 
 def fast_filter_step() -> FilterStep | None:
     """Returns `filter_step` compiled, or None without numba."""
-    if not _is_chosen():
-        return None
-    from drake_pregrasp.fast.pose_steps import compiled_filter_step
-
-    return compiled_filter_step
+    step: FilterStep | None = _compiled("pose_steps", "compiled_filter_step")
+    return step

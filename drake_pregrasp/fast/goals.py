@@ -7,12 +7,14 @@ import numpy as np
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.contacts.selection_input import SelectionInput
-from drake_pregrasp.contacts.strategies import MEASURES, finger_measure
+from drake_pregrasp.contacts.strategies import MEASURES
+from drake_pregrasp.fast.predicates import numbers_of, weights_by_measure
 from drake_pregrasp.fast.projection import CompiledSurface
 from drake_pregrasp.fast.weights import KINDS, weighted_goals
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.force_closure import FRICTION
 from drake_pregrasp.quality.grasp_quality import characteristic_length
+from drake_pregrasp.regions.constraints import RADIUS
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 
 GivenWeights = Callable[[SelectionInput, IntArray, IntArray, BoolArray], FloatArray]
@@ -56,7 +58,8 @@ class CompiledGoals:
         for name in shares:
             given: GivenWeights
             if name in FINGER_MEASURES:
-                given = partial(_finger_measures, name)
+                places = np.array(surface.p_OQ, order="C"), np.array(surface.nhat_OQ, order="C")
+                given = partial(_finger_measures, FINGER_MEASURES.index(name), places)
             elif name in MEASURES and contact_model != "complete":  # Compiled only if needed.
                 from drake_pregrasp.fast.spectra import MeasureWeights
 
@@ -109,9 +112,15 @@ class CompiledGoals:
 
 
 def _finger_measures(
-    name: str, selection: SelectionInput, contacts: IntArray, labels: IntArray, _: BoolArray
+    measure: int,
+    places: tuple[FloatArray, FloatArray],
+    selection: SelectionInput,
+    contacts: IntArray,
+    labels: IntArray,
+    active: BoolArray,
 ) -> FloatArray:
-    measures = np.zeros(len(labels))
-    for i in contacts.tolist():
-        measures[selection.regions.members(i)] = finger_measure(selection, i, name=name)
-    return measures
+    predicates = selection.regions.predicates
+    hand, radii = numbers_of(predicates.known_finger_measures), predicates.contacts[:, RADIUS]
+    labels = np.where(np.isin(labels, contacts), labels, -1)  # Others do not move now.
+    weights: FloatArray = weights_by_measure(hand, measure, np.array(radii), labels, *places)
+    return weights

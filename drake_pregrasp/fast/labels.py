@@ -126,41 +126,31 @@ def limit_of_region(  # type: ignore[no-untyped-def]
                         nearest, cell, nearest_place = square, cells[k], places[k]
         if here == 0:
             continue
-        cutting, near_solids, near_points = lists
+        cutting, near_lists = lists
         over, reach, power = scratch
         count = cutting_half_spaces(
             normals, bounds, slack, c[i], boxes[block], over, reach, cutting, True
         )
         before = -1
-        for place in range(count + 1):
+        for number in range(count + 1):
             key = -1
-            if place < count:
-                key = limits[cutting[place]] * width + causes[cutting[place]] + 1
+            if number < count:
+                key = limits[cutting[number]] * width + causes[cutting[number]] + 1
             if key != before:
                 if before >= 0:
                     for k in range(start, stop):
                         counts[before] += excluded[k - start] and cells[k] == i
                 excluded[:] = False
                 before = key
-            if place < count:
-                j = cutting[place]
+            if number < count:
+                j = cutting[number]
                 exclude(normals, bounds, j, c[i], q, start, stop, power, excluded)
         box = box_of(boxes[block], d)
-        num_solids, num_points = near_obstacles(
-            contact, box, shared, near_solids, near_points, over
-        )
+        near = near_obstacles(contact, box, shared, near_lists, over)
         for k in range(start, stop):
             if cells[k] == i:
-                limit, cause = limit_of_point(
-                    i,
-                    contact,
-                    (q[0, k], q[1, k], q[2, k]),
-                    (nhat[0, k], nhat[1, k], nhat[2, k]),
-                    shared,
-                    near_solids[:num_solids],
-                    near_points[:num_points],
-                    True,
-                )
+                place, normal = (q[0, k], q[1, k], q[2, k]), (nhat[0, k], nhat[1, k], nhat[2, k])
+                limit, cause = limit_of_point(i, contact, place, normal, shared, near, True)
                 if limit != _NONE:
                     by_points[limit * width + cause + 1] += 1
     best, most = 0, 0
@@ -220,7 +210,7 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, s
     least, power, excluded = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK, dtype=np.bool_)
     most = max(m, len(points))
     over, reach, cutting = np.empty(most), np.empty(most), np.empty(most + 1, dtype=np.int64)
-    near_solids, near_points = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
+    near_lists = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
     owns, is_free = np.empty(n, dtype=np.bool_), np.empty(n, dtype=np.bool_)
     extent, slack, limiting = 0.0, np.empty((n, m)), np.max(hand[4]) > 0.0
     for i in range(n):
@@ -266,25 +256,19 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, s
                 continue
             box = box_of(boxes[block], d)
             reached = reach_of_box(contacts[i], box, standoff)
-            num_solids, num_points = near_obstacles(
-                contacts[i], box, shared, near_solids, near_points, over
-            )
-            near = num_solids + num_points > 0
-            if reached == 1 and not (near or limiting or is_closed(contacts[i])):
+            near = near_obstacles(contacts[i], box, shared, near_lists, over)
+            is_near = len(near[0]) + len(near[1]) > 0
+            if reached == 1 and not (is_near or limiting or is_closed(contacts[i])):
                 continue
             for k in range(size):
-                if owners[k] == i and (
+                if owners[k] != i:
+                    continue
+                j = start + k
+                place, normal = (q[0, j], q[1, j], q[2, j]), (nhat[0, j], nhat[1, j], nhat[2, j])
+                check = reached == 0
+                if (
                     reached < 0
-                    or limit_of_point(
-                        i,
-                        contacts[i],
-                        (q[0, start + k], q[1, start + k], q[2, start + k]),
-                        (nhat[0, start + k], nhat[1, start + k], nhat[2, start + k]),
-                        shared,
-                        near_solids[:num_solids],
-                        near_points[:num_points],
-                        reached == 0,
-                    )[0]
+                    or limit_of_point(i, contacts[i], place, normal, shared, near, check)[0]
                     != _NONE
                 ):
                     owners[k] = NO_REGION
@@ -295,18 +279,10 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, s
     limits, causes = np.full(n, _NONE), np.full(n, NO_CAUSE)
     for i in range(n):
         if sizes[i] < few and half_power[i] < np.inf:
+            own = by_axis[i], bounds[i], slack[i], by_limit, by_cause
+            scratch, lists = (over, reach, power), (cutting, near_lists)
             limits[i], causes[i] = limit_of_region(
-                i,
-                blocks,
-                cells,
-                c,
-                same_side,
-                few,
-                (by_axis[i], bounds[i], slack[i], by_limit, by_cause),
-                contacts[i],
-                shared,
-                (over, reach, power),
-                (cutting, near_solids, near_points),
+                i, blocks, cells, c, same_side, few, own, contacts[i], shared, scratch, lists
             )
     return labels, limits, causes
 

@@ -8,12 +8,13 @@ places. Elements of M stand for a group of places each, so that loops run over p
 import math
 
 import numpy as np
+from scipy.spatial.distance import cdist
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.contacts.selection_input import SelectionInput
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import CONE_EDGES, GRAM_RANK_TOLERANCE, balance_blocks
+from drake_pregrasp.quality.force_closure import CONE_EDGES, GRAM_RANK_TOLERANCE, longest_arm
 from drake_pregrasp.regions.independent_regions import LEAST_MARGIN, slip_radii
 
 GROUP = 64
@@ -155,6 +156,50 @@ def hand_margins(contacts, labels, active, P_C, P_Q, friction):  # type: ignore[
     return margins
 
 
+@compiled("f8[:,::1](f8[:,:], f8[:,:], f8)")
+def contact_rows(r, nhat, arm):  # type: ignore[no-untyped-def]
+    """Returns P of hard fingers, shape (k, 21), as `balance_blocks`, with torques over an arm."""
+    rows = np.zeros((len(r), 21))
+    for k in range(len(r)):
+        x, y, z = nhat[k, 0], nhat[k, 1], nhat[k, 2]
+        # The first tangent is nhat x e / |nhat x e| with the axis e least along nhat.
+        if abs(x) <= abs(y) and abs(x) <= abs(z):
+            t = (0.0, z, -y)
+        elif abs(y) <= abs(z):
+            t = (-z, 0.0, x)
+        else:
+            t = (y, -x, 0.0)
+        norm = math.sqrt(t[0] * t[0] + t[1] * t[1] + t[2] * t[2])
+        t = (t[0] / norm, t[1] / norm, t[2] / norm)
+        o = (z * t[1] - y * t[2], x * t[2] - z * t[0], y * t[0] - x * t[1])
+        for column, axis in enumerate(((-x, -y, -z), t, o)):
+            for row in range(3):
+                i, j = (row + 1) % 3, (row + 2) % 3
+                rows[k, 3 * row + column] = axis[row]
+                torque = r[k, i] * axis[j] - r[k, j] * axis[i]
+                rows[k, 9 + 3 * row + column] = torque / arm
+        rows[k, 18] = 1.0
+    return rows
+
+
+def compiled_slip_radii(
+    surface: ObjectSurface, p_OC: FloatArray, nhat_OC: FloatArray, radius: float, friction: float
+) -> FloatArray:
+    """Returns how far each of n contacts may slip, shape (n,), as `slip_radii_within`."""
+    n, distances = len(p_OC), cdist(p_OC, surface.p_OQ)
+    moved, near = np.nonzero(distances < radius)
+    # The contacts themselves come first.
+    r = np.concatenate([p_OC, surface.p_OQ[near]]) - surface.p_OCoM
+    slips = np.append(np.zeros(n), distances[moved, near])
+    moved = np.append(np.arange(n), moved)
+    rows = contact_rows(r, np.concatenate([nhat_OC, surface.nhat_OQ[near]]), longest_arm(r))
+    P_C = rows[:n].reshape(n, 7, 3, 1)
+    bounds = hand_margins(np.arange(n), moved, np.ones(n, bool), P_C, rows, float(friction))
+    radii, is_open = np.full(n, float(radius)), bounds <= LEAST_MARGIN
+    np.minimum.at(radii, moved[is_open], slips[is_open])
+    return radii
+
+
 class MarginWeights:
     """Weights of the strategies `margin` and `independence`: a `GivenWeights` of `goals`.
 
@@ -167,16 +212,14 @@ class MarginWeights:
     def __init__(self, surface: ObjectSurface, friction: float, *, slips: bool) -> None:
         self._surface, self._friction, self._slips = surface, friction, slips
         self._arm, q = surface.longest_lever_arm, surface.p_OQ - surface.p_OCoM
-        P_Q = balance_blocks(q, surface.nhat_OQ, "hard_finger", self._arm)
-        self._P_Q = np.ascontiguousarray(P_Q.reshape(21, -1).T)
+        self._P_Q = contact_rows(q, np.array(surface.nhat_OQ), self._arm)
 
     def __call__(
         self, selection: SelectionInput, contacts: IntArray, labels: IntArray, active: BoolArray
     ) -> FloatArray:
         """Returns the weights, shape (N,); see `GivenWeights`."""
         r, nhat = selection.p_OC - self._surface.p_OCoM, selection.project(selection.p_OC)[1]
-        P_C = balance_blocks(r, nhat, "hard_finger", self._arm)
-        P_C = np.ascontiguousarray(P_C.transpose(2, 0, 1))[..., None]
+        P_C = contact_rows(r, nhat, self._arm).reshape(-1, 7, 3, 1)
         common = active, P_C, self._P_Q, self._friction
         if not self._slips:
             bounds: FloatArray = hand_margins(contacts, labels, *common)

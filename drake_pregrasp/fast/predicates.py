@@ -29,7 +29,6 @@ _HAND = "Tuple((f8[:,::1], f8[:,::1], f8[:,:,:,:,::1], f8[:,::1], f8[::1], f8[:,
 SHARED = f"Tuple((f8[:,::1], f8[:,::1], f8, f8, {_HAND}))"
 """Types of what the contacts share; see `shared_arrays`."""
 
-_UNKNOWN = FingerMeasures(*(np.zeros(shape) for shape in ((0, 3), (0, 3), 5 * (0,), (0, 0))))
 _ABOVE = 1 + 1e-9  # Decisions about blocks must not be reversed by rounding.
 
 
@@ -95,9 +94,7 @@ def finger_measures_of(finger, hand, tip, nhat):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def limit_of_point(  # type: ignore[no-untyped-def]
-    i, contact, q, nhat, shared, near_solids, near_points, check_reach
-):
+def limit_of_point(i, contact, q, nhat, shared, near, check_reach):  # type: ignore[no-untyped-def]
     """Returns the limit and cause of one point for one contact, as `Predicates.limits_at`.
 
     Args:
@@ -106,11 +103,11 @@ def limit_of_point(  # type: ignore[no-untyped-def]
         q: Point, three numbers in metres.
         nhat: Outward unit normal at the point, three numbers.
         shared: What the contacts share; see `shared_arrays`.
-        near_solids: Indices of the solids to be tested, ascending.
-        near_points: Indices of the obstacle points to be tested, ascending.
+        near: Indices of the solids and of the obstacle points to be tested, ascending.
         check_reach: Whether the reach is tested.
     """
     (x, y, z), (nx, ny, nz), (solids, points, clearance, standoff, hand) = q, nhat, shared
+    near_solids, near_points = near
     ax, ay, az = abs(nx), abs(ny), abs(nz)
     if ax >= ay and ax >= az:
         face, along = 0, nx
@@ -156,10 +153,8 @@ def limit_of_point(  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def near_obstacles(  # type: ignore[no-untyped-def]
-    contact, box, shared, near_solids, near_points, gaps
-):
-    """Writes which obstacles a fingertip may touch from a box of points; returns their numbers.
+def near_obstacles(contact, box, shared, lists, gaps):  # type: ignore[no-untyped-def]
+    """Returns the indices of solids and obstacle points that tips may touch from a box of points.
 
     Distances change no faster than points. Tips that touch points of the box are near the tip that
     would touch its middle.
@@ -168,12 +163,11 @@ def near_obstacles(  # type: ignore[no-untyped-def]
         contact: Row of the contact.
         box: Midpoint of the points (3), of their normals (3), and the radii of both.
         shared: What the contacts share; see `shared_arrays`.
-        near_solids: Indices of the solids, which are written.
-        near_points: Indices of the obstacle points, which are written.
+        lists: Memory for the indices of all solids, and for those of all obstacle points.
         gaps: Memory for a number of each point.
     """
     (x, y, z, nx, ny, nz, size, turn), (solids, points, clearance, standoff, _) = box, shared
-    radius = contact[RADIUS]
+    radius, (near_solids, near_points) = contact[RADIUS], lists
     room = (radius + clearance + size + (radius + standoff) * turn) * _ABOVE
     shares = _SHARES if standoff > 0.0 else 1
     num_solids, num_points = 0, 0
@@ -193,7 +187,7 @@ def near_obstacles(  # type: ignore[no-untyped-def]
     for j in range(len(points)):
         near_points[num_points] = j
         num_points += gaps[j] <= 0.0
-    return num_solids, num_points
+    return near_solids[:num_solids], near_points[:num_points]
 
 
 @compiled()
@@ -238,26 +232,38 @@ def limits_of_points(contacts, shared, which, q, nhat):  # type: ignore[no-untyp
     """Returns the limit and cause of each point for its contact, as `Predicates.limits_at`."""
     solids, points, _, _, _ = shared
     limits, causes = np.empty(len(q), dtype=np.int64), np.empty(len(q), dtype=np.int64)
-    near_solids, near_points = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
+    lists = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
     gaps = np.empty(len(points))
     for k in range(len(q)):
-        contact = contacts[which[k]]
+        i, contact = which[k], contacts[which[k]]
         place, normal = (q[k, 0], q[k, 1], q[k, 2]), (nhat[k, 0], nhat[k, 1], nhat[k, 2])
         box = (q[k, 0], q[k, 1], q[k, 2], nhat[k, 0], nhat[k, 1], nhat[k, 2], 0.0, 0.0)
-        num_solids, num_points = near_obstacles(
-            contact, box, shared, near_solids, near_points, gaps
-        )
-        limits[k], causes[k] = limit_of_point(
-            which[k],
-            contact,
-            place,
-            normal,
-            shared,
-            near_solids[:num_solids],
-            near_points[:num_points],
-            True,
-        )
+        near = near_obstacles(contact, box, shared, lists, gaps)
+        limits[k], causes[k] = limit_of_point(i, contact, place, normal, shared, near, True)
     return limits, causes
+
+
+@compiled(f"f8[::1]({_HAND}, i8, f8[::1], i8[::1], f8[:,::1], f8[:,::1])")
+def weights_by_measure(hand, measure, radii, labels, q, nhat):  # type: ignore[no-untyped-def]
+    """Returns a measure of the finger in whose region each candidate is, as `finger_measure`.
+
+    Args:
+        hand: Attributes of the hand's `FingerMeasures`; see `numbers_of`.
+        measure: Index of the measure.
+        radii: Radius of each fingertip, in metres.
+        labels: Index of the finger of each candidate; below 0 for none.
+        q: Candidates in O, in metres.
+        nhat: Their outward unit normals.
+    """
+    weights = np.zeros(len(q))
+    for n in range(len(q)):
+        i, normal = labels[n], (nhat[n, 0], nhat[n, 1], nhat[n, 2])
+        if i >= 0:
+            x, y, z = normal
+            tip = (q[n, 0] + radii[i] * x, q[n, 1] + radii[i] * y, q[n, 2] + radii[i] * z)
+            value = finger_measures_of(i, hand, tip, normal)[measure]
+            weights[n] = 0.0 if math.isnan(value) else value
+    return weights
 
 
 def shared_arrays(predicates: Predicates) -> tuple[Any, ...]:
@@ -265,10 +271,20 @@ def shared_arrays(predicates: Predicates) -> tuple[Any, ...]:
 
     If these are unknown, none of them limits.
     """
-    hand = vars(predicates.finger_measures or _UNKNOWN).values()
-    numbers = tuple(np.require(part, float, ("C", "W")) for part in hand)
+    measures = predicates.finger_measures
+    numbers = _NO_MEASURES if measures is None else numbers_of(measures)
     around = predicates.solids, predicates.points, predicates.clearance, predicates.standoff
     return *around, numbers
+
+
+def numbers_of(measures: FingerMeasures) -> tuple[FloatArray, ...]:
+    """Returns the attributes of measures in the types of the compiled functions."""
+    return tuple(np.require(part, float, ("C", "W")) for part in vars(measures).values())
+
+
+_NO_MEASURES = numbers_of(
+    FingerMeasures(*(np.zeros(shape) for shape in ((0, 3), (0, 3), 5 * (0,), (0, 0))))
+)
 
 
 def compiled_limits_at(

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray, norms
 from drake_pregrasp.errors import InvalidArgumentError
 
 
@@ -190,10 +190,17 @@ class PlacedSolid(Solid):
 
 
 def moved_rows(rows: FloatArray, R_GF: FloatArray, p_GF: FloatArray) -> FloatArray:
-    """Returns rows of solids expressed in a frame G, shape (s, 19); see `Solid.moved`."""
+    """Returns rows of solids expressed in frames G, shape (..., s, 19); see `Solid.moved`.
+
+    Args:
+        rows: Row of each solid for `rounded_box_distances`, shape (..., s, 19).
+        R_GF: Orientations of F, shape (..., 3, 3).
+        p_GF: Positions of F, shape (..., 3), in metres.
+    """
     moved = rows.copy()
-    moved[:, :3] = rows[:, :3] @ R_GF.T + p_GF
-    moved[:, 3:12] = (R_GF @ rows[:, 3:12].reshape(-1, 3, 3)).reshape(-1, 9)
+    moved[..., :3] = rows[..., :3] @ R_GF.swapaxes(-1, -2) + p_GF[..., None, :]
+    axes = R_GF[..., None, :, :] @ rows[..., 3:12].reshape(*rows.shape[:-1], 3, 3)
+    moved[..., 3:12] = axes.reshape(*rows.shape[:-1], 9)
     return moved
 
 
@@ -210,8 +217,8 @@ def rounded_box_distances(row: FloatArray, p_FP: FloatArray) -> FloatArray:
     """
     p_BP = (p_FP - row[:3]) @ row[3:12].reshape(3, 3)
     beyond = np.maximum(p_BP - row[15:18], row[12:15] - p_BP)
-    outside = np.linalg.norm(np.maximum(beyond, 0), axis=1)
-    distances: FloatArray = outside + np.minimum(np.max(beyond, axis=1), 0) - row[18]
+    inside = np.minimum(np.maximum.reduce(beyond, axis=1), 0)
+    distances: FloatArray = norms(np.maximum(beyond, 0)) + inside - row[18]
     return distances
 
 

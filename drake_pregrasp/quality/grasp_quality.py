@@ -115,12 +115,13 @@ def contact_axes(nhat: FloatArray) -> FloatArray:
     return np.stack([-nhat, t, np.cross(-nhat, t)], axis=-1)
 
 
+# Row k holds [e_k]x, row-major.
+_CROSS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2).reshape(3, 9)
+
+
 def skew(r: FloatArray) -> FloatArray:
     """Returns [r]x with [r]x a = r x a, shape (..., 3, 3), of vectors, shape (..., 3)."""
-    x, y, z = r[..., 0], r[..., 1], r[..., 2]
-    matrices = np.zeros((*r.shape, 3))
-    matrices[..., 2, 1], matrices[..., 0, 2], matrices[..., 1, 0] = x, y, z
-    matrices[..., 1, 2], matrices[..., 2, 0], matrices[..., 0, 1] = -x, -y, -z
+    matrices: FloatArray = (r @ _CROSS).reshape(*r.shape, 3)
     return matrices
 
 

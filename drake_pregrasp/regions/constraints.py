@@ -139,6 +139,17 @@ class Predicates:
     standoff: float
     finger_measures: FingerMeasures | None = None
 
+    @property
+    def known_finger_measures(self) -> FingerMeasures:
+        """Measures of the fingers.
+
+        Raises:
+            InvalidArgumentError: If they are unknown.
+        """
+        if self.finger_measures is None:
+            raise InvalidArgumentError(f"{', '.join(FINGER_MEASURES)} need the fingers of a hand")
+        return self.finger_measures
+
     def finger_measures_at(
         self, contacts: IntArray, points: FloatArray, normals: FloatArray
     ) -> FloatArray:
@@ -148,14 +159,9 @@ class Predicates:
             contacts: As for `limits_at`, as the other arguments.
             points: Points in O.
             normals: Outward unit normals.
-
-        Raises:
-            InvalidArgumentError: If the measures of the fingers are unknown.
         """
-        if self.finger_measures is None:
-            raise InvalidArgumentError(f"{', '.join(FINGER_MEASURES)} need the fingers of a hand")
         p_OT = points + self.contacts[contacts, RADIUS, None] * normals
-        return self.finger_measures.at(contacts, p_OT, normals)
+        return self.known_finger_measures.at(contacts, p_OT, normals)
 
     def limits_at(
         self, contacts: IntArray, points: FloatArray, normals: FloatArray
@@ -303,18 +309,18 @@ class RegionConstraints:
             for area in areas:
                 row[CLOSED.start + _FACES.index(area.face)] = 1.0
         times = (self.obstacles, *self.later)
-        solids = [
-            [*solid.rounded_box(), index]
-            for index, solids in enumerate(zip(*(o.solids for o in times), strict=True))
-            for solid in solids
-        ]
-        first, parts = len(self.obstacles.solids), [o.points for o in times]
-        points = np.concatenate(
-            [np.c_[p.points, p.radii, first + np.arange(len(p))] for p in parts]
-        )
+        solids = np.array([[solid.rounded_box() for solid in o.solids] for o in times])
+        solids = solids.reshape(len(times), -1, 19).swapaxes(0, 1)
+        indices = np.arange(len(solids)).repeat(len(times))
+        points = np.empty((0, 5))
+        if len(self.obstacles.points):
+            at_times, first = [o.points for o in times], len(solids)
+            points = np.concatenate(
+                [np.c_[p.points, p.radii, first + np.arange(len(p))] for p in at_times]
+            )
         return Predicates(
             rows,
-            np.array(solids).reshape(-1, 20),
+            np.column_stack([solids.reshape(-1, 19), indices]),
             points[np.argsort(points[:, 4], kind="stable")],
             self.clearance,
             self.standoff,

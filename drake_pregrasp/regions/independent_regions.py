@@ -7,16 +7,14 @@ force closure. Slips are straight distances, so a contact that slips over the su
 edge, slips farther. Candidates sample the places where it may slip to.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from scipy.spatial import cKDTree
 
 from drake_pregrasp.arrays import BoolArray, FloatArray, IntArray
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.quality.force_closure import (
-    TORSIONAL_FRICTION,
-    least_norm_margin,
-    min_weight_margin,
-)
+from drake_pregrasp.quality import force_closure
 from drake_pregrasp.regions.safe_regions import SafeRegions
 
 LEAST_MARGIN = 1e-7
@@ -31,7 +29,7 @@ def force_closed_share(
     generator: np.random.Generator,
     samples: int = 100,
     model: str = "hard_finger",
-    torsional_friction: float = TORSIONAL_FRICTION,
+    torsional_friction: float = force_closure.TORSIONAL_FRICTION,
 ) -> float:
     """Returns the share of sampled choices, one candidate per region, with force closure.
 
@@ -61,12 +59,12 @@ def force_closed_share(
     picks = np.stack(chosen, axis=1)
     p_CoMC: FloatArray = surface.p_OQ[picks] - surface.p_OCoM
     nhat = surface.nhat_OQ[picks]
-    bound = least_norm_margin(
+    bound = force_closure.least_norm_margin(
         p_CoMC, nhat, friction, model=model, torsional_friction=torsional_friction
     )
     closed = bound > LEAST_MARGIN
     for index in np.flatnonzero(~closed & np.isfinite(bound)):
-        margin = min_weight_margin(
+        margin = force_closure.min_weight_margin(
             p_CoMC[index], nhat[index], friction, model=model, torsional_friction=torsional_friction
         )
         closed[index] = margin > LEAST_MARGIN
@@ -100,7 +98,7 @@ def slip_radii_within(
     friction: float,
     *,
     model: str = "hard_finger",
-    torsional_friction: float = TORSIONAL_FRICTION,
+    torsional_friction: float = force_closure.TORSIONAL_FRICTION,
 ) -> FloatArray:
     """Returns how far each of n contacts may slip until force closure is lost, shape (n,).
 
@@ -124,7 +122,7 @@ def slip_radii_within(
         places[i][1:, i], normals[i][1:, i] = surface.p_OQ[near], surface.nhat_OQ[near]
     if not slips:
         return np.empty(0)
-    bound = least_norm_margin(
+    bound = force_closure.least_norm_margin(
         np.concatenate(places) - surface.p_OCoM,
         np.concatenate(normals),
         friction,
@@ -135,3 +133,7 @@ def slip_radii_within(
     return np.array(
         [np.min(slip[~closed], initial=radius) for slip, closed in zip(slips, own, strict=True)]
     )
+
+
+SlipRadii = Callable[[ObjectSurface, FloatArray, FloatArray, float, float], FloatArray]
+"""An implementation of `slip_radii_within` for hard fingers."""

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from drake_pregrasp.arrays import FARTHEST, FloatArray, are_valid_points
-from drake_pregrasp.geometry.solids import BallSolid, PlacedSolid, moved_rows, nearest_solids
+from drake_pregrasp.arrays import FARTHEST, BoolArray, FloatArray, are_valid_points
+from drake_pregrasp.geometry.solids import BallSolid, PlacedSolid, moved_rows
 from drake_pregrasp.geometry.surface import ForbiddenPoints
 from drake_pregrasp.regions.constraints import Obstacles
 
@@ -11,10 +11,21 @@ ANYWHERE = BallSolid(np.zeros(3), FARTHEST)
 """Replaces an obstacle whose place is unknown: no candidate is clear of it."""
 
 
-def place_obstacles(
-    obstacles: Obstacles, R_GF: FloatArray, p_GF: FloatArray, *, seconds: float = 0.0
-) -> Obstacles:
-    """Returns obstacles at a later time, expressed in a frame G.
+def place_obstacles(obstacles: Obstacles, R_GF: FloatArray, p_GF: FloatArray) -> Obstacles:
+    """Returns obstacles expressed in a frame G; see `obstacles_at_times`.
+
+    Args:
+        obstacles: Obstacles in a frame F.
+        R_GF: Rotation of F in G, shape (3, 3).
+        p_GF: Position of F in G, shape (3,), in metres.
+    """
+    return obstacles_at_times(obstacles, R_GF[None], p_GF[None], np.zeros(1))[0]
+
+
+def obstacles_at_times(
+    obstacles: Obstacles, R_GF: FloatArray, p_GF: FloatArray, seconds: FloatArray
+) -> list[Obstacles]:
+    """Returns obstacles at several times, expressed in a frame G that may move.
 
     Obstacles with numbers that are not finite cannot be constructed. If numbers of an obstacle
     become invalid later, `ANYWHERE` replaces it: all regions are then empty, and the status of the
@@ -22,22 +33,30 @@ def place_obstacles(
 
     Args:
         obstacles: Obstacles in a frame F.
-        R_GF: Rotation of F in G at the later time, shape (3, 3).
-        p_GF: Position of F in G at the later time, shape (3,), in metres.
-        seconds: Seconds from now to the later time.
+        R_GF: Rotation of F in G at each time, shape (t, 3, 3).
+        p_GF: Position of F in G at each time, shape (t, 3), in metres.
+        seconds: Seconds from now to each time, shape (t,).
     """
     rows = np.array([solid.rounded_box() for solid in obstacles.solids]).reshape(-1, 19)
+    rows = np.tile(rows, (len(seconds), 1, 1))
     with np.errstate(all="ignore"):  # Results that are not finite are replaced.
         if len(obstacles.velocities):
-            rows[:, :3] += seconds * obstacles.velocities
-        moved = moved_rows(rows, R_GF, p_GF)
-        known = np.isfinite(nearest_solids(moved, np.zeros((1, 3)))[0][:, 0])
-        points = _placed_points(obstacles.points, R_GF, p_GF)
-    solids = [PlacedSolid(row) if ok else ANYWHERE for row, ok in zip(moved, known, strict=True)]
-    return Obstacles(tuple(solids), points)
+            rows[:, :, :3] += seconds[:, None, None] * obstacles.velocities
+        rows = moved_rows(rows, R_GF, p_GF)
+        numbers_are_known = ~np.isnan(rows)  # Bounds may be infinite.
+        numbers_are_known[:, :, :12] = np.abs(rows[:, :, :12]) <= FARTHEST
+        known: BoolArray = np.logical_and.reduce(numbers_are_known, axis=2)
+        points = [_placed_points(obstacles.points, *pose) for pose in zip(R_GF, p_GF, strict=True)]
+    solids = [
+        tuple(PlacedSolid(row) if ok else ANYWHERE for row, ok in zip(*at_time, strict=True))
+        for at_time in zip(rows, known, strict=True)
+    ]
+    return [Obstacles(*at_time) for at_time in zip(solids, points, strict=True)]
 
 
 def _placed_points(points: ForbiddenPoints, R_GF: FloatArray, p_GF: FloatArray) -> ForbiddenPoints:
+    if len(points) == 0:
+        return points
     places = points.points @ R_GF.T + p_GF
     radii, normals = points.radii, points.normals @ R_GF.T
     known = (radii >= 0) & (radii <= FARTHEST) & np.all(np.isfinite(normals), axis=1)

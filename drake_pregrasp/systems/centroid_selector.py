@@ -8,7 +8,7 @@ import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.framework import BusValue, Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import SLACK, FloatArray, tick_index, validated_covariance
+from drake_pregrasp.arrays import SLACK, FloatArray, norms, tick_index, validated_covariance
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.planner_config import BlendConfig, PlannerConfig
 from drake_pregrasp.contacts.centroids import select_contacts, verify_contacts
@@ -24,17 +24,10 @@ from drake_pregrasp.contacts.strategies import BLEND, make_blend, make_strategy
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.fast import fast_goals, fast_limits, fast_surface
 from drake_pregrasp.geometry.surface import CONTACT_TOLERANCE, ObjectSurface
+from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.regions.constraints import NO_CAUSE
 from drake_pregrasp.regions.safe_regions import SafeRegions
-from drake_pregrasp.systems.ports import (
-    BUS,
-    POSE,
-    REGIONS,
-    LastPose,
-    declare_cache,
-    declare_output,
-    pose_bus,
-)
+from drake_pregrasp.systems import ports
 
 
 class CentroidSelector(LeafSystem):
@@ -173,14 +166,14 @@ class CentroidSelector(LeafSystem):
         self._p_OC_index = self.DeclareDiscreteState(p_OC.ravel())
         self._status_index = self.DeclareDiscreteState(np.full(n, float(ContactStatus.INACTIVE)))
         self._causes_index = self.DeclareDiscreteState(np.full(n, float(NO_CAUSE)))
-        self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
+        self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", ports.POSE)
         self._p_WO_covariance = self.DeclareVectorInputPort("p_WO_covariance", 9)
-        self._safe_regions = self.DeclareAbstractInputPort("safe_regions", REGIONS)
+        self._safe_regions = self.DeclareAbstractInputPort("safe_regions", ports.REGIONS)
         self._hold = self.DeclareVectorInputPort("hold_contacts", 1)
         tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
-        self._pose = LastPose(self, self._X_WO_estimated, tracking_status)
+        self._pose = ports.LastPose(self, self._X_WO_estimated, tracking_status)
         self._reassigned_index = self.DeclareDiscreteState(np.array([-np.inf]))
-        self._goals = goals = declare_cache(
+        self._goals = goals = ports.declare_cache(
             self,
             "contact goals at the Context's time",
             ContactGoals(p_OC, np.zeros(n), np.zeros(n)),
@@ -190,19 +183,19 @@ class CentroidSelector(LeafSystem):
             self.all_input_ports_ticket(),
         )
         pose, stored = self._pose.source, self.discrete_state_ticket(self._p_OC_index)
-        declare_output(self, "p_WC", 3 * n, self._calc_p_WC, goals, pose)
-        declare_output(self, "contact_status", n, lambda c: goals.Eval(c).status, goals)
-        declare_output(
+        ports.declare_output(self, "p_WC", 3 * n, self._calc_p_WC, goals, pose)
+        ports.declare_output(self, "contact_status", n, lambda c: goals.Eval(c).status, goals)
+        ports.declare_output(
             self,
             "fingertip_targets",
-            BUS,
+            ports.BUS,
             self._calc_fingertip_targets,
             goals,
             pose,
             tracking_status,
         )
-        declare_output(self, "p_WC_previous", 3 * n, self._calc_p_WC_previous, stored, pose)
-        declare_output(self, "contact_causes", n, lambda c: goals.Eval(c).causes, goals)
+        ports.declare_output(self, "p_WC_previous", 3 * n, self._calc_p_WC_previous, stored, pose)
+        ports.declare_output(self, "contact_causes", n, lambda c: goals.Eval(c).causes, goals)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._store_goals)
 
     def _calc_goals(self, context: Context) -> ContactGoals:
@@ -284,7 +277,7 @@ class CentroidSelector(LeafSystem):
         have_goals = goals.status != float(ContactStatus.LOST)
         frames = _frames_with_z_along(-normals)
         goal_poses = zip(self._fingertip_frames, frames, p_OF, have_goals, strict=True)
-        return pose_bus(
+        return ports.pose_bus(
             {
                 name: X_WO @ RigidTransform(RotationMatrix(R), p)
                 for name, R, p, has_goal in goal_poses
@@ -298,5 +291,5 @@ def _frames_with_z_along(z: FloatArray) -> FloatArray:
     # Along z of O itself, no direction is the closest one, so x of O takes its place.
     up = np.eye(3)[np.where(np.abs(z[:, 2]) < 1 - 1e-9, 2, 0)]
     x = up - z * np.sum(up * z, axis=1, keepdims=True)
-    x /= np.linalg.norm(x, axis=1, keepdims=True)
-    return np.stack([x, np.cross(z, x), z], axis=2)
+    x /= norms(x)[:, None]
+    return np.stack([x, (skew(z) @ x[:, :, None])[:, :, 0], z], axis=2)

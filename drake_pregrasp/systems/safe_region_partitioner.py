@@ -24,11 +24,11 @@ from drake_pregrasp.geometry.rotations import rotation_matrix
 from drake_pregrasp.geometry.sampling import lifted
 from drake_pregrasp.geometry.solids import BallSolid
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.regions.constraints import UNCONSTRAINED, Obstacles, RegionConstraints
+from drake_pregrasp.regions.constraints import UNCONSTRAINED, RegionConstraints
 from drake_pregrasp.regions.coordinates import GIVEN, QUANTITIES
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES, FingerMeasures
 from drake_pregrasp.regions.finger_reach import FingerReach
-from drake_pregrasp.regions.obstacles import place_obstacles
+from drake_pregrasp.regions.obstacles import obstacles_at_times
 from drake_pregrasp.regions.safe_regions import (
     NO_REGION,
     LabelCandidates,
@@ -36,16 +36,7 @@ from drake_pregrasp.regions.safe_regions import (
     compute_safe_regions,
 )
 from drake_pregrasp.regions.walls import SurfaceGraph, normals_agree
-from drake_pregrasp.systems.ports import (
-    OBSTACLES,
-    POSE,
-    VELOCITY,
-    declare_cache,
-    declare_output,
-    eval_obstacles,
-    is_valid,
-    validated_velocity,
-)
+from drake_pregrasp.systems import ports
 
 _Candidates = tuple[FloatArray, BoolArray, LabelCandidates | None]
 """Candidates with all their coordinates, mask of the further ones that are known, and labels."""
@@ -173,7 +164,7 @@ class SafeRegionPartitioner(LeafSystem):
                 self._fingers[:, j] = axis.scale * np.array(axis.fingers)
             if axis.candidates != GIVEN:
                 own[:, j] = axis.scale * QUANTITIES[axis.candidates](surface)
-        self._moments = np.linspace(0.0, limits.horizon, _MOMENTS)[1:] if limits.horizon else ()
+        self._moments = np.linspace(0.0, limits.horizon, _MOMENTS if limits.horizon else 1)
         self._is_unlimited = (
             config.wall_test == "none"
             and finger_measures is None
@@ -183,23 +174,23 @@ class SafeRegionPartitioner(LeafSystem):
         )
         self._graph = SurfaceGraph(surface) if config.wall_test == "surface" else None
         self._surface, self._num_contacts = fast_surface(surface), num_contacts
-        self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
+        self._X_WO_estimated = self.DeclareAbstractInputPort("X_WO_estimated", ports.POSE)
         self._p_WC = self.DeclareVectorInputPort("p_WC", 3 * num_contacts)
         self._contact_weights = self.DeclareVectorInputPort("contact_weights", num_contacts)
-        self._obstacles = self.DeclareAbstractInputPort("obstacles", OBSTACLES)
-        self._X_WH = self.DeclareAbstractInputPort("X_WH", POSE)
-        self._V_WO = self.DeclareAbstractInputPort("V_WO_estimated", VELOCITY)
+        self._obstacles = self.DeclareAbstractInputPort("obstacles", ports.OBSTACLES)
+        self._X_WH = self.DeclareAbstractInputPort("X_WH", ports.POSE)
+        self._V_WO = self.DeclareAbstractInputPort("V_WO_estimated", ports.VELOCITY)
         self._finger_values = self.DeclareVectorInputPort("finger_coordinates", num_contacts * k)
         values = self._candidate_values = self.DeclareVectorInputPort(
             "candidate_coordinates", N * k
         )
         self._own = self._make_candidates(own)
-        self._candidates = declare_cache(
+        self._candidates = ports.declare_cache(
             self, "candidates of Eq. 1", self._own, self._calc_candidates, values
         )
-        self._X_WU = self.DeclareAbstractInputPort("X_WU", POSE)
+        self._X_WU = self.DeclareAbstractInputPort("X_WU", ports.POSE)
         model, inputs = AbstractValue.Make(self._no_regions()), self.all_input_ports_ticket()
-        declare_output(self, "safe_regions", model, self._calc_regions, inputs)
+        ports.declare_output(self, "safe_regions", model, self._calc_regions, inputs)
 
     def _no_regions(self) -> SafeRegions:
         labels = np.full(len(self._surface.p_OQ), NO_REGION)
@@ -229,7 +220,7 @@ class SafeRegionPartitioner(LeafSystem):
 
     def _calc_regions(self, context: Context) -> SafeRegions:
         X_WO: RigidTransform = self._X_WO_estimated.Eval(context)
-        if not is_valid(X_WO):
+        if not ports.is_valid(X_WO):
             return self._no_regions()
         weights = np.zeros(self._num_contacts)
         if self._contact_weights.HasValue(context):
@@ -264,10 +255,10 @@ class SafeRegionPartitioner(LeafSystem):
             if self._graph is not None:  # Around a rim, the path to the other side is short.
                 same_side &= self._graph.near_over_the_surface(p_OC, nhat_OC)
         X_OW, later = X_WO.inverse(), []
-        obstacles = in_world = eval_obstacles(self, self._obstacles, context)
-        if in_world.solids or len(in_world.points):
-            obstacles = place_obstacles(in_world, X_OW.rotation().matrix(), X_OW.translation())
-            later = [self._obstacles_after(context, in_world, X_WO, t) for t in self._moments]
+        obstacles = ports.eval_obstacles(self, self._obstacles, context)
+        if obstacles.solids or len(obstacles.points):
+            R_OW, p_OW = self._predicted_frames(context, X_WO)
+            obstacles, *later = obstacles_at_times(obstacles, R_OW, p_OW, self._moments)
         reach, finger_measures = self._reach, self._finger_measures
         if (X_OH := self._hand_pose(self._X_WH, context, X_OW)) is None:
             reach, X_OH = [reach and _NOTHING for reach in self._reach], X_OW
@@ -301,15 +292,16 @@ class SafeRegionPartitioner(LeafSystem):
         if not port.HasValue(context):
             return X_OW
         X_WF: RigidTransform = port.Eval(context)
-        return X_OW @ X_WF if is_valid(X_WF) else None
+        return X_OW @ X_WF if ports.is_valid(X_WF) else None
 
-    def _obstacles_after(
-        self, context: Context, in_world: Obstacles, X_WO: RigidTransform, seconds: float
-    ) -> Obstacles:
-        """Returns the predicted obstacles, in the predicted frame O."""
-        R_WO, p_WO = X_WO.rotation().matrix(), X_WO.translation()
+    def _predicted_frames(
+        self, context: Context, X_WO: RigidTransform
+    ) -> tuple[FloatArray, FloatArray]:
+        """Returns the poses of W in the predicted frames O, shapes (t, 3, 3) and (t, 3)."""
+        R_WO, p_WO = X_WO.rotation().matrix()[None], X_WO.translation()[None]
         if self._V_WO.HasValue(context):
-            V_WO = validated_velocity(self._V_WO.Eval(context))
-            R_WO = rotation_matrix(V_WO.rotational() * seconds) @ R_WO
-            p_WO = p_WO + V_WO.translational() * seconds
-        return place_obstacles(in_world, R_WO.T, -R_WO.T @ p_WO, seconds=seconds)
+            V_WO = ports.validated_velocity(self._V_WO.Eval(context))
+            turns = [rotation_matrix(V_WO.rotational() * t) for t in self._moments.tolist()]
+            R_WO, p_WO = turns @ R_WO, p_WO + np.outer(self._moments, V_WO.translational())
+        R_OW = np.broadcast_to(R_WO.transpose(0, 2, 1), (len(self._moments), 3, 3))
+        return R_OW, -(R_OW @ p_WO[:, :, None])[:, :, 0]

@@ -10,12 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from drake_pregrasp.contacts.assignment import palm_turn, ring_contacts
 from drake_pregrasp.contacts.goal_limits import tip_gaps
-from drake_pregrasp.contacts.start_contacts import (
-    HandOverObject,
-    Lack,
-    NoGraspError,
-    choose_start_contacts,
-)
+from drake_pregrasp.contacts.start_contacts import HandOverObject, choose_start_contacts
+from drake_pregrasp.errors import Lack, NoGraspError
 from drake_pregrasp.geometry.mesh_surface import AxisArea, mesh_surface
 from drake_pregrasp.geometry.shapes import ball_shape, box_shape, cylinder_shape, load_shape
 from drake_pregrasp.geometry.solids import BallSolid, HalfSpace
@@ -41,7 +37,7 @@ def shape_of(name):
     return ball_shape(0.04) if name == "ball" else load_shape(MODELS / f"{name}.obj")
 
 
-def surface_of(shape, spacing=0.006):
+def surface_of(shape, spacing=0.01):
     return mesh_surface(shape, spacing=spacing, no_touch=[AxisArea("+z"), AxisArea("-z")])
 
 
@@ -90,8 +86,8 @@ def margin_of(surface, p_OC):
     return min_weight_margin(p_OC - surface.p_OCoM, surface.project(p_OC)[1], 0.5)
 
 
-SLOW = ["cylinder0", "cylinder1", "mug"]
-SHAPES = ["box0", "box1", "box2", "ball", "screwdriver"]
+SLOW = ["cylinder0", "cylinder1", "mug", "screwdriver"]
+SHAPES = ["box0", "box1", "box2", "ball"]
 SHAPES += [pytest.param(name, marks=pytest.mark.slow) for name in SLOW]
 
 
@@ -133,7 +129,8 @@ def test_chosen_contacts_pass_all_tests_and_hold_the_object(name):
     assert load >= 1
 
 
-@pytest.mark.parametrize("name", ["box0", pytest.param("mug", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["box0", "mug"])
 def test_an_object_and_a_palm_that_turn_together_have_the_same_contacts(name):
     shape = shape_of(name)
     surface = surface_of(shape)
@@ -200,6 +197,19 @@ def test_it_says_what_is_missing(lack, message, options):
     with pytest.raises(NoGraspError, match=f"no grasp for lack of {lack}: .*{message}") as error:
         chosen(shape_of("box0"), **options)
     assert error.value.lack == lack
+
+
+def test_an_object_that_is_nearly_too_heavy_is_held_beside_the_best_margin():
+    shape, surface = shape_of("ball"), surface_of(shape_of("ball"))
+    start, hand = chosen(shape, surface, mass=3.0)  # Level fingers hold 30 N.
+    load = largest_load(
+        start.p_OC - surface.p_OCoM,
+        surface.project(start.p_OC)[1],
+        0.5,
+        wrench=hand.wrench,
+        normal_forces=FORCES,
+    )
+    assert load >= 1
 
 
 def test_level_fingers_hold_as_much_as_their_friction():

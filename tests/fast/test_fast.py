@@ -18,8 +18,9 @@ from drake_pregrasp.estimation.pose_filter import (
     filter_step,
     first_belief,
 )
-from drake_pregrasp.fast import SWITCH, fast_filter_step, fast_goals, fast_labels
+from drake_pregrasp.fast import SWITCH, fast_filter_step, fast_goals, fast_labels, fast_slip_radii
 from drake_pregrasp.geometry.shapes import ball_shape
+from drake_pregrasp.regions.independent_regions import slip_radii_within
 from drake_pregrasp.regions.safe_regions import SafeRegions, compute_safe_regions
 
 pytest.importorskip("numba", reason="numba is not installed (the extra [fast])")
@@ -28,6 +29,7 @@ EDGES = [(1, 1, 1), (1, 0.5, 0.5), (1, 1, 0.04), (1, 0.1, 0.1), (1, 0.3, 0.01)]
 CUBE = box_surface([0.1, 0.1, 0.1], spacing=0.008)
 FEW = box_surface([0.1, 0.1, 0.1], spacing=0.05)
 LABELS = fast_labels(CUBE.p_OQ, CUBE.nhat_OQ)
+CENTRE = np.array([0.003, -0.002, 0.001])
 KINDS = ("position", "msv", "gii", "vew")
 
 
@@ -134,7 +136,7 @@ def frozen(array):
 
 @pytest.mark.parametrize("kind", [np.array, frozen, lambda a: np.repeat(a, 2, axis=0)[::2]])
 def test_no_tick_waits_for_the_compiler_whatever_arrays_it_meets(kind):
-    from drake_pregrasp.fast import labels, predicates, projection, weights
+    from drake_pregrasp.fast import labels, margins, predicates, projection, weights
 
     surface, rng = CUBE, np.random.default_rng(0)
     p_OC = contacts(surface, 4, rng)
@@ -150,6 +152,9 @@ def test_no_tick_waits_for_the_compiler_whatever_arrays_it_meets(kind):
         weights.weighted_goals,
         projection.projected,
         predicates.limits_of_points,
+        predicates.weights_by_measure,
+        margins.contact_rows,
+        margins.hand_margins,
     )
     for entry in entries:
         assert len(entry.signatures) == 1
@@ -161,16 +166,13 @@ def test_the_switch_chooses_the_reference(monkeypatch):
     monkeypatch.setenv(SWITCH, "0")
     assert fast_labels(surface.p_OQ, surface.nhat_OQ) is None
     assert fast_goals(surface, {"msv": 1.0}) is None
+    assert fast_slip_radii() is slip_radii_within
 
 
 def test_candidates_of_another_surface_are_refused():
     with pytest.raises(InvalidArgumentError, match="candidates were expected, not"):
         compute_safe_regions(
-            FEW.p_OQ,
-            np.zeros((1, 3)),
-            np.zeros(1),
-            ForbiddenPoints.none(),
-            label=LABELS,
+            FEW.p_OQ, np.zeros((1, 3)), np.zeros(1), ForbiddenPoints.none(), label=LABELS
         )
 
 
@@ -198,3 +200,21 @@ def test_a_step_of_the_pose_filter_equals_the_reference(seed, rate, gravity, has
     ):
         for name, value in vars(reference).items():
             np.testing.assert_allclose(getattr(fast, name), value, rtol=1e-9, atol=1e-12)
+
+
+@settings(max_examples=100)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    n=st.integers(1, 6),
+    edges=st.sampled_from(EDGES),
+    radius=st.floats(0.001, 0.2),
+    friction=st.floats(0.1, 1.0),
+)
+def test_slips_are_those_of_the_reference(seed, n, edges, radius, friction):
+    surface = replace(box_surface(0.1 * np.array(edges), spacing=0.02), p_OCoM=CENTRE)
+    p_OC, nhat = surface.project(contacts(surface, n, np.random.default_rng(seed)))
+    fast, reference = (
+        slip_radii(surface, frozen(p_OC), frozen(nhat), radius, friction)
+        for slip_radii in (fast_slip_radii(), slip_radii_within)
+    )
+    np.testing.assert_allclose(fast, reference, rtol=0, atol=1e-9)

@@ -175,13 +175,7 @@ FOUND |= {"best_point": False, "in_turns": False, "contact_model": "complete", "
     **FOUND,
 )
 @example(  # Complete contacts with lever arms that are long in the unit of length.
-    which=3,
-    seed=3,
-    n=4,
-    lost=0,
-    has=set(),
-    reading="contact",
-    **FOUND | {"length": 1e-3},
+    which=3, seed=3, n=4, lost=0, has=set(), reading="contact", **FOUND | {"length": 1e-3}
 )
 def test_a_tick_is_that_of_the_reference(
     which,

@@ -23,10 +23,10 @@ TURN, SHIFT = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix(), np.array([0.3,
 @pytest.fixture(scope="module", params=SHAPES)
 def body(request):
     shape = SHAPES[request.param]
-    return MeshSolid.of(shape.mesh), mesh_surface(shape, spacing=0.005)
+    return MeshSolid.of(shape.mesh), mesh_surface(shape, spacing=0.01)
 
 
-def places(surface, low, high, count=300):
+def places(surface, low, high, count=100):
     """Points over the surface, at heights in a range."""
     generator = np.random.default_rng(0)
     chosen = generator.integers(0, len(surface.p_OQ), count)

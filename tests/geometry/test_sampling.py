@@ -93,7 +93,7 @@ def nearest_by_brute_force(triangles, point):
 @pytest.mark.parametrize("size", [None, 1, 2, 5, 40])
 def test_projection_is_the_nearest_point_of_the_allowed_or_of_the_given_patches(cup, size):
     rng, owners = np.random.default_rng(0), patch_owners(cup)
-    points = rng.uniform([-0.06, -0.06, -0.03], [0.06, 0.06, 0.12], (40, 3))
+    points = rng.uniform([-0.06, -0.06, -0.03], [0.06, 0.06, 0.12], (20, 3))
     count = len(cup.p_OQ)
     chosen = [np.sort(rng.choice(count, size or count, replace=False)) for _ in points]
     nearest, normals = cup.project_into(points, chosen) if size else cup.project(points)

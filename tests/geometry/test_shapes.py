@@ -6,15 +6,8 @@ import trimesh
 from thin_cup import PROFILE
 
 from drake_pregrasp import InvalidArgumentError
+from drake_pregrasp.geometry import shapes
 from drake_pregrasp.geometry.meshes import MESH_SUFFIXES
-from drake_pregrasp.geometry.shapes import (
-    FACET_ERROR,
-    ball_shape,
-    box_shape,
-    cylinder_shape,
-    load_shape,
-    revolved_shape,
-)
 from drake_pregrasp.resources import resource_folder
 
 
@@ -27,21 +20,23 @@ def assert_closed(shape):
 @pytest.mark.parametrize(
     ("shape", "half", "volume", "round_area"),
     [
-        (box_shape([0.1, 0.2, 0.03]), [0.05, 0.1, 0.015], 0.1 * 0.2 * 0.03, 0),
+        (shapes.box_shape([0.1, 0.2, 0.03]), [0.05, 0.1, 0.015], 0.1 * 0.2 * 0.03, 0),
         *(
-            (cylinder_shape(r, 3 * r), [r, r, 1.5 * r], 3 * np.pi * r**3, 6 * np.pi * r**2)
+            (shapes.cylinder_shape(r, 3 * r), [r, r, 1.5 * r], 3 * np.pi * r**3, 6 * np.pi * r**2)
             for r in (0.002, 0.015, 0.033, 0.2)
         ),
         *(
-            (ball_shape(r), [r, r, r], 4 / 3 * np.pi * r**3, 4 * np.pi * r**2)
+            (shapes.ball_shape(r), [r, r, r], 4 / 3 * np.pi * r**3, 4 * np.pi * r**2)
             for r in (0.004, 0.0199, 0.02, 0.045, 0.12)
         ),
     ],
 )
 def test_primitives_are_exact_up_to_their_facets(shape, half, volume, round_area):
     assert_closed(shape)
-    assert -1e-12 < volume - shape.mesh.volume <= FACET_ERROR * round_area + 1e-12
-    np.testing.assert_allclose(shape.mesh.bounds, [np.negative(half), half], atol=FACET_ERROR)
+    assert -1e-12 < volume - shape.mesh.volume <= shapes.FACET_ERROR * round_area + 1e-12
+    np.testing.assert_allclose(
+        shape.mesh.bounds, [np.negative(half), half], atol=shapes.FACET_ERROR
+    )
     np.testing.assert_allclose(shape.p_OCoM, 0, atol=1e-12)
 
 
@@ -50,14 +45,14 @@ RING = [[0.02, 0], [0.03, 0], [0.03, 0.01], [0.02, 0.01]]
 
 @pytest.mark.parametrize(("profile", "euler_number"), [(PROFILE, 2), (RING, 0), (RING[::-1], 0)])
 def test_solids_of_revolution_are_closed_either_way_round(profile, euler_number):
-    shape = revolved_shape(profile)
+    shape = shapes.revolved_shape(profile)
     assert_closed(shape)
     assert shape.mesh.euler_number == euler_number  # Of a ball, or of a torus.
     # The volume is the sum of those of the truncated cones below the profile's edges.
     (r, z), (r_next, z_next) = np.transpose(profile), np.roll(profile, -1, axis=0).T
     volume = abs(np.pi / 3 * np.sum((z_next - z) * (r**2 + r * r_next + r_next**2)))
     area = np.pi * np.sum((r + r_next) * np.hypot(r_next - r, z_next - z))
-    assert shape.mesh.volume == pytest.approx(volume, abs=FACET_ERROR * area)
+    assert shape.mesh.volume == pytest.approx(volume, abs=shapes.FACET_ERROR * area)
 
 
 @pytest.mark.parametrize(
@@ -72,7 +67,7 @@ def test_solids_of_revolution_are_closed_either_way_round(profile, euler_number)
 )
 def test_a_profile_that_encloses_nothing_is_refused(profile):
     with pytest.raises(InvalidArgumentError, match="profile"):
-        revolved_shape(profile)
+        shapes.revolved_shape(profile)
 
 
 def ell():
@@ -87,7 +82,7 @@ def test_every_format_holds_the_same_body_at_its_scale(tmp_path, suffix):
     mesh = ell()
     path = tmp_path / f"ell{suffix}"
     mesh.copy().apply_scale(1000).export(path)
-    shape = load_shape(path, scale=0.001)
+    shape = shapes.load_shape(path, scale=0.001)
     assert_closed(shape)
     assert shape.mesh.volume == pytest.approx(mesh.volume, rel=1e-5)
     np.testing.assert_allclose(shape.p_OCoM, mesh.center_mass, atol=1e-7)
@@ -102,7 +97,7 @@ def test_objects_of_an_obj_file_are_parts(tmp_path):
         "rest": mesh.submesh([~on_top], append=True),
     }
     trimesh.Scene(parts).export(tmp_path / "ell.obj")
-    shape = load_shape(tmp_path / "ell.obj")
+    shape = shapes.load_shape(tmp_path / "ell.obj")
     assert_closed(shape)
     assert set(shape.part_names) == {"top", "rest"}
     heights = shape.mesh.triangles_center[shape.face_parts == shape.part("top"), 2]
@@ -119,7 +114,7 @@ def test_meshes_of_a_gltf_file_are_parts_where_their_nodes_place_them(tmp_path):
         place = trimesh.transformations.translation_matrix([x, 0, 0])
         scene.add_geometry(box, geom_name=name, node_name=name, transform=place)
     scene.export(tmp_path / "two.glb")
-    shape = load_shape(tmp_path / "two.glb")
+    shape = shapes.load_shape(tmp_path / "two.glb")
     assert shape.mesh.volume == pytest.approx(2 * 0.02 * 0.03 * 0.04, rel=1e-5)
     for name, x in (("left", -0.03), ("right", 0.05)):
         centers = shape.mesh.triangles_center[shape.face_parts == shape.part(name)]
@@ -185,14 +180,14 @@ def test_files_without_a_mesh_of_a_body_are_refused_in_one_line(tmp_path, conten
     elif content is not None:
         content.export(path)
     with pytest.raises(InvalidArgumentError, match=problem) as error:
-        load_shape(path)
+        shapes.load_shape(path)
     assert str(path) in str(error.value)
     assert "\n" not in str(error.value)
 
 
 @pytest.mark.parametrize(("name", "parts"), [("mug", 3), ("bracket", 2)])
 def test_the_shipped_meshes_are_bodies_of_parts(name, parts):
-    shape = load_shape(resource_folder("models") / f"{name}.obj")
+    shape = shapes.load_shape(resource_folder("models") / f"{name}.obj")
     assert_closed(shape)
     assert len(shape.part_names) == parts
     assert set(shape.face_parts) == set(range(parts))

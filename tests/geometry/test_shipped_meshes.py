@@ -17,6 +17,7 @@ HOUSEHOLD = [  # All stand or lie as their files say.
 ]
 
 
+@pytest.mark.slow
 def test_script_makes_the_shipped_files(tmp_path: Path) -> None:
     pytest.importorskip("manifold3d")
     subprocess.run([sys.executable, str(MODELS / "make_meshes.py"), str(tmp_path)], check=True)

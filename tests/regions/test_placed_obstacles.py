@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from drake_pregrasp import BallSolid, BoxSolid, ForbiddenPoints, HalfSpace, InvalidArgumentError
 from drake_pregrasp.geometry.solids import Solid
 from drake_pregrasp.regions.constraints import Limit, Obstacles, RegionConstraints
-from drake_pregrasp.regions.obstacles import place_obstacles
+from drake_pregrasp.regions.obstacles import obstacles_at_times, place_obstacles
 
 R = Rotation.from_rotvec([0.3, -0.4, 1.0]).as_matrix()
 P = np.array([0.1, 0.2, -0.3])
@@ -50,15 +50,16 @@ def test_numbers_that_are_not_finite_are_refused(make, bad):
         make(bad)
 
 
-@pytest.mark.parametrize("seconds", [0.0, 0.7])
-def test_sound_obstacles_are_placed_as_they_move(seconds):
+def test_sound_obstacles_are_placed_as_they_and_the_frame_move():
     obstacles = some_obstacles()
-    placed = place_obstacles(obstacles, R, P, seconds=seconds)
-    expected = obstacles.after(seconds).moved(R, P)
-    for solid, other in zip(placed.solids, expected.solids, strict=True):
-        np.testing.assert_allclose(solid.distance(POINTS), other.distance(POINTS), atol=1e-14)
-    np.testing.assert_array_equal(placed.points.points, expected.points.points)
-    assert np.all(limits(placed)[0] == Limit.NONE)
+    times, R_GF, p_GF = np.array([0.0, 0.7]), np.stack([R, R.T]), np.stack([P, 2 * P])
+    found = obstacles_at_times(obstacles, R_GF, p_GF, times)
+    for placed, seconds, *pose in zip(found, times, R_GF, p_GF, strict=True):
+        expected = obstacles.after(seconds).moved(*pose)
+        for solid, other in zip(placed.solids, expected.solids, strict=True):
+            np.testing.assert_allclose(solid.distance(POINTS), other.distance(POINTS), atol=1e-14)
+        np.testing.assert_array_equal(placed.points.points, expected.points.points)
+        assert np.all(limits(placed)[0] == Limit.NONE)
 
 
 @pytest.mark.parametrize("bad", [*BAD, 1e200])
@@ -75,7 +76,7 @@ def test_sound_obstacles_are_placed_as_they_move(seconds):
 def test_one_whose_place_is_lost_may_be_anywhere(index, spoil, bad):
     obstacles = some_obstacles()
     spoil(obstacles, bad)
-    placed = place_obstacles(obstacles, R, P, seconds=0.5)
+    (placed,) = obstacles_at_times(obstacles, R[None], P[None], np.array([0.5]))
     kinds, causes = limits(placed)
     if index == 2 and bad == 1e200:  # It has just gone far away, or come over all.
         assert set(kinds) <= {int(Limit.NONE), int(Limit.OBSTACLE)}

@@ -6,36 +6,22 @@ from made_systems import NO_POSES, X_WO, N, partition, sloping_measures
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 
-from drake_pregrasp import (
-    BallReach,
-    BallSolid,
-    BoxSolid,
-    CoordinateConfig,
-    ForbiddenPoints,
-    HalfSpace,
-    InvalidArgumentError,
-    Obstacles,
-    box_surface,
-)
+import drake_pregrasp as dp
 from drake_pregrasp.regions.constraints import Limit
 from drake_pregrasp.regions.coordinates import weight_share
-from drake_pregrasp.regions.safe_regions import (
-    NO_REGION,
-    compute_safe_regions,
-    safe_region_labels,
-)
+from drake_pregrasp.regions.safe_regions import NO_REGION, compute_safe_regions, safe_region_labels
 from drake_pregrasp.regions.walls import WALL_TESTS
 
 TILT = RollPitchYaw(0.1, 0.2, 0.3).ToRotationMatrix().matrix()
-BALL = BallSolid(np.array([0.07, 0.0, 0.0]), 0.012)
-BOX = BoxSolid(np.array([0.0, 0.08, 0.02]), TILT, np.array([0.05, 0.03, 0.02]))
-POINT = ForbiddenPoints(np.array([[-0.06, 0, 0]]), np.array([0.03]))
+BALL = dp.BallSolid(np.array([0.07, 0.0, 0.0]), 0.012)
+BOX = dp.BoxSolid(np.array([0.0, 0.08, 0.02]), TILT, np.array([0.05, 0.03, 0.02]))
+POINT = dp.ForbiddenPoints(np.array([[-0.06, 0, 0]]), np.array([0.03]))
 X_OH = RigidTransform(RollPitchYaw(0.4, 0.1, 0.5), [0.03, 0.01, 0.0])
 WEIGHTS = np.array([0, 0, 1e-3, 0, -np.inf])
 
 
 def ball_reach(center, radius):
-    return BallReach(center=list(center), radius=radius)
+    return dp.BallReach(center=list(center), radius=radius)
 
 
 def differ(a, b):
@@ -44,13 +30,13 @@ def differ(a, b):
 
 
 def in_world(value):
-    if isinstance(value, Obstacles):
+    if isinstance(value, dp.Obstacles):
         return value.moved(X_WO.rotation().matrix(), X_WO.translation())
     return X_WO @ value if isinstance(value, RigidTransform) else value
 
 
 def test_regions_are_those_of_the_printed_equation_in_the_objects_frame(surface, p_OC):
-    inputs = {"contact_weights": WEIGHTS, "obstacles": in_world(Obstacles(points=POINT))}
+    inputs = {"contact_weights": WEIGHTS, "obstacles": in_world(dp.Obstacles(points=POINT))}
     forbidden = surface.forbidden.joined(POINT)
     expected = compute_safe_regions(surface.p_OQ, p_OC, WEIGHTS, forbidden)
     assert differ(partition(surface, p_OC, inputs), expected) < 0.01
@@ -62,7 +48,7 @@ HUGE_WEIGHT = {"contact_weights": [1.0, 0, 0, 0, 0]}
 @pytest.mark.parametrize(
     ("inputs", "settings"),
     [
-        ({"obstacles": Obstacles((BALL, BOX))}, {"tip_radii": [0.004] * N}),
+        ({"obstacles": dp.Obstacles((BALL, BOX))}, {"tip_radii": [0.004] * N}),
         ({"X_WH": X_OH}, {"reach": [ball_reach([0.02, 0.0, 0.0], 0.05)] * N}),
         ({"X_WU": X_OH}, {"joint_range": 0.25, "finger_measures": sloping_measures()}),
         *[(HUGE_WEIGHT, {"wall_test": wall_test}) for wall_test in WALL_TESTS[1:]],
@@ -114,7 +100,7 @@ def test_reach_limits_the_regions_of_its_finger(surface, p_OC):
 @pytest.mark.parametrize("arguments", [{"clearance": 0.02}, {"tip_radii": [0.02] * N}])
 def test_clearance_and_fingertips_set_regions_back_from_obstacles(surface, p_OC, arguments):
     up = X_WO.rotation().matrix()[:, 2]
-    obstacles = Obstacles((HalfSpace(X_WO @ np.array([0.0, 0.0, -0.03]), up),))
+    obstacles = dp.Obstacles((dp.HalfSpace(X_WO @ np.array([0.0, 0.0, -0.03]), up),))
     before = partition(surface, p_OC, {"obstacles": obstacles})
     after = partition(surface, p_OC, {"obstacles": obstacles}, **arguments)
     lowest = [np.min(surface.p_OQ[r.labels != NO_REGION, 2]) for r in (before, after)]
@@ -124,8 +110,8 @@ def test_clearance_and_fingertips_set_regions_back_from_obstacles(surface, p_OC,
 @pytest.mark.parametrize("V_WO", [None, SpatialVelocity(w=[0, 0, 0.5], v=[0.02, -0.01, 0.0])])
 def test_over_a_horizon_regions_keep_clear_of_where_obstacles_will_be(surface, p_OC, V_WO):
     velocity, horizon, radius = np.array([-0.06, 0.01, 0.0]), 0.9, 0.009
-    wall = HalfSpace(np.array([0.12, 0.0, 0.0]), np.array([-1.0, 0.1, 0.0]))
-    inputs = {"obstacles": Obstacles((wall,), velocities=velocity[None])}
+    wall = dp.HalfSpace(np.array([0.12, 0.0, 0.0]), np.array([-1.0, 0.1, 0.0]))
+    inputs = {"obstacles": dp.Obstacles((wall,), velocities=velocity[None])}
     # Tilted, so that the order of the rotations matters.
     X = RigidTransform(RollPitchYaw(0.5, -0.4, 0.3), [0.01, 0.0, 0.0])
     tips = {"tip_radii": [radius] * N}
@@ -154,16 +140,18 @@ def test_normals_as_coordinates_keep_regions_to_one_face(surface):
 
 
 def coordinates(*fingers):
-    return [CoordinateConfig(scale=1.0, fingers=list(fingers))]
+    return [dp.CoordinateConfig(scale=1.0, fingers=list(fingers))]
 
 
 def test_a_strong_finger_has_the_places_that_ask_for_force():
     """Eq. 1 as printed over positions and forces, by the ports and by the configuration."""
-    bar = box_surface([0.3, 0.06, 0.06], spacing=0.01, forbidden_faces=())
+    bar = dp.box_surface([0.3, 0.06, 0.06], spacing=0.01, forbidden_faces=())
     p_OC = np.array([[0.02, 0.03, 0.0], [-0.03, 0.03, 0.01], [0.09, -0.03, 0.0]])
     share = 30 * weight_share(bar)
     forces = np.array([10.0, 24.0, 11.0])
-    config = CoordinateConfig(scale=0.3, candidates="weight_share", fingers=(forces / 30).tolist())
+    config = dp.CoordinateConfig(
+        scale=0.3, candidates="weight_share", fingers=(forces / 30).tolist()
+    )
     configured = partition(bar, p_OC, coordinates=[config])
     inputs = {"candidate_coordinates": 0.01 * share, "finger_coordinates": 0.01 * forces}
     by_ports = partition(bar, p_OC, inputs, coordinates=coordinates())
@@ -210,7 +198,7 @@ def test_a_coordinate_without_a_number_is_that_of_the_place_or_left_out(surface,
     ],
 )
 def test_settings_that_make_no_sense_are_refused(surface, p_OC, arguments, problem):
-    with pytest.raises(InvalidArgumentError, match=problem):
+    with pytest.raises(dp.InvalidArgumentError, match=problem):
         partition(surface, p_OC, **arguments)
 
 
@@ -247,8 +235,8 @@ def test_huge_weights_take_all_candidates_or_none(surface, p_OC, weight):
 
 
 def test_an_obstacle_without_a_place_obstructs_all(surface, p_OC):
-    ball = BallSolid(np.array([9.0, 0.0, 0.0]), 0.1)
-    obstacles = Obstacles((BallSolid(np.array([9.0, 1.0, 0.0]), 0.1), ball))
+    ball = dp.BallSolid(np.array([9.0, 0.0, 0.0]), 0.1)
+    obstacles = dp.Obstacles((dp.BallSolid(np.array([9.0, 1.0, 0.0]), 0.1), ball))
     assert np.all(partition(surface, p_OC, {"obstacles": obstacles}).sizes())
     ball.center[0] = np.nan
     regions = partition(surface, p_OC, {"obstacles": obstacles})
@@ -258,8 +246,8 @@ def test_an_obstacle_without_a_place_obstructs_all(surface, p_OC):
 
 @pytest.mark.parametrize("rate", [np.nan, np.inf, 1e300])
 def test_an_object_of_unknown_velocity_is_taken_to_stay(surface, p_OC, rate):
-    ball = BallSolid(X_WO.translation() + 0.12 * np.eye(3)[2], 0.05)
-    inputs = {"obstacles": Obstacles((ball,), velocities=np.array([[0.0, 0, 0.01]]))}
+    ball = dp.BallSolid(X_WO.translation() + 0.12 * np.eye(3)[2], 0.05)
+    inputs = {"obstacles": dp.Obstacles((ball,), velocities=np.array([[0.0, 0, 0.01]]))}
     settings = {"horizon": 0.5, "tip_radii": [0.009] * N}
     labels = [
         partition(surface, p_OC, inputs | {"V_WO_estimated": V_WO}, **settings).labels

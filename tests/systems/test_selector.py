@@ -18,18 +18,7 @@ from made_systems import (
 )
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from drake_pregrasp import (
-    BallReach,
-    BallSolid,
-    BlendConfig,
-    ContactStatus,
-    ForbiddenPoints,
-    InvalidArgumentError,
-    Obstacles,
-    PlannerConfig,
-    SectorReach,
-    TrackingStatus,
-)
+import drake_pregrasp as dp
 from drake_pregrasp.contacts.assignment import ring_contacts
 from drake_pregrasp.contacts.centroids import position_tracking, select_contacts
 from drake_pregrasp.contacts.reassignment import ReassignmentRule
@@ -42,8 +31,8 @@ from drake_pregrasp.systems import centroid_selector
 COVARIANCE = np.diag([1e-6, 4e-6, 1e-6])
 SKEWED = np.diag([4e-3, 1e-4, 1e-3])
 LATER = RigidTransform(RollPitchYaw(0.1, 0.2, -0.7), [0.3, 0.1, 0.0])
-STANDOFF = PlannerConfig().lost_standoff
-NOT_FOLLOWED = [TrackingStatus.WAITING, TrackingStatus.LOST, np.nan, 17.0, -np.inf]
+STANDOFF = dp.PlannerConfig().lost_standoff
+NOT_FOLLOWED = [dp.TrackingStatus.WAITING, dp.TrackingStatus.LOST, np.nan, 17.0, -np.inf]
 
 
 class Selector(Driven):
@@ -95,7 +84,7 @@ def goals_of(surface, p_OC, covariance_W=COVARIANCE, strategy=position_tracking,
 def test_goals_of_a_tick_are_the_same_before_and_after_it_stores_them(selector, surface, p_OC):
     before = selector.goals
     np.testing.assert_allclose(before, goals_of(surface, p_OC), atol=1e-12)
-    np.testing.assert_array_equal(selector.array("contact_status"), ContactStatus.ACTIVE)
+    np.testing.assert_array_equal(selector.array("contact_status"), dp.ContactStatus.ACTIVE)
     np.testing.assert_allclose(selector.array("p_WC_previous"), in_world(p_OC).ravel(), atol=1e-15)
     selector.update()
     np.testing.assert_array_equal(selector.goals, before)
@@ -114,7 +103,7 @@ def test_the_covariance_is_turned_into_the_objects_frame(selector, surface, p_OC
         ({"strategy": "margin", "friction": 0.3}, make_strategy("margin", friction=0.3)),
         ({"strategy": "margin", "in_turns": True}, make_strategy("margin")),
         (
-            {"strategy": "blend", "blend": BlendConfig(vew=1.0, position=2.0), "stretch": False},
+            {"strategy": "blend", "blend": dp.BlendConfig(vew=1.0, position=2.0), "stretch": False},
             make_blend({"vew": 1, "position": 2}, stretch=False),
         ),
     ],
@@ -133,7 +122,7 @@ def test_settings_reach_the_strategy(surface, p_OC, settings, strategy):
         {"lost_standoff": np.nan},
         {"strategy": "telepathy"},
         {"strategy": "blend"},
-        {"strategy": "blend", "blend": BlendConfig(vew=-1.0)},
+        {"strategy": "blend", "blend": dp.BlendConfig(vew=-1.0)},
         {"strategy": "msv", "power": 0.0},
         {"strategy": "margin", "friction": -1.0},
         {"static_duration": np.nan},
@@ -144,7 +133,7 @@ def test_settings_reach_the_strategy(surface, p_OC, settings, strategy):
     ],
 )
 def test_bad_arguments_are_refused(surface, p_OC, arguments):
-    with pytest.raises(InvalidArgumentError):
+    with pytest.raises(dp.InvalidArgumentError):
         make_selector(surface, arguments.pop("p_OC", p_OC), **arguments)
 
 
@@ -192,12 +181,14 @@ def test_goals_are_verified_if_settings_say_so(surface, p_OC, monkeypatch):
 
 
 def test_the_status_of_each_contact_is_emitted_with_its_cause(selector, surface, p_OC):
-    balls = Obstacles((BallSolid(np.array([9.0, 0, 0]), 0.1), BallSolid(X_WO @ p_OC[1], 0.05)))
-    reach = [None, None, BallReach(center=[9.0, 0, 0], radius=0.1), None, None]
+    balls = dp.Obstacles(
+        (dp.BallSolid(np.array([9.0, 0, 0]), 0.1), dp.BallSolid(X_WO @ p_OC[1], 0.05))
+    )
+    reach = [None, None, dp.BallReach(center=[9.0, 0, 0], radius=0.1), None, None]
     selector.fix(safe_regions=partition(surface, p_OC, {"obstacles": balls}, reach=reach))
     status, causes = selector.array("contact_status"), selector.array("contact_causes")
-    assert (status[1], causes[1]) == (ContactStatus.OBSTRUCTED, 1)
-    assert (status[2], causes[2]) == (ContactStatus.OUT_OF_REACH, NO_CAUSE)
+    assert (status[1], causes[1]) == (dp.ContactStatus.OBSTRUCTED, 1)
+    assert (status[2], causes[2]) == (dp.ContactStatus.OUT_OF_REACH, NO_CAUSE)
     np.testing.assert_allclose(selector.goals[1:3], in_world(p_OC)[1:3])
     before = selector.array("p_WC"), status, causes
     selector.update()
@@ -209,9 +200,9 @@ def test_the_status_of_each_contact_is_emitted_with_its_cause(selector, surface,
 
 def test_held_contacts_on_the_forbidden_surface_are_inactive(surface, p_OC):
     p_OC = np.vstack([[0.0, 0.0, 0.05], p_OC[1:]])
-    open_top = dataclasses.replace(surface, forbidden=ForbiddenPoints.none())
+    open_top = dataclasses.replace(surface, forbidden=dp.ForbiddenPoints.none())
     status = Selector(open_top, p_OC, static_duration=1.0).array("contact_status")
-    assert list(status) == [ContactStatus.NO_ALLOWED_SURFACE, 1, 1, 1, 1]
+    assert list(status) == [dp.ContactStatus.NO_ALLOWED_SURFACE, 1, 1, 1, 1]
 
 
 @pytest.mark.parametrize("hold", [1.0, np.nan])
@@ -243,7 +234,7 @@ def test_goals_stay_on_a_lost_object_and_targets_off_it(selector, surface, statu
         np.testing.assert_array_equal(selector.stored, held)
 
 
-@pytest.mark.parametrize("status", [TrackingStatus.TRACKING, TrackingStatus.COASTING])
+@pytest.mark.parametrize("status", [dp.TrackingStatus.TRACKING, dp.TrackingStatus.COASTING])
 def test_goals_go_on_while_the_object_is_followed(selector, surface, p_OC, status):
     told = Selector(surface, p_OC)
     told.fix(tracking_status=[float(status)])
@@ -271,10 +262,10 @@ def test_goals_keep_to_their_limits_when_the_object_is_found_again(surface, p_OC
 
 
 def test_nothing_is_planned_before_the_object_is_first_seen(selector):
-    selector.fix(tracking_status=[float(TrackingStatus.WAITING)])
+    selector.fix(tracking_status=[float(dp.TrackingStatus.WAITING)])
     selector.tick()
-    np.testing.assert_array_equal(selector.array("contact_status"), ContactStatus.INACTIVE)
-    selector.fix(tracking_status=[float(TrackingStatus.TRACKING)])
+    np.testing.assert_array_equal(selector.array("contact_status"), dp.ContactStatus.INACTIVE)
+    selector.fix(tracking_status=[float(dp.TrackingStatus.TRACKING)])
     assert np.all(selector.array("contact_status") > 0)
 
 
@@ -313,7 +304,7 @@ class Reassigned(Selector):
 
     def __init__(self, surface, **rule):
         limits = {
-            "reach": [SectorReach(azimuth=azimuth) for azimuth in AROUND],
+            "reach": [dp.SectorReach(azimuth=azimuth) for azimuth in AROUND],
             "reassign": ReassignmentRule(**{"beyond": 0.03, "every": 3 * PERIOD, **rule}),
         }
         p_OC = ring_contacts(surface, N)
@@ -346,7 +337,7 @@ def test_fingers_take_the_contacts_that_turn_towards_them(surface):
 
 
 @pytest.mark.parametrize(
-    "inputs", [{"hold_contacts": [1.0]}, {"tracking_status": [float(TrackingStatus.LOST)]}]
+    "inputs", [{"hold_contacts": [1.0]}, {"tracking_status": [float(dp.TrackingStatus.LOST)]}]
 )
 def test_fingers_that_hold_their_contacts_keep_them(surface, inputs):
     selector = Reassigned(surface)
