@@ -88,8 +88,9 @@ class Browser:
                 return answer["result"]
 
     def value(self, expression: str) -> object:
-        """Returns the value of a JavaScript expression in the page."""
-        answer = self.ask("Runtime.evaluate", expression=expression, returnByValue=True)
+        """Returns the value of a JavaScript expression in the page, or of its promise."""
+        options = {"returnByValue": True, "awaitPromise": True}
+        answer = self.ask("Runtime.evaluate", expression=expression, **options)
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 

@@ -12,8 +12,8 @@ from typing import Any
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from drake_pregrasp.errors import ScenarioError
-from drake_pregrasp.live.live_page import run_live
+from drake_pregrasp.errors import InvalidArgumentError, ScenarioError
+from drake_pregrasp.live.live_page import serve_live_run
 from drake_pregrasp.simulation.output import INTERRUPTED_STATUS
 from drake_pregrasp.simulation.run import RunResult, run, write_graphviz
 from drake_pregrasp.simulation.scenario import Scenario
@@ -27,6 +27,7 @@ from drake_pregrasp.systems.run_story import MEASURES
 
 _NOISE = 1e-4  # Share of a measure by which noise may change it.
 _DOUBTFUL = 0.5  # Share of tracked ticks below which a run says so.
+_NOT_LIVE = ("overwrite", "no_recording", "mcap", "graphviz")  # Options about a run's files.
 
 
 @contextlib.contextmanager
@@ -201,7 +202,9 @@ def _live(options: argparse.Namespace) -> int:
         print(f"open {address} in a browser; stop with Ctrl+C or in the page", flush=True)
 
     with stop_on_signals() as should_stop:
-        run_live(scenario, name=name, out=options.out, announce=announce, should_stop=should_stop)
+        serve_live_run(
+            scenario, name=name, out=options.out, announce=announce, should_stop=should_stop
+        )
     return 0
 
 
@@ -216,6 +219,10 @@ def _film(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace) -> int:
     if options.live:
+        given = [name for name in _NOT_LIVE if getattr(options, name)]
+        if given:
+            refused = ", ".join(f"--{name.replace('_', '-')}" for name in given)
+            raise InvalidArgumentError(f"--live writes no run folder; leave out {refused}")
         return _live(options)
     name, scenario = load_chosen(options)
     if options.graphviz is not None:

@@ -16,7 +16,7 @@ _COMMANDS = {
 }
 _STUDY_COMMANDS = {
     "gallery": ("gallery:make_gallery", "pictures of the shipped scenarios, with their measures"),
-    "grasps": ("grasp_pictures:picture_grasps", "pictures of the shipped hands"),
+    "grasps": ("gallery:picture_grasps", "pictures of the shipped hands"),
     "lookahead": ("lookahead:study_lookahead", "gain of look-ahead on fast objects"),
     "shapes": ("shape_study:study_shapes", "check of the contacts on ten shapes"),
     "faults": ("faults", "robustness against faulty measurements"),

@@ -80,7 +80,7 @@ def served_page(meshcat: Meshcat, story: Callable[[], dict[str, Any]]) -> Iterat
         server.server_close()
 
 
-def run_live(
+def serve_live_run(
     scenario: Scenario,
     *,
     name: str,

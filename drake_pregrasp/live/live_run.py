@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatAnimation
-from pydrake.math import RigidTransform
 from pydrake.systems.analysis import ApplySimulatorConfig, Simulator
 from pydrake.systems.framework import Diagram, System
 
@@ -20,7 +19,7 @@ from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.estimation.fault_settings import FOREVER
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.simulation.output import make_folder, write_text
-from drake_pregrasp.simulation.recording import make_story, recording_html
+from drake_pregrasp.simulation.recording import camera_view, make_story, recording_html
 from drake_pregrasp.simulation.scenario import Scenario, keep_start
 from drake_pregrasp.simulation.scenario_file import dump_scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
@@ -29,7 +28,6 @@ from drake_pregrasp.systems.loggers import TickRecord
 RECORDED = 600.0
 """Longest recording of a live run, in seconds: it is kept in memory."""
 
-_CAMERA = "/Cameras/default"
 _RAMP = 0.2  # Duration of a change of the conveyor's velocity, in seconds.
 _TILE = 0.01  # Smallest size of tiles, in metres: a page loads hundreds fast, but not thousands.
 _NUDGE = 0.4  # Speed that a nudge adds to the object, in m/s: a cube slides 1 cm, and does not tip.
@@ -57,7 +55,7 @@ class LiveRun:
 
     def __init__(self, scenario: Scenario, *, name: str, meshcat: Meshcat) -> None:
         self._name, self._meshcat, self._first = name, meshcat, scenario
-        self._surface = scenario.make_surface()
+        self._surface, self._camera = scenario.make_surface(), camera_view(scenario, live=True)
         self._diagram: Diagram | None = None
         self._velocity: list[float] | None = None  # Of the conveyor, if it was changed.
         self.scenario = copy.deepcopy(scenario)
@@ -68,11 +66,10 @@ class LiveRun:
         self.is_hidden, self._is_recording = False, True
         has_end = not isinstance(self._first.motion, Conveyor)
         self.end = self._first.simulation_duration if has_end else math.inf
-        self.story = make_story(self.scenario, self._name)
+        self.story = make_story(self.scenario, self._name, self._camera)
         self._meshcat.DeleteRecording()
         self._simulator = self._simulate()
         self._simulator.Initialize()
-        self._p_WO = self.last.X_WO.translation()
 
     def reset(self) -> None:
         """Starts again with the changed settings, all fingers and the next seed."""
@@ -101,14 +98,12 @@ class LiveRun:
         return {contact for event in events for contact in event.contacts}
 
     def advance(self) -> None:
-        """Simulates until the next planning tick, and moves the camera with the object."""
+        """Simulates until the next planning tick."""
         period = self.scenario.planner.period
         self._simulator.AdvanceTo(period * (tick_index(self.time, period) + 1))
         if self._is_recording and self.time > RECORDED:
             self._meshcat.StopRecording()
             self._is_recording = False
-        moved = (self.last.X_WO.translation() - self._p_WO) * [1.0, 1.0, 0.0]
-        self._meshcat.SetTransform(_CAMERA, RigidTransform(moved), self.time)
 
     def keep_pace(self) -> None:
         """Measures real time from now on, after a pause."""
@@ -227,6 +222,7 @@ class LiveRun:
             meshcat=self._meshcat,
             record=self._is_recording,
             live=True,
+            camera=self._camera,
             continues=self._diagram,
         )
         simulator = Simulator(self._diagram)

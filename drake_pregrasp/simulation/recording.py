@@ -1,12 +1,15 @@
 """Visualizers of a simulation, and its recording in Meshcat."""
 
+from typing import NamedTuple
+
 import numpy as np
 from pydrake.geometry import Meshcat, MeshcatParams, MeshcatVisualizer, MeshcatVisualizerParams
 from pydrake.systems.framework import DiagramBuilder
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Arm
-from drake_pregrasp.diagrams.expected_path import expected_path
+from drake_pregrasp.config.object_config import Conveyor
+from drake_pregrasp.diagrams.expected_path import expected_path, initial_pose
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
@@ -23,10 +26,14 @@ _LIGHTS = {"AmbientLight": 1.7, "PointLightNegativeX": 0.0, "PointLightPositiveX
 
 # Position of the camera relative to its target in W, for an object of unit size.
 _CAMERA = np.array([1.4, 1.2, 0.85])
-_HAND_CAMERA = np.array([1.6, 1.4, 0.92])
-_ARM_CAMERA = np.array([0.75, -1.75, 0.92])  # Beside the arm, which stands behind along x.
+_HAND_CAMERA = np.array([1.36, 1.19, 0.78])
+_ARM_CAMERA = np.array([0.64, -1.49, 0.78])  # Beside the arm, which stands behind along x.
 _ARM_RAISED = 0.15  # Visible part of an arm above its palm, in metres.
-_VIEW = 0.6  # Share of a path's length that counts as object size, so that all of it is visible.
+_HEADROOM = 0.3  # Height of the drawing above the object, in object sizes.
+_SMALLEST = 0.1  # Size that an object has at least for the camera, in metres.
+_SHOWN_WAY = 0.3  # Motion along an axis, in object sizes, beyond which the camera follows.
+_NEAREST = 1.1  # Smallest distance of the camera, in object sizes.
+_VIEW = 0.55  # Share of a path's length that counts as object size, so that all of it is visible.
 
 
 _SCENE = "/drake"  # Path under which everything is drawn.
@@ -49,6 +56,24 @@ def start_meshcat(*, live: bool = False) -> Meshcat:
     return meshcat
 
 
+class CameraView(NamedTuple):
+    """Camera that sees the whole motion of the object.
+
+    It moves with the object by a share of the way, so that the object is not small in the picture.
+
+    Attributes:
+        p_WK: Initial position of the camera K in W, shape (3,), in metres.
+        p_WT: Initial position of its target T in W, shape (3,), in metres.
+        share: Displacement of K and T divided by that of the object, per axis of W, shape (3,).
+        p_WO: Initial position of the object O in W, shape (3,), in metres.
+    """
+
+    p_WK: FloatArray
+    p_WT: FloatArray
+    share: FloatArray
+    p_WO: FloatArray
+
+
 def add_visualizers(
     builder: DiagramBuilder,
     meshcat: Meshcat,
@@ -59,6 +84,7 @@ def add_visualizers(
     *,
     record: bool,
     live: bool,
+    camera: CameraView | None = None,
     continues: PregraspVisualizer | None = None,
 ) -> None:
     """Adds visualizers of plant and planner, sets lights and camera, and starts a recording.
@@ -72,6 +98,7 @@ def add_visualizers(
         planner: Planner in the builder.
         record: Whether to start a recording.
         live: Whether the viewer shows the simulation while it records.
+        camera: Initial camera; by default one that sees the whole motion without following it.
         continues: Visualizer of an equal diagram whose drawings and camera are kept.
     """
     num_contacts, period = scenario.num_contacts, scenario.recording.publish_period
@@ -96,52 +123,52 @@ def add_visualizers(
         meshcat.StartRecording(1 / period, set_visualizations_while_recording=live)
     if continues is not None:
         return
-    path, direction = shown_path(scenario)
-    extent = max(0.1, float(surface.mesh.extents.max()))
+    view = camera or camera_view(scenario, follows=False)
     for name in ("/Grid", "/Axes"):
         meshcat.SetProperty(name, "visible", False)
     meshcat.SetProperty("/Background", "top_color", [1.0, 1.0, 1.0])
     meshcat.SetProperty("/Background", "bottom_color", [0.86, 0.88, 0.91])
     for light, intensity in _LIGHTS.items():
         meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
-    meshcat.SetCameraPose(*camera_pose(path, extent, direction))
+    meshcat.SetCameraPose(view.p_WK, view.p_WT)
 
 
-def shown_path(scenario: Scenario) -> tuple[FloatArray, FloatArray]:
-    """Returns the positions that the camera must show, and the camera's direction.
+def camera_view(scenario: Scenario, *, live: bool = False, follows: bool = True) -> CameraView:
+    """Returns the camera of a scenario.
 
-    The positions in W, shape (k, 3), in metres, are those of the object. With a hand, they end when
-    the hand rests, and include its palm. The direction is an argument of `camera_pose`.
-    """
-    grasp = scenario.grasp
-    duration = scenario.simulation_duration + scenario.planner.estimator.lookahead
-    if not grasp.has_hand:
-        return expected_path(scenario.motion, duration, scenario.object), _CAMERA
-    settings, model = grasp.make_settings(), scenario.load_hand_model()
-    hand = model.description
-    duration = min(duration, grasp.latest_rest(hand.fingertips))
-    path = expected_path(scenario.motion, duration, scenario.object)
-    above = hand.palm_height + max(settings.lift_height, settings.approach_height)
-    has_arm = isinstance(hand.base, Arm)
-    raised = path[[0, -1]] + model.X_LA @ np.array([0.0, 0.0, above + has_arm * _ARM_RAISED])
-    return np.concatenate([path, raised]), _ARM_CAMERA if has_arm else _HAND_CAMERA
-
-
-def camera_pose(
-    path: FloatArray, extent: float, direction: FloatArray = _CAMERA
-) -> tuple[FloatArray, FloatArray]:
-    """Returns positions in W of the camera and its target, with a whole path in the picture.
+    With a hand, the camera sees the palm too, until the hand rests.
 
     Args:
-        path: Positions of the object in W, shape (k, 3), in metres.
-        extent: Size of the object, in metres.
-        direction: Position of the camera relative to its target in W, for an object of unit size,
-            shape (3,).
+        scenario: Checked scenario.
+        live: Whether a conveyor does not end.
+        follows: Whether the camera follows an object that moves far; otherwise it stays.
     """
+    grasp, motion, direction = scenario.grasp, scenario.motion, _CAMERA
+    extent = max(_SMALLEST, float(scenario.object.make_shape().mesh.extents.max()))
+    duration = scenario.simulation_duration + scenario.planner.estimator.lookahead
+    p_LA = np.array([0.0, 0.0, _HEADROOM * extent])
+    if grasp.has_hand:
+        settings, model = grasp.make_settings(), scenario.load_hand_model()
+        hand = model.description
+        duration = min(duration, grasp.latest_rest(hand.fingertips))
+        above = hand.palm_height + max(settings.lift_height, settings.approach_height)
+        has_arm = isinstance(hand.base, Arm)
+        p_LA = model.X_LA @ np.array([0.0, 0.0, above + has_arm * _ARM_RAISED])
+        direction = _ARM_CAMERA if has_arm else _HAND_CAMERA
+    path = expected_path(motion, duration, scenario.object)
+    shown = _SHOWN_WAY * extent
+    share = follows * (1 - shown / np.maximum(np.ptp(path, axis=0), shown))
+    if live and isinstance(motion, Conveyor):
+        share = np.array([1.0, 1.0, 0.0])
+    times = np.linspace(0.0, duration, len(path))
+    ahead = scenario.planner.estimator.lookahead * np.gradient(path, times, axis=0)
+    path = path - share * (path - path[0])
+    path = np.concatenate([path, path + ahead, path[[0, -1]] + p_LA])
     low, high = path.min(axis=0), path.max(axis=0)
     target: FloatArray = (low + high) / 2
-    scale = max(extent, _VIEW * float((high - low).max() + extent))
-    return target + scale * direction, target
+    scale = max(_NEAREST * extent, _VIEW * float((high - low).max() + extent))
+    p_WO = initial_pose(motion, scenario.object).translation()
+    return CameraView(target + scale * direction, target, share, p_WO)
 
 
 def recording_html(meshcat: Meshcat, story: RunStory) -> str:
@@ -157,8 +184,18 @@ def recording_html(meshcat: Meshcat, story: RunStory) -> str:
     return story.added_to(meshcat.StaticHtml())
 
 
-def make_story(scenario: Scenario, name: str) -> RunStory:
-    """Returns the story of a run that begins."""
+def make_story(scenario: Scenario, name: str, camera: CameraView | None = None) -> RunStory:
+    """Returns the story of a run that begins.
+
+    Args:
+        scenario: Checked scenario.
+        name: Name of the run, for the title.
+        camera: Initial camera of the page with the story, which follows the object; by default it
+            stays.
+    """
     title = f"{name}: {scenario.description}" if scenario.description else name
     names, end = scenario.obstacle_names, scenario.planner.static_duration
-    return RunStory(title, scenario.num_contacts, static_end=end, obstacle_names=names)
+    view = {} if camera is None else camera._asdict()
+    follows = {name: vector.tolist() for name, vector in view.items()}
+    n = scenario.num_contacts
+    return RunStory(title, n, static_end=end, obstacle_names=names, camera=follows)

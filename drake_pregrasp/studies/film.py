@@ -9,19 +9,20 @@ from pydrake.geometry import GeometryId
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
 
-from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.hand_description import Arm
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
 from drake_pregrasp.diagrams.pregrasp_planner import PregraspPlanner
 from drake_pregrasp.simulation.hand_file import load_hand
 from drake_pregrasp.simulation.output import make_folder, writing
-from drake_pregrasp.simulation.recording import camera_pose, make_story, shown_path
+from drake_pregrasp.simulation.recording import CameraView, camera_view, make_story
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 from drake_pregrasp.studies import pictures
 from drake_pregrasp.studies.pictures import ByteArray, Light
+from drake_pregrasp.systems.drawing import VOLUME_COLOR, drawn_solid
 from drake_pregrasp.systems.loggers import GraspRecord
+from drake_pregrasp.systems.pregrasp_visualizer import GHOST_COLOR, are_apart
 from drake_pregrasp.systems.run_story import RunStory
 
 _CAMERA = pictures.color_camera((400, 400), 0.46)
@@ -30,7 +31,7 @@ _FROM_ARM, _FROM_HAND = np.array([0.45, -1.0, 0.5]), np.array([0.75, 0.65, 0.5])
 """Position of the camera relative to its target in W, with and without an arm, in metres."""
 _ABOVE = np.array([0.0, 0.0, 0.12])  # Target of the camera above the object, in metres.
 _LIGHTS = (Light([0.3, 0.5, 0.8], 0.85), Light([-0.6, 0.3, 0.7], 0.6), Light([0.0, 1.0, 0.1], 0.3))
-_SOFT_LIGHTS = tuple(light._replace(intensity=0.7 * light.intensity) for light in _LIGHTS)
+_EVEN_LIGHTS = (Light([0.3, 0.2, 1], 0.7), Light([-0.6, 0.1, 1], 0.45), Light([0, 1, 0.1], 0.35))
 _BACKGROUND = (0.93, 0.94, 0.96)
 
 _SHOWN = 100  # Milliseconds for which each picture of a film is shown.
@@ -43,8 +44,7 @@ _PANEL, _LINE, _DOT = 250, 19, 5  # Width of the text, height of a line, radius 
 class SceneCamera:
     """Takes pictures of a scenario, with regions and goals on the object.
 
-    With a hand, the camera moves with the object. Otherwise it stands where the one of a recording
-    does.
+    With a hand, the camera moves with the object. Otherwise it is that of a recording.
 
     Args:
         scenario: Scenario to simulate.
@@ -56,6 +56,7 @@ class SceneCamera:
 
     def __init__(self, scenario: Scenario, story: RunStory | None = None) -> None:
         self.records: list[GraspRecord] = []
+        self._scenario = scenario
         told = story or make_story(scenario, "")
         self._surface, self._drawn = scenario.make_surface(), list[GeometryId]()
 
@@ -66,19 +67,17 @@ class SceneCamera:
         diagram = make_diagram(scenario, self._surface, sink=told.add_tick, grasp_sink=add_record)
         self._station: HandStation | ObjectPlant = diagram.GetSubsystemByName("object_plant")
         self._planner: PregraspPlanner = diagram.GetSubsystemByName("pregrasp_planner")
-        lights = _LIGHTS if scenario.grasp.has_hand else _SOFT_LIGHTS
+        lights = _LIGHTS if scenario.grasp.has_hand else _EVEN_LIGHTS
         self._station.scene_graph.AddRenderer(
             pictures.RENDERER, pictures.lit_renderer(lights, _BACKGROUND)
         )
-        self._p_WT: FloatArray | None = None
         if scenario.grasp.has_hand:
             has_arm = isinstance(load_hand(scenario.grasp.hand).base, Arm)
-            self._camera, self._p_TK_W = _CAMERA, _FROM_ARM if has_arm else _FROM_HAND
+            p_TK_W, share = _FROM_ARM if has_arm else _FROM_HAND, np.array([1.0, 1.0, 0.0])
+            self._camera = _CAMERA
+            self._view = CameraView(_ABOVE + p_TK_W, _ABOVE, share, np.zeros(3))
         else:
-            path, direction = shown_path(scenario)
-            extent = float(self._surface.mesh.extents.max())
-            p_WK, self._p_WT = camera_pose(path, extent, direction)
-            self._camera, self._p_TK_W = _WIDE_CAMERA, p_WK - self._p_WT
+            self._camera, self._view = _WIDE_CAMERA, camera_view(scenario)
         self._simulator = Simulator(diagram)
 
     def advance(self, time: float) -> None:
@@ -94,17 +93,17 @@ class SceneCamera:
         self.advance(time)
         context = self._station.GetMyContextFromRoot(self._simulator.get_context())
         X_WO: RigidTransform = self._station.GetOutputPort("X_WO").Eval(context)
-        self._draw_goals(X_WO)
-        target = self._p_WT
-        if target is None:
-            target = X_WO.translation() * [1.0, 1.0, 0.0] + _ABOVE
-        query = self._station.GetOutputPort("query_object").Eval(context)
-        return pictures.take_picture(
-            query, self._camera, pictures.camera_pose(target, self._p_TK_W)
-        )
+        self._draw(X_WO)
+        query, view = self._station.GetOutputPort("query_object").Eval(context), self._view
+        p_WT = view.p_WT + view.share * (X_WO.translation() - view.p_WO)
+        X_WK = pictures.camera_pose(p_WT, view.p_WK - view.p_WT)
+        return pictures.take_picture(query, self._camera, X_WK)
 
-    def _draw_goals(self, X_WO: RigidTransform) -> None:
-        """Replaces regions and goals in the scene by those of this tick; a closed hand has none."""
+    def _draw(self, X_WO: RigidTransform) -> None:
+        """Replaces what the planner draws in the scene: regions, goals, estimate, no-touch volumes.
+
+        A closed hand has no goals.
+        """
         planner, plant = self._planner, self._station.plant
         context = planner.GetMyContextFromRoot(self._simulator.get_context())
         regions = planner.GetOutputPort("safe_regions").Eval(context)
@@ -113,7 +112,16 @@ class SceneCamera:
         hold = planner.GetInputPort("hold_contacts")
         is_held = hold.HasValue(context) and hold.Eval(context)[0] > 0
         active = [] if is_held else np.flatnonzero(status > 0).tolist()
-        p_OC = (X_WO.inverse() @ p_WC[active].T).T
+        X_OW, ahead = X_WO.inverse(), self._scenario.planner.estimator.lookahead
+        p_OC = (X_OW @ p_WC[active].T).T
+        drawn = pictures.goal_geometry(self._surface, regions.labels, p_OC, active)
+        X_WE: RigidTransform = planner.GetOutputPort("X_WO_estimated").Eval(context)
+        if are_apart(X_WE, X_WO):
+            mesh = pictures.drawn_mesh(self._surface.mesh.triangles)
+            drawn.append(pictures.coloured(X_OW @ X_WE, mesh, GHOST_COLOR, "estimate"))
+        for index, volume in enumerate(self._scenario.no_touch_volumes):
+            shape, X_WS = drawn_solid(volume.at(context.get_time() + ahead))
+            drawn.append(pictures.coloured(X_OW @ X_WS, shape, VOLUME_COLOR, f"volume_{index}"))
         scene = self._station.scene_graph
         drawn_in = scene.GetMyMutableContextFromRoot(self._simulator.get_mutable_context())
         source = plant.get_source_id()
@@ -121,8 +129,7 @@ class SceneCamera:
         for geometry in self._drawn:
             scene.RemoveGeometry(drawn_in, source, geometry)
         self._drawn = [
-            scene.RegisterGeometry(drawn_in, source, frame, instance)
-            for instance in pictures.goal_geometry(self._surface, regions.labels, p_OC, active)
+            scene.RegisterGeometry(drawn_in, source, frame, instance) for instance in drawn
         ]
 
 

@@ -24,7 +24,9 @@ _REGION_LIFT = 8e-4
 
 
 _ELLIPSOID_COLOR = Rgba(0.35, 0.37, 0.40, 0.6)
-_GHOST_COLOR = Rgba(0.15, 0.2, 0.35, 0.15)
+GHOST_COLOR = Rgba(0.15, 0.2, 0.35, 0.15)
+"""Colour of the object at the estimated pose."""
+
 _GHOST_GAP = 0.002  # Distance of the estimate from the object at which it is drawn, in metres.
 _GHOST_TURN = 0.03  # Angle between the two from which it is drawn, in radians.
 
@@ -98,7 +100,7 @@ class PregraspVisualizer(LeafSystem):
         self._surface = surface
         self._tile_surface = tile_surface or surface
         self._tile_candidates = _nearest_candidates(surface, self._tile_surface)
-        self._num_contacts = num_contacts
+        self._num_contacts, self._marker_radius = num_contacts, marker_radius
         self._trail_length = trail_length
         self._trail_step = trail_step
         self._record = record
@@ -114,14 +116,14 @@ class PregraspVisualizer(LeafSystem):
         self._p_WO_covariance = self.DeclareVectorInputPort("p_WO_covariance", 9)
         self._X_WO = self.DeclareAbstractInputPort("X_WO", POSE)
         if continues is None:
-            self._make_objects(marker_radius)
+            self._make_objects()
         else:
             self._take_over(continues)
         self.DeclareInitializationPublishEvent(self._restart)
         self.DeclarePeriodicPublishEvent(publish_period, 0.0, self._draw)
         self.DeclareForcedPublishEvent(self._draw)
 
-    def _make_objects(self, marker_radius: float) -> None:
+    def _make_objects(self) -> None:
         self._meshcat.Delete(ROOT)
         for tile in range(len(self._tile_surface.p_OQ)):
             vertices, triangles = _tile_mesh(self._tile_surface, tile)
@@ -129,12 +131,12 @@ class PregraspVisualizer(LeafSystem):
             self._meshcat.SetTriangleMesh(_tile_path(tile), vertices, triangles, color)
         for i in range(self._num_contacts):
             color = contact_color(i)
-            self._meshcat.SetObject(_goal_path(i), Sphere(marker_radius), color)
+            self._meshcat.SetObject(_goal_path(i), Sphere(self._marker_radius), color)
             for slot in range(self._trail_length):
                 path = _trail_path(i, slot)
-                self._meshcat.SetObject(path, Sphere(0.25 * marker_radius), color)
+                self._meshcat.SetObject(path, Sphere(0.25 * self._marker_radius), color)
         mesh = self._surface.mesh
-        self._meshcat.SetTriangleMesh(_GHOST, mesh.vertices.T, mesh.faces.T, _GHOST_COLOR)
+        self._meshcat.SetTriangleMesh(_GHOST, mesh.vertices.T, mesh.faces.T, GHOST_COLOR)
         self._meshcat.SetObject(f"{ROOT}/covariance/axes", Sphere(1.0), _ELLIPSOID_COLOR)
 
     def _forget(self) -> None:
@@ -159,13 +161,16 @@ class PregraspVisualizer(LeafSystem):
         regions: SafeRegions = self._safe_regions.Eval(context)
         covariance: FloatArray = self._p_WO_covariance.Eval(context).reshape(3, 3)
         p_WC: FloatArray = self._p_WC.Eval(context).reshape(-1, 3)
+        p_OC = (X_WO.inverse() @ p_WC.T).T
         active = is_active(self._contact_status.Eval(context))
         self._meshcat.SetTransform(f"{ROOT}/object", X_WO_drawn, time)
         self._meshcat.SetTransform(_GHOST, X_WO, time)
-        self._set(_GHOST, "visible", _are_apart(X_WO, X_WO_drawn), time)
+        self._set(_GHOST, "visible", are_apart(X_WO, X_WO_drawn), time)
         self._color_tiles(regions.labels[self._tile_candidates], time)
-        self._draw_goals(p_WC, active, time)
-        self._draw_trails((X_WO.inverse() @ p_WC.T).T, active, time)
+        # Balls touch the surface from outside: centred on a thin wall, they show on both sides.
+        p_OB = p_OC + self._marker_radius * self._surface.project(p_OC)[1]
+        self._draw_goals((X_WO @ p_OB.T).T, active, time)
+        self._draw_trails(p_OC, active, time)
         self._draw_covariance(X_WO, covariance, time)
         return EventStatus.Succeeded()
 
@@ -186,9 +191,9 @@ class PregraspVisualizer(LeafSystem):
                 animation.SetProperty(frame, *target, linear_rgb(color))
         self._shown_labels = labels
 
-    def _draw_goals(self, p_WC: FloatArray, active: BoolArray, time: float) -> None:
+    def _draw_goals(self, p_WB: FloatArray, active: BoolArray, time: float) -> None:
         for i in range(self._num_contacts):
-            self._meshcat.SetTransform(_goal_path(i), RigidTransform(p_WC[i]), time)
+            self._meshcat.SetTransform(_goal_path(i), RigidTransform(p_WB[i]), time)
             self._set(_goal_path(i), "visible", bool(active[i]), time)
 
     def _draw_trails(self, p_OC: FloatArray, active: BoolArray, time: float) -> None:
@@ -221,7 +226,7 @@ class PregraspVisualizer(LeafSystem):
             self._shown[path, name] = value
 
 
-def _are_apart(X_WA: RigidTransform, X_WB: RigidTransform) -> bool:
+def are_apart(X_WA: RigidTransform, X_WB: RigidTransform) -> bool:
     """Returns whether two poses of an object differ visibly."""
     X_AB = X_WA.InvertAndCompose(X_WB)
     turn = X_AB.rotation().ToAngleAxis().angle()

@@ -45,6 +45,8 @@ class RunStory:
         num_contacts: Number of contacts n.
         static_end: End of the phase in which initial contacts are held, in seconds; 0 for none.
         obstacle_names: Names of obstacles by their indices; other obstacles have none.
+        camera: How the page's camera follows the object, as the fields of `CameraView`; empty for a
+            camera that stays.
 
     Attributes:
         states: Present texts by the names of their rows: `0` to `n - 1` for contacts, `object`,
@@ -58,8 +60,10 @@ class RunStory:
         *,
         static_end: float = 0.0,
         obstacle_names: Mapping[int, str] | None = None,
+        camera: Mapping[str, list[float]] | None = None,
     ) -> None:
         self._title, self._obstacle_names = title, dict(obstacle_names or {})
+        self._camera = dict(camera or {})
         self._colors = [hex_color(contact_color(i)) for i in range(num_contacts)]
         self._static_end, self._time = static_end, 0.0
         self._kinds: list[float] = [ContactStatus.INACTIVE] * num_contacts
@@ -121,7 +125,8 @@ class RunStory:
         return self._page() | {"changes": changes, "events": self._events[-8:]}
 
     def _page(self) -> dict[str, Any]:
-        return {"title": self._title, "colors": self._colors, "time": self._time}
+        texts = {"title": self._title, "colors": self._colors}
+        return texts | {"time": self._time, "camera": self._camera}
 
     def added_to(self, page: str) -> str:
         """Returns a page of Meshcat with the story over its scene."""

@@ -29,7 +29,7 @@ PANDA_CHANNEL = "PANDA_COMMAND"
 _POLL = 1  # Longest wait for a message, in milliseconds.
 _SLACK = 1e-3  # Time before a tick at which it has not begun, and after it, in periods.
 _OFFSET = _SLACK / 2  # Time after a tick, in periods, at which commands are sent that contain it.
-_PHASE_GAIN = 0.05  # Share of a message's phase that the clock of `run_live` is shifted by.
+_PHASE_GAIN = 0.05  # Share of a message's phase that the clock of `run_lcm_loop` is shifted by.
 
 
 class PoseReceiver(LeafSystem):
@@ -229,7 +229,7 @@ def AddCommandPublisher(
     return sender
 
 
-def run_live(
+def run_lcm_loop(
     simulator: Simulator, lcm: DrakeLcmInterface, *, period: float, duration: float = math.inf
 ) -> None:
     """Advances a diagram in real time, and runs a tick as soon as a message arrives.

@@ -114,7 +114,9 @@ def _only_track(path: Path, topic: str, frame: str) -> tuple[Track, dict[int, li
         if not tracks:
             raise InvalidArgumentError(f"has no messages of {', '.join(_KINDS)}")
         found = "; ".join(map(str, sorted(chosen or tracks)[:_LISTED]))
-        raise InvalidArgumentError(f"has {found}: name one of them by topic and frame")
+        is_named = len({(t.topic, t.frame) for t in chosen}) == 1
+        remedy = "keep one parent only" if is_named else "name one of them by topic and frame"
+        raise InvalidArgumentError(f"has {found}: {remedy}")
     return chosen[0], tracks[chosen[0]]
 
 

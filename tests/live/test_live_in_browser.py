@@ -49,6 +49,23 @@ class Page:
         self.thread.join()
         self.browser.close()
 
+    def mouse(self, kind: str, x: float, y: float) -> None:
+        """Presses, moves or releases the mouse with its left button."""
+        self.browser.ask(
+            "Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1
+        )
+
+    def seen(self) -> np.ndarray:
+        """Returns where the object is in the picture: x and y from -1 to 1."""
+        place = """new Promise(resolve => requestAnimationFrame(() => {
+            const object = viewer.scene_tree.find(["drake", "pregrasp", "object"]).object;
+            viewer.controls.update();
+            viewer.camera.updateMatrixWorld();
+            const place = object.getWorldPosition(viewer.camera.position.clone());
+            resolve(place.project(viewer.camera).toArray());
+        }))"""
+        return np.array(self.browser.value(place))[:2]
+
     def click(self, name: str, share: float = 0.5) -> None:
         """Clicks on a button, or at a share of a slider's width."""
         self.browser.until(f'"{name}" in viewer.gui_controllers')  # Not while it is being saved.
@@ -60,9 +77,7 @@ class Page:
         }})()"""
         x, y = self.browser.value(place)
         for kind in ("mousePressed", "mouseReleased"):
-            self.browser.ask(
-                "Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1
-            )
+            self.mouse(kind, x, y)
 
     def slide(self, name: str, share: float) -> float:
         """Moves a slider, and returns the value that it then shows."""
@@ -193,6 +208,27 @@ def test_a_hand_closes_when_it_is_told_to(opened):
     page.told("follows the object")
     page.click("hand: close")
     page.told("hand holds")  # Phases before it may be over before a slow browser has shown them.
+
+
+def test_the_camera_goes_with_the_object_and_the_mouse_turns_it(page):
+    direction = "viewer.camera.position.clone().sub(viewer.controls.target).toArray()"
+    assert page.slide("speed [mm/s]", 0.99) > 90
+    page.pass_time(1.0)
+    x, first = page.place()[0], page.browser.value(direction)
+    np.testing.assert_allclose(page.seen(), 0, atol=0.1)
+    page.mouse("mousePressed", 450, 400)
+    page.mouse("mouseMoved", 500, 400)
+    page.mouse("mouseReleased", 500, 400)
+    page.pass_time(1.0)
+    turned = page.browser.value(direction)
+    assert np.linalg.norm(np.subtract(turned, first)) > 0.01
+    page.pass_time(4.0)
+    assert page.place()[0] - x > 0.5  # Five times its size.
+    np.testing.assert_allclose(page.browser.value(direction), turned, atol=1e-6)
+    np.testing.assert_allclose(page.seen(), 0, atol=0.1)
+    page.browser.ask("Page.reload")
+    page.browser.until("window.viewer?.controls?.target.x > 0.5")
+    np.testing.assert_allclose(page.seen(), 0, atol=0.1)
 
 
 def test_the_page_shows_the_whole_scene(page, tmp_path):

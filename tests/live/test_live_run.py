@@ -16,8 +16,10 @@ from drake_pregrasp.live.live_run import LiveRun
 from drake_pregrasp.simulation.recording import start_meshcat
 from drake_pregrasp.simulation.scenario_file import check_scenario
 
+NAMES = ["a_base", pytest.param("grasp_five_finger", marks=pytest.mark.slow)]
 
-@pytest.mark.parametrize("name", ["a_base", "grasp_five_finger"])
+
+@pytest.mark.parametrize("name", NAMES)
 def test_a_change_of_nothing_changes_nothing(name):
     """Goals and the object are those of a simulation without a change, to the last bit."""
     scenario = load_scenario(name, text="{planner: {static_duration: 0.1}}")
@@ -53,6 +55,7 @@ def test_a_new_start_has_the_changed_settings_another_seed_and_all_fingers():
     assert scenario.sensor.faults.nan_probability == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["a_base", "grasp_five_finger"])
 def test_sliders_at_their_ends_make_valid_scenarios(name, tmp_path):
     meshcat = start_meshcat(live=True)
@@ -77,6 +80,7 @@ def test_a_run_goes_on_after_a_refused_change():
     assert run.time == period
 
 
+@pytest.mark.slow
 def test_the_command_prints_a_local_address_and_serves_until_it_is_interrupted(tmp_path):
     command = [sys.executable, "-m", "drake_pregrasp", "run", "a_base", "--live"]
     with subprocess.Popen([*command, "--out", str(tmp_path)], stdout=subprocess.PIPE) as process:

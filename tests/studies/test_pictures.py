@@ -12,8 +12,7 @@ from pydrake.math import RigidTransform
 from drake_pregrasp import ContactStatus, load_scenario
 from drake_pregrasp.studies import gallery, pictures, shape_study
 from drake_pregrasp.studies.film import film_scenario
-from drake_pregrasp.studies.gallery import describe_limits, make_gallery
-from drake_pregrasp.studies.grasp_pictures import FRAME_TIME, film_grasp
+from drake_pregrasp.studies.gallery import FRAME_TIME, describe_limits, film_grasp, make_gallery
 from drake_pregrasp.studies.pictures import WHITE, Light
 from drake_pregrasp.studies.shape_study import study_shapes
 

@@ -57,6 +57,7 @@ def test_tiles_have_a_spacing_of_their_own(meshcat, surface):
 
 def test_regions_are_drawn_on_the_object_and_goals_where_they_are(meshcat, surface, p_OC):
     visualizer = drawn(meshcat, surface, p_OC)
+    touching = p_OC[0] + 0.006 * surface.project(p_OC)[1][0]  # A ball outside.
     true = X_WO @ RigidTransform([0.0, 0.002, 0.0])
     for pose in (X_WO, true):
         if pose is true:
@@ -65,7 +66,7 @@ def test_regions_are_drawn_on_the_object_and_goals_where_they_are(meshcat, surfa
         message = meshcat._GetPackedTransform(f"{PREGRASP}/object")
         np.testing.assert_allclose(packed_numbers(message, 16).reshape(4, 4).T, pose.GetAsMatrix4())
         goal = packed_numbers(meshcat._GetPackedTransform(f"{PREGRASP}/goals/0"), 16)
-        np.testing.assert_allclose(goal.reshape(4, 4).T[:3, 3], X_WO @ p_OC[0], atol=1e-12)
+        np.testing.assert_allclose(goal.reshape(4, 4).T[:3, 3], X_WO @ touching, atol=1e-12)
 
 
 def test_the_planner_is_drawn_once_and_then_only_moves(meshcat, surface, p_OC):

@@ -46,6 +46,7 @@ def test_a_replayed_run_has_the_same_goals(name, tmp_path):
         )
 
 
+@pytest.mark.slow
 def test_foxglove_is_shown_what_is_logged(tmp_path):
     stops = iter([False] * 10)
     result = short_run("a_base", tmp_path, mcap=True, should_stop=lambda: next(stops, True))

@@ -130,6 +130,10 @@ def test_one_of_several_poses_is_named(tmp_path):
     ("messages", "problem"),
     [
         ([], "has no messages of geometry_msgs"),
+        (
+            [foxglove_pose(), foxglove_pose(1) | {"frame_id": "table"}],
+            "parent='table'; topic='/cup', frame='', parent='world': keep one parent only",
+        ),
         ([b"\xff{"], "cannot be read"),
         ([b"[" * 100_000], "cannot be read"),
         ([{"timestamp": {"sec": 0, "nsec": 0}}], "cannot be read"),
