@@ -20,12 +20,12 @@ SKIPPED = {
     tokenize.ENDMARKER,
 }
 LINES = {  # At most this many lines of code below each folder.
-    "drake_pregrasp": 21_053,
-    "drake_pregrasp/studies": 4_940,
-    "drake_pregrasp/fast": 1_490,
-    "tests": 16_720,
+    "drake_pregrasp": 21_190,
+    "drake_pregrasp/studies": 4_930,
+    "drake_pregrasp/fast": 1_500,
+    "tests": 16_710,
 }
-FILES = {"drake_pregrasp": 200}
+FILES = {"drake_pregrasp": 199}
 LONGEST_FILE = 400  # Lines, all counted.
 LARGEST_FOLDER = {"systems": 24, "diagrams": 24}
 OTHER_FOLDERS = 16  # Files in any other folder of the package.

@@ -13,15 +13,21 @@ from drake_pregrasp.config.planner_config import (
 from drake_pregrasp.contacts.assignment import ring_contacts
 from drake_pregrasp.contacts.goal_limits import Pair
 from drake_pregrasp.contacts.selection_input import ContactStatus, SelectionInput, WeightFunction
-from drake_pregrasp.contacts.start_contacts import NoGraspError
-from drake_pregrasp.diagrams.grasping_hand import AddHandController, GraspingHand
+from drake_pregrasp.diagrams.grasping_hand import AddHandController, GraspingHand, choose_approach
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_parsing import add_hand_model
 from drake_pregrasp.diagrams.hand_station import HandStation
 from drake_pregrasp.diagrams.object_plant import ObjectPlant
+from drake_pregrasp.diagrams.palm_base import ArmKinematics
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
-from drake_pregrasp.errors import InvalidArgumentError, OutputError, PregraspError, ScenarioError
+from drake_pregrasp.errors import (
+    InvalidArgumentError,
+    NoGraspError,
+    OutputError,
+    PregraspError,
+    ScenarioError,
+)
 from drake_pregrasp.estimation.fault_settings import MeasurementFaults
 from drake_pregrasp.estimation.pose_filter import PoseFilterNoise
 from drake_pregrasp.estimation.pose_track import MeasurementVerdict, TrackingStatus
@@ -46,7 +52,7 @@ from drake_pregrasp.systems.fingertip_sensor import FingertipSensor, HandKinemat
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor, GraspQualityView
 from drake_pregrasp.systems.grasp_sequencer import GraspSequencer
 from drake_pregrasp.systems.joint_reference import JointReference
-from drake_pregrasp.systems.palm_posture import ArmKinematics, ArmPosture, CarrierPosture
+from drake_pregrasp.systems.palm_posture import ArmPosture, CarrierPosture
 from drake_pregrasp.systems.pose_estimator import PoseEstimator
 from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
 from drake_pregrasp.systems.pregrasp_visualizer import PregraspVisualizer
@@ -119,6 +125,7 @@ __all__ = [
     "add_hand_model",
     "box_surface",
     "capability_weights",
+    "choose_approach",
     "compute_safe_regions",
     "hand_limits",
     "load_hand",

@@ -6,15 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp.arrays import (
-    FARTHEST,
-    LARGEST_VARIANCE,
-    LARGEST_WEIGHT,
-    is_valid_pose,
-    validated_covariance,
-    validated_rates,
-    validated_weights,
-)
+from drake_pregrasp import arrays
 from drake_pregrasp.estimation.pose_track import TrackingStatus
 
 ANY_NUMBER = st.one_of(
@@ -29,11 +21,11 @@ R = Rotation.from_rotvec([0.3, -0.4, 1.0]).as_matrix()
 @given(st.lists(ANY_NUMBER, min_size=4, max_size=4))
 def test_weights_are_bounded_or_those_of_lost_fingers(numbers):
     given_weights = np.array(numbers)
-    usable = validated_weights(given_weights)
+    usable = arrays.validated_weights(given_weights)
     lost = np.isnan(given_weights) | (given_weights == -np.inf)
     np.testing.assert_array_equal(usable == -np.inf, lost)
-    assert np.all(np.abs(usable[~lost]) <= LARGEST_WEIGHT)
-    inside = np.abs(given_weights) <= LARGEST_WEIGHT
+    assert np.all(np.abs(usable[~lost]) <= arrays.LARGEST_WEIGHT)
+    inside = np.abs(given_weights) <= arrays.LARGEST_WEIGHT
     np.testing.assert_array_equal(usable[inside], given_weights[inside])
     order = np.argsort(given_weights[~lost], kind="stable")
     assert np.all(np.diff(usable[~lost][order]) >= 0)
@@ -41,11 +33,11 @@ def test_weights_are_bounded_or_those_of_lost_fingers(numbers):
 
 @given(st.lists(ANY_NUMBER, min_size=9, max_size=9), SPREADS)
 def test_any_matrix_makes_a_covariance(numbers, spread):
-    usable = validated_covariance(np.array(numbers).reshape(3, 3), R, spread)
+    usable = arrays.validated_covariance(np.array(numbers).reshape(3, 3), R, spread)
     np.linalg.cholesky(usable)
     variances = np.linalg.eigvalsh(usable)
-    assert np.min(variances) >= 0.9 * spread**2 - 1e-12 * LARGEST_VARIANCE
-    assert np.max(variances) <= 3 * LARGEST_VARIANCE + 2 * spread**2
+    assert np.min(variances) >= 0.9 * spread**2 - 1e-12 * arrays.LARGEST_VARIANCE
+    assert np.max(variances) <= 3 * arrays.LARGEST_VARIANCE + 2 * spread**2
 
 
 def assert_symmetric_and_definite(usable):
@@ -58,7 +50,7 @@ def test_a_symmetric_matrix_makes_a_covariance_whether_or_not_it_is_one(numbers,
     matrix = np.zeros((3, 3))
     matrix[np.triu_indices(3)] = scale * np.array(numbers)
     matrix += np.triu(matrix, 1).T
-    assert_symmetric_and_definite(validated_covariance(matrix, R, spread))
+    assert_symmetric_and_definite(arrays.validated_covariance(matrix, R, spread))
 
 
 @given(SYMMETRIC, st.sampled_from([1e-8, 1e-4, 1e-2, 1.0]), SCALES, SPREADS)
@@ -67,7 +59,7 @@ def test_a_definite_matrix_that_is_not_symmetric_makes_a_symmetric_one(
 ):
     root, x = np.diag(numbers[:3]) + np.eye(3), np.array(numbers[3:])
     skew = skewed * np.cross(np.eye(3), x)
-    usable = validated_covariance(scale * (root @ root.T + skew), R, spread)
+    usable = arrays.validated_covariance(scale * (root @ root.T + skew), R, spread)
     assert_symmetric_and_definite(usable)
 
 
@@ -75,40 +67,40 @@ def test_a_definite_matrix_that_is_not_symmetric_makes_a_symmetric_one(
 def test_a_covariance_is_used_as_it_is(numbers):
     root = np.array(numbers).reshape(3, 3)
     covariance = root @ root.T
-    usable = validated_covariance(covariance, R, 0.04)
+    usable = arrays.validated_covariance(covariance, R, 0.04)
     np.testing.assert_array_equal(usable, R.T @ covariance @ R + 0.04**2 * np.eye(3))
 
 
 def test_a_nan_covariance_leaves_only_the_spread():
     unknown = np.full((3, 3), np.nan)
-    np.testing.assert_allclose(validated_covariance(unknown, R, 0.04), 0.04**2 * np.eye(3))
+    np.testing.assert_allclose(arrays.validated_covariance(unknown, R, 0.04), 0.04**2 * np.eye(3))
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300, 2 * FARTHEST])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300, 2 * arrays.FARTHEST])
 @pytest.mark.parametrize("index", range(3))
 def test_invalid_poses_are_recognized(bad, index):
     p = np.array([0.1, -0.2, 0.3])
-    assert is_valid_pose(R, p)
-    assert is_valid_pose(R.astype(np.float32).astype(float), 1e6 * p)
+    assert arrays.is_valid_pose(R, p)
+    assert arrays.is_valid_pose(R.astype(np.float32).astype(float), 1e6 * p)
     far, turned = p.copy(), R.copy()
     far[index] = turned[index, 0] = bad
-    assert not is_valid_pose(R, far)
-    assert not is_valid_pose(turned, p)
+    assert not arrays.is_valid_pose(R, far)
+    assert not arrays.is_valid_pose(turned, p)
 
 
 @pytest.mark.parametrize(
     "matrix", [np.zeros((3, 3)), 1.001 * R, -R, np.diag([1.0, 1, -1]), np.ones((3, 3))]
 )
 def test_invalid_rotations_are_recognized(matrix):
-    assert not is_valid_pose(matrix, np.zeros(3))
+    assert not arrays.is_valid_pose(matrix, np.zeros(3))
 
 
 @given(st.lists(ANY_NUMBER, min_size=6, max_size=6))
 def test_rates_are_used_all_or_none(numbers):
     rates = np.array(numbers)
-    usable = validated_rates(rates)
-    assert np.all(np.abs(usable) <= FARTHEST)
-    expected = rates if np.all(np.abs(rates) <= FARTHEST) else 0 * np.ones(6)
+    usable = arrays.validated_rates(rates)
+    assert np.all(np.abs(usable) <= arrays.FARTHEST)
+    expected = rates if np.all(np.abs(rates) <= arrays.FARTHEST) else 0 * np.ones(6)
     np.testing.assert_array_equal(usable, expected)
 
 

@@ -20,7 +20,7 @@ class Mount:
     link: str = ""
 
     # Position of the link in the frame of the wrist, in metres. At yaw 0 the wrist has the axes of
-    # W, and is `palm_height` over the object's origin.
+    # W, and is `palm_height` over the object's centre of mass.
     position: list[float] = field(default_factory=zeros, metadata=POINT)
 
     # Orientation of the link, as roll, pitch and yaw in the wrist, in radians.
@@ -36,8 +36,8 @@ class Carrier:
         default_factory=lambda: ["x", "y", "z", "yaw"], metadata={"length": 4}
     )
 
-    # Height of the carrier over the object's origin, in metres; more for objects that are so high
-    # that the carrier would come nearer than `top_clearance` to their top.
+    # Height of the carrier over the object's centre of mass, in metres; more for objects that are
+    # so high that the carrier would come nearer than `top_clearance` to their top.
     palm_height: float = field(default=0.155, metadata={"at_least": 0, "at_most": 10})
 
     # Least height of the carrier over the object's top, in metres.
@@ -60,14 +60,15 @@ class Arm:
     # Home positions of the arm, which it approaches as far as the palm's pose allows.
     home: list[float] = field(default_factory=list, metadata={"required": True, **_ANGLE})
 
-    # Position of the palm over the object's origin at yaw 0, along the axes of W, in metres.
+    # Position of the palm over the object's centre of mass at yaw 0, along the axes of W, in
+    # metres.
     palm_position: list[float] = field(default_factory=zeros, metadata={"required": True, **POINT})
 
     # Orientation of the palm at yaw 0, as roll, pitch and yaw in W, in radians.
     palm_rpy: list[float] = field(default_factory=zeros, metadata=POINT)
 
     # Whether the heights of the palm and of the fingers' reach are over the object's top, and not
-    # over its origin.
+    # over its centre of mass.
     over_top: bool = False
 
 
@@ -190,16 +191,16 @@ class HandDescription:
 
     @property
     def palm_height(self) -> float:
-        """Height of the palm over the object's origin, in metres."""
+        """Height of the palm over the object's centre of mass, in metres."""
         if isinstance(self.base, Carrier):
             return self.base.palm_height
         return self.base.palm_position[2]
 
     def over_object(self, top: float) -> "HandDescription":
-        """Returns the description with the heights of palm and reach over the object's origin.
+        """Returns the description with the heights of palm and reach over the centre of mass.
 
         Args:
-            top: Height of the object's top over its origin, in metres.
+            top: Height of the object's top over its centre of mass, in metres.
         """
         if isinstance(self.base, Carrier):
             height = max(self.base.palm_height, top + self.base.top_clearance)

@@ -8,15 +8,8 @@ from pydrake.math import RollPitchYaw
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.estimation.recorded_poses import RecordedPoses
+from drake_pregrasp.geometry import shapes
 from drake_pregrasp.geometry.random_objects import OBJECTS_URL, random_object
-from drake_pregrasp.geometry.shapes import (
-    Shape,
-    ball_shape,
-    box_shape,
-    cylinder_shape,
-    load_shape,
-    revolved_shape,
-)
 from drake_pregrasp.geometry.solids import BoxSolid
 from drake_pregrasp.resources import resolve_path
 from drake_pregrasp.wires.pose_files import read_poses
@@ -69,9 +62,9 @@ class Box:
     # Mass, in kg.
     mass: float = field(default=0.4, metadata=_MASS)
 
-    def make_shape(self) -> Shape:
+    def make_shape(self) -> shapes.Shape:
         """Returns the shape in O."""
-        return box_shape(self.size)
+        return shapes.box_shape(self.size)
 
 
 @dataclass
@@ -87,9 +80,9 @@ class Cylinder:
     # Mass, in kg.
     mass: float = field(default=0.35, metadata=_MASS)
 
-    def make_shape(self) -> Shape:
+    def make_shape(self) -> shapes.Shape:
         """Returns the shape in O."""
-        return cylinder_shape(self.radius, self.length)
+        return shapes.cylinder_shape(self.radius, self.length)
 
 
 @dataclass
@@ -102,9 +95,9 @@ class Ball:
     # Mass, in kg.
     mass: float = field(default=0.15, metadata=_MASS)
 
-    def make_shape(self) -> Shape:
+    def make_shape(self) -> shapes.Shape:
         """Returns the shape in O."""
-        return ball_shape(self.radius)
+        return shapes.ball_shape(self.radius)
 
 
 @dataclass
@@ -126,9 +119,9 @@ class Revolved:
     # Mass, in kg.
     mass: float = field(default=0.3, metadata=_MASS)
 
-    def make_shape(self) -> Shape:
+    def make_shape(self) -> shapes.Shape:
         """Returns the shape in O."""
-        return revolved_shape(self.profile)
+        return shapes.revolved_shape(self.profile)
 
 
 @dataclass
@@ -146,11 +139,11 @@ class Mesh:
     # Mass, in kg.
     mass: float = field(default=0.3, metadata=_MASS)
 
-    def make_shape(self) -> Shape:
+    def make_shape(self) -> shapes.Shape:
         """Returns the shape in O."""
         if self.file.startswith(OBJECTS_URL):
             return random_object(self.file, self.scale)
-        return load_shape(resolve_path(self.file, Path.cwd()), scale=self.scale)
+        return shapes.load_shape(resolve_path(self.file, Path.cwd()), scale=self.scale)
 
 
 ObjectConfig = Box | Cylinder | Ball | Revolved | Mesh

@@ -1,13 +1,14 @@
 """Directions from which a palm may come to an object, and the choice among them."""
 
-import contextlib
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import ABOVE, SIDE, GraspConfig
+from drake_pregrasp.contacts.start_contacts import StartContacts
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE
@@ -30,8 +31,9 @@ def candidate_approaches(
         X_WO: Initial pose of the object.
         p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
     """
-    height = config.side_height or max((X_WO @ p_OCoM)[2], least_side_height(hand))
-    p_LA = [0.0, 0.0, height - X_WO.translation()[2]]
+    z_CoM = (X_WO @ p_OCoM)[2]
+    height = config.side_height or max(z_CoM, least_side_height(hand))
+    p_LA = [0.0, 0.0, height - z_CoM]
     yaw, level = RollPitchYaw(X_WO.rotation()).yaw_angle(), RotationMatrix.MakeYRotation(np.pi / 2)
     turns = [RotationMatrix.MakeZRotation(yaw + turn) for turn in _SIDES]
     found = {ABOVE: [FROM_ABOVE], SIDE: [RigidTransform(turn @ level, p_LA) for turn in turns]}
@@ -46,18 +48,37 @@ def least_side_height(hand: HandModel) -> float:
     return LINK_CLEARANCE + float(np.quantile([hand.side_depth(yaw) for yaw in _YAWS], 0.25))
 
 
+class Approach(NamedTuple):
+    """Approach of a hand to an object.
+
+    Attributes:
+        hand: Model of the hand; its attribute `X_LA` is the approach.
+        start: Contacts with which the hand starts.
+    """
+
+    hand: HandModel
+    start: StartContacts
+
+
 def best_approach(
-    candidates: Sequence[RigidTransform], score_of: Callable[[RigidTransform], float]
-) -> RigidTransform:
-    """Returns the approach with the best start contacts; the first one if there are none at all.
+    hands: Sequence[HandModel], start_of: Callable[[HandModel], StartContacts]
+) -> Approach:
+    """Returns the approach with the best start contacts.
 
     Args:
-        candidates: Approaches, from `candidate_approaches`.
-        score_of: Function that returns the score of an approach's start contacts.
+        hands: Models of the hand with their approaches, at least one.
+        start_of: Function that returns the start contacts of a model.
+
+    Raises:
+        InvalidArgumentError: If none has any; it is the error of the first one.
     """
-    best, most = candidates[0], -np.inf
-    for X_LA in candidates:
-        with contextlib.suppress(InvalidArgumentError):
-            if (score := score_of(X_LA)) > most:
-                best, most = X_LA, score
-    return best
+    found: list[Approach] = []
+    problems: list[InvalidArgumentError] = []
+    for hand in hands:
+        try:
+            found.append(Approach(hand, start_of(hand)))
+        except InvalidArgumentError as error:
+            problems.append(error)
+    if not found:
+        raise problems[0]
+    return max(found, key=lambda approach: approach.start.score)

@@ -1,6 +1,7 @@
 """A hand that plans and grasps in a diagram of your own."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,21 +14,16 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantValueSource
 
 from drake_pregrasp.arrays import FloatArray
-from drake_pregrasp.config.grasp_config import ABOVE, GraspConfig
+from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import HandDescription
 from drake_pregrasp.config.planner_config import PlannerConfig
+from drake_pregrasp.diagrams import start_grasp
+from drake_pregrasp.diagrams.approaches import Approach, best_approach, candidate_approaches
 from drake_pregrasp.diagrams.hand_controller import HandController
 from drake_pregrasp.diagrams.hand_model import HandModel
+from drake_pregrasp.diagrams.hand_parsing import HAND
 from drake_pregrasp.diagrams.hand_station import TABLE
 from drake_pregrasp.diagrams.pregrasp_planner import AddPregraspPlanner, PregraspPlanner
-from drake_pregrasp.diagrams.start_grasp import (
-    assigned_contacts,
-    check_room,
-    choose_contacts,
-    contacts_with_room,
-    grasp_problems,
-    hand_planner,
-)
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
@@ -69,8 +65,11 @@ def AddHandController(
 ) -> GraspingHand:
     """Adds a planner and a controller for a hand, and connects them to each other and to a plant.
 
-    The default positions of the robot become those in which the hand starts, over the object. The
-    planner's input `X_WO_measured` and the controller's input `close` must then be connected.
+    The approach is chosen among those of `config.approaches` for which the robot in the plant
+    stands: an arm for all of them; a carrier from the side if `R_WA` of `add_hand_model` was
+    `choose_approach(...).hand.X_LA.rotation()`. The default positions of the robot become those in
+    which the hand starts, over the object. The planner's input `X_WO_measured` and the controller's
+    input `close` must then be connected.
 
     Args:
         builder: Builder of the diagram, with the plant.
@@ -96,30 +95,26 @@ def AddHandController(
             contacts and the fingers, do not match, or an arm cannot hold the palm over the object.
     """
     config = config or GraspConfig()
-    for key, problem in grasp_problems(
+    for key, problem in start_grasp.grasp_problems(
         config, planner, hand, mass=mass, time_step=plant.time_step()
     ):
         raise InvalidArgumentError(f"{key}: {problem}")
-    if config.approaches != [ABOVE]:
-        raise InvalidArgumentError(f"grasp.approaches: here it must be [{ABOVE}]")
     solid = object_solid or MeshSolid.of(surface.mesh)
-    top = float(np.max(surface.mesh.vertices @ X_WO.rotation().matrix()[2]))
-    model = HandModel(hand.over_object(top), config.yaw_range)
-    planner = hand_planner(planner, config, model.description)
-    yaw_range, limits = model.yaw_range(config.yaw_range), planner.limits
-    R_WO = X_WO.rotation().matrix()
-    if p_OC is None:
-        start = choose_contacts(
-            model, config, limits, surface, solid=solid, mass=mass, X_WO=X_WO, fixed=fixed
-        )
-        p_OC, has_contact = start.p_OC, start.has_contact
-    else:
-        p_OC = assigned_contacts(model, yaw_range, p_OC, p_OCoM=surface.p_OCoM, R_WO=R_WO)
-        model.check_contacts(p_OC, surface.project(p_OC)[1])
-        p_OC, has_contact = contacts_with_room(
-            model, limits, yaw_range, surface, p_OC, X_WO=X_WO, fixed=fixed
-        )
-        check_room(model.description, has_contact)
+    model, start = choose_approach(
+        hand,
+        surface,
+        planner,
+        mass=mass,
+        X_WO=X_WO,
+        config=config,
+        p_OC=p_OC,
+        object_solid=solid,
+        fixed=fixed,
+        stands=partial(_stands, plant, robot),
+    )
+    planner = start_grasp.hand_planner(planner, config, model.description)
+    limits, p_OC, has_contact = planner.limits, start.p_OC, start.has_contact
+    start_grasp.check_room(model.description, has_contact)
     controller = builder.AddNamedSystem(
         "hand_controller",
         HandController(
@@ -165,3 +160,66 @@ def AddHandController(
     desired = plant.get_desired_state_input_port(robot)
     builder.Connect(controller.GetOutputPort("desired_state"), desired)
     return GraspingHand(controller, planning)
+
+
+def choose_approach(
+    hand: HandDescription,
+    surface: ObjectSurface,
+    planner: PlannerConfig,
+    *,
+    mass: float,
+    X_WO: RigidTransform,
+    config: GraspConfig | None = None,
+    p_OC: FloatArray | None = None,
+    object_solid: SignedDistance | None = None,
+    fixed: Sequence[Solid] = (TABLE.solid,),
+    stands: Callable[[HandModel], bool] = lambda hand: True,
+) -> Approach:
+    """Returns the approach of `config.approaches` with the best start contacts.
+
+    The arguments are those of `AddHandController`.
+
+    Args:
+        hand: Description of the hand.
+        surface: Surface of the object.
+        planner: Configuration of the planner.
+        mass: Mass of the object, in kg.
+        X_WO: Initial pose of the object.
+        config: Configuration of the grasp; None for the default.
+        p_OC: Initial contacts in O, shape (n, 3), in metres; None to choose them.
+        object_solid: The object in O; None for the inside of the surface's mesh.
+        fixed: Solids in W that fingertips avoid, such as the table.
+        stands: Function that returns whether a hand can have its approach.
+
+    Raises:
+        NoGraspError: If contacts are to be chosen, but there is no grasp.
+        InvalidArgumentError: If the hand and its model, or given contacts and the fingers, do not
+            match, or the hand stands for none of the approaches.
+    """
+    config, solid = config or GraspConfig(), object_solid or MeshSolid.of(surface.mesh)
+    R_WO, hands = X_WO.rotation().matrix(), []
+    upright = HandModel(hand, config.yaw_range)
+    for X_LA in candidate_approaches(config, upright, X_WO, surface.p_OCoM):
+        up = R_WO.T @ X_LA.rotation().matrix()[:, 2]
+        top = float(np.max((surface.mesh.vertices - surface.p_OCoM) @ up))
+        model = HandModel(hand.over_object(top), config.yaw_range, X_LA)
+        if stands(model):
+            hands.append(model)
+    if not hands:
+        words = f"grasp.approaches: the carrier in the plant stands for none of {config.approaches}"
+        raise InvalidArgumentError(f"{words}; pass R_WA to add_hand_model")
+    place = {"solid": solid, "mass": mass, "X_WO": X_WO, "fixed": fixed, "p_OC": p_OC}
+    return best_approach(
+        hands, lambda model: start_grasp.start_contacts_of(model, config, planner, surface, **place)
+    )
+
+
+def _stands(plant: MultibodyPlant, robot: ModelInstanceIndex, hand: HandModel) -> bool:
+    """Returns whether the robot in a plant has the orientation of a hand's model."""
+    own = hand.kinematics.plant
+    name, R_WT = hand.description.fingertips[0].frame, []
+    for owner, instance in ((own, own.GetModelInstanceByName(HAND)), (plant, robot)):
+        context = owner.CreateDefaultContext()
+        owner.SetPositions(context, instance, np.zeros(owner.num_positions(instance)))
+        R_WT.append(owner.GetFrameByName(name, instance).CalcPoseInWorld(context).rotation())
+    return bool(R_WT[0].InvertAndCompose(R_WT[1]).IsNearlyIdentity(1e-6))

@@ -8,7 +8,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.config.grasp_config import GraspConfig
-from drake_pregrasp.contacts.assignment import mean_angle, turned_within
+from drake_pregrasp.contacts.assignment import palm_turn, turned_within
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.palm_base import PalmCarrier
 from drake_pregrasp.diagrams.wiring import connect, export_inputs, export_outputs
@@ -126,14 +126,10 @@ class HandController(Diagram):
         R_LA = hand.X_LA.rotation().matrix()
         raised = settings.approach_height * R_LA[:, 2]
         X_WG = RigidTransform(X_WO.rotation(), X_WO.translation() + raised)
-        centre = p_OCoM  # The palm's axis from above; from the side it has a height of its own.
-        if not hand.X_LA.rotation().IsExactlyIdentity():
-            centre = X_WO.rotation().inverse() @ hand.X_LA.translation()
-        p_AC = (X_WO.rotation() @ (p_OC - centre).T).T @ R_LA
-        turn = mean_angle(np.arctan2(p_AC[:, 1], p_AC[:, 0]) - hand.azimuths)
+        p_AC = hand.around_axis(p_OC, X_WO.rotation().matrix(), p_OCoM)
         yaw_range = hand.yaw_range(config.yaw_range)
-        yaw = turned_within(turn, yaw_range)
-        self.initial = hand.home(X_WG.translation(), yaw)
+        yaw = turned_within(palm_turn(p_AC, hand.azimuths, 0.0), yaw_range)
+        self.initial = hand.home(X_WG @ p_OCoM, yaw)
         shaper = builder.AddNamedSystem(
             "fingertip_goal_shaper",
             FingertipGoalShaper(
@@ -148,6 +144,7 @@ class HandController(Diagram):
                 lead=config.period + plant_time_step,
                 withdrawn_radii=hand.withdrawn_radii,
                 X_LA=hand.X_LA,
+                p_OCoM=p_OCoM,
                 object_top=object_top,
             ),
         )
@@ -157,6 +154,7 @@ class HandController(Diagram):
             "period": config.period,
             "yaw_range": yaw_range,
             "X_LA": hand.X_LA,
+            "p_OCoM": p_OCoM,
         }
         base = hand.base
         masks = dict.fromkeys(tip_frames, _POSITION_ONLY)
@@ -172,7 +170,7 @@ class HandController(Diagram):
                 palm_frame=base.palm_frame,
                 X_GP=base.X_GP,
                 home=base.placed(hand.fingers_home),
-                p_WG=X_WG.translation(),
+                p_WG=X_WG @ p_OCoM,
                 yaw=yaw,
                 lead=config.period + plant_time_step,
             )

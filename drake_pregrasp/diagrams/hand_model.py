@@ -34,9 +34,9 @@ class HandModel:
     Args:
         description: Description of the hand.
         yaw_range: Range of the wrist, as for `add_hand_model`.
-        X_LA: Approach of the palm: pose of the frame A, in the frame L with the origin of the
-            object and the axes of W. The palm comes along z of A, about which its yaw turns, and
-            which points to the palm. From above by default, with A as L.
+        X_LA: Approach of the palm: pose of the frame A, in the frame L with its origin in the
+            object's centre of mass and the axes of W. The palm comes along z of A, about which its
+            yaw turns, and which points to the palm. From above by default, with A as L.
 
     Attributes:
         description: Description of the hand.
@@ -101,17 +101,17 @@ class HandModel:
             fixed=fixed,
         )
 
-    def home(self, p_WO: FloatArray, yaw: float) -> FloatArray:
+    def home(self, p_WCoM: FloatArray, yaw: float) -> FloatArray:
         """Returns the home positions of all joints over an object, shape (nq,).
 
         Args:
-            p_WO: Position of the object in W, shape (3,), in metres.
+            p_WCoM: Centre of mass of the object in W, shape (3,), in metres.
             yaw: Yaw of the palm, in radians.
 
         Raises:
             InvalidArgumentError: If an arm cannot hold the palm there.
         """
-        return self.base.posed(self.fingers_home, p_WO, yaw)
+        return self.base.posed(self.fingers_home, p_WCoM, yaw)
 
     def yaw_range(self, asked: tuple[float, float] = FREE_TURN) -> tuple[float, float]:
         """Returns the palm's smallest and largest angle, in radians.
@@ -158,6 +158,18 @@ class HandModel:
                         f" to which {face} is forbidden (all of these: {', '.join(forbidden)})"
                     )
 
+    def around_axis(self, p_OC: FloatArray, R_WO: FloatArray, p_OCoM: FloatArray) -> FloatArray:
+        """Returns contacts relative to the palm's axis, along the axes of A, shape (n, 3).
+
+        Args:
+            p_OC: Contacts in O, shape (n, 3), in metres.
+            R_WO: Orientation of the object.
+            p_OCoM: Centre of mass of the object in O.
+        """
+        p_LC = (p_OC - p_OCoM) @ R_WO.T
+        p_AC: FloatArray = (p_LC - self.X_LA.translation()) @ self.X_LA.rotation().matrix()
+        return p_AC
+
     def in_workspace(self, p_HT: FloatArray) -> BoolArray:
         """Returns the mask of places of each fingertip that its joints reach, shape (n, k).
 
@@ -199,7 +211,9 @@ class HandModel:
         Args:
             surface: Surface of the object.
         """
-        farthest = np.max(np.linalg.norm(surface.p_OQ, axis=1)) + np.max(self.tip_radii)
+        farthest = np.max(np.linalg.norm(surface.p_OQ - surface.p_OCoM, axis=1)) + np.max(
+            self.tip_radii
+        )
         radius = float(farthest + np.linalg.norm(self.X_LA.translation()))
         if radius not in self._finger_measures:
             self._finger_measures[radius] = FingerMeasures.around(radius, self.finger_chains)

@@ -1,10 +1,12 @@
-"""The object as a body of a plant, with the mesh of the planner's surface.
+"""The object as a body of a plant, with the mesh of the planner's surface, and obstacle bodies.
 
 Contact is hydroelastic: pressure patches hold the object on a moving table, where single contact
 points would hop. A flat solid meets a body where it meets its convex hull, so tables, which are
 rigid, touch the hull, a compliant solid. Spheres such as the tip of a pusher touch the rigid mesh
 itself, and so do links of a hand if the object is not convex: its hull would fill a cup.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 import trimesh
@@ -25,12 +27,22 @@ from pydrake.geometry import (
 from pydrake.geometry import Mesh as MeshGeometry
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
-from pydrake.multibody.tree import RigidBody, RotationalInertia, SpatialInertia
+from pydrake.multibody.tree import (
+    ModelInstanceIndex,
+    PdControllerGains,
+    PrismaticJoint,
+    RigidBody,
+    RotationalInertia,
+    SpatialInertia,
+)
 
 from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.config.object_config import ObjectConfig
 from drake_pregrasp.geometry.shapes import Shape
+from drake_pregrasp.systems.drawing import BODY_COLOR, drawn_solid
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
+from drake_pregrasp.systems.hand_scene import drake_shape
+from drake_pregrasp.systems.sources import MovingSolid
 
 FIRST_TOUCH = 1e-6
 """Initial depth of the object in the table, in metres: without contact it would fall for one time
@@ -52,6 +64,8 @@ _LINK_RESOLUTION = 0.003  # Edge length of the facets of such links, in metres.
 _MANY_CORNERS = 6  # So many corners give four points of contact that are not in a line.
 _RESTING_DEPTH = 5e-6  # Of an object on its widest face, in metres. Stiffer objects rock.
 _RESOLUTION = 0.1  # Drake requires it, but a hull is not tessellated.
+_BALL_RESOLUTION = 0.02  # Edges of the tetrahedra of obstacles that are balls, in metres.
+_GAINS = PdControllerGains(p=1e4, d=2e2)  # The same as those of the conveyor.
 
 
 def add_object_body(
@@ -206,3 +220,49 @@ def _spatial_inertia(shape: Shape, mass: float) -> SpatialInertia:
     return SpatialInertia.MakeFromCentralInertia(
         mass, shape.p_OCoM, RotationalInertia(I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2])
     )
+
+
+def add_obstacle_bodies(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    obstacles: Sequence[MovingSolid],
+    body: RigidBody,
+) -> list[tuple[ModelInstanceIndex, float]]:
+    """Adds obstacles as bodies, and returns the driven models with their speeds in m/s.
+
+    Obstacles that do not move are fixed in the world; the others have a drive along their velocity.
+    They do not collide with each other, nor with tables.
+
+    Args:
+        plant: Plant that is not finalized, with the object and tables but without a hand.
+        scene_graph: SceneGraph of the plant.
+        obstacles: Obstacles with their velocities, in W.
+        body: Body of the object.
+    """
+    inspector, manager = scene_graph.model_inspector(), scene_graph.collision_filter_manager()
+    others = set(inspector.GetAllGeometryIds(Role.kProximity))
+    others -= set(plant.GetCollisionGeometriesForBody(body))
+    properties, driven, solids = ProximityProperties(), [], []
+    friction = CoulombFriction(FRICTION, FRICTION)
+    AddContactMaterial(dissipation=DISSIPATION, friction=friction, properties=properties)
+    AddCompliantHydroelasticProperties(_BALL_RESOLUTION, MODULUS, properties)
+    for index, obstacle in enumerate(obstacles):
+        name, speed = f"obstacle_{index}", float(np.linalg.norm(obstacle.velocity))
+        carrier = plant.world_body()
+        if speed > 0:
+            instance = plant.AddModelInstance(name)
+            # Any inertia will do, because the drive prescribes the motion.
+            inertia = SpatialInertia.SolidSphereWithMass(1.0, 0.1)
+            carrier = plant.AddRigidBody(name, instance, inertia)
+            plant.set_gravity_enabled(instance, False)
+            world, frame = plant.world_frame(), carrier.body_frame()
+            slide = plant.AddJoint(PrismaticJoint(name, world, frame, obstacle.velocity))
+            plant.AddJointActuator(name, slide).set_controller_gains(_GAINS)
+            driven.append((instance, speed))
+        shape, X_WS = drake_shape(obstacle.solid)
+        solids.append(plant.RegisterCollisionGeometry(carrier, X_WS, shape, name, properties))
+        drawn, X_WD = drawn_solid(obstacle.solid)
+        plant.RegisterVisualGeometry(carrier, X_WD, drawn, name, BODY_COLOR)
+    own = CollisionFilterDeclaration().ExcludeWithin(GeometrySet(solids))
+    manager.Apply(own.ExcludeBetween(GeometrySet(solids), GeometrySet(list(others))))
+    return driven

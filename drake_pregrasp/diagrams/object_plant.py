@@ -20,8 +20,12 @@ from drake_pregrasp.config.object_config import (
     Toss,
 )
 from drake_pregrasp.diagrams.expected_path import initial_pose
-from drake_pregrasp.diagrams.object_body import FRICTION, add_object_body, separate_contacts
-from drake_pregrasp.diagrams.obstacle_bodies import add_obstacle_bodies
+from drake_pregrasp.diagrams.object_body import (
+    FRICTION,
+    add_object_body,
+    add_obstacle_bodies,
+    separate_contacts,
+)
 from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
 from drake_pregrasp.geometry.solids import BoxSolid

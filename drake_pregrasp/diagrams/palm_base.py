@@ -5,17 +5,73 @@ from collections.abc import Sequence
 import numpy as np
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import ModelInstanceIndex
+from pydrake.multibody.tree import Frame, JacobianWrtVariable, ModelInstanceIndex
+from pydrake.systems.framework import Context
 
-from drake_pregrasp.arrays import FloatArray
+from drake_pregrasp.arrays import FloatArray, IntArray
 from drake_pregrasp.config.hand_description import Arm, BaseConfig, Carrier
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.systems.fingertip_sensor import frame_names
-from drake_pregrasp.systems.palm_posture import ArmKinematics, pose_error, turned_frame
+from drake_pregrasp.systems.palm_posture import pose_error, turned_frame
 
 _STEPS = 300  # Largest number of steps of an arm to its initial pose.
 _ARRIVED = 1e-5  # Largest error of the palm at its initial pose, in metres and radians.
+_DAMPING = 1e-4  # Damping of joint steps against palm steps, in metres or radians of the palm.
+_LARGEST_STEP = 0.2  # Largest step of a joint, in radians.
+_POSTURE_SHARE = 0.1  # Share of the distance to home per step, in the null space of the palm.
 _JOINT_KINDS = ("prismatic", "prismatic", "prismatic", "revolute")
+
+
+class ArmKinematics:
+    """Kinematics of an arm with a palm. The caller provides the Context.
+
+    Args:
+        plant: A finalized plant that contains only the arm and its hand.
+        palm: The palm's frame P.
+        joints: Indices of the arm's positions, in the order of its velocities.
+
+    Attributes:
+        joints: Indices of the arm's positions.
+        lower: Lower limit of each arm joint, in radians or metres.
+        upper: Upper limit of each arm joint, in radians or metres.
+    """
+
+    def __init__(self, plant: MultibodyPlant, palm: Frame, joints: IntArray) -> None:
+        self._plant, self._palm, self.joints = plant, palm, joints
+        self.lower: FloatArray = plant.GetPositionLowerLimits()[joints]
+        self.upper: FloatArray = plant.GetPositionUpperLimits()[joints]
+
+    def palm_pose(self, plant_context: Context) -> RigidTransform:
+        """Returns the pose of P in W."""
+        return self._palm.CalcPoseInWorld(plant_context)
+
+    def step_to(
+        self, plant_context: Context, q: FloatArray, X_WP: RigidTransform, home: FloatArray
+    ) -> FloatArray:
+        """Returns all positions after a step that brings the palm closer to a pose, shape (nq,).
+
+        The step is a damped least-squares step of the arm's joints, with a step toward their home
+        positions in its null space. Convergence near the pose is quadratic.
+
+        Args:
+            plant_context: Context of the plant, which is overwritten.
+            q: Positions before the step, shape (nq,).
+            X_WP: Desired pose of the palm in W.
+            home: Home positions, shape (nq,).
+        """
+        self._plant.SetPositions(plant_context, q)
+        world = self._plant.world_frame()
+        J = self._plant.CalcJacobianSpatialVelocity(
+            plant_context, JacobianWrtVariable.kV, self._palm, np.zeros(3), world, world
+        )[:, self.joints]
+        inverse = J.T @ np.linalg.inv(J @ J.T + _DAMPING**2 * np.eye(6))
+        homeward = _POSTURE_SHARE * (home - q)[self.joints]
+        step = inverse @ pose_error(self.palm_pose(plant_context), X_WP)
+        step += homeward - inverse @ (J @ homeward)
+        step *= min(1.0, _LARGEST_STEP / max(float(np.max(np.abs(step))), _LARGEST_STEP))
+        after = np.array(q, dtype=float)
+        after[self.joints] = np.clip(after[self.joints] + step, self.lower, self.upper)
+        return after
 
 
 class PalmCarrier:
@@ -48,17 +104,17 @@ class PalmCarrier:
                     " first, then a revolute one about z"
                 )
 
-    def posed(self, q: FloatArray, p_WO: FloatArray, yaw: float) -> FloatArray:
+    def posed(self, q: FloatArray, p_WCoM: FloatArray, yaw: float) -> FloatArray:
         """Returns positions with the palm over an object and the fingers as in q, shape (nq,).
 
         Args:
             q: Positions of all joints, shape (nq,).
-            p_WO: Position of the object in W, shape (3,), in metres.
+            p_WCoM: Centre of mass of the object in W, shape (3,), in metres.
             yaw: Yaw of the palm, in radians.
         """
         posed = np.array(q, dtype=float)
-        p_AO = self._X_LA.rotation().inverse() @ (p_WO + self._X_LA.translation())
-        posed[self.joints] = [*(p_AO + np.array([0.0, 0.0, self._height])), yaw]
+        p_AL = self._X_LA.rotation().inverse() @ (p_WCoM + self._X_LA.translation())
+        posed[self.joints] = [*(p_AL + np.array([0.0, 0.0, self._height])), yaw]
         return posed
 
     def placed(self, q: FloatArray) -> FloatArray:
@@ -106,18 +162,18 @@ class PalmArm:
         plant.SetPositions(context, self.placed(plant.GetPositions(context)))
         self.X_AW = self.X_GP @ arm.palm_pose(context).inverse()
 
-    def posed(self, q: FloatArray, p_WO: FloatArray, yaw: float) -> FloatArray:
+    def posed(self, q: FloatArray, p_WCoM: FloatArray, yaw: float) -> FloatArray:
         """Returns positions with the palm over an object and the fingers as in q, shape (nq,).
 
         Args:
             q: Positions of all joints, shape (nq,); those of the arm are ignored.
-            p_WO: Position of the object in W, shape (3,), in metres.
+            p_WCoM: Centre of mass of the object in W, shape (3,), in metres.
             yaw: Yaw of the palm, in radians.
 
         Raises:
             InvalidArgumentError: If the arm cannot hold the palm there.
         """
-        X_WP = turned_frame(RigidTransform(p_WO), self._X_LA, yaw) @ self.X_GP
+        X_WP = turned_frame(p_WCoM, self._X_LA, yaw) @ self.X_GP
         context = self._plant.CreateDefaultContext()
         posed = home = self.placed(q)
         for _ in range(_STEPS):

@@ -26,31 +26,21 @@ from drake_pregrasp.regions.constraints import Obstacles, RegionConstraints
 from drake_pregrasp.regions.finger_measures import FingerMeasures
 from drake_pregrasp.systems.grasp_sequencer import GRAVITY
 from drake_pregrasp.systems.hand_scene import LINK_CLEARANCE
-from drake_pregrasp.systems.palm_posture import FROM_ABOVE, reach_frame
-
-ConstraintsAt = Callable[[float], RegionConstraints]
-"""Function from a yaw of the palm, in radians, to the constraints of the contacts in O."""
+from drake_pregrasp.systems.palm_posture import reach_frame
 
 
-def start_constraints(
+def _start_constraints(
+    hand: HandModel,
     limits: LimitsConfig,
     X_WO: RigidTransform,
     fixed: Sequence[Solid],
     yaw_range: tuple[float, float],
-    X_LA: RigidTransform = FROM_ABOVE,
+    p_OCoM: FloatArray,
     measures: FingerMeasures | None = None,
-) -> ConstraintsAt:
-    """Returns the constraints of a hand's contacts as a function of the palm's yaw.
-
-    Args:
-        limits: Limits of the planner, with those of the hand.
-        X_WO: Pose of the object.
-        fixed: Solids in W that fingertips avoid, such as the table.
-        yaw_range: Smallest and largest angle of the palm, in radians.
-        X_LA: Approach of the palm; see `HandModel`.
-        measures: Measures of the fingers in the palm's frame; None if no limit needs them.
-    """
+) -> Callable[[float], RegionConstraints]:
+    """Returns the constraints in O of a hand's contacts as a function of the palm's yaw."""
     R_OW, least = X_WO.rotation().matrix().T, limits.least_measures()
+    p_OA = p_OCoM + R_OW @ hand.X_LA.translation()
     shared = RegionConstraints(
         obstacles=Obstacles(tuple(fixed)).moved(R_OW, -R_OW @ X_WO.translation()),
         clearance=limits.clearance,
@@ -62,18 +52,18 @@ def start_constraints(
     )
 
     def at(yaw: float) -> RegionConstraints:
-        R_OH = R_OW @ reach_frame(X_WO, yaw, yaw_range, X_LA).rotation().matrix()
-        R_OU, p_OA = R_OW @ X_LA.rotation().matrix() @ _turned(yaw), R_OW @ X_LA.translation()
+        R_OH = R_OW @ reach_frame(p_OCoM, yaw, yaw_range, hand.X_LA).rotation().matrix()
+        R_OU = R_OW @ hand.X_LA.rotation().matrix() @ _turned(yaw)
         fingers = measures and replace(measures, least=least, R_OU=R_OU, p_OU=p_OA)
         return replace(shared, reach_pose=(R_OH, p_OA), finger_measures=fingers)
 
     return at
 
 
-def choose_contacts(
+def start_contacts_of(
     hand: HandModel,
     config: GraspConfig,
-    limits: LimitsConfig,
+    planner: PlannerConfig,
     surface: ObjectSurface,
     *,
     solid: SignedDistance,
@@ -81,46 +71,55 @@ def choose_contacts(
     X_WO: RigidTransform,
     fixed: Sequence[Solid],
     path: Sequence[RigidTransform] = (),
+    p_OC: FloatArray | None = None,
 ) -> StartContacts:
     """Returns the fingers, the contacts and the palm's yaw with which a hand starts.
+
+    Given contacts are in the order of the fingers, beside each other, without a margin. Those whose
+    fingertips overlap are replaced by others on the allowed surface. A finger for which there is
+    none within its reach stays away from the object. Of two approaches the one with more fingers
+    whose joints get there, and then with homes nearer to the contacts, scores higher.
 
     Args:
         hand: Model of the hand.
         config: Configuration of the grasp.
-        limits: Limits of the planner, with those of the hand; see `hand_planner`.
+        planner: Configuration of the planner; limits of the hand are added.
         surface: Surface of the object.
         solid: The object in O.
         mass: Mass of the object, in kg.
         X_WO: Pose of the object.
         fixed: Solids in W that fingertips avoid, such as the table.
-        path: Expected poses of the object, over which an arm must hold the palm as well.
+        path: Expected poses of the object, over which an arm, and at which any palm from the side,
+            must be held as well.
+        p_OC: Given contacts in O, shape (n, 3), in metres; None to choose them.
 
     Raises:
-        NoGraspError: If there is no grasp; the message says what is missing.
+        NoGraspError: If contacts are to be chosen, but there is no grasp; the message says what is
+            missing.
+        InvalidArgumentError: If there is not one given contact for each finger, one is out of reach
+            or on a face that is forbidden to its finger, or a palm from the side has no place
+            there.
     """
-    R_WO, yaw_range = X_WO.rotation().matrix(), hand.yaw_range(config.yaw_range)
+    limits, poses = hand_planner(planner, config, hand.description).limits, [X_WO, *path]
+    if p_OC is not None:
+        return _given_contacts(hand, config, limits, surface, p_OC, poses, fixed)
     settings = config.make_settings(hand.description.fingertips)
     least = np.full(len(hand.azimuths), settings.least_force)
 
-    R_OW, X_LA = R_WO.T, hand.X_LA
-    R_OA, p_OA = R_OW @ X_LA.rotation().matrix(), R_OW @ X_LA.translation()
+    R_OW, p_OCoM = X_WO.rotation().matrix().T, surface.p_OCoM
+    R_OA = R_OW @ hand.X_LA.rotation().matrix()
+    p_OA = p_OCoM + R_OW @ hand.X_LA.translation()
 
-    is_above = X_LA.rotation().IsExactlyIdentity()
     measures = hand.finger_measures(surface) if np.any(limits.least_measures()) else None
-
-    def holds_palm(yaw: float) -> bool:
-        try:
-            check_palm(hand, [X_WO, *path], yaw, yaw_range, raised_places(hand, config))
-        except InvalidArgumentError:
-            return False
-        height = float((X_WO.translation() + X_LA.translation())[2])
-        return is_above or hand.side_depth(yaw) + LINK_CLEARANCE <= height
+    yaw_range = hand.yaw_range(config.yaw_range)
 
     return choose_start_contacts(
         surface,
         solid,
         HandOverObject(
-            constraints_at=start_constraints(limits, X_WO, fixed, yaw_range, X_LA, measures),
+            constraints_at=_start_constraints(
+                hand, limits, X_WO, fixed, yaw_range, p_OCoM, measures
+            ),
             p_OT_at=lambda yaw: hand.p_HT @ (R_OA @ _turned(yaw)).T + p_OA,
             azimuths=hand.azimuths,
             R_AO=R_OA.T,
@@ -130,10 +129,46 @@ def choose_contacts(
             normal_forces=np.array([least, settings.largest_force]),
             yaw_range=yaw_range,
             least_fingers=GraspSettings.least_fingers,
-            holds_palm=holds_palm,
+            holds_palm=lambda yaw: _holds_palm(hand, config, poses, p_OCoM, yaw),
             in_workspace=lambda yaw, p_OT: hand.in_workspace((p_OT - p_OA) @ R_OA @ _turned(yaw)),
         ),
     )
+
+
+def _given_contacts(
+    hand: HandModel,
+    config: GraspConfig,
+    limits: LimitsConfig,
+    surface: ObjectSurface,
+    p_OC: FloatArray,
+    poses: Sequence[RigidTransform],
+    fixed: Sequence[Solid],
+) -> StartContacts:
+    check_count(hand.description, len(p_OC))
+    X_WO, yaw_range = poses[0], hand.yaw_range(config.yaw_range)
+    R_WO, X_LA, p_OCoM = X_WO.rotation().matrix(), hand.X_LA, surface.p_OCoM
+    p_AC = hand.around_axis(p_OC, R_WO, p_OCoM)
+    order, _ = assign_fingers_round(
+        hand.azimuths,
+        np.arctan2(p_AC[:, 1], p_AC[:, 0]),
+        largest_offset=hand.largest_offsets,
+        yaw_range=yaw_range,
+    )
+    p_OC, p_AC = p_OC[order], p_AC[order]
+    hand.check_contacts(p_OC, surface.project(p_OC)[1])
+    yaw = palm_turn(p_AC, hand.azimuths, 0.0, yaw_range)
+    # From above, an arm is checked along the path, by a message that tells the time.
+    if not (X_LA.IsExactlyIdentity() or _holds_palm(hand, config, poses, p_OCoM, yaw)):
+        problem = "the arm does not hold the palm there, or fingers at home do not clear the table"
+        raise InvalidArgumentError(f"{problem}, with a palm from the side at these contacts")
+    constraints = _start_constraints(hand, limits, X_WO, fixed, yaw_range, p_OCoM)(yaw)
+    R_OA = R_WO.T @ X_LA.rotation().matrix()
+    p_OC, has_room = make_room(surface, p_OC, constraints, up=R_OA[:, 2])
+    p_OT = p_OC + hand.tip_radii[:, None] * surface.project(p_OC)[1]
+    p_AT = hand.around_axis(p_OT, R_WO, p_OCoM) @ _turned(yaw)
+    reached = has_room & hand.in_workspace(p_AT[:, None])[:, 0]
+    away = np.mean(np.linalg.norm(hand.p_HT - p_AT, axis=1))
+    return StartContacts(p_OC, has_room, yaw, np.nan, float(np.sum(reached) - away))
 
 
 def hand_planner(config: PlannerConfig, grasp: GraspConfig, hand: HandDescription) -> PlannerConfig:
@@ -154,67 +189,6 @@ def hand_planner(config: PlannerConfig, grasp: GraspConfig, hand: HandDescriptio
         both = zip(own.forbidden_faces, limits.forbidden_faces, strict=True)
         given["forbidden_faces"] = [list(dict.fromkeys([*a, *b])) for a, b in both]
     return replace(config, limits=replace(limits, **given))
-
-
-def assigned_contacts(
-    hand: HandModel,
-    yaw_range: tuple[float, float],
-    p_OC: FloatArray,
-    *,
-    p_OCoM: FloatArray,
-    R_WO: FloatArray,
-) -> FloatArray:
-    """Returns given contacts in the order of the fingers, shape (n, 3), in metres.
-
-    Args:
-        hand: Model of the hand.
-        yaw_range: Smallest and largest angle of the palm, in radians.
-        p_OC: Contacts in O, shape (n, 3), in metres.
-        p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
-        R_WO: Orientation of the object.
-
-    Raises:
-        InvalidArgumentError: If there is not one contact for each finger, or one is out of reach.
-    """
-    check_count(hand.description, len(p_OC))
-    p_CoMC_W = (p_OC - p_OCoM) @ R_WO.T
-    order, _ = assign_fingers_round(
-        hand.azimuths,
-        np.arctan2(p_CoMC_W[:, 1], p_CoMC_W[:, 0]),
-        largest_offset=hand.largest_offsets,
-        yaw_range=yaw_range,
-    )
-    return np.array(p_OC[order])
-
-
-def contacts_with_room(
-    hand: HandModel,
-    limits: LimitsConfig,
-    yaw_range: tuple[float, float],
-    surface: ObjectSurface,
-    p_OC: FloatArray,
-    *,
-    X_WO: RigidTransform,
-    fixed: Sequence[Solid],
-) -> tuple[FloatArray, BoolArray]:
-    """Returns contacts beside each other, shape (n, 3), and which have room, shape (n,).
-
-    Contacts whose fingertips overlap are replaced by others on the allowed surface. A finger for
-    which there is none within its reach stays away from the object.
-
-    Args:
-        hand: Model of the hand.
-        limits: Limits of the planner, with those of the hand; see `hand_planner`.
-        yaw_range: Smallest and largest angle of the palm, in radians.
-        surface: Surface of the object.
-        p_OC: Contacts in O, in the order of the fingers, shape (n, 3), in metres.
-        X_WO: Pose of the object.
-        fixed: Solids in W that fingertips avoid, such as the table.
-    """
-    R_WO = X_WO.rotation().matrix()
-    yaw = palm_turn((p_OC - surface.p_OCoM) @ R_WO.T, hand.azimuths, 0.0, yaw_range)
-    constraints = start_constraints(limits, X_WO, fixed, yaw_range)(yaw)
-    return make_room(surface, p_OC, constraints, up=R_WO[2])
 
 
 def grasp_problems(
@@ -284,36 +258,48 @@ def check_room(hand: HandDescription, has_room: BoolArray) -> None:
 
 def check_palm(
     hand: HandModel,
+    config: GraspConfig,
     poses: Sequence[RigidTransform],
+    p_OCoM: FloatArray,
     yaw: float,
-    yaw_range: tuple[float, float],
-    places: Sequence[FloatArray],
 ) -> None:
-    """Checks that a hand can hold its palm at an object.
+    """Checks that a hand can hold its palm at an object, before it, and where it lifts it.
 
     Args:
         hand: Model of the hand.
+        config: Configuration of the grasp.
         poses: Poses of the object, with which the palm turns.
+        p_OCoM: Centre of mass of the object in O, shape (3,), in metres.
         yaw: Yaw of the palm over the first pose, in radians.
-        yaw_range: Smallest and largest angle of the palm, in radians.
-        places: Places of G relative to the object's origin at each pose, in W, in metres.
 
     Raises:
         InvalidArgumentError: If an arm cannot hold the palm.
     """
-    upright = hand.X_LA.rotation().matrix()[2, 2]  # The palm turns with the object.
+    axis, settings = hand.X_LA.rotation().matrix()[:, 2], config.make_settings()
+    lift = settings.lift_height * config.lift_axis
     first, *_ = turns = [RollPitchYaw(X_WO.rotation()).yaw_angle() for X_WO in poses]
     for X_WO, turn in zip(poses, turns, strict=True):
-        turned = float(np.clip(yaw + (turn - first) * upright, *yaw_range))
-        for place in places:
-            hand.home(X_WO.translation() + place, turned)
+        # The palm turns with the object.
+        turned = yaw + (turn - first) * axis[2]
+        turned = float(np.clip(turned, *hand.yaw_range(config.yaw_range)))
+        for place in (np.zeros(3), settings.approach_height * axis, lift):
+            hand.home(X_WO @ p_OCoM + place, turned)
 
 
-def raised_places(hand: HandModel, config: GraspConfig) -> list[FloatArray]:
-    """Returns places of G relative to the object's origin between which a hand moves, in W."""
-    settings = config.make_settings()
-    back = settings.approach_height * hand.X_LA.rotation().matrix()[:, 2]
-    return [np.zeros(3), back, settings.lift_height * config.lift_axis]
+def _holds_palm(
+    hand: HandModel,
+    config: GraspConfig,
+    path: Sequence[RigidTransform],
+    p_OCoM: FloatArray,
+    yaw: float,
+) -> bool:
+    try:
+        check_palm(hand, config, path, p_OCoM, yaw)
+    except InvalidArgumentError:
+        return False
+    height = float((path[0] @ p_OCoM + hand.X_LA.translation())[2])
+    is_above = hand.X_LA.rotation().IsExactlyIdentity()
+    return is_above or hand.side_depth(yaw) + LINK_CLEARANCE <= height
 
 
 def _turned(yaw: float) -> FloatArray:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.arrays import BoolArray, FloatArray, norms
 from drake_pregrasp.geometry.mesh_surface import INTRUSION
 from drake_pregrasp.geometry.solids import SignedDistance, Solid
 
@@ -85,7 +85,7 @@ class Pace:
             v_last: Present velocities, shape (n, 3), in m/s.
         """
         change = self.acceleration * self.period
-        fastest = np.linalg.norm(v, axis=1, keepdims=True)
+        fastest = norms(v)[:, None]
         stopping = np.sqrt(change * (change / 4 + 2 * fastest)) - change / 2
         slowed = np.minimum(stopping, self.speed) / np.maximum(fastest, 1e-12)
         return self.limited(v * np.minimum(1.0, slowed), v_last)
@@ -98,10 +98,8 @@ class Pace:
             v_last: Present velocities, shape (n, 3), in m/s.
         """
         jump = v - v_last
-        size = np.linalg.norm(jump, axis=1, keepdims=True)
-        limited: FloatArray = v_last + jump / np.maximum(
-            1.0, size / (self.acceleration * self.period)
-        )
+        excess = norms(jump)[:, None] / (self.acceleration * self.period)
+        limited: FloatArray = v_last + jump / np.maximum(1.0, excess)
         return limited
 
 
@@ -176,7 +174,7 @@ def _is_free(p_GT: FloatArray, goal: FloatArray, room: TipRoom) -> BoolArray:
     distances = room.object.distance(points.reshape(-1, 3)).reshape(points.shape[:2])
     # A tip that is too near, such as one that gives up its strain, leaves on a straight path.
     least = np.minimum(room.object_clearances, distances[0])
-    free: BoolArray = distances.min(axis=0) >= least - _GRAZE
+    free: BoolArray = np.minimum.reduce(distances) >= least - _GRAZE
     return free
 
 
@@ -232,7 +230,7 @@ def _pushed_out(
 ) -> FloatArray:
     """Moves tips out to a solid's clearance; returns the same array if none moves."""
     lacking = clearance - solid.distance(p_GT)
-    if lacking.max() <= _ROUNDING:
+    if np.maximum.reduce(lacking) <= _ROUNDING:
         return p_GT
     _, gradient = solid.distance_and_gradient(p_GT)
     return p_GT + np.maximum(lacking, 0)[:, None] * gradient
@@ -241,10 +239,10 @@ def _pushed_out(
 def _spread(p_GT: FloatArray, spacing: float | FloatArray) -> FloatArray:
     """Moves both tips of a pair apart equally; returns the same array if none moves."""
     away = p_GT[:, None] - p_GT
-    distance = np.sqrt(np.einsum("ijk,ijk->ij", away, away))
+    distance = norms(away)
     lacking = spacing - distance
     lacking.flat[:: len(p_GT) + 1] = 0  # A tip and itself.
-    if lacking.max(initial=0) <= _ROUNDING:
+    if np.maximum.reduce(lacking, axis=None) <= _ROUNDING:
         return p_GT
     lacking = np.maximum(lacking, 0)
     unit = np.where(distance[..., None] > 0, away, np.triu(np.ones_like(distance))[..., None] - 0.5)
@@ -328,11 +326,12 @@ class TipPlaces:
         # A holding finger that an obstacle pushes along the object would lose the grasp.
         unless_holding = np.where(holding, -np.inf, clearances) if obstacles else clearances
         least = self.tip_radii + np.minimum(gaps, MOVING_CLEARANCE)
+        # Between parts of the object, a tip has no more room than contacts need (`TipSize`).
+        nearest = np.maximum(object_solid.distance(goals), least - INTRUSION)
         return TipRoom(
             object=object_solid,
             p_GO=np.zeros(3),
-            # Between parts of the object, a tip has no more room than contacts need (`TipSize`).
-            object_clearances=np.clip(object_solid.distance(goals), least - INTRUSION, least),
+            object_clearances=np.minimum(nearest, least),
             others=(
                 *((solid, clearances) for solid in fixed),
                 *((solid, unless_holding) for solid in obstacles),

@@ -58,11 +58,13 @@ class HeldMotion:
     def following(
         self, p_WT: FloatArray, p_GT: FloatArray, since: float, period: float
     ) -> "HeldMotion":
-        """Returns the motion, corrected by fingertips that stick to a planar moving object.
+        """Returns the motion, corrected by fingertips that stick to an object on a table.
 
-        The displacement of G that fits the fingertips best, by least squares, is a shift and a turn
-        about the vertical. The object stands on a table, so a vertical shift is not a motion: G
-        sinks where fingers would lift the object, and it does not rise.
+        G follows the mean level shift of the fingertips. Turns and tilts stay as they were: those
+        of the fingertips look like the strain of fingers of unequal stiffness, and a G that
+        followed a strain would increase it, and turn or tip the object on and on. The object stands
+        on a table, so a vertical shift is not a motion either: G sinks where fingers would lift the
+        object, and it does not rise.
 
         Args:
             p_WT: Centres of the fingertips in W, shape (k, 3), in metres.
@@ -70,18 +72,11 @@ class HeldMotion:
             since: Seconds since the last correction, which this one replaces up to `period`.
             period: Seconds between corrections.
         """
-        arms = p_GT @ self.R_WG.T
-        off = p_WT - self.p_WG - arms
-        centre, shift = np.mean(arms, axis=0), np.mean(off, axis=0)
-        around = (arms - centre)[:, :2]
-        x, y = around.T
-        size = max(np.sum(around**2), np.finfo(float).tiny)
-        turn = np.array([0.0, 0.0, np.sum(x * off[:, 1] - y * off[:, 0]) / size])
-        e = np.array([turn, shift - np.cross(turn, centre)])
+        x, y, z = np.mean(p_WT - self.p_WG - p_GT @ self.R_WG.T, axis=0)
+        level = np.array([np.zeros(3), [x, y, 0.0]])
+        e = np.array([np.zeros(3), [x, y, min(z, 0.0)]])
         share = min(1.0, since / period)
         fading = 1 - share * (1 - _FADING)
-        level = e.copy()
-        level[1, 2], e[1, 2] = 0.0, min(e[1, 2], 0.0)
         corrected = replace(self, A_WG=fading * self.A_WG + share * _GAMMA / period**2 * level)
         return corrected._displaced(share * _ALPHA * e, self.time, share * _BETA / period * level)
 

@@ -13,12 +13,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn
 
 from drake_pregrasp.errors import InvalidArgumentError, OutputError
-from drake_pregrasp.robots.allegro_panda import (
-    RobotData,
-    find_robot_data,
-    write_allegro_hand,
-    write_allegro_panda,
-)
+from drake_pregrasp.robots import allegro_panda
 
 _PARTIAL = ".partial-"
 _ABANDONED = 3600.0  # Seconds after which an unfinished folder is removed.
@@ -87,10 +82,10 @@ def _sweep(parent: Path) -> None:
 ROBOTS_URL = "robots://"
 """Prefix of the names of the robots' models."""
 
-_Writer = Callable[[RobotData, Path, Callable[[int, int], None]], Path]
+_Writer = Callable[[allegro_panda.RobotData, Path, Callable[[int, int], None]], Path]
 _WRITERS: Mapping[str, _Writer] = {
-    "allegro_hand.urdf": write_allegro_hand,
-    "allegro_panda.urdf": write_allegro_panda,
+    "allegro_hand.urdf": allegro_panda.write_allegro_hand,
+    "allegro_panda.urdf": allegro_panda.write_allegro_panda,
 }
 
 
@@ -111,7 +106,7 @@ def robot_model(url: str) -> Path:
     if name not in _WRITERS:
         there = ", ".join(f"{ROBOTS_URL}{robot}" for robot in _WRITERS)
         raise InvalidArgumentError(f"there is no robot {url}; there are: {there}")
-    data = find_robot_data()
+    data = allegro_panda.find_robot_data()
     version = f"{Path(name).stem}-{data.version}-{source_digest(Path(__file__).parent)}"
 
     def make(folder: Path) -> None:

@@ -9,8 +9,9 @@ from drake_pregrasp.config.object_config import PoseStream, Toss
 from drake_pregrasp.contacts.assignment import palm_turn
 from drake_pregrasp.diagrams import start_grasp
 from drake_pregrasp.diagrams.approaches import least_side_height
+from drake_pregrasp.diagrams.expected_path import initial_pose
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.diagrams.start_grasp import check_count, check_palm, check_room, raised_places
+from drake_pregrasp.diagrams.start_grasp import check_count, check_palm, check_room
 from drake_pregrasp.errors import PregraspError, ScenarioError
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand, load_hand_model
@@ -67,9 +68,6 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         yield "hand", "has no effect with grasp.hand, which sets the pose; leave it out"
     with errors_at("grasp.lift_direction"):
         _ = grasp.lift_axis
-    if not scenario.chooses_contacts and grasp.approaches != [ABOVE]:
-        problem = f"{grasp.approaches} must be [{ABOVE}], because contacts are given"
-        yield "grasp.approaches", problem
     if isinstance(scenario.motion, Toss) and SIDE in grasp.approaches:
         problem = f"must be [{ABOVE}] for a !Toss: the object lands at another height"
         yield "grasp.approaches", f"{grasp.approaches} {problem}"
@@ -90,10 +88,13 @@ def grasp_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     yield from start_grasp.grasp_problems(
         grasp, scenario.planner, hand, mass=scenario.object.mass, time_step=plant.time_step
     )
-    with errors_at("object" if scenario.chooses_contacts else "initial_contacts"):
+    X_WO, where = initial_pose(scenario.motion, scenario.object), ""
+    if not model.X_LA.rotation().IsExactlyIdentity():
+        height = (X_WO @ surface.p_OCoM + model.X_LA.translation())[2]
+        where = f"from the side, with the palm's axis {height:.3g} m over the table: "
+    with errors_at("object" if scenario.chooses_contacts else "initial_contacts", where):
         p_OC = scenario.initial_p_OC(surface)
-        model.check_contacts(p_OC, surface.project(p_OC)[1])
-    _check_arm(scenario, model, p_OC)
+    _check_arm(scenario, model, p_OC, surface.p_OCoM)
 
 
 def check_fingers_have_room(scenario: Scenario, surface: ObjectSurface) -> None:
@@ -110,13 +111,12 @@ def check_fingers_have_room(scenario: Scenario, surface: ObjectSurface) -> None:
         check_room(load_hand(scenario.grasp.hand), has_room)
 
 
-def _check_arm(scenario: Scenario, model: HandModel, p_OC: FloatArray) -> None:
+def _check_arm(scenario: Scenario, model: HandModel, p_OC: FloatArray, p_OCoM: FloatArray) -> None:
     """Raises an error unless the arm can reach the object at all times, and lift it."""
     grasp = scenario.grasp
-    yaw_range = model.yaw_range(grasp.yaw_range)
     (_, start), *_ = path = followed_path(scenario, model)
-    p_AC = (model.X_LA.inverse() @ (start.rotation() @ p_OC.T)).T
-    first = palm_turn(p_AC, model.azimuths, 0.0, yaw_range)
+    p_AC = model.around_axis(p_OC, start.rotation().matrix(), p_OCoM)
+    first = palm_turn(p_AC, model.azimuths, 0.0, model.yaw_range(grasp.yaw_range))
     for time, X_WO in path:
         with errors_at("motion", f"at {time:.3g} s the object is out of the arm's reach: "):
-            check_palm(model, [start, X_WO], first, yaw_range, raised_places(model, grasp))
+            check_palm(model, grasp, [start, X_WO], p_OCoM, first)

@@ -103,7 +103,8 @@ def load_hand_model(
     Args:
         file: File of the hand's description; see `load_hand`.
         yaw_range: Range of the palm's yaw in radians; see `HandModel`.
-        object_top: Height of the object's top over its origin, in metres; see `HandDescription`.
+        object_top: Height of the object's top over its centre of mass, in metres; see
+            `HandDescription`.
         X_LA: Approach of the palm; see `HandModel`.
 
     Raises:

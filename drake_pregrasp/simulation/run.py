@@ -18,7 +18,12 @@ from pydrake.systems.framework import Context, Diagram, EventStatus
 
 from drake_pregrasp.errors import OutputError, ScenarioError
 from drake_pregrasp.simulation import output
-from drake_pregrasp.simulation.recording import make_story, recording_html, start_meshcat
+from drake_pregrasp.simulation.recording import (
+    camera_view,
+    make_story,
+    recording_html,
+    start_meshcat,
+)
 from drake_pregrasp.simulation.run_log import GraspLog, RunLog, static_end
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import check_recording
@@ -179,7 +184,8 @@ class LoggedRun:
         self.log = log = RunLog(folder / "log.csv", n, static_end=end, lookahead=lookahead)
         self._mcap = mcap_log
         self.grasp_log = grasp_log = GraspLog(folder / "grasp.csv", n) if has_hand else None
-        self._scenario, self.story = scenario, (story := make_story(scenario, name))
+        camera = None if meshcat is None else camera_view(scenario)
+        self._scenario, self.story = scenario, (story := make_story(scenario, name, camera))
         self.completed, self.wall_seconds = False, 0.0
 
         def add_tick(record: TickRecord) -> None:
@@ -204,6 +210,7 @@ class LoggedRun:
             grasp_sink=None if grasp_log is None else add_grasp,
             meshcat=meshcat,
             record=True,
+            camera=camera,
         )
 
     def simulate(self, should_stop: Callable[[], bool] | None = None) -> None:

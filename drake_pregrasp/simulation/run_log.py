@@ -107,12 +107,7 @@ class RunLog(CsvLog):
     """
 
     def __init__(
-        self,
-        path: Path,
-        num_contacts: int,
-        *,
-        static_end: float = 0.0,
-        lookahead: float = 0.0,
+        self, path: Path, num_contacts: int, *, static_end: float = 0.0, lookahead: float = 0.0
     ) -> None:
         super().__init__(path, log_columns(num_contacts))
         self.last_static: TickRecord | None = None

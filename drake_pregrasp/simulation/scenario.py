@@ -1,8 +1,10 @@
 """Schema of scenario files, which configure a simulation."""
 
+import contextlib
 import math
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import partial
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -11,36 +13,21 @@ from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import SimulatorConfig
 
 from drake_pregrasp.arrays import BoolArray, FloatArray
+from drake_pregrasp.config import object_config
 from drake_pregrasp.config.finger_config import CapabilityProfile, DamageEvent
 from drake_pregrasp.config.grasp_config import ABOVE, GraspConfig
-from drake_pregrasp.config.object_config import (
-    Box,
-    Conveyor,
-    MotionConfig,
-    ObjectConfig,
-    PoseStream,
-    Push,
-    Toss,
-)
 from drake_pregrasp.config.planner_config import MeasuresConfig, PlannerConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.config.surface_config import SurfaceConfig
-from drake_pregrasp.contacts.assignment import (
-    FREE_TURN,
-    assign_fingers,
-    ring_contacts,
-)
+from drake_pregrasp.contacts.assignment import FREE_TURN, assign_fingers, ring_contacts
 from drake_pregrasp.contacts.start_contacts import StartContacts
 from drake_pregrasp.diagrams import start_grasp
 from drake_pregrasp.diagrams.approaches import best_approach, candidate_approaches
 from drake_pregrasp.diagrams.expected_path import expected_poses, initial_pose
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.diagrams.hand_station import TABLE
-from drake_pregrasp.diagrams.start_grasp import (
-    assigned_contacts,
-    choose_contacts,
-    contacts_with_room,
-)
+from drake_pregrasp.diagrams.start_grasp import start_contacts_of
+from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.simulation.hand_file import HandConfig, load_hand, load_hand_model
 from drake_pregrasp.simulation.obstacle_config import ObstacleConfig, moving_solid
@@ -101,8 +88,8 @@ class Scenario:
         )
     )
 
-    object: ObjectConfig = field(default_factory=Box)
-    motion: MotionConfig = field(default_factory=Conveyor)
+    object: object_config.ObjectConfig = field(default_factory=object_config.Box)
+    motion: object_config.MotionConfig = field(default_factory=object_config.Conveyor)
     sensor: SensorConfig = field(default_factory=SensorConfig)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)
     planner: PlannerConfig = field(default_factory=PlannerConfig)
@@ -160,8 +147,10 @@ class Scenario:
         settings, motion = copy(self.plant_config), self.motion
         if settings.time_step == _TIME_STEP:
             step = self.grasp.period / 2 if self.grasp.has_hand else _TIME_STEP
-            longest = _STEP_LENGTH / motion.speed if isinstance(motion, Push) else math.inf
-            if isinstance(motion, Toss) and motion.table:
+            longest = (
+                _STEP_LENGTH / motion.speed if isinstance(motion, object_config.Push) else math.inf
+            )
+            if isinstance(motion, object_config.Toss) and motion.table:
                 longest = _LANDING_STEP
             settings.time_step = step / max(1, math.ceil(step / longest))
         return settings
@@ -176,13 +165,13 @@ class Scenario:
     @property
     def obstacle_bodies(self) -> list[MovingSolid]:
         """Obstacles that are bodies; none if the motion is recorded, because it has no plant."""
-        simulated = not isinstance(self.motion, PoseStream)
+        simulated = not isinstance(self.motion, object_config.PoseStream)
         return [moving_solid(o) for o in self.obstacles if o.body and simulated]
 
     @property
     def no_touch_volumes(self) -> list[MovingSolid]:
         """Obstacles that are no bodies."""
-        recorded = isinstance(self.motion, PoseStream)
+        recorded = isinstance(self.motion, object_config.PoseStream)
         return [moving_solid(o) for o in self.obstacles if not o.body or recorded]
 
     @property
@@ -219,22 +208,25 @@ class Scenario:
     ) -> HandModel:
         R_WO = initial_pose(self.motion, self.object).rotation()
         R_AO = (X_LA.rotation().inverse() @ R_WO).matrix()
-        top = float(np.max(self.object.make_shape().mesh.vertices @ R_AO[2]))
+        shape = self.object.make_shape()
+        top = float(np.max((shape.mesh.vertices - shape.p_OCoM) @ R_AO[2]))
         return load_hand_model(self.grasp.hand, yaw_range, object_top=top, X_LA=X_LA)
 
     @property
     def approach(self) -> RigidTransform:
         """Approach X_LA of the palm (see `HandModel`), the one with the best start contacts."""
-        if self.grasp.approaches == [ABOVE] or not self.chooses_contacts:
+        if self.grasp.approaches == [ABOVE]:
             return FROM_ABOVE
         key = _approach_key(self)
         if key not in _approaches:
             surface, X_WO = self.make_surface(), initial_pose(self.motion, self.object)
             hand = self._hand_from(FROM_ABOVE)
-            _approaches[key] = best_approach(
-                candidate_approaches(self.grasp, hand, X_WO, surface.p_OCoM),
-                lambda X_LA: _contacts_from(self, surface, self._hand_from(X_LA)).score,
-            )
+            found = candidate_approaches(self.grasp, hand, X_WO, surface.p_OCoM)
+            _approaches[key] = found[0]  # If there are no start contacts at all.
+            with contextlib.suppress(InvalidArgumentError):
+                hands = [self._hand_from(X_LA) for X_LA in found]
+                best = best_approach(hands, partial(_contacts_from, self, surface))
+                _approaches[key] = best.hand.X_LA
         return _approaches[key]
 
     def remaining_contacts(self, time: float = math.inf) -> list[int]:
@@ -262,25 +254,22 @@ class Scenario:
         Raises:
             InvalidArgumentError: If the hand's fingers cannot be assigned to the contacts.
         """
-        if self.chooses_contacts:
-            return chosen_contacts(self, surface).p_OC
-        if self.ring_contacts:
-            p_OC = ring_contacts(surface, self.ring_contacts)
-        else:
-            low, high = surface.mesh.bounds
-            p_OC = (low + high) / 2 + np.array(self.initial_contacts) * (high - low) / 2
-            if not isinstance(self.object, Box):
-                p_OC, _ = surface.project(p_OC)
-        X_WO = initial_pose(self.motion, self.object)
         if self.grasp.has_hand:
-            hand = self.load_hand_model()
-            yaw_range, R_WO = hand.yaw_range(self.grasp.yaw_range), X_WO.rotation().matrix()
-            return assigned_contacts(hand, yaw_range, p_OC, p_OCoM=surface.p_OCoM, R_WO=R_WO)
+            return start_contacts(self, surface).p_OC
+        p_OC, X_WO = self.given_p_OC(surface), initial_pose(self.motion, self.object)
         if not self.hand.fingertips:
             return p_OC
         X_OH = X_WO.inverse() @ self.hand.initial_X_WH(X_WO)
         p_OF: FloatArray = (X_OH @ np.array(self.hand.fingertips).T).T
         return np.array(p_OC[assign_fingers(p_OF, p_OC)])
+
+    def given_p_OC(self, surface: ObjectSurface) -> FloatArray:
+        """Returns the contacts of the keys in O, in their order, shape (n, 3), in metres."""
+        if self.ring_contacts:
+            return ring_contacts(surface, self.ring_contacts)
+        low, high = surface.mesh.bounds
+        p_OC: FloatArray = (low + high) / 2 + np.array(self.initial_contacts) * (high - low) / 2
+        return p_OC if isinstance(self.object, object_config.Box) else surface.project(p_OC)[0]
 
 
 def hand_planner(scenario: Scenario) -> PlannerConfig:
@@ -301,22 +290,11 @@ def initial_contacts(scenario: Scenario, surface: ObjectSurface) -> tuple[FloatA
         scenario: Scenario whose other values have been checked.
         surface: Surface of the object, from `scenario.make_surface()`.
     """
-    if scenario.chooses_contacts:
-        start = chosen_contacts(scenario, surface)
-        return start.p_OC, start.has_contact
-    p_OC, grasp = scenario.initial_p_OC(surface), scenario.grasp
-    if not grasp.has_hand:
+    if not scenario.grasp.has_hand:
+        p_OC = scenario.initial_p_OC(surface)
         return p_OC, np.ones(len(p_OC), dtype=bool)
-    hand = scenario.load_hand_model()
-    return contacts_with_room(
-        hand,
-        hand_planner(scenario).limits,
-        hand.yaw_range(grasp.yaw_range),
-        surface,
-        p_OC,
-        X_WO=initial_pose(scenario.motion, scenario.object),
-        fixed=[TABLE.solid],
-    )
+    start = start_contacts(scenario, surface)
+    return start.p_OC, start.has_contact
 
 
 def _approach_key(scenario: Scenario) -> str:
@@ -334,7 +312,7 @@ def keep_start(before: Scenario, after: Scenario, surface: ObjectSurface) -> Non
     if not before.chooses_contacts:
         return
     _approaches[_approach_key(after)] = before.approach
-    start = chosen_contacts(before, surface)
+    start = start_contacts(before, surface)
     _chosen[surface][_contacts_key(after, after.load_hand_model())] = start
 
 
@@ -342,33 +320,36 @@ _approaches: dict[str, RigidTransform] = {}
 _chosen: WeakKeyDictionary[ObjectSurface, dict[str, StartContacts]] = WeakKeyDictionary()
 
 
-def chosen_contacts(scenario: Scenario, surface: ObjectSurface) -> StartContacts:
-    """Returns the start contacts that are chosen for a scenario's hand, from a cache if possible.
+def start_contacts(scenario: Scenario, surface: ObjectSurface) -> StartContacts:
+    """Returns the start contacts of a scenario's hand, chosen or given, from a cache if possible.
 
     Args:
         scenario: Scenario whose other values have been checked.
         surface: Surface of the object, from `scenario.make_surface()`.
 
     Raises:
-        NoGraspError: If there are none.
+        NoGraspError: If there are none to choose.
+        InvalidArgumentError: If fingers cannot be assigned to given ones.
     """
     return _contacts_from(scenario, surface, scenario.load_hand_model())
 
 
 def _contacts_from(scenario: Scenario, surface: ObjectSurface, hand: HandModel) -> StartContacts:
-    grasp, key = scenario.grasp, _contacts_key(scenario, hand)
+    key = _contacts_key(scenario, hand)
     known = _chosen.setdefault(surface, {})
     if key not in known:
-        known[key] = choose_contacts(
+        shape = scenario.object
+        known[key] = start_contacts_of(
             hand,
-            grasp,
-            start_grasp.hand_planner(scenario.planner, grasp, hand.description).limits,
+            scenario.grasp,
+            scenario.planner,
             surface,
-            solid=scenario.object.make_shape().solid,
-            mass=scenario.object.mass,
-            X_WO=initial_pose(scenario.motion, scenario.object),
+            solid=shape.make_shape().solid,
+            mass=shape.mass,
+            X_WO=initial_pose(scenario.motion, shape),
             fixed=[TABLE.solid],
             path=[X for _, X in followed_path(scenario, hand)],
+            p_OC=None if scenario.chooses_contacts else scenario.given_p_OC(surface),
         )
     return known[key]
 
@@ -379,7 +360,8 @@ def _contacts_key(scenario: Scenario, hand: HandModel) -> str:
     limits = start_grasp.hand_planner(scenario.planner, grasp, hand.description).limits
     path = [X for _, X in followed_path(scenario, hand)]
     poses = [X.GetAsMatrix4().tolist() for X in (X_WO, *path)]
-    return repr((hand.description, hand.X_LA, grasp, limits, scenario.object.mass, poses))
+    given = scenario.initial_contacts, scenario.ring_contacts
+    return repr((hand.description, hand.X_LA, given, grasp, limits, scenario.object.mass, poses))
 
 
 def followed_path(scenario: Scenario, hand: HandModel) -> list[tuple[float, RigidTransform]]:

@@ -97,6 +97,10 @@ def _problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
         if coordinate.candidates == GIVEN:
             names = ", ".join(QUANTITIES)
             yield f"{key}.candidates", f"nothing is connected to the port; choose one of: {names}"
+        before = [axis.label for axis in scenario.planner.coordinates[:index]]
+        if coordinate.label in before:
+            problem = f"coordinates[{before.index(coordinate.label)}] is called so, too"
+            yield f"{key}.name", f"{coordinate.label} must be unique: {problem}"
     yield from grasp_problems(scenario, surface)
     yield from _obstacle_problems(scenario, surface)
     limits = hand_planner(scenario).limits
@@ -232,6 +236,12 @@ def _capability_problems(scenario: Scenario) -> Problems:
             yield f"{key}.values", f"has {len(profile.values)}; give one for each of the times"
         if not np.all(np.diff(times) > 0):
             yield f"{key}.times", f"{times} must increase"
+    changes = {0.0, *(time for profile in scenario.capability for time in profile.times)}
+    for time in sorted(changes | {event.at for event in scenario.damage}):
+        remaining = scenario.remaining_contacts(time)
+        is_left = np.any(scenario.capability_at(time)[remaining] > 0)
+        if time <= scenario.simulation_duration and not is_left:
+            yield "capability", f"leaves no finger above 0 at {time:g} s; one must stay"
 
 
 def _motion_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
@@ -291,6 +301,8 @@ def _limits_problems(limits: LimitsConfig, num_contacts: int, surface: ObjectSur
         limits.make_limits(period=1.0, friction=1.0)
     with errors_at(f"{key}.reassign"):
         limits.reassign.check(limits.reaches(), bool(limits.pairs))
+    radius = limits.independent_radius
+    yield from _size_problems(f"{key}.independent_radius", radius, longest, ": no slip is longer")
     yield from _size_problems(f"{key}.deadband", limits.deadband, longest, ": no goal would move")
     # Fingertips need room, if not on the allowed surface itself, then over its convex hull.
     hint = "; radii are in metres"

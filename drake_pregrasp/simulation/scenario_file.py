@@ -1,6 +1,7 @@
 """Loads and writes scenarios in Drake's format: YAML with named entries and overrides."""
 
 from collections.abc import Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +22,16 @@ SCENARIO_TEXT = "scenario text"
 def shipped_scenarios() -> dict[str, tuple[Path, str]]:
     """Returns the file and description of each shipped scenario, with the paper's first."""
     files = resource_folder("scenarios").glob("*.yaml")
+    ordered = sorted(files, key=lambda file: (file.stem != "paper", file.stem))
+    return dict(_entries_of(tuple((file, file.stat().st_mtime_ns) for file in ordered)))
+
+
+@lru_cache(maxsize=1)
+def _entries_of(files: tuple[tuple[Path, int], ...]) -> dict[str, tuple[Path, str]]:
+    """Returns what `shipped_scenarios` does; read anew when a file changes."""
     return {
         name: (file, str(entry.get("description", "")))
-        for file in sorted(files, key=lambda file: (file.stem != "paper", file.stem))
+        for file, _ in files
         for name, entry in read_mapping(file).items()
     }
 

@@ -16,7 +16,7 @@ from drake_pregrasp.diagrams.wiring import connect
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.quality.grasp_quality import GraspQuality
 from drake_pregrasp.simulation.obstacle_config import moving_solid
-from drake_pregrasp.simulation.recording import add_visualizers
+from drake_pregrasp.simulation.recording import CameraView, add_visualizers
 from drake_pregrasp.simulation.scenario import Scenario, hand_planner, initial_contacts
 from drake_pregrasp.systems.grasp_quality_monitor import GraspQualityMonitor
 from drake_pregrasp.systems.loggers import GraspLogger, GraspRecord, TickLogger, TickRecord
@@ -34,6 +34,7 @@ def make_diagram(
     meshcat: Meshcat | None = None,
     record: bool = False,
     live: bool = False,
+    camera: CameraView | None = None,
     continues: Diagram | None = None,
 ) -> Diagram:
     """Returns the diagram of a scenario.
@@ -47,6 +48,8 @@ def make_diagram(
         record: Whether the viewer records the simulation.
         live: Whether a viewer that records also shows the simulation, which doubles the time for
             drawing; a viewer that does not record always shows it.
+        camera: Initial camera of the viewer, for a page that follows the object; by default the
+            camera stays and sees the whole motion.
         continues: Diagram of a scenario with the same object and contacts, whose drawings and
             camera in the viewer this one keeps.
     """
@@ -134,6 +137,7 @@ def make_diagram(
             planner,
             record=record,
             live=live,
+            camera=camera,
             continues=drawn,
         )
     diagram = builder.Build()

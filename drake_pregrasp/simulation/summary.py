@@ -24,11 +24,7 @@ from drake_pregrasp.fast import numba_is_installed
 from drake_pregrasp.geometry.surface import ObjectSurface
 from drake_pregrasp.grasping.grasp_state import GraspPhase, describe_give_up
 from drake_pregrasp.quality.force_closure import ferrari_canny, min_weight_margin
-from drake_pregrasp.quality.grasp_quality import (
-    GraspQuality,
-    characteristic_length,
-    grasp_quality,
-)
+from drake_pregrasp.quality.grasp_quality import GraspQuality, characteristic_length, grasp_quality
 from drake_pregrasp.regions.coordinates import QUANTITIES
 from drake_pregrasp.regions.independent_regions import force_closed_share, slip_radii_within
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
@@ -316,7 +312,7 @@ def _coordinates(
     demands = [QUANTITIES[axis.candidates](surface)[nearest].tolist() for axis in axes]
     return {
         "coordinates": {
-            axis.name or axis.candidates: {"fingers": axis.fingers, "goals": demand}
+            axis.label: {"fingers": axis.fingers, "goals": demand}
             for axis, demand in zip(axes, demands, strict=True)
         }
     }

@@ -14,22 +14,10 @@ from drake_pregrasp.grasping.fingertip_paths import Pace
 from drake_pregrasp.grasping.grasp_state import BASE, NOT_HINDERED
 from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.regions.obstacles import ANYWHERE
+from drake_pregrasp.systems import ports
 from drake_pregrasp.systems.fingertip_sensor import frame_poses, moving_joints, scoped_frame
 from drake_pregrasp.systems.hand_scene import FASTEST_APPROACH, HandScene
 from drake_pregrasp.systems.palm_posture import pose_error
-from drake_pregrasp.systems.ports import (
-    BUS,
-    OBSTACLES,
-    POSE,
-    VELOCITY,
-    LastPose,
-    declare_cache,
-    declare_context,
-    declare_output,
-    eval_solids,
-    validated_poses,
-    validated_velocity,
-)
 
 _TRACKING_WEIGHT = 1e4  # Weight of goals against posture.
 _DAMPING = 1e-3  # Singular value of a Jacobian, in metres, below which its direction is given up.
@@ -180,40 +168,46 @@ class DifferentialKinematics(LeafSystem):
         self._q = self.DeclareVectorInputPort("position", nq)
         self._v = self.DeclareVectorInputPort("velocity", nq)
         self._posture = self.DeclareVectorInputPort("nominal_posture", nq)
-        self._goals = self.DeclareAbstractInputPort("desired_cartesian_poses", BUS)
+        self._goals = self.DeclareAbstractInputPort("desired_cartesian_poses", ports.BUS)
         self._v_WT = self.DeclareVectorInputPort("v_WT", 3 * n)
-        self._X_WG = self.DeclareAbstractInputPort("X_WG", POSE)
-        self._V_WG = self.DeclareAbstractInputPort("V_WG", VELOCITY)
-        self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
-        self._V_WO = self.DeclareAbstractInputPort("V_WO_estimated", VELOCITY)
+        self._X_WG = self.DeclareAbstractInputPort("X_WG", ports.POSE)
+        self._V_WG = self.DeclareAbstractInputPort("V_WG", ports.VELOCITY)
+        self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", ports.POSE)
+        self._V_WO = self.DeclareAbstractInputPort("V_WO_estimated", ports.VELOCITY)
         self._hold = self.DeclareVectorInputPort("fingers_hold", n)
-        self._obstacles = self.DeclareAbstractInputPort("obstacles", OBSTACLES)
-        self._pose = LastPose(self, self._X_WO)
+        self._obstacles = self.DeclareAbstractInputPort("obstacles", ports.OBSTACLES)
+        self._pose = ports.LastPose(self, self._X_WO)
         placing = (self._q, self._X_WG, self._hold, self._obstacles, self._pose.source)
         words = "the hand and what is around it"
-        self._placed = declare_context(self, words, scene.diagram, self._calc_placed, *placing)
+        self._placed = ports.declare_context(
+            self, words, scene.diagram, self._calc_placed, *placing
+        )
         inputs = (self._v, self._posture, self._goals, self._v_WT, self._V_WG, self._V_WO)
-        self._step = declare_cache(
+        self._step = ports.declare_cache(
             self, "velocities", (np.zeros(nq), NOT_HINDERED), self._calc_step, self._placed, *inputs
         )
-        declare_output(self, "commanded_velocity", nq, lambda c: self._step.Eval(c)[0], self._step)
-        declare_output(self, "hindered_finger", 1, lambda c: self._step.Eval(c)[1], self._step)
+        ports.declare_output(
+            self, "commanded_velocity", nq, lambda c: self._step.Eval(c)[0], self._step
+        )
+        ports.declare_output(
+            self, "hindered_finger", 1, lambda c: self._step.Eval(c)[1], self._step
+        )
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._pose.store)
 
     def _holding(self, context: Context) -> BoolArray:
-        holding: BoolArray = ~(np.asarray(self._hold.Eval(context)) <= 0)
+        holding: BoolArray = ~(self._hold.Eval(context) <= 0)
         return holding
 
     def _calc_placed(self, context: Context, placed: Context) -> None:
-        is_held = np.any(self._holding(context))
+        is_held = self._holding(context).any()
         X_WO = self._X_WG.Eval(context) if is_held else self._pose.eval(context)
-        solids = eval_solids(self, self._obstacles, context, np.eye(3), np.zeros(3))
+        solids = ports.eval_solids(self, self._obstacles, context, np.eye(3), np.zeros(3))
         known = [solid for solid in solids if solid is not ANYWHERE]
         self._scene.place(placed, self._q.Eval(context), X_WO, known)
 
     def _calc_step(self, context: Context) -> tuple[FloatArray, int]:
         placed, holding = self._placed.Eval(context), self._holding(context)
-        V_WO = validated_velocity((self._V_WG if np.any(holding) else self._V_WO).Eval(context))
+        V_WO = ports.validated_velocity((self._V_WG if holding.any() else self._V_WO).Eval(context))
         q, v_last = self._q.Eval(context), self._v.Eval(context)
         least, most = self._bounds(q, v_last)
         plant_context = self._hand.plant.GetMyContextFromRoot(placed)
@@ -225,7 +219,7 @@ class DifferentialKinematics(LeafSystem):
         clear = self._scene.clearances(placed, screws, V_WO, holding)
         A = np.concatenate([self._each, -self._each, clear.rows])
         b = np.concatenate([least, -most, clear.least])
-        if np.all(A @ v >= b - _TOLERANCE):
+        if (A @ v >= b - _TOLERANCE).all():
             return v, NOT_HINDERED
         # Both costs are zero at the v from above, which is the minimum without constraints.
         free = self._each - J_plus @ J
@@ -251,16 +245,16 @@ class DifferentialKinematics(LeafSystem):
         self, context: Context, plant_context: Context, screws: FloatArray, v_last: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Returns J and V: with J v = V, frames go to their goals within limits."""
-        X_WG, V_WG = self._X_WG.Eval(context), validated_velocity(self._V_WG.Eval(context))
+        X_WG, V_WG = self._X_WG.Eval(context), ports.validated_velocity(self._V_WG.Eval(context))
         port = f"desired_cartesian_poses of {self.get_name()}"
-        X_WD = validated_poses(self._goals.Eval(context), self._names, port)
-        is_goal = self._is_goal & np.array([[X is not None] for X in X_WD])
+        X_WD = ports.validated_poses(self._goals.Eval(context), self._names, port)
         X_WF = frame_poses(self._frames, plant_context)
         p_WF, V = X_WF[:, :, 3], np.zeros((len(X_WF), 6))
         J = self._moves * screws
         J[:, 3:] -= skew(p_WF) @ J[:, :3]
+        is_goal = self._is_goal & np.array([[X is not None] for X in X_WD])
         p_WD = np.array(
-            [X_WF[i, :, 3] if X is None else X.translation() for i, X in enumerate(X_WD)]
+            [p if X is None else X.translation() for p, X in zip(p_WF, X_WD, strict=True)]
         )
         for i in self._turning:
             if X_WD[i] is not None:

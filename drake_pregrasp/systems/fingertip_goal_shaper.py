@@ -8,31 +8,18 @@ import numpy as np
 from pydrake.math import RigidTransform
 from pydrake.systems.framework import BusValue, Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import FloatArray, validated_numbers
+from drake_pregrasp.arrays import FARTHEST, FloatArray
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.contacts.selection_input import is_active
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.geometry.rotations import rotation_matrix
-from drake_pregrasp.geometry.solids import SignedDistance, Solid
+from drake_pregrasp.geometry.solids import PlacedSolid, SignedDistance, Solid
 from drake_pregrasp.grasping.fingertip_paths import MOVING_CLEARANCE, Pace, TipPlaces, shape_goals
 from drake_pregrasp.quality.grasp_quality import skew
 from drake_pregrasp.regions.obstacles import ANYWHERE
+from drake_pregrasp.systems import ports
 from drake_pregrasp.systems.palm_posture import FROM_ABOVE
-from drake_pregrasp.systems.ports import (
-    BUS,
-    OBSTACLES,
-    POSE,
-    VELOCITY,
-    LastPose,
-    declare_output,
-    eval_solids,
-    is_followed,
-    is_valid,
-    pose_bus,
-    validated_poses,
-    validated_velocity,
-)
 
 GOAL_SHARE = 0.5
 """Share of `tip_acceleration` for the motion over the object, which may itself accelerate."""
@@ -137,6 +124,7 @@ class FingertipGoalShaper(LeafSystem):
             fingertips from z of G.
         X_LA: Approach of the palm; see `HandModel`. Fingers go around z of A, and withdraw along
             it.
+        p_OCoM: Centre of mass of the object in O, shape (3,), in metres; by default the origin.
 
     Raises:
         InvalidArgumentError: If an argument or a field of `config` is out of its range.
@@ -156,6 +144,7 @@ class FingertipGoalShaper(LeafSystem):
         lead: float = 0.0,
         withdrawn_radii: FloatArray | None = None,
         X_LA: RigidTransform = FROM_ABOVE,
+        p_OCoM: FloatArray | None = None,
         **deprecated: Any,
     ) -> None:
         super().__init__()
@@ -172,6 +161,8 @@ class FingertipGoalShaper(LeafSystem):
         self._tip_frames = list(tip_frames)
         self._radius: FloatArray = np.broadcast_to(np.asarray(tip_radius, dtype=float), n)
         self._object = object_solid
+        if isinstance(object_solid, Solid):  # Solids move in each tick, fastest as rows of numbers.
+            self._object = PlacedSolid(object_solid.rounded_box())
         mean_radius = np.mean(np.linalg.norm(np.asarray(p_GT)[:, :2], axis=1))
         radii = np.zeros(n) if withdrawn_radii is None else withdrawn_radii
         azimuths = np.asarray(finger_azimuths)
@@ -180,7 +171,10 @@ class FingertipGoalShaper(LeafSystem):
             directions=np.stack([np.cos(azimuths), np.sin(azimuths), np.zeros(n)], axis=1),
             withdrawn_radii=np.where(radii, radii, mean_radius),
         )
-        self._fixed, self._lead, self._X_AL = tuple(fixed), lead, X_LA.inverse()
+        self._fixed, self._lead = [PlacedSolid(solid.rounded_box()) for solid in fixed], lead
+        X_AL = X_LA.inverse()
+        self._R_AL, self._p_AL = X_AL.rotation().matrix(), X_AL.translation()
+        self._p_OCoM: FloatArray = np.zeros(3) if p_OCoM is None else np.array(p_OCoM)
         acceleration = GOAL_SHARE * config.tip_acceleration
         self._pace = Pace(config.goal_speed, acceleration, config.period)
         self._standoff = config.standoff
@@ -192,47 +186,47 @@ class FingertipGoalShaper(LeafSystem):
         self._targeted = self.DeclareDiscreteState(np.concatenate(frames).ravel())
         self._contacts = self.DeclareDiscreteState(np.concatenate(frames).ravel())
         self._active = self.DeclareDiscreteState(n)
-        self._targets = self.DeclareAbstractInputPort("fingertip_targets", BUS)
+        self._targets = self.DeclareAbstractInputPort("fingertip_targets", ports.BUS)
         self._status = self.DeclareVectorInputPort("contact_status", n)
-        self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
-        self._X_WG = self.DeclareAbstractInputPort("X_WG", POSE)
-        self._V_WG = self.DeclareAbstractInputPort("V_WG", VELOCITY)
+        self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", ports.POSE)
+        self._X_WG = self.DeclareAbstractInputPort("X_WG", ports.POSE)
+        self._V_WG = self.DeclareAbstractInputPort("V_WG", ports.VELOCITY)
         self._standoffs = self.DeclareVectorInputPort("standoffs", n)
         self._hold = self.DeclareVectorInputPort("hold_contacts", 1)
-        self._obstacles = self.DeclareAbstractInputPort("obstacles", OBSTACLES)
-        self._X_WU = self.DeclareAbstractInputPort("X_WU", POSE)
+        self._obstacles = self.DeclareAbstractInputPort("obstacles", ports.OBSTACLES)
+        self._X_WU = self.DeclareAbstractInputPort("X_WU", ports.POSE)
         self._fingers_hold = self.DeclareVectorInputPort("fingers_hold", n)
         self._tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
-        self._pose = LastPose(self, self._X_WG)
+        self._pose = ports.LastPose(self, self._X_WG)
         tips, pose = self.discrete_state_ticket(self._tips), self._pose.source
-        declare_output(self, "tip_goals", BUS, self._calc_tip_goals, tips, pose, self._V_WG)
+        ports.declare_output(
+            self, "tip_goals", ports.BUS, self._calc_tip_goals, tips, pose, self._V_WG
+        )
         self.DeclareStateOutputPort("contact_frames", self._contacts)
         self.DeclareStateOutputPort("p_GT", self._tips)
         rates = self.discrete_state_ticket(self._rates)
-        declare_output(self, "v_WT", 3 * n, self._calc_rates, tips, rates, pose, self._V_WG)
+        ports.declare_output(self, "v_WT", 3 * n, self._calc_rates, tips, rates, pose, self._V_WG)
         self.DeclarePeriodicDiscreteUpdateEvent(target_period, 0.0, self._sample_targets)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._update)
 
     def _update(self, context: Context, discrete_state: DiscreteValues) -> None:
         held = self._is_held(context)
-        active = context.get_discrete_state(self._active).value() > 0
-        if not held:
-            active = is_active(np.asarray(self._status.Eval(context)))
+        was_active = context.get_discrete_state(self._active).value() > 0
+        active = was_active if held else is_active(self._status.Eval(context))
         standoffs = np.full(len(active), self._standoff)
         if self._standoffs.HasValue(context):
-            asked = validated_numbers(self._standoffs.Eval(context))
-            standoffs = np.where(np.isnan(asked), standoffs, asked)
+            asked = self._standoffs.Eval(context)
+            standoffs = np.where(np.abs(asked) <= FARTHEST, asked, standoffs)
         kept = self._contacts if held else self._targeted
         p_OC, nhat = context.get_discrete_state(kept).value().reshape(2, -1, 3)
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
         self._pose.store(context, discrete_state)
         # Paths are planned in the frame A of the approach, in which the palm's axis is z.
         X_WG = self._pose.eval(context)
-        X_AG = self._X_AL @ RigidTransform(X_WG.rotation(), np.zeros(3))
-        X_AW = self._X_AL @ RigidTransform(-X_WG.translation())
-        R_AG, p_AG = X_AG.rotation().matrix(), X_AG.translation()
-        R_AW, p_AW = X_AW.rotation().matrix(), X_AW.translation()
-        obstacles = eval_solids(self, self._obstacles, context, R_AW, p_AW)
+        R_AW, R_AG = self._R_AL, self._R_AL @ X_WG.rotation().matrix()
+        p_AG = self._p_AL - R_AG @ self._p_OCoM
+        p_AW = p_AG - R_AW @ X_WG.translation()
+        obstacles = ports.eval_solids(self, self._obstacles, context, R_AW, p_AW)
         if ANYWHERE in obstacles:
             discrete_state.set_value(self._rates, np.zeros(p_GT.size))
             return
@@ -245,7 +239,7 @@ class FingertipGoalShaper(LeafSystem):
             goal = np.where(active[:, None], goal, withdrawn)
         holding = held & active
         if self._fingers_hold.HasValue(context):
-            holding = holding & ~(np.asarray(self._fingers_hold.Eval(context)) <= 0)
+            holding = holding & ~(self._fingers_hold.Eval(context) <= 0)
         room = self._places.room(
             object_solid,
             np.where(active, standoffs, MOVING_CLEARANCE),
@@ -272,14 +266,14 @@ class FingertipGoalShaper(LeafSystem):
 
     def _sample_targets(self, context: Context, discrete_state: DiscreteValues) -> None:
         X_WO: RigidTransform = self._X_WO.Eval(context)
-        followed = is_followed(self._tracking_status, context)
-        if self._is_held(context) or not followed or not is_valid(X_WO):
+        followed = ports.is_followed(self._tracking_status, context)
+        if self._is_held(context) or not followed or not ports.is_valid(X_WO):
             return
         targeted: FloatArray = context.get_discrete_state(self._targeted).value().copy()
         p_OC, nhat = targeted.reshape(2, -1, 3)
         port = f"fingertip_targets of {self.get_name()}"
         X_OW = X_WO.inverse()
-        targets = validated_poses(self._targets.Eval(context), self._tip_frames, port)
+        targets = ports.validated_poses(self._targets.Eval(context), self._tip_frames, port)
         for finger, X_WC in enumerate(targets):
             if X_WC is not None:
                 X_OC: RigidTransform = X_OW @ X_WC
@@ -289,23 +283,23 @@ class FingertipGoalShaper(LeafSystem):
 
     def _palm_turn(self, context: Context) -> FloatArray | None:
         """Returns the orientation of the palm in A, or None without a valid pose."""
-        if not self._X_WU.HasValue(context) or not is_valid(self._X_WU.Eval(context)):
+        if not self._X_WU.HasValue(context) or not ports.is_valid(self._X_WU.Eval(context)):
             return None
-        R_AU: FloatArray = (self._X_AL.rotation() @ self._X_WU.Eval(context).rotation()).matrix()
+        R_AU: FloatArray = self._R_AL @ self._X_WU.Eval(context).rotation().matrix()
         return R_AU
 
     def _calc_tip_goals(self, context: Context) -> BusValue:
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
-        X_WG, V_WG = self._pose.eval(context), validated_velocity(self._V_WG.Eval(context))
+        X_WG, V_WG = self._pose.eval(context), ports.validated_velocity(self._V_WG.Eval(context))
         R_WG = rotation_matrix(V_WG.rotational() * self._lead) @ X_WG.rotation().matrix()
         p_WT = p_GT @ R_WG.T + X_WG.translation() + V_WG.translational() * self._lead
-        return pose_bus(dict(zip(self._tip_frames, map(RigidTransform, p_WT), strict=True)))
+        return ports.pose_bus(dict(zip(self._tip_frames, map(RigidTransform, p_WT), strict=True)))
 
     def _calc_rates(self, context: Context) -> FloatArray:
         p_GT: FloatArray = context.get_discrete_state(self._tips).value().reshape(-1, 3)
         v_GT: FloatArray = context.get_discrete_state(self._rates).value().reshape(-1, 3)
         R_WG = self._pose.eval(context).rotation().matrix()
-        V_WG = validated_velocity(self._V_WG.Eval(context))
+        V_WG = ports.validated_velocity(self._V_WG.Eval(context))
         carried = p_GT @ (skew(V_WG.rotational()) @ R_WG).T + V_WG.translational()
         rates: FloatArray = carried + v_GT @ R_WG.T
         return rates

@@ -11,7 +11,7 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.tree import UniformGravityFieldElement
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
-from drake_pregrasp.arrays import BoolArray, FloatArray, pack, unpacker, validated_numbers
+from drake_pregrasp.arrays import BoolArray, FloatArray, norms, pack, unpacker, validated_numbers
 from drake_pregrasp.config.deprecated_keywords import config_with
 from drake_pregrasp.config.grasp_config import GraspConfig
 from drake_pregrasp.config.hand_description import Fingertip
@@ -28,14 +28,7 @@ from drake_pregrasp.grasping.grasp_state import (
     Squeeze,
 )
 from drake_pregrasp.grasping.held_motion import HeldMotion
-from drake_pregrasp.systems.ports import (
-    POSE,
-    VELOCITY,
-    LastPose,
-    declare_cache,
-    declare_output,
-    validated_velocity,
-)
+from drake_pregrasp.systems import ports
 from drake_pregrasp.systems.squeeze_program import plan_squeeze
 
 GRAVITY: float = UniformGravityFieldElement.kDefaultStrength
@@ -183,22 +176,22 @@ class GraspSequencer(LeafSystem):
         self._close = self.DeclareVectorInputPort("close", 1)
         self._status = self.DeclareVectorInputPort("contact_status", n)
         self._frames = self.DeclareVectorInputPort("contact_frames", 6 * n)
-        self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
-        self._V_WO = self.DeclareAbstractInputPort("V_WO_estimated", VELOCITY)
+        self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", ports.POSE)
+        self._V_WO = self.DeclareAbstractInputPort("V_WO_estimated", ports.VELOCITY)
         self._p_WT = self.DeclareVectorInputPort("p_WT", 3 * n)
         self._f_T_W = self.DeclareVectorInputPort("f_T_W", 3 * n)
         tracking_status = self.DeclareVectorInputPort("tracking_status", 1)
         self._J_WT = self.DeclareVectorInputPort("J_WT", 3 * n * len(self._efforts))
         self._hindered = self.DeclareVectorInputPort("hindered_finger", 1)
-        self._pose = LastPose(self, self._X_WO, tracking_status)
+        self._pose = ports.LastPose(self, self._X_WO, tracking_status)
         stored, time = self.xd_ticket(), self.time_ticket()
-        self._remembered = state = declare_cache(
+        self._remembered = state = ports.declare_cache(
             self, "state of the grasp", first, self._calc_remembered, stored
         )
-        self._held = held = declare_cache(
+        self._held = held = ports.declare_cache(
             self, "motion of the held object", _AT_REST, self._calc_held, time, stored, self._p_WT
         )
-        self._motion = motion = declare_cache(
+        self._motion = motion = ports.declare_cache(
             self,
             "motion of G, without its height",
             _AT_REST,
@@ -207,11 +200,13 @@ class GraspSequencer(LeafSystem):
             self._pose.source,
             self._V_WO,
         )
-        self._X_WG = declare_output(self, "X_WG", POSE, self._calc_X_WG, motion)
-        declare_output(self, "V_WG", VELOCITY, self._calc_V_WG, motion)
-        declare_output(self, "standoffs", n, lambda c: state.Eval(c).standoffs, state)
-        declare_output(self, "hold_contacts", 1, lambda c: state.Eval(c).holds_contacts, state)
-        declare_output(
+        self._X_WG = ports.declare_output(self, "X_WG", ports.POSE, self._calc_X_WG, motion)
+        ports.declare_output(self, "V_WG", ports.VELOCITY, self._calc_V_WG, motion)
+        ports.declare_output(self, "standoffs", n, lambda c: state.Eval(c).standoffs, state)
+        ports.declare_output(
+            self, "hold_contacts", 1, lambda c: state.Eval(c).holds_contacts, state
+        )
+        ports.declare_output(
             self,
             "fingers_hold",
             n,
@@ -219,12 +214,12 @@ class GraspSequencer(LeafSystem):
             state,
             time,
         )
-        declare_output(
+        ports.declare_output(
             self, "squeeze_forces", 3 * n, self._calc_forces, time, stored, motion, self._frames
         )
-        declare_output(self, "grasp_report", 4, self._calc_report, state)
-        declare_output(self, "V_WO_held", 7, self._calc_V_WO_held, held)
-        declare_output(self, "force_limits", n, self._calc_force_limits, state, time)
+        ports.declare_output(self, "grasp_report", 4, self._calc_report, state)
+        ports.declare_output(self, "V_WO_held", 7, self._calc_V_WO_held, held)
+        ports.declare_output(self, "force_limits", n, self._calc_force_limits, state, time)
         self.DeclarePeriodicDiscreteUpdateEvent(config.period, 0.0, self._advance)
 
     def _calc_remembered(self, context: Context) -> GraspState:
@@ -264,7 +259,7 @@ class GraspSequencer(LeafSystem):
         ):
             held: HeldMotion = self._held.Eval(context)
             return held
-        X, V = self._pose.eval(context), validated_velocity(self._V_WO.Eval(context))
+        X, V = self._pose.eval(context), ports.validated_velocity(self._V_WO.Eval(context))
         R_WO, V_WO = X.rotation().matrix(), V.get_coeffs().reshape(2, 3)
         return HeldMotion(context.get_time(), R_WO, X.translation(), V_WO, np.zeros((2, 3)))
 
@@ -315,8 +310,8 @@ class GraspSequencer(LeafSystem):
             f_T_G = f_T_W @ self._X_WG.Eval(context).rotation().matrix()
             presses = -np.sum(f_T_G * nhat, axis=1)
         p_GT_goal = p_OC + (self._radius + state.standoffs)[:, None] * nhat
-        distances = np.linalg.norm(p_GT_goal - p_GT, axis=1)
-        active = is_active(np.asarray(self._status.Eval(context)))
+        distances = norms(p_GT_goal - p_GT)
+        active = is_active(self._status.Eval(context))
         close = float(self._close.Eval(context)[0])
         hindered = NOT_HINDERED
         if self._hindered.HasValue(context):
@@ -324,21 +319,16 @@ class GraspSequencer(LeafSystem):
             hindered = int(finger) if finger in range(BASE, len(active)) else NOT_HINDERED
         view = GraspView(
             time=context.get_time(),
-            close=np.isfinite(state.asked) if np.isnan(close) else close > 0.5,
+            close=math.isfinite(state.asked) if math.isnan(close) else close > 0.5,
             active=active & np.isfinite(distances),
             distances=distances,
-            gaps=np.sum((p_GT - p_OC) * nhat, axis=1) - self._radius,
+            gaps=np.add.reduce((p_GT - p_OC) * nhat, axis=1) - self._radius,
             presses=presses,
             sees=self._pose.is_tracked(context),
             hindered=hindered,
         )
-        after = next_state(
-            state,
-            view,
-            self._settings,
-            self._config.period,
-            lambda active: self._plan_squeeze(context, active),
-        )
+        squeeze = partial(self._plan_squeeze, context)
+        after = next_state(state, view, self._settings, self._config.period, squeeze)
         if after is not state:
             discrete_state.set_value(self._state, after.to_vector())
         self._pose.store(context, discrete_state)

@@ -248,18 +248,18 @@ class HandScene:
         frames = [self._frames[i] for i in link]
         X_WB = frame_poses(frames, self.hand.plant.GetMyContextFromRoot(context))
         p_WC = _transformed(X_WB, _transformed(self._X_BG[link], p_GC))
-        X_WO, rows = query.GetPoseInWorld(self._object_frame), np.flatnonzero(is_object)
-        if self._solid is not None and len(rows):
+        X_WO = query.GetPoseInWorld(self._object_frame)
+        if self._solid is not None and len(rows := np.flatnonzero(is_object)):
             # Drake measures from the hull of the object.
             solid = self._solid.moved(X_WO.rotation().matrix(), X_WO.translation())
             gaps[rows], p_WC[rows], outward = self._nearest(solid, link[rows], X_WB[rows])
             normals[rows] = np.where((A < B)[rows, None], outward, -outward)
-        along = np.hstack([(skew(p_WC) @ normals[:, :, None])[:, :, 0], normals])
+        along = np.concatenate([(skew(p_WC) @ normals[:, :, None])[:, :, 0], normals], axis=1)
         rates = (along @ screws) * (self._moves[A] - self._moves[B])
         V_WW = V_WO.Shift(-X_WO.translation())
         drift = np.where(A > B, 1, -1) * is_object * (along @ V_WW.get_coeffs())
         speeds = np.minimum(_RATE * (least_gaps - gaps), _RETREAT) - drift
-        if np.any(holding):
+        if holding.any():
             tips = {finger[row]: row for row in np.flatnonzero(is_object & is_tip)}
             last = is_object & self._is_last[link] & ~is_tip & holding[finger]
             for row in np.flatnonzero(last):

@@ -138,7 +138,7 @@ class JointReference(LeafSystem):
         limits = validated_numbers(self._limits.Eval(context))
         limits = np.where(np.isnan(limits), NO_LIMIT, limits)
         state = validated_numbers(self._state.Eval(context))
-        if np.all(limits >= NO_LIMIT) or np.any(np.isnan(state)):
+        if (limits >= NO_LIMIT).all() or np.isnan(state).any():
             return q
         hand, (q_now, v_now) = self._hand, state.reshape(2, -1)
         elapsed = context.get_time() - context.get_discrete_state(self._start)[0]

@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import (
     BusValue,
     Context,
@@ -15,79 +13,13 @@ from pydrake.systems.framework import (
     LeafSystem,
 )
 
-from drake_pregrasp.arrays import FloatArray, IntArray
+from drake_pregrasp.arrays import FloatArray
 from drake_pregrasp.contacts.assignment import FREE_TURN, palm_turn
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.systems.ports import (
-    BUS,
-    POSE,
-    VELOCITY,
-    LastPose,
-    declare_cache,
-    declare_output,
-    pose_bus,
-    validated_poses,
-    validated_velocity,
-)
+from drake_pregrasp.systems import ports
 
 FROM_ABOVE = RigidTransform()
 """Approach of a palm from above; see `HandModel`."""
-
-_DAMPING = 1e-4  # Damping of joint steps against palm steps, in metres or radians of the palm.
-_LARGEST_STEP = 0.2  # Largest step of a joint, in radians.
-_POSTURE_SHARE = 0.1  # Share of the distance to home per step, in the null space of the palm.
-
-
-class ArmKinematics:
-    """Kinematics of an arm with a palm. The caller provides the Context.
-
-    Args:
-        plant: A finalized plant that contains only the arm and its hand.
-        palm: The palm's frame P.
-        joints: Indices of the arm's positions, in the order of its velocities.
-
-    Attributes:
-        joints: Indices of the arm's positions.
-        lower: Lower limit of each arm joint, in radians or metres.
-        upper: Upper limit of each arm joint, in radians or metres.
-    """
-
-    def __init__(self, plant: MultibodyPlant, palm: Frame, joints: IntArray) -> None:
-        self._plant, self._palm, self.joints = plant, palm, joints
-        self.lower: FloatArray = plant.GetPositionLowerLimits()[joints]
-        self.upper: FloatArray = plant.GetPositionUpperLimits()[joints]
-
-    def palm_pose(self, plant_context: Context) -> RigidTransform:
-        """Returns the pose of P in W."""
-        return self._palm.CalcPoseInWorld(plant_context)
-
-    def step_to(
-        self, plant_context: Context, q: FloatArray, X_WP: RigidTransform, home: FloatArray
-    ) -> FloatArray:
-        """Returns all positions after a step that brings the palm closer to a pose, shape (nq,).
-
-        The step is a damped least-squares step of the arm's joints, with a step toward their home
-        positions in its null space. Convergence near the pose is quadratic.
-
-        Args:
-            plant_context: Context of the plant, which is overwritten.
-            q: Positions before the step, shape (nq,).
-            X_WP: Desired pose of the palm in W.
-            home: Home positions, shape (nq,).
-        """
-        self._plant.SetPositions(plant_context, q)
-        world = self._plant.world_frame()
-        J = self._plant.CalcJacobianSpatialVelocity(
-            plant_context, JacobianWrtVariable.kV, self._palm, np.zeros(3), world, world
-        )[:, self.joints]
-        inverse = J.T @ np.linalg.inv(J @ J.T + _DAMPING**2 * np.eye(6))
-        homeward = _POSTURE_SHARE * (home - q)[self.joints]
-        step = inverse @ pose_error(self.palm_pose(plant_context), X_WP)
-        step += homeward - inverse @ (J @ homeward)
-        step *= min(1.0, _LARGEST_STEP / max(float(np.max(np.abs(step))), _LARGEST_STEP))
-        after = np.array(q, dtype=float)
-        after[self.joints] = np.clip(after[self.joints] + step, self.lower, self.upper)
-        return after
 
 
 def pose_error(X_WP: RigidTransform, X_WD: RigidTransform) -> FloatArray:
@@ -110,6 +42,7 @@ class _PalmPosture(LeafSystem):
         period: Seconds between ticks.
         state: Initial state, with the palm's yaw in radians as its last element.
         X_LA: Approach of the palm; see `HandModel`.
+        p_OCoM: Centre of mass in O, and in G, shape (3,), in metres.
     """
 
     def __init__(
@@ -120,62 +53,88 @@ class _PalmPosture(LeafSystem):
         period: float,
         state: FloatArray,
         X_LA: RigidTransform,
+        p_OCoM: FloatArray | None,
     ) -> None:
         super().__init__()
         if not period > 0:
             raise InvalidArgumentError(f"period must be greater than 0 s, not {period}")
         self._tip_frames, self._azimuths = list(tip_frames), np.array(finger_azimuths)
         self._yaw_range, self._period, self._X_LA = yaw_range, period, X_LA
+        self._p_OCoM: FloatArray = np.zeros(3) if p_OCoM is None else np.array(p_OCoM)
+        self._R_LA = X_LA.rotation().matrix()
 
         self._state: DiscreteStateIndex = self.DeclareDiscreteState(state)
-        self._tip_goals = self.DeclareAbstractInputPort("tip_goals", BUS)
-        self._X_WG = self.DeclareAbstractInputPort("X_WG", POSE)
-        self._V_WG = self.DeclareAbstractInputPort("V_WG", VELOCITY)
-        self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", POSE)
-        self._carrier, self._object = LastPose(self, self._X_WG), LastPose(self, self._X_WO)
+        self._tip_goals = self.DeclareAbstractInputPort("tip_goals", ports.BUS)
+        self._X_WG = self.DeclareAbstractInputPort("X_WG", ports.POSE)
+        self._V_WG = self.DeclareAbstractInputPort("V_WG", ports.VELOCITY)
+        self._X_WO = self.DeclareAbstractInputPort("X_WO_estimated", ports.POSE)
+        self._carrier = ports.LastPose(self, self._X_WG)
+        self._object = ports.LastPose(self, self._X_WO)
 
     def _declare_frames(self) -> None:
         for name, calc in (("X_WH", self._calc_X_WH), ("X_WU", self._calc_X_WU)):
             stored = self.discrete_state_ticket(self._state)
-            declare_output(self, name, POSE, calc, stored, self._object.source)
+            ports.declare_output(self, name, ports.POSE, calc, stored, self._object.source)
 
     def _calc_X_WH(self, context: Context) -> RigidTransform:
         yaw = context.get_discrete_state(self._state).value()[-1]
-        return reach_frame(self._object.eval(context), yaw, self._yaw_range, self._X_LA)
+        p_WCoM = self._object.eval(context) @ self._p_OCoM
+        return reach_frame(p_WCoM, yaw, self._yaw_range, self._X_LA)
 
     def _calc_X_WU(self, context: Context) -> RigidTransform:
         yaw = context.get_discrete_state(self._state).value()[-1]
-        return turned_frame(self._object.eval(context), self._X_LA, yaw)
+        return turned_frame(self._object.eval(context) @ self._p_OCoM, self._X_LA, yaw)
 
-    def _yaw_toward(self, p_LT: FloatArray, *arguments: Any) -> float:
-        """Returns `palm_turn` to fingertips relative to the origin of G, with other arguments."""
-        p_AT = (p_LT - self._X_LA.translation()) @ self._X_LA.rotation().matrix()
-        return palm_turn(p_AT, self._azimuths, *arguments)
+    def _p_WL(self, context: Context) -> FloatArray:
+        """Returns the position in W of the centre of mass of an object at G, shape (3,)."""
+        p_WL: FloatArray = self._carrier.eval(context) @ self._p_OCoM
+        return p_WL
+
+    def _rates(self, context: Context) -> FloatArray:
+        """Returns the velocity of L with G in W, and the rate of turn about z of A, shape (4,)."""
+        p_GL_W = self._carrier.eval(context).rotation() @ self._p_OCoM
+        V_WL = ports.validated_velocity(self._V_WG.Eval(context)).Shift(p_GL_W)
+        return np.append(V_WL.translational(), (V_WL.rotational() @ self._R_LA)[2])
+
+    def _yaw_toward(
+        self, context: Context, yaw: float, ahead: FloatArray | float, *limits: Any
+    ) -> float:
+        """Returns `palm_turn` to the tips' goals from L, moved ahead; yaw itself if one lacks."""
+        p_WT = [X.translation() for X in self._goal_poses(context) if X is not None]
+        if len(p_WT) < len(self._tip_frames):
+            return yaw
+        p_LT = np.array(p_WT) - self._p_WL(context) - ahead
+        p_AT = (p_LT - self._X_LA.translation()) @ self._R_LA
+        return palm_turn(p_AT, self._azimuths, yaw, *limits)
+
+    def _store_poses(self, context: Context, discrete_state: DiscreteValues) -> None:
+        self._carrier.store(context, discrete_state)
+        self._object.store(context, discrete_state)
 
     def _goal_poses(self, context: Context) -> list[RigidTransform | None]:
         port = f"tip_goals of {self.get_name()}"
-        return validated_poses(self._tip_goals.Eval(context), self._tip_frames, port)
+        return ports.validated_poses(self._tip_goals.Eval(context), self._tip_frames, port)
 
 
 def reach_frame(
-    X_WO: RigidTransform, yaw: float, yaw_range: tuple[float, float], X_LA: RigidTransform
+    p_WCoM: FloatArray, yaw: float, yaw_range: tuple[float, float], X_LA: RigidTransform
 ) -> RigidTransform:
     """Returns the frame H of reach in W (`CarrierPosture` defines it).
 
     Args:
-        X_WO: Pose of the object.
+        p_WCoM: Centre of mass of the object in W, shape (3,), in metres.
         yaw: Yaw of the palm, in radians.
         yaw_range: Smallest and largest angle of the palm, in radians.
         X_LA: Approach of the palm; see `HandModel`.
     """
     middle = sum(yaw_range) / 2
-    return turned_frame(X_WO, X_LA, middle if np.isfinite(middle) else yaw)
+    return turned_frame(p_WCoM, X_LA, middle if np.isfinite(middle) else yaw)
 
 
-def turned_frame(X_WO: RigidTransform, X_LA: RigidTransform, yaw: float) -> RigidTransform:
+def turned_frame(p_WCoM: FloatArray, X_LA: RigidTransform, yaw: float) -> RigidTransform:
     """Returns the frame A of an approach in W, turned by the palm's yaw."""
     turn = RigidTransform(RotationMatrix.MakeZRotation(yaw), np.zeros(3))
-    return RigidTransform(X_WO.translation()) @ X_LA @ turn
+    return RigidTransform(p_WCoM) @ X_LA @ turn
 
 
 class CarrierPosture(_PalmPosture):
@@ -205,14 +164,14 @@ class CarrierPosture(_PalmPosture):
     `X_WH` and `X_WU` need it. While this pose or `X_WG` is invalid, its last valid value is used.
 
     Port `nominal_posture` emits a vector of nq, for the port of that name of
-    `DifferentialKinematics`: home positions of the fingers, and the carrier over the origin of G.
-    The palm turns to the yaw with the smallest mean angle between the fingers' own azimuths and
-    those of their goals, continuously and within its range.
+    `DifferentialKinematics`: home positions of the fingers, and the carrier over the centre of mass
+    in G. The palm turns to the yaw of `palm_turn`, which brings its fingers nearest to their goals,
+    continuously and within its range.
 
     Port `X_WH` emits a `RigidTransform`: the frame H of the fingers' reach in W. At yaw 0 it is the
-    frame A of the approach; from above, its origin is the object's and its z axis is up. H turns
-    with a palm that turns without limits; for a palm of limited range its yaw is the middle of that
-    range, from which the palm can turn either way while the fingers close.
+    frame A of the approach; from above, its origin is the centre of mass and its z axis is up. H
+    turns with a palm that turns without limits; for a palm of limited range its yaw is the middle
+    of that range, from which the palm can turn either way while the fingers close.
 
     Port `X_WU` emits a `RigidTransform`: the frame U of the palm in W, as of the last tick. It
     is as H, but always turns with the palm.
@@ -224,12 +183,14 @@ class CarrierPosture(_PalmPosture):
         tip_frames: Scoped names of the fingertips' frames.
         finger_azimuths: Azimuths of the fingers about the palm's axis at yaw 0, shape (n,), in
             radians.
-        home: Positions of all joints over an object at W's origin, shape (nq,).
+        home: Positions of all joints over an object with its centre of mass at W's origin, shape
+            (nq,).
         carrier: Indices of the positions x, y, z and yaw.
         gain: Gain K with which the posture is followed, in 1/s, greater than zero.
         period: Seconds between ticks, greater than zero.
         yaw_range: Smallest and largest angle of the palm, in radians.
         X_LA: Approach of the palm; see `HandModel`.
+        p_OCoM: Centre of mass of the object in O, shape (3,), in metres; by default the origin.
 
     Raises:
         InvalidArgumentError: If `gain` or `period` is not positive.
@@ -246,17 +207,18 @@ class CarrierPosture(_PalmPosture):
         period: float,
         yaw_range: tuple[float, float] = FREE_TURN,
         X_LA: RigidTransform = FROM_ABOVE,
+        p_OCoM: FloatArray | None = None,
     ) -> None:
         yaw = np.array(home, dtype=float)[[carrier[3]]]
-        super().__init__(tip_frames, finger_azimuths, yaw_range, period, yaw, X_LA)
+        super().__init__(tip_frames, finger_azimuths, yaw_range, period, yaw, X_LA, p_OCoM)
         if not gain > 0:
             raise InvalidArgumentError(f"gain must be greater than 0 1/s, not {gain}")
         self._home, self._lead = np.array(home, dtype=float), 1 / gain
         self._slides, self._turn = list(carrier[:3]), carrier[3]
         stored, inputs = self.xd_ticket(), (self._tip_goals, self._X_WG)
-        self._turned = declare_cache(self, "yaw", 0.0, self._calc_yaw, stored, *inputs)
+        self._turned = ports.declare_cache(self, "yaw", 0.0, self._calc_yaw, stored, *inputs)
         nq, turned = len(self._home), self._turned
-        declare_output(
+        ports.declare_output(
             self, "nominal_posture", nq, self._calc_posture, stored, turned, self._X_WG, self._V_WG
         )
         self._declare_frames()
@@ -264,24 +226,17 @@ class CarrierPosture(_PalmPosture):
 
     def _calc_yaw(self, context: Context) -> float:
         yaw = float(context.get_discrete_state(self._state)[0])
-        p_WT = [X.translation() for X in self._goal_poses(context) if X is not None]
-        if len(p_WT) == len(self._tip_frames):
-            p_LT = np.array(p_WT) - self._carrier.eval(context).translation()
-            yaw = self._yaw_toward(p_LT, yaw, self._yaw_range)
-        return yaw
+        return self._yaw_toward(context, yaw, 0.0, self._yaw_range)
 
     def _store(self, context: Context, discrete_state: DiscreteValues) -> None:
         discrete_state.set_value(self._state, [self._turned.Eval(context)])
-        self._carrier.store(context, discrete_state)
-        self._object.store(context, discrete_state)
+        self._store_poses(context, discrete_state)
 
     def _calc_posture(self, context: Context) -> FloatArray:
-        V_WG = validated_velocity(self._V_WG.Eval(context))
-        posture = self._home.copy()
-        R_AW = self._X_LA.rotation().inverse()
-        posture[self._slides] += R_AW @ self._carrier.eval(context).translation()
-        posture[self._slides] += R_AW @ V_WG.translational() * self._lead
-        yaw = self._turned.Eval(context) + (R_AW @ V_WG.rotational())[2] * self._lead
+        rates, posture = self._rates(context), self._home.copy()
+        posture[self._slides] += self._p_WL(context) @ self._R_LA
+        posture[self._slides] += rates[:3] @ self._R_LA * self._lead
+        yaw = self._turned.Eval(context) + rates[3] * self._lead
         low, high = self._yaw_range
         posture[self._turn] = max(low, min(yaw, high))
         return posture
@@ -325,12 +280,13 @@ class ArmPosture(_PalmPosture):
             in radians.
         X_GP: Pose of the palm in A at yaw 0.
         home: Home positions of all joints, shape (nq,).
-        p_WG: Initial position of G in W, shape (3,), in metres.
+        p_WG: Initial position in W of the centre of mass of an object at G, shape (3,), in metres.
         yaw: Initial yaw of the palm, in radians.
         lead: Seconds by which the fingertips' goals are ahead of the Context's time.
         period: Seconds between ticks, greater than zero.
         yaw_range: Smallest and largest angle of the palm, in radians.
         X_LA: Approach of the palm; see `HandModel`.
+        p_OCoM: Centre of mass of the object in O, shape (3,), in metres; by default the origin.
 
     Raises:
         InvalidArgumentError: If `period` is not positive.
@@ -350,37 +306,30 @@ class ArmPosture(_PalmPosture):
         period: float,
         yaw_range: tuple[float, float] = FREE_TURN,
         X_LA: RigidTransform = FROM_ABOVE,
+        p_OCoM: FloatArray | None = None,
     ) -> None:
-        # The state is the smoothed position of G and yaw of the palm.
+        # The state is the smoothed position of L and yaw of the palm.
         state = np.append(p_WG, yaw)
-        super().__init__(tip_frames, finger_azimuths, yaw_range, period, state, X_LA)
+        super().__init__(tip_frames, finger_azimuths, yaw_range, period, state, X_LA, p_OCoM)
         self._palm_frame, self._X_GP, self._lead = palm_frame, X_GP, lead
         self._home = np.array(home, dtype=float)
         inputs = (self._tip_goals, self._X_WG, self._V_WG)
-        self._now = declare_cache(
+        self._now = ports.declare_cache(
             self, "smoothed position", np.zeros(4), self._calc_now, self.xd_ticket(), *inputs
         )
-        declare_output(self, "goals", BUS, self._calc_goals, self._now, *inputs)
+        ports.declare_output(self, "goals", ports.BUS, self._calc_goals, self._now, *inputs)
         nq, nothing = len(self._home), self.nothing_ticket()
-        declare_output(self, "nominal_posture", nq, lambda c: self._home, nothing)
+        ports.declare_output(self, "nominal_posture", nq, lambda c: self._home, nothing)
         self._declare_frames()
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._advance)
-
-    def _rates(self, context: Context) -> FloatArray:
-        V_WG = validated_velocity(self._V_WG.Eval(context))
-        turning = self._X_LA.rotation().inverse() @ V_WG.rotational()
-        return np.append(V_WG.translational(), turning[2])
 
     def _calc_now(self, context: Context) -> FloatArray:
         smooth: FloatArray = context.get_discrete_state(self._state).value()
         ahead = self._lead * self._rates(context)
-        p_WG: FloatArray = self._carrier.eval(context).translation()
-        p_WT = [X.translation() for X in self._goal_poses(context) if X is not None]
-        yaw = smooth[3] + ahead[3]
-        if len(p_WT) == len(self._tip_frames):
-            yaw = self._yaw_toward(np.array(p_WT) - p_WG - ahead[:3], yaw)
+        p_WL = self._p_WL(context)
+        yaw = self._yaw_toward(context, smooth[3] + ahead[3], ahead[:3])
         share = min(1.0, self._period / SMOOTHING)
-        now: FloatArray = smooth + share * (np.append(p_WG, yaw - ahead[3]) - smooth)
+        now: FloatArray = smooth + share * (np.append(p_WL, yaw - ahead[3]) - smooth)
         return self._within(now)
 
     def _within(self, place: FloatArray) -> FloatArray:
@@ -389,12 +338,11 @@ class ArmPosture(_PalmPosture):
     def _advance(self, context: Context, discrete_state: DiscreteValues) -> None:
         now = self._now.Eval(context) + self._period * self._rates(context)
         discrete_state.set_value(self._state, self._within(now))
-        self._carrier.store(context, discrete_state)
-        self._object.store(context, discrete_state)
+        self._store_poses(context, discrete_state)
 
     def _calc_goals(self, context: Context) -> BusValue:
         tips = zip(self._tip_frames, self._goal_poses(context), strict=True)
         goals = {name: X_WT for name, X_WT in tips if X_WT is not None}
-        *p_WG, yaw = self._within(self._now.Eval(context) + self._lead * self._rates(context))
-        X_WP = turned_frame(RigidTransform(p_WG), self._X_LA, yaw) @ self._X_GP
-        return pose_bus(goals | {self._palm_frame: X_WP})
+        *p_WL, yaw = self._within(self._now.Eval(context) + self._lead * self._rates(context))
+        X_WP = turned_frame(np.array(p_WL), self._X_LA, yaw) @ self._X_GP
+        return ports.pose_bus(goals | {self._palm_frame: X_WP})

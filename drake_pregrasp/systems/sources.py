@@ -64,8 +64,7 @@ class BodyPose(LeafSystem):
             step, *X_WB = context.get_discrete_state(held).value()
             if step != tick_index(context.get_time(), time_step):
                 return poses.Eval(context)[index]
-            X = np.reshape(X_WB, (3, 4))
-            return RigidTransform(RotationMatrix.MakeUnchecked(X[:, :3]), X[:, 3])
+            return RigidTransform(np.reshape(X_WB, (3, 4)))
 
         def hold(context: Context, discrete_state: DiscreteValues) -> None:
             step = tick_index(context.get_time(), time_step)
@@ -255,7 +254,8 @@ class MovingSolid:
 
     def at(self, time: float) -> Solid:
         """Returns the solid at a time in seconds, in W."""
-        return self.solid.moved(np.eye(3), time * self.velocity)
+        shift = time * self.velocity
+        return self.solid.moved(np.eye(3), shift) if shift.any() else self.solid
 
 
 class MovingObstacles(LeafSystem):
@@ -279,10 +279,10 @@ class MovingObstacles(LeafSystem):
     def __init__(self, obstacles: Sequence[MovingSolid], *, lookahead: float = 0.0) -> None:
         super().__init__()
         self._lookahead, self._moving = lookahead, tuple(obstacles)
+        self._velocities = np.array([m.velocity for m in obstacles]).reshape(-1, 3)
         declare_output(self, "obstacles", OBSTACLES, self._calc_obstacles, self.time_ticket())
 
     def _calc_obstacles(self, context: Context) -> Obstacles:
         time = context.get_time() + self._lookahead
         solids = tuple(moving.at(time) for moving in self._moving)
-        velocities = np.array([m.velocity for m in self._moving]).reshape(-1, 3)
-        return Obstacles(solids, velocities=velocities)
+        return Obstacles(solids, velocities=self._velocities)

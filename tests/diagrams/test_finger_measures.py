@@ -19,7 +19,7 @@ from drake_pregrasp.regions.constraints import Limit, RegionConstraints
 from drake_pregrasp.regions.finger_measures import FINGER_MEASURES
 from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.simulation.hand_file import load_hand_model
-from drake_pregrasp.simulation.scenario import chosen_contacts
+from drake_pregrasp.simulation.scenario import start_contacts
 from drake_pregrasp.simulation.simulation_diagram import make_diagram
 
 R_TIP = HAND.tip_radii[0]
@@ -142,12 +142,9 @@ def test_a_larger_least_value_only_takes_candidates_away(name, levels):
     np.testing.assert_array_equal(nothing.limits, Limit.REACH)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    ("approach", "name", "least"),
-    [
-        ("above", "joint_range", 0.36),
-        pytest.param("side", "finger_force", 6.5, marks=pytest.mark.slow),
-    ],
+    ("approach", "name", "least"), [("above", "joint_range", 0.36), ("side", "finger_force", 6.5)]
 )
 def test_a_limit_moves_start_contacts_to_where_fingers_are_able(approach, name, least):
     """By the palm's pose at the planner's port, which is where the run begins."""
@@ -158,7 +155,7 @@ def test_a_limit_moves_start_contacts_to_where_fingers_are_able(approach, name, 
             planner: {{strategy: {name}, limits: {{{name}: {limit}}}}}}}"""
         scenario = load_scenario("grasp_five_finger", text=text)
         surface, hand = scenario.make_surface(), scenario.load_hand_model()
-        start, diagram = chosen_contacts(scenario, surface), make_diagram(scenario, surface)
+        start, diagram = start_contacts(scenario, surface), make_diagram(scenario, surface)
         planner = diagram.GetSubsystemByName("pregrasp_planner")
         context = planner.GetMyContextFromRoot(diagram.CreateDefaultContext())
         X_WO, X_WU = (

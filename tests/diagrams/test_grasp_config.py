@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drake_pregrasp import GraspConfig, InvalidArgumentError, PlannerConfig
@@ -53,6 +53,7 @@ four = {"min_size": N, "max_size": N}
 
 
 @pytest.mark.slow
+@settings(max_examples=30)
 @given(
     st.lists(st.floats(0.01, 0.3), **four),
     st.lists(st.floats(0.002, 0.02), **four),

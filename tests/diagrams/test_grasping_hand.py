@@ -1,48 +1,46 @@
-"""A hand in a plant of one's own: contacts that are chosen, and checks of those that are given."""
+"""A hand in a plant of one's own, its start contacts, and the choice among approaches."""
 
 import numpy as np
 import pytest
 from five_finger_hand import HAND, X_WO
-from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlantConfig
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
 from pydrake.systems.framework import DiagramBuilder
 
-from drake_pregrasp import (
-    AddHandController,
-    GraspConfig,
-    InvalidArgumentError,
-    NoGraspError,
-    PlannerConfig,
-    ScenarioError,
-    add_hand_model,
-    box_surface,
-    load_scenario,
-)
+import drake_pregrasp as dp
+from drake_pregrasp.config.hand_description import Carrier, HandDescription, Mount
+from drake_pregrasp.diagrams.expected_path import initial_pose
+from drake_pregrasp.simulation.scenario import start_contacts
 
 SIZE = [0.1, 0.1, 0.1]
-SURFACE = box_surface(SIZE, spacing=0.01, forbidden_faces=["+z", "-z"])
+SURFACE = dp.box_surface(SIZE, spacing=0.01, forbidden_faces=["+z", "-z"])
 
 
-def add(p_OC=None, mass=0.4, **config):
+PLANNING = dp.PlannerConfig(static_duration=0.0)
+
+
+def add(p_OC=None, mass=0.4, surface=SURFACE, pose=X_WO, R_WA=None, **config):
     builder = DiagramBuilder()
     settings = MultibodyPlantConfig(time_step=0.01, use_sampled_output_ports=False)
     plant, _ = AddMultibodyPlant(settings, builder)
-    robot = add_hand_model(plant, HAND.description)
+    robot = dp.add_hand_model(plant, HAND.description, R_WA=R_WA)
     plant.Finalize()
-    added = AddHandController(
+    added = dp.AddHandController(
         builder,
         HAND.description,
-        SURFACE,
-        PlannerConfig(static_duration=0.0),
+        surface,
+        PLANNING,
         plant=plant,
         robot=robot,
         mass=mass,
-        X_WO=X_WO,
+        X_WO=pose,
         p_OC=p_OC,
-        config=GraspConfig(**config),
+        config=dp.GraspConfig(**config),
     )
     return builder, plant, robot, added
 
 
+@pytest.mark.slow
 def test_the_robot_starts_where_its_controller_starts():
     builder, plant, robot, added = add()
     context = builder.Build().CreateDefaultContext()
@@ -60,9 +58,9 @@ BESIDE = [[1, -0.6, 0], [1, -0.3, 0], [1, 0, 0], [1, 0.3, 0], [1, 0.6, 0]]
 
 @pytest.mark.parametrize("contacts", [BESIDE, BESIDE[:4]])
 def test_given_contacts_are_checked_as_on_the_command_line(contacts):
-    with pytest.raises(ScenarioError) as of_a_file:
-        load_scenario("grasp_five_finger", text=f"{{initial_contacts: {contacts}}}")
-    with pytest.raises(InvalidArgumentError) as in_python:
+    with pytest.raises(dp.ScenarioError) as of_a_file:
+        dp.load_scenario("grasp_five_finger", text=f"{{initial_contacts: {contacts}}}")
+    with pytest.raises(dp.InvalidArgumentError) as in_python:
         add(np.array(contacts) * 0.05)
     assert str(of_a_file.value).endswith(str(in_python.value))
 
@@ -77,13 +75,127 @@ def test_given_contacts_are_checked_as_on_the_command_line(contacts):
     ],
 )
 def test_settings_are_checked_as_on_the_command_line(text, python):
-    with pytest.raises(ScenarioError) as of_a_file:
-        load_scenario("grasp_five_finger", text=text)
-    with pytest.raises(InvalidArgumentError) as in_python:
+    with pytest.raises(dp.ScenarioError) as of_a_file:
+        dp.load_scenario("grasp_five_finger", text=text)
+    with pytest.raises(dp.InvalidArgumentError) as in_python:
         add(**python)
     assert str(of_a_file.value).endswith(str(in_python.value))
 
 
 def test_without_a_grasp_python_says_what_is_missing():
-    with pytest.raises(NoGraspError, match="for lack of friction"):
+    with pytest.raises(dp.NoGraspError, match="for lack of friction"):
         add(mass=0.1, planned_friction=0.02, largest_force=100.0)
+
+
+TALL = dp.box_surface([0.06, 0.07, 0.2], spacing=0.012, forbidden_faces=["+z", "-z"])
+
+
+@pytest.mark.slow
+def test_a_carrier_that_stands_so_comes_from_the_side_with_chosen_and_with_given_contacts():
+    pose, config = RigidTransform([0.0, 0.0, 0.1]), dp.GraspConfig(approaches=["side"])
+    there = {"mass": 0.3, "X_WO": pose, "config": config}
+    hand, start = dp.choose_approach(HAND.description, TALL, PLANNING, **there)
+    axis, given = hand.X_LA.rotation().matrix()[:, 2], start.p_OC[::-1]
+    assert axis[2] == pytest.approx(0, abs=1e-9)
+    own = {"mass": 0.3, "surface": TALL, "pose": pose, "approaches": ["side"]}
+    for p_OC in (None, given):
+        _, plant, robot, added = add(p_OC, **own, R_WA=hand.X_LA.rotation())
+        context = plant.CreateDefaultContext()
+        plant.SetPositions(context, robot, added.controller.initial)
+        palm = plant.GetFrameByName("palm", robot).CalcPoseInWorld(context).translation()
+        assert (palm - pose.translation()) @ axis > 0.15
+    with pytest.raises(dp.InvalidArgumentError, match="the carrier in the plant stands for none"):
+        add(given, **own)
+
+
+# Fingers from above reach 0.15 m below the top.
+LOWER_HALF = """object: !Cylinder {radius: 0.03, length: 0.32, mass: 0.4},
+    surface: {spacing: 0.02, no_touch: [!BehindPlane {point: [0, 0, 0], normal: [0, 0, -1]}]}"""
+COARSE = "surface: {spacing: 0.015}"
+MODELS = {
+    "sdf": """<sdf version="1.9"><model name="h"><pose>0.1 0 0 0.3 0 0</pose><link name="palm">
+        <pose>0 0.2 0 0 0 0</pose></link><joint name="x" type="prismatic"><parent>world</parent>
+        <child>palm</child><axis><xyz>0 0 1</xyz></axis></joint></model></sdf>""",
+    "urdf": """<robot name="h"><link name="world"/><link name="palm"/><joint name="x"
+        type="prismatic"><parent link="world"/><child link="palm"/><origin xyz="0.1 0.2 0"
+        rpy="0.3 0 0"/><axis xyz="0 0 1"/><limit effort="1"/></joint></robot>""",
+    "xml": """<mujoco model="h"><worldbody><body name="palm" pos="0.1 0.2 0" euler="17.2 0 0">
+        <inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/><joint name="x" type="slide"
+        axis="0 0 1"/></body></worldbody></mujoco>""",
+}
+
+
+def scenario_of(text, approaches, motion="linear_velocity: 0, angular_velocity: 0"):
+    grasp = f"initial_contacts: [], grasp: {{approaches: [{approaches}]}}"
+    return dp.load_scenario("grasp_five_finger", text=f"{{{text}, motion: {{{motion}}}, {grasp}}}")
+
+
+def axis_of(scenario):
+    return scenario.approach.rotation().matrix()[:, 2]
+
+
+@pytest.mark.slow
+def test_the_palm_comes_from_the_side_where_it_cannot_from_above():
+    scenario = scenario_of(LOWER_HALF, "above, side")
+    assert axis_of(scenario)[2] == pytest.approx(0)
+    start = start_contacts(scenario, scenario.make_surface())
+    assert start.margin > 0
+    assert np.all(start.p_OC[:, 2] < 0)
+    # At home, the fingers clear the table.
+    model, X_WO = scenario.load_hand_model(), initial_pose(scenario.motion, scenario.object)
+    assert (X_WO @ scenario.approach.translation())[2] > model.side_depth(start.yaw)
+
+
+@pytest.mark.slow
+def test_given_contacts_choose_the_side_as_well_and_are_refused_where_no_palm_fits():
+    at = [[-1, 0, -0.1], [-1, 0, -0.4], [0, 1, -0.02], [1, 0, -0.1], [1, 0, -0.4]]
+    given = f"{{initial_contacts: {at}, grasp: {{approaches: [above, side], side_height: 0.13}}}}"
+    scenario = dp.load_scenario("grasp_from_side", text=given)
+    assert axis_of(scenario)[2] == pytest.approx(0)
+    start = start_contacts(scenario, scenario.make_surface())
+    assert np.all(start.p_OC[start.has_contact, 2] < 0)
+    assert np.sum(start.has_contact) >= 4
+    with pytest.raises(
+        dp.ScenarioError, match=r"initial_contacts: from the side.*no finger reaches contact"
+    ):
+        dp.load_scenario("grasp_from_side", text="{ring_contacts: 5, grasp: {approaches: [side]}}")
+
+
+@pytest.mark.slow
+def test_it_comes_from_above_where_that_is_better():
+    assert scenario_of(COARSE, "side, above").approach.IsExactlyIdentity()
+
+
+@pytest.mark.slow
+def test_an_object_that_is_turned_about_the_vertical_is_grasped_from_the_same_side_of_its_own():
+    box = f"object: !Box {{size: [0.05, 0.08, 0.24], mass: 0.3}}, {COARSE}"
+    still = "linear_velocity: 0, angular_velocity: 0"
+    turn, starts, sides = 1.1, [], []
+    for yaw in (0.0, turn):
+        scenario = scenario_of(box, "side", f"{still}, yaw: {yaw}")
+        starts.append(start_contacts(scenario, scenario.make_surface()))
+        sides.append(RotationMatrix.MakeZRotation(-yaw) @ scenario.approach.rotation())
+    np.testing.assert_allclose(sides[1].matrix(), sides[0].matrix(), atol=1e-9)
+    np.testing.assert_allclose(starts[1].p_OC, starts[0].p_OC, atol=1e-9)
+    assert starts[1].yaw == pytest.approx(starts[0].yaw)
+
+
+@pytest.mark.parametrize(("kind", "link"), [*((kind, "") for kind in MODELS), ("sdf", "palm")])
+def test_the_model_of_a_carrier_stands_as_the_approach_asks(kind, link, tmp_path):
+    file = tmp_path / f"own.{kind}"
+    file.write_text(MODELS[kind])
+    R_WA = RollPitchYaw(0.4, 1.2, -0.7).ToRotationMatrix()
+    poses = []
+    for turn in (None, R_WA):
+        plant = MultibodyPlant(0.01)
+        dp.add_hand_model(
+            plant, HandDescription(str(file), Carrier(mount=Mount(link=link))), R_WA=turn
+        )
+        plant.Finalize()
+        context = plant.CreateDefaultContext()
+        plant.SetPositions(context, np.full(plant.num_positions(), 0.3))
+        poses.append(plant.GetFrameByName("palm").CalcPoseInWorld(context))
+    upright, turned = poses
+    expected = RigidTransform(R_WA) @ upright
+    np.testing.assert_allclose(turned.GetAsMatrix4(), expected.GetAsMatrix4(), atol=1e-9)
+    assert np.linalg.norm(upright.translation()) > 0.1

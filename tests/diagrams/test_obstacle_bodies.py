@@ -5,15 +5,7 @@ import pytest
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import Simulator
 
-from drake_pregrasp import (
-    BallSolid,
-    Box,
-    BoxSolid,
-    HalfSpace,
-    ObjectPlant,
-    ScenarioError,
-    load_scenario,
-)
+import drake_pregrasp as dp
 from drake_pregrasp.config.object_config import Conveyor, Mesh, Push, Toss
 from drake_pregrasp.systems.sources import MovingSolid
 
@@ -21,34 +13,41 @@ CONFIG = MultibodyPlantConfig(time_step=0.005)
 STILL = np.zeros(3)
 
 
-def final_position(motion, obstacle, time, box=None):
-    plant = ObjectPlant(box or Box(), motion, CONFIG, obstacles=[obstacle])
+def positions(motion, obstacle, times, box=None):
+    """Yields the object's position at each time."""
+    plant = dp.ObjectPlant(box or dp.Box(), motion, CONFIG, obstacles=[obstacle])
     simulator = Simulator(plant)
-    simulator.AdvanceTo(time)
-    return plant.GetOutputPort("X_WO").Eval(simulator.get_context()).translation()
+    for time in times:
+        simulator.AdvanceTo(time)
+        X_WO = plant.GetOutputPort("X_WO").Eval(simulator.get_context())
+        yield X_WO.translation().copy()
 
 
 WALLS = {
-    "box": BoxSolid(np.array([0.13, 0.0, 0.05]), np.eye(3), np.array([0.02, 0.3, 0.08])),
-    "plane": HalfSpace(np.array([0.12, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])),
-    "ball": BallSolid(np.array([0.16, 0.0, 0.05]), 0.04),
+    "box": dp.BoxSolid(np.array([0.13, 0.0, 0.05]), np.eye(3), np.array([0.02, 0.3, 0.08])),
+    "plane": dp.HalfSpace(np.array([0.12, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])),
+    "ball": dp.BallSolid(np.array([0.16, 0.0, 0.05]), 0.04),
 }
+SLIDE = Toss(position=[0.0, 0.0, 0.05], velocity=[2.0, 0.0, 0.0], table=True)
 
 
 @pytest.mark.parametrize("name", WALLS)
 def test_an_object_that_slides_stops_at_a_wall(name):
     """Half of its length before it, and a ball is met at its front."""
-    motion = Toss(position=[0.0, 0.0, 0.05], velocity=[2.0, 0.0, 0.0], table=True)
-    place = final_position(motion, MovingSolid(WALLS[name], STILL), 1.0)
+    (place,) = positions(SLIDE, MovingSolid(WALLS[name], STILL), [1.0])
     assert place[0] < 0.07 + 5e-4
-    free = MovingSolid(BallSolid(np.array([0.0, 1.0, 0.0]), 0.01), STILL)
-    assert final_position(motion, free, 1.0)[0] > 0.15
+
+
+def test_an_object_that_meets_nothing_slides_on():
+    free = MovingSolid(dp.BallSolid(np.array([0.0, 1.0, 0.0]), 0.01), STILL)
+    (place,) = positions(SLIDE, free, [1.0])
+    assert place[0] > 0.15
 
 
 def test_a_moving_obstacle_pushes_the_object_at_its_speed():
-    ball = MovingSolid(BallSolid(np.array([-0.2, 0.0, 0.03]), 0.02), np.array([0.1, 0.0, 0.0]))
+    ball = MovingSolid(dp.BallSolid(np.array([-0.2, 0.0, 0.03]), 0.02), np.array([0.1, 0.0, 0.0]))
     motion = Push(start=100.0, start_distance=0.5)  # The pusher stays away.
-    places = [final_position(motion, ball, time) for time in (1.0, 3.0, 4.0)]
+    places = list(positions(motion, ball, (1.0, 3.0, 4.0)))
     assert abs(places[0][0]) < 1e-5
     # Its front is at -0.2 + 0.02 + 0.1 t; the box is 0.05 m before it.
     np.testing.assert_allclose([p[0] for p in places[1:]], [0.17, 0.27], atol=3e-3)
@@ -58,8 +57,10 @@ def test_a_ball_enters_a_cup():
     """It touches the mesh of an object that is not convex, and not its hull."""
     mug = Mesh(file="package://drake_pregrasp/mug.obj")
     height = mug.make_shape().mesh.bounds[1, 2] - mug.make_shape().mesh.bounds[0, 2]
-    down = MovingSolid(BallSolid(np.array([0.0, 0.0, height]), 0.01), np.array([0.0, 0.0, -0.02]))
-    before, after = (final_position(Conveyor(0.0, 0.0), down, t, mug) for t in (0.1, 2.0))
+    down = MovingSolid(
+        dp.BallSolid(np.array([0.0, 0.0, height]), 0.01), np.array([0.0, 0.0, -0.02])
+    )
+    before, after = positions(Conveyor(0.0, 0.0), down, (0.1, 2.0), mug)
     np.testing.assert_allclose(after, before, atol=1e-4)
 
 
@@ -85,8 +86,8 @@ BALL = (
 )
 def test_bodies_in_the_way_of_the_object_are_refused(text, problem):
     if not problem:
-        load_scenario("a_base", text=f"{{{text}}}")
+        dp.load_scenario("a_base", text=f"{{{text}}}")
         return
-    with pytest.raises(ScenarioError, match=problem) as error:
-        load_scenario("a_base", text=f"{{{text}}}")
+    with pytest.raises(dp.ScenarioError, match=problem) as error:
+        dp.load_scenario("a_base", text=f"{{{text}}}")
     assert error.value.key == "a_base.obstacles[0]"

@@ -119,25 +119,28 @@ def test_an_obstacle_that_comes_pushes_tips_away():
 
 
 AZIMUTHS = np.array([0.0, 2.0, 4.0])
-CUP_SOLID = CUP.solid
-IN_CUP = TipRoom(object=CUP_SOLID, p_GO=np.zeros(3), object_clearances=np.full(1, 0.011))
+
+
+@pytest.fixture(scope="module")
+def in_cup():
+    return TipRoom(object=CUP.solid, p_GO=np.zeros(3), object_clearances=np.full(1, 0.011))
 
 
 @pytest.mark.parametrize("start", [[0.08, 0.0, 0.04], [-0.06, 0.06, 0.02], [0.0, 0.0, 0.15]])
 @pytest.mark.parametrize("goal", [[-0.019, 0.0, 0.05], [0.01, 0.015, 0.02]])
-def test_a_tip_gets_into_a_hollow_and_out_again_and_stays_clear(start, goal):
+def test_a_tip_gets_into_a_hollow_and_out_again_and_stays_clear(start, goal, in_cup):
     for ends in ([start, goal], [goal, start]):
         first, last = np.array(ends)[:, None]
-        path = np.array(list(walk(first, last, [IN_CUP] * 200)))[:, 0]
-        assert np.min(CUP_SOLID.distance(path)) > 0.0105
+        path = np.array(list(walk(first, last, [in_cup] * 200)))[:, 0]
+        assert np.min(CUP.solid.distance(path)) > 0.0105
         np.testing.assert_allclose(path[-1], last[0], atol=1e-4)
 
 
-def test_a_tip_that_is_too_near_leaves_straight():
+def test_a_tip_that_is_too_near_leaves_straight(in_cup):
     """As one does that gives up its strain: its clearance grows while it touches."""
     y = RADIUS + np.array([0.010, 0.011])
     start, goal = (np.array([[0.0, distance, 0.06]]) for distance in y)
-    path = np.array(list(walk(start, goal, [IN_CUP] * 20)))[:, 0]
+    path = np.array(list(walk(start, goal, [in_cup] * 20)))[:, 0]
     np.testing.assert_allclose(path[:, [0, 2]], start[:, [0, 2]].repeat(20, 0), atol=1e-6)
     np.testing.assert_allclose(path[-1], goal[0], atol=1e-6)
 

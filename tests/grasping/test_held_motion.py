@@ -30,13 +30,11 @@ def test_a_hand_that_stops_moves_by_its_twist_and_comes_to_rest(elapsed, duratio
 
 
 @pytest.mark.parametrize("acceleration", [[1.5, 0, 0], [-1.5, 0.5, 0]])
-@pytest.mark.parametrize("turning", [0.0, 5.0])
-def test_the_frame_follows_an_object_that_suddenly_accelerates(acceleration, turning):
-    motion, errors = moving(), []
+def test_the_frame_follows_an_object_that_suddenly_accelerates(acceleration):
+    motion, errors = moving(0.5), []
     for time in PERIOD * np.arange(1, 26):
         shift = motion_of(np.array([0.05, 0.01, 0]), np.array(acceleration), time)
-        turn = np.array([0, 0, turning * time**2 / 2])
-        p_WT = shift + TIPS @ rotation_matrix(turn).T
+        p_WT = shift + TIPS @ rotation_matrix(np.array([0, 0, 0.5 * time])).T
         motion = motion.at(time).following(p_WT, TIPS, PERIOD, PERIOD)
         p_WT_found = motion.p_WG + TIPS @ motion.R_WG.T
         errors.append(np.abs(p_WT_found - p_WT).max())
@@ -58,10 +56,13 @@ def test_a_frame_that_fingertips_have_corrected_is_not_corrected_again():
 def test_fingertips_that_would_lift_the_object_lower_the_frame_without_moving_it(sign):
     shifted = moving().following(TIPS + sign * ALONG[::-1], TIPS, PERIOD, PERIOD)
     assert shifted.p_WG[2] < 0 if sign < 0 else shifted.p_WG[2] == 0
-    np.testing.assert_array_equal(shifted.V_WG, moving().V_WG)
-    np.testing.assert_array_equal(shifted.A_WG, 0)
+    np.testing.assert_allclose(shifted.V_WG, moving().V_WG, atol=1e-12)
+    np.testing.assert_allclose(shifted.A_WG, 0, atol=1e-12)
 
 
-def test_a_single_finger_does_not_turn_the_frame():
-    one = moving().following(TIPS[:1] + ALONG, TIPS[:1], PERIOD, PERIOD)
-    np.testing.assert_array_equal(one.R_WG, np.eye(3))
+@given(st.floats(-0.02, 0.02), st.floats(-0.02, 0.02), st.floats(-0.02, 0.02))
+def test_fingers_whose_strain_looks_like_a_turn_or_a_tilt_do_not_turn_the_frame(x, y, z):
+    motion, turned = moving(0.2), TIPS @ rotation_matrix(np.array([x, y, z])).T
+    now = motion.following(turned, TIPS, PERIOD, PERIOD)
+    np.testing.assert_array_equal(now.R_WG, np.eye(3))
+    np.testing.assert_array_equal(now.V_WG[0], [0, 0, 0.2])

@@ -155,9 +155,7 @@ def outcome(size, folder, more=QUIET):
 @pytest.mark.parametrize(
     "size",
     [
-        [0.065, 0.07, 0.065],
         [0.0691, 0.0581, 0.0512],  # Too narrow for three fingers side by side.
-        [0.0787, 0.0562, 0.0749],
         [0.05, 0.05, 0.05],
         [0.08, 0.08, 0.08],
         [0.05, 0.08, 0.08],
@@ -192,3 +190,14 @@ def test_without_the_extra_a_line_says_what_to_install(monkeypatch, capsys, tmp_
     assert "grasp.hand" in line
     assert "pip install 'drake_pregrasp[robots]'" in line
     assert not (tmp_path / "runs").exists()
+
+
+def test_an_arm_brings_the_hand_from_the_side(allegro_panda, tmp_path):
+    tall = "object: !Cylinder {radius: 0.03, length: 0.2, mass: 0.25}, surface: {spacing: 0.012}"
+    slow = "motion: {linear_velocity: 0.01, angular_velocity: 0.05}, simulation_duration: 6.5"
+    text = f"initial_contacts: [], {tall}, {slow}, grasp: {{approaches: [side], close_at: 3.0}}"
+    grasp = run_text(NAME, text, tmp_path).summary["grasp"]
+    assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
+    assert grasp["palm_from"][2] == pytest.approx(0, abs=1e-9)
+    assert max(grasp["closing_motion_mm"], grasp["squeeze_motion_mm"]) < 4
+    assert set(grasp["link_forces"].values()) == {0.0}

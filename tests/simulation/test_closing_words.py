@@ -40,11 +40,16 @@ def test_an_object_that_is_lost_for_good_is_noticed(tmp_path, capsys):
     assert closing_words(result, capsys)["object"].startswith(f"was lost for good at {lost:g} s")
 
 
+NEVER = "was never tracked"
+
+
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
-        ("nan_probability: 1.0", "was never tracked"),
-        ("outlier_probability: 1.0, outlier_position: 1.0", "was never tracked"),
+        pytest.param("nan_probability: 1.0", NEVER, marks=pytest.mark.slow),
+        pytest.param(
+            "outlier_probability: 1.0, outlier_position: 1.0", NEVER, marks=pytest.mark.slow
+        ),
         ("nan_probability: 1.0, start: 0.2", "was tracked at 37 % of the ticks"),
         ("outlier_probability: 0.1", None),
     ],

@@ -1,11 +1,13 @@
 """One line of a scenario puts another hand or object in."""
 
+from itertools import product
+
 import pytest
 from conftest import LACKING_HANDS, usable_hands
 from simulation_runs import run_text
 
 from drake_pregrasp import ScenarioError, load_scenario
-from drake_pregrasp.contacts.start_contacts import Lack
+from drake_pregrasp.errors import Lack
 from drake_pregrasp.simulation.hand_file import load_hand_model
 
 OBJECTS = {
@@ -16,6 +18,17 @@ OBJECTS = {
 }
 TEXT = "initial_contacts: [], grasp: {hand: package://drake_pregrasp/%s.yaml}, object: %s"
 
+HELD = [
+    ("allegro_hand", "box"),
+    *product(("three_finger_hand", "four_finger_hand", "shadow_hand"), ("box", "cylinder")),
+]
+OTHERS = [
+    pytest.param(*hand.values, name, marks=hand.marks)
+    for hand in usable_hands()
+    for name in OBJECTS
+    if (*hand.values, name) not in HELD
+]
+
 
 @pytest.mark.parametrize("hand", usable_hands())
 def test_every_shipped_hand_is_driven_and_reaches_its_home(hand, capfd):
@@ -25,8 +38,7 @@ def test_every_shipped_hand_is_driven_and_reaches_its_home(hand, capfd):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hand", usable_hands())
-@pytest.mark.parametrize("name", OBJECTS)
+@pytest.mark.parametrize(("hand", "name"), OTHERS)
 def test_each_hand_takes_each_object_or_says_what_is_missing(hand, name):
     try:
         scenario = load_scenario("grasp_five_finger", text=f"{{{TEXT % (hand, OBJECTS[name])}}}")
@@ -40,18 +52,7 @@ def test_each_hand_takes_each_object_or_says_what_is_missing(hand, name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("hand", "name"),
-    [
-        ("three_finger_hand", "box"),
-        ("three_finger_hand", "cylinder"),
-        ("four_finger_hand", "box"),
-        ("four_finger_hand", "cylinder"),
-        ("allegro_hand", "box"),
-        ("shadow_hand", "box"),
-        ("shadow_hand", "cylinder"),
-    ],
-)
+@pytest.mark.parametrize(("hand", "name"), HELD)
 def test_hands_hold_what_they_lift(hand, name, tmp_path):
     if lack := LACKING_HANDS.get(hand, ""):
         pytest.skip(lack)

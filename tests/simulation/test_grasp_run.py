@@ -66,6 +66,8 @@ def test_a_hand_from_the_side_lifts_along_a_direction_without_touching_anything_
     grasp, log = result.summary["grasp"], run_log(result, "grasp.csv")
     assert (grasp["phase"], grasp["gave_up"]) == ("hold", None)
     assert set(grasp["link_forces"].values()) == {0.0}
+    assert grasp["closing_motion_mm"] < 1
+    assert grasp["squeeze_motion_mm"] < 6
     lifting, places = log["phase"] >= GraspPhase.LIFT, points(log, "wo")
     moved = places[-1] - places[lifting][0]
     expected = 0.1 * np.array([0.3, -0.2, 1.0]) / np.linalg.norm([0.3, -0.2, 1.0])
@@ -75,8 +77,7 @@ def test_a_hand_from_the_side_lifts_along_a_direction_without_touching_anything_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("start", [None, 3.0, 5.3])
-@pytest.mark.parametrize("change", [0.3, -0.3])
+@pytest.mark.parametrize(("start", "change"), [(None, 0.3), (3.0, -0.3), (5.3, 0.3), (5.3, -0.3)])
 def test_a_belt_that_accelerates_neither_shoves_nor_slides_the_object(start, change, tmp_path):
     profile = [[0, 0, 0], [start or 9, 0, 0], [(start or 9) + 0.2, change, 0]]  # 1.5 m/s^2.
     text = f"motion: {{profile: {profile}}}, simulation_duration: 7.5"

@@ -5,12 +5,14 @@ import pytest
 from conftest import read_log, usable_scenarios
 from simulation_runs import contacts, pose, run_log
 
-from drake_pregrasp import load_scenario, run, shipped_scenarios
+from drake_pregrasp import Scenario, load_scenario, run, shipped_scenarios
 from drake_pregrasp.diagrams.expected_path import expected_path
 from drake_pregrasp.estimation.recorded_poses import read_recorded_poses
 from drake_pregrasp.resources import resource_folder
-from drake_pregrasp.simulation.recording import camera_pose
+from drake_pregrasp.simulation.recording import camera_view
+from drake_pregrasp.simulation.scenario_file import read_mapping
 from drake_pregrasp.simulation.smooth_file import CARRIED, load_estimator, smooth_file
+from drake_pregrasp.simulation.yaml_text import load_typed
 
 MOTIONS = [name for name, (file, _) in shipped_scenarios().items() if file.stem == "motions"]
 HALF_VIEW = np.radians(75 / 2)  # Of Meshcat's camera, upwards; it sees more to the sides.
@@ -46,13 +48,16 @@ def test_goals_stay_within_the_surface_of_a_tossed_object(tmp_path):
             assert np.max(np.abs(surface.distance(true.T))) < 3e-3
 
 
+@pytest.mark.parametrize("follows", [False, True])
 @pytest.mark.parametrize("name", usable_scenarios())
-def test_the_camera_sees_the_whole_motion(name):
-    scenario = load_scenario(name)
+def test_the_camera_sees_the_whole_motion(name, follows):
+    file, _ = shipped_scenarios()[name]
+    scenario = load_typed(Scenario, read_mapping(file)[name], Scenario())
     path = expected_path(scenario.motion, scenario.simulation_duration, scenario.object)
     extent = max(scenario.object.make_shape().mesh.extents)
-    camera, target = camera_pose(path, extent)
-    axis = (target - camera) / np.linalg.norm(target - camera)
+    view = camera_view(scenario, follows=follows)
+    axis = (view.p_WT - view.p_WK) / np.linalg.norm(view.p_WT - view.p_WK)
+    camera = view.p_WK + view.share * (path - path[0])
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * extent / 2
     for corner in corners:
         seen = path + corner - camera

@@ -134,10 +134,9 @@ def test_rows_of_other_settings_are_never_mixed(again, whole):
             assert (folder / name).read_bytes() == content
 
 
-def test_a_folder_in_use_is_refused(again):
-    _, folder = again()
-    with claimed(folder), pytest.raises(OutputError, match="another run is writing into it"):
-        run_jobs(constant_row, JOBS, folder=folder, settings={"a": {"b": 1}})
+def test_a_folder_in_use_is_refused(tmp_path):
+    with claimed(tmp_path), pytest.raises(OutputError, match="another run is writing into it"):
+        run_jobs(constant_row, JOBS, folder=tmp_path)
 
 
 @pytest.mark.slow
@@ -232,6 +231,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(address, tmp_path, monkeyp
     assert captured.err.count("\n") == 1
 
 
+@pytest.mark.slow
 @on_dask
 def test_a_scheduler_without_workers_is_said_to_have_none(again, monkeypatch):
     monkeypatch.setattr(workers, "TIMEOUT", 0.5)

@@ -7,35 +7,7 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.math import SpatialVelocity
 from pydrake.systems.framework import BusValue
 
-from drake_pregrasp import (
-    ArmPosture,
-    BallReach,
-    BallSolid,
-    BoxSolid,
-    CarrierPosture,
-    CentroidSelector,
-    CoordinateConfig,
-    EstimatorConfig,
-    FingertipGoalShaper,
-    FingertipSensor,
-    GraspConfig,
-    GraspQualityMonitor,
-    GraspSequencer,
-    HalfSpace,
-    HandModel,
-    JointReference,
-    LimitsConfig,
-    MeasurementFaults,
-    NoisyPoseSensor,
-    Obstacles,
-    PlannerConfig,
-    PoseEstimator,
-    SafeRegionPartitioner,
-    TrackingStatus,
-    box_surface,
-    load_hand,
-    load_scenario,
-)
+import drake_pregrasp as dp
 from drake_pregrasp.config.hand_description import Fingertip
 from drake_pregrasp.config.planner_config import MeasuresConfig
 from drake_pregrasp.config.sensor_config import SensorConfig
@@ -45,13 +17,13 @@ from drake_pregrasp.regions.safe_regions import compute_safe_regions
 from drake_pregrasp.systems.sources import HandPose
 
 HAND_FILE = "package://drake_pregrasp/five_finger_hand.yaml"
-HAND = HandModel(load_hand(HAND_FILE))
+HAND = dp.HandModel(dp.load_hand(HAND_FILE))
 FRAMES = HAND.kinematics.tip_frames
 N, NQ, RADIUS = 5, 19, 0.009
 PERIOD, CONTROL_PERIOD = 0.05, 0.02
 AROUND = 2 * np.pi * np.arange(N) / N
 RING = np.stack([np.cos(AROUND), np.sin(AROUND), 0 * AROUND], axis=1)
-SETTINGS = GraspConfig().make_settings()
+SETTINGS = dp.GraspConfig().make_settings()
 NO_POSES = (
     RigidTransform([1e300, 0.0, np.nan]),
     RigidTransform(RotationMatrix.MakeUnchecked(np.full((3, 3), np.nan)), np.zeros(3)),
@@ -63,17 +35,21 @@ X_WO = RigidTransform(RollPitchYaw(0.2, -0.4, 1.0), [0.5, -0.3, 0.2])
 def planner_config(limits=None, **changes):
     """A configuration that adapts contacts from the start, and has no clearance."""
     changes = {"period": PERIOD, "static_duration": 0.0, **changes}
-    return PlannerConfig(limits=LimitsConfig(**{"clearance": 0.0, **(limits or {})}), **changes)
+    return dp.PlannerConfig(
+        limits=dp.LimitsConfig(**{"clearance": 0.0, **(limits or {})}), **changes
+    )
 
 
 def make_selector(surface, p_OC, limits=None, fingertip_frames=None, **changes):
     config = planner_config(limits, **changes)
-    return CentroidSelector(config, surface=surface, p_OC=p_OC, fingertip_frames=fingertip_frames)
+    return dp.CentroidSelector(
+        config, surface=surface, p_OC=p_OC, fingertip_frames=fingertip_frames
+    )
 
 
 def make_partitioner(surface, num_contacts=N, limits=None, finger_measures=None, **changes):
     config, own = planner_config(limits, **changes), {"finger_measures": finger_measures}
-    return SafeRegionPartitioner(config, surface=surface, num_contacts=num_contacts, **own)
+    return dp.SafeRegionPartitioner(config, surface=surface, num_contacts=num_contacts, **own)
 
 
 def sloping_measures(size=0.2):
@@ -85,15 +61,15 @@ def sloping_measures(size=0.2):
 
 
 def make_estimator(period=PERIOD, p_OCoM=None, **changes):
-    return PoseEstimator(EstimatorConfig(**changes), period=period, p_OCoM=p_OCoM)
+    return dp.PoseEstimator(dp.EstimatorConfig(**changes), period=period, p_OCoM=p_OCoM)
 
 
 def make_shaper(*, fixed=(), p_GT=1.2 * 0.079 * RING, target_period=PERIOD, lead=0.0, **changes):
-    return FingertipGoalShaper(
-        GraspConfig(**changes),
+    return dp.FingertipGoalShaper(
+        dp.GraspConfig(**changes),
         tip_frames=FRAMES,
         tip_radius=RADIUS,
-        object_solid=BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)),
+        object_solid=dp.BoxSolid(np.zeros(3), np.eye(3), np.full(3, 0.1)),
         fixed=fixed,
         p_GT=p_GT,
         finger_azimuths=AROUND,
@@ -104,9 +80,9 @@ def make_shaper(*, fixed=(), p_GT=1.2 * 0.079 * RING, target_period=PERIOD, lead
 
 def make_sequencer(config=None, object_solid=None, **changes):
     tips = [Fingertip(radius=RADIUS)] * N
-    ball, efforts = BallSolid(np.zeros(3), 0.05), np.full(NQ, 9.0)
-    return GraspSequencer(
-        config or GraspConfig(),
+    ball, efforts = dp.BallSolid(np.zeros(3), 0.05), np.full(NQ, 9.0)
+    return dp.GraspSequencer(
+        config or dp.GraspConfig(),
         fingertips=tips,
         mass=0.4,
         p_OCoM=np.zeros(3),
@@ -118,13 +94,13 @@ def make_sequencer(config=None, object_solid=None, **changes):
 
 def make_reference(initial=None):
     initial = np.full(NQ, 0.1) if initial is None else initial
-    return JointReference(HAND.kinematics, period=CONTROL_PERIOD, initial=initial)
+    return dp.JointReference(HAND.kinematics, period=CONTROL_PERIOD, initial=initial)
 
 
 def make_carrier(home=None, **changes):
     arguments = {"gain": 5.0, "period": CONTROL_PERIOD, "carrier": [0, 1, 2, 3], **changes}
     home = HAND.home(np.zeros(3), 0.0) if home is None else home
-    return CarrierPosture(tip_frames=FRAMES, finger_azimuths=AROUND, home=home, **arguments)
+    return dp.CarrierPosture(tip_frames=FRAMES, finger_azimuths=AROUND, home=home, **arguments)
 
 
 def make_arm(**changes):
@@ -140,7 +116,7 @@ def make_arm(**changes):
         "period": CONTROL_PERIOD,
         **changes,
     }
-    return ArmPosture(**arguments)
+    return dp.ArmPosture(**arguments)
 
 
 def bus(points, normals=None, names=FRAMES):
@@ -177,40 +153,40 @@ def partition(surface, p_OC, inputs=None, X=X_WO, **settings):
 
 # Systems of an object at X_G, with two values for each port: a sound one, and another.
 
-SURFACE = box_surface([0.1, 0.1, 0.1], spacing=0.01)
-P_OC = load_scenario("a_base").initial_p_OC(SURFACE)
+SURFACE = dp.box_surface([0.1, 0.1, 0.1], spacing=0.01)
+P_OC = dp.load_scenario("a_base").initial_p_OC(SURFACE)
 OTHER = P_OC * [1, -1, 1]
 X_G = RigidTransform([0.3, -0.2, 0.1])
 TURNED = RigidTransform(RollPitchYaw(0.1, -0.2, 0.3), [0.02, 0.03, 0.01])
 SLOW = SpatialVelocity(w=[0, 0.01, 0], v=[0.01, 0, 0])
 FAST = SpatialVelocity(w=[0, 0, 0.5], v=[0.1, 0, 0])
 LIMITS = {
-    "reach": [BallReach(center=[0, 0, 0], radius=0.06)] * N,
+    "reach": [dp.BallReach(center=[0, 0, 0], radius=0.06)] * N,
     "tip_radii": [RADIUS] * N,
     "horizon": 1.0,
     "joint_range": 0.22,
 }
-FAULTS = MeasurementFaults(dropout_rate=1e-9)
+FAULTS = dp.MeasurementFaults(dropout_rate=1e-9)
 MEASURES = MeasuresConfig(contact_model="hard_finger")
 MAKERS = {
-    "sensor": lambda: NoisyPoseSensor(SensorConfig(0.1, 0.1)),
-    "sensor with memory": lambda: NoisyPoseSensor(SensorConfig(0.1, 0.1, FAULTS), period=0.1),
+    "sensor": lambda: dp.NoisyPoseSensor(SensorConfig(0.1, 0.1)),
+    "sensor with memory": lambda: dp.NoisyPoseSensor(SensorConfig(0.1, 0.1, FAULTS), period=0.1),
     "estimator": make_estimator,
     "partitioner": lambda: make_partitioner(
         SURFACE,
         limits=LIMITS,
-        coordinates=[CoordinateConfig(scale=1.0)],
+        coordinates=[dp.CoordinateConfig(scale=1.0)],
         finger_measures=sloping_measures(),
     ),
     "selector": lambda: make_selector(SURFACE, P_OC),
     "hand pose": lambda: HandPose(X_G),
-    "fingertip sensor": lambda: FingertipSensor(HAND.kinematics),
+    "fingertip sensor": lambda: dp.FingertipSensor(HAND.kinematics),
     "reference": make_reference,
     "carrier": lambda: make_carrier(np.zeros(NQ)),
     "arm": lambda: make_arm(p_WG=X_G.translation()),
     "shaper": lambda: make_shaper(lead=0.03, target_period=CONTROL_PERIOD),
     "sequencer": make_sequencer,
-    "monitor": lambda: GraspQualityMonitor(MEASURES, surface=SURFACE, num_contacts=N),
+    "monitor": lambda: dp.GraspQualityMonitor(MEASURES, surface=SURFACE, num_contacts=N),
 }
 
 
@@ -225,7 +201,7 @@ def ring(radius):
 
 def wall(x):
     """A wall at x in G."""
-    return Obstacles((HalfSpace(X_G @ np.array([x, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])),))
+    return dp.Obstacles((dp.HalfSpace(X_G @ np.array([x, 0.0, 0.0]), np.array([-1.0, 0.0, 0.0])),))
 
 
 FRAME_NAMES = ("X_WO", "X_WO_estimated", "X_WO_measured", "X_WG", "X_WH", "X_WU")
@@ -238,7 +214,7 @@ VALUES = {
     "noise": (np.zeros(6), np.ones(6)),
     "measurement_time": ([0.0], [-np.inf]),
     "p_WO_covariance": (1e-6 * np.eye(3).ravel(), 1e-2 * np.eye(3).ravel()),
-    "tracking_status": ([TrackingStatus.TRACKING], [TrackingStatus.LOST]),
+    "tracking_status": ([dp.TrackingStatus.TRACKING], [dp.TrackingStatus.LOST]),
     "hindered_finger": ([NOT_HINDERED], [1.0]),
     "contact_weights": (np.zeros(N), np.array([0, 0, 0, 0, 1e-2])),
     "finger_coordinates": (0.05 * np.arange(N), np.zeros(N)),
@@ -254,7 +230,7 @@ VALUES = {
     "fingers_hold": (np.zeros(N), np.ones(N)),
     "close": ([0.0], [1.0]),
     "contact_frames": (CONTACT_FRAMES, -CONTACT_FRAMES),
-    "p_WT": (ring(0.05 + RADIUS + 0.02).ravel(), ring(0.05).ravel()),
+    "p_WT": (ring(0.05 + RADIUS + 0.02).ravel(), (ring(0.05) + 0.01).ravel()),
     "f_T_W": (np.zeros(3 * N), np.ones(3 * N)),
     "force_limits": (np.full(N, 0.5), np.full(N, 0.1)),
     "J_WT": (np.zeros(3 * N * NQ), np.ones(3 * N * NQ)),

@@ -192,7 +192,7 @@ def test_fingers_that_squeeze_carry_the_frame_and_no_estimate_does():
 def test_the_touch_leaves_no_strain_that_drives_the_object():
     """Fingertips rest beside and below their goals: G comes to rest where they are at them."""
     X_WO = RigidTransform([0.0, 0.0, 0.05])
-    strain = RigidTransform(RotationMatrix.MakeZRotation(0.005), [0.0, 0.0, -4e-4])
+    strain = RigidTransform([3e-4, 0.0, -4e-4])
     hand = sequencer_over(X_WO)
     close_until_touch(hand, X_WO)
     met = tips_at(strain @ X_WO, 0.0)

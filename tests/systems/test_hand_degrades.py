@@ -1,21 +1,8 @@
 """For any inputs, the commands of the hand's systems are finite and within limits."""
 
+import made_systems
 import numpy as np
 import pytest
-from made_systems import (
-    CONTROL_PERIOD,
-    FRAMES,
-    NO_POSES,
-    NQ,
-    RING,
-    SETTINGS,
-    N,
-    bus,
-    driven,
-    points_of,
-    ring,
-    wall,
-)
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialVelocity
@@ -29,7 +16,7 @@ BAD_NUMBERS = [np.nan, np.inf, -np.inf, 1e300]
 
 def spoiled_wall(number):
     """A wall whose place is spoilt after it is made, since it is refused otherwise."""
-    obstacles = wall(9.0)
+    obstacles = made_systems.wall(9.0)
     obstacles.solids[0].point[0] = number
     return obstacles
 
@@ -37,13 +24,13 @@ def spoiled_wall(number):
 def spoiled(value, number):
     """Yields what a port may get instead of a sound value."""
     if isinstance(value, RigidTransform):
-        yield from NO_POSES
+        yield from made_systems.NO_POSES
     elif isinstance(value, SpatialVelocity):
         yield SpatialVelocity(w=[0.0, number, 0.0], v=[number, 0.0, 0.0])
     elif isinstance(value, BusValue):
-        points = points_of(value)
+        points = made_systems.points_of(value)
         points[2, 1] = number
-        yield bus(points, RING)
+        yield made_systems.bus(points, made_systems.RING)
         yield BusValue()
     elif isinstance(value, Obstacles):
         yield spoiled_wall(number)
@@ -58,7 +45,7 @@ def spoiled(value, number):
 @pytest.mark.parametrize("number", BAD_NUMBERS)
 @pytest.mark.parametrize("name", ["shaper", "sequencer", "carrier", "arm", "reference", "monitor"])
 def test_outputs_are_finite_whatever_comes(name, number):
-    player = driven(name)
+    player = made_systems.driven(name)
     player.tick(2)
     for port, sound in player.inputs.items():
         for value in spoiled(sound, number):
@@ -72,7 +59,7 @@ def test_outputs_are_finite_whatever_comes(name, number):
 
 
 def test_tips_never_outrun_their_speed_and_come_back():
-    player = driven("shaper")
+    player = made_systems.driven("shaper")
     player.tick(40)
     settled = before = player.array("p_GT")
     rng = np.random.default_rng(4)
@@ -84,7 +71,7 @@ def test_tips_never_outrun_their_speed_and_come_back():
         player.fix(**{port: player.inputs[port]})
         p_GT = player.array("p_GT")
         steps = np.linalg.norm((p_GT - before).reshape(-1, 3), axis=1)
-        assert np.max(steps) <= GraspConfig().goal_speed * CONTROL_PERIOD + 1e-12
+        assert np.max(steps) <= GraspConfig().goal_speed * made_systems.CONTROL_PERIOD + 1e-12
         before = p_GT
     player.tick(60)
     np.testing.assert_allclose(player.array("p_GT"), settled, atol=1e-9)
@@ -92,10 +79,13 @@ def test_tips_never_outrun_their_speed_and_come_back():
 
 @pytest.mark.parametrize("status", [TrackingStatus.LOST, TrackingStatus.WAITING, np.nan])
 def test_a_lost_object_gets_no_new_contacts(status):
-    player = driven("shaper")
+    player = made_systems.driven("shaper")
     player.tick(40)
     contacts = player.array("contact_frames")
-    player.fix(tracking_status=[float(status)], fingertip_targets=bus(ring(0.07), RING))
+    player.fix(
+        tracking_status=[float(status)],
+        fingertip_targets=made_systems.bus(made_systems.ring(0.07), made_systems.RING),
+    )
     player.tick(20)
     np.testing.assert_array_equal(player.array("contact_frames"), contacts)
     player.fix(tracking_status=[float(TrackingStatus.COASTING)])
@@ -104,10 +94,10 @@ def test_a_lost_object_gets_no_new_contacts(status):
 
 
 def test_tips_stay_where_an_obstacle_may_be_anywhere():
-    player = driven("shaper")
+    player = made_systems.driven("shaper")
     player.tick(2)
     before = player.array("p_GT")
-    player.fix(contact_status=np.zeros(N), obstacles=spoiled_wall(np.nan))
+    player.fix(contact_status=np.zeros(made_systems.N), obstacles=spoiled_wall(np.nan))
     player.tick(5)
     np.testing.assert_array_equal(player.array("p_GT"), before)
     player.fix(obstacles=Obstacles())
@@ -116,7 +106,7 @@ def test_tips_stay_where_an_obstacle_may_be_anywhere():
 
 
 WRONG_BUS = BusValue()
-WRONG_BUS.Set(FRAMES[0], AbstractValue.Make(3.0))
+WRONG_BUS.Set(made_systems.FRAMES[0], AbstractValue.Make(3.0))
 
 
 @pytest.mark.parametrize(
@@ -131,7 +121,7 @@ WRONG_BUS.Set(FRAMES[0], AbstractValue.Make(3.0))
     ],
 )
 def test_a_value_of_another_type_is_refused_by_the_ports_name(name, port, wrong):
-    player = driven(name)
+    player = made_systems.driven(name)
     player.fix(**{port: wrong if isinstance(wrong, BusValue) else AbstractValue.Make(wrong)})
     with pytest.raises(InvalidArgumentError, match=f"port {port}"):
         player.next_numbers()
@@ -143,8 +133,8 @@ def phase(player):
 
 @pytest.fixture
 def tracking_hand():
-    player = driven("sequencer")
-    player.tick(int(SETTINGS.approach_duration / CONTROL_PERIOD) + 2)
+    player = made_systems.driven("sequencer")
+    player.tick(int(made_systems.SETTINGS.approach_duration / made_systems.CONTROL_PERIOD) + 2)
     assert phase(player) == GraspPhase.TRACK
     player.fix(close=[1.0])
     return player
@@ -155,12 +145,12 @@ def tracking_hand():
     [
         ("tracking_status", [float(TrackingStatus.LOST)]),
         ("tracking_status", [float(TrackingStatus.WAITING)]),
-        ("X_WO_estimated", NO_POSES[0]),
+        ("X_WO_estimated", made_systems.NO_POSES[0]),
     ],
 )
 def test_a_hand_closes_on_nothing_that_it_does_not_see(tracking_hand, port, value):
     tracking_hand.fix(**{port: value})
-    tracking_hand.tick(int(3 * SETTINGS.gate_limit / CONTROL_PERIOD))
+    tracking_hand.tick(int(3 * made_systems.SETTINGS.gate_limit / made_systems.CONTROL_PERIOD))
     assert phase(tracking_hand) == GraspPhase.TRACK
     assert tracking_hand.eval("grasp_report")[2] == GiveUp.OBJECT_UNSEEN
     tracking_hand.fix(**{port: tracking_hand.inputs[port]})
@@ -169,15 +159,15 @@ def test_a_hand_closes_on_nothing_that_it_does_not_see(tracking_hand, port, valu
     tracking_hand.fix(**{port: value})
     tracking_hand.tick(2)
     assert phase(tracking_hand) == GraspPhase.BACK_OFF
-    tracking_hand.tick(int(1.0 / CONTROL_PERIOD))
-    np.testing.assert_allclose(tracking_hand.eval("standoffs"), SETTINGS.standoff)
+    tracking_hand.tick(int(1.0 / made_systems.CONTROL_PERIOD))
+    np.testing.assert_allclose(tracking_hand.eval("standoffs"), made_systems.SETTINGS.standoff)
 
 
 def test_a_hand_does_not_close_with_fingers_that_are_nowhere(tracking_hand):
     p_WT = tracking_hand.inputs["p_WT"].copy()
     p_WT[:9] = np.nan
     tracking_hand.fix(p_WT=p_WT)
-    tracking_hand.tick(int(1.2 * SETTINGS.gate_limit / CONTROL_PERIOD))
+    tracking_hand.tick(int(1.2 * made_systems.SETTINGS.gate_limit / made_systems.CONTROL_PERIOD))
     assert phase(tracking_hand) == GraspPhase.BACK_OFF
     assert tracking_hand.eval("grasp_report")[2] == GiveUp.TOO_FEW_FINGERS
 
@@ -195,35 +185,37 @@ def test_an_unknown_command_changes_nothing(tracking_hand, asked):
     ("name", "output"), [("sequencer", "X_WG"), ("carrier", "X_WH"), ("arm", "X_WU")]
 )
 def test_an_unknown_pose_is_the_last_one(name, output):
-    player = driven(name)
+    player = made_systems.driven(name)
     player.tick(100)
     last = player.array(output)
-    player.fix(X_WO_estimated=NO_POSES[0])
+    player.fix(X_WO_estimated=made_systems.NO_POSES[0])
     player.tick(2)
     np.testing.assert_allclose(player.array(output), last, atol=1e-12)
 
 
 @pytest.mark.parametrize("number", BAD_NUMBERS)
 def test_a_reference_stays_where_velocities_are_not_known(number):
-    player = driven("reference")
+    player = made_systems.driven("reference")
     player.tick(5)
-    player.fix(commanded_velocity=np.append(np.full(NQ - 1, 0.1), number))
+    player.fix(commanded_velocity=np.append(np.full(made_systems.NQ - 1, 0.1), number))
     player.tick()
     q = player.array("position")
     player.tick(5)
     np.testing.assert_allclose(player.array("position"), q, atol=1e-12)
-    np.testing.assert_array_equal(player.array("desired_state")[NQ:], 0)
+    np.testing.assert_array_equal(player.array("desired_state")[made_systems.NQ :], 0)
 
 
 def test_what_fingers_feel_is_unknown_where_their_joints_are():
-    sensor = driven("fingertip sensor")
-    sensor.fix(hand_state=np.full(2 * NQ, np.nan))
+    sensor = made_systems.driven("fingertip sensor")
+    sensor.fix(hand_state=np.full(2 * made_systems.NQ, np.nan))
     assert np.all(np.isnan(sensor.numbers()))
 
 
 def test_contacts_without_a_place_do_not_count():
-    monitor = driven("monitor")
+    monitor = made_systems.driven("monitor")
     monitor.fix(contact_status=[1.0, 1, 1, 1, 0])
     four = monitor.numbers()
-    monitor.fix(contact_status=np.ones(N), p_WC=np.append(monitor.inputs["p_WC"][:-1], np.nan))
+    monitor.fix(
+        contact_status=np.ones(made_systems.N), p_WC=np.append(monitor.inputs["p_WC"][:-1], np.nan)
+    )
     np.testing.assert_allclose(monitor.numbers(), four, atol=1e-12)

@@ -83,6 +83,30 @@ def test_a_carrier_turns_with_the_goals_on_and_on():
         posture.update()
 
 
+@pytest.mark.parametrize("make", [carrier, arm])
+def test_the_palm_stays_over_a_centre_of_mass_beside_the_origin(make):
+    p_OCoM, rate, v = np.array([0.05, -0.02, 0.01]), 0.4, np.array([0.02, 0.0, 0.0])
+    posture = make(p_OCoM=p_OCoM)
+    for tick in range(300):
+        time = tick * PERIOD
+        R_WG = RotationMatrix.MakeZRotation(rate * time)
+        place(posture, tick, v * time, rate * time, v, rate)
+        due = RotationMatrix.MakeZRotation(rate * (time + LEAD)).matrix()
+        p_WT = (0.079 * RING + p_OCoM) @ due.T + (time + LEAD) * v
+        X_WG = RigidTransform(R_WG, v * time)
+        posture.fix(X_WG=X_WG, X_WO_estimated=X_WG, tip_goals=bus(p_WT))
+        posture.update()
+    p_WCoM, p_WH = X_WG @ p_OCoM, posture.eval("X_WH").translation()
+    np.testing.assert_allclose(p_WH, p_WCoM, atol=1e-9)
+    lead = 0.2 if make is carrier else LEAD
+    ahead = lead * (v + np.cross([0, 0, rate], R_WG @ p_OCoM))
+    palm = posture.array("nominal_posture")[:3] - [0.0, 0.0, 0.155]
+    if make is arm:
+        X_GP_W = RotationMatrix.MakeZRotation(rate * (time + LEAD)) @ X_GP.translation()
+        palm = palm_goal(posture).translation() - X_GP_W
+    np.testing.assert_allclose(palm, p_WCoM + ahead, atol=5e-4)
+
+
 def test_a_carrier_that_lags_by_its_gain_is_asked_to_be_ahead():
     posture = carrier(gain=4.0)
     posture.fix(V_WG=SpatialVelocity(w=[0, 0, 0.2], v=[0.04, 0.02, 0.0]))

@@ -12,36 +12,21 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import AddRandomInputs
 from scipy.spatial.transform import Rotation
 
-from drake_pregrasp import (
-    BallSolid,
-    BoxSolid,
-    HalfSpace,
-    InvalidArgumentError,
-    Obstacles,
-    capability_weights,
-)
+import drake_pregrasp as dp
 from drake_pregrasp.config.sensor_config import SensorConfig
 from drake_pregrasp.estimation.recorded_poses import RecordedPoses
 from drake_pregrasp.geometry.motion_profiles import VelocityProfile
+from drake_pregrasp.systems import sources
 from drake_pregrasp.systems.pose_sensor import NoiseSource, NoisyPoseSensor
-from drake_pregrasp.systems.sources import (
-    BodyPose,
-    ContactWeights,
-    HandPose,
-    MovingObstacles,
-    MovingSolid,
-    ObjectMotion,
-    PoseReplay,
-)
 
 TILT = RollPitchYaw(0.1, 0.2, 0.3).ToRotationMatrix().matrix()
 SOLIDS = (
-    BallSolid(np.array([0.1, 0.2, 0.3]), 0.02),
-    BoxSolid(np.array([0.0, 0.1, 0.0]), TILT, np.array([0.1, 0.2, 0.3])),
-    HalfSpace(np.array([0.0, 0.0, -0.2]), np.array([0.0, 0.0, 1.0])),
+    dp.BallSolid(np.array([0.1, 0.2, 0.3]), 0.02),
+    dp.BoxSolid(np.array([0.0, 0.1, 0.0]), TILT, np.array([0.1, 0.2, 0.3])),
+    dp.HalfSpace(np.array([0.0, 0.0, -0.2]), np.array([0.0, 0.0, 1.0])),
 )
 VELOCITIES = np.array([[0.1, 0.0, 0.0], [0.0, -0.2, 0.05], [0.0, 0.0, 0.03]])
-MOVING = [MovingSolid(solid, v) for solid, v in zip(SOLIDS, VELOCITIES, strict=True)]
+MOVING = [sources.MovingSolid(solid, v) for solid, v in zip(SOLIDS, VELOCITIES, strict=True)]
 PROBES = np.random.default_rng(0).uniform(-0.5, 0.5, (20, 3))
 
 
@@ -56,14 +41,14 @@ def emitted(source, time, seed=None):
 
 
 def test_a_constant_motion_commands_position_and_rate():
-    motion = ObjectMotion(VelocityProfile([[0.0, 0.1, -0.5]]))
+    motion = sources.ObjectMotion(VelocityProfile([[0.0, 0.1, -0.5]]))
     np.testing.assert_array_equal(emitted(motion, 3.0), [0.1 * 3.0, -0.5 * 3.0, 0.1, -0.5])
 
 
 def test_a_replay_passes_through_the_recorded_poses_and_stands_still_outside():
     p_WO = np.array([[0.0, 0, 0], [1, 0, 0], [1, 2, 0]])
     R_WO = Rotation.from_rotvec([[0, 0, 0], [0, 0, 1], [0, 0, -1]])
-    replay = Driven(PoseReplay(RecordedPoses(np.array([1.0, 2.0, 4.0]), p_WO, R_WO)))
+    replay = Driven(sources.PoseReplay(RecordedPoses(np.array([1.0, 2.0, 4.0]), p_WO, R_WO)))
     for time, p, yaw in (
         (0.0, [0, 0, 0], 0.0),
         (1.0, [0, 0, 0], 0.0),
@@ -83,13 +68,13 @@ def test_a_replay_passes_through_the_recorded_poses_and_stands_still_outside():
 
 def test_body_pose_picks_its_body():
     poses = [RigidTransform(np.full(3, float(k))) for k in range(3)]
-    body = Driven(BodyPose(BodyIndex(2)), body_poses=AbstractValue.Make(poses))
+    body = Driven(sources.BodyPose(BodyIndex(2)), body_poses=AbstractValue.Make(poses))
     assert body.eval("X_WB").IsExactlyEqualTo(poses[2])
 
 
 def test_a_held_body_pose_is_that_of_its_time_step():
     poses = [AbstractValue.Make([RigidTransform([x, 0.0, 0.0])]) for x in (1.0, 2.0)]
-    body = Driven(BodyPose(BodyIndex(0), time_step=0.01), body_poses=poses[0])
+    body = Driven(sources.BodyPose(BodyIndex(0), time_step=0.01), body_poses=poses[0])
     body.simulator.AdvanceTo(1e-9)  # The plant has been updated, as seen by a tick after rounding.
     body.fix(body_poses=poses[1])
     assert body.eval("X_WB").translation()[0] == 1.0
@@ -98,7 +83,7 @@ def test_a_held_body_pose_is_that_of_its_time_step():
 
 
 def test_fingers_are_lost_from_their_time_on():
-    weights = ContactWeights(np.array([1.0, 2.0, 3.0]), [(2.0, [1]), (3.0, [0])])
+    weights = sources.ContactWeights(np.array([1.0, 2.0, 3.0]), [(2.0, [1]), (3.0, [0])])
     rounded = 2.0 - 4e-16  # As a tick's time may be.
     for time, expected in (
         (0.0, [1, 2, 3]),
@@ -112,7 +97,7 @@ def test_fingers_are_lost_from_their_time_on():
 def test_lost_fingers_come_back_unless_another_loss_goes_on():
     lost, back = [(2.0, [0, 1]), (0.0, [2])], [(5.0, [0]), (6.0, [2])]
     lost.append((1.0, [2]))
-    weights = ContactWeights(np.array([1.0, 2.0, 3.0]), lost, back)
+    weights = sources.ContactWeights(np.array([1.0, 2.0, 3.0]), lost, back)
     for time, away in ((1.9, [2]), (2.0, [0, 1, 2]), (5.0 - 4e-16, [1, 2]), (6.0, [1, 2])):
         expected = np.where(np.isin(np.arange(3), away), -np.inf, [1.0, 2, 3])
         np.testing.assert_array_equal(emitted(weights, time), expected)
@@ -120,13 +105,13 @@ def test_lost_fingers_come_back_unless_another_loss_goes_on():
 
 def test_capability_counts_at_the_smallest_distance_of_fingers_that_are_left():
     p_WC = np.array([[0.0, 0, 0], [0.3, 0, 0], [0.05, 0, 0], [0, 0.4, 0]])
-    source = ContactWeights(
+    source = sources.ContactWeights(
         np.array([0.01, 0, 0, 0]), [(1.0, [2])], capability=lambda t: np.array([0.8, 0.5, 1, 1 - t])
     )
     driven = Driven(source, p_WC=p_WC.ravel())
     for time, length in ((0.0, 0.05), (1.0, 0.3)):
         driven.at(time)
-        expected = capability_weights(np.array([0.8, 0.5, 1 - time, 1 - time]), length)
+        expected = dp.capability_weights(np.array([0.8, 0.5, 1 - time, 1 - time]), length)
         expected += [0.01, 0, 0, 0]
         np.testing.assert_allclose(driven.eval("contact_weights"), expected)
     driven.fix(p_WC=0.5 * p_WC.ravel())
@@ -134,8 +119,8 @@ def test_capability_counts_at_the_smallest_distance_of_fingers_that_are_left():
 
 
 def test_a_finger_that_is_not_there_cannot_be_lost():
-    with pytest.raises(InvalidArgumentError, match="no contact 3; there are 0 to 2"):
-        ContactWeights(np.zeros(3), [(1.0, [3])])
+    with pytest.raises(dp.InvalidArgumentError, match="no contact 3; there are 0 to 2"):
+        sources.ContactWeights(np.zeros(3), [(1.0, [3])])
 
 
 def assert_same_solids(solids, others):
@@ -145,7 +130,7 @@ def assert_same_solids(solids, others):
 
 @pytest.mark.parametrize("time", [0.0, 0.5, 7.0])
 def test_obstacles_move_steadily_without_turning_and_tell_where_they_will_be(time):
-    ahead = MovingObstacles(MOVING, lookahead=0.1)
+    ahead = sources.MovingObstacles(MOVING, lookahead=0.1)
     expected = [
         s.moved(np.eye(3), (time + 0.1) * v) for s, v in zip(SOLIDS, VELOCITIES, strict=True)
     ]
@@ -153,19 +138,19 @@ def test_obstacles_move_steadily_without_turning_and_tell_where_they_will_be(tim
     assert_same_solids(emitted(ahead, 0.0).after(time).solids, expected)
     R, p = X_WO.rotation().matrix(), X_WO.translation()
     moved = emitted(ahead, 0.0).moved(R, p).after(time)
-    assert_same_solids(moved.solids, Obstacles(tuple(expected)).moved(R, p).solids)
+    assert_same_solids(moved.solids, dp.Obstacles(tuple(expected)).moved(R, p).solids)
 
 
 def test_obstacles_have_no_velocities_or_one_a_solid():
-    assert Obstacles(SOLIDS).after(1.0).solids == SOLIDS
-    with pytest.raises(InvalidArgumentError, match=r"shape \(3, 3\), one a solid, not \(2, 3\)"):
-        Obstacles(SOLIDS, velocities=np.ones((2, 3)))
+    assert dp.Obstacles(SOLIDS).after(1.0).solids == SOLIDS
+    with pytest.raises(dp.InvalidArgumentError, match=r"shape \(3, 3\), one a solid, not \(2, 3\)"):
+        dp.Obstacles(SOLIDS, velocities=np.ones((2, 3)))
 
 
 @pytest.mark.parametrize("follow", [False, True])
 def test_a_hand_keeps_its_orientation_and_its_place_by_the_object_or_in_the_world(follow):
     X = RigidTransform(RollPitchYaw(0.3, 0.1, -2.0), [0.1, 0.0, 0.2])
-    X_WH = Driven(HandPose(X, follow=follow), X_WO_estimated=X_WO).eval("X_WH")
+    X_WH = Driven(sources.HandPose(X, follow=follow), X_WO_estimated=X_WO).eval("X_WH")
     np.testing.assert_allclose(X_WH.translation(), X.translation() + follow * X_WO.translation())
     np.testing.assert_array_equal(X_WH.rotation().matrix(), X.rotation().matrix())
 

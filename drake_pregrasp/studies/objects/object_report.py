@@ -13,13 +13,8 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
+from drake_pregrasp.studies.objects import object_trial
 from drake_pregrasp.studies.objects.object_sets import hand_name
-from drake_pregrasp.studies.objects.object_trial import (
-    REFUSED,
-    ObjectJob,
-    base_scenario,
-    make_trial,
-)
 from drake_pregrasp.studies.report_page import Details, Heading, Part, Picture, Table, write_report
 from drake_pregrasp.studies.runner import OnProgress, run_jobs
 from drake_pregrasp.studies.static_versus_dynamic import paired_statistics
@@ -180,20 +175,20 @@ def pictures_of_grasps(
     shown: list[Grasp] = []
     if len(rows):
         rows = rows[rows["method"] == TESTED]
-        rows = rows[~rows["cause"].fillna("").str.startswith(REFUSED)]
+        rows = rows[~rows["cause"].fillna("").str.startswith(object_trial.REFUSED)]
     for _, own in rows.groupby("hand", sort=False) if len(rows) else ():
         failures = own[~own["held"]]
         usual = failures["cause"].value_counts().index[:_PICTURED]
         first = failures.drop_duplicates("cause").set_index("cause").loc[usual].reset_index()
         for row in pd.concat([own[own["held"]][:_PICTURED], first]).to_dict("records"):
-            job = ObjectJob(*(row[name] for name in ObjectJob._fields))
+            job = object_trial.ObjectJob(*(row[name] for name in object_trial.ObjectJob._fields))
             text = HELD if row["held"] else f"{row['cause']}: {row['gave_up']}"
             shown.append(Grasp(job, f"{job.object}, {hand_name(job.hand)}", text))
     if not shown:
         return []
-    moments = (1.0, base_scenario().grasp.close_at)
+    moments = (1.0, object_trial.base_scenario().grasp.close_at)
     simulate = partial(run_jobs, processes=processes, on_progress=on_progress)
-    picture_grid(folder / PICTURES, shown, moments, make_trial, simulate)
+    picture_grid(folder / PICTURES, shown, moments, object_trial.make_trial, simulate)
     caption = (
         f"Grasps with {_LABELS[TESTED]}: for each hand the first {_PICTURED} held objects, and the"
         f" first failure of each of the {_PICTURED} most frequent causes after the start."

@@ -13,12 +13,7 @@ from drake_pregrasp.config.limits_config import LimitsConfig
 from drake_pregrasp.config.object_config import Mesh, ObjectConfig
 from drake_pregrasp.diagrams.hand_model import HandModel
 from drake_pregrasp.errors import InvalidArgumentError
-from drake_pregrasp.geometry.random_objects import (
-    MASS,
-    NUM_OBJECTS,
-    check_installed,
-    object_url,
-)
+from drake_pregrasp.geometry.random_objects import MASS, NUM_OBJECTS, check_installed, object_url
 from drake_pregrasp.geometry.shapes import Shape
 from drake_pregrasp.resources import MODELS_URL, resource_folder
 from drake_pregrasp.simulation.hand_file import load_hand_model
@@ -30,7 +25,7 @@ FIT_IN_WORDS = (
     " places on opposite sides that fingers can touch, with room for their standoffs."
 )
 
-_LEVEL = 0.02  # Largest height of a fingertip over or under the object's origin, in metres.
+_LEVEL = 0.02  # Largest height of a fingertip over or under the centre of mass, in metres.
 _OPPOSITE = float(np.cos(np.radians(30)))  # Largest angle from opposite sides.
 _HALF_TURN = np.radians(np.arange(0, 180, 5))  # Azimuths of an object's widths.
 

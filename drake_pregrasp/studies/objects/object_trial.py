@@ -7,12 +7,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from drake_pregrasp.config.grasp_config import SIDE
 from drake_pregrasp.config.object_config import Conveyor
-from drake_pregrasp.contacts.start_contacts import NoGraspError
 from drake_pregrasp.diagrams.hand_model import HandModel
-from drake_pregrasp.errors import PregraspError, one_line
+from drake_pregrasp.errors import NoGraspError, PregraspError, ScenarioError, one_line
 from drake_pregrasp.geometry.surface import ObjectSurface
-from drake_pregrasp.simulation.scenario import Scenario, chosen_contacts
+from drake_pregrasp.simulation.scenario import Scenario, start_contacts
 from drake_pregrasp.simulation.scenario_check import validate
 from drake_pregrasp.simulation.scenario_file import load_scenario
 from drake_pregrasp.studies.objects import object_sets
@@ -59,6 +59,8 @@ def base_scenario() -> Scenario:
 def make_scenario(job: ObjectJob) -> Scenario:
     """Returns the scenario of a trial.
 
+    The palm comes from above, or from the side if there is no grasp from above.
+
     Raises:
         ScenarioError: If the hand cannot grasp the object there.
     """
@@ -70,7 +72,18 @@ def make_scenario(job: ObjectJob) -> Scenario:
         motion=Conveyor(1e-3 * job.speed, TURN_PER_SPEED * job.speed, yaw=float(yaw)),
         grasp=replace(base.grasp, hand=hand),
     )
-    validate(scenario, f"{job.set} {job.object}")
+    source = f"{job.set} {job.object}"
+    try:
+        validate(scenario, source)
+    except ScenarioError as error:
+        if not isinstance(error.__cause__, NoGraspError):
+            raise
+        from_side = replace(scenario, grasp=replace(scenario.grasp, approaches=[SIDE]))
+        try:
+            validate(from_side, source)
+        except ScenarioError:
+            raise error from error.__cause__
+        return from_side
     return scenario
 
 
@@ -83,7 +96,7 @@ def make_trial(job: ObjectJob) -> trial.Trial:
     method = METHODS[job.method]
 
     def start_of(scenario: Scenario, surface: ObjectSurface, hand: HandModel) -> Start:
-        start = chosen_contacts(scenario, surface)
+        start = start_contacts(scenario, surface)
         plans = not (method.is_stationary or method.is_reactive)
         away = np.flatnonzero(~start.has_contact).tolist() if plans else []
         return Start(start.p_OC, start.yaw, np.zeros(3), [(0.0, away)], job.seed)

@@ -9,20 +9,9 @@ from typing import Any
 from drake_pregrasp.errors import InvalidArgumentError
 from drake_pregrasp.simulation.scenario_file import scenario_data
 from drake_pregrasp.studies import study_options
+from drake_pregrasp.studies.objects import object_sets
 from drake_pregrasp.studies.objects.object_report import pictures_of_grasps, write_object_report
-from drake_pregrasp.studies.objects.object_sets import (
-    FIT_IN_WORDS,
-    SETS,
-    SETS_FILE,
-    drawn_objects,
-    hand_file,
-)
-from drake_pregrasp.studies.objects.object_trial import (
-    MODULES,
-    ObjectJob,
-    base_scenario,
-    run_trial,
-)
+from drake_pregrasp.studies.objects.object_trial import MODULES, ObjectJob, base_scenario, run_trial
 from drake_pregrasp.studies.package_digest import digest_files
 from drake_pregrasp.studies.runner import OnProgress, StudyRows, run_jobs
 from drake_pregrasp.studies.static_versus_dynamic.methods import METHODS, TESTED
@@ -37,7 +26,9 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     """Adds the options of the command."""
     study_options.add_out_option(parser, "studies", f"the folder {NAME} with the report")
     count, names = study_options.whole_number, study_options.names
-    parser.add_argument("--set", choices=SETS, default="household", help="%(default)s if not set")
+    parser.add_argument(
+        "--set", choices=object_sets.SETS, default="household", help="%(default)s if not set"
+    )
     for flag, kind, default, metavar, text in (
         ("--objects", count(1), 200, "N", "largest number of objects for each hand"),
         ("--pool", _pool, "0-999", "A-B", "indices of the set's objects to draw from"),
@@ -69,7 +60,7 @@ _pool.__name__, _speeds.__name__ = "range of indices", "list of speeds"
 def _run(options: argparse.Namespace) -> int:
     seeds = range(options.first_seed, options.first_seed + options.seeds)
     objects = {
-        hand: drawn_objects(options.set, hand, options.objects, seeds[0], options.pool)
+        hand: object_sets.drawn_objects(options.set, hand, options.objects, seeds[0], options.pool)
         for hand in options.hands
     }
     jobs = object_jobs(options.set, objects, options.speeds, options.methods, seeds)
@@ -103,7 +94,7 @@ def object_jobs(
         if method not in METHODS:
             raise InvalidArgumentError(f"{method}: no such method; there are: {','.join(METHODS)}")
     for hand in objects:
-        hand_file(hand)
+        object_sets.hand_file(hand)
     return [
         ObjectJob(set_name, names[place], hand, speed, method, seed)
         for place in range(max(map(len, objects.values()), default=0))
@@ -144,8 +135,8 @@ def study_objects(
     """
     settings = {
         "scenario": scenario_data(base_scenario()),
-        "fit": FIT_IN_WORDS,
-        "sets": digest_files([SETS_FILE]),
+        "fit": object_sets.FIT_IN_WORDS,
+        "sets": digest_files([object_sets.SETS_FILE]),
     }
     found = run_jobs(
         run,

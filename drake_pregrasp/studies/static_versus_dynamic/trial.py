@@ -167,7 +167,8 @@ class Trial:
         config = self._planner_config(methods.METHODS["dynamic_reach"])
         planner = AddPregraspPlanner(builder, config, self.surface, self._start.p_OC)
         solids = tuple(moving.solid for moving in [*conditions.area(self.scenario), TABLE])
-        X_WH = reach_frame(self._X_WO, self._start.yaw, self._grasp.yaw_range, self.hand.X_LA)
+        p_WCoM = self._X_WO @ self.surface.p_OCoM
+        X_WH = reach_frame(p_WCoM, self._start.yaw, self._grasp.yaw_range, self.hand.X_LA)
         values = {"X_WO_measured": self._X_WO, "X_WH": X_WH, "obstacles": Obstacles(solids)}
         for name, value in values.items():
             source = builder.AddSystem(ConstantValueSource(AbstractValue.Make(value)))
