@@ -32,7 +32,7 @@ class ContactStatus(IntEnum, metaclass=_DeprecatedNames):
     or an empty one (negative).
 
     Attributes:
-        LOST: The finger is lost: its weight h_i is -inf, and its goal is not valid.
+        LOST: The finger is lost or takes no contact: its weight h_i is -inf, its goal not valid.
         INACTIVE: Nothing has been planned yet.
         ACTIVE: The goal has a region of its own.
         NO_ALLOWED_SURFACE, LITTLE_ALLOWED_SURFACE: Forbidden points and areas.
@@ -81,7 +81,7 @@ def describe_status(
 
 
 _DESCRIPTIONS = {
-    ContactStatus.LOST: "lost",
+    ContactStatus.LOST: "out of use",
     ContactStatus.INACTIVE: "not planned yet",
     ContactStatus.ACTIVE: "active",
     ContactStatus.NO_ALLOWED_SURFACE: "no allowed surface",

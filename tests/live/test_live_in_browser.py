@@ -169,8 +169,8 @@ def test_buttons_do_what_they_say(page, tmp_path):
     page.told("strategy msv")
     assert run.scenario.planner.strategy == "msv"
     page.click("finger 2: lose / give back")
-    page.told("finger 2 lost")
-    assert run.story.states["2"] == "lost"
+    page.told("finger 2 out of use")
+    assert run.story.states["2"] == "out of use"
     page.click("finger 2: lose / give back")
     page.told("finger 2 active")
     page.click("object: hide / show")

@@ -27,7 +27,7 @@ def events_of(*ticks, **options):
 @pytest.mark.parametrize(
     ("status", "told"),
     [
-        (ContactStatus.LOST, "finger 1 lost"),
+        (ContactStatus.LOST, "finger 1 out of use"),
         (ContactStatus.OUT_OF_REACH, "finger 1 out of reach"),
         (ContactStatus.OBSTRUCTED, "finger 1 obstructed by the lamp"),
         (ContactStatus.HARDLY_IN_REACH, None),  # It is still active.
