@@ -126,7 +126,7 @@ def projected(  # type: ignore[no-untyped-def]
                         continue
                     distance = closest_point(points[k], patches[triangle], point, scratch)
                     bound = min(bound, math.sqrt(distance) * _ABOVE + NO_DISTANCE)
-                    slack = least * TIE + NO_DISTANCE**2
+                    slack = least * TIE + (2.0 * math.sqrt(least) + NO_DISTANCE) * NO_DISTANCE
                     is_first = distance <= least + slack and triangle < triangles[k]
                     if is_first or distance < least - slack:
                         triangles[k] = triangle

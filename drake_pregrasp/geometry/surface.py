@@ -192,7 +192,8 @@ class ObjectSurface:
         if len(p_OP) == 0:
             return np.empty((0, 3)), np.empty((0, 3))
         least = np.minimum.reduceat(squares, starts)
-        nearest = np.flatnonzero(squares <= (least * (1 + TIE) + NO_DISTANCE**2)[point])
+        farthest = (np.sqrt(least * (1 + TIE)) + NO_DISTANCE) ** 2
+        nearest = np.flatnonzero(squares <= farthest[point])
         best = nearest[np.searchsorted(point[nearest], np.arange(len(p_OP)))]
         return closest[best], self._triangles.normals[triangles[best]]
 

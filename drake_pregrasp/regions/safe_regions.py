@@ -224,7 +224,9 @@ def label_candidates(
         bounds: Everything that bounds the regions.
     """
     c, h, half_spaces, n = bounds.c, bounds.h, bounds.half_spaces, len(bounds.c)
-    half_power = (np.sum(c**2, axis=1) - h)[:, None] / 2 - c @ q.T
+    # Axis by axis: a matrix product rounds each row differently, even those of equal contacts.
+    products = sum(np.outer(c_k, q_k) for c_k, q_k in zip(c.T, q.T, strict=True))
+    half_power: FloatArray = (np.sum(c**2, axis=1) - h)[:, None] / 2 - products
     if bounds.same_side is not None:
         half_power[~bounds.same_side] = np.inf
     cells: IntArray = np.argmin(half_power, axis=0)
