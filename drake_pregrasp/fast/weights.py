@@ -264,16 +264,17 @@ def weighted_goals(settings, contacts, labels, active, r, covariance, q, unit, a
         contacts: Indices of the contacts that move, shape (k,).
         labels: Region of each candidate, shape (N,).
         active: Mask of the contacts that take part in the grasp, shape (n,).
-        r: Lever arms of the contacts, shape (n, 3), in metres.
-        covariance: Covariance of the position, shape (3, 3), in m².
+        r: Lever arms of the contacts, shape (n, 3), in units.
+        covariance: Covariance of the position, shape (3, 3), in units².
         q: Lever arms of the candidates, shape (N, 3), in metres.
         unit: Length by which the matrix divides lever arms, in metres.
         areas: Surface area that each candidate represents, shape (N,), in m².
         given: Weights of the given strategies at the candidates, shape (g, N).
     """
     kinds, shares, stretch, power, best_point = settings
-    n, t, B = float(np.count_nonzero(active)), np.empty(3), np.empty((3, 3))
-    precision, r = inverted(covariance / (unit * unit)), r / unit
+    n, t, B, precision = 0.0, np.empty(3), np.empty((3, 3)), inverted(covariance)
+    for is_active in active:
+        n += is_active
     place, ends = np.full(len(r), -1), np.zeros(len(contacts) + 1, np.int64)
     for k in range(len(contacts)):
         place[contacts[k]] = k
@@ -311,7 +312,8 @@ def weighted_goals(settings, contacts, labels, active, r, covariance, q, unit, a
         if best_point:
             for j in range(stop - start):
                 if own_weights[j] >= most * (1.0 - TIE):
-                    goals[k] = q[members[start + j]]
+                    for axis in range(3):
+                        goals[k, axis] = q[members[start + j], axis]
                     break
             continue
         gx, gy, gz, whole = 0.0, 0.0, 0.0, 0.0
