@@ -1,5 +1,6 @@
 """Fixtures that many tests share."""
 
+import gc
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,15 @@ settings.register_profile("quick", settings.get_profile("repeatable"), max_examp
 def pytest_configure(config: pytest.Config) -> None:
     is_quick = config.getoption("markexpr") == "not slow"
     settings.load_profile("quick" if is_quick else "repeatable")
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()  # What is imported stays; a tenth of the time would go into looking at it.
+
+
+def slow(*values: object, **options: Any) -> Any:
+    """Parameters of a test that is slow with these."""
+    return pytest.param(*values, marks=pytest.mark.slow, **options)
 
 
 @pytest.fixture(scope="session")

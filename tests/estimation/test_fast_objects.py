@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from conftest import slow
 from pydrake.math import RigidTransform, RotationMatrix
 from sampled_motion import measured, normalized_squares, sampled_motion
 from scipy.spatial.transform import Rotation
@@ -23,7 +24,7 @@ from drake_pregrasp.estimation.pose_tracker import update_track
 
 NOISE, X = filter_noise(EstimatorConfig()), np.array([1.0, 0.0, 0.0])
 LAST_UNLOCKED = 3  # The fifth measurement locks.
-HUNDREDS = range(0, 1000, 100)
+HUNDREDS = range(0, 200, 100)
 
 
 def estimates(poses, period, **config):
@@ -49,7 +50,7 @@ def error_of(estimate, p_WO, R_WO):
     return max(off, np.abs(turn.as_rotvec()).max() / NOISE.orientation)
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
+@pytest.mark.parametrize("seed", [0, slow(1)])
 @pytest.mark.parametrize(
     ("speed", "rate", "period", "config"),
     [
@@ -104,7 +105,7 @@ def random_change(kind, seed):
 
 @pytest.mark.parametrize(
     ("kind", "seeds"),
-    [(kind, range(8)) for kind in ("start", "turn", "translation", "stop", "reversal")]
+    [(kind, range(3)) for kind in ("start", "turn", "translation", "stop", "reversal")]
     + [pytest.param("start", range(k, k + 100), marks=pytest.mark.slow) for k in HUNDREDS],
 )
 def test_an_object_that_changes_its_motion_is_locked_on_by_the_fifth_measurement(kind, seeds):
@@ -125,7 +126,7 @@ def test_an_object_that_changes_its_motion_is_locked_on_by_the_fifth_measurement
 @pytest.mark.slow
 @pytest.mark.parametrize("first_seed", HUNDREDS)
 def test_random_motions_are_locked_on_at_once_and_after_an_outburst_of_outliers(first_seed):
-    """1,000 motions at 20 to 200 Hz, from any moment of their way on, with ten outliers in a row.
+    """200 motions at 20 to 200 Hz, from any moment of their way on, with ten outliers in a row.
 
     Estimates are then right within 4 standard deviations of a measurement, but for chance.
     """

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import slow
 from scipy.spatial.transform import Rotation
 from thin_cup import CUP
 
@@ -20,7 +21,7 @@ SHAPES = {
 TURN, SHIFT = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix(), np.array([0.3, -0.2, 0.1])
 
 
-@pytest.fixture(scope="module", params=SHAPES)
+@pytest.fixture(scope="module", params=["cup", "box", slow("bracket"), slow("can")])
 def body(request):
     shape = SHAPES[request.param]
     return MeshSolid.of(shape.mesh), mesh_surface(shape, spacing=0.01)

@@ -5,6 +5,7 @@ import re
 
 import numpy as np
 import pytest
+from conftest import slow
 from simulation_runs import closing_words, points, run_log, run_text
 
 from drake_pregrasp import load_scenario
@@ -46,12 +47,10 @@ NEVER = "was never tracked"
 @pytest.mark.parametrize(
     ("fault", "words"),
     [
-        pytest.param("nan_probability: 1.0", NEVER, marks=pytest.mark.slow),
-        pytest.param(
-            "outlier_probability: 1.0, outlier_position: 1.0", NEVER, marks=pytest.mark.slow
-        ),
+        slow("nan_probability: 1.0", NEVER),
+        slow("outlier_probability: 1.0, outlier_position: 1.0", NEVER),
         ("nan_probability: 1.0, start: 0.2", "was tracked at 37 % of the ticks"),
-        ("outlier_probability: 0.1", None),
+        slow("outlier_probability: 0.1", None),
     ],
 )
 def test_an_object_that_is_not_tracked_is_noticed(fault, words, tmp_path, capsys):

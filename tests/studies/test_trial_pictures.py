@@ -83,6 +83,7 @@ def likeness(pixels):
     return pixels / lengths @ hues.T
 
 
+@pytest.mark.slow
 def test_a_picture_shows_contacts_and_regions_where_they_are(tracking):
     bare, marked = (
         trial_pictures.photograph(tracking, annotate=on).astype(int) for on in (False, True)
