@@ -1,7 +1,8 @@
 """Fixtures that many tests share."""
 
 import gc
-from collections.abc import Iterable, Mapping
+import os
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,14 @@ def pytest_collection_finish() -> None:
 def slow(*values: object, **options: Any) -> Any:
     """Parameters of a test that is slow with these."""
     return pytest.param(*values, marks=pytest.mark.slow, **options)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _one_process() -> Iterator[None]:
+    """Studies start one process each, as tests already run in parallel."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "cpu_count", lambda: 1)
+        yield
 
 
 @pytest.fixture(scope="session")

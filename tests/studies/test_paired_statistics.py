@@ -36,7 +36,7 @@ pairs_of_grasps = st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, 
 
 
 @pytest.mark.slow
-@settings(max_examples=10)
+@settings(max_examples=5)
 @given(pairs_of_grasps)
 def test_the_paired_test_is_a_fair_coin_on_the_pairs_that_differ(pairs):
     test, swapped = one_test(pairs), one_test([pair[::-1] for pair in pairs])
