@@ -1,5 +1,7 @@
 """Objects that are tossed, pushed or tipped hardly sink, do not bounce, and come to rest."""
 
+from itertools import product
+
 import numpy as np
 import pytest
 from conftest import slow
@@ -132,8 +134,10 @@ def rested(config, motion, tilt):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("table", TABLES)
-@pytest.mark.parametrize("name", [*BOXES, *SHIPPED])
+@pytest.mark.parametrize(
+    ("name", "table"),
+    [pair for pair in product([*BOXES, *SHIPPED], TABLES) if pair != ("ball", "turntable")],
+)
 def test_a_tipped_object_comes_to_rest_on_the_table(name, table):
     config = BOXES.get(name) or load_scenario(name).object
     starts = TILTS if table == "table" else EDGES

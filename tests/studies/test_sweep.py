@@ -311,11 +311,10 @@ def test_a_scenario_of_ones_own_is_found_beside_the_study(tmp_path):
 def test_shipped_sweeps_load(name):
     study = load_study(name)
     assert study.config.description
-    for index in (0, len(study.plan) - 1):
-        data = copy.deepcopy(study.scenario)
-        for path, value in study.plan.changes(index).items():
-            set_field(data, path, value, "x")
-        scenario_from_data(data, source=name, folder=study.folder)
+    data = copy.deepcopy(study.scenario)
+    for path, value in study.plan.changes(len(study.plan) - 1).items():
+        set_field(data, path, value, "x")
+    scenario_from_data(data, source=name, folder=study.folder)
 
 
 FILES_STUDY = """
