@@ -2,7 +2,7 @@
 
 import gc
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -32,19 +32,12 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_collection_finish() -> None:
     gc.freeze()  # What is imported stays; a tenth of the time would go into looking at it.
+    os.cpu_count = lambda: 1  # Studies start one process each: tests already run in parallel.
 
 
 def slow(*values: object, **options: Any) -> Any:
     """Parameters of a test that is slow with these."""
     return pytest.param(*values, marks=pytest.mark.slow, **options)
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _one_process() -> Iterator[None]:
-    """Studies start one process each, as tests already run in parallel."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(os, "cpu_count", lambda: 1)
-        yield
 
 
 @pytest.fixture(scope="session")

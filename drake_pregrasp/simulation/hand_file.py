@@ -19,7 +19,7 @@ from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, first_lin
 from drake_pregrasp.resources import MODELS_URL, make_paths_absolute, resolve_path
 from drake_pregrasp.robots.robot_models import ROBOTS_URL
 from drake_pregrasp.simulation.schema_check import check_mapping
-from drake_pregrasp.simulation.yaml_text import load_typed, parse_entries, read_yaml_text
+from drake_pregrasp.simulation.yaml_text import load_typed, parse_entries, read_text
 from drake_pregrasp.systems.palm_posture import FROM_ABOVE
 
 _VECTOR = {"length": 3, "at_least": -10, "at_most": 10}
@@ -63,7 +63,7 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
         path = resolve_path(str(file), Path.cwd())
     except InvalidArgumentError as error:
         raise ScenarioError(str(file), "", str(error)) from error
-    description = copy.deepcopy(_described(str(path), read_yaml_text(path)))
+    description = copy.deepcopy(_described(str(path), read_text(path)))
     allowed = None if folders is None else [path.parent, *map(Path, folders)]
     make_paths_absolute(description, path.parent, allowed=allowed, source=str(path))
     if allowed is not None and not description.model.startswith((MODELS_URL, ROBOTS_URL)):

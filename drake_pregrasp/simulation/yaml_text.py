@@ -69,7 +69,7 @@ def parse_yaml(source: str, text: str) -> Any:
         raise ScenarioError(source, "", f"is not valid YAML: {problem}") from error
 
 
-def read_yaml_text(path: Path) -> str:
+def read_text(path: Path) -> str:
     """Returns the text of a YAML file.
 
     Raises:

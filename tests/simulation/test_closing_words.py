@@ -85,12 +85,11 @@ def test_position_error_compares_poses_of_the_same_time(lookahead, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("last", "shown"), [(1.0, "1.0"), (59.96, "60.0")])
-def test_the_bar_shows_the_time_of_the_last_tick(last, shown, tmp_path, capsys, monkeypatch):
+def test_the_bar_shows_the_time_of_the_last_tick(tmp_path, capsys, monkeypatch):
     ticks = []
     run_text("a_base", "simulation_duration: 0.05", tmp_path, on_tick=ticks.append)
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setenv("COLUMNS", "120")
     with run_bar(load_scenario("a_base")) as on_tick:
-        on_tick(dataclasses.replace(ticks[-1], time=last))
-    assert re.findall(r"([\d.]+) s of 60 s", capsys.readouterr().err)[-1] == shown
+        on_tick(dataclasses.replace(ticks[-1], time=59.96))
+    assert re.findall(r"([\d.]+) s of 60 s", capsys.readouterr().err)[-1] == "60.0"

@@ -8,7 +8,12 @@ from conftest import slow, usable_scenarios
 from drake_pregrasp import Scenario, ScenarioError, load_scenario, shipped_scenarios
 from drake_pregrasp.config.object_config import PoseStream
 from drake_pregrasp.resources import resolve_path, resource_folder
-from drake_pregrasp.simulation.scenario_file import check_scenario, dump_scenario
+from drake_pregrasp.simulation.scenario_file import (
+    check_scenario,
+    dump_scenario,
+    scenario_data,
+    scenario_from_data,
+)
 
 TEMPLATE = "case:\n  description: for a test\n"
 
@@ -86,6 +91,8 @@ def test_shipped_scenarios_survive_being_written_and_read(name, tmp_path):
     file = tmp_path / "scenario.yaml"
     file.write_text(dump_scenario(name, scenario))
     assert dump_scenario(name, load_scenario(file=file)) == file.read_text()
+    data = scenario_data(scenario)
+    assert scenario_data(scenario_from_data(data, source="x", folder=tmp_path)) == data
     assert scenario.description
     assert "publish_every_time_step" not in file.read_text()  # Gone in Drake 1.58.
 

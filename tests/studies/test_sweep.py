@@ -283,12 +283,6 @@ def test_fields_are_set_and_nothing_else():
     assert base["planner"]["static_duration"] == 4.0
 
 
-@pytest.mark.parametrize("name", ["a_base", "toss", "can", "grasp_five_finger", "passing_ball"])
-def test_a_scenario_is_the_same_as_data(name, tmp_path):
-    data = scenario_data(load_scenario(name))
-    assert scenario_data(scenario_from_data(data, source="x", folder=tmp_path)) == data
-
-
 @pytest.mark.parametrize(("changes", "problem"), BAD, ids=lambda value: str(value)[:40])
 def test_invalid_studies_are_refused_before_anything_runs(changes, problem, tmp_path):
     with pytest.raises(ScenarioError, match=re.escape(problem)) as error:
