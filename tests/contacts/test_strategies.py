@@ -189,6 +189,7 @@ def activity_and_volume(strategy, p_OC):
     return np.mean(moved), np.max(volume)
 
 
+@pytest.mark.slow
 def test_the_volume_strategy_spreads_the_contacts_and_singular_values_are_restless(p_OC):
     """The paper's observations on Figures 5 and 6, for the hand's reading with the stretch."""
     position, msv, vew = (

@@ -57,7 +57,7 @@ def test_the_robot_starts_where_its_controller_starts():
 BESIDE = [[1, -0.6, 0], [1, -0.3, 0], [1, 0, 0], [1, 0.3, 0], [1, 0.6, 0]]
 
 
-@pytest.mark.parametrize("contacts", [slow(BESIDE), BESIDE[:4]])
+@pytest.mark.parametrize("contacts", [slow(BESIDE), slow(BESIDE[:4])])
 def test_given_contacts_are_checked_as_on_the_command_line(contacts):
     with pytest.raises(dp.ScenarioError) as of_a_file:
         dp.load_scenario("grasp_five_finger", text=f"{{initial_contacts: {contacts}}}")

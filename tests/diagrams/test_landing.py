@@ -26,8 +26,7 @@ STARTS = {"flat": (0, 0, 0.2), "edge": (0.785, 0, 0.2), "corner": (0.785, 0.6155
 STARTS["over"] = (2.4, 0.3, 0.2)
 
 
-FALLS = [("box", "corner"), ("cylinder", "flat")]
-FALLS += [slow(name, start) for name in OBJECTS for start in STARTS if (name, start) not in FALLS]
+FALLS = [f if f == ("box", "corner") else slow(*f) for f in product(OBJECTS, STARTS)]
 
 
 def corners_over_time(config, motion, duration, obstacles=()):
@@ -156,7 +155,7 @@ def test_a_tipped_cube_rests_on_a_face():
     assert speed < 1e-6
 
 
-@pytest.mark.parametrize("size", [[0.1, 0.1, 0.1], [0.2, 0.2, 0.02], [0.05, 0.06, 0.14]])
+@pytest.mark.parametrize("size", [[0.1, 0.1, 0.1], slow([0.2, 0.2, 0.02])])
 @pytest.mark.parametrize("time_step", [0.025, slow(0.01)])
 def test_a_dropped_box_does_not_rock_wherever_it_lies(size, time_step):
     for x, y, yaw in [(0.2, 0.05, 0.0), (0.2, 0.1, 0.78), (-0.3, -0.2, 0.3)]:

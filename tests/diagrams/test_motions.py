@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import slow
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import Simulator
@@ -34,7 +35,7 @@ def poses(motion, times, time_step=0.0125, box=BOX):
     return found
 
 
-@pytest.mark.parametrize("start", [0.0, 2.5])
+@pytest.mark.parametrize("start", [slow(0.0), 2.5])
 def test_a_conveyor_carries_an_object_that_starts_turned_about_its_centre_of_mass(start):
     mug = Mesh(file=str(resource_folder("models") / "mug.obj"))
     motion = Conveyor(linear_velocity=0.02, angular_velocity=0.2, yaw=start)

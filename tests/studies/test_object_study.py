@@ -155,8 +155,7 @@ def test_unusable_options_end_with_one_line(options, problem, capsys, tmp_path):
 @pytest.mark.slow
 def test_an_object_from_the_command_to_the_pictures(tmp_path):
     options = ["--set", "primitives", "--pool", "1-1", "--methods", "dynamic_reach,reactive"]
-    status = main(["study", "objects", *options, "--out", str(tmp_path), "--processes", "1"])
-    assert status == 0
+    assert main(["study", "objects", *options, "--out", str(tmp_path), "--processes", "1"]) == 0
     rows = pd.read_csv(tmp_path / "objects" / "rows.csv")
     assert len(rows) == 2
     assert rows[rows["method"] == "dynamic_reach"]["held"].all()
