@@ -23,7 +23,7 @@ LINES = {  # At most this many lines of code below each folder.
     "drake_pregrasp": 21_190,
     "drake_pregrasp/studies": 4_930,
     "drake_pregrasp/fast": 1_500,
-    "tests": 16_710,
+    "tests": 16_700,
 }
 FILES = {"drake_pregrasp": 199}
 LONGEST_FILE = 400  # Lines, all counted.

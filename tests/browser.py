@@ -1,6 +1,5 @@
 """A real Chromium without a window, driven through its debugging pipe."""
 
-import base64
 import contextlib
 import fcntl
 import itertools
@@ -102,7 +101,3 @@ class Browser:
                 return value
             time.sleep(0.05)
         raise TimeoutError(expression)
-
-    def picture(self) -> bytes:
-        """Returns a PNG picture of the page."""
-        return base64.b64decode(self.ask("Page.captureScreenshot")["data"])

@@ -1,5 +1,7 @@
 """Fixtures that many tests share."""
 
+import gc
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -24,8 +26,17 @@ settings.register_profile("quick", settings.get_profile("repeatable"), max_examp
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    is_quick = config.getoption("markexpr") == "not slow"
-    settings.load_profile("quick" if is_quick else "repeatable")
+    settings.load_profile("quick" if config.getoption("markexpr") == "not slow" else "repeatable")
+
+
+def pytest_collection_finish() -> None:
+    gc.freeze()  # What is imported stays; a tenth of the time would go into looking at it.
+    os.cpu_count = lambda: 1  # Studies start one process each: tests already run in parallel.
+
+
+def slow(*values: object) -> Any:
+    """Parameters with which a test is slow."""
+    return pytest.param(*values, marks=pytest.mark.slow)
 
 
 @pytest.fixture(scope="session")
@@ -93,13 +104,8 @@ def allegro_panda() -> Path:
     return robot_model("robots://allegro_panda.urdf")
 
 
-SLOW_TO_LOAD = (
-    "finger_measures",
-    "grasp_from_side",
-    "grasp_shadow",
-    "random_boxes",
-    "random_boxes_allegro",
-)
+_SLOW = "finger_measures grasp_from_side grasp_shadow random_boxes random_boxes_allegro"
+SLOW_TO_LOAD = f"{_SLOW} independence reassignment".split()
 """Scenarios and sweeps whose start contacts take seconds to choose."""
 
 

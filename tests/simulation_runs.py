@@ -1,5 +1,8 @@
 """Short runs of shipped scenarios, and their logs."""
 
+from contextlib import nullcontext
+from unittest.mock import patch
+
 import numpy as np
 from conftest import read_log
 from pydrake.common.eigen_geometry import Quaternion
@@ -11,10 +14,11 @@ from drake_pregrasp.cli.run_command import print_result
 from drake_pregrasp.grasping.grasp_state import GraspPhase
 
 
-def run_text(name, text, folder, **options):
+def run_text(name, text, folder, *, plots=False, **options):
     """Runs a shipped scenario with the overrides of a text, without a recording."""
     scenario = load_scenario(name, text=f"{{{text}}}")
-    return run(scenario, name=name, out=folder, recording=False, **options)
+    with nullcontext() if plots else patch("drake_pregrasp.simulation.run.plot_metrics"):
+        return run(scenario, name=name, out=folder, recording=False, **options)
 
 
 def closing_words(result, capsys):

@@ -184,21 +184,23 @@ def _hull_data(hull: trimesh.Trimesh) -> InMemoryMesh:
     Each tetrahedron presses at one point of its patch of contact. Faces with few corners are
     divided at their centres, because an object that stands on two such points rocks.
     """
-    points, triangles = [*hull.vertices], []
+    # Each look at a mesh hashes its arrays.
+    vertices, faces, centroid = np.array(hull.vertices), np.array(hull.faces), hull.centroid
+    points, triangles = [*vertices], []
     for face in _hull_faces(hull):
-        own = hull.faces[face]
+        own = faces[face]
         edges = {(t[k - 1], t[k]) for t in own for k in range(3)}
         border = [(a, b) for a, b in edges if (b, a) not in edges]
-        middle = np.mean([hull.vertices[a] for a, _ in border], axis=0)
-        corners = hull.vertices[border] - hull.centroid
+        middle = np.mean([vertices[a] for a, _ in border], axis=0)
+        corners = vertices[border] - centroid
         # Triangles that are only almost in a plane may have their middle beside them.
-        volumes = np.cross(corners[:, 0], corners[:, 1]) @ (middle - hull.centroid)
+        volumes = np.cross(corners[:, 0], corners[:, 1]) @ (middle - centroid)
         if len(border) < _MANY_CORNERS and np.all(volumes > 0):
             triangles += [(a, b, len(points)) for a, b in border]
             points.append(middle)
         else:
             triangles += [tuple(triangle) for triangle in own]
-    points.append(hull.centroid)
+    points.append(centroid)
     lines = [
         "# vtk DataFile Version 3.0",
         "hull",

@@ -1,5 +1,6 @@
 """Descriptions of hands from YAML files, and their models."""
 
+import copy
 import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -18,7 +19,7 @@ from drake_pregrasp.errors import InvalidArgumentError, ScenarioError, first_lin
 from drake_pregrasp.resources import MODELS_URL, make_paths_absolute, resolve_path
 from drake_pregrasp.robots.robot_models import ROBOTS_URL
 from drake_pregrasp.simulation.schema_check import check_mapping
-from drake_pregrasp.simulation.yaml_text import load_typed, read_yaml
+from drake_pregrasp.simulation.yaml_text import load_typed, parse_entries, read_text
 from drake_pregrasp.systems.palm_posture import FROM_ABOVE
 
 _VECTOR = {"length": 3, "at_least": -10, "at_most": 10}
@@ -62,9 +63,7 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
         path = resolve_path(str(file), Path.cwd())
     except InvalidArgumentError as error:
         raise ScenarioError(str(file), "", str(error)) from error
-    data = read_yaml(path)
-    check_mapping(str(path), "", data, HandDescription)
-    description: HandDescription = load_typed(HandDescription, data, HandDescription())
+    description = copy.deepcopy(_described(str(path), read_text(path)))
     allowed = None if folders is None else [path.parent, *map(Path, folders)]
     make_paths_absolute(description, path.parent, allowed=allowed, source=str(path))
     if allowed is not None and not description.model.startswith((MODELS_URL, ROBOTS_URL)):
@@ -72,6 +71,14 @@ def load_hand(file: str | Path, *, folders: Sequence[str | Path] | None = None) 
             checked_model(model_path(description.model), allowed)
         except InvalidArgumentError as error:
             raise ScenarioError(str(path), "", str(error)) from error
+    return description
+
+
+@functools.lru_cache(maxsize=8)  # A scenario with a hand reads its description nine times.
+def _described(source: str, text: str) -> HandDescription:
+    data = parse_entries(source, text)
+    check_mapping(source, "", data, HandDescription)
+    description: HandDescription = load_typed(HandDescription, data, HandDescription())
     return description
 
 

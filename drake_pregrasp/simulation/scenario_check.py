@@ -116,10 +116,10 @@ def _obstacle_problems(scenario: Scenario, surface: ObjectSurface) -> Problems:
     if grasp.has_hand:
         duration = min(duration, grasp.latest_rest())
     mesh, longest = surface.mesh, np.max(surface.mesh.extents)
-    p_OV, _ = subdivide_to_size(mesh.vertices, mesh.faces, longest / _PARTS)
     for index, obstacle in enumerate(scenario.obstacles):
         if not obstacle.body or isinstance(scenario.motion, PoseStream):
             continue
+        p_OV, _ = subdivide_to_size(mesh.vertices, mesh.faces, longest / _PARTS)
         moving = moving_solid(obstacle)
         for time, X_WO in expected_poses(scenario.motion, duration, scenario.object):
             depth = -float(np.min(moving.at(time).distance((X_WO @ p_OV.T).T)))

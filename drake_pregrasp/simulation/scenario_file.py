@@ -13,7 +13,7 @@ from drake_pregrasp.simulation.hand_file import check_hand_files
 from drake_pregrasp.simulation.scenario import Scenario
 from drake_pregrasp.simulation.scenario_check import validate
 from drake_pregrasp.simulation.schema_check import add_tags, check_mapping
-from drake_pregrasp.simulation.yaml_text import load_typed, parse_entries, parse_yaml, read_yaml
+from drake_pregrasp.simulation.yaml_text import load_typed, parse_entries, parse_yaml, read_text
 
 SCENARIO_TEXT = "scenario text"
 """Name of the text that overrides a scenario, for error messages."""
@@ -177,7 +177,7 @@ def read_mapping(file: Path) -> dict[str, Any]:
     Raises:
         ScenarioError: If the file cannot be read, or is not a mapping from names.
     """
-    return _checked_entries(str(file), read_yaml(file))
+    return _checked_entries(str(file), parse_entries(str(file), read_text(file)))
 
 
 def _checked_entries(source: str, data: Any) -> dict[str, Any]:

@@ -69,17 +69,16 @@ def parse_yaml(source: str, text: str) -> Any:
         raise ScenarioError(source, "", f"is not valid YAML: {problem}") from error
 
 
-def read_yaml(path: Path) -> Any:
-    """Returns the content of a YAML file, as `parse_entries` does.
+def read_text(path: Path) -> str:
+    """Returns the text of a YAML file.
 
     Raises:
-        ScenarioError: If the file cannot be read, is not valid YAML, or exceeds a limit.
+        ScenarioError: If the file cannot be read, or exceeds a limit.
     """
     try:
-        text = read_bounded_text(path, MAX_BYTES)
+        return read_bounded_text(path, MAX_BYTES)
     except InvalidArgumentError as error:
         raise ScenarioError("", "", str(error)) from error
-    return parse_entries(str(path), text)
 
 
 def parse_entries(source: str, text: str) -> Any:

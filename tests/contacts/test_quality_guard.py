@@ -28,8 +28,13 @@ def unguarded():
     return np.array([qualities(CAN, g.p_OC) for *_, g in wander(CAN, p_OC, free, 15, seed=4)])
 
 
-@pytest.mark.parametrize("names", [("q_msv",), ("q_gii", "q_vew"), ("margin",), GUARDS])
-@pytest.mark.parametrize("tips", [np.empty(0), np.full(4, 0.008)], ids=["points", "tips"])
+TIPS = np.full(4, 0.008)
+
+
+@pytest.mark.parametrize(
+    ("names", "tips"),
+    [(("q_msv",), TIPS), (("q_gii", "q_vew"), TIPS), (("margin",), TIPS), (GUARDS, np.empty(0))],
+)
 def test_guarded_measures_never_fall(names, tips, unguarded):
     limits = ContactLimits(guard=guard_measure(names, 0.7), max_step=0.01)
     guarded = [GUARDS.index(name) for name in names]

@@ -11,7 +11,7 @@ from drake_pregrasp.quality.force_closure import least_norm_margin, min_weight_m
 from drake_pregrasp.quality.grasp_quality import grasp_quality
 
 
-@pytest.mark.parametrize("lost", [(), (1,), (0, 3)])
+@pytest.mark.parametrize("lost", [(), (0, 3)])
 @pytest.mark.parametrize("reading", READINGS)
 @pytest.mark.parametrize(("model", "length"), [("complete", 0.0), ("complete", 0.1)])
 @pytest.mark.parametrize("name", ["position", "msv", "gii", "vew"])
@@ -36,7 +36,7 @@ def test_weights_of_contact_models_are_those_of_the_printed_grasp_matrix(
 
 @pytest.mark.parametrize("name", ["msv", "gii", "vew"])
 def test_frictionless_weights_are_those_of_the_printed_grasp_matrix(name):
-    cup = mesh_surface(CUP, spacing=0.012)
+    cup = mesh_surface(CUP, spacing=0.02)
     p_OC = spread_contacts(cup, 9, 0.02)
     check_printed_weights(selection_of(cup, p_OC), name, "hand", "frictionless", 0.0)
 
@@ -103,7 +103,7 @@ def test_a_constant_measure_gives_the_plain_centroid(
     np.testing.assert_allclose(goals, plain, atol=1e-12)
 
 
-@pytest.mark.parametrize("lost", [(), (1,), (0, 3)])
+@pytest.mark.parametrize("lost", [(), (0, 3)])
 def test_the_margin_strategy_weighs_by_the_bound_of_the_hand(surface, p_OC, lost):
     weights = np.zeros(5)
     weights[list(lost)] = -np.inf
@@ -189,6 +189,7 @@ def activity_and_volume(strategy, p_OC):
     return np.mean(moved), np.max(volume)
 
 
+@pytest.mark.slow
 def test_the_volume_strategy_spreads_the_contacts_and_singular_values_are_restless(p_OC):
     """The paper's observations on Figures 5 and 6, for the hand's reading with the stretch."""
     position, msv, vew = (

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import slow
 from five_finger_hand import HAND, X_WO
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlant, MultibodyPlant, MultibodyPlantConfig
@@ -56,7 +57,7 @@ def test_the_robot_starts_where_its_controller_starts():
 BESIDE = [[1, -0.6, 0], [1, -0.3, 0], [1, 0, 0], [1, 0.3, 0], [1, 0.6, 0]]
 
 
-@pytest.mark.parametrize("contacts", [BESIDE, BESIDE[:4]])
+@pytest.mark.parametrize("contacts", [slow(BESIDE), slow(BESIDE[:4])])
 def test_given_contacts_are_checked_as_on_the_command_line(contacts):
     with pytest.raises(dp.ScenarioError) as of_a_file:
         dp.load_scenario("grasp_five_finger", text=f"{{initial_contacts: {contacts}}}")
@@ -82,6 +83,7 @@ def test_settings_are_checked_as_on_the_command_line(text, python):
     assert str(of_a_file.value).endswith(str(in_python.value))
 
 
+@pytest.mark.slow
 def test_without_a_grasp_python_says_what_is_missing():
     with pytest.raises(dp.NoGraspError, match="for lack of friction"):
         add(mass=0.1, planned_friction=0.02, largest_force=100.0)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import slow
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.plant import MultibodyPlantConfig
 from pydrake.systems.analysis import Simulator
@@ -34,7 +35,7 @@ def poses(motion, times, time_step=0.0125, box=BOX):
     return found
 
 
-@pytest.mark.parametrize("start", [0.0, 2.5])
+@pytest.mark.parametrize("start", [slow(0.0), 2.5])
 def test_a_conveyor_carries_an_object_that_starts_turned_about_its_centre_of_mass(start):
     mug = Mesh(file=str(resource_folder("models") / "mug.obj"))
     motion = Conveyor(linear_velocity=0.02, angular_velocity=0.2, yaw=start)
@@ -102,14 +103,13 @@ def test_a_profile_of_one_row_is_the_constant_conveyor():
     assert one.IsExactlyEqualTo(poses(Conveyor(0.02, 0.3), [1.0])[0])
 
 
-@pytest.mark.parametrize("direction", [0.0, 2.0])
-def test_a_push_through_the_centre_moves_the_object_its_way(direction):
+def test_a_push_through_the_centre_moves_the_object_its_way():
     """From where the tip meets it to where the tip stops, by friction and no further."""
-    motion = Push(direction=direction, speed=0.1, distance=0.15, start=0.2, start_distance=0.09)
+    motion = Push(direction=2.0, speed=0.1, distance=0.15, start=0.2, start_distance=0.09)
     before, during, after, later = poses(
         motion, [0.2, 1.2, 2.5, 3.5], time_step=0.005, box=Box(size=[0.1, 0.1, 0.1])
     )
-    u = np.array([np.cos(direction), np.sin(direction), 0])
+    u = np.array([np.cos(2.0), np.sin(2.0), 0])
     assert np.linalg.norm(before.translation()[:2]) < 1e-5
     assert 0.02 < during.translation() @ u < after.translation() @ u
     # The face that the tip meets is 0.05 m behind the centre, or further if met at a slant.
@@ -120,11 +120,10 @@ def test_a_push_through_the_centre_moves_the_object_its_way(direction):
 
 def test_a_push_off_the_centre_turns_the_object():
     turns = {}
-    for offset in (-0.02, 0.0, 0.02):
+    for offset in (-0.02, 0.02):
         motion = Push(offset=offset, speed=0.1, distance=0.15, start=0.1)
         (X_WO,) = poses(motion, [2.0], time_step=0.005, box=Box())
         turns[offset] = yaw(X_WO)
-    assert abs(turns[0.0]) < 0.01
     assert turns[0.02] < -0.2
     assert turns[-0.02] == pytest.approx(-turns[0.02], abs=0.02)
 

@@ -82,6 +82,7 @@ def test_it_stands_still_on_the_table_at_its_lowest_point(scenario, name):
     assert abs(yaw(X_WO)) < 1e-6
 
 
+@pytest.mark.slow
 def test_a_link_without_hydroelastic_properties_falls_into_a_cup_and_lies_on_its_bottom():
     """Drake alone would let it lie on the cup's hull."""
     builder, radius = DiagramBuilder(), 0.009

@@ -53,6 +53,7 @@ def test_a_moving_obstacle_pushes_the_object_at_its_speed():
     np.testing.assert_allclose([p[0] for p in places[1:]], [0.17, 0.27], atol=3e-3)
 
 
+@pytest.mark.slow
 def test_a_ball_enters_a_cup():
     """It touches the mesh of an object that is not convex, and not its hull."""
     mug = Mesh(file="package://drake_pregrasp/mug.obj")

@@ -1,29 +1,25 @@
 """Fast objects are tracked within a few ticks, and the status is TRACKING only then."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from conftest import slow
 from pydrake.math import RigidTransform, RotationMatrix
-from sampled_motion import measured, normalized_squares, sampled_motion
+from sampled_motion import measured, normalized_squares
 from scipy.spatial.transform import Rotation
-from scipy.stats import chi2
 
 from drake_pregrasp import MeasurementVerdict, PoseEstimator, TrackingStatus
 from drake_pregrasp.arrays import FARTHEST
-from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise, tracker_settings
+from drake_pregrasp.config.planner_config import EstimatorConfig, filter_noise
 from drake_pregrasp.estimation.pose_filter import (
     PoseMeasurement,
     first_belief,
     predict,
     two_point_belief,
 )
-from drake_pregrasp.estimation.pose_track import PoseTrack
-from drake_pregrasp.estimation.pose_tracker import update_track
 
 NOISE, X = filter_noise(EstimatorConfig()), np.array([1.0, 0.0, 0.0])
 LAST_UNLOCKED = 3  # The fifth measurement locks.
-HUNDREDS = range(0, 1000, 100)
+HUNDREDS = range(0, 200, 100)
 
 
 def estimates(poses, period, **config):
@@ -49,7 +45,7 @@ def error_of(estimate, p_WO, R_WO):
     return max(off, np.abs(turn.as_rotvec()).max() / NOISE.orientation)
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
+@pytest.mark.parametrize("seed", [0, slow(1)])
 @pytest.mark.parametrize(
     ("speed", "rate", "period", "config"),
     [
@@ -104,7 +100,7 @@ def random_change(kind, seed):
 
 @pytest.mark.parametrize(
     ("kind", "seeds"),
-    [(kind, range(8)) for kind in ("start", "turn", "translation", "stop", "reversal")]
+    [(kind, range(2)) for kind in ("start", "turn", "translation", "stop", "reversal")]
     + [pytest.param("start", range(k, k + 100), marks=pytest.mark.slow) for k in HUNDREDS],
 )
 def test_an_object_that_changes_its_motion_is_locked_on_by_the_fifth_measurement(kind, seeds):
@@ -125,7 +121,7 @@ def test_an_object_that_changes_its_motion_is_locked_on_by_the_fifth_measurement
 @pytest.mark.slow
 @pytest.mark.parametrize("first_seed", HUNDREDS)
 def test_random_motions_are_locked_on_at_once_and_after_an_outburst_of_outliers(first_seed):
-    """1,000 motions at 20 to 200 Hz, from any moment of their way on, with ten outliers in a row.
+    """200 motions at 20 to 200 Hz, from any moment of their way on, with ten outliers in a row.
 
     Estimates are then right within 4 standard deviations of a measurement, but for chance.
     """
@@ -153,23 +149,6 @@ def test_random_motions_are_locked_on_at_once_and_after_an_outburst_of_outliers(
                 worst[-1] = max(worst[-1], error_of(estimate, p_WO[k], R_WO[k]))
     assert max(worst) < 5
     assert np.sum(np.array(worst) > 4) <= 2
-
-
-@pytest.mark.slow
-def test_a_rotation_of_ten_radians_a_second_has_the_errors_that_its_covariance_tells():
-    settings, period, squares = tracker_settings(EstimatorConfig()), 0.05, []
-    fast = replace(NOISE, initial_angular_velocity=10 / np.sqrt(3), initial_velocity=1.0)
-    for seed in range(200):
-        rng = np.random.default_rng(seed)
-        p, v, R, w = sampled_motion(rng, fast, period)
-        track = PoseTrack.empty(1)
-        for k, (p_z, R_z) in enumerate(zip(*measured(rng, p, R, NOISE), strict=True)):
-            measurement = PoseMeasurement(k * period, p_z, R_z.as_matrix())
-            track = update_track(track, measurement, k * period, settings)
-        squares.append(normalized_squares(track.newest, p[-1], v[-1], R[-1], w[-1]))
-    low, high = chi2.interval(0.999, 6 * 200)
-    means = np.mean(squares, axis=0)
-    assert np.all((low / 200 < means) & (means < high / 200))
 
 
 @pytest.mark.parametrize("part", ["position", "orientation"])

@@ -2,25 +2,25 @@
 
 import numpy as np
 import pytest
+from conftest import slow
 from scipy.spatial.transform import Rotation
 from thin_cup import CUP
 
 from drake_pregrasp import BallSolid, BoxSolid, load_shape, mesh_surface
 from drake_pregrasp.geometry.distance_grid import CELL, MARGIN
 from drake_pregrasp.geometry.mesh_solid import MeshSolid
-from drake_pregrasp.geometry.shapes import box_shape, cylinder_shape
+from drake_pregrasp.geometry.shapes import box_shape
 from drake_pregrasp.resources import resource_folder
 
 SHAPES = {
     "cup": CUP,
     "bracket": load_shape(resource_folder("models") / "bracket.obj"),
-    "can": cylinder_shape(0.033, 0.12),
     "box": box_shape([0.05, 0.06, 0.07]),
 }
 TURN, SHIFT = Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix(), np.array([0.3, -0.2, 0.1])
 
 
-@pytest.fixture(scope="module", params=SHAPES)
+@pytest.fixture(scope="module", params=["cup", slow("box"), slow("bracket")])
 def body(request):
     shape = SHAPES[request.param]
     return MeshSolid.of(shape.mesh), mesh_surface(shape, spacing=0.01)

@@ -70,20 +70,22 @@ def test_without_friction_six_contacts_are_too_few_and_pairs_that_twist_close():
 
 
 @pytest.mark.parametrize("model", CONE_MODELS)
-@settings(max_examples=25)
+@settings(max_examples=10)
 @cases
-def test_margins_do_not_depend_on_the_unit_of_length(model, seed, n):
+def test_margins_depend_neither_on_the_unit_of_length_nor_on_the_reference_point(model, seed, n):
     r, nhat = on_box(seed, n)
-    expected = min_weight_margin(r, nhat, 0.7, model=model)
-    scaled = min_weight_margin(1e3 * r, nhat, 0.7, model=model, torsional_friction=4.0)
-    assert scaled == pytest.approx(expected, abs=1e-6)
+    for margin in (min_weight_margin, least_norm_margin):
+        expected = margin(r, nhat, 0.7, model=model)
+        scaled = margin(1e3 * r, nhat, 0.7, model=model, torsional_friction=4.0)
+        moved = margin(r + np.array([0.01, -0.02, 0.03]), nhat, 0.7, model=model)
+        np.testing.assert_allclose([scaled, moved], expected, rtol=1e-6, atol=1e-6)
     radius = ball_radius(r, nhat, 0.7, model=model)
     scaled = ball_radius(1e3 * r, nhat, 0.7, length=50.0, model=model, torsional_friction=4.0)
     assert scaled == pytest.approx(radius, abs=1e-9)
 
 
 @pytest.mark.parametrize("model", CONE_MODELS)
-@settings(max_examples=40)
+@settings(max_examples=20)
 @cases
 def test_the_two_margins_agree_on_force_closure(model, seed, n):
     r, nhat = on_box(seed, n)
@@ -198,7 +200,7 @@ def test_it_equals_its_definition_and_is_a_lower_bound(model, seed, n):
 
 
 def test_it_certifies_a_good_share_of_good_grasps_and_no_bad_one():
-    known = [on_box(seed, 5) for seed in range(200)]
+    known = [on_box(seed, 5) for seed in range(80)]
     margins = np.array([min_weight_margin(*one, 0.7) for one in known])
     bounds = np.array([least_norm_margin(*one, 0.7) for one in known])
     assert np.mean(bounds[margins > 0.5] > 0) > 0.4
@@ -209,17 +211,6 @@ def test_it_certifies_a_good_share_of_good_grasps_and_no_bad_one():
 @pytest.mark.parametrize("margin", [least_norm_margin, min_weight_margin])
 def test_where_wrenches_add_up_to_zero_margins_are_one(margin, model):
     assert margin(CUBE, CUBE / 0.05, 0.7, model=model) == pytest.approx(1)
-
-
-@models
-@settings(max_examples=30)
-@grasps
-def test_neither_the_unit_of_length_nor_the_reference_point_matters(model, seed, n):
-    r, nhat = on_box(seed, n)
-    expected = least_norm_margin(r, nhat, 0.7, model=model)
-    scaled = least_norm_margin(1e3 * r, nhat, 0.7, model=model, torsional_friction=4.0)
-    moved = least_norm_margin(r + np.array([0.01, -0.02, 0.03]), nhat, 0.7, model=model)
-    np.testing.assert_allclose([scaled, moved], expected, rtol=1e-6)
 
 
 @models

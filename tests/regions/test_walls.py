@@ -70,7 +70,7 @@ def test_by_normals_the_side_of_a_plate_without_contacts_is_in_no_region():
 
 def test_the_way_over_the_surface_leads_round_edges_that_normals_do_not_pass():
     """On a cup's rim both sides are near each other; deep in the cup they are not."""
-    surface = mesh_surface(CUP, spacing=0.004)
+    surface = mesh_surface(CUP, spacing=0.005)
     high = surface.project(np.array([[RADIUS, 0, 0.0895]]))
     low = surface.project(np.array([[RADIUS, 0, 0.03]]))
     inside = np.hypot(surface.p_OQ[:, 0], surface.p_OQ[:, 1]) < RADIUS - WALL / 2

@@ -153,6 +153,7 @@ def test_too_large_files_are_refused(tmp_path, monkeypatch, name, most):
         checked_model(write(tmp_path, MJCF, "own.xml"))
 
 
+@pytest.mark.slow
 def test_copies_of_meshes_outlive_a_fork_and_end_with_their_process(tmp_path):
     command = [sys.executable, "-c", FORK, str(write(tmp_path, MJCF, "own.xml"))]
     done = subprocess.run(command, capture_output=True, text=True, check=True)

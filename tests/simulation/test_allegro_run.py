@@ -158,8 +158,6 @@ def outcome(size, folder, more=QUIET):
         [0.0691, 0.0581, 0.0512],  # Too narrow for three fingers side by side.
         [0.05, 0.05, 0.05],
         [0.08, 0.08, 0.08],
-        [0.05, 0.08, 0.08],
-        [0.08, 0.05, 0.05],
     ],
 )
 def test_boxes_of_all_sizes_within_the_opening_are_held(allegro_panda, tmp_path, size):

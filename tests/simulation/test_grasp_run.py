@@ -20,7 +20,6 @@ from drake_pregrasp.simulation.summary import inactive_contacts
 HAND = "package://drake_pregrasp/five_finger_hand.yaml"
 NAME = "grasp_five_finger"
 QUIET = "sensor: {position_std: 0.0, orientation_std: 0.0}"
-SLOW = f"motion: {{linear_velocity: 0.001, angular_velocity: 0.0174}}, {QUIET}"
 FAST = f"motion: {{linear_velocity: 0.05, angular_velocity: 0.5236}}, {QUIET}"
 
 
@@ -30,11 +29,8 @@ def noisy_run(tmp_path_factory):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("text", "largest_error"), [(SLOW, 0.05), (FAST, 0.1)])
-def test_fingertips_follow_and_take_the_object_and_nothing_is_printed(
-    text, largest_error, tmp_path, capfd
-):
-    check_grasp(run_text(NAME, text, tmp_path), largest_error)
+def test_fingertips_follow_and_take_a_fast_object_and_nothing_is_printed(tmp_path, capfd):
+    check_grasp(run_text(NAME, FAST, tmp_path), 0.1)
     assert capfd.readouterr() == ("", "")
 
 
@@ -77,9 +73,9 @@ def test_a_hand_from_the_side_lifts_along_a_direction_without_touching_anything_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("start", "change"), [(None, 0.3), (3.0, -0.3), (5.3, 0.3), (5.3, -0.3)])
+@pytest.mark.parametrize(("start", "change"), [(3.0, -0.3), (5.3, 0.3)])
 def test_a_belt_that_accelerates_neither_shoves_nor_slides_the_object(start, change, tmp_path):
-    profile = [[0, 0, 0], [start or 9, 0, 0], [(start or 9) + 0.2, change, 0]]  # 1.5 m/s^2.
+    profile = [[0, 0, 0], [start, 0, 0], [start + 0.2, change, 0]]  # 1.5 m/s^2.
     text = f"motion: {{profile: {profile}}}, simulation_duration: 7.5"
     result = run_text(NAME, text, tmp_path)
     grasp, log = result.summary["grasp"], run_log(result)

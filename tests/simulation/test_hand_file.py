@@ -40,6 +40,8 @@ def test_shipped_hands_are_what_their_files_say():
     assert isinstance(hand.base, Carrier)
     assert [tip.radius for tip in hand.fingertips] == [0.009] * 5
     assert all(isinstance(tip.reach, SectorReach) for tip in hand.fingertips)
+    hand.fingertips.clear()  # Whoever changes a description changes no other's.
+    assert len(load_hand(SHIPPED).fingertips) == 5
     arm = load_hand("package://drake_pregrasp/allegro_panda.yaml")
     assert isinstance(arm.base, Arm)
     kinds = [type(tip.reach) for tip in arm.fingertips]

@@ -258,7 +258,7 @@ def test_a_run_that_is_stopped_keeps_its_log_and_any_description_is_plotted(tmp_
     ticks = []
     stop = {"on_tick": ticks.append, "should_stop": lambda: len(ticks) >= 5}
     text = "description: '$\\frac{$', initial_contacts: [[0, 0, 1], [1, 0, 0]]"
-    result = run_text("a_base", text, tmp_path, **stop)
+    result = run_text("a_base", text, tmp_path, plots=True, **stop)
     assert not result.completed
     assert len(run_log(result)["time"]) == len(ticks) == result.summary["ticks"]
     assert result.summary["max"]["q_msv"] is None

@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import slow
 from made_up_trials import failing_trial, rows_of
 from PIL import Image
 
@@ -34,7 +35,7 @@ def rows_with(condition, clean_seeds, seeds=20, times=None, **columns):
 
 @pytest.mark.parametrize(
     ("tested", "baseline", "cell"),
-    [(19, 4, "ahead at {}"), (4, 19, "behind at {}"), (10, 10, "not shown (least p 1)")],
+    [(19, 4, "ahead at {}"), slow(4, 19, "behind at {}"), slow(10, 10, "not shown (least p 1)")],
 )
 def test_verdicts_follow_the_rows_whoever_leads(tested, baseline, cell):
     rows = rows_with("nominal", {"fixed_plan": baseline, "dynamic_reach": tested})

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from conftest import slow
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import binomtest, multinomial
@@ -35,7 +36,7 @@ pairs_of_grasps = st.lists(st.tuples(st.booleans(), st.booleans()), min_size=1, 
 
 
 @pytest.mark.slow
-@settings(max_examples=10)
+@settings(max_examples=5)
 @given(pairs_of_grasps)
 def test_the_paired_test_is_a_fair_coin_on_the_pairs_that_differ(pairs):
     test, swapped = one_test(pairs), one_test([pair[::-1] for pair in pairs])
@@ -61,7 +62,7 @@ def test_intervals_of_differences_cover_the_true_one_as_often_as_they_say():
             assert chances @ inside >= 0.95 - 1e-9
 
 
-@pytest.mark.parametrize("num_tests", [1, 2, 7])
+@pytest.mark.parametrize("num_tests", [2, slow(7)])
 def test_as_many_pairs_as_are_needed_are_enough_and_fewer_are_not(num_tests):
     enough = least_pairs(num_tests)
     for pairs, verdict in ((enough, "ahead"), (enough - 1, "")):

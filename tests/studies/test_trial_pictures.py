@@ -83,6 +83,7 @@ def likeness(pixels):
     return pixels / lengths @ hues.T
 
 
+@pytest.mark.slow
 def test_a_picture_shows_contacts_and_regions_where_they_are(tracking):
     bare, marked = (
         trial_pictures.photograph(tracking, annotate=on).astype(int) for on in (False, True)
@@ -112,6 +113,7 @@ def test_a_picture_shows_contacts_and_regions_where_they_are(tracking):
     assert np.mean(right & (np.argmax(found, axis=1) == labels[owned])) > 0.7  # Links hide some.
 
 
+@pytest.mark.slow
 def test_a_picture_leaves_no_trace(tracking):
     before, scene = state_of(tracking.context), tracking.station.scene_graph
     trial_pictures.photograph(tracking, annotate=True)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from conftest import slow
 from driven import Driven
 from made_systems import CONTROL_PERIOD, FRAMES, HAND, NQ, N, bus
 from pydrake.geometry import (
@@ -135,7 +136,7 @@ def test_what_goals_leave_free_returns_to_the_posture():
     np.testing.assert_allclose(follower.q, HOME, atol=1e-3)
 
 
-@pytest.mark.parametrize("velocity", [0.0, 0.06])
+@pytest.mark.parametrize("velocity", [slow(0.0), 0.06])
 def test_links_and_fingertips_stay_clear_of_an_object_wherever_the_goals_are(velocity):
     """The goals are inside the object, which comes from the side."""
     start = np.array([-0.24 * (velocity > 0), 0.0, 0.05])
@@ -216,7 +217,7 @@ def test_the_balls_of_a_link_are_in_it_and_as_near_to_points_as_it_is(shape):
             assert -drake_error < np.min(away) - exact.distance < 1e-3
 
 
-@pytest.mark.parametrize("depth", [0.0, 0.02])
+@pytest.mark.parametrize("depth", [slow(0.0), 0.02])
 def test_a_finger_that_holds_touches_with_its_tip_first_wherever_the_object_is(depth):
     """The palm goes over the object to the other side: the finger leans on the object's edge."""
     leaning = HOME.copy()

@@ -11,7 +11,7 @@ from input_cases import make_case
 from input_sequences import outcome
 from input_variants import VARIANTS
 
-PER_VARIANT = 15
+PER_VARIANT = 8
 SEED = 20
 
 

@@ -353,7 +353,7 @@ def test_a_turning_hand_never_runs_out_of_reach_of_an_equivalent_grasp(surface):
     for beyond in (0.0, 0.03):
         selector = Reassigned(surface, beyond=beyond, every=0.0)
         counts = []
-        for turn in np.arange(0, 7, 0.1):
+        for turn in np.arange(0, 7, 0.2):
             selector.next_goals(turn)
             counts.append(np.sum(selector.array("contact_status") > 0))
         least[beyond] = min(counts)

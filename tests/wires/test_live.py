@@ -221,7 +221,7 @@ class TimedCamera:
         return self.lcm.HandleSubscriptions(0)
 
 
-@pytest.mark.parametrize("phase", [0.0001, 0.003, 0.0051, 0.0099])
+@pytest.mark.parametrize("phase", [0.0001, 0.0051])
 def test_ticks_run_when_poses_come(lcm, phase, monkeypatch):
     loop, camera = Loop(lcm, ALLEGRO_CHANNEL), TimedCamera(lcm, phase)
     clock = SimpleNamespace(monotonic=lambda: camera.now, time_ns=time.time_ns)
