@@ -11,7 +11,7 @@ from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.fast.predicates import (
     SHARED,
     is_closed,
-    limit_of_point,
+    limits_of_block,
     near_obstacles,
     no_limits,
     reach_of_box,
@@ -21,16 +21,40 @@ from drake_pregrasp.regions.constraints import NO_CAUSE, UNCONSTRAINED, Limit
 from drake_pregrasp.regions.safe_regions import NO_REGION, RegionBounds
 
 _SLACK = 1e-12  # Share of its terms by which a half-space must clear a box to decide it.
-_NONE, _CROWDED, _WALL = int(Limit.NONE), int(Limit.CROWDED), int(Limit.WALL)
+_NONE, _CROWDED, _WALL, _REACH = map(
+    int, (Limit.NONE, Limit.CROWDED, Limit.WALL, Limit.REACH)
+)
 _NUM_LIMITS = len(Limit)
 
 
 @compiled()
-def own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power):  # type: ignore[no-untyped-def]
+def contenders(c, half_power, box, extent, power, which):  # type: ignore[no-untyped-def]
+    """Writes the contacts whose cells may have points in a box, and returns their number."""
+    d, nearest, count = c.shape[1], 0, 0
+    for i in range(len(c)):
+        power[i] = half_power[i]
+        for axis in range(d):
+            power[i] -= c[i, axis] * box[axis]
+        nearest = i if power[i] < power[nearest] else nearest
+    for i in range(len(c)):
+        least, size = power[i] - power[nearest], abs(half_power[i]) + abs(half_power[nearest])
+        for axis in range(d):
+            least -= abs(c[i, axis] - c[nearest, axis]) * box[d + axis]
+        if half_power[i] < np.inf and not least > _SLACK * (size + d * extent * extent):
+            which[count] = i
+            count += 1
+    return count
+
+
+@compiled()
+def own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power, which):  # type: ignore[no-untyped-def]
     """Writes the contact whose cell each candidate of a block lies in, or `NO_REGION`."""
     x, y, z, size = q[0, start:stop], q[1, start:stop], q[2, start:stop], stop - start
     least[:size], owners[:size] = np.inf, NO_REGION
-    for i in range(len(c)):
+    if len(which) == 1 and not same_side.size:
+        owners[:size] = which[0]
+        return
+    for i in which:
         cx, cy, cz, half = c[i, 0], c[i, 1], c[i, 2], half_power[i]
         for k in range(size):
             power[k] = half - (cx * x[k] + cy * y[k] + cz * z[k])
@@ -94,7 +118,7 @@ def exclude(normals, bounds, j, c, q, start, stop, over, excluded):  # type: ign
 
 @compiled()
 def limit_of_region(  # type: ignore[no-untyped-def]
-    i, blocks, cells, c, same_side, few, half_spaces, contact, shared, scratch, lists
+    i, blocks, cells, c, same_side, few, half_spaces, contact, shared, scratch, lists, out
 ):
     """Returns the limit that leaves a contact a tiny region, and its cause, as the reference does.
 
@@ -147,10 +171,10 @@ def limit_of_region(  # type: ignore[no-untyped-def]
                 exclude(normals, bounds, j, c[i], q, start, stop, power, excluded)
         box = box_of(boxes[block], d)
         near = near_obstacles(contact, box, shared, near_lists, over)
+        limits_of_block(i, contact, q, nhat, start, stop, shared, near, True, out)
         for k in range(start, stop):
             if cells[k] == i:
-                place, normal = (q[0, k], q[1, k], q[2, k]), (nhat[0, k], nhat[1, k], nhat[2, k])
-                limit, cause = limit_of_point(i, contact, place, normal, shared, near, True)
+                limit, cause = out[0][k - start], out[1][k - start]
                 if limit != _NONE:
                     by_points[limit * width + cause + 1] += 1
     best, most = 0, 0
@@ -211,6 +235,8 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, s
     most = max(m, len(points))
     over, reach, cutting = np.empty(most), np.empty(most), np.empty(most + 1, dtype=np.int64)
     near_lists = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
+    powers, which = np.empty(n), np.empty(n, dtype=np.int64)
+    out = np.empty(BLOCK, dtype=np.int64), np.empty(BLOCK, dtype=np.int64), power
     owns, is_free = np.empty(n, dtype=np.bool_), np.empty(n, dtype=np.bool_)
     extent, slack, limiting = 0.0, np.empty((n, m)), np.max(hand[4]) > 0.0
     for i in range(n):
@@ -230,13 +256,14 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, s
     for block in range(len(boxes)):
         start, stop = starts[block], starts[block + 1]
         places, size = order[start:stop], stop - start
-        own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power)
+        rivals = which[: contenders(c, half_power, boxes[block], extent, powers, which)]
+        own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power, rivals)
         owns[:] = False
         for k in range(size):
             cells[start + k] = owners[k]
             if owners[k] != NO_REGION:
                 owns[owners[k]] = True
-        for i in range(n):
+        for i in rivals:
             if not owns[i]:
                 continue
             count = cutting_half_spaces(
@@ -260,18 +287,12 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, s
             is_near = len(near[0]) + len(near[1]) > 0
             if reached == 1 and not (is_near or limiting or is_closed(contacts[i])):
                 continue
-            for k in range(size):
-                if owners[k] != i:
-                    continue
-                j = start + k
-                place, normal = (q[0, j], q[1, j], q[2, j]), (nhat[0, j], nhat[1, j], nhat[2, j])
+            out[0][:size] = _REACH
+            if reached >= 0:
                 check = reached == 0
-                if (
-                    reached < 0
-                    or limit_of_point(i, contacts[i], place, normal, shared, near, check)[0]
-                    != _NONE
-                ):
-                    owners[k] = NO_REGION
+                limits_of_block(i, contacts[i], q, nhat, start, stop, shared, near, check, out)
+            for k in range(size):
+                owners[k] = NO_REGION if (owners[k] == i) & (out[0][k] != _NONE) else owners[k]
         for k in range(size):
             labels[places[k]] = owners[k]
             if owners[k] != NO_REGION:
@@ -282,7 +303,7 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, s
             own = by_axis[i], bounds[i], slack[i], by_limit, by_cause
             scratch, lists = (over, reach, power), (cutting, near_lists)
             limits[i], causes[i] = limit_of_region(
-                i, blocks, cells, c, same_side, few, own, contacts[i], shared, scratch, lists
+                i, blocks, cells, c, same_side, few, own, contacts[i], shared, scratch, lists, out
             )
     return labels, limits, causes
 
