@@ -98,22 +98,18 @@ def cutting_half_spaces(normals, bounds, slack, c, box, over, reach, cutting, fi
 
 
 @compiled()
-def exclude(normals, bounds, j, c, q, start, stop, over, excluded):  # type: ignore[no-untyped-def]
-    """Marks the points of a block that are outside half-space j."""
+def exclude(normals, bounds, j, c, q, start, stop, over, beyond):  # type: ignore[no-untyped-def]
+    """Raises the largest excess of the points of a block over bounds to that over half-space j."""
     x, y, z = q[0, start:stop], q[1, start:stop], q[2, start:stop]
     a, b, d, bound = normals[0, j], normals[1, j], normals[2, j], bounds[j]
     cx, cy, cz = c[0], c[1], c[2]
-    if len(q) == 3:
-        for k in range(stop - start):
-            excluded[k] |= a * (x[k] - cx) + b * (y[k] - cy) + d * (z[k] - cz) > bound
-        return
     for k in range(stop - start):
         over[k] = a * (x[k] - cx) + b * (y[k] - cy) + d * (z[k] - cz)
     for axis in range(3, len(q)):
         for k in range(stop - start):
             over[k] += normals[axis, j] * (q[axis, start + k] - c[axis])
     for k in range(stop - start):
-        excluded[k] |= over[k] > bound
+        beyond[k] = over[k] - bound if over[k] - bound > beyond[k] else beyond[k]
 
 
 @compiled()
@@ -131,7 +127,7 @@ def limit_of_region(  # type: ignore[no-untyped-def]
     solids, points, _, _, _ = shared
     width = 2 + max(largest(causes), largest(solids[:, 19]), largest(points[:, 4]))
     counts = np.zeros(_NUM_LIMITS * width, np.int64)  # By limit, then by cause, from -1 on.
-    by_points, excluded = counts.copy(), np.empty(BLOCK, dtype=np.bool_)
+    by_points, beyond = counts.copy(), np.empty(BLOCK)
     d, own, nearest, cell = len(q), 0, math.inf, NO_REGION
     nearest_place = -1
     for block in range(len(starts) - 1):
@@ -163,12 +159,12 @@ def limit_of_region(  # type: ignore[no-untyped-def]
             if key != before:
                 if before >= 0:
                     for k in range(start, stop):
-                        counts[before] += excluded[k - start] and cells[k] == i
-                excluded[:] = False
+                        counts[before] += beyond[k - start] > 0.0 and cells[k] == i
+                beyond[:] = 0.0
                 before = key
             if number < count:
                 j = cutting[number]
-                exclude(normals, bounds, j, c[i], q, start, stop, power, excluded)
+                exclude(normals, bounds, j, c[i], q, start, stop, power, beyond)
         box = box_of(boxes[block], d)
         near = near_obstacles(contact, box, shared, near_lists, over)
         limits_of_block(i, contact, q, nhat, start, stop, shared, near, True, out)
@@ -186,6 +182,15 @@ def limit_of_region(  # type: ignore[no-untyped-def]
         hidden = same_side.size > 0 and nearest_place >= 0 and not same_side[i, nearest_place]
         return (_WALL, NO_CAUSE) if cell == NO_REGION or hidden else (_CROWDED, cell)
     return best // width, best % width - 1
+
+
+@compiled()
+def count_of(labels, size, label):  # type: ignore[no-untyped-def]
+    """Returns how many of the first labels are that one."""
+    count = 0
+    for k in range(size):
+        count += labels[k] == label
+    return count
 
 
 @compiled()
@@ -231,13 +236,13 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, s
     n, d, m = by_axis.shape
     labels, cells = np.empty(q.shape[1], dtype=np.int64), np.empty(q.shape[1], dtype=np.int64)
     owners, sizes = np.empty(BLOCK, dtype=np.int64), np.zeros(n, dtype=np.int64)
-    least, power, excluded = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK, dtype=np.bool_)
+    least, power, beyond = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
     most = max(m, len(points))
     over, reach, cutting = np.empty(most), np.empty(most), np.empty(most + 1, dtype=np.int64)
     near_lists = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
     powers, which = np.empty(n), np.empty(n, dtype=np.int64)
     out = np.empty(BLOCK, dtype=np.int64), np.empty(BLOCK, dtype=np.int64), power
-    owns, is_free = np.empty(n, dtype=np.bool_), np.empty(n, dtype=np.bool_)
+    is_free = np.empty(n, dtype=np.bool_)
     extent, slack, limiting = 0.0, np.empty((n, m)), np.max(hand[4]) > 0.0
     for i in range(n):
         for axis in range(d):
@@ -258,34 +263,28 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, s
         places, size = order[start:stop], stop - start
         rivals = which[: contenders(c, half_power, boxes[block], extent, powers, which)]
         own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power, rivals)
-        owns[:] = False
-        for k in range(size):
-            cells[start + k] = owners[k]
-            if owners[k] != NO_REGION:
-                owns[owners[k]] = True
+        cells[start:stop] = owners[:size]
         for i in rivals:
-            if not owns[i]:
+            if count_of(owners, size, i) == 0:
                 continue
             count = cutting_half_spaces(
                 by_axis[i], bounds[i], slack[i], c[i], boxes[block], over, reach, cutting, False
             )
-            excluded[:size] = False
+            beyond[:size] = 0.0
             for j in cutting[:count]:
-                exclude(by_axis[i], bounds[i], j, c[i], q, start, stop, power, excluded)
-            left = 0
+                exclude(by_axis[i], bounds[i], j, c[i], q, start, stop, power, beyond)
             for k in range(size):
-                if owners[k] == i:
-                    if excluded[k]:
-                        owners[k] = NO_REGION
-                    else:
-                        left += 1
+                owners[k] = NO_REGION if (owners[k] == i) & (beyond[k] > 0.0) else owners[k]
+            left = count_of(owners, size, i)
             if left == 0 or is_free[i]:
+                sizes[i] += left
                 continue
             box = box_of(boxes[block], d)
             reached = reach_of_box(contacts[i], box, standoff)
             near = near_obstacles(contacts[i], box, shared, near_lists, over)
             is_near = len(near[0]) + len(near[1]) > 0
             if reached == 1 and not (is_near or limiting or is_closed(contacts[i])):
+                sizes[i] += left
                 continue
             out[0][:size] = _REACH
             if reached >= 0:
@@ -293,10 +292,9 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, s
                 limits_of_block(i, contacts[i], q, nhat, start, stop, shared, near, check, out)
             for k in range(size):
                 owners[k] = NO_REGION if (owners[k] == i) & (out[0][k] != _NONE) else owners[k]
+            sizes[i] += count_of(owners, size, i)
         for k in range(size):
             labels[places[k]] = owners[k]
-            if owners[k] != NO_REGION:
-                sizes[owners[k]] += 1
     limits, causes = np.full(n, _NONE), np.full(n, NO_CAUSE)
     for i in range(n):
         if sizes[i] < few and half_power[i] < np.inf:
