@@ -293,6 +293,8 @@ def closest_points(triangles: FloatArray, points: FloatArray) -> FloatArray:
 class RememberedProjection:
     """Projects points like `ObjectSurface.project`, with a cache of the results.
 
+    The same points in the same order are projected once.
+
     Args:
         surface: Surface for the projection.
     """
@@ -303,10 +305,7 @@ class RememberedProjection:
 
     def __call__(self, p_OP: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Returns the nearest allowed points and their outward normals in O, each (k, 3)."""
-        keys = [point.tobytes() for point in p_OP]
-        new = [index for index, key in enumerate(keys) if key not in self._known]
-        if new:
-            found = zip(*self._surface.project(p_OP[new]), strict=True)
-            self._known.update(zip((keys[index] for index in new), found, strict=True))
-        points, normals = np.reshape([self._known[key] for key in keys], (-1, 2, 3)).swapaxes(0, 1)
+        if (key := p_OP.tobytes()) not in self._known:
+            self._known[key] = self._surface.project(p_OP)
+        points, normals = self._known[key]
         return points.copy(), normals.copy()

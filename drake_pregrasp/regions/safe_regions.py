@@ -188,16 +188,14 @@ def compute_safe_regions(
         margins = radii + constraints.clearance
         predicates = constraints.predicates(len(c))
         now = predicates.solids[:: 1 + len(constraints.later)]
-        parts.append(solid_half_spaces(c, now, margins))
-        parts.append(
-            point_half_spaces(
-                c,
-                obstacles.points,
-                margins=margins[:, None],
-                limit=Limit.OBSTACLE,
-                first_cause=len(obstacles.solids),
+        if len(now):
+            parts.append(solid_half_spaces(c, now, margins))
+        if len(points := obstacles.points):
+            limit, first = Limit.OBSTACLE, len(obstacles.solids)
+            column = margins[:, None]
+            parts.append(
+                point_half_spaces(c, points, margins=column, limit=limit, first_cause=first)
             )
-        )
     few = TINY_SHARE * len(p_OQ) / max(1, int(np.count_nonzero(h > -np.inf)))
     half_spaces = joined(parts) if len(parts) > 1 else half_spaces
     same_side, N = constraints.same_side, len(p_OQ)
