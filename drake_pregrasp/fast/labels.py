@@ -125,7 +125,7 @@ def limit_of_region(  # type: ignore[no-untyped-def]
     q, nhat, places, starts, boxes = blocks
     normals, bounds, slack, limits, causes = half_spaces
     solids, points, _, _, _ = shared
-    width = 2 + max(largest(causes), largest(solids[:, 19]), largest(points[:, 4]))
+    width = 2 + len(c) + len(solids) + len(points)  # More than the largest cause.
     counts = np.zeros(_NUM_LIMITS * width, np.int64)  # By limit, then by cause, from -1 on.
     by_points, beyond = counts.copy(), np.empty(BLOCK)
     d, own, nearest, cell = len(q), 0, math.inf, NO_REGION
@@ -194,15 +194,6 @@ def count_of(labels, size, label):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def largest(values):  # type: ignore[no-untyped-def]
-    """Returns the largest of some numbers as an integer, at least -1."""
-    result = -1
-    for value in values:
-        result = max(result, int(value))
-    return result
-
-
-@compiled()
 def box_of(row, d):  # type: ignore[no-untyped-def]
     """Returns midpoint, mean normal, and the radii of both, of a block's row of `boxes`."""
     return row[0], row[1], row[2], row[2 * d], row[2 * d + 1], row[2 * d + 2], row[-2], row[-1]
@@ -214,7 +205,7 @@ def box_of(row, d):  # type: ignore[no-untyped-def]
     " Tuple((f8[:,:,::1], f8[:,::1], i8[::1], i8[::1])), b1[:,::1], f8[:,::1],"
     f" {SHARED})"
 )
-def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, shared):  # type: ignore[no-untyped-def]
+def label_blocks(blocks, c, h, few, half_spaces, same_side, contacts, shared):  # type: ignore[no-untyped-def]
     """Returns labels in the order of the candidates, limits and causes, as `label_candidates`.
 
     Loops run along one array at a time, so that the compiler makes vector instructions of them.
@@ -222,7 +213,7 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, s
     Args:
         blocks: Attributes of `Blocks`: q, nhat, order, starts and boxes.
         c: Contacts, shape (n, d), in metres.
-        half_power: (|c_i|² - h_i)/2, shape (n,), in m²; infinite for lost fingers.
+        h: Weights h_i, shape (n,), in m²; -inf for lost fingers.
         few: Number of candidates below which a region is tiny.
         half_spaces: Normals of the half-spaces, shape (n, d, m), in metres; their bounds for points
             relative to the contact, shape (n, m), in m²; `Limit` and cause of each, shape (m,).
@@ -242,11 +233,14 @@ def label_blocks(blocks, c, half_power, few, half_spaces, same_side, contacts, s
     near_lists = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
     powers, which = np.empty(n), np.empty(n, dtype=np.int64)
     out = np.empty(BLOCK, dtype=np.int64), np.empty(BLOCK, dtype=np.int64), power
-    is_free = np.empty(n, dtype=np.bool_)
+    half_power, is_free = np.empty(n), np.empty(n, dtype=np.bool_)
     extent, slack, limiting = 0.0, np.empty((n, m)), np.max(hand[4]) > 0.0
     for i in range(n):
+        square = 0.0
         for axis in range(d):
+            square += c[i, axis] * c[i, axis]
             extent = max(extent, abs(c[i, axis]))
+        half_power[i] = (square - h[i]) / 2.0  # Infinite for lost fingers.
     for block in range(len(boxes)):
         for axis in range(d):
             extent = max(extent, abs(boxes[block, axis]) + boxes[block, d + axis])
@@ -318,7 +312,7 @@ class CompactCandidates(Blocks):
         c, planes, predicates = bounds.c, bounds.half_spaces, bounds.predicates
         if predicates is None:
             predicates = UNCONSTRAINED.predicates(len(c))
-        by_axis = np.ascontiguousarray(planes.normals.transpose(0, 2, 1))
+        by_axis = np.ascontiguousarray(planes.normals.swapaxes(1, 2))
         seen = np.empty((0, 0), dtype=bool) if bounds.same_side is None else bounds.same_side
         if (bounds.num_candidates, c.shape[1]) != self.q.shape[::-1]:
             raise InvalidArgumentError(
@@ -327,7 +321,7 @@ class CompactCandidates(Blocks):
         result: tuple[IntArray, IntArray, IntArray] = label_blocks(
             (self.q, self.nhat, self.order, self.starts, self.boxes),
             np.array(c, dtype=float, order="C"),
-            ((c * c).sum(axis=1) - bounds.h) / 2,
+            bounds.h,
             bounds.few,
             (by_axis, np.ascontiguousarray(planes.bounds), planes.limits, planes.causes),
             np.array(seen, dtype=bool, order="C"),

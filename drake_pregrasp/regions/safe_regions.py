@@ -273,13 +273,13 @@ def point_half_spaces(
             all.
     """
     m, size = points.points.shape
-    normals = points.points - c[:, None, :size]
+    by_axis = points.points.T - c[:, :size, None]
     if size < c.shape[1]:
-        normals = np.pad(normals, ((0, 0), (0, 0), (0, c.shape[1] - size)))
-    d = np.sqrt(np.einsum("imk,imk->im", normals, normals))
+        by_axis = np.pad(by_axis, ((0, 0), (0, c.shape[1] - size), (0, 0)))
+    d = np.sqrt(np.add.reduce(by_axis * by_axis, axis=1))
     bounds = d * (d - points.radii - margins)
     causes = np.full(m, NO_CAUSE) if first_cause == NO_CAUSE else first_cause + np.arange(m)
-    return HalfSpaces(normals, bounds, np.full(m, int(limit)), causes)
+    return HalfSpaces(by_axis.swapaxes(1, 2), bounds, np.full(m, int(limit)), causes)
 
 
 def _limit_of_region(

@@ -191,6 +191,8 @@ class ContactWeights(LeafSystem):
         declare_output(self, "contact_weights", n, self._calc_weights, self.time_ticket(), port)
 
     def _calc_weights(self, context: Context) -> FloatArray:
+        if not self._changes and self._capability is None:
+            return self._weights
         time, losses = context.get_time(), np.zeros(len(self._weights))
         for at, contacts, step in self._changes:
             losses[contacts] += step * (time >= at - 1e-9)  # A tick's time may be rounded down.
