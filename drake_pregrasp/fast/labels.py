@@ -231,7 +231,7 @@ def label_blocks(blocks, c, h, few, half_spaces, same_side, contacts, shared):  
     most = max(m, len(points))
     over, reach, cutting = np.empty(most), np.empty(most), np.empty(most + 1, dtype=np.int64)
     near_lists = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
-    powers, which = np.empty(n), np.empty(n, dtype=np.int64)
+    powers, which, everybody = np.empty(n), np.empty(n, dtype=np.int64), np.arange(n)
     out = np.empty(BLOCK, dtype=np.int64), np.empty(BLOCK, dtype=np.int64), power
     half_power, is_free = np.empty(n), np.empty(n, dtype=np.bool_)
     extent, slack, limiting = 0.0, np.empty((n, m)), np.max(hand[4]) > 0.0
@@ -255,7 +255,9 @@ def label_blocks(blocks, c, h, few, half_spaces, same_side, contacts, shared):  
     for block in range(len(boxes)):
         start, stop = starts[block], starts[block + 1]
         places, size = order[start:stop], stop - start
-        rivals = which[: contenders(c, half_power, boxes[block], extent, powers, which)]
+        rivals = everybody
+        if not same_side.size:  # A wall may hide the contact that is nearest to the box.
+            rivals = which[: contenders(c, half_power, boxes[block], extent, powers, which)]
         own_cells(q, start, stop, c, half_power, same_side, places, owners, least, power, rivals)
         cells[start:stop] = owners[:size]
         for i in rivals:
@@ -321,7 +323,7 @@ class CompactCandidates(Blocks):
         result: tuple[IntArray, IntArray, IntArray] = label_blocks(
             (self.q, self.nhat, self.order, self.starts, self.boxes),
             np.array(c, dtype=float, order="C"),
-            bounds.h,
+            np.array(bounds.h, dtype=float, order="C"),
             bounds.few,
             (by_axis, np.ascontiguousarray(planes.bounds), planes.limits, planes.causes),
             np.array(seen, dtype=bool, order="C"),

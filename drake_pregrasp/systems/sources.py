@@ -183,7 +183,7 @@ class ContactWeights(LeafSystem):
         self._weights, n = np.array(weights, dtype=float), len(weights)
         self._capability, self._length = capability, length
         changes = [(e, 1) for e in losses] + [(e, -1) for e in returns]
-        self._changes = [(time, list(contacts), step) for (time, contacts), step in changes]
+        self._changes = [(at, list(those), step) for (at, those), step in changes if len(those)]
         for contact in (contact for _, contacts, _ in self._changes for contact in contacts):
             if not 0 <= contact < n:
                 raise InvalidArgumentError(f"there is no contact {contact}; there are 0 to {n - 1}")
