@@ -135,7 +135,14 @@ class SelectionInput:
             contacts: Indices of the contacts, shape (k,).
             p_OC: Point for each contact, shape (k, 3), in metres.
         """
-        return self.limits_at(self.regions.predicates, contacts, p_OC, self.project(p_OC)[1])
+        if (key := (contacts.tobytes(), p_OC.tobytes())) not in self._limits:
+            normals = self.project(p_OC)[1]
+            self._limits[key] = self.limits_at(self.regions.predicates, contacts, p_OC, normals)
+        return self._limits[key]
+
+    @cached_property
+    def _limits(self) -> dict[tuple[bytes, bytes], tuple[IntArray, IntArray]]:
+        return {}
 
 
 WeightFunction = Callable[[SelectionInput, int], FloatArray]

@@ -10,20 +10,16 @@ from drake_pregrasp.fast.blocks import BLOCK, Blocks
 from drake_pregrasp.fast.compiling import compiled
 from drake_pregrasp.fast.predicates import (
     SHARED,
-    is_closed,
     limits_of_block,
     near_obstacles,
     no_limits,
-    reach_of_box,
     shared_arrays,
 )
 from drake_pregrasp.regions.constraints import NO_CAUSE, UNCONSTRAINED, Limit
 from drake_pregrasp.regions.safe_regions import NO_REGION, RegionBounds
 
 _SLACK = 1e-12  # Share of its terms by which a half-space must clear a box to decide it.
-_NONE, _CROWDED, _WALL, _REACH = map(
-    int, (Limit.NONE, Limit.CROWDED, Limit.WALL, Limit.REACH)
-)
+_NONE, _CROWDED, _WALL = int(Limit.NONE), int(Limit.CROWDED), int(Limit.WALL)
 _NUM_LIMITS = len(Limit)
 
 
@@ -167,7 +163,7 @@ def limit_of_region(  # type: ignore[no-untyped-def]
                 exclude(normals, bounds, j, c[i], q, start, stop, power, beyond)
         box = box_of(boxes[block], d)
         near = near_obstacles(contact, box, shared, near_lists, over)
-        limits_of_block(i, contact, q, nhat, start, stop, shared, near, True, out)
+        limits_of_block(i, contact, q, nhat, start, stop, shared, near, out)
         for k in range(start, stop):
             if cells[k] == i:
                 limit, cause = out[0][k - start], out[1][k - start]
@@ -222,7 +218,7 @@ def label_blocks(blocks, c, h, few, half_spaces, same_side, contacts, shared):  
         contacts: Rows of the contacts, as in `Predicates`.
         shared: What the contacts share; see `shared_arrays`.
     """
-    (q, nhat, order, starts, boxes), (solids, points, _, standoff, hand) = blocks, shared
+    (q, nhat, order, starts, boxes), (solids, points, _, _, hand) = blocks, shared
     by_axis, bounds, by_limit, by_cause = half_spaces
     n, d, m = by_axis.shape
     labels, cells = np.empty(q.shape[1], dtype=np.int64), np.empty(q.shape[1], dtype=np.int64)
@@ -233,8 +229,8 @@ def label_blocks(blocks, c, h, few, half_spaces, same_side, contacts, shared):  
     near_lists = np.empty(len(solids), np.int64), np.empty(len(points), np.int64)
     powers, which, everybody = np.empty(n), np.empty(n, dtype=np.int64), np.arange(n)
     out = np.empty(BLOCK, dtype=np.int64), np.empty(BLOCK, dtype=np.int64), power
-    half_power, is_free = np.empty(n), np.empty(n, dtype=np.bool_)
-    extent, slack, limiting = 0.0, np.empty((n, m)), np.max(hand[4]) > 0.0
+    half_power, is_limited = np.empty(n), np.empty(n, dtype=np.bool_)
+    extent, slack = 0.0, np.empty((n, m))
     for i in range(n):
         square = 0.0
         for axis in range(d):
@@ -246,7 +242,7 @@ def label_blocks(blocks, c, h, few, half_spaces, same_side, contacts, shared):  
             extent = max(extent, abs(boxes[block, axis]) + boxes[block, d + axis])
     extent *= 2.0
     for i in range(n):
-        is_free[i] = not (len(solids) or len(points) or limiting) and no_limits(contacts[i])
+        is_limited[i] = np.max(hand[4]) > 0.0 or not no_limits(contacts[i])
         for j in range(m):
             size = 0.0
             for axis in range(d):
@@ -272,22 +268,14 @@ def label_blocks(blocks, c, h, few, half_spaces, same_side, contacts, shared):  
             for k in range(size):
                 owners[k] = NO_REGION if (owners[k] == i) & (beyond[k] > 0.0) else owners[k]
             left = count_of(owners, size, i)
-            if left == 0 or is_free[i]:
+            if left == 0 or not (is_limited[i] or len(solids) + len(points)):
                 sizes[i] += left
                 continue
-            box = box_of(boxes[block], d)
-            reached = reach_of_box(contacts[i], box, standoff)
-            near = near_obstacles(contacts[i], box, shared, near_lists, over)
-            is_near = len(near[0]) + len(near[1]) > 0
-            if reached == 1 and not (is_near or limiting or is_closed(contacts[i])):
-                sizes[i] += left
-                continue
-            out[0][:size] = _REACH
-            if reached >= 0:
-                check = reached == 0
-                limits_of_block(i, contacts[i], q, nhat, start, stop, shared, near, check, out)
-            for k in range(size):
-                owners[k] = NO_REGION if (owners[k] == i) & (out[0][k] != _NONE) else owners[k]
+            near = near_obstacles(contacts[i], box_of(boxes[block], d), shared, near_lists, over)
+            if is_limited[i] or len(near[0]) + len(near[1]) > 0:
+                limits_of_block(i, contacts[i], q, nhat, start, stop, shared, near, out)
+                for k in range(size):
+                    owners[k] = NO_REGION if (owners[k] == i) & (out[0][k] != _NONE) else owners[k]
             sizes[i] += count_of(owners, size, i)
         for k in range(size):
             labels[places[k]] = owners[k]

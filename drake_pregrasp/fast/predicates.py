@@ -94,7 +94,7 @@ def finger_measures_of(finger, hand, tip, nhat):  # type: ignore[no-untyped-def]
 
 
 @compiled()
-def limits_of_block(i, contact, q, nhat, start, stop, shared, near, check_reach, out):  # type: ignore[no-untyped-def]
+def limits_of_block(i, contact, q, nhat, start, stop, shared, near, out):  # type: ignore[no-untyped-def]
     """Writes the limit and cause of points for one contact, as `Predicates.limits_at`.
 
     Loops run over many points without branches, so that the compiler makes vector instructions.
@@ -108,7 +108,6 @@ def limits_of_block(i, contact, q, nhat, start, stop, shared, near, check_reach,
         stop: End of the points.
         shared: What the contacts share; see `shared_arrays`.
         near: Indices of the solids and of the obstacle points to be tested, ascending.
-        check_reach: Whether the reach is tested.
         out: Limits and causes, which are written, and memory for a number of each point.
     """
     (solids, points, clearance, standoff, hand), (limits, causes, gaps) = shared, out
@@ -116,7 +115,7 @@ def limits_of_block(i, contact, q, nhat, start, stop, shared, near, check_reach,
     nx, ny, nz = nhat[0, start:stop], nhat[1, start:stop], nhat[2, start:stop]
     limits[:size], causes[:size] = _NONE, NO_CAUSE
     radius = contact[RADIUS]
-    if is_closed(contact):
+    if np.max(contact[_CLOSED:]) > 0.0:
         for k in range(size):
             ax, ay, az = abs(nx[k]), abs(ny[k]), abs(nz[k])
             face, along = 4, nz[k]
@@ -126,7 +125,7 @@ def limits_of_block(i, contact, q, nhat, start, stop, shared, near, check_reach,
                 face, along = 2, ny[k]
             if along != 0.0 and contact[_CLOSED + face + (along > 0.0)] > 0.0:
                 limits[k] = _FORBIDDEN
-    if check_reach:
+    if not no_limits(contact):
         solid, sector, far = contact[_SOLID:], contact[_SECTOR:], radius + standoff
         for k in range(size):
             gaps[k] = distance_to(solid, x[k], y[k], z[k])
@@ -205,40 +204,11 @@ def near_obstacles(contact, box, shared, lists, gaps):  # type: ignore[no-untype
 
 
 @compiled()
-def reach_of_box(contact, box, standoff):  # type: ignore[no-untyped-def]
-    """Returns 1 if a finger reaches a whole box of points, -1 if no point of it, 0 if unknown."""
-    x, y, z, nx, ny, nz, size, turn = box
-    size, turn = size * _ABOVE + 1e-12, turn * _ABOVE + 1e-12
-    height = contact[RADIUS] + standoff
-    sector = contact[_SECTOR:]
-    inside = -distance_to(contact[_SOLID:], x, y, z)
-    sideways, facing = sector_gaps(
-        sector, x + height * nx, y + height * ny, z + height * nz, nx, ny, nz
-    )
-    away = (size + height * turn) * (1.0 + abs(sector[12]))
-    if sector[12] == ANY_ANGLE:
-        away = 0.0
-    if sector[13] == ANY_ANGLE:
-        turn = 0.0
-    if inside < -size or sideways < -away or facing < -turn:
-        return -1
-    return int(inside >= size and sideways >= away and facing >= turn)
-
-
-@compiled()
-def is_closed(contact):  # type: ignore[no-untyped-def]
-    """Returns whether any face is closed to a contact."""
-    count = 0
-    for face in range(6):
-        count += contact[_CLOSED + face] > 0.0
-    return count > 0
-
-
-@compiled()
 def no_limits(contact):  # type: ignore[no-untyped-def]
     """Returns whether a contact has neither closed faces nor a limited reach."""
     unlimited = contact[_SECTOR + 12] == ANY_ANGLE and contact[_SECTOR + 13] == ANY_ANGLE
-    return unlimited and contact[_SOLID + 17] == np.inf and not is_closed(contact)
+    unlimited = unlimited and contact[_SOLID + 17] == np.inf
+    return unlimited and not np.max(contact[_CLOSED:]) > 0.0
 
 
 @compiled(f"Tuple((i8[::1], i8[::1]))(f8[:,::1], {SHARED}, i8[::1], f8[:,::1], f8[:,::1])")
@@ -250,7 +220,7 @@ def limits_of_points(contacts, shared, which, q, nhat):  # type: ignore[no-untyp
     for k in range(len(which)):
         out = limits[k:], causes[k:], gaps
         i = which[k]
-        limits_of_block(i, contacts[i], q, nhat, k, k + 1, shared, near, True, out)
+        limits_of_block(i, contacts[i], q, nhat, k, k + 1, shared, near, out)
     return limits, causes
 
 

@@ -307,7 +307,7 @@ class RegionConstraints:
         for row, reach in zip(rows, self.reach, strict=False):
             if reach is not None:
                 row[REACH_SOLID.start : SECTOR.stop] = reach.row
-        if self.reach_pose is not None:
+        if self.reach_pose is not None and any(self.reach):
             own = rows[:, REACH_SOLID.start : SECTOR.stop]
             own[:] = moved_reaches(own, *self.reach_pose)
         for row, areas in zip(rows, self.closed, strict=False):

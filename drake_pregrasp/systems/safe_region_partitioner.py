@@ -302,7 +302,7 @@ class SafeRegionPartitioner(LeafSystem):
     ) -> tuple[FloatArray, FloatArray]:
         """Returns the poses of W in the predicted frames O, shapes (t, 3, 3) and (t, 3)."""
         R_WO, p_WO = X_WO.rotation().matrix()[None], X_WO.translation()[None]
-        if self._V_WO.HasValue(context):
+        if len(self._moments) > 1 and self._V_WO.HasValue(context):
             V_WO = ports.validated_velocity(self._V_WO.Eval(context))
             turns = [rotation_matrix(V_WO.rotational() * t) for t in self._moments.tolist()]
             R_WO, p_WO = turns @ R_WO, p_WO + np.outer(self._moments, V_WO.translational())
