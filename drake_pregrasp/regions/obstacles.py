@@ -44,7 +44,8 @@ def obstacles_at_times(
         rows = moved_rows(rows, R_GF, p_GF)
         numbers_are_known = ~np.isnan(rows)  # Bounds may be infinite.
         numbers_are_known[:, :, :12] = np.abs(rows[:, :, :12]) <= FARTHEST
-        rows[~np.logical_and.reduce(numbers_are_known, axis=2)] = ANYWHERE.rounded_box()
+        if not numbers_are_known.all():
+            rows[~numbers_are_known.all(axis=2)] = ANYWHERE.rounded_box()
         points = [_placed_points(obstacles.points, *pose) for pose in zip(R_GF, p_GF, strict=True)]
     placed = [Obstacles(tuple(map(PlacedSolid, r)), p) for r, p in zip(rows, points, strict=True)]
     for at_time, own in zip(placed, rows, strict=True):

@@ -305,6 +305,6 @@ class SafeRegionPartitioner(LeafSystem):
         if len(self._moments) > 1 and self._V_WO.HasValue(context):
             V_WO = ports.validated_velocity(self._V_WO.Eval(context))
             turns = [rotation_matrix(V_WO.rotational() * t) for t in self._moments.tolist()]
-            R_WO, p_WO = turns @ R_WO, p_WO + np.outer(self._moments, V_WO.translational())
+            R_WO, p_WO = turns @ R_WO, p_WO + self._moments[:, None] * V_WO.translational()
         R_OW = np.broadcast_to(R_WO.transpose(0, 2, 1), (len(self._moments), 3, 3))
         return R_OW, -(R_OW @ p_WO[:, :, None])[:, :, 0]
