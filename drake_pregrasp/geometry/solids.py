@@ -8,7 +8,6 @@ import numpy as np
 from drake_pregrasp.arrays import FloatArray, norms
 from drake_pregrasp.errors import InvalidArgumentError
 
-
 _I = np.eye(3)
 
 

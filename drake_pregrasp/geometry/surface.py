@@ -288,24 +288,3 @@ def closest_points(triangles: FloatArray, points: FloatArray) -> FloatArray:
     foot = (v[inside, None] * ab[inside] + w[inside, None] * ac[inside]) / whole[inside, None]
     closest[inside] = triangles[inside, 0] + foot
     return closest
-
-
-class RememberedProjection:
-    """Projects points like `ObjectSurface.project`, with a cache of the results.
-
-    The same points in the same order are projected once.
-
-    Args:
-        surface: Surface for the projection.
-    """
-
-    def __init__(self, surface: ObjectSurface) -> None:
-        self._surface = surface
-        self._known: dict[bytes, tuple[FloatArray, FloatArray]] = {}
-
-    def __call__(self, p_OP: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Returns the nearest allowed points and their outward normals in O, each (k, 3)."""
-        if (key := p_OP.tobytes()) not in self._known:
-            self._known[key] = self._surface.project(p_OP)
-        points, normals = self._known[key]
-        return points.copy(), normals.copy()
