@@ -196,13 +196,13 @@ def box_of(row, d):  # type: ignore[no-untyped-def]
 
 
 @compiled(
-    "Tuple((i8[::1], i8[::1], i8[::1], i8[::1]))"
+    "Tuple((i8[::1], i8[::1], i8[::1]))"
     "(Tuple((f8[:,::1], f8[:,::1], i8[::1], i8[::1], f8[:,::1])), f8[:,::1], f8[::1], f8,"
     " Tuple((f8[:,:,::1], f8[:,::1], i8[::1], i8[::1])), b1[:,::1], f8[:,::1],"
     f" {SHARED})"
 )
 def label_blocks(blocks, c, h, few, half_spaces, same_side, contacts, shared):  # type: ignore[no-untyped-def]
-    """Returns labels in the order of candidates, sizes, limits, causes, as `label_candidates`.
+    """Returns labels in the order of the candidates, limits and causes, as `label_candidates`.
 
     Loops run along one array at a time, so that the compiler makes vector instructions of them.
 
@@ -287,14 +287,14 @@ def label_blocks(blocks, c, h, few, half_spaces, same_side, contacts, shared):  
             limits[i], causes[i] = limit_of_region(
                 i, blocks, cells, c, same_side, few, own, contacts[i], shared, scratch, lists, out
             )
-    return labels, sizes, limits, causes
+    return labels, limits, causes
 
 
 class CompactCandidates(Blocks):
     """The candidates of a surface in compact blocks, and their labels; see `Blocks`."""
 
-    def label(self, bounds: RegionBounds) -> tuple[IntArray, IntArray, IntArray, IntArray]:
-        """Returns labels, sizes, limits and causes, as `label_candidates` does.
+    def label(self, bounds: RegionBounds) -> tuple[IntArray, IntArray, IntArray]:
+        """Returns labels, limits and causes, as `label_candidates` does for these candidates.
 
         Raises:
             InvalidArgumentError: If the bounds are for another number of candidates or coordinates.
@@ -308,7 +308,7 @@ class CompactCandidates(Blocks):
             raise InvalidArgumentError(
                 f"{len(self.order)} candidates were expected, not {bounds.num_candidates}"
             )
-        result: tuple[IntArray, IntArray, IntArray, IntArray] = label_blocks(
+        result: tuple[IntArray, IntArray, IntArray] = label_blocks(
             (self.q, self.nhat, self.order, self.starts, self.boxes),
             np.array(c, dtype=float, order="C"),
             np.array(bounds.h, dtype=float, order="C"),
